@@ -101,6 +101,8 @@ if TYPE_CHECKING:
         SearchSpace as SearchSpace,
         Trial as Trial,
     )
+    from palpate.run.result_files import Files as Files
+    from palpate.stages.stage import Run as Run, Stage as Stage, Summary as Summary
     from palpate.plugins.subcommands import (
         SubCommand as SubCommand,
     )

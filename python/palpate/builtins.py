@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from palpate.plugins.parametrisation import Parametrisation
     from palpate.plugins.search import Search
     from palpate.plugins.sections import Section
+    from palpate.stages.stage import Stage
 
 
 @hookimpl
@@ -61,6 +62,14 @@ def palpate_searches() -> "list[type[Search]]":
     from palpate.fit.searches import BestSet, DifferentialEvolution
 
     return [LeastSquares, BestSet, DifferentialEvolution]
+
+
+@hookimpl
+def palpate_stages() -> "list[type[Stage]]":
+    """Provide the stages of the paper."""
+    from palpate.core_stages import STAGES
+
+    return list(STAGES)
 
 
 @hookimpl

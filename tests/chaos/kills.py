@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from conftest import PATH, SCENARIOS, TISSUE_FILE, TRUTH, write_curves
 
-from palpate import opened_fit, pipeline
+from palpate import core_stages, pipeline
 from palpate.domain import Indentation, ParameterSpace, RegionMaterial, Spot
 from palpate.executors import InProcess
 from palpate.fit.least_squares import LeastSquares
@@ -171,14 +171,14 @@ class Trials:
         before = finished(self.home / name)
 
         def act() -> None:
-            keep, steps = opened_fit.write_fit_state, itertools.count(1)
+            keep, steps = core_stages.write_fit_state, itertools.count(1)
 
             def killing(folder: Path, state: FitState) -> None:
                 keep(folder, state)
                 if next(steps) == step:
                     os.kill(os.getpid(), signal.SIGKILL)
 
-            opened_fit.write_fit_state = killing
+            core_stages.write_fit_state = killing
             self.run(name)
 
         _, status = os.waitpid(forked(act), 0)

@@ -10,7 +10,6 @@ import pytest
 from palpate.cli.progress import StageProgress
 from palpate.run.directory import RunDirectory
 from palpate.run.ledger import Ledger
-from palpate.run.result import FitResult
 
 from .test_json_output import valid
 
@@ -62,7 +61,7 @@ def test_posteriors_of_a_fit_are_drawn_and_kept(call, without_sweep, tmp_path):
     assert kept.posterior.to_dicts() == drawn.json["posterior"]
     assert kept.volumes["ratio"].to_list()[0] == 1.0
     assert call("certainty", without_sweep, "--json").json["posterior"] == drawn.json["posterior"]
-    run.write_fit(FitResult(), {})
+    run.write_stage("intervals", {}, {})
     assert run.posterior().posterior.is_empty()
 
 

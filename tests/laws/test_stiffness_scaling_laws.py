@@ -246,9 +246,11 @@ def test_a_run_with_rays_reports_them_and_one_without_drops_them(make_study, plu
     assert (scaled["fopt"] <= result.selected.selection["fopt"] + 1e-12).all()
     assert result.report.tables["stiffness_scaling"].equals(scaled)
     assert RunDirectory(tmp_path / "run").manifest()["stiffness_scaling"] is True
-    assert pipeline.select(
-        make_study(stiffness_scaling=True), tmp_path / "run", plugins
-    ).stiffness_scaling.equals(scaled)
+    assert (
+        pipeline.run_stage("select", make_study(stiffness_scaling=True), tmp_path / "run", plugins)
+        .table("stiffness_scaling")
+        .equals(scaled)
+    )
     without = pipeline.run_study(make_study(), tmp_path / "run", plugins)
     assert "stiffness_scaling" not in without.report.tables
     assert not (tmp_path / "run" / "stiffness_scaling.parquet").exists()

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import polars as pl
@@ -24,6 +25,11 @@ from palpate.run.ledger import Ledger
 
 TRUTH = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
 FRAMES = ("scores", "selection", "generalisation")
+
+
+def called(verb):
+    """Function of the pipeline, or what runs a stage."""
+    return getattr(pipeline, verb, None) or partial(pipeline.run_stage, verb)
 
 
 pytestmark = pytest.mark.usefixtures("one_figure")
@@ -97,16 +103,15 @@ def test_single_stages_write_what_the_run_writes(make_study, plugins, tmp_path):
     result = pipeline.run_study(study, tmp_path / "whole", plugins)
     alone = tmp_path / "alone"
     pipeline.measure(study, alone, plugins)
-    pipeline.sample(study, alone, plugins)
-    pipeline.simulate(study, alone, plugins)
-    scores = pipeline.score(study, alone, plugins)
-    selected = pipeline.select(study, alone, plugins)
-    fitted = pipeline.fit(study, alone, plugins)
+    pipeline.run_stage("sample", study, alone, plugins)
+    pipeline.run_stage("simulate", study, alone, plugins)
+    for name in ("score", "select", "verify", "fit", "intervals"):
+        run = pipeline.run_stage(name, study, alone, plugins)
     report = pipeline.report(study, alone, plugins)
-    assert_frame_equal(scores, result.scores)
-    assert_frame_equal(selected.selection, result.selected.selection)
-    assert_frame_equal(selected.generalisation, result.selected.generalisation)
-    assert_frame_equal(fitted.table, result.fit.table)
+    assert_frame_equal(run.table("scores"), result.scores)
+    assert_frame_equal(run.table("selection"), result.selected.selection)
+    assert_frame_equal(run.table("generalisation"), result.selected.generalisation)
+    assert_frame_equal(run.fit().table, result.fit.table)
     assert [p.relative_to(alone) for p in report.files] == [
         p.relative_to(tmp_path / "whole") for p in result.report.files
     ]
@@ -131,38 +136,37 @@ def test_a_run_directory_moves_freely(make_study, plugins, tmp_path):
 @pytest.mark.parametrize(
     ("verb", "missing", "command"),
     [
-        ("simulate", "design.parquet", "sample"),
-        ("score", "design.parquet", "sample"),
-        ("select", "scores.parquet", "score"),
-        ("report", "design.parquet", "sample"),
+        ("simulate", "measured", "experiment"),
+        ("select", "measured", "experiment"),
+        ("report", "design", "sample"),
     ],
 )
 def test_a_stage_names_the_one_that_must_run_before(make_study, plugins, tmp_path, verb, missing, command):
     with pytest.raises(StudyError, match=rf"{missing}: not there yet; run `palpate {command}` first"):
-        getattr(pipeline, verb)(make_study(), tmp_path / "run", plugins)
+        called(verb)(make_study(), tmp_path / "run", plugins)
     assert not (tmp_path / "run").exists()
 
 
 def test_measured_curves_are_required_before_the_sweep(make_study, plugins, tmp_path):
-    pipeline.sample(make_study(), tmp_path / "run", plugins)
-    with pytest.raises(StudyError, match=r"p1\.parquet: not there yet; run `palpate experiment` first"):
-        pipeline.simulate(make_study(), tmp_path / "run", plugins)
+    pipeline.run_stage("sample", make_study(), tmp_path / "run", plugins)
+    with pytest.raises(StudyError, match=r"measured: not there yet; run `palpate experiment` first"):
+        pipeline.run_stage("simulate", make_study(), tmp_path / "run", plugins)
 
 
 def test_scores_need_simulations_of_this_very_study(make_study, plugins, tmp_path, tissue):
     pipeline.run_study(make_study(), tmp_path / "run", plugins)
     other = make_study(solver=tissue.Analytic(tissue.AnalyticSettings(offset=1.0)))
     with pytest.raises(StudyError, match=r"no simulation of this study; run `palpate simulate`"):
-        pipeline.score(other, tmp_path / "run", plugins)
+        pipeline.run_stage("score", other, tmp_path / "run", plugins)
 
 
 def test_a_design_of_other_parameters_is_refused(make_study, plugins, tmp_path, space):
     pipeline.measure(make_study(), tmp_path / "run", plugins)
-    pipeline.sample(make_study(), tmp_path / "run", plugins)
+    pipeline.run_stage("sample", make_study(), tmp_path / "run", plugins)
     region = replace(space.regions[0], searched=space.regions[0].searched[:1], fixed={"grip": 20.0})
     study = make_study(space=replace(space, regions=(region,)))
-    with pytest.raises(StudyError, match=r"design was made from other ranges, materials .* `palpate sample`"):
-        pipeline.simulate(study, tmp_path / "run", plugins)
+    with pytest.raises(StudyError, match=r"were made from other ranges, materials .* `palpate sample`"):
+        pipeline.run_stage("simulate", study, tmp_path / "run", plugins)
 
 
 @pytest.mark.parametrize(
@@ -208,9 +212,9 @@ def test_when_everything_fails_the_reason_is_reported_and_the_scores_stay(make_s
         NothingSelectableError, match=r"none of 24 simulations .*diverged: step too small; .*narrow"
     ):
         pipeline.run_study(study, tmp_path / "run", plugins)
-    assert RunDirectory(tmp_path / "run").scores()["status"].unique().to_list() == ["diverged"]
+    assert RunDirectory(tmp_path / "run").table("scores")["status"].unique().to_list() == ["diverged"]
     with pytest.raises(NothingSelectableError):
-        pipeline.select(study, tmp_path / "run", plugins)
+        pipeline.run_stage("select", study, tmp_path / "run", plugins)
 
 
 def test_failures_are_rows_and_the_rest_is_ranked(make_study, plugins, tmp_path, tissue):
@@ -274,7 +278,7 @@ def test_a_fit_of_an_earlier_run_does_not_remain(make_study, plugins, tmp_path):
 
 
 def test_a_design_is_read_back_to_the_last_bit(make_study, plugins, tmp_path):
-    design = pipeline.sample(make_study(), tmp_path / "run", plugins)
+    design = pipeline.run_stage("sample", make_study(), tmp_path / "run", plugins).directory.design()
     back = RunDirectory(tmp_path / "run").design()
     assert np.array_equal(back.values, design.values)
     assert (back.parameters, back.seed, back.n_drawn) == (design.parameters, design.seed, design.n_drawn)

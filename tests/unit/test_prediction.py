@@ -41,7 +41,7 @@ from palpate.run.directory import RunDirectory
 from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
 from palpate.specimens import block
 from palpate.stages.fitted import Fitted
-from palpate.stored import StoredRun
+from palpate.stages.stage import Run, read_run
 from palpate.study.tool import read_tool
 from palpate.waypoints import Waypoints
 
@@ -140,7 +140,7 @@ def tool_file(tmp_path, text=TOOL):
 def test_a_tool_is_predicted_with_its_band_and_what_extrapolates(fitted, plugins, tmp_path):
     study, run = fitted
     tool = read_tool(tool_file(tmp_path), study, plugins)
-    found = run_prediction(study, run, tool, plugins.channels, SILENT, n_solved=5)
+    found = run_prediction(study, run, tool, plugins, SILENT, n_solved=5)
     rows = {(row["spot"], row["quantity"]): row for row in found.summary.to_dicts()}
     stiffness = found.fitted.values["soft_tissue.stiffness"]
     peak = rows["p1", "peak pressure"]
@@ -154,7 +154,7 @@ def test_a_tool_is_predicted_with_its_band_and_what_extrapolates(fitted, plugins
     assert {path.suffix for path in files} >= {".parquet", ".csv", ".vtu", ".html", ".svg"}
     assert all(path.exists() for path in files)
     assert pl.read_parquet(tmp_path / "out" / "summary.parquet").equals(found.summary)
-    again = run_prediction(study, run, tool, plugins.channels, SILENT, n_solved=5)
+    again = run_prediction(study, run, tool, plugins, SILENT, n_solved=5)
     assert again.summary.equals(found.summary)
     printed = TypeAdapter(PredictOutput).validate_python(_output(found, "SIMULATED curves.", files))
     assert (printed["source"], printed["n_draws"]) == ("fit", found.n_draws)
@@ -171,7 +171,7 @@ def test_a_refined_mesh_shows_its_error_by_the_mesh_as_it_is(fitted, plugins, tm
     monkeypatch.setattr(predict, "load_limbs", lambda study: coarse)
     monkeypatch.setattr(predict, "refined_limbs", lambda study, tool: dict(fine))
     tool = read_tool(tool_file(tmp_path, 'fine_edge = "3 mm"\n' + TOOL), study, plugins)
-    found = run_prediction(study, run, tool, plugins.channels, SILENT)
+    found = run_prediction(study, run, tool, plugins, SILENT)
     for spot in found.spots.values():
         assert spot.mesh["peak_MPa"] == pytest.approx(0.1 / 3.0, rel=1e-5)
     row = found.summary.filter(spot="p1", quantity="peak pressure").row(0, named=True)
@@ -180,7 +180,7 @@ def test_a_refined_mesh_shows_its_error_by_the_mesh_as_it_is(fitted, plugins, tm
     assert "add fine_edge" not in " ".join(notes(found, ""))
     assert not any("[budget]" in text for text in notes(found, ""))
     monkeypatch.setattr(predict, "refined_limbs", lambda study, tool: dict(coarse))
-    found = run_prediction(study, run, tool, plugins.channels, SILENT)
+    found = run_prediction(study, run, tool, plugins, SILENT)
     assert (
         "warning: at p2 these errors are what [budget] states: fine_edge 3 mm refines nothing under the tool."
         in notes(found, "")
@@ -191,14 +191,14 @@ def test_a_refined_mesh_shows_its_error_by_the_mesh_as_it_is(fitted, plugins, tm
 def test_draws_that_fail_are_counted_and_reported(fitted, plugins, tmp_path, monkeypatch):
     study, run = fitted
     tool = read_tool(tool_file(tmp_path), study, plugins)
-    best = StoredRun.alone(study, run, SILENT).fitted().values["soft_tissue.stiffness"]
+    best = read_run(study, run, plugins).fitted().values["soft_tissue.stiffness"]
 
     def soft(job):
         is_draw = job.surface and not job.slopes and job.protocol.path[:, 0].max() == 5.0
         return is_draw and job.thetas["soft_tissue"][0] < best
 
     monkeypatch.setattr(Pressed, "fails", staticmethod(soft))
-    found = run_prediction(study, run, tool, plugins.channels, SILENT, n_solved=6)
+    found = run_prediction(study, run, tool, plugins, SILENT, n_solved=6)
     n_ended = found.spots["p1"].n_ended
     assert 0 < n_ended < found.spots["p1"].n_asked == 6
     assert (
@@ -215,16 +215,16 @@ def test_a_spot_that_the_joint_fit_leaves_out_has_the_shared_values_alone(
     tool = read_tool(
         tool_file(tmp_path, TOOL.replace("threshold", 'spots = ["p2"]\nthreshold')), study, plugins
     )
-    whole = StoredRun.alone(study, run, SILENT).fitted()
+    whole = read_run(study, run, plugins).fitted()
     alone = replace(whole, spots=("p1",))
-    monkeypatch.setattr(StoredRun, "fitted", lambda self: alone)
-    found = run_prediction(study, run, tool, plugins.channels, SILENT)
+    monkeypatch.setattr(Run, "fitted", lambda self: alone)
+    found = run_prediction(study, run, tool, plugins, SILENT)
     assert found.summary["value"][0] > 0.0
     alone = replace(alone, values={f"{name}@p1": value for name, value in whole.values.items()})
     with pytest.raises(
         StudyError, match=r"spot 'p2': .*grip was fitted for each spot by itself, and not for"
     ):
-        run_prediction(study, run, tool, plugins.channels, SILENT)
+        run_prediction(study, run, tool, plugins, SILENT)
 
 
 @pytest.mark.slow
@@ -235,8 +235,8 @@ def test_a_band_by_slopes_needs_a_solver_that_gives_them(fitted, plugins, tmp_pa
     plain.provides = replace(Pressed.provides, slopes=False)
     study = replace(study, solver=plain)
     with pytest.raises(StudyError, match=r"'pressed' gives no slopes, so that .* add --draws 20"):
-        run_prediction(study, run, tool, plugins.channels, SILENT)
-    found = run_prediction(study, run, tool, plugins.channels, SILENT, n_solved=3)
+        run_prediction(study, run, tool, plugins, SILENT)
+    found = run_prediction(study, run, tool, plugins, SILENT, n_solved=3)
     assert found.summary["linear_lower"].null_count() == found.summary.height
     assert not any("Linear bands" in text or "no intervals" in text for text in notes(found, ""))
 

@@ -8,14 +8,14 @@ from palpate.cards.card import CardData, ranges_of
 from palpate.domain import FloatArray, RegionMaterial
 from palpate.run.result import FitResult
 from palpate.stages.fitted import Fitted, inputs_at
-from palpate.stored import StoredRun
+from palpate.stages.stage import Run
 
 
-def cards_of(stored: StoredRun) -> Iterator[CardData]:
+def cards_of(run: Run) -> Iterator[CardData]:
     """What was found for all spots together, by region; a value by spot is that of the first."""
-    study, found, fit = stored.study, stored.fitted(), stored.run.fit()
-    strains = stored.strains().values()
-    thetas = inputs_at(study, found.spots[0], found.values, stored.inputs.measured).thetas
+    study, found, fit = run.study, run.fitted(), run.fit()
+    strains = run.strains().values()
+    thetas = inputs_at(study, found.spots[0], found.values, run.measured).thetas
     for number, region in enumerate(study.space.regions, start=1):
         theta = thetas[region.region]
         yield CardData(

@@ -9,6 +9,7 @@ import errno
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated
@@ -44,7 +45,7 @@ from palpate.cli.resume import resume
 from palpate.cli.run import run
 from palpate.cli.schema import schema
 from palpate.cli.session import Session, visible
-from palpate.cli.stages import certainty, fit, sample, score, select, simulate, surface
+from palpate.cli.stages import STAGE_COMMANDS, add_stage
 from palpate.cli.status import status
 from palpate.cli.synthesise import synthesise
 from palpate.errors import NothingSelectableError, PalpateError, StoppedError
@@ -57,13 +58,7 @@ PANELS: Mapping[str, tuple[Callable[..., object], ...]] = MappingProxyType(
         STAGES_PANEL: (
             experiment,
             limb,
-            sample,
-            simulate,
-            score,
-            select,
-            fit,
-            certainty,
-            surface,
+            *STAGE_COMMANDS,
             report,
         ),
     }
@@ -145,7 +140,8 @@ def _run(app: typer.Typer, session: Session, given: Sequence[str]) -> int:
         if not _is_core_command(given):
             from palpate.plugins.registry import add_commands
 
-            for broken in add_commands(app, session.files, session.without):
+            adding = partial(add_stage, app, STAGES_PANEL)
+            for broken in add_commands(app, session.files, session.without, adding):
                 typer.echo(visible(broken.headline), err=True)
         app(list(given), obj=session, prog_name="palpate")
     except NothingSelectableError as error:

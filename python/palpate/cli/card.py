@@ -28,16 +28,15 @@ def card(
 ) -> None:
     """Write the fitted material for another program: values, formula of the stress, moduli, valid range."""
     from palpate.cards import PROGRAMS, cards_of, joined
-    from palpate.progress import SILENT
     from palpate.run.atomic_files import write_atomically
     from palpate.run.directory import RunDirectory
-    from palpate.stored import StoredRun
+    from palpate.stages.stage import read_run
 
     if program not in PROGRAMS:
         raise StudyError(f"--for {program}: no such program; choose one of {', '.join(PROGRAMS)}")
     folder = find_run(run)
     session, study = study_of_run(Session.of(context), folder, trust=trust_plugins)
-    found = list(cards_of(StoredRun.alone(study, RunDirectory(folder), SILENT)))
+    found = list(cards_of(read_run(study, RunDirectory(folder), session.plugins)))
     wanted = [data for data in found if region in (None, data.region)]
     if not wanted:
         known = ", ".join(data.region for data in found)

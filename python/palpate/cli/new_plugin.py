@@ -17,7 +17,7 @@ def new_plugin(
         typer.Argument(
             metavar="KIND",
             help="material, indenter, motion, solver, loader, scenario, limb, executor, sampler, search, "
-            "parametrisation, section, filter, channel, command or study.",
+            "parametrisation, stage, section, filter, channel, command or study.",
         ),
     ],
     name: Annotated[

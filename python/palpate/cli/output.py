@@ -11,7 +11,9 @@ from typing import Any
 from pydantic import ConfigDict, TypeAdapter, with_config
 from typing_extensions import TypedDict
 
-VERSION = 2
+from palpate.plugins.interfaces import Component
+
+VERSION = 3
 """Version of all that is described here."""
 
 Number = float | None
@@ -133,34 +135,6 @@ class StatusOutput(Closed):
     fit: FitStateOutput | None
 
 
-class SampleOutput(Closed):
-    """A design: one object of full parameter names in each row of ``sets``; its place is the set_id."""
-
-    n_drawn: int
-    n_sets: int
-    seed: int
-    sets: list[dict[str, float]]
-
-
-class SelectOutput(Closed):
-    """The chosen sets; a table that was not asked for is empty."""
-
-    selection: list[Row]
-    generalisation: list[Row]
-    stiffness_scaling: list[Row]
-    verification: list[Row]
-    warnings: list[str]
-
-
-class FitOutput(Closed):
-    """Where each search ended, what finer meshes changed, and every evaluation."""
-
-    fit: list[Row]
-    mesh: list[Row]
-    trace: list[Row]
-    warnings: list[str]
-
-
 class ReportOutput(Closed):
     """Files that were written, what they amount to, and warnings, the most severe first."""
 
@@ -209,40 +183,6 @@ class LimbRow(Closed):
     node_sets: dict[str, int]
 
 
-class ScoreRow(Closed):
-    """Score of one channel of one simulation; null where it could not be scored."""
-
-    spot: str
-    set_id: int
-    channel: str
-    status: str
-    message: str
-    nmse: Number
-    r2: Number
-    coverage: Number
-
-
-class ScoreOutput(Closed):
-    """Scores of every simulation that there is, and what is missing."""
-
-    scores: list[ScoreRow]
-    warnings: list[str]
-
-
-class CertaintyOutput(Closed):
-    """The posteriors of the joint fits: tables as rows."""
-
-    posterior: list[dict[str, Any]]
-    posterior_draws: list[dict[str, Any]]
-    profiles: list[dict[str, Any]]
-    profile_ends: list[dict[str, Any]]
-    ribbons: list[dict[str, Any]]
-    volumes: list[dict[str, Any]]
-    posterior_planes: list[dict[str, Any]]
-    emulator: list[dict[str, Any]]
-    warnings: list[str]
-
-
 class PredictOutput(Closed):
     """A prediction: tables as rows, and its files; ``notes`` are the sentences of its page.
 
@@ -256,17 +196,6 @@ class PredictOutput(Closed):
     summary: list[dict[str, Any]]
     strains: list[dict[str, Any]]
     files: list[str]
-
-
-class SurfaceRow(Closed):
-    """One spot whose skin was simulated; ``key`` names its file in ``surface``."""
-
-    spot: str
-    scenario: str
-    source: str
-    key: str
-    status: str
-    message: str
 
 
 class ProposalOutput(Closed):
@@ -351,21 +280,24 @@ OUTPUTS: Mapping[str, Any] = MappingProxyType(
         "synthesise": SynthesiseOutput,
         "experiment": list[ExperimentRow],
         "limb": list[LimbRow],
-        "sample": SampleOutput,
         "simulate": dict[str, int],
-        "score": ScoreOutput,
-        "select": SelectOutput,
-        "fit": FitOutput,
-        "certainty": CertaintyOutput,
-        "surface": list[SurfaceRow],
         "report": ReportOutput,
     }
 )
 """What each of the core's commands prints with ``--json``."""
 
 
-def schema(command: str) -> dict[str, Any]:
+def output_of(command: str, stages: Mapping[str, type[Component]]) -> Any:  # noqa: ANN401 - a type
+    """Type of what a command prints with ``--json``: of a stage its tables, and warnings."""
+    if command in OUTPUTS:
+        return OUTPUTS[command]
+    tables: dict[str, Any] = dict.fromkeys(stages[command].tables, list[Row])  # type: ignore[attr-defined]
+    named = TypedDict("StageOutput", tables | {"warnings": list[str]})  # type: ignore[misc]
+    return with_config(ConfigDict(extra="forbid"))(named)
+
+
+def schema(command: str, stages: Mapping[str, type[Component]]) -> dict[str, Any]:
     """JSON schema of what a command prints with ``--json``."""
-    made = TypeAdapter(OUTPUTS[command]).json_schema()
+    made = TypeAdapter(output_of(command, stages)).json_schema()
     dialect = "https://json-schema.org/draft/2020-12/schema"
     return {"$schema": dialect, "$id": f"urn:palpate:{command}:{VERSION}", **made}

@@ -36,9 +36,7 @@ def predict(
     session, study = study_of_run(Session.of(context), folder, trust=trust_plugins)
     given = read_tool(tool, study, session.plugins)
     with StageProgress(session, folder) as progress:
-        found = run_prediction(
-            study, RunDirectory(folder), given, session.plugins.channels, progress, n_solved=draws
-        )
+        found = run_prediction(study, RunDirectory(folder), given, session.plugins, progress, n_solved=draws)
     into = folder / "predictions" / given.name
     notice = "SIMULATED curves, not a real experiment." if study.data == "simulated" else ""
     files = write_prediction(found, session.plugins.channels, notice, into)

@@ -25,12 +25,14 @@ def schema(
     from palpate.plugins.registry import suggestion
 
     session = Session.of(context)
+    stages = session.plugins.stages
+    known = list(dict.fromkeys([*OUTPUTS, *stages]))
     if command is None:
-        session.table("Commands with a schema", ["command", "version"], [[name, VERSION] for name in OUTPUTS])
+        session.table("Commands with a schema", ["command", "version"], [[name, VERSION] for name in known])
         session.next("schema COMMAND")
         return
-    if command not in OUTPUTS:
+    if command not in known:
         raise StudyError(
-            f"no schema of '{command}'{suggestion(command, OUTPUTS)}; `palpate schema` lists the commands"
+            f"no schema of '{command}'{suggestion(command, known)}; `palpate schema` lists the commands"
         )
-    session.json(schema(command))
+    session.json(schema(command, stages))

@@ -1,7 +1,8 @@
-"""The stages of a run: ``palpate sample``, ``simulate``, ``score``, ``select``, ``fit`` and after it."""
+"""A command for each stage, such as ``palpate score STUDY``, and what it prints."""
 
 import faulthandler
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,30 +10,64 @@ import typer
 
 from palpate.cli.options import AsJson, OutFolder, StudyPath
 from palpate.cli.progress import StageProgress
-from palpate.cli.results import check_results, tables_of
 from palpate.cli.session import Session, opened
-from palpate.errors import StudyError
+from palpate.errors import NothingSelectableError, StudyError
 
 if TYPE_CHECKING:
+    from palpate.plugins.interfaces import Component
+    from palpate.stages.stage import Run
     from palpate.study.reading import Study
 
+GENERATED = {
+    "sample": "Draw the parameter sets into design.parquet.",
+    "score": "Compare simulated with measured curves into scores.parquet.",
+    "select": "Choose the best set by scenario and over all spots.",
+    "verify": "Verify the selected sets, such as with halved steps.",
+    "fit": "Search the parameters for which the curves fit best.",
+    "intervals": "Find how certain the fitted parameters are, and what from.",
+    "certainty": "Draw the posteriors of the joint fits; simulates some sets more.",
+    "surface": "Simulate the skin under the press with what was found; one simulation per spot.",
+}
+"""Help of the core's stages, whose command needs nothing of theirs: importing them takes long."""
 
-def sample(context: typer.Context, study: StudyPath, out: OutFolder = None, as_json: AsJson = False) -> None:
-    """Draw the parameter sets into design.parquet."""
-    from palpate import pipeline
 
-    session, checked, folder = opened(context, study, out)
-    with StageProgress(session) as progress:
-        design = pipeline.sample(checked, folder, session.plugins, progress)
-    if as_json:
-        names = [parameter.name for parameter in design.parameters]
-        sets = [dict(zip(names, row, strict=True)) for row in design.values.tolist()]
-        session.json({"n_drawn": design.n_drawn, "n_sets": design.n_sets, "seed": design.seed, "sets": sets})
-        return
-    session.say(f"{design.n_drawn} sets drawn, {design.n_sets} kept by the filters (seed {design.seed})")
-    if design.n_kept:
-        session.say(f"the first {design.n_kept} are of an earlier design with wider ranges")
-    session.next(f"simulate {study} --out {folder}", f"written to {folder}; ")
+def stage_command(name: str, help_text: str) -> Callable[..., None]:
+    """Typer command that runs one stage and prints its summary, or its tables as JSON."""
+
+    def command(
+        context: typer.Context, study: StudyPath, out: OutFolder = None, as_json: AsJson = False
+    ) -> None:
+        from palpate import pipeline
+
+        session, checked, folder = opened(context, study, out)
+        with StageProgress(session) as progress:
+            run = pipeline.run_stage(name, checked, folder, session.plugins, progress)
+        summary = run.stages[name].summarise(run)
+        if as_json:
+            tables = {table: run.table(table).to_dicts() for table in run.stages[name].tables}
+            session.json({**tables, "warnings": progress.warnings})
+        else:
+            for line in summary.lines:
+                session.say(line)
+            for title, frame in summary.tables.items():
+                session.frame(title, frame)
+            session.next(f"{_after(run, name)} {study} --out {folder}", f"written to {folder}; ")
+        if summary.missing:
+            raise NothingSelectableError(summary.missing)
+
+    command.__name__, command.__doc__ = name.replace("-", "_"), help_text
+    return command
+
+
+def _after(run: "Run", name: str) -> str:
+    """Command to call next: the first stage of every run that needs this one, else the report."""
+    later = (each.name for each in run.stages.values() if each.is_in_run(run.study) and name in each.needs)
+    return next(later, "report")
+
+
+def add_stage(app: typer.Typer, panel: str, stage: "type[Component]") -> None:
+    """Add the command of a plugin's stage."""
+    app.command(stage.name, rich_help_panel=panel)(stage_command(stage.name, stage.summary))
 
 
 def simulate(
@@ -58,13 +93,18 @@ def simulate(
     if traceback:
         raise StudyError("--traceback is for one job; name it with --only SPOT/SET")
     with StageProgress(session, folder) as progress:
-        simulations = pipeline.simulate(checked, folder, session.plugins, progress)
-    counts = Counter(str(simulation.status) for simulation in simulations)
+        run = pipeline.run_stage("simulate", checked, folder, session.plugins, progress)
+    counts = Counter(str(simulation.status) for simulation in run.swept())
     if as_json:
         session.json(counts)
         return
     session.table("Simulations", ["status", "number"], counts.most_common())
     session.next(f"score {study} --out {folder}", f"written to {folder}; ")
+
+
+SAMPLE, *_AFTER_SIMULATE = (stage_command(name, text) for name, text in GENERATED.items())
+STAGE_COMMANDS = (SAMPLE, simulate, *_AFTER_SIMULATE)
+"""Commands of the core's stages between the inputs and the report."""
 
 
 def _simulate_one(
@@ -79,7 +119,7 @@ def _simulate_one(
         raise StudyError(f"--only {only}: name a spot and a set, such as p1/3")
     if traceback:
         faulthandler.enable(file=2)  # for a solver that ends this process
-    found = pipeline.simulate_one(study, folder, spot, int(number))
+    found = pipeline.simulate_one(study, folder, session.plugins, spot, int(number))
     if traceback:
         session.stderr.print(str(found.diagnostics.get("traceback", "no traceback")), markup=False)
     if as_json:
@@ -89,88 +129,3 @@ def _simulate_one(
         session.table("Simulation", ["job", "status", "seconds", "message"], [row])
     if found.status is not Status.OK:
         raise typer.Exit(1)
-
-
-def score(context: typer.Context, study: StudyPath, out: OutFolder = None, as_json: AsJson = False) -> None:
-    """Compare simulated with measured curves into scores.parquet."""
-    from palpate import pipeline
-
-    session, checked, folder = opened(context, study, out)
-    with StageProgress(session) as progress:
-        scores = pipeline.score(checked, folder, session.plugins, progress)
-    if as_json:
-        session.json({"scores": scores.to_dicts(), "warnings": progress.warnings})
-        return
-    session.frame("Scores", scores)
-    session.next(f"select {study} --out {folder}", f"written to {folder}; ")
-
-
-def select(context: typer.Context, study: StudyPath, out: OutFolder = None, as_json: AsJson = False) -> None:
-    """Choose the best set by scenario and over all spots."""
-    from palpate import pipeline
-
-    session, checked, folder = opened(context, study, out)
-    with StageProgress(session) as progress:
-        selected = pipeline.select(checked, folder, session.plugins, progress)
-    tables = tables_of(selected)
-    if as_json:
-        rows = {name: frame.to_dicts() for name, frame in tables.items()}
-        session.json({**rows, "warnings": progress.warnings})
-    else:
-        for name, frame in tables.items():
-            if frame.height:
-                session.frame(name.capitalize(), frame)
-        session.next(f"report {study} --out {folder}", f"written to {folder}; ")
-    check_results(selected.without_result)
-
-
-def fit(context: typer.Context, study: StudyPath, out: OutFolder = None, as_json: AsJson = False) -> None:
-    """Search the parameters for which the curves fit best."""
-    from palpate import pipeline
-
-    session, checked, folder = opened(context, study, out)
-    with StageProgress(session) as progress:
-        found = pipeline.fit(checked, folder, session.plugins, progress)
-    if as_json:
-        tables = {"fit": found.table, "mesh": found.mesh, "trace": found.trace}
-        rows = {name: frame.to_dicts() for name, frame in tables.items()}
-        session.json({**rows, "warnings": progress.warnings})
-        return
-    session.frame("Fit", found.table)
-    session.next(f"report {study} --out {folder}", f"written to {folder}; ")
-
-
-def certainty(
-    context: typer.Context, study: StudyPath, out: OutFolder = None, as_json: AsJson = False
-) -> None:
-    """Draw the posteriors of the joint fits; simulates some sets more."""
-    from dataclasses import asdict
-
-    from palpate import pipeline
-
-    session, checked, folder = opened(context, study, out)
-    with StageProgress(session) as progress:
-        found = pipeline.certainty(checked, folder, session.plugins, progress)
-    if as_json:
-        rows = {name: frame.to_dicts() for name, frame in asdict(found).items()}
-        session.json({**rows, "warnings": progress.warnings})
-        return
-    session.frame("Posterior", found.posterior)
-    session.frame("Ends of profiles", found.profile_ends)
-    session.frame("Volumes of posteriors", found.volumes)
-    session.frame("Errors of emulated curves", found.emulator)
-    session.next(f"report {study} --out {folder}", f"written to {folder}; ")
-
-
-def surface(context: typer.Context, study: StudyPath, out: OutFolder = None, as_json: AsJson = False) -> None:
-    """Simulate the skin under the press with what was found; one simulation per spot."""
-    from palpate import pipeline
-
-    session, checked, folder = opened(context, study, out)
-    with StageProgress(session) as progress:
-        table = pipeline.surface(checked, folder, session.plugins, progress)
-    if as_json:
-        session.json(table.to_dicts())
-        return
-    session.frame("Skin", table.drop("key"))
-    session.next(f"report {study} --out {folder}", f"written to {folder}; ")

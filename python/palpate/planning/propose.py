@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
+from palpate.core_stages import joint_assessed
 from palpate.errors import StudyError
-from palpate.opened_fit import NO_INTERVALS, abscissae_of, certainty_stage, opened_fit
+from palpate.pipeline import open_run
 from palpate.planning.candidates import candidates, limits_of
 from palpate.planning.options import PlanOptions
 from palpate.planning.stage import PlanningStage, Proposal, before_any_press, check_options, choose_presses
@@ -37,21 +38,18 @@ def propose(
     allowed = options.allowed
     limits, presses = limits_of(allowed, study, plugins.channels), candidates(study, plugins, allowed)
     tool = tool_limbs(study, options.tool)
-    with opened_fit(study, run_folder, plugins, progress, tool) as (stored, simulations, cases):
-        certain = certainty_stage(simulations, stored.inputs, cases)
-        assessed = next(iter(certain.assessed(cases, joint_only=True)), None)
-        if assessed is None:
-            raise StudyError(NO_INTERVALS.format(run=run_folder, scenario=study.generalise_by))
+    with open_run(study, run_folder, plugins, progress, needs=["fit"], more_limbs=tool) as run:
+        certain, assessed = joint_assessed(run)
         stage = PlanningStage(
-            study=stored.study,
-            measured=stored.inputs.measured,
+            study=run.study,
+            measured=run.measured,
             assessed=assessed,
             columns=certain.columns(assessed.case),
             meshes=certain.meshes,
             progress=progress,
         )
         proposal = stage.run(presses, options, limits)
-        stored.run.write_proposal(for_robot(proposal, stored.inputs.limbs))
+        run.directory.write_proposal(for_robot(proposal, run.limbs))
         return proposal
 
 
@@ -78,12 +76,11 @@ def plan(
             f"{run_folder}: has a fit; `palpate next {run_folder}` plans further presses; name another folder"
         )
     scenario = next(s for s in study.scenarios if s.name == study.generalise_by)
+    abscissae = {name: channel.abscissa for name, channel in plugins.channels.items()}
     with run.locked(study, plugins.channels) as check_lock:
         run.initialise(study, plugins.channels, simulating=True)
         with Simulations(study, run_folder, {**limbs, **tool}, progress, check_lock) as simulations:
-            design, points = before_any_press(
-                study, scenario, simulations.of, abscissae_of(plugins), options.n_points
-            )
+            design, points = before_any_press(study, scenario, simulations.of, abscissae, options.n_points)
             check_options(design, options)
             progress.begin("plan", 0)
             found = choose_presses(design, [], presses, points, options, limits)

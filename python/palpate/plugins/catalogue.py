@@ -110,6 +110,7 @@ class Plugins:
     parametrisations: Catalogue[type[Parametrisation]]
     searches: Catalogue[type[Search]]
     scenarios: Catalogue[Scenario]
+    stages: Catalogue[Any]  # classes of palpate.stages.stage.Stage, which is above this room
     sections: Catalogue[type[Section]]
 
     def __init__(

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from palpate.plugins.execution import Executor
     from palpate.plugins.indenter import Indenter
     from palpate.plugins.interfaces import (
+        Component,
         ExperimentLoader,
         LimbSource,
         Material,
@@ -159,6 +160,15 @@ def palpate_scenarios() -> "Iterable[Scenario]":  # type: ignore[empty-body]
     """Named choices of weights, of channels or of phases such as ``torque/unload``.
 
     A study lists the names of those to rank by under ``[selection]``; one sweep serves all.
+    """
+
+
+@hookspec
+def palpate_stages() -> "Iterable[type[Component]]":  # type: ignore[empty-body]
+    """Stages, from tables to tables: subclasses of ``palpate.api.Stage``.
+
+    Each is a command; ``palpate run`` includes those that a study asks for with ``[stages.NAME]``, each after
+    the stages that it needs. The core's come through this hook too.
     """
 
 

@@ -108,6 +108,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         ),
         "searches": Kind("palpate_searches", "search", "palpate.plugins.search", "Search"),
         "scenarios": Kind("palpate_scenarios", "scenario", DOMAIN, "Scenario"),
+        "stages": Kind("palpate_stages", "stage", "palpate.stages.stage", "Stage"),
         "sections": Kind("palpate_sections", "section", "palpate.plugins.sections", "Section"),
     }
 )
@@ -241,8 +242,10 @@ class Registry:
         others = [plugin for key, plugin in self.manager.list_name_plugin() if key != name]
         return self.manager.subset_hook_caller(hook, others)
 
-    def add_commands(self, app: "typer.Typer") -> tuple[BrokenPlugin, ...]:
-        """Let every plugin add its commands, all of them or none."""
+    def add_commands(
+        self, app: "typer.Typer", add_stage: "Callable[[type[Component]], None] | None" = None
+    ) -> tuple[BrokenPlugin, ...]:
+        """Let every plugin add its commands, all of them or none; ``add_stage`` adds that of a stage."""
         broken = []
         for name, source in self.sources.items():
             apps = [app, *(group.typer_instance for group in app.registered_groups if group.typer_instance)]
@@ -254,6 +257,9 @@ class Registry:
                     for result in self._call(name, "palpate_subcommands")():
                         for command in _as_items(result, "palpate_subcommands"):
                             command.add_to(app)
+                    if add_stage is not None:
+                        for stage in self._stages(name):
+                            add_stage(stage)
                     _refuse_command_clashes(app)
                 self.commands |= {command: name for command in _command_names(app) if command not in before}
             except PluginError as error:
@@ -261,6 +267,12 @@ class Registry:
                     part.registered_commands[:], part.registered_groups[:] = commands, groups
                 broken.append(BrokenPlugin(name=name, source=source, reason=str(error)))
         return tuple(broken)
+
+    def _stages(self, plugin: str) -> "list[type[Component]]":
+        """Stages of a plugin besides the core: through its hook, and as single components."""
+        if plugin == GROUP:
+            return [_single(kind, point) for kind, point in self.points if kind == "stages"]
+        return self._provided(plugin, "stages")
 
 
 def registered(files: Sequence[Path], *, entry_points: bool, without: Sequence[str] = ()) -> Registry:
@@ -313,11 +325,14 @@ def load_file(path: Path) -> ModuleType:
 
 
 def add_commands(
-    app: "typer.Typer", files: Sequence[Path] = (), without: Sequence[str] = ()
+    app: "typer.Typer",
+    files: Sequence[Path] = (),
+    without: Sequence[str] = (),
+    add_stage: "Callable[[type[Component]], None] | None" = None,
 ) -> tuple[BrokenPlugin, ...]:
     """Let plugins add their commands, without the time that it takes to import what else they provide."""
     registry = registered(files, entry_points=True, without=without)
-    return (*registry.broken, *registry.add_commands(app))
+    return (*registry.broken, *registry.add_commands(app, add_stage))
 
 
 def installed_points() -> list[importlib.metadata.EntryPoint]:

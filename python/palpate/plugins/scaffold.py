@@ -66,6 +66,7 @@ KITS: Mapping[str, Kit] = MappingProxyType(
             "ParametrisationContract",
             _named('parametrisation = "{}"', "fit"),
         ),
+        "stage": Kit("stages", "stage", "StageContract", "A study's run has it with a table `[stages.{}]`."),
         "section": Kit(
             "sections", "section", "SectionContract", "Every report shows it where it has something."
         ),

@@ -12,7 +12,7 @@ from palpate.prediction.summary import QUANTITIES
 from palpate.prediction.vtu import vtu
 from palpate.run.atomic_files import write_atomically
 from palpate.run.directory import file_name
-from palpate.run.result_files import write_frame
+from palpate.run.result_files import parquet
 
 TITLES = {
     "summary": "Under the tool, at its largest force",
@@ -32,7 +32,7 @@ def write_prediction(
     for name, frame in (tables | {"curves": prediction.curves}).items():
         if frame.is_empty():
             continue
-        write_frame(folder / f"{name}.parquet", frame)
+        write_atomically(folder / f"{name}.parquet", parquet(frame))
         write_atomically(folder / f"{name}.csv", frame.write_csv().encode())
         files += [folder / f"{name}.parquet", folder / f"{name}.csv"]
     for spot, each in prediction.spots.items():

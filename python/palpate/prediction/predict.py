@@ -1,6 +1,6 @@
 """What the fitted limb feels under another tool: one simulation for each spot, and a band by its slopes."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -22,6 +22,7 @@ from palpate.domain import (
 from palpate.errors import SolverError, StudyError
 from palpate.mesh.contact_edge import contact_edge_mm
 from palpate.mesh.refinement import refined
+from palpate.plugins.catalogue import Plugins
 from palpate.prediction.bands import Thetas, check_shared, draws_of, ends, frame_rows, linear
 from palpate.prediction.exceedance import exceedances
 from palpate.prediction.summary import (
@@ -41,8 +42,8 @@ from palpate.run.directory import RunDirectory
 from palpate.stages.fitted import Fitted, inputs_at
 from palpate.stages.limb import load_limbs
 from palpate.stages.simulation import check_jobs
+from palpate.stages.stage import Run, read_run
 from palpate.stages.sweep import Simulations
-from palpate.stored import StoredRun
 from palpate.study.reading import Study
 from palpate.study.tool import Tool
 
@@ -123,11 +124,8 @@ class Prediction:
 
 
 def predict(
-    stored: StoredRun,
+    stored: Run,
     tool: Tool,
-    channels: Mapping[str, Channel],
-    progress: Progress,
-    check_lock: Callable[[], None],
     n_solved: int = 0,
 ) -> Prediction:
     """Simulate a tool with what a run has found; the caller holds the lock on the folder.
@@ -145,16 +143,16 @@ def predict(
     SolverError
         The tool could not be pressed at any depth.
     """
-    study, found, run = stored.study, stored.fitted(), stored.run
+    study, found, run = stored.study, stored.fitted(), stored.directory
     draws = draws_of(found, run.fit(), run.posterior())
     _check(stored, len(draws), n_solved)
-    experiment = _experiment(stored, progress, check_lock)
+    experiment = _experiment(stored)
     pressed = tool.study(study)
     limbs = refined_limbs(pressed, tool)
     if tool.fine_edge_mm:
         limbs |= {f"{name}{AS_IS}": limb for name, limb in load_limbs(pressed).items()}
-    observed = tuple(c for c in channels.values() if c.columns <= set(study.solver.provides.columns))
-    with Simulations(pressed, run.folder, limbs, progress, check_lock) as simulations:
+    observed = tuple(c for c in stored.channels.values() if c.columns <= set(study.solver.provides.columns))
+    with Simulations(pressed, run.folder, limbs, stored.progress, stored.check_lock) as simulations:
         spots = {}
         for spot in pressed.spot_names:
             plan = _Plan(stored, tool, found, spot, observed)
@@ -163,7 +161,7 @@ def predict(
     return Prediction(tool=tool, fitted=found, spots=spots, strains=strains, n_draws=len(draws))
 
 
-def _check(stored: StoredRun, n_draws: int, n_solved: int) -> None:
+def _check(stored: Run, n_draws: int, n_solved: int) -> None:
     study, provides = stored.study, stored.study.solver.provides
     if not provides.surface:
         raise StudyError(
@@ -171,7 +169,7 @@ def _check(stored: StoredRun, n_draws: int, n_solved: int) -> None:
         )
     if n_solved and not n_draws:
         raise StudyError(
-            f"{stored.run.folder}: has no draws of the fitted values; run `palpate fit` with a search"
+            f"{stored.directory.folder}: has no draws of the fitted values; run `palpate fit` with a search"
         )
     if n_draws and not n_solved and not provides.slopes:
         raise StudyError(
@@ -180,13 +178,12 @@ def _check(stored: StoredRun, n_draws: int, n_solved: int) -> None:
         )
 
 
-def _experiment(stored: StoredRun, progress: Progress, check_lock: Callable[[], None]) -> dict[str, Any]:
+def _experiment(stored: Run) -> dict[str, Any]:
     """Strains of the experiment by spot and region; simulates what `palpate surface` would."""
-    study, run = stored.study, stored.run
     if not stored.strains():
-        limbs = load_limbs(replace(study, fine_runs=0))
-        with Simulations(study, run.folder, limbs, progress, check_lock) as simulations:
-            stored.simulate_surfaces(simulations)
+        limbs = load_limbs(replace(stored.study, fine_runs=0))
+        with replace(stored, fresh=replace(stored.inputs, limbs=limbs)) as run:
+            run.make(run.stages["surface"])
     return stored.strains()
 
 
@@ -202,7 +199,7 @@ def refined_limbs(study: Study, tool: Tool) -> dict[str, Limb]:
 class _Plan:
     """How values become jobs of a tool at a spot."""
 
-    stored: StoredRun
+    stored: Run
     tool: Tool
     found: Fitted
     spot: str
@@ -365,12 +362,13 @@ def _state_rows(spot: str, each: SpotPrediction) -> Iterator[dict[str, Any]]:
 
 def run_prediction(
     study: Study,
-    run: RunDirectory,
+    directory: RunDirectory,
     tool: Tool,
-    channels: Mapping[str, Channel],
+    plugins: Plugins,
     progress: Progress,
     n_solved: int = 0,
 ) -> Prediction:
-    """Predict with a run that is read by its own copy of the study, under its lock."""
-    with run.locked(study, channels, adopt=True) as check_lock:
-        return predict(StoredRun.alone(study, run, progress), tool, channels, progress, check_lock, n_solved)
+    """Prediction of a run that is read by its own copy of the study, under its lock."""
+    with directory.locked(study, plugins.channels, adopt=True) as check_lock:
+        run = read_run(study, directory, plugins, progress, check_lock=check_lock)
+        return predict(run, tool, n_solved)

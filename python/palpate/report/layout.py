@@ -29,6 +29,7 @@ from palpate.plugins.sections import (
 from palpate.report.report_data import ReportData
 from palpate.report.result import Report
 from palpate.report.section_order import is_core, ordered
+from palpate.stages.stage import Summary
 
 _TYPES = {b"\x89PNG": "image/png", b"\xff\xd8": "image/jpeg"}
 
@@ -67,7 +68,16 @@ def laid_out(data: ReportData, report: Report) -> list[Laid]:
         if blocks:
             entry = section.entry or section.title
             found.append(Laid(section.name, section.title, entry, is_open, blocks))
+    place = next((i for i, each in enumerate(found) if each.name == "provenance"), len(found))
+    found[place:place] = [_of_stage(name, *made) for name, made in data.summaries.items()]
     return found
+
+
+def _of_stage(name: str, does: str, summary: Summary) -> Laid:
+    """Section of a plugin's stage: what it does, its lines and its tables."""
+    title = name.replace("_", " ").capitalize()
+    tables = (Table.of(caption, frame) for caption, frame in summary.tables.items())
+    return Laid(name, title, title, False, (*map(Paragraph, (does, *summary.lines)), *tables))
 
 
 def checked(section: Section, blocks: Iterable[Block]) -> tuple[Block, ...]:

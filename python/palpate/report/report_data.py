@@ -13,6 +13,7 @@ from palpate.report.convergence import Contact
 from palpate.run.result import ALL_SPOTS, FitResult, PosteriorResult
 from palpate.stages.completeness import Completeness, completeness, without_result
 from palpate.stages.identifiability import Swept
+from palpate.stages.stage import Summary
 from palpate.study.reading import Study
 
 
@@ -63,6 +64,8 @@ class ReportData:
         How far the run is where it has not ended.
     surfaces : mapping of spot name to SurfaceStates
         Skin under the press with what was found; empty where it was not simulated.
+    summaries : mapping of stage to (str, Summary)
+        What each stage of a plugin does, and what it has found.
     """
 
     study: Study
@@ -90,6 +93,7 @@ class ReportData:
     sections: Mapping[str, type[Section]] = field(default_factory=dict)
     unfinished: str = ""
     surfaces: Mapping[str, SurfaceStates] = field(default_factory=dict)
+    summaries: Mapping[str, tuple[str, Summary]] = field(default_factory=dict)
 
     @property
     def spots(self) -> tuple[str, ...]:

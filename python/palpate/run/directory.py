@@ -26,7 +26,7 @@ import contextlib
 import io
 import json
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
@@ -44,15 +44,10 @@ from palpate.run.lock import locked
 from palpate.run.manifest import checked_manifest, finite, infinite, manifest
 from palpate.run.ownership import check_claimable, claim, refuse_other, tidy, writing_in
 from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
-from palpate.run.result_files import frame_of, response_of, write_frame
-from palpate.run.stage_records import COMMANDS, StageRecords
+from palpate.run.result_files import Files, frame_of, parquet, response_of
+from palpate.run.stage_records import StageRecords
 from palpate.run.trust import IN_KEYS, fingerprints, recorded, trusting
 from palpate.study.reading import Study
-
-_CERTAINTY = tuple(each.name for each in fields(CertaintyResult))
-_POSTERIOR = tuple(each.name for each in fields(PosteriorResult))
-_OF_FIT = ("fit", "fit_trace", "fit_mesh", "fit_curves", *_CERTAINTY)
-_OPTIONAL = ("stiffness_scaling", "verification", "surface", *_OF_FIT, *_POSTERIOR)
 
 RELAXATIONS = "relaxations"
 """Key of what relaxed, in the record of measured curves."""
@@ -163,28 +158,49 @@ class RunDirectory:
 
     # ------------------------------------------------------------------ the stages
 
-    def require(self, stage: str) -> None:
-        """Refuse to continue where an earlier stage has not been run."""
-        path = self.folder / f"{stage}.parquet"
-        if not path.exists():
-            raise StudyError(f"{path}: not there yet; run `palpate {COMMANDS[stage]}` first")
+    def write_stage(self, stage: str, files: Files, made_from: Mapping[str, str]) -> None:
+        """Write and record what a stage has found; a table without columns is removed."""
+        written = []
+        for name, content in files.items():
+            path = self.folder / (name if "." in name else f"{name}.parquet")
+            match content:
+                case Path():
+                    path = content
+                case pl.DataFrame() if not content.width:
+                    path.unlink(missing_ok=True)
+                    continue
+                case _:
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                    data = parquet(content) if isinstance(content, pl.DataFrame) else _json(content)
+                    write_atomically(path, data)
+            written.append(path)
+        self.records.write(stage, written, made_from)
 
-    def write_measured(self, measured: Mapping[str, Response], made_from: Mapping[str, str]) -> None:
-        """Write ``measured/<spot>.parquet``, and to the manifest how the curves came about."""
-        records = {spot: _described(response) for spot, response in measured.items()}
-        for spot, response in measured.items():
-            write_frame(self._measured(spot), frame_of(response))
-            write_atomically(self._record(spot), _json(records[spot]))
-        files = [path for spot in measured for path in (self._measured(spot), self._record(spot))]
-        self.records.write("measured", files, made_from)
-        write_atomically(self.folder / "manifest.json", _json(self.manifest() | {"measured": records}))
+    def table(self, name: str, stage: str = "") -> pl.DataFrame:
+        """Table of any stage; empty where there is none.
+
+        Parameters
+        ----------
+        name : str
+        stage : str
+            Stage that must have made it; empty: there may be none.
+
+        Raises
+        ------
+        StudyError
+            It is damaged, or missing and must be there.
+        """
+        path = self.folder / f"{name}.parquet"
+        if not (stage or (stage := self.records.writer(path))):
+            return pl.DataFrame()
+        return self.records.read(stage, path, _parquet)
 
     def measured(self, spots: tuple[str, ...]) -> dict[str, Response]:
         """Measured responses of these spots."""
         found = {}
         for spot in spots:
             curves, record = (
-                self.records.read("measured", self._measured(spot), _response),
+                self.records.read("experiment", self._measured(spot), _response),
                 self._recorded(spot),
             )
             relaxations = [Relaxation(**item) for item in record.pop(RELAXATIONS, [])]
@@ -195,71 +211,25 @@ class RunDirectory:
         """Folder of the pictures of a spot's presses."""
         return self.folder / "measured" / "plots" / file_name(spot)
 
-    def write_design(self, design: Design, made_from: Mapping[str, str]) -> None:
-        """Write ``design.parquet``: set_id and a column per parameter."""
-        columns = {p.name: design.values[:, i] for i, p in enumerate(design.parameters)}
-        frame = pl.DataFrame({"set_id": np.arange(design.n_sets), **columns})
-        write_frame(self.folder / "design.parquet", frame)
-        about = {
-            "seed": design.seed,
-            "n_drawn": design.n_drawn,
-            "n_kept": design.n_kept,
-            "parameters": [finite(asdict(p)) for p in design.parameters],
-            **({} if (first := design.earlier_first) is None else {"earlier_first": first.tolist()}),
-        }
-        write_atomically(self.folder / "design.json", _json(about))
-        files = (self.folder / "design.parquet", self.folder / "design.json")
-        self.records.write("design", files, made_from)
-
     def design(self) -> Design:
         """Read the design with its parameters."""
-        frame = self._frame("design", "design")
+        frame = self.table("design", "sample")
         return self.records.read(
-            "design", self.folder / "design.json", lambda content: _design(frame, json.loads(content))
+            "sample", self.folder / "design.json", lambda content: _design(frame, json.loads(content))
         )
 
-    def write_scores(self, scores: pl.DataFrame, made_from: Mapping[str, str]) -> None:
-        """Write ``scores.parquet``."""
-        self._write("scores", {"scores": scores}, made_from)
-
-    def scores(self) -> pl.DataFrame:
-        """Scores of every set, as :func:`palpate.stages.scoring.score` returns them."""
-        return self._frame("scores", "scores")
-
-    def write_selection(
-        self,
-        selection: pl.DataFrame,
-        generalisation: pl.DataFrame,
-        stiffness_scaling: pl.DataFrame,
-        made_from: Mapping[str, str],
-    ) -> None:
-        """Write the tables of the selection."""
-        frames = {
-            "selection": selection,
-            "generalisation": generalisation,
-            "stiffness_scaling": stiffness_scaling,
-        }
-        self._write("selection", frames, made_from)
-
-    def selection(self) -> pl.DataFrame:
-        """Least Fopt by spot and scenario."""
-        return self._frame("selection", "selection")
-
-    def generalisation(self) -> pl.DataFrame:
-        """Read the set for all spots."""
-        return self._frame("selection", "generalisation")
-
-    def stiffness_scaling(self) -> pl.DataFrame:
-        """Best multiple by spot and scenario; empty when none was looked for."""
-        return self._optional("selection", "stiffness_scaling")
-
-    def write_verification(self, verification: pl.DataFrame) -> None:
-        """Write ``verification.parquet``."""
-        self._write("verification", {"verification": verification}, {})
+    def write_measured_to_manifest(self, study: Study) -> None:
+        """Repeat in ``manifest.json`` how the measured curves came about."""
+        content = self.manifest() | {"measured": self._records(study)}
+        write_atomically(self.folder / "manifest.json", _json(content))
 
     def verification(self) -> pl.DataFrame:
         """Verification of the selected sets; empty where the solver has none."""
-        return self._optional("verification", "verification")
+        return self.table("verification")
+
+    def write_verification(self, verification: pl.DataFrame) -> None:
+        """Write the verification so far: each row costs as much as a simulation."""
+        self.write_stage("verify", {"verification": verification}, {})
 
     def write_proposal(self, proposal: Mapping[str, Any]) -> None:
         """Write ``next.json``: which presses to make next."""
@@ -280,59 +250,25 @@ class RunDirectory:
             raise StudyError(f"{path}: {error}; run `palpate next {self.folder}` first") from None
         return found
 
-    def write_fit(self, fit: FitResult, made_from: Mapping[str, str]) -> None:
-        """Write the tables of the fit, and the fitted curves in ``fit_curves.parquet``."""
-        names = ("fit", "scenario", "spot")
-        curves = [
-            frame_of(response).select(
-                *(pl.lit(part).alias(n) for n, part in zip(names, key, strict=True)), pl.all()
-            )
-            for key, response in fit.responses.items()
-        ]
-        frames = {
-            "fit": fit.table,
-            "fit_trace": fit.trace,
-            "fit_mesh": fit.mesh,
-            "fit_curves": pl.concat(curves) if curves else pl.DataFrame(),
-            **{name: getattr(fit.certainty, name) for name in _CERTAINTY},
-        }
-        self._write("fit", frames, made_from)
-        remove_fit_state(self.folder)
-
     def fit(self) -> FitResult:
-        """Read the fit; empty where there is none."""
-        curves = self._optional("fit", "fit_curves")
-        keys = ("fit", "scenario", "spot")
+        """Read the fit with its intervals; empty where there is none."""
+        keys, curves = ("fit", "scenario", "spot"), self.table("fit_curves")
         parts = {} if curves.is_empty() else curves.partition_by(*keys, as_dict=True, include_key=False)
         return FitResult(
-            table=self._optional("fit", "fit"),
-            trace=self._optional("fit", "fit_trace"),
-            mesh=self._optional("fit", "fit_mesh"),
+            table=self.table("fit"),
+            trace=self.table("fit_trace"),
+            mesh=self.table("fit_mesh"),
             responses={(str(a), str(b), str(c)): response_of(part) for (a, b, c), part in parts.items()},
-            certainty=CertaintyResult(**{name: self._optional("fit", name) for name in _CERTAINTY}),
+            certainty=CertaintyResult(
+                **{each.name: self.table(each.name) for each in fields(CertaintyResult)}
+            ),
         )
-
-    def write_posterior(self, found: PosteriorResult) -> None:
-        """Write the tables of the posteriors of the fit."""
-        made_from = {"fit": self.records.fingerprint("fit")}
-        self._write("posterior", {name: getattr(found, name) for name in _POSTERIOR}, made_from)
 
     def posterior(self) -> PosteriorResult:
         """Read the posteriors; empty where there are none of this fit."""
-        if not self.records.is_made_from("posterior", {"fit": self.records.fingerprint("fit")}):
+        if not self.records.is_current("certainty"):
             return PosteriorResult()
-        return PosteriorResult(**{name: self._optional("posterior", name) for name in _POSTERIOR})
-
-    def write_surface(self, table: pl.DataFrame, files: Iterable[Path]) -> None:
-        """Write which simulations have states of the skin; ``files`` are these."""
-        made_from = {name: self.records.fingerprint(name) for name in ("selection", "fit")}
-        self._write("surface", {"surface": table}, made_from, files)
-
-    def surface(self) -> pl.DataFrame:
-        """Simulations with states of the skin; empty where there are none of this selection and fit."""
-        made_from = {name: self.records.fingerprint(name) for name in ("selection", "fit")}
-        is_current = self.records.is_made_from("surface", made_from)
-        return self._optional("surface", "surface") if is_current else pl.DataFrame()
+        return PosteriorResult(**{each.name: self.table(each.name) for each in fields(PosteriorResult)})
 
     def comparisons(self) -> dict[str, Any]:
         """Read what was kept here as ``solver-comparison*.json``, by file name; not JSON is its error."""
@@ -346,24 +282,6 @@ class RunDirectory:
 
     # ----------------------------------------------------------------------- files
 
-    def _write(
-        self,
-        stage: str,
-        frames: Mapping[str, pl.DataFrame],
-        made_from: Mapping[str, str],
-        others: Iterable[Path] = (),
-    ) -> None:
-        """Write the tables of a stage and record them; an empty one of ``_OPTIONAL`` is removed."""
-        files = list(others)
-        for name, frame in frames.items():
-            path = self.folder / f"{name}.parquet"
-            if name in _OPTIONAL and frame.is_empty():
-                path.unlink(missing_ok=True)
-            else:
-                write_frame(path, frame)
-                files.append(path)
-        self.records.write(stage, files, made_from)
-
     def _measured(self, spot: str) -> Path:
         return self.folder / "measured" / f"{file_name(spot)}.parquet"
 
@@ -372,7 +290,7 @@ class RunDirectory:
 
     def _recorded(self, spot: str) -> dict[str, Any]:
         """How the curves of a spot came about."""
-        found: dict[str, Any] = self.records.read("measured", self._record(spot), json.loads)
+        found: dict[str, Any] = self.records.read("experiment", self._record(spot), json.loads)
         return found
 
     def _records(self, study: Study) -> dict[str, Any]:
@@ -383,22 +301,35 @@ class RunDirectory:
                 known[spot.spot.name] = self._recorded(spot.spot.name)
         return known
 
-    def _frame(self, stage: str, name: str) -> pl.DataFrame:
-        return self.records.read(stage, self.folder / f"{name}.parquet", _parquet)
-
-    def _optional(self, stage: str, name: str) -> pl.DataFrame:
-        path = self.folder / f"{name}.parquet"
-        return self._frame(stage, name) if self.records.holds(stage, path) else pl.DataFrame()
-
 
 def _parquet(content: bytes) -> pl.DataFrame:
     return pl.read_parquet(io.BytesIO(content))
 
 
-def _described(response: Response) -> dict[str, Any]:
-    """How measured curves came about, and what relaxed meanwhile."""
-    relaxed = [asdict(item) for item in response.relaxations]
-    return {**plain(response.record), **({RELAXATIONS: relaxed} if relaxed else {})}
+def measured_files(measured: Mapping[str, Response]) -> Files:
+    """Files of measured curves by spot: the points, how they came about, and what relaxed meanwhile."""
+    files: dict[str, pl.DataFrame | Mapping[str, Any]] = {}
+    for spot, response in measured.items():
+        relaxed = [asdict(item) for item in response.relaxations]
+        files[f"measured/{file_name(spot)}"] = frame_of(response)
+        files[f"measured/{file_name(spot)}.json"] = {
+            **plain(response.record),
+            **({RELAXATIONS: relaxed} if relaxed else {}),
+        }
+    return files
+
+
+def design_files(design: Design) -> Files:
+    """Files of a design: set_id and a column per parameter, and how it was drawn."""
+    columns = {p.name: design.values[:, i] for i, p in enumerate(design.parameters)}
+    about = {
+        "seed": design.seed,
+        "n_drawn": design.n_drawn,
+        "n_kept": design.n_kept,
+        "parameters": [finite(asdict(p)) for p in design.parameters],
+        **({} if (first := design.earlier_first) is None else {"earlier_first": first.tolist()}),
+    }
+    return {"design": pl.DataFrame({"set_id": np.arange(design.n_sets), **columns}), "design.json": about}
 
 
 def _response(content: bytes) -> Response:

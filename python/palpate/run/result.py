@@ -27,15 +27,12 @@ class StudyInputs:
     design : Design
     warnings : tuple of str
         What is odd about the study or its curves, and stops nothing.
-    of_last_sweep : bool
-        Whether its simulations are those of the folder's last sweep, whatever the meshes are now.
     """
 
     measured: Mapping[str, Response]
     limbs: Mapping[str, Limb]
     design: Design
     warnings: tuple[str, ...] = ()
-    of_last_sweep: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

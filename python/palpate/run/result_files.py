@@ -3,12 +3,12 @@
 import io
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
 
 from palpate.domain import Curve, FloatArray, Response
-from palpate.run.atomic_files import write_atomically
 
 CURVES = pl.Schema(
     {
@@ -21,6 +21,10 @@ CURVES = pl.Schema(
     }
 )
 """Columns of curves of several simulations, by key; a row is a point."""
+
+Files = Mapping[str, pl.DataFrame | Mapping[str, Any] | Path]
+"""Results of a stage by name: a table is the file ``<name>.parquet``, plain values are ``<name>.json``, and a
+path is that of a file which is written already."""
 
 SLOPE = "d_"
 """What the name of a further column begins with, of slopes in a parameter."""
@@ -82,11 +86,6 @@ def response_of(frame: pl.DataFrame) -> Response:
             for (name,), rows in frame.group_by("channel", maintain_order=True)
         }
     )
-
-
-def write_frame(path: Path, frame: pl.DataFrame) -> None:
-    """Write a Parquet file atomically."""
-    write_atomically(path, parquet(frame))
 
 
 def parquet(frame: pl.DataFrame) -> bytes:

@@ -73,7 +73,7 @@ def verify(
 
 
 def _selected(run: RunDirectory) -> Iterator[SimulationId]:
-    for frame in (run.selection(), run.generalisation()):
+    for frame in (run.table("selection"), run.table("generalisation")):
         if not frame.is_empty():
             yield from map(SimulationId._make, frame.select("spot", "set_id").iter_rows())
 

@@ -63,6 +63,7 @@ class Components:
     executor: Executor | None
     search: Search | None
     parametrisation: Parametrisation | None
+    stages: tuple[Component, ...]
 
 
 def build_components(context: Context, tables: Tables) -> Components:
@@ -78,11 +79,16 @@ def build_components(context: Context, tables: Tables) -> Components:
         build_component(context, plugins.set_filters, name, settings, (*FILTERS, name), (*FILTERS, name))
         for name, settings in (tables.sampling.filters.items() if tables.sampling else ())
     ]
+    stages = [
+        build_component(context, plugins.stages, name, settings, ("stages", name), ("stages", name))
+        for name, settings in tables.stages.items()
+    ]
     return Components(
         loader=named(plugins.loaders, "experiment", "loader"),
         limb_source=named(plugins.limb_sources, "limb", "source"),
         sampler=named(plugins.samplers, "sampling", "sampler"),
         filters=tuple(built for built in filters if built is not None),
+        stages=tuple(built for built in stages if built is not None),
         solver=named(plugins.solvers, "solver", "name"),
         executor=named(plugins.executors, "executor", "name"),
         search=named(plugins.searches, "fit", "search"),

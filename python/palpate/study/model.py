@@ -460,6 +460,11 @@ class StudyFile(Table):
     scenario: list[ScenarioTable] = Field(
         default=[], max_length=MOST_NAMED, description="Scenarios of this study's own."
     )
+    stages: dict[Name, dict[str, Any]] = Field(
+        default={},
+        max_length=MOST_NAMED,
+        description="Stages that `palpate run` includes besides its own: a table of settings for each.",
+    )
     truth: dict[str, Any] = Field(
         default={}, description="Known answer by region.parameter, for simulated data only."
     )
@@ -487,4 +492,5 @@ class Tables:
     fit: FitTable | None = None
     budget: BudgetTable | None = None
     scenario: Sequence[ScenarioTable] = ()
+    stages: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     truth: Mapping[str, Any] = field(default_factory=dict)

@@ -12,7 +12,7 @@ from palpate.domain import Channel, ParameterSpace, Protocol, Scenario, ScoringR
 from palpate.errors import PluginError, StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.execution import Executor
-from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
+from palpate.plugins.interfaces import Component, ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins.parametrisation import Parametrisation
 from palpate.plugins.search import Search
 from palpate.study.build import (
@@ -83,6 +83,8 @@ class Study:
         Most simulations of each spot's finer mesh that correct a fit.
     budget : BudgetTable
         What the curves and the model may be wrong by.
+    stages : tuple of Component
+        Stages that a run includes besides its own, with their settings.
     n_total : int
         Sets that the design of ``n_sets`` is extended, or cut, to; 0: neither.
     trusted : mapping of component to fingerprint
@@ -125,6 +127,7 @@ class Study:
     noise: float = 0.01
     fine_runs: int = 3
     budget: BudgetTable = field(default_factory=BudgetTable)
+    stages: tuple[Any, ...] = ()
     n_total: int = 0
     trusted: Mapping[str, str] = field(default_factory=dict)
 
@@ -345,10 +348,12 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         channels=dict(context.plugins.channels),
         one_frame=tables.limb is not None and tables.limb.one_frame,
     )
-    return _with_settings(study, tables, parts.executor)
+    return _with_settings(study, tables, parts.executor, parts.stages)
 
 
-def _with_settings(study: Study, tables: Tables, executor: Executor | None) -> Study:
+def _with_settings(
+    study: Study, tables: Tables, executor: Executor | None, stages: tuple[Component, ...]
+) -> Study:
     """Add how curves are compared and fitted, and where the simulations run within which limits."""
     fit, limits = require(tables.fit), tables.executor or ExecutorTable()
     return replace(
@@ -360,6 +365,7 @@ def _with_settings(study: Study, tables: Tables, executor: Executor | None) -> S
         fine_runs=fit.fine_runs,
         budget=require(tables.budget),
         executor=executor,
+        stages=stages,
         memory_limit_MB=limits.memory_limit or 0.0,
         n_attempts=limits.attempts,
         cache=study.folder / limits.cache if limits.cache else None,

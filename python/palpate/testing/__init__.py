@@ -25,6 +25,7 @@ from palpate.testing.scenarios import ScenarioContract
 from palpate.testing.searches import Rehearsal, SearchContract
 from palpate.testing.sections import SectionContract, SmallRun, small_run
 from palpate.testing.solvers import SolverContract
+from palpate.testing.stages import StageContract
 from palpate.testing.studies import SmallStudy, StudyRunner, study_runner
 
 __all__ = [
@@ -48,6 +49,7 @@ __all__ = [
     "SmallRun",
     "SmallStudy",
     "SolverContract",
+    "StageContract",
     "StudyRunner",
     "check_described",
     "plugins_with",

@@ -12,6 +12,7 @@ from palpate.certainty.known_errors import MESH, known_errors
 from palpate.certainty.mesh_error import SpotMesh, noted_errors
 from palpate.certainty.rows import pieces
 from palpate.certainty.stage import CertaintyStage
+from palpate.core_stages import Posteriors
 from palpate.domain import ParameterSpace, RegionMaterial, Relaxation, Response, Simulation, Status
 from palpate.errors import StudyError
 from palpate.fit.least_squares import LeastSquares
@@ -21,6 +22,7 @@ from palpate.plugins.interfaces import SetFilter
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
 from palpate.run.result import FitResult
+from palpate.stages.stage import Run
 from palpate.study.model import BudgetTable
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.ogden import Ogden
@@ -312,10 +314,11 @@ def test_filters_that_reject_all_that_describes_the_curves_leave_no_intervals_an
     assert "filters reject all 1,024 values that describe the curves as well as the fit" in notes.texts[-1]
 
 
-def test_posteriors_are_refused_where_intervals_are_those_of_another_centre(make_study, plugins, tmp_path):
+def test_posteriors_are_refused_where_intervals_are_those_of_another_centre(make_study, tmp_path):
     study = make_study(budget=BudgetTable(estimator="gls"))
+    run = Run(study=study, directory=RunDirectory(tmp_path / "run"))
     with pytest.raises(StudyError, match=r"around the least Fopt.* leave \[budget\] estimator out"):
-        pipeline.certainty(study, tmp_path / "run", plugins)
+        Posteriors().run(run, SILENT)
 
 
 def test_where_slopes_fail_at_the_fit_there_are_no_intervals_and_no_error(ended):

@@ -269,7 +269,7 @@ def test_the_posterior_asks_for_no_set_of_the_sweep_again(run, asked, plugins, m
         found = real(study, folder, plugins)
         del asked[:]
         monkeypatch.setattr(FitTime, "look", lambda self: pytest.fail("no fit is to be made"))
-        pipeline.certainty(study, folder, plugins)
+        pipeline.run_stage("certainty", study, folder, plugins)
         return found
 
     monkeypatch.setattr(stage, "planes_of_fits", lambda *args, main: pl.DataFrame())

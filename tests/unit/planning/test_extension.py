@@ -54,7 +54,7 @@ def test_press_added_to_a_run_narrows_as_expected_and_starts_at_its_answer(run, 
     assert {name: first[name] for name in answer} == answer
     assert _keys(more) == _keys(folder)  # the proposal has simulated the press with the same values
     assert _keys(alone) - _keys(folder)
-    again = pipeline.fit(extended, more, plugins)
+    again = pipeline.run_stage("fit", extended, more, plugins).fit()
     assert again.trace.equals(RunDirectory(more).fit().trace)  # later commands start there too
     assert _keys(more) == _keys(folder)
 

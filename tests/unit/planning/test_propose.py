@@ -11,7 +11,6 @@ from pydantic import TypeAdapter
 from palpate.cli.output import ProposalOutput
 from palpate.domain import Channel, Indentation, Job, Response, Status, SurfaceStates, Waypoints
 from palpate.errors import StudyError
-from palpate.opened_fit import abscissae_of
 from palpate.planning import stage
 from palpate.planning.candidates import (
     Allowed,
@@ -233,7 +232,8 @@ def _first_design(run, simulate):
     """A study before its first press, with a function from jobs to simulations; and points."""
     study, _, plugins = run
     (scenario,) = (s for s in study.scenarios if s.name == study.generalise_by)
-    return before_any_press(study, scenario, lambda jobs: list(simulate(jobs)), abscissae_of(plugins), 3)
+    abscissae = {name: channel.abscissa for name, channel in plugins.channels.items()}
+    return before_any_press(study, scenario, lambda jobs: list(simulate(jobs)), abscissae, 3)
 
 
 def _diverged(study, jobs):

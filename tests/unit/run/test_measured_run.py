@@ -74,7 +74,7 @@ def test_later_stages_keep_what_the_first_has_reported(make_study, plugins, tmp_
     study, out = pressed_thrice(make_study(loader=telling())), tmp_path / "run"
     measured = pipeline.measure(study, out, plugins)
     reported = manifest(out)["measured"]
-    pipeline.sample(study, out, plugins)
+    pipeline.run_stage("sample", study, out, plugins)
     assert manifest(out)["measured"] == reported
     found = RunDirectory(out).measured(("p1",))["p1"]
     np.testing.assert_array_equal(found["force"].std, measured["p1"]["force"].std)

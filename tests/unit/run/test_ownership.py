@@ -4,6 +4,7 @@ import errno
 import json
 import os
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
@@ -15,6 +16,11 @@ from palpate.run.ownership import keep_only, listed
 VERBS = ("run_study", "measure", "sample", "simulate", "score", "select", "report")
 
 pytestmark = pytest.mark.usefixtures("one_figure")
+
+
+def called(verb):
+    """Function of the pipeline, or what runs a stage."""
+    return getattr(pipeline, verb, None) or partial(pipeline.run_stage, verb)
 
 
 @pytest.fixture
@@ -34,7 +40,7 @@ def test_a_folder_that_holds_something_else_is_refused_untouched(make_study, plu
         with pytest.raises(
             StudyError, match=r"other: is not empty and not a run .*study\.toml.*--out|not there"
         ):
-            getattr(pipeline, verb)(make_study(), other, plugins)
+            called(verb)(make_study(), other, plugins)
     assert [path.name for path in other.iterdir()] == ["study.toml"]
     assert (other / "study.toml").read_text() == "# of another program\n"
 
@@ -42,7 +48,7 @@ def test_a_folder_that_holds_something_else_is_refused_untouched(make_study, plu
 def test_an_empty_folder_and_a_copy_without_hidden_files_are_taken(done, plugins, tmp_path):
     study, run = done
     (tmp_path / "empty").mkdir()
-    pipeline.sample(study, tmp_path / "empty", plugins)
+    pipeline.run_stage("sample", study, tmp_path / "empty", plugins)
     (run / ".palpate-run").unlink()
     pipeline.report(study, run, plugins)
     assert (run / ".palpate-run").is_file()
@@ -58,7 +64,7 @@ def test_a_run_of_another_study_file_of_the_same_name_is_refused(done, plugins, 
         with pytest.raises(
             StudyError, match=r"run of .*study\.toml, not of .*variant\.toml; .*--out.*resume"
         ):
-            getattr(pipeline, verb)(variant, run, plugins)
+            called(verb)(variant, run, plugins)
     assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
     pipeline.run_study(variant, run, plugins, adopt=True)
     study.file.unlink()
@@ -113,7 +119,7 @@ def test_every_verb_keeps_to_the_lock(done, plugins):
     with locked(run):
         for verb in VERBS:
             with pytest.raises(LedgerError, match="in use by process"):
-                getattr(pipeline, verb)(study, run, plugins)
+                called(verb)(study, run, plugins)
 
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS])
@@ -129,7 +135,7 @@ def test_a_disk_that_refuses_is_an_error_with_its_path(done, plugins, monkeypatc
     monkeypatch.setattr(os, "open", failing)
     for verb in VERBS:
         with pytest.raises(LedgerError, match=r"run/.*: (no space is left|cannot be written).*; everything"):
-            getattr(pipeline, verb)(study, run, plugins)
+            called(verb)(study, run, plugins)
 
 
 def test_a_report_that_cannot_be_written_keeps_the_tables_of_the_last(done, plugins, monkeypatch):

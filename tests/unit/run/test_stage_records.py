@@ -2,6 +2,7 @@
 
 import shutil
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -28,6 +29,11 @@ MADE_BY = {
 }
 READ_BY = {"simulate": 4, "score": 4, "select": 5, "report": len(MADE_BY)}
 """How many of these files a verb reads."""
+
+
+def called(verb):
+    """Function of the pipeline, or what runs a stage."""
+    return getattr(pipeline, verb, None) or partial(pipeline.run_stage, verb)
 
 
 @pytest.fixture
@@ -58,7 +64,7 @@ def test_a_damaged_file_names_the_stage_that_makes_it_again(done, plugins, damag
             if i < n_read:
                 message = rf"{path.name}: damaged or replaced.*run `palpate {command}` again"
                 with pytest.raises(StudyError, match=message):
-                    getattr(pipeline, verb)(study, run, plugins)
+                    called(verb)(study, run, plugins)
         path.write_bytes(whole)
     (run / "measured" / "p1.parquet").write_bytes(b"")
     with pytest.raises(StudyError, match=r"p1\.parquet: damaged or replaced"):
@@ -131,11 +137,11 @@ def test_what_a_changed_study_makes_stale_is_refused_with_its_remedy(done, plugi
         for verb in dict.fromkeys((first, "report")):
             message = rf"made from other .*{name}.* than the study has now; run `palpate {remedy}`"
             with pytest.raises(StudyError, match=message):
-                getattr(pipeline, verb)(change(study), run, plugins)
+                called(verb)(change(study), run, plugins)
     assert (run / "manifest.json").read_bytes() == manifest
     changed = replace(study, scoring=ScoringRules(normaliser=Normaliser.RMS))
     for verb in ("score", "select", "report"):
-        getattr(pipeline, verb)(changed, run, plugins)
+        called(verb)(changed, run, plugins)
 
 
 def test_a_measured_file_that_changes_makes_its_curves_stale(done, plugins):
@@ -145,7 +151,7 @@ def test_a_measured_file_that_changes_makes_its_curves_stale(done, plugins):
     path.write_text(text + "\n")
     for verb in ("simulate", "score", "select", "report"):
         with pytest.raises(StudyError, match=r"made from other files of spot 'p1' than .*`palpate experi"):
-            getattr(pipeline, verb)(study, run, plugins)
+            called(verb)(study, run, plugins)
     path.unlink()  # what cannot be compared is not refused
     pipeline.report(study, run, plugins)
 
@@ -179,14 +185,16 @@ class Stopping(Silent):
 def test_simulations_that_came_later_make_the_scores_stale(make_study, plugins, tmp_path):
     study, run = make_study(n_sets=4), tmp_path / "run"
     pipeline.measure(study, run, plugins)
-    pipeline.sample(study, run, plugins)
+    pipeline.run_stage("sample", study, run, plugins)
     with pytest.raises(StoppedError):
-        pipeline.simulate(study, run, plugins, Stopping())
-    pipeline.score(study, run, plugins)
-    pipeline.simulate(study, run, plugins)
+        pipeline.run_stage("simulate", study, run, plugins, Stopping())
+    pipeline.run_stage("score", study, run, plugins)
+    pipeline.run_stage("simulate", study, run, plugins)
     for verb in ("select", "report"):
-        with pytest.raises(StudyError, match=r"made from other simulations than .* `palpate score`"):
-            getattr(pipeline, verb)(study, run, plugins)
+        with pytest.raises(
+            StudyError, match=r"made from other results of `palpate simulate` than .* `palpate score`"
+        ):
+            called(verb)(study, run, plugins)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import polars as pl
 import pytest
 
 from palpate import pipeline
+from palpate.core_stages import selected
 from palpate.domain import Response
 from palpate.progress import SILENT
 from palpate.report import make_tables
@@ -30,8 +31,9 @@ def partial(make_study, plugins, tmp_path, monkeypatch):
 
     def made(n_done):
         study, folder = make_study(), tmp_path / "run"
-        for verb in (pipeline.measure, pipeline.sample, pipeline.simulate):
-            verb(study, folder, plugins)
+        pipeline.measure(study, folder, plugins)
+        for name in ("sample", "simulate"):
+            pipeline.run_stage(name, study, folder, plugins)
         stored = simulation.stored
         monkeypatch.setattr(simulation, "stored", lambda *given: stored(*given)[:n_done])
         return study, folder
@@ -46,8 +48,8 @@ def partial(make_study, plugins, tmp_path, monkeypatch):
 def test_every_stage_reports_what_is_missing_of_the_sweep(partial, plugins, undrawn, n_done, missing):
     study, folder = partial(n_done)
     notes = Notes()
-    pipeline.score(study, folder, plugins, notes)
-    selected = pipeline.select(study, folder, plugins, notes)
+    pipeline.run_stage("score", study, folder, plugins, notes)
+    chosen = selected(pipeline.run_stage("select", study, folder, plugins, notes))
     report = pipeline.report(study, folder, plugins, notes)
     assert len(notes.notes) == 2
     for note in notes.notes:
@@ -61,11 +63,11 @@ def test_every_stage_reports_what_is_missing_of_the_sweep(partial, plugins, undr
     assert any("thin sweep" in each.what for each in report.verdict.warnings)
     if n_done > 12:
         assert report.tables["table2_nmse"]["simulated"].to_list() == ["12 of 12", "8 of 12"]
-        assert not selected.without_result
+        assert not chosen.without_result
     else:  # nothing at p2
-        assert selected.generalisation.is_empty()
-        assert {spot for spot, _ in selected.without_result} == {"p2"}
-        assert "no simulation was scored" in described(selected.without_result)
+        assert chosen.generalisation.is_empty()
+        assert {spot for spot, _ in chosen.without_result} == {"p2"}
+        assert "no simulation was scored" in described(chosen.without_result)
         assert any(
             each.what == "No result for 3 of 6 spots and scenarios" for each in report.verdict.warnings
         )
@@ -80,7 +82,7 @@ def test_a_set_whose_curves_are_lost_is_missing(make_study, plugins, tmp_path, o
     for later in set((folder / "curves").iterdir()) - before:
         later.write_bytes(later.read_bytes()[:-9])
     notes = Notes()
-    scores = pipeline.score(study, folder, plugins, notes)
+    scores = pipeline.run_stage("score", study, folder, plugins, notes).table("scores")
     assert scores.select("spot", "set_id").n_unique() == 24
     assert notes.notes[0].startswith("warning: incomplete sweep, 24 of 32 simulations (p1: 12 of 16, p2: 12")
 

@@ -107,7 +107,7 @@ def test_a_run_with_phases_is_fitted_and_reported(make_study, plugins, tmp_path,
     scenarios = (WHOLE, MIXED, BACK, OUT)
     study = make_study(n_sets=12, search=LeastSquares(), scenarios=scenarios)
     result = pipeline.run_study(study, tmp_path / "run", plugins)
-    scores = RunDirectory(tmp_path / "run").scores()
+    scores = RunDirectory(tmp_path / "run").table("scores")
     assert scores["channel"].unique(maintain_order=True).to_list() == [
         "force", "torque", "torque/unload", "torque/load",
     ]  # fmt: skip

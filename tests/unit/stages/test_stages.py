@@ -6,6 +6,7 @@ import pytest
 
 import palpate
 from palpate import pipeline
+from palpate.core_stages import selected
 from palpate.domain import Curve, Design, Response
 from palpate.errors import StudyError
 from palpate.report.notebook_html import html
@@ -58,14 +59,14 @@ def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
     measured, design = palpate.measure(study, plugins), palpate.sample(study)
     scores = palpate.score(study, palpate.simulate(study, design, measured), measured)
     pipeline.measure(study, tmp_path / "run", plugins)
-    drawn = pipeline.sample(study, tmp_path / "run", plugins)
-    pipeline.simulate(study, tmp_path / "run", plugins)
-    kept = pipeline.score(study, tmp_path / "run", plugins)
+    drawn = pipeline.run_stage("sample", study, tmp_path / "run", plugins).directory.design()
+    pipeline.run_stage("simulate", study, tmp_path / "run", plugins)
+    kept = pipeline.run_stage("score", study, tmp_path / "run", plugins).table("scores")
     np.testing.assert_array_equal(drawn.values, design.drop("set_id").to_numpy())
     assert scores.equals(kept)
-    selected = pipeline.select(study, tmp_path / "run", plugins)
-    assert palpate.select(study, scores, design).equals(selected.selection)
-    assert palpate.generalise(study, scores, design).equals(selected.generalisation)
+    chosen = selected(pipeline.run_stage("select", study, tmp_path / "run", plugins))
+    assert palpate.select(study, scores, design).equals(chosen.selection)
+    assert palpate.generalise(study, scores, design).equals(chosen.generalisation)
     warning = ReportWarning(what="A thin sweep", why="Few <sets>.")
     verdict = Verdict(parameters=(), bests=(), lead="c1 = 2", identifiability=(), warnings=(warning,))
     result = palpate.RunResult(
@@ -74,11 +75,11 @@ def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
         design=drawn,
         simulations=(),
         scores=kept,
-        selected=selected,
+        selected=chosen,
         fit=FitResult(),
         report=Report(tables={}, files=(), verdict=verdict),
     )
-    assert repr(result) == f"RunResult({tmp_path}: 0 simulations, {selected.selection.height} chosen sets)"
+    assert repr(result) == f"RunResult({tmp_path}: 0 simulations, {chosen.selection.height} chosen sets)"
     shown = html(result)
     for text in ("<td>p1</td>", "<p>c1 = 2</p>", "<p>A thin sweep. Few &lt;sets&gt;.</p>"):
         assert text in shown

@@ -11,12 +11,13 @@ from palpate.domain import Job, Limb, Simulation, Status, SurfaceStates
 from palpate.errors import MeshError, StudyError
 from palpate.executors import InProcess
 from palpate.fit.least_squares import LeastSquares
+from palpate.plugins.catalogue import Plugins
 from palpate.plugins.interfaces import Settings, Solver
 from palpate.plugins.provides import Provides
 from palpate.progress import Silent
 from palpate.run.directory import RunDirectory
 from palpate.run.surface_files import read_surface, write_surface
-from palpate.stored import StoredRun
+from palpate.stages.stage import read_run
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
@@ -89,7 +90,9 @@ def same(one, other):
 
 
 def surfaces(study, folder):
-    return StoredRun.by_files(study, RunDirectory(folder)).surfaces()
+    return read_run(
+        study, RunDirectory(folder), Plugins.load(study.plugin_files, entry_points=False), is_copy=False
+    ).surfaces()
 
 
 @pytest.mark.slow
@@ -99,7 +102,7 @@ def test_the_skin_is_simulated_once_for_each_spot_and_read_back(skinned, plugins
     study, run = made(**({} if search is None else {"search": search})), tmp_path / "run"
     pipeline.run_study(study, run, plugins)
     assert sorted(simulated()) == ["p1 True"]  # both spots have the same press
-    table = pipeline.surface(study, run, plugins)
+    table = pipeline.run_stage("surface", study, run, plugins).table("surface")
     assert table["source"][0].startswith("set" if search is None else "fit")
     found = surfaces(study, run)
     assert list(found) == ["p1", "p2"]
@@ -115,8 +118,8 @@ def test_a_run_goes_on_without_a_skin(skinned, plugins, tmp_path, monkeypatch):
     result = pipeline.run_study(made(), tmp_path / "run", plugins, progress)
     assert result.selected.selection.height
     assert surfaces(made(), tmp_path / "run") == {}
-    (note,) = (text for text in progress.notes if "under the press" in text)
-    assert note.startswith("warning: the limb under the press is not shown: ")
+    (note,) = (text for text in progress.notes if "palpate surface" in text)
+    assert note.startswith("warning: no results of `palpate surface`: ")
     assert note.endswith("it slips")
 
 
@@ -124,11 +127,11 @@ def test_a_file_that_is_gone_or_cut_short_is_made_again(skinned, plugins, tmp_pa
     made, simulated = skinned
     study, run = made(), tmp_path / "run"
     pipeline.run_study(study, run, plugins)
-    pipeline.surface(study, run, plugins)
+    pipeline.run_stage("surface", study, run, plugins)
     (file,) = (run / "surface").iterdir()
     file.write_bytes(file.read_bytes()[:100])
     assert surfaces(study, run) == {}
-    pipeline.surface(study, run, plugins)
+    pipeline.run_stage("surface", study, run, plugins)
     assert len(simulated()) == 2
     assert list(surfaces(study, run)) == ["p1", "p2"]
 
@@ -138,7 +141,7 @@ def test_the_cache_shares_the_skin_too(skinned, plugins, tmp_path):
     study = replace(made(), cache=tmp_path / "cache")
     for name in ("one", "two"):
         pipeline.run_study(study, tmp_path / name, plugins)
-        pipeline.surface(study, tmp_path / name, plugins)
+        pipeline.run_stage("surface", study, tmp_path / name, plugins)
     assert len(simulated()) == 1
     assert same(surfaces(study, tmp_path / "two")["p1"], STATES)
 
@@ -147,7 +150,7 @@ def test_a_solver_without_skin_is_refused(make_study, plugins, tmp_path):
     study, run = make_study(n_sets=4), tmp_path / "run"
     pipeline.run_study(study, run, plugins)
     with pytest.raises(StudyError, match="solver 'analytic' does not give the states of the skin; use 'jax'"):
-        pipeline.surface(study, run, plugins)
+        pipeline.run_stage("surface", study, run, plugins)
 
 
 @pytest.mark.slow
@@ -157,7 +160,7 @@ def test_another_selection_has_no_skin_yet(skinned, plugins, tmp_path):
     pipeline.run_study(study, run, plugins)
     assert surfaces(study, run)
     other = replace(study, search=LeastSquares())
-    pipeline.fit(other, run, plugins)
+    pipeline.run_stage("fit", other, run, plugins)
     assert surfaces(other, run) == {}
 
 

@@ -8,6 +8,7 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from palpate import pipeline
+from palpate.core_stages import selected
 from palpate.errors import StoppedError, StudyError
 from palpate.plugins.interfaces import Solver
 from palpate.progress import SILENT
@@ -45,27 +46,28 @@ def doubting(tissue):
 
 
 def run_to_selection(study, folder, plugins, progress=SILENT):
-    for verb in (pipeline.measure, pipeline.sample, pipeline.simulate, pipeline.score):
-        verb(study, folder, plugins)
-    return pipeline.select(study, folder, plugins, progress)
+    pipeline.measure(study, folder, plugins)
+    for name in ("sample", "simulate", "score", "select"):
+        pipeline.run_stage(name, study, folder, plugins)
+    return selected(pipeline.run_stage("verify", study, folder, plugins, progress))
 
 
 def test_every_chosen_set_is_proved_once(doubting, make_study, plugins, tmp_path):
     study, folder = make_study(doubting()), tmp_path / "run"
-    selected = run_to_selection(study, folder, plugins)
-    chosen = pl.concat([selected.selection, selected.generalisation], how="diagonal")
+    found = run_to_selection(study, folder, plugins)
+    chosen = pl.concat([found.selection, found.generalisation], how="diagonal")
     expected = set(chosen.select("spot", "set_id").iter_rows())
-    assert set(selected.verification.select("spot", "set_id").iter_rows()) == expected
+    assert set(found.verification.select("spot", "set_id").iter_rows()) == expected
     # A set is the same job at both spots here, for they have no meshes.
     assert sorted(doubting.asked) == sorted({set_id for _, set_id in expected})
     stiffness = dict(chosen.select("set_id", "soft_tissue.stiffness").iter_rows())
-    for row in selected.verification.iter_rows(named=True):
+    for row in found.verification.iter_rows(named=True):
         assert row["passed"] == (stiffness[row["set_id"]] < 0.45)
-    assert set(selected.verification["passed"]) == {True, False}
-    assert set(selected.verification["change"]) == {0.1}
-    again = pipeline.select(study, folder, plugins)
-    assert_frame_equal(again.verification, selected.verification)
-    assert_frame_equal(RunDirectory(folder).verification(), selected.verification)
+    assert set(found.verification["passed"]) == {True, False}
+    assert set(found.verification["change"]) == {0.1}
+    again = selected(pipeline.run_stage("verify", study, folder, plugins))
+    assert_frame_equal(again.verification, found.verification)
+    assert_frame_equal(RunDirectory(folder).verification(), found.verification)
     assert len(doubting.asked) == len(set(doubting.asked))
 
 
@@ -86,7 +88,7 @@ def test_a_proof_that_cannot_be_had_is_a_failed_one_and_is_tried_again(
     assert set(verification["message"]) == {"the oracle is away; wait"}
     assert not verification["passed"].any()
     doubting.is_away = False
-    again = pipeline.select(study, folder, plugins).verification
+    again = pipeline.run_stage("verify", study, folder, plugins).table("verification")
     assert set(again["message"]) == {MESSAGE}
 
 
@@ -115,10 +117,11 @@ def test_a_stop_keeps_what_an_earlier_run_has_proved(doubting, make_study, plugi
     study, run = make_study(doubting()), RunDirectory(tmp_path / "run")
     verified = run_to_selection(study, run.folder, plugins).verification
     with pytest.raises(StoppedError):
-        pipeline.select(study, run.folder, plugins, Gone(1))
+        pipeline.run_stage("verify", study, run.folder, plugins, Gone(1))
     assert set(run.verification()["key"]) == set(verified["key"])
     n_asked = len(doubting.asked)
-    assert_frame_equal(pipeline.select(study, run.folder, plugins).verification, verified)
+    again = pipeline.run_stage("verify", study, run.folder, plugins).table("verification")
+    assert_frame_equal(again, verified)
     assert len(doubting.asked) == n_asked
 
 

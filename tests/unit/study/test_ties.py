@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+from palpate.core_stages import Sample
 from palpate.domain import ParameterSpace, Prior, RegionMaterial, Tie
 from palpate.errors import StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.run.manifest import manifest
-from palpate.run.stage_records import design_from
 from palpate.study.reading import read_study
 
 TOY = Path(__file__).parents[2] / "data" / "toy"
@@ -128,8 +128,8 @@ def test_the_range_of_a_ratio_decides_the_design_and_is_in_the_manifest(read, pl
         read(skin=f'k = {{ lower = "0.1 * rubber.k", upper = "{upper} * rubber.k" }}\na = 0.1\n')
         for upper in (0.5, 0.6)
     )
-    assert design_from(narrow)["materials"] == design_from(wide)["materials"]
-    assert design_from(narrow)["ranges"] != design_from(wide)["ranges"]
+    assert Sample().decides(narrow)["materials"] == Sample().decides(wide)["materials"]
+    assert Sample().decides(narrow)["ranges"] != Sample().decides(wide)["ranges"]
     (_, skin) = manifest(narrow, plugins.channels)["materials"]
     assert skin["tied"] == {"k": {"source": "rubber.k", "factor": "k_ratio"}}
     assert [p["name"] for p in skin["searched"]] == ["k_ratio"]
@@ -199,7 +199,7 @@ def test_what_follows_a_modulus_scales_with_it(read):
 
 
 def test_a_tie_decides_the_design_and_a_prior_does_not(read):
-    one, other = (design_from(read(skin=f'k = "{f} * rubber.k"\na = 0.1\n')) for f in (0.3, 0.4))
+    one, other = (Sample().decides(read(skin=f'k = "{f} * rubber.k"\na = 0.1\n')) for f in (0.3, 0.4))
     assert one["materials"] != other["materials"]
     known = (
         'k = { lower = "1 MPa", upper = "3 MPa", by = "spot", prior = { value = "2 MPa", sd = "500 kPa" } }'
@@ -208,4 +208,4 @@ def test_a_tie_decides_the_design_and_a_prior_does_not(read):
     (parameter,) = study.space.parameters
     assert parameter.prior == Prior(value=2.0, sd=0.5)
     assert parameter.by_spot
-    assert design_from(study) == design_from(read())
+    assert Sample().decides(study) == Sample().decides(read())

@@ -60,7 +60,10 @@ def verified_sets(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
     from palpate_febio.solver import FebioSolver
 
     run = RunDirectory(folder)
-    design, chosen = run.design(), run.selection().select("spot", "set_id").unique(maintain_order=True)
+    design, chosen = (
+        run.design(),
+        run.table("selection", "select").select("spot", "set_id").unique(maintain_order=True),
+    )
     measured = run.measured(tuple(spot.spot.name for spot in study.spots))
     limbs = load_limbs(study)
     if not limbs:

@@ -94,9 +94,10 @@ def fopt(tmp_path_factory: pytest.TempPathFactory) -> pl.DataFrame:
     folder = tmp_path_factory.mktemp("layered")
     study, plugins = layered_study(folder), Plugins.load()
     synthesise(study, plugins.channels)
-    for stage in (pipeline.measure, pipeline.sample, pipeline.simulate, pipeline.score):
-        stage(study, folder / "run", plugins)
-    (chosen,) = pipeline.select(study, folder / "run", plugins).selection.to_dicts()
+    pipeline.measure(study, folder / "run", plugins)
+    for stage in ("sample", "simulate", "score"):
+        pipeline.run_stage(stage, study, folder / "run", plugins)
+    (chosen,) = pipeline.run_stage("select", study, folder / "run", plugins).table("selection").to_dicts()
     scores = pl.read_parquet(folder / "run" / "scores.parquet")
     frame = scores.group_by("set_id").agg(fopt=pl.col("nmse").sum()).sort("set_id")
     return frame.with_columns(

@@ -1,0 +1,390 @@
+"""A stage of a study, and the run that it reads: command, files, JSON, status and section follow from it."""
+
+import contextlib
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, ClassVar, Self, cast
+
+import polars as pl
+
+from palpate.domain import Channel, Design, Limb, Response, Simulation, SurfaceStates
+from palpate.errors import PluginError, StudyError
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.guard import answering_for
+from palpate.plugins.interfaces import Component, SettingsT
+from palpate.plugins.registry import suggestion
+from palpate.progress import SILENT, Progress
+from palpate.run.directory import RunDirectory
+from palpate.run.keys import answers_key
+from palpate.run.result import FitResult, StudyInputs
+from palpate.run.result_files import Files
+from palpate.run.stage_records import described, fingerprint
+from palpate.stages import simulation
+from palpate.stages.fitted import Fitted, fitted
+from palpate.stages.limb import load_limbs
+from palpate.stages.surfaces import stored_strains, stored_surfaces
+from palpate.stages.sweep import Simulations
+from palpate.study.reading import Study
+
+SWEEP = "simulate"
+"""Stage whose results are in the ledger."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Summary:
+    """What a stage has found, as the terminal and the page show it.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Sentences.
+    tables : mapping of title to DataFrame
+    missing : str
+        What could not be found; the command then ends with exit code 1.
+    """
+
+    lines: Sequence[str] = ()
+    tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)
+    missing: str = ""
+
+
+class Stage(Component[SettingsT]):
+    """A step from tables to tables: the core's own, such as ``fit``, and those of plugins.
+
+    ``palpate NAME STUDY`` runs it, and ``palpate run`` does after the stages that it needs where the study
+    has a table ``[stages.NAME]``, which holds its settings. Its tables are files of the run directory,
+    refused once anything that decided them has changed.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ()
+    """Stages whose results it reads."""
+
+    tables: ClassVar[Mapping[str, str]] = MappingProxyType({})
+    """A sentence on each table that it makes; ``name`` is the file ``name.parquet``."""
+
+    may_fail: ClassVar[bool] = True
+    """True if ``palpate run`` goes on, with a warning, where it cannot be made."""
+
+    def is_in_run(self, study: Study) -> bool:
+        """True if ``palpate run`` includes the stage though the study has no table ``[stages.NAME]``."""
+        return False
+
+    def decides(self, study: Study) -> Mapping[str, object]:
+        """Plain values of a study that decide the result, by what messages call them.
+
+        What the needed stages have found counts anyway, and the settings and code of a plugin's stage do.
+        A value None is not compared.
+        """
+        return {}
+
+    @abstractmethod
+    def run(self, inputs: "Run", progress: Progress) -> Files:
+        """Tables by name, made from those of the needed stages.
+
+        Parameters
+        ----------
+        inputs : Run
+            Study, measured curves, design and limbs; ``inputs.table(name)`` is a table of a needed stage,
+            ``inputs.simulations.of(jobs)`` simulates, or finds what has been simulated already.
+        progress : Progress
+
+        Raises
+        ------
+        PalpateError
+            The tables cannot be made, and what to do.
+        """
+
+    def summarise(self, inputs: "Run") -> Summary:
+        """Summary of the tables that the run holds; by itself the tables as they are."""
+        found = {name: inputs.table(name) for name in self.tables}
+        titles = {name: name.replace("_", " ").capitalize() for name in found}
+        return Summary(tables={titles[name]: table for name, table in found.items() if not table.is_empty()})
+
+
+@dataclass(kw_only=True, eq=False)
+class Run:
+    """A run directory read back by a study, as a context where anything is simulated.
+
+    Parameters
+    ----------
+    study : Study
+        With the answers of earlier code that the run trusts.
+    directory : RunDirectory
+    stages : mapping of name to Stage
+    channels : mapping of name to Channel
+        Those that plugins declare.
+    progress : Progress
+    check_lock : callable
+        Raises where the lock on the folder, which the caller holds, is lost.
+    fresh : StudyInputs, optional
+        Inputs as the study's files are now, where these have just been read.
+    is_copy : bool
+        Whether the study is the run's own copy: the meshes need not exist, and the simulations are those of
+        the last sweep.
+    more_limbs : mapping of limb name to Limb
+        Those that are simulated besides the study's.
+    """
+
+    study: Study
+    directory: RunDirectory
+    stages: "Mapping[str, Stage]" = field(default_factory=dict)
+    channels: Mapping[str, Channel] = field(default_factory=dict)
+    progress: Progress = SILENT
+    check_lock: Callable[[], None] = lambda: None
+    fresh: StudyInputs | None = None
+    is_copy: bool = False
+    more_limbs: Mapping[str, Limb] = field(default_factory=dict)
+    shared: dict[str, Any] = field(default_factory=dict)
+    """What a stage leaves in memory for those after it."""
+    _opened: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self._opened.__exit__(*raised)  # type: ignore[arg-type]
+
+    @cached_property
+    def inputs(self) -> StudyInputs:
+        """Design and measured curves as they were stored, limbs as their files are now.
+
+        Raises
+        ------
+        StudyError
+            They are those of other inputs than the study's now.
+        """
+        if self.fresh is not None:
+            return self.fresh
+        study, stored = self.study, self.directory
+        design, measured = stored.design(), stored.measured(study.spot_names)
+        if not self.is_copy:
+            self.check("experiment", "sample")
+        limbs = load_limbs(study, to_show=self.is_copy)
+        for name in study.spot_names if self.is_copy and study.solver.provides.mesh else ():
+            if name not in limbs:
+                self.progress.note(f"warning: no limb is shown at spot '{name}': its mesh is missing")
+        return StudyInputs(measured=measured, limbs=limbs, design=design)
+
+    @property
+    def measured(self) -> Mapping[str, Response]:
+        """Measured curves by spot."""
+        return self.inputs.measured
+
+    @property
+    def design(self) -> Design:
+        """Parameter sets of the sweep."""
+        return self.inputs.design
+
+    @property
+    def limbs(self) -> Mapping[str, Limb]:
+        """Limbs by name, empty where the solver needs none."""
+        return self.inputs.limbs
+
+    @cached_property
+    def simulations(self) -> Simulations:
+        """Simulations, each made once and kept in the run; open until the run's context ends."""
+        limbs = {**self.limbs, **self.more_limbs}
+        opened = Simulations(self.study, self.directory.folder, limbs, self.progress, self.check_lock)
+        return self._opened.enter_context(opened)
+
+    def swept(self) -> tuple[Simulation, ...]:
+        """Simulations of the sweep that have ended."""
+        if SWEEP not in self.shared:
+            limbs = None if self.is_copy else self.limbs
+            folder = self.directory.folder
+            self.shared[SWEEP] = simulation.stored(self.study, self.design, limbs, self.measured, folder)
+        return cast("tuple[Simulation, ...]", self.shared[SWEEP])
+
+    def table(self, name: str, stage: str = "") -> pl.DataFrame:
+        """Table by name; empty where there is none, unless ``stage`` names the stage that must have made it.
+
+        Raises
+        ------
+        StudyError
+            Its file is damaged, or missing and must be there.
+        """
+        return self.directory.table(name, stage)
+
+    def fitted(self) -> Fitted:
+        """What the run has found for all spots together."""
+        self.check("select")
+        chosen, general = (self.table(name, "select") for name in ("selection", "generalisation"))
+        return fitted(self.study, chosen, general, self.fit())
+
+    def fit(self) -> FitResult:
+        """Result of the fit, with its intervals; empty where there is none."""
+        return self.directory.fit()
+
+    def surfaces(self) -> Mapping[str, SurfaceStates]:
+        """States of the skin by spot, as ``palpate surface`` has simulated them; empty where it has not."""
+        return stored_surfaces(self.directory.folder, self.current_table("surface"))
+
+    def strains(self) -> dict[str, dict[str, Any]]:
+        """Strains by spot and region under that press; empty without ``palpate surface``."""
+        return stored_strains(self.directory.folder, self.current_table("surface"))
+
+    def current_table(self, name: str) -> pl.DataFrame:
+        """Table of a stage that was made from what the stages before it have now; else empty."""
+        return self.table(name) if self.directory.records.is_current(name) else pl.DataFrame()
+
+    # ------------------------------------------------------------------ what results were made from
+
+    def made_from(self, stage: "Stage") -> dict[str, str]:
+        """Fingerprints of all that decides the result of a stage, by what messages call it."""
+        with answering_for(stage, "asking what decides its result"):
+            values = stage.decides(self.study)
+        found = {what: "" if value is None else fingerprint(value) for what, value in values.items()}
+        found |= {f"results of `palpate {need}`": self._fingerprint(need) for need in stage.needs}
+        if not type(stage).__module__.startswith("palpate."):
+            found["settings or code of the stage"] = fingerprint(described(stage))
+        return found
+
+    def _fingerprint(self, stage: str) -> str:
+        return answers_key(self.swept()) if stage == SWEEP else self.directory.records.fingerprint(stage)
+
+    def check(self, *names: str) -> None:
+        """Refuse results that were made from something else than the study has now, the earliest first.
+
+        Raises
+        ------
+        StudyError
+            A result is missing or stale, and which stage makes it again.
+        """
+        for stage in in_order(self.stages, names):
+            if self.is_copy and not stage.needs:
+                continue  # the files of the study need not exist
+            self._require(stage)
+            if stage.name == "score":
+                self._check_simulated()
+            if stage.tables:
+                self.directory.records.check(stage.name, self.made_from(stage))
+
+    def require(self, *names: str) -> None:
+        """Refuse to continue where a stage that is needed has not been run.
+
+        Raises
+        ------
+        StudyError
+            The earliest stage to run.
+        """
+        for stage in in_order(self.stages, names):
+            self._require(stage)
+
+    def _require(self, stage: "Stage") -> None:
+        if stage.tables and not self.directory.records.has(stage.name):
+            path = self.directory.folder / next(iter(stage.tables))
+            raise StudyError(f"{path}: not there yet; run `palpate {stage.name}` first")
+
+    def _check_simulated(self) -> None:
+        """Refuse scores of simulations that are not those of the study."""
+        n_found = len(self.swept())
+        n_scored = self.table("scores").select("spot", "set_id").n_unique()
+        if n_found < n_scored:
+            raise StudyError(
+                f"{self.directory.folder}: {n_scored - n_found} of {n_scored} scored simulations are not "
+                "those of the present study: a mesh, a material, the solver, its settings or a version has "
+                "changed since; run `palpate run` again; add `--fork FOLDER` to keep this run"
+            )
+
+    def make(self, stage: "Stage", made_from: Mapping[str, str] | None = None) -> None:
+        """Run a stage, and write its tables with what they were made from.
+
+        Parameters
+        ----------
+        stage : Stage
+        made_from : mapping, optional
+            As :meth:`made_from` returned it before the files of the study were read.
+
+        Raises
+        ------
+        PalpateError
+            The stage cannot be run, or its plugin made a mistake.
+        """
+        made_from = self.made_from(stage) if made_from is None else made_from
+        with answering_for(stage, "running it"):
+            found = stage.run(self, self.progress)
+        for name, table in found.items():
+            if name.partition(".")[0].partition("/")[0] not in stage.tables:
+                raise PluginError(
+                    f"stage '{stage.name}' made table '{name}', which it does not declare in `tables`"
+                )
+            kinds = (Path,) if isinstance(table, Path) else (pl.DataFrame,)
+            if not isinstance(table, Mapping if name.endswith(".json") else kinds):
+                raise PluginError(
+                    f"stage '{stage.name}' gave {type(table).__name__} as table '{name}'; give a DataFrame "
+                    "of polars"
+                )
+        if stage.tables:
+            self.directory.write_stage(stage.name, found, made_from)
+
+
+def read_run(
+    study: Study,
+    directory: RunDirectory,
+    plugins: Plugins,
+    progress: Progress = SILENT,
+    *,
+    is_copy: bool = True,
+    check_lock: Callable[[], None] = lambda: None,
+    more_limbs: Mapping[str, Limb] = MappingProxyType({}),
+) -> Run:
+    """Run directory read back, by default by its own copy of the study; arguments as of :class:`Run`."""
+    trusted = directory.trusting(study)
+    return Run(
+        study=trusted,
+        directory=directory,
+        stages=stages_of(trusted, plugins),
+        channels=plugins.channels,
+        progress=progress,
+        is_copy=is_copy,
+        check_lock=check_lock,
+        more_limbs=more_limbs,
+    )
+
+
+def stages_of(study: Study, plugins: Plugins) -> dict[str, Stage]:
+    """Stages by name: with the settings of a study where it has some, else with their defaults."""
+    given = {stage.name: stage for stage in study.stages}
+    return {
+        name: given.get(name) or kind()
+        for name, kind in plugins.stages.items()
+        if name in given or not any(f.is_required() for f in kind.Settings.model_fields.values())
+    }
+
+
+def in_order(stages: Mapping[str, Stage], wanted: Iterable[str]) -> list[Stage]:
+    """Wanted stages and all that they need, each after those that it needs.
+
+    Raises
+    ------
+    PluginError
+        There is no such stage, or stages need each other.
+    """
+    found: dict[str, Stage] = {}
+
+    def add(name: str, path: tuple[str, ...]) -> None:
+        if name in path:
+            raise PluginError(f"stages need each other: {' → '.join([*path, name])}; leave one `needs` out")
+        if name not in stages:
+            by = f" that '{path[-1]}' needs" if path else ""
+            raise PluginError(
+                f"no stage '{name}'{by}{suggestion(name, stages)}; install its plugin, or give the settings "
+                f"that it requires in [stages.{name}] of the study"
+            )
+        for need in stages[name].needs:
+            add(need, (*path, name))
+        found.setdefault(name, stages[name])
+
+    for name in wanted:
+        add(name, ())
+    return list(found.values())
+
+
+def stages_of_run(study: Study, stages: Mapping[str, Stage]) -> Iterator[Stage]:
+    """Stages of a whole run, in order: those of every run, and those that the study asks for."""
+    asked = [stage.name for stage in study.stages]
+    yield from in_order(stages, [*(name for name, each in stages.items() if each.is_in_run(study)), *asked])
