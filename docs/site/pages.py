@@ -4,7 +4,8 @@ Links between pages are those of the repository; a link to another file copies t
 """
 
 import re
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,9 @@ from pygments.formatters.html import HtmlFormatter
 
 import palpate
 import palpate.testing
-from palpate.cli.glossary import Glossary, Term
 
 ROOT = Path(__file__).parents[2]
+TERMS = Path(__file__).with_name("glossary.toml")
 LINK = re.compile(r"(?<=\]\()(?!https?:|#|mailto:)([^)#\s]+)")
 GUIDE = re.compile(r"^\| \[[^\]]+\]\((docs/[^)]+\.md)\)", flags=re.MULTILINE)
 
@@ -55,7 +56,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     made = {
         "reference/palpate.md": api(palpate),
         "reference/testing.md": api(palpate.testing),
-        "reference/glossary.md": glossary(Glossary.load()),
+        "reference/glossary.md": glossary(),
         "gallery.md": gallery.page(),
         "pygments.css": HtmlFormatter().get_style_defs(".highlight"),
     }
@@ -87,15 +88,16 @@ def api(module: Any) -> str:  # noqa: ANN401 - a module with names in __all__
     return "\n".join(lines)
 
 
-def glossary(terms: Glossary) -> str:
-    """Write the terms that ``palpate explain`` knows."""
-    return "# Glossary\n\n`palpate explain TERM` prints these.\n\n" + "\n".join(map(_term, terms.values()))
+def glossary() -> str:
+    """Write the terms of the method."""
+    terms = tomllib.loads(TERMS.read_text(encoding="utf-8"))
+    return "# Glossary\n\n" + "\n".join(_term(name, **entry) for name, entry in terms.items())
 
 
-def _term(term: Term) -> str:
-    also = f"\n\nAlso: {', '.join(term.aliases)}." if term.aliases else ""
-    see = f"\n\nSee {', '.join(f'`{each}`' for each in term.see)}." if term.see else ""
-    return f"## {term.name}\n\n{term.text}{also}{see}\n"
+def _term(name: str, text: str, aliases: Sequence[str] = (), see: Sequence[str] = ()) -> str:
+    also = f"\n\nAlso: {', '.join(aliases)}." if aliases else ""
+    more = f"\n\nSee {', '.join(f'`{each}`' for each in see)}." if see else ""
+    return f"## {name}\n\n{text}{also}{more}\n"
 
 
 def _linked_files(page: str) -> Iterator[str]:

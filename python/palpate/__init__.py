@@ -18,7 +18,6 @@ Examples
 ['lhs', 'optimised_lhs', 'sobol']
 """
 
-import sys
 from typing import TYPE_CHECKING
 
 import pluggy
@@ -73,7 +72,6 @@ if TYPE_CHECKING:
         Solver as Solver,
     )
     from palpate.plugins.provides import Provides as Provides
-    from palpate.report.notebook_html import show_in_notebooks as show_in_notebooks
     from palpate.report.result import RunResult as RunResult
     from palpate.study.reading import Study as Study, read_study as read_study
 
@@ -87,6 +85,3 @@ if not TYPE_CHECKING:
 
     def __dir__() -> list[str]:
         return sorted({*globals(), *__getattr__("__all__")})
-
-    if "IPython" in sys.modules:
-        __getattr__("show_in_notebooks")()

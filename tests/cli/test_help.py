@@ -85,7 +85,6 @@ def test_commands_are_under_headings_in_the_order_of_a_study(capsys):
     [
         ("palpate res", 1, "resume"),
         ("palpate rep", 1, "reproduce"),
-        ("palpate explain NM", 2, "NMSE"),
         ("palpate plugins mat", 2, "materials"),
         ("palpate run arm --go", 3, "--go-on"),
     ],

@@ -8,8 +8,6 @@ from typing import Any
 import polars as pl
 import pytest
 
-from palpate.report.notebook_html import html
-
 FILE = Path(__file__).parents[2] / "examples" / "notebook.ipynb"
 
 
@@ -43,13 +41,11 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], lis
 
 
 @pytest.mark.slow
-def test_every_cell_shows_itself_as_html_or_text(shown: tuple[dict[str, Any], list[Any]]) -> None:
+def test_every_cell_shows_itself(shown: tuple[dict[str, Any], list[Any]]) -> None:
     _, found = shown
     assert len(found) == 8
     for value in found:
-        shown_as = value if isinstance(value, str) else html(value) or value._repr_html_()
-        assert shown_as.strip()
-        assert "object at 0x" not in shown_as + repr(value)
+        assert "object at 0x" not in repr(value)
 
 
 def test_frames_go_from_stage_to_stage(shown: tuple[dict[str, Any], list[Any]]) -> None:

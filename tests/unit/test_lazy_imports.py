@@ -98,24 +98,6 @@ def test_the_list_of_commands_imports_nothing_heavy():
     assert done.stderr.strip() == ""
 
 
-@pytest.mark.slow
-def test_a_notebook_shows_values_by_external_views():
-    code = """
-import sys, types
-views = {}
-by_name = lambda module, name, view: views.update({(module, name): view})
-html = types.SimpleNamespace(for_type_by_name=by_name)
-shell = types.SimpleNamespace(display_formatter=types.SimpleNamespace(formatters={"text/html": html}))
-sys.modules["IPython"] = types.SimpleNamespace(get_ipython=lambda: shell)
-import palpate, importlib
-assert all(hasattr(importlib.import_module(module), name) for module, name in views)
-print(views["palpate.curves", "Curve"](palpate.Curve(channel="<f>", abscissa=[0, 1], ordinate=[0, 2])))
-"""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "&lt;f&gt;" in done.stdout
-    assert "<polyline" in done.stdout
-
-
 @pytest.mark.parametrize("file", ["python/palpate/api.py", "plugins/README.md", "CHANGELOG.md"])
 def test_the_version_that_a_text_names_is_the_one_that_exists(file):
     text = (Path(__file__).parents[2] / file).read_text(encoding="utf-8")

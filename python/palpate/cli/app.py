@@ -23,7 +23,6 @@ from palpate.cli.compare import compare
 from palpate.cli.demo import demo
 from palpate.cli.doctor import doctor
 from palpate.cli.experiment import experiment
-from palpate.cli.explain import explain
 from palpate.cli.init import init
 from palpate.cli.inspect import experiment_commands
 from palpate.cli.limb import limb, limb_commands
@@ -53,7 +52,7 @@ from palpate.plugins.guard import noting_interrupts
 
 PANELS: Mapping[str, tuple[Callable[..., object], ...]] = MappingProxyType(
     {
-        START: (init, check, demo, explain, doctor, plugins, new_plugin, schema),
+        START: (init, check, demo, doctor, plugins, new_plugin, schema),
         RUN: (run, resume, status, compare, predict, plan, next_, extend, card, synthesise),
         STAGES_PANEL: (
             experiment,

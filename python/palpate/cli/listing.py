@@ -35,7 +35,6 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "palpate new-plugin loader my_log --into plugins",
         ),
         "synthesise": ("palpate synthesise arm --into planned",),
-        "explain": ("palpate explain", "palpate explain shear modulus"),
         "doctor": ("palpate doctor", "palpate doctor /scratch/me --json"),
         "schema": ("palpate schema", "palpate schema run > run.schema.json"),
         "experiment": ("palpate experiment arm --plots", "palpate experiment inspect press.csv"),

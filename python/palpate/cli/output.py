@@ -215,15 +215,6 @@ class ProposalOutput(Closed):
     warnings: list[str]
 
 
-class TermOutput(Closed):
-    """A term of the method."""
-
-    name: str
-    text: str
-    aliases: list[str]
-    see: list[str]
-
-
 class FindingOutput(Closed):
     """One thing that was looked at; ``level`` is fine, note or wrong."""
 
@@ -266,7 +257,6 @@ OUTPUTS: Mapping[str, Any] = MappingProxyType(
         "demo": RunOutput,
         "plugins": dict[str, list[dict[str, Any]]],
         "new-plugin": NewPluginOutput,
-        "explain": list[TermOutput],
         "doctor": list[FindingOutput],
         "run": RunOutput,
         "resume": RunOutput,
