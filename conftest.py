@@ -61,7 +61,8 @@ _spent_s = [0.0]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--cpu-times", action="store_true", help="processor time by folder, and the 25 slowest")
+    what = "processor time by folder and of the 25 slowest, and the most memory of each process"
+    parser.addoption("--cpu-times", action="store_true", help=what)
 
 
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
@@ -70,33 +71,39 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
         gc.collect()
 
 
-def memory_mb() -> float:
-    """Resident memory of this process; 0 where the system does not report it."""
-    status = Path("/proc/self/statm")
-    return int(status.read_text().split()[1]) * os.sysconf("SC_PAGESIZE") / 1e6 if status.exists() else 0.0
+def memory_mb(which: str = "VmRSS") -> float:
+    """Resident memory of this process, its most with VmHWM; 0 where the system does not report it."""
+    status = Path("/proc/self/status")
+    text = status.read_text() if status.exists() else f"{which}: 0 kB"
+    return int(text.partition(f"{which}:")[2].split()[0]) * 1.024e-3
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item, call: Any) -> Iterator[None]:
-    """Write the processor time of each phase of a test, its child processes included, into its report."""
+    """Write what each phase of a test used into its report; only its time has its child processes too."""
     report = yield
     used = os.times()
     spent_s = used.user + used.system + used.children_user + used.children_system
     report.cpu_s, _spent_s[0] = spent_s - _spent_s[0], spent_s
+    report.most_mb = memory_mb("VmHWM")
     return report
 
 
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
     if not config.getoption("--cpu-times"):
         return
-    tests, folders = Counter[str](), Counter[str]()
+    tests, folders, most_mb = Counter[str](), Counter[str](), Counter[str]()
     for report in chain(*terminalreporter.stats.values()):
         if spent_s := getattr(report, "cpu_s", 0.0):
             tests[report.nodeid] += spent_s
             folders["/".join(Path(report.fspath).parent.parts[:3])] += spent_s
+            process = getattr(report, "worker_id", "this")
+            most_mb[process] = max(most_mb[process], report.most_mb)
     terminalreporter.section("processor time [s]")
     for name, spent_s in [*folders.most_common(), ("together", folders.total()), *tests.most_common(25)]:
         terminalreporter.line(f"{spent_s:8.1f}  {name}")
+    terminalreporter.section("most memory of each process [MB]")
+    terminalreporter.line(", ".join(f"{name} {most:.0f}" for name, most in sorted(most_mb.items())))
 
 
 TISSUE_FILE = Path(__file__).parent / "tests" / "data" / "plugins" / "analytic_tissue.py"
