@@ -71,6 +71,7 @@ def test_check_shows_what_a_run_would_do_and_writes_nothing(call: Call, study: P
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("one_figure")
 def test_check_tells_how_long_the_sweep_takes_and_offers_a_first_look(
     call: Call, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -467,6 +468,7 @@ def test_init_names_the_studies_when_the_name_is_wrong(call: Call) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("one_figure")
 def test_demo_reports_that_the_data_are_simulated(call: Call) -> None:
     outcome = call("demo", "--study", "toy")
     assert outcome.code == 0

@@ -1,5 +1,6 @@
 """``palpate compare``: runs side by side, as tables and as a page."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -23,22 +24,22 @@ def undrawn(monkeypatch):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_two_runs_are_compared_without_their_study(call, study):
-    for name in ("first", "second"):
-        assert call("run", study, "--out", name).code == 0
+def test_two_runs_are_compared_without_their_study(call, study, ran):
+    names = ("runs/first", "runs/second")
+    for name in names:
+        shutil.copytree(ran, name)
     (study / "s1.txt").unlink()
-    outcome = call("compare", "first", "second", "--out", "both")
+    outcome = call("compare", *names, "--out", "both")
     assert outcome.code == 0, outcome.err
     for word in ("Parameters", "Errors", "first", "second", Path("both/index.html").resolve().as_uri()):
         assert word in outcome.out
-    found = valid("compare", call("compare", "first", "second", "--out", "both", "--json").json)
+    found = valid("compare", call("compare", *names, "--out", "both", "--json").json)
     assert [row["run"] for row in found["tables"]["parameters"]] == ["first", "second"]
     assert all(Path(file).is_file() for file in found["files"])
 
 
-def test_one_run_is_nothing_to_compare(call, study):
-    assert call("run", study, "--out", "here").code == 0
-    outcome = call("compare", "here", "here")
+def test_one_run_is_nothing_to_compare(call, ran):
+    outcome = call("compare", ran, ran)
     assert outcome.code == 2
     assert "name two or more" in outcome.err
     assert not Path("comparison").exists()

@@ -149,12 +149,11 @@ def test_ctrl_c_in_the_fit_is_shown_by_status_and_resumes_to_the_same_bytes(
 
 
 @pytest.mark.slow
-def test_a_second_run_and_a_second_fit_simulate_nothing(call, study, tmp_path):
-    assert call("run", study, "--out", "run").code == 0
-    before = (tables(tmp_path / "run"), attempts(tmp_path / "run"))
+def test_a_second_run_and_a_second_fit_simulate_nothing(call, study, ran):
+    before = (tables(ran), attempts(ran))
     for command in ("run", "fit"):
-        assert call(command, study, "--out", "run").code == 0
-        assert (tables(tmp_path / "run"), attempts(tmp_path / "run")) == before
+        assert call(command, study).code == 0
+        assert (tables(ran), attempts(ran)) == before
 
 
 def tables(folder):

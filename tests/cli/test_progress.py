@@ -158,11 +158,10 @@ def test_the_time_left_counts_nothing_that_was_reused(follow, monkeypatch, n_reu
         assert following._left() == f"about {status_command.duration(10.0 * (95 - n_reused))} left"
 
 
-def test_the_side_shows_processor_memory_and_the_best_sets(call, study, tmp_path, follow, monkeypatch, until):
-    call("run", study, "--out", "run")
+def test_the_side_shows_processor_memory_and_the_best_sets(whole_run, follow, monkeypatch, until):
     monkeypatch.setattr(shown, "LOOK_S", 0.05)
     session, _ = follow(is_terminal=False)
-    with StageProgress(session, tmp_path / "run") as following:
+    with StageProgress(session, whole_run) as following:
         following.begin("simulate", 5)
         until(lambda: "best" in following._side.text)
         side = following._side.text
@@ -219,12 +218,11 @@ def test_a_disk_that_is_too_small_is_reported_before_the_first_simulation(call, 
     monkeypatch.undo()
 
 
-def test_watching_ends_with_the_run_and_a_log_hears_of_changes_only(call, study, tmp_path, monkeypatch):
-    call("run", study)
+def test_watching_ends_with_the_run_and_a_log_hears_of_changes_only(call, ran, monkeypatch):
     held, ended, pauses = threading.Event(), threading.Event(), iter(range(1, 100))
 
     def hold():
-        with locked(tmp_path / "runs" / "toy"):
+        with locked(ran):
             held.set()
             ended.wait(60.0)
 

@@ -86,31 +86,29 @@ def test_a_received_run_is_reported_without_its_study(call, with_limb, tmp_path)
 
 
 @pytest.mark.slow
-def test_a_received_run_is_reported_with_plugins_that_are_trusted(call, study, tmp_path):
-    call("run", study, "--out", "run")
-    refused = call("report", "run", plugin=None)
+def test_a_received_run_is_reported_with_plugins_that_are_trusted(call, ran):
+    refused = call("report", "runs/toy", plugin=None)
     assert refused.code == 2
     assert "--trust-plugins" in refused.err
-    assert " report run" in refused.err
-    assert call("report", "run", "--trust-plugins", plugin=None).code == 0
-    (tmp_path / "run" / "study.toml").unlink()
-    assert "study.toml" in call("report", "run").err
+    assert " report runs/toy" in refused.err
+    assert call("report", "runs/toy", "--trust-plugins", plugin=None).code == 0
+    (ran / "study.toml").unlink()
+    assert "study.toml" in call("report", "runs/toy").err
 
 
 @pytest.mark.slow
-def test_the_report_of_a_run_is_of_its_tables(call, study, tmp_path):
+def test_the_report_of_a_run_is_of_its_tables(call, study, ran):
     """An edited study does not change what a finished run is reported as."""
-    call("run", study, "--out", "run")
-    before = tables(tmp_path / "run")
+    before = tables(ran)
     path = study / "study.toml"
     path.write_text(path.read_text().replace("seed = 3", "seed = 4"))
-    assert call("report", "run").code == 0
-    assert tables(tmp_path / "run") == before
-    call("sample", study, "--out", "run")
-    stale = call("report", "run")
+    assert call("report", ran).code == 0
+    assert tables(ran) == before
+    call("sample", study)
+    stale = call("report", ran)
     assert stale.code == 2
     assert "made from other" in stale.err
-    assert json.loads((tmp_path / "run" / "manifest.json").read_text())["seed"] == 4
+    assert json.loads((ran / "manifest.json").read_text())["seed"] == 4
 
 
 class StopsAfter(Silent):
@@ -158,8 +156,8 @@ def test_a_run_before_its_first_result_has_no_page(call, study, tmp_path):
 
 
 @pytest.mark.slow
-def test_run_and_study_mean_the_same_in_each_command(call, study):
-    call("run", study, "--out", "runs/elsewhere")
+def test_run_and_study_mean_the_same_in_each_command(call, study, ran):
+    ran.rename(ran.parent / "elsewhere")
     folders = [call(*command, "--json").json["folder"] for command in (["status", study], ["status"])]
     assert folders == ["runs/elsewhere"] * 2
     for named in ([study], ["runs/elsewhere"], [], ["--out", "runs/elsewhere"]):

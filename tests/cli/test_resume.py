@@ -57,9 +57,8 @@ def press(monkeypatch):
     [(1, r"stopped with \d+ of 20 simulations"), (2, "simulations are kept, and the same command continues")],
 )
 def test_ctrl_c_stops_and_resume_gives_the_tables_of_a_run_never_stopped(
-    call, study, tmp_path, press, presses, expected
+    call, study, tmp_path, whole_run, press, presses, expected
 ):
-    assert call("run", study, "--out", "whole").code == 0
     handler = signal.getsignal(signal.SIGINT)
     release = press(presses)
     stopped = call("run", study, "--out", "stopped")
@@ -73,7 +72,7 @@ def test_ctrl_c_stops_and_resume_gives_the_tables_of_a_run_never_stopped(
     assert "next: palpate" in call("status", "stopped").err
     resumed = call("resume", "stopped", "--trust-plugins", plugin=None)
     assert resumed.code == 0, resumed.err
-    assert tables(tmp_path / "stopped") == tables(tmp_path / "whole")
+    assert tables(tmp_path / "stopped") == tables(whole_run)
     assert call("status", "stopped", "--json").json["n_finished"] == status["n_simulations"]
 
 
@@ -95,10 +94,10 @@ def test_a_signal_outside_the_sweep_stops_at_once(call, study):
 
 
 @pytest.mark.slow
-def test_status_shows_the_best_so_far_and_why_simulations_failed(call, study):
-    ran = call("run", study, "--json").json
+def test_status_shows_the_best_so_far_and_why_simulations_failed(call, ran):
+    selection = pl.read_parquet(ran / "selection.parquet").to_dicts()
     best = call("status", "runs/toy", "--json").json["best"]
-    chosen = {(row["spot"], row["scenario"]): row for row in ran["selection"]}
+    chosen = {(row["spot"], row["scenario"]): row for row in selection}
     assert len(best) == len(chosen)
     for row in best:
         assert row["set_id"] == chosen[row["spot"], row["scenario"]]["set_id"]
@@ -109,9 +108,8 @@ def test_status_shows_the_best_so_far_and_why_simulations_failed(call, study):
 
 
 @pytest.mark.slow
-def test_status_of_a_run_at_work_names_the_runner(call, study, tmp_path):
-    call("run", study)
-    with locked(tmp_path / "runs" / "toy"):
+def test_status_of_a_run_at_work_names_the_runner(call, study, ran):
+    with locked(ran):
         seen = call("status", "runs/toy", "--json").json
         assert seen["running"]["pid"] == os.getpid()
         refused = call("run", study)
@@ -142,19 +140,18 @@ def test_failures_are_grouped_by_reason_without_its_numbers():
 
 
 @pytest.mark.slow
-def test_more_sets_keep_those_that_are_done(call, study, tmp_path):
-    call("run", study)
+def test_more_sets_keep_those_that_are_done(call, study, ran):
     more = call("resume", "runs/toy", "--sets", "30", "--json", "--trust-plugins", plugin=None)
     assert more.code == 0, more.err
     assert more.json["n_sets"] == 30
-    with Ledger(tmp_path / "runs" / "toy") as ledger:
+    with Ledger(ran) as ledger:
         rows = swept(ledger)
     assert rows.height == 30
     assert rows["n_attempts"].max() == 1
-    even_more = call("run", study, "--sets", "50", "--json", "--out", "other").json
-    assert even_more["n_sets"] == 50
-    design = pl.read_parquet(tmp_path / "runs" / "toy" / "design.parquet")
-    assert design.equals(pl.read_parquet(tmp_path / "other" / "design.parquet").head(30))
+    assert call("run", study, "--sets", "50", "--out", "other").code == 0
+    even_more = pl.read_parquet("other/design.parquet")
+    assert even_more.height == 50
+    assert pl.read_parquet(ran / "design.parquet").equals(even_more.head(30))
     again = call("resume", "runs/toy", "--json", "--trust-plugins", plugin=None).json
     assert again["n_sets"] == 30
     refused = call("resume", "runs/toy", "--sets", "10", "--study", study)
@@ -162,7 +159,7 @@ def test_more_sets_keep_those_that_are_done(call, study, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_first_look_is_the_beginning_of_the_whole_run(call, study, tmp_path):
+def test_a_first_look_is_the_beginning_of_the_whole_run(call, study, tmp_path, whole_run):
     look = call("run", study, "--sets", "8", "--json")
     assert look.code == 0, look.err
     assert look.json["n_sets"] == 8
@@ -173,8 +170,7 @@ def test_a_first_look_is_the_beginning_of_the_whole_run(call, study, tmp_path):
     assert "8 of 8 finished simulations are still valid" in whole.err
     with Ledger(tmp_path / "runs" / "toy") as ledger:
         assert swept(ledger)["n_attempts"].to_list() == [1] * 20
-    assert call("run", study, "--out", "at-once").code == 0
-    assert tables(tmp_path / "runs" / "toy") == tables(tmp_path / "at-once")
+    assert tables(tmp_path / "runs" / "toy") == tables(whole_run)
     assert (
         call("resume", "runs/toy", "--sets", "8", "--json", "--trust-plugins", plugin=None).json["n_sets"]
         == 20
@@ -182,8 +178,7 @@ def test_a_first_look_is_the_beginning_of_the_whole_run(call, study, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_changed_study_shows_the_changes_and_forks_or_continues(call, study, tmp_path):
-    call("run", study)
+def test_a_changed_study_shows_the_changes_and_forks_or_continues(call, study, tmp_path, ran):
     path = study / "study.toml"
     path.write_text(path.read_text().replace('"3 MPa"', '"4 MPa"'))
     refused = call("run", study)
@@ -191,20 +186,20 @@ def test_a_changed_study_shows_the_changes_and_forks_or_continues(call, study, t
     assert "materials.rubber.searched.k.upper: 3.0 → 4.0" in refused.err
     assert "0 of 20 finished simulations are still valid" in refused.err
     assert "--fork FOLDER" in refused.err
-    before = tables(tmp_path / "runs" / "toy")
+    before = tables(ran)
     assert call("resume", "runs/toy", "--fork", "forked", "--trust-plugins", plugin=None).code == 0
-    assert tables(tmp_path / "runs" / "toy") == before
+    assert tables(ran) == before
     with Ledger(tmp_path / "forked") as ledger:
         assert swept(ledger).height == 40
         assert sum(ledger.counts().values()) == 20
     assert call("run", study, "--go-on").code == 0
-    assert tables(tmp_path / "runs" / "toy") == tables(tmp_path / "forked")
+    assert tables(ran) == tables(tmp_path / "forked")
     assert "already there; name a folder without a run" in call("run", study, "--fork", "forked").err
 
 
 @pytest.mark.slow
-def test_a_changed_input_file_that_costs_simulations_needs_confirmation(call, study, tmp_path):
-    call("run", study)
+@pytest.mark.usefixtures("ran")
+def test_a_changed_input_file_that_costs_simulations_needs_confirmation(call, study):
     for name in ("s1.txt", "s2.txt"):
         lines = (study / name).read_text().splitlines()
         (study / name).write_text("\n".join(lines[:-1]) + "\n")
@@ -215,8 +210,9 @@ def test_a_changed_input_file_that_costs_simulations_needs_confirmation(call, st
     assert call("run", study, "--go-on").code == 0
 
 
-def test_the_guide_reads_a_run_without_palpate(call, study):
-    call("run", study, "--out", "runs/forearm-demo")
+def test_the_guide_reads_a_run_without_palpate(whole_run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(whole_run, "runs/forearm-demo")
     (code,) = re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), flags=re.DOTALL)
     found = {}
     exec(code, found)
@@ -226,8 +222,8 @@ def test_the_guide_reads_a_run_without_palpate(call, study):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("ran")
 def test_a_change_that_costs_nothing_is_reported_and_the_run_continues(call, study):
-    call("run", study)
     path = study / "study.toml"
     path.write_text(path.read_text() + '\n[scoring]\nnormaliser = "rms"\n')
     ran = call("run", study)
@@ -249,23 +245,21 @@ def test_a_run_and_its_study_move_together_and_a_lost_study_is_requested(call, s
     assert call("resume", "nowhere").code == 2
 
 
-def test_the_manifest_holds_no_place_of_this_machine(call, study, tmp_path):
-    call("run", study)
-    manifest = json.loads((tmp_path / "runs" / "toy" / "manifest.json").read_text())
+def test_the_manifest_holds_no_place_of_this_machine(whole_run):
+    manifest = json.loads((whole_run / "manifest.json").read_text())
     assert manifest["study_file"] == "../../study/study.toml"
 
 
 @pytest.mark.slow
-def test_a_narrowed_range_keeps_the_curves_of_the_sets_inside(call, study, tmp_path):
-    run, path = tmp_path / "runs" / "toy", study / "study.toml"
-    assert call("run", study).code == 0
+def test_a_narrowed_range_keeps_the_curves_of_the_sets_inside(call, study, ran):
+    run, path = ran, study / "study.toml"
     wide, usual = tables(run), path.read_text()
     before = pl.read_parquet(run / "design.parquet")
     path.write_text(usual.replace('"3 MPa"', '"2 MPa"'))
-    ran = call("run", study, "--go-on")
-    assert ran.code == 0, ran.err
+    narrowed = call("run", study, "--go-on")
+    assert narrowed.code == 0, narrowed.err
     inside = before.filter(pl.col("rubber.k") <= 2.0)
-    assert f"{inside.height} of 20 finished simulations are still valid" in ran.err
+    assert f"{inside.height} of 20 finished simulations are still valid" in narrowed.err
     design = pl.read_parquet(run / "design.parquet")
     assert design.head(inside.height)["rubber.k"].equals(inside["rubber.k"])
     assert (design.height, json.loads((run / "design.json").read_text())["n_kept"]) == (20, inside.height)
@@ -286,15 +280,14 @@ def test_a_narrowed_range_keeps_the_curves_of_the_sets_inside(call, study, tmp_p
 
 
 @pytest.mark.slow
-def test_a_received_run_executes_no_untrusted_file(call, study, tmp_path):
-    call("run", study, "--out", study / "run")
+def test_a_received_run_executes_no_untrusted_file(call, study, tmp_path, ran):
     planted = tmp_path / "planted.py"
     planted.write_text(f"open({str(tmp_path / 'executed')!r}, 'w').close()\n")
-    path = study / "run" / "manifest.json"
+    path = ran / "manifest.json"
     manifest = json.loads(path.read_text())
     path.write_text(json.dumps(manifest | {"plugin_files": [*manifest["plugin_files"], str(planted)]}))
     for given in ([], ["--json"], ["--go-on"]):
-        refused = call("resume", study / "run", *given)
+        refused = call("resume", ran, *given)
         assert refused.code == 2
         assert str(planted) in refused.err
         assert "--trust-plugins" in refused.err
@@ -302,17 +295,16 @@ def test_a_received_run_executes_no_untrusted_file(call, study, tmp_path):
     toml = study / "study.toml"
     toml.write_text(toml.read_text().replace("[study]", '[study]\nplugins = ["../planted.py"]', 1))
     path.write_text(json.dumps(manifest))
-    assert "planted.py" in call("resume", study / "run").err
+    assert "planted.py" in call("resume", ran).err
     assert not (tmp_path / "executed").exists()
-    assert call("resume", study / "run", "--trust-plugins").code == 0
+    assert call("resume", ran, "--trust-plugins").code == 0
     assert (tmp_path / "executed").exists()
 
 
 @pytest.mark.slow
-def test_a_run_moved_away_from_its_plugin_is_resumed_with_that_plugin(call, study, tmp_path):
-    call("run", study, "--out", study / "run")
+def test_a_run_moved_away_from_its_plugin_is_resumed_with_that_plugin(call, study, tmp_path, ran):
     (tmp_path / "far" / "away").mkdir(parents=True)
-    shutil.move(study / "run", tmp_path / "far" / "away" / "run")
+    shutil.move(ran, tmp_path / "far" / "away" / "run")
     assert call("resume", "far/away/run", "--study", study).code == 0
     manifest = json.loads((tmp_path / "far" / "away" / "run" / "manifest.json").read_text())
     assert manifest["study_file"] == "../../../study/study.toml"

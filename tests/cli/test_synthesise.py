@@ -34,6 +34,7 @@ def test_writes_the_curves_of_the_truth_and_reports_the_files(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("one_figure")
 def test_a_run_on_the_curves_is_near_the_truth(call: Call, planned: Path, tmp_path: Path) -> None:
     files = call("synthesise", planned, "--into", "made", "--json").json["files"]
     for file in files[:2]:

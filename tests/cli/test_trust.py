@@ -31,7 +31,8 @@ def plugin(tmp_path):
 
     def write(factor=1.0):
         with open(PLUGIN, encoding="utf-8") as usual:
-            file.write_text(usual.read().replace("ordinate=theta[0]", f"ordinate={factor} * theta[0]"))
+            changed = "ordinate=theta[0]" if factor == 1.0 else f"ordinate={factor} * theta[0]"
+            file.write_text(usual.read().replace("ordinate=theta[0]", changed))
         return str(file)
 
     return write
@@ -49,10 +50,8 @@ def n_simulated(folder):
 
 @pytest.mark.slow
 @quick
-def test_changed_code_is_named_and_its_results_are_made_again(call, study, tmp_path, plugin):
-    run = tmp_path / "runs" / "toy"
-    assert call("run", study, plugin=plugin()).code == 0
-    before, n_first = scores(run), n_simulated(run)
+def test_changed_code_is_named_and_its_results_are_made_again(call, study, ran, plugin):
+    before, n_first = scores(ran), n_simulated(ran)
     refused = call("run", study, plugin=plugin(2.0))
     assert refused.code == 2
     assert "material:spring: code changed, source " in refused.err
@@ -60,67 +59,61 @@ def test_changed_code_is_named_and_its_results_are_made_again(call, study, tmp_p
     assert "0 of 20 finished simulations are still valid" in refused.err
     assert "--trust material:spring --trust solver:closed_form keeps them" in refused.err
     assert call("run", study, "--go-on", plugin=plugin(2.0)).code == 0
-    assert not scores(run).equals(before)
-    n_other = n_simulated(run)
+    assert not scores(ran).equals(before)
+    n_other = n_simulated(ran)
     assert n_other >= n_first + 20, "every set of the sweep, and a fit"
     back = call("run", study, "--go-on", plugin=plugin())
     assert back.code == 0
-    assert scores(run).equals(before)
-    assert n_simulated(run) == n_other
+    assert scores(ran).equals(before)
+    assert n_simulated(ran) == n_other
 
 
 @pytest.mark.slow
-def test_trusted_results_stay_in_every_later_stage_and_are_on_record(call, study, tmp_path, plugin):
-    run = tmp_path / "runs" / "toy"
-    call("run", study, plugin=plugin())
-    before, n_first = scores(run), n_simulated(run)
+def test_trusted_results_stay_in_every_later_stage_and_are_on_record(call, study, ran, plugin):
+    before, n_first = scores(ran), n_simulated(ran)
     assert call("run", study, *BOTH, plugin=plugin(2.0)).code == 0
-    assert scores(run).equals(before)
-    for again in (("resume", run), ("score", study), ("report", study)):
+    assert scores(ran).equals(before)
+    for again in (("resume", ran), ("score", study), ("report", study)):
         done = call(*again, plugin=plugin(2.0))
         assert done.code == 0, done.err
-    assert scores(run).equals(before)
-    assert n_simulated(run) == n_first
-    manifest = json.loads((run / "manifest.json").read_text())
+    assert scores(ran).equals(before)
+    assert n_simulated(ran) == n_first
+    manifest = json.loads((ran / "manifest.json").read_text())
     (origin,) = manifest["trusted"]["material:spring"]
     assert manifest["trusted"]["material:spring"][origin] == [manifest["fingerprints"]["material:spring"]]
-    assert "Results of earlier code are accepted" in (run / "report" / "index.html").read_text()
+    assert "Results of earlier code are accepted" in (ran / "report" / "index.html").read_text()
     changed_again = call("run", study, plugin=plugin(3.0))
     assert "0 of 20 finished simulations are still valid" in changed_again.err
     assert call("run", study, *BOTH, plugin=plugin(3.0)).code == 0
-    assert scores(run).equals(before)
+    assert scores(ran).equals(before)
 
 
 @pytest.mark.slow
-def test_a_stage_after_the_sweep_refuses_other_code(call, study, tmp_path, plugin):
-    call("run", study, plugin=plugin())
-    before = tables(tmp_path / "runs" / "toy")
+def test_a_stage_after_the_sweep_refuses_other_code(call, study, ran, plugin):
+    before = tables(ran)
     for stage in ("simulate", "score", "select", "report"):
         refused = call(stage, study, plugin=plugin(2.0))
         assert refused.code == 2
         assert "its design was made from other materials than the study has now" in refused.err
-    assert tables(tmp_path / "runs" / "toy") == before
+    assert tables(ran) == before
 
 
 @pytest.mark.slow
 @quick
-def test_a_copy_of_a_run_accepts_what_it_was_copied_with(call, study, tmp_path, plugin):
-    call("run", study, plugin=plugin())
+def test_a_copy_of_a_run_accepts_what_it_was_copied_with(call, study, tmp_path, ran, plugin):
     assert call("run", study, "--fork", "copy", *BOTH, plugin=plugin(2.0)).code == 0
     assert call("resume", "copy", plugin=plugin(2.0)).code == 0
-    assert scores(tmp_path / "copy").equals(scores(tmp_path / "runs" / "toy"))
-    assert n_simulated(tmp_path / "copy") == n_simulated(tmp_path / "runs" / "toy")
+    assert scores(tmp_path / "copy").equals(scores(ran))
+    assert n_simulated(tmp_path / "copy") == n_simulated(ran)
 
 
 @pytest.mark.slow
 @quick
-def test_stages_after_the_sweep_use_the_same_results(call, study, tmp_path, plugin):
-    run = tmp_path / "runs" / "toy"
-    call("run", study, plugin=plugin())
-    n_first = n_simulated(run)
+def test_stages_after_the_sweep_use_the_same_results(call, study, ran, plugin):
+    n_first = n_simulated(ran)
     assert call("sample", study, plugin=plugin(2.0)).code == 0
     assert call("run", study, *BOTH, plugin=plugin(2.0)).code == 0
-    assert n_simulated(run) == n_first
+    assert n_simulated(ran) == n_first
 
 
 @pytest.mark.slow
@@ -150,8 +143,8 @@ def test_what_cannot_be_trusted_is_refused(call, study, name, message):
 
 
 @quick
+@pytest.mark.usefixtures("ran")
 def test_a_changed_measured_file_is_reported_though_it_costs_no_simulation(call, study):
-    call("run", study)
     file = study / "s1.txt"
     rows = [line.split() for line in file.read_text().splitlines()]
     file.write_text("".join(f"{x} {float(y) * 1.3}\n" for x, y in rows))
@@ -166,15 +159,13 @@ def test_a_changed_measured_file_is_reported_though_it_costs_no_simulation(call,
 
 
 @quick
-def test_nonsense_in_the_manifest_is_refused(call, study, tmp_path):
-    call("run", study)
-    run = tmp_path / "runs" / "toy"
-    manifest = RunDirectory(run).manifest()
+def test_nonsense_in_the_manifest_is_refused(call, study, ran):
+    manifest = RunDirectory(ran).manifest()
     for key in ("fingerprints", "trusted", "inputs", "plugin_files", "study_file"):
         for nonsense in (3, [1], {"material:spring": 3}):
-            (run / "manifest.json").write_text(json.dumps(manifest | {key: nonsense}))
+            (ran / "manifest.json").write_text(json.dumps(manifest | {key: nonsense}))
             with pytest.raises(StudyError, match="damaged"):
-                RunDirectory(run).manifest()
+                RunDirectory(ran).manifest()
     again = call("run", study)
     assert (again.code, again.err.count("\n")) == (2, 1)
     assert "manifest.json: damaged (" in again.err
