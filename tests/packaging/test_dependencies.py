@@ -4,7 +4,7 @@ import ast
 import re
 import sys
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -31,13 +31,18 @@ def modules(folder: Path) -> Iterator[str]:
             yield from (name.split(".")[0] for name in names)
 
 
+@pytest.fixture(scope="module")
+def homes() -> Mapping[str, list[str]]:
+    """Distributions by the modules that they bring: all of the environment is read for it."""
+    return packages_distributions()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)
-def test_it_declares_what_it_imports(folder: Path) -> None:
+def test_it_declares_what_it_imports(folder: Path, homes: Mapping[str, list[str]]) -> None:
     project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     needed = set(map(plain, project["dependencies"]))
     optional = {plain(name) for names in project.get("optional-dependencies", {}).values() for name in names}
-    homes = packages_distributions()
     used = {plain(homes.get(name, [name])[0]) for name in set(modules(folder)) - sys.stdlib_module_names}
     used = {PARTS.get(name, name) for name in used} - {project["name"]}
     assert not used - needed - optional, "declare these in pyproject.toml"
