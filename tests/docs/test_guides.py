@@ -59,12 +59,17 @@ def test_links_lead_somewhere(guide):
             assert (guide.parent / target).exists(), target
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("guide", GUIDES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_every_call_is_one_that_palpate_understands(guide):
+@pytest.fixture(scope="module")
+def group():
+    """The commands of the core and of every plugin."""
     app = build_app()
     assert add_commands(app) == ()
-    group = get_command(app)
+    return get_command(app)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("guide", GUIDES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_every_call_is_one_that_palpate_understands(guide, group):
     context = group.make_context("palpate", [], resilient_parsing=True)
     for line in commands_of(guide):
         words = shlex.split(re.sub(r"\[[^]]*\]", "", line))[1:]
