@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, null_space
+from scipy.linalg import null_space
+from scipy.linalg.lapack import dposv, dpotri
 from scipy.optimize import minimize
 
 from palpate.certainty.rows import Rows
@@ -145,7 +146,8 @@ def _modes(
     most = [max(MOST_SEEN * _seen(residuals, rows, c), 2.0 * expected) for c in channels]
     for points, length in product(POINTS, LENGTHS):
         parts = [*noises[points], *others[length]]
-        likelihood = _Likelihood(free, fixed @ fixed.T, [seen[id(part)] for part in parts], expected, most)
+        stacked = np.stack([seen[id(part)] for part in parts])
+        likelihood = _Likelihood(free, fixed @ fixed.T, stacked, expected, most)
         squares, value = likelihood.mode()
         yield _Mode((points, length), noises[points], others[length], likelihood, squares, value)
 
@@ -160,12 +162,12 @@ def _seen(residuals: FloatArray, rows: Rows, channel: int) -> float:
 class _Likelihood:
     """Restricted likelihood of the sizes, with a half-t prior of each discrepancy up to the ``most``.
 
-    The first half of ``parts`` is noise, the other discrepancy.
+    The first half of ``parts`` (2 n_channels, n, n) is noise, the other discrepancy.
     """
 
     residuals: FloatArray
     fixed: FloatArray
-    parts: list[FloatArray]
+    parts: FloatArray
     expected: float
     most: list[float]
 
@@ -194,20 +196,20 @@ class _Likelihood:
 
     def _loss(self, logs: FloatArray, slopes: bool = True) -> tuple[float, FloatArray]:
         squares = np.exp(2.0 * logs)
-        covariance = self.fixed + np.tensordot(squares, np.stack(self.parts), axes=1)
-        jitter = 1e-12 * np.trace(covariance) / len(covariance)
-        factor = cho_factor(covariance + jitter * np.eye(len(covariance)), lower=True)
-        white = cho_solve(factor, self.residuals)
-        value = np.log(np.diag(factor[0])).sum() + 0.5 * float(self.residuals @ white)
+        covariance = self.fixed + np.tensordot(squares, self.parts, axes=1)
+        covariance[np.diag_indices_from(covariance)] += 1e-12 * np.trace(covariance) / len(covariance)
+        factor, white, is_bad = dposv(covariance, self.residuals, lower=1)
+        if is_bad:
+            raise np.linalg.LinAlgError("the covariance of the residuals is not positive definite")
+        value = np.log(np.diag(factor)).sum() + 0.5 * float(self.residuals @ white)
         k = len(self.parts) // 2
         ratio = squares[k:] / self.expected**2
         # Densities over the logarithm of a size: Student's with four degrees of freedom, times the size.
         value += float(np.sum(2.5 * np.log1p(ratio / 4.0) - logs[k:]))
         if not slopes:
             return value, logs
-        inverse = cho_solve(factor, np.eye(len(covariance)))
-        gradient = np.array(
-            [s * (np.sum(inverse * p) - white @ p @ white) for s, p in zip(squares, self.parts, strict=True)]
-        )
+        half = np.tril(dpotri(factor, lower=1)[0])
+        inverse = half + np.tril(half, -1).T
+        gradient: FloatArray = squares * np.tensordot(self.parts, inverse - np.outer(white, white), axes=2)
         gradient[k:] += 5.0 * ratio / (4.0 + ratio) - 1.0
         return value, gradient
