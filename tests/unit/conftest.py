@@ -1,11 +1,31 @@
-"""What a run of the analytic tissue leaves for its report, for every test of the report."""
+"""Runs of the analytic tissue that several tests read."""
 
+import shutil
 from dataclasses import replace
 
 import pytest
 
 from palpate import pipeline
 from palpate.run.result import CertaintyResult
+
+
+@pytest.fixture(scope="module")
+def whole_run(tmp_path_factory):
+    """Folder of the run that the first test of a file makes, and the others copy."""
+    return tmp_path_factory.mktemp("whole") / "run"
+
+
+@pytest.fixture
+def run_once(whole_run, plugins, tmp_path):
+    """Run the study of a file of tests, always the same, into ``run``; every test has a copy to change."""
+
+    def run(study):
+        if not whole_run.exists():
+            pipeline.run_study(study, tmp_path / "run", plugins)
+            shutil.copytree(tmp_path / "run", whole_run)
+        return shutil.copytree(whole_run, tmp_path / "run", dirs_exist_ok=True)
+
+    return run
 
 
 @pytest.fixture(scope="session")

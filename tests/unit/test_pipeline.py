@@ -99,7 +99,7 @@ def test_no_page_is_made_of_simulations_of_another_study(make_study, plugins, ti
 
 @pytest.mark.slow
 def test_single_stages_write_what_the_run_writes(make_study, plugins, tmp_path):
-    study = make_study(search=LeastSquares())
+    study = make_study(search=LeastSquares(), scenarios=make_study().scenarios[:1])
     result = pipeline.run_study(study, tmp_path / "whole", plugins)
     alone = tmp_path / "alone"
     pipeline.measure(study, alone, plugins)

@@ -8,7 +8,6 @@ import polars as pl
 import pytest
 from pydantic import TypeAdapter
 
-from palpate import pipeline
 from palpate.cli.output import PredictOutput
 from palpate.cli.predict import _output
 from palpate.domain import Curve, Indentation, Job, Limb, Response, Simulation, Status, SurfaceStates
@@ -124,11 +123,10 @@ class Pressed(Solver):
 
 
 @pytest.fixture
-def fitted(make_study, tissue, plugins, tmp_path, monkeypatch):
+def fitted(make_study, tissue, run_once, monkeypatch):
     monkeypatch.setattr(Pressed, "answer", staticmethod(tissue.answer))
     study = make_study(solver=Pressed(), n_sets=8, search=LeastSquares(), truth=TRUTH)
-    pipeline.run_study(study, tmp_path / "run", plugins)
-    return study, RunDirectory(tmp_path / "run")
+    return study, RunDirectory(run_once(study))
 
 
 def tool_file(tmp_path, text=TOOL):

@@ -37,10 +37,9 @@ def called(verb):
 
 
 @pytest.fixture
-def done(make_study, plugins, tmp_path):
+def done(make_study, run_once):
     study = make_study(n_sets=4, search=LeastSquares())
-    pipeline.run_study(study, tmp_path / "run", plugins)
-    return study, tmp_path / "run"
+    return study, run_once(study)
 
 
 def flipped(content):

@@ -63,6 +63,7 @@ def test_the_paper_s_way_has_no_fit(make_study, tmp_path, plugins):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("one_figure")
 def test_a_fit_without_a_sweep_has_a_time_too(make_study, plugins, tmp_path):
     study = make_study(n_sets=0, search=LeastSquares())
     left = cost(study, {}, None, {})
