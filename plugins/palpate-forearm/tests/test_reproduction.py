@@ -11,6 +11,7 @@ from palpate import Curve, Response, Simulation, Solver, Status
 from palpate.cli.app import main
 from palpate.errors import NothingSelectableError, StoppedError, StudyError
 from palpate.executors import InProcess
+from palpate.fit.searches import BestSet
 from palpate.mechanics import initial_moduli
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.provides import Provides
@@ -69,8 +70,14 @@ def plugins():
 
 
 def scaled(made: Reproduction, failing: str = "") -> Reproduction:
+    """In closed form, and without the fits, of which the comparison reads nothing."""
     studies = {
-        name: replace(study, solver=Failing() if name == failing else Scaled(), executor=InProcess())
+        name: replace(
+            study,
+            solver=Failing() if name == failing else Scaled(),
+            executor=InProcess(),
+            search=BestSet(),
+        )
         for name, study in made.studies.items()
     }
     return replace(made, studies=studies)
@@ -164,12 +171,13 @@ def test_files_have_all_of_it(outcome, made):
 
 @pytest.mark.slow
 def test_more_sets_keep_the_first(made, plugins, results):
+    """Of the material of which filters refuse some sets."""
     more = made.extended(2 * SETS)
-    again = reproduction.run(more, plugins).results
-    for name, result in results.items():
-        before, after = result.design.values, again[name].design.values
-        np.testing.assert_array_equal(after[: len(before)], before)
-        assert len(after) > len(before)
+    more = replace(more, studies={"yeoh": more.studies["yeoh"]})
+    before = results["yeoh"].design.values
+    after = reproduction.run(more, plugins).results["yeoh"].design.values
+    np.testing.assert_array_equal(after[: len(before)], before)
+    assert len(after) > len(before)
     with pytest.raises(StudyError, match=f"has {SETS} sets already, which cannot become 5"):
         made.extended(5)
 
