@@ -4,7 +4,7 @@
 see :mod:`palpate.fit.spot_term`. A prior adds one residual, ``noise · (value − mean)/sd``.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,12 +53,16 @@ class _Shift:
 
 @dataclass(slots=True, eq=False)
 class _Plan:
-    """What has to be simulated for a trial: by spot, its inputs, its job, and shifts by coordinate."""
+    """What has to be simulated for a trial: by spot, its inputs, its job, and shifts by coordinate.
+
+    A coordinate that cannot be shifted is among the failures.
+    """
 
     trial: Trial
     inputs: dict[str, SpotInputs]
     jobs: dict[str, int]
     shifts: dict[tuple[str, int], list[_Shift]]
+    failures: dict[int, str]
     failure: str = ""
 
 
@@ -229,10 +233,39 @@ class Problem:
     # --------------------------------------------------------------------- trials
 
     def evaluate(self, trials: Sequence[Trial]) -> list[Evaluation]:
-        """Evaluate points of the box; whatever they need is simulated side by side."""
+        """Evaluate points of the box; whatever they need is simulated side by side.
+
+        Slopes that a simulation lacks, as where its tangent is singular, are those of differences.
+        """
         jobs: list[Job] = []
         finish = self.begin(trials, jobs)
         return finish(self.simulate(jobs))
+
+    def columns(self, point: FloatArray) -> tuple[FloatArray, dict[str, str]]:
+        """Slopes at a point of the box, as far as each can be simulated.
+
+        Returns
+        -------
+        slopes : (n_points, n_parameters) array
+            NaN in the columns of values in which there is no slope.
+        failures : mapping of name to str
+            Why, of each of these values.
+
+        Raises
+        ------
+        ParameterError
+            The point itself cannot be simulated.
+        """
+        jobs: list[Job] = []
+        plan = self._planned(Trial(point=point, slopes=True), jobs)
+        try:
+            if plan.failure:
+                raise ParameterError(plan.failure)
+            simulations = self.simulate(jobs)
+            slopes, failures = self._jacobian(plan, simulations, self._parts(plan, simulations))
+        except NotRankedError as error:
+            raise ParameterError(str(error)) from error
+        return slopes, {self.names[i]: why for i, why in failures.items()}
 
     def begin(self, trials: Sequence[Trial], jobs: list[Job]) -> Finish:
         """Add what the trials need to ``jobs``, perhaps next to another problem's.
@@ -253,8 +286,7 @@ class Problem:
         PalpateError
             No material takes such values.
         """
-        (term,) = (term for term in self.terms if term.spot == spot)
-        return self._inputs(term, point)
+        return self._inputs(self._term(spot), point)
 
     def accepts(self, points: FloatArray) -> BoolArray:
         """Which points (n, n_parameters) materials and filters accept at every spot; nothing is simulated."""
@@ -291,7 +323,7 @@ class Problem:
             return found
 
     def _planned(self, trial: Trial, jobs: list[Job]) -> _Plan:
-        plan = _Plan(trial, {}, {}, {})
+        plan = _Plan(trial, {}, {}, {}, {})
         try:
             for term in self.terms:
                 plan.inputs[term.spot] = self._inputs(term, trial.point)
@@ -301,10 +333,18 @@ class Problem:
                 base = plan.inputs[term.spot]
                 plan.jobs[term.spot] = self._add(jobs, term, base, slopes=exact)
                 for i in range(len(self.parameters)) if trial.slopes else ():
-                    plan.shifts[term.spot, i] = self._shifts(term, base, trial.point, i, jobs)
+                    self._shift(plan, term, i, jobs, exact=exact)
         except (PalpateError, NotRankedError) as error:
             plan.failure = str(error)
         return plan
+
+    def _shift(self, plan: _Plan, term: SpotTerm, i: int, jobs: list[Job], *, exact: bool) -> None:
+        """Plan the steps along a coordinate; where inputs cannot be made of one, that is its failure."""
+        base, point = plan.inputs[term.spot], plan.trial.point
+        try:
+            plan.shifts[term.spot, i] = self._shifts(term, base, point, i, jobs, exact=exact)
+        except PalpateError as error:
+            plan.failures[i] = str(error)
 
     def _add(self, jobs: list[Job], term: SpotTerm, inputs: SpotInputs, *, slopes: bool) -> int:
         # No row of the design has a negative number, and no other job of this batch the same.
@@ -328,12 +368,11 @@ class Problem:
         return np.array([written[name] for name in space.names])
 
     def _shifts(
-        self, term: SpotTerm, base: SpotInputs, point: FloatArray, i: int, jobs: list[Job]
+        self, term: SpotTerm, base: SpotInputs, point: FloatArray, i: int, jobs: list[Job], *, exact: bool
     ) -> list[_Shift]:
         """Two steps along a coordinate: to both sides, or both inwards from a bound."""
         probe = self._inputs(term, _moved(point, i, SMALL_STEP if point[i] < 0.5 else -SMALL_STEP))
-        exact = is_along_slopes(base, probe) and self.study.solver.provides.slopes
-        is_free = exact or is_same_job(base, probe)
+        is_free = (exact and is_along_slopes(base, probe)) or is_same_job(base, probe)
         size = SMALL_STEP if is_free else self.study.solver.provides.accuracy ** (1.0 / 3.0)
         if size <= point[i] <= 1.0 - size:
             steps = (-size, size)
@@ -353,19 +392,16 @@ class Problem:
         if plan.failure:
             return Evaluation(point=point, objective=np.inf, fopt=np.inf, failure=plan.failure)
         try:
-            parts = {
-                t.spot: self._part(t, simulations[plan.jobs[t.spot]], plan.inputs[t.spot]) for t in self.terms
-            }
+            parts = self._parts(plan, simulations)
         except NotRankedError as error:
             return Evaluation(point=point, objective=np.inf, fopt=np.inf, failure=str(error))
         fitted = np.concatenate(list(parts.values()))
         residuals = np.concatenate([fitted, self._priors(point)])
         jacobian, failure = None, ""
         if plan.trial.slopes:
-            try:
-                jacobian = self._jacobian(plan, simulations, parts)
-            except NotRankedError as error:
-                failure = f"no slopes: {error}"
+            jacobian, failures = self._jacobian(plan, simulations, parts)
+            if failures:
+                jacobian, failure = None, f"no slopes: {next(iter(failures.values()))}"
         return Evaluation(
             point=point,
             objective=float(residuals @ residuals),
@@ -375,29 +411,68 @@ class Problem:
             failure=failure,
         )
 
+    def _parts(self, plan: _Plan, simulations: Sequence[Simulation]) -> dict[str, FloatArray]:
+        """Residuals of each spot at the point itself."""
+        return {
+            t.spot: self._part(t, simulations[plan.jobs[t.spot]], plan.inputs[t.spot]) for t in self.terms
+        }
+
     def _part(self, term: SpotTerm, simulation: Simulation, inputs: SpotInputs) -> FloatArray:
         residuals: FloatArray = term.residuals(simulation, inputs) / np.sqrt(len(self.terms))
         return residuals
 
     def _jacobian(
         self, plan: _Plan, simulations: Sequence[Simulation], parts: Mapping[str, FloatArray]
-    ) -> FloatArray:
+    ) -> tuple[FloatArray, dict[int, str]]:
+        """Slopes (n_points, n_parameters), NaN where there are none, and why there are none."""
+        here = {spot: simulations[job] for spot, job in plan.jobs.items()}
+        columns, lacking = self._columns(plan, list(plan.shifts), here, simulations, parts)
+        if again := [at for at in lacking if any(shift.job is None for shift in plan.shifts[at])]:
+            jobs: list[Job] = []
+            for spot, i in again:
+                self._shift(plan, self._term(spot), i, jobs, exact=False)
+            found, left = self._columns(plan, again, here, self.simulate(jobs), parts)
+            columns |= found
+            lacking = {at: why for at, why in lacking.items() if at not in again} | left
+        failures = plan.failures | {i: why for (_, i), why in lacking.items()}
         rows = []
         for term in self.terms:
-            base, here = plan.inputs[term.spot], simulations[plan.jobs[term.spot]]
-            columns = []
-            for i in range(len(self.parameters)):
-                points = []
-                for shift in plan.shifts[term.spot, i]:
+            nothing = np.full(parts[term.spot].size, np.nan)
+            of_term = [columns.get((term.spot, i), nothing) for i in range(len(self.parameters))]
+            rows.append(np.stack(of_term, axis=1))
+        slopes = np.concatenate([*rows, self._prior_rows(plan.trial.point)])
+        slopes[:, list(failures)] = np.nan
+        return slopes, dict(sorted(failures.items()))
+
+    def _columns(
+        self,
+        plan: _Plan,
+        wanted: Iterable[tuple[str, int]],
+        here: Mapping[str, Simulation],
+        shifted: Sequence[Simulation],
+        parts: Mapping[str, FloatArray],
+    ) -> tuple[dict[tuple[str, int], FloatArray], dict[tuple[str, int], str]]:
+        """Slopes of spots in coordinates from planned shifts, and why there are none."""
+        columns, lacking = {}, {}
+        for spot, i in wanted:
+            term, base, points = self._term(spot), plan.inputs[spot], []
+            channels = set(map(channel_of, term.weights))
+            try:
+                for shift in plan.shifts[spot, i]:
                     known = (
-                        along_slopes(here, base, shift.inputs, set(map(channel_of, term.weights)))
+                        along_slopes(here[spot], base, shift.inputs, channels)
                         if shift.job is None
-                        else simulations[shift.job]
+                        else shifted[shift.job]
                     )
                     points.append((shift.step, self._part(term, known, shift.inputs)))
-                columns.append(_slope(parts[term.spot], points))
-            rows.append(np.stack(columns, axis=1))
-        return np.concatenate([*rows, self._prior_rows(plan.trial.point)])
+                columns[spot, i] = _slope(parts[spot], points)
+            except NotRankedError as error:
+                lacking[spot, i] = str(error)
+        return columns, lacking
+
+    def _term(self, spot: str) -> SpotTerm:
+        (term,) = (term for term in self.terms if term.spot == spot)
+        return term
 
     def _priors(self, point: FloatArray) -> FloatArray:
         priors = [(p.prior, v) for p, v in zip(self.parameters, self.box.values(point), strict=True)]

@@ -334,6 +334,24 @@ def test_where_slopes_fail_at_the_fit_there_are_no_intervals_and_no_error(ended)
     assert "no intervals: the error budget cannot be simulated" in notes.texts[-1]
 
 
+def test_where_the_tangent_is_singular_at_the_fit_intervals_are_those_of_differences(ended):
+    study, measured, case, stage = ended()
+    exact = CertaintyStage(study=study, measured=measured).run([case]).intervals
+    simulate = stage.simulations.of
+
+    def bare(simulation):
+        curves = simulation.response.curves.items()
+        plain = {name: replace(curve, slopes={}) for name, curve in curves}
+        return replace(simulation, response=replace(simulation.response, curves=plain))
+
+    case.end.problem.simulate = lambda jobs: [bare(each) for each in simulate(jobs)]
+    case.end.trace.clear()
+    found = CertaintyStage(study=study, measured=measured).run([case])
+    assert (found.budget["cause"] == "tissue.kappa").any()
+    for end in ("lower", "upper"):
+        np.testing.assert_allclose(found.intervals[end], exact[end], rtol=2e-3)
+
+
 def test_where_the_onset_cannot_be_simulated_intervals_say_that_they_are_without(ended):
     study, measured, case, stage = ended()
     simulate = stage.simulations.of

@@ -247,19 +247,45 @@ def test_a_search_starts_at_the_studys_own_friction_without_offset_at_gains_of_o
     assert start["fat.e"] == pytest.approx(np.sqrt(0.1))  # the middle of its logarithm
 
 
-def test_a_simulation_without_slopes_is_no_jacobian_but_a_reason(state):
-    class Lost(ExactPress):
-        def simulate(self, job, limb):
-            bare = super().simulate(replace(job, slopes=False), limb)
-            return replace(bare, diagnostics={"slopes": "none: the tangent is singular"})
+class Singular(ExactPress):
+    """Gives no slopes, and beyond some stiffness of the skin nothing at all."""
 
-    problem = state(ALL_TRUE, EVERYTHING, space(None, by_spot=True), Lost)
+    most = np.inf
+
+    def simulate(self, job, limb):
+        if job.thetas["skin"][0] > self.most:
+            return Simulation(job=job, status=Status.DIVERGED, response=None, message="too stiff")
+        bare = super().simulate(replace(job, slopes=False), limb)
+        return replace(bare, diagnostics={"slopes": "none: the tangent is singular"})
+
+
+def test_where_a_tangent_is_singular_slopes_are_differences(state):
+    values = None
+    jacobians = []
+    for solver in (ExactPress, Singular):
+        problem = state(ALL_TRUE, EVERYTHING, space(None, by_spot=True), solver)
+        values = problem.box.values(np.full(len(problem.names), 0.5)) if values is None else values
+        jacobians.append(problem.jacobian(values))
+        assert problem.failure == ""
+    exact, differenced = jacobians
+    np.testing.assert_allclose(differenced, exact, atol=0.01 * np.abs(exact).max(axis=0).min())
+
+
+def test_a_simulation_without_neighbours_has_no_jacobian_but_a_reason(state):
+    class Lonely(Singular):
+        most = 0.318
+
+    problem = state(ALL_TRUE, EVERYTHING, space(None, by_spot=True), Lonely)
     values = problem.box.values(np.full(len(problem.names), 0.5))
     assert np.isnan(problem.jacobian(values)).all()
-    assert problem.failure == (
-        "no slopes: p1: 'force' has no slope in skin.e (none: the tangent is singular)"
-    )
+    assert problem.failure == "no slopes: p1: diverged: too stiff"
     assert np.isfinite(problem.residuals(values)).all()
+    slopes, failures = problem.columns(problem.box.point(values))
+    assert set(failures.values()) == {"p1: diverged: too stiff", "p2: diverged: too stiff"}
+    assert set(failures) == {"skin.e@p1", "skin.e@p2"}
+    lost = [name in failures for name in problem.names]
+    assert np.isnan(slopes[:, lost]).all()
+    assert np.isfinite(slopes[:, ~np.array(lost)]).all()
 
 
 def test_a_prior_is_where_a_search_starts(state):
