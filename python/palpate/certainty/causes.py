@@ -16,7 +16,6 @@ from palpate.errors import ParameterError
 from palpate.fit.parametrisation import FRICTION, GAIN, OFFSET
 from palpate.fit.running import Fit
 from palpate.plugins.parametrisation import Parametrisation, SpotInputs
-from palpate.plugins.search import Trial
 from palpate.study.reading import Study
 
 ONSET_MM = 0.05
@@ -93,7 +92,6 @@ def _value(cause: Cause) -> str:
 
 def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[Cause]:
     budget, protocol = study.budget, study.protocol
-    usual = RELATIVE if study.solver.provides.slopes else 0.0  # without slopes each would cost simulations
     for channel in dict.fromkeys(name for response in measured.values() for name in response):
         yield Cause(kind="gain", of=channel, sd=budget.gain)
     if isinstance(protocol, Indentation):
@@ -102,7 +100,7 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[Cause]:
             yield Cause(kind="onset", of=spot, sd=onset)
             for axis in "xy":
                 yield Cause(kind="tilt", of=f"{spot} {axis}", sd=budget.tilt)
-        sd = usual * protocol.friction if budget.friction is None else budget.friction
+        sd = RELATIVE * protocol.friction if budget.friction is None else budget.friction
         yield Cause(kind="friction", of="", sd=sd)
         yield Cause(kind="indenter", of="", sd=budget.radius)
     searched = {p.name for p in study.space.parameters}
@@ -110,7 +108,7 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[Cause]:
         room = region.room
         for parameter in region.material.parameters:
             if (name := f"{region.region}.{parameter.name}") not in searched:
-                possible = min(usual, room.get(parameter.name, np.inf))
+                possible = min(RELATIVE, room.get(parameter.name, np.inf))
                 yield Cause(kind="fixed", of=name, sd=budget.parameters.get(name, possible))
 
 
@@ -191,7 +189,9 @@ def _changed(space: ParameterSpace, inputs: SpotInputs, cause: Cause, by: float)
     return replace(inputs, protocol=replace(protocol, path=path), offsets=offsets)
 
 
-def columns_of(fit: Fit, causes: Sequence[Cause], channels: Sequence[str]) -> Columns:
+def columns_of(
+    fit: Fit, causes: Sequence[Cause], channels: Sequence[str]
+) -> tuple[Columns, dict[Cause, str]]:
     """What one standard deviation of each cause adds to the curves where a fit has ended.
 
     Parameters
@@ -202,23 +202,31 @@ def columns_of(fit: Fit, causes: Sequence[Cause], channels: Sequence[str]) -> Co
     channels : sequence of str
         Those that any scenario weighs.
 
+    Returns
+    -------
+    columns : Columns
+        Of the causes whose derivatives could be simulated.
+    failures : mapping of Cause to str
+        Why those of the others could not.
+
     Raises
     ------
     PalpateError
-        A simulation that a difference needs has failed.
+        The point itself cannot be simulated.
     """
     assert fit.best is not None
     problem = fit.problem
     terms = [term.of_channels(channels) for term in problem.terms]
     wider = problem.restated(terms, WithCauses(problem.parametrisation, causes))
-    n_own = len(problem.parameters)
     point = np.concatenate([fit.best.point, np.full(len(causes), 0.5)])
-    (found,) = wider.evaluate([Trial(point=point, slopes=True)])
-    if found.jacobian is None:
-        raise ParameterError(f"the error budget cannot be simulated: {found.failure}")
-    per_sd = found.jacobian[:, n_own:] / (2.0 * STEPS)
+    try:
+        slopes, failed = wider.columns(point)
+    except ParameterError as error:
+        raise ParameterError(f"the error budget cannot be simulated: {error}") from error
+    per_sd = slopes[:, len(problem.parameters) :] / (2.0 * STEPS)
+    kept = {k: cause for k, cause in enumerate(causes) if cause.name not in failed}
     columns: dict[tuple[str, str], dict[str, FloatArray]] = {}
     for term, channel, at, scale in pieces(terms):
         part = per_sd[at] / scale[:, None]
-        columns[term.spot, channel] = {c.name: part[:, k] for k, c in enumerate(causes)}
-    return columns
+        columns[term.spot, channel] = {cause.name: part[:, k] for k, cause in kept.items()}
+    return columns, {cause: failed[cause.name] for cause in causes if cause.name in failed}

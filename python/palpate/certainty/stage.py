@@ -2,12 +2,13 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 import polars as pl
 
 from palpate.certainty.adequacy import Check, checks
-from palpate.certainty.causes import Columns, causes_of, columns_of
+from palpate.certainty.causes import Cause, Columns, causes_of, columns_of
 from palpate.certainty.curve_errors import estimate
 from palpate.certainty.known_errors import known_errors
 from palpate.certainty.laplace import RANGE, agreement, laplace
@@ -28,6 +29,8 @@ from palpate.study.reading import Study
 
 NOISE, DISCREPANCY, PRIORS = "noise", "model", "priors"
 """Causes besides those of :mod:`~palpate.certainty.causes` and :mod:`~palpate.certainty.known_errors`."""
+
+NONE: Mapping[Cause, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,14 +65,14 @@ class CertaintyStage:
         if by is None:
             return []
         try:
-            columns = self.columns(by)
+            columns, failures = self.columns(by)
         except StoppedError:
             raise
         except PalpateError as error:
             self.progress.note(f"warning: no intervals: {error}")
             return []
         wanted = [by] if joint_only else ended
-        return [each for case in wanted if (each := self._assessed(case, columns))]
+        return [each for case in wanted if (each := self._assessed(case, columns, failures))]
 
     def planes(
         self, assessed: Sequence[Assessed], design: Design, swept: Sequence[Simulation]
@@ -83,9 +86,9 @@ class CertaintyStage:
             self.progress.note(f"warning: no contours of Fopt: {error}")
             return pl.DataFrame()
 
-    def _assessed(self, case: Case, columns: Columns) -> Assessed | None:
+    def _assessed(self, case: Case, columns: Columns, failures: Mapping[Cause, str]) -> Assessed | None:
         try:
-            return self.assess(case, columns)
+            return self.assess(case, columns, failures)
         except StoppedError:
             raise
         except (PalpateError, np.linalg.LinAlgError) as error:
@@ -93,24 +96,28 @@ class CertaintyStage:
             self.progress.note(f"warning: no intervals for {where}: {error}")
             return None
 
-    def columns(self, case: Case) -> Columns:
-        """What one standard deviation of each cause adds to each curve."""
+    def columns(self, case: Case) -> tuple[Columns, dict[Cause, str]]:
+        """What one standard deviation of each cause adds to each curve, and why some have no derivative."""
         assert case.end is not None
         causes = causes_of(self.study, self.measured, [p.name for p in case.end.problem.parameters])
         weighed = {channel_of(name) for each in self.study.scenarios for name in each.weighed}
         found = dict.fromkeys(name for response in self.measured.values() for name in response)
-        channels = [name for name in found if name in weighed]
-        try:
-            return columns_of(case.end, causes, channels)
-        except StoppedError:
-            raise
-        except PalpateError as error:
-            self.progress.note(f"warning: {error}; intervals are without what simulations would add to them")
-            free = [cause for cause in causes if cause.kind == "gain"]
-            return columns_of(case.end, free, channels)
+        columns, failures = columns_of(case.end, causes, [name for name in found if name in weighed])
+        for cause, why in failures.items():
+            self.progress.note(f"warning: intervals are without the cause '{cause.name}': {why}")
+        return columns, failures
 
-    def assess(self, case: Case, columns: Columns) -> Assessed:
-        """Estimate noise and discrepancy of a case, and its covariance."""
+    def assess(self, case: Case, columns: Columns, failures: Mapping[Cause, str] = NONE) -> Assessed:
+        """Estimate noise and discrepancy of a case, and its covariance.
+
+        Parameters
+        ----------
+        case : Case
+        columns : Columns
+            Of the causes that could be simulated.
+        failures : mapping of Cause to str
+            Why the others could not.
+        """
         end = case.end
         assert end is not None
         assert end.best is not None
@@ -153,6 +160,11 @@ class CertaintyStage:
             checks=(*found, *self._relaxation(case)),
             channels=channels,
             has_usual_mesh_error=self._has_usual_mesh_error(end),
+            left_out={
+                (c.of if c.kind == "fixed" else c.name): why
+                for c, why in failures.items()
+                if any(map(c.is_at, case.spots))
+            },
         )
 
     def _has_usual_mesh_error(self, end: Fit) -> bool:

@@ -1,7 +1,7 @@
 """A fit with its covariance, and the tables of it."""
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from palpate.domain import FloatArray
 from palpate.fit.problem import Problem
 from palpate.fit.running import Fit
 from palpate.fit.stage import Case
-from palpate.run.result import CertaintyResult
+from palpate.run.result import INCLUDED, CertaintyResult
 from palpate.stages.identifiability import UNCLEAR, word_of
 from palpate.study.reading import Study
 
@@ -51,6 +51,8 @@ class Assessed:
         By their numbers.
     has_usual_mesh_error : bool
         A mesh's error is neither shown by a finer mesh nor stated by the study.
+    left_out : mapping of cause to str
+        Why a cause that may be wrong here is in no interval.
     """
 
     case: Case
@@ -65,6 +67,7 @@ class Assessed:
     checks: tuple[Check, ...]
     channels: tuple[str, ...]
     has_usual_mesh_error: bool = False
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
 
 def density_of(found: Laplace, problem: Problem) -> Density:
@@ -110,7 +113,7 @@ def _about(each: Assessed) -> dict[str, Any]:
 
 def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
     box = each.end.problem.box
-    failed = any(check.is_failed for check in each.checks)
+    failed = bool(each.left_out) or any(check.is_failed for check in each.checks)
     ends = [
         box.lower + (box.upper - box.lower) * end
         for of in (each.density, each.noise_only.within())
@@ -147,7 +150,10 @@ def _budget(each: Assessed) -> Iterator[dict[str, Any]]:
         shares = {cause: float(share[i]) for cause, share in each.laplace.shares.items()}
         for cause, share in sorted(shares.items(), key=lambda item: -item[1]):
             sd_of_cause = sd * float(np.sqrt(share))
-            yield _about(each) | {"parameter": name, "cause": cause, "share": share, "sd": sd_of_cause}
+            row = _about(each) | {"parameter": name, "cause": cause}
+            yield row | {"share": share, "sd": sd_of_cause, "status": INCLUDED}
+        for cause, why in each.left_out.items():
+            yield _about(each) | {"parameter": name, "cause": cause, "share": None, "sd": None, "status": why}
 
 
 def _directions(each: Assessed) -> Iterator[dict[str, Any]]:

@@ -60,7 +60,10 @@ def show_report(
     data = "SIMULATED curves, not a real experiment" if study.data == "simulated" else data_notice(study)
     session.labelled("Verdict", f"{study.name} ({data}): {verdict.headline or NOTHING}")
     found = "; ".join([*map(str, verdict.estimates), *verdict.moduli])
-    session.labelled("Parameters", found or "none, for the reason above")
+    missing = (
+        f". NOT included in intervals: {', '.join(verdict.not_included)}" if verdict.not_included else ""
+    )
+    session.labelled("Parameters", f"{found}{missing}" if found else "none, for the reason above")
     session.labelled("Warnings", _warnings(verdict.warnings))
     session.labelled("Time", f"{progress.spent}. {verdict.spent}".strip())
     pages = [page for page in report.files if page.suffix == ".html"]

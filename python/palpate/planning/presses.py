@@ -332,7 +332,10 @@ def _columns(design: DesignProblem, problem: Problem, evaluation: Evaluation) ->
     here = [cause for cause in causes if any(cause.is_at(term.spot) for term in problem.terms)]
     channels = dict.fromkeys(name for response in measured.values() for name in response)
     fit = Fit(problem, evaluation.point, best=evaluation)
-    return columns_of(fit, here, [name for name in channels if design.scenario.fits(name)])
+    columns, failures = columns_of(fit, here, [name for name in channels if design.scenario.fits(name)])
+    for cause, why in failures.items():
+        raise PalpateError(f"{cause.name}: {why}")
+    return columns
 
 
 def _evidence(

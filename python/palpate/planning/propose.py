@@ -44,7 +44,7 @@ def propose(
             study=run.study,
             measured=run.measured,
             assessed=assessed,
-            columns=certain.columns(assessed.case),
+            columns=certain.columns(assessed.case)[0],
             meshes=certain.meshes,
             progress=progress,
         )

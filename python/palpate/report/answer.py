@@ -68,6 +68,7 @@ def answer(data: ReportData, verdict: Verdict, picture: Forest) -> Answer:
         "Fit": "; ".join(_quality(data, verdict)),
         "Spots": _spots(data, verdict, picture),
         "Certainty": _causes(data),
+        "NOT included": ", ".join(verdict.not_included),
         "Known": _known(data, verdict),
         "Rests on": verdict.spent or f"{sum(data.completeness.simulated.values())} simulations of the sweep.",
     }
@@ -170,7 +171,8 @@ def _causes(data: ReportData) -> str:
     if rows.is_empty():
         return ""
     name = rows.sort("relative_width", descending=True)["parameter"][0]
-    causes = certainty.budget.filter(**main, parameter=name).sort("share", descending=True).head(MOST_CAUSES)
+    known = certainty.budget.filter(**main, parameter=name).drop_nulls("share")
+    causes = known.sort("share", descending=True).head(MOST_CAUSES)
     shares = " and ".join(
         f"{CAUSES.get(row['cause'], row['cause'])} ({100.0 * row['share']:.0f} %)"
         for row in causes.iter_rows(named=True)
@@ -184,7 +186,7 @@ def budget_bars(data: ReportData) -> Iterator[tuple[str, list[tuple[str, float]]
     budget = data.fit.certainty.budget
     if budget.is_empty():
         return
-    rows = budget.filter(fit=data.together, scenario=data.generalising.name)
+    rows = budget.filter(fit=data.together, scenario=data.generalising.name).drop_nulls("share")
     for (name,), causes in rows.group_by("parameter", maintain_order=True):
         head, at, spot = str(name).partition("@")
         brief = data.searched[head].name if head in data.searched else head

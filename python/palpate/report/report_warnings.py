@@ -151,6 +151,15 @@ def failed_checks(data: ReportData) -> Iterator[tuple[str, str, str, str]]:
         yield row["fit"], row["scenario"], row["message"], remedy
 
 
+def left_out(data: ReportData) -> dict[str, str]:
+    """Causes that the intervals of what leads are without, since they could not be simulated, and why."""
+    budget = data.fit.certainty.budget
+    if budget.is_empty():
+        return {}
+    of_main = budget.filter(fit=data.together, scenario=data.generalising.name)
+    return dict(of_main.filter(pl.col("share").is_null()).select("cause", "status").iter_rows())
+
+
 def apparent(data: ReportData) -> str:
     """Sentence on moduli that are apparent ones, since the tissue relaxed; empty where they are not."""
     found = relaxation_of(data.measured, data.study.budget.gain)
@@ -323,7 +332,13 @@ def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
             "Values that fit about as well reach across most of the range, or are as large as the value; "
             "do not read it as the tissue's.",
         )
-    is_explained = bool(apparent(data)) or any(failed_checks(data))
+    missing = [f"{cause}: {why}" for cause, why in left_out(data).items()]
+    yield from _listed(
+        "Intervals are without causes that could not be simulated",
+        missing,
+        "They are too narrow by an unknown amount.",
+    )
+    is_explained = bool(apparent(data)) or bool(missing) or any(failed_checks(data))
     if UNCLEAR in [*rows["identifiability"], *together["identifiability"]] and not is_explained:
         yield ReportWarning(
             "How well some parameters are identified is unclear",

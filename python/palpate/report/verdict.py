@@ -15,6 +15,7 @@ from palpate.report.report_warnings import (
     ReportWarning,
     apparent,
     failed_checks,
+    left_out,
     report_warnings,
 )
 from palpate.report.section_order import section_warnings
@@ -51,6 +52,8 @@ class Verdict:
         The most severe first.
     apparent : str
         Why the parameters are those of one rate; empty where nothing shows it.
+    not_included : tuple of str
+        What may be wrong and is in no interval.
     failure : str
         Why no parameters can be read from the run, and what to check; empty where they can.
     without_result : mapping of (spot, scenario) to str
@@ -67,6 +70,7 @@ class Verdict:
     spent: str = ""
     warnings: tuple[ReportWarning, ...]
     apparent: str = ""
+    not_included: tuple[str, ...] = ()
     failure: str = ""
     without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
 
@@ -94,9 +98,29 @@ def make_verdict(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Verdic
         spent=_spent(data),
         warnings=(*report_warnings(data, bests, tables), *section_warnings(data)),
         apparent=apparent(data),
+        not_included=tuple(_not_included(data)),
         failure=no_fit,
         without_result=data.without_result,
     )
+
+
+def _not_included(data: ReportData) -> Iterator[str]:
+    """Name what may be wrong and is in no interval: anatomy, and causes that are stated as none or failed."""
+    study, budget = data.study, data.study.budget
+    if study.solver.provides.mesh and study.protocol is not None:
+        yield "bone"
+        if len(study.space.regions) > 1:
+            yield "layers"
+        yield "position"
+    if data.fit.certainty.intervals.is_empty():
+        return
+    searched = {name.partition("@")[0] for name in data.fit.certainty.intervals["parameter"]}
+    if study.protocol is not None and budget.friction == 0.0 and "friction" not in searched:
+        yield "friction (stated as exact)"
+    for name, sd in budget.parameters.items():
+        if sd == 0.0:
+            yield f"{name} (stated as exact)"
+    yield from (f"{cause} (failed)" for cause in left_out(data))
 
 
 def _no_fit(data: ReportData, bests: Sequence[Best]) -> str:

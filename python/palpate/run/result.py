@@ -77,6 +77,10 @@ UNSEEN = "no curve"
 """Beginning of messages on values that no curve decides."""
 
 
+INCLUDED = "included"
+"""Status of a cause that intervals include."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CertaintyResult:
     """How certain the parameters of the fits are; empty where there was no fit.
@@ -87,10 +91,12 @@ class CertaintyResult:
         One row per fit, scenario and parameter: fit, scenario, parameter (``<name>@<spot>`` where each spot
         has its own), unit, value; lower and upper, the 95 % interval; noise_lower and noise_upper, that of
         the noise alone; relative_width, its length over the value or over the range, whichever is more;
-        identifiability, the word for it ("unclear" where the model does not describe the data).
+        identifiability, the word for it ("unclear" where the model does not describe the data, or a cause
+        could not be simulated).
     budget : DataFrame
         One row per fit, scenario, parameter and cause, the largest first: share of the variance, which sum
-        to 1, and sd in the parameter's unit.
+        to 1, sd in the parameter's unit, and status: "included", or why a cause could not be simulated, whose
+        share and sd are null.
     directions : DataFrame
         One row per fit, scenario and principal direction, the best known first: combination (such as
         ``c1 · m1^0.3``), relative_width of its 95 % interval, identifiability.

@@ -48,7 +48,7 @@ def ended(pressed, stage_of):
 
 
 def columns(case, *causes):
-    return columns_of(case.end, causes, BOTH)["p1", "force"]
+    return columns_of(case.end, causes, BOTH)[0]["p1", "force"]
 
 
 def simulated(case):
@@ -69,7 +69,7 @@ def test_inputs_of_another_tilt_are_another_job(ended):
 
 def test_a_gain_adds_its_share_of_the_curve(ended):
     *_, case, _ = ended()
-    found = columns_of(case.end, [Cause(kind="gain", of="torque", sd=0.02)], BOTH)
+    found, _ = columns_of(case.end, [Cause(kind="gain", of="torque", sd=0.02)], BOTH)
     torque = simulated(case).response["torque"].ordinate
     np.testing.assert_allclose(found["p1", "torque"]["gain torque"], 0.02 * torque, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(found["p1", "force"]["gain torque"], 0.0, atol=1e-12)
@@ -212,10 +212,18 @@ def test_a_tilt_has_two_directions_at_each_spot(ended):
     assert at["p2"].tilt_deg == (0.0, 0.0)
 
 
-def test_a_solver_without_slopes_gets_no_simulations_for_what_the_study_does_not_state(ended, pressed):
-    study, measured, *_ = ended()
+def test_a_solver_without_slopes_has_the_same_causes_by_differences(ended, pressed):
+    study, measured, case, _ = ended()
     plain = replace(study, solver=pressed.Pressed(pressed.PressedSettings(exact=False)))
-    assert {c.kind for c in causes_of(plain, measured, [])} == {"gain", "onset"}
+    causes = causes_of(study, measured, [])
+    assert causes_of(plain, measured, []) == causes
+    assert {"gain", "onset", "friction", "fixed"} == {c.kind for c in causes}
+    exact = columns(case, *causes)
+    simulate, stage = case.end.problem.simulate, pressed.Here(plain.solver)
+    case.end.problem.study, case.end.problem.simulate = plain, stage.of
+    found = columns(case, *causes)
+    case.end.problem.study, case.end.problem.simulate = study, simulate
+    np.testing.assert_allclose(found["fixed tissue.kappa"], exact["fixed tissue.kappa"], rtol=0.01)
 
 
 @pytest.fixture
@@ -352,26 +360,41 @@ def test_where_the_tangent_is_singular_at_the_fit_intervals_are_those_of_differe
         np.testing.assert_allclose(found.intervals[end], exact[end], rtol=2e-3)
 
 
-def test_where_the_onset_cannot_be_simulated_intervals_say_that_they_are_without(ended):
-    study, measured, case, stage = ended()
-    simulate = stage.simulations.of
-
-    def failing(jobs):
+def failing_deeper_than(most_mm, spot, simulate):
+    def simulated(jobs):
         return [
             Simulation(job=job, status=Status.DIVERGED, response=None, message="too deep")
-            if job.protocol.path[:, 0].max() > 10.0
+            if job.protocol.path[:, 0].max() > most_mm and job.spot == spot
             else simulation
             for job, simulation in zip(jobs, simulate(jobs), strict=True)
         ]
 
-    case.end.problem.simulate = failing
+    return simulated
+
+
+def test_a_cause_that_cannot_be_simulated_is_left_out_alone_and_leaves_the_words_unclear(ended):
+    study, measured, _, stage = ended(spots=("p1", "p2"))
+    cases = [case for case in stage._cases if case.scenario.name == "I"]
+    whole = CertaintyStage(study=study, measured=measured).run(cases)
+    for case in cases:
+        case.end.problem.simulate = failing_deeper_than(10.0, "p1", stage.simulations.of)
     notes = Notes()
-    found = CertaintyStage(study=study, measured=measured, progress=notes).run([case])
-    assert "onset" not in set(found.budget["cause"])
-    assert found.intervals.height == 2
-    (text,) = notes.texts
-    assert "too deep" in text
-    assert "without" in text
+    found = CertaintyStage(study=study, measured=measured, progress=notes).run(cases)
+    assert notes.texts == ["warning: intervals are without the cause 'onset p1': p1: diverged: too deep"]
+    lost = found.budget.filter(pl.col("status") != "included")
+    assert set(lost["cause"]) == {"onset p1"}
+    assert set(lost["status"]) == {"p1: diverged: too deep"}
+    assert set(lost["fit"]) == {"all spots", "p1"}  # the other spot does not have it
+    assert lost.select("share", "sd").null_count().row(0) == (lost.height, lost.height)
+    words = {fit: set(rows["identifiability"]) for (fit,), rows in found.intervals.group_by("fit")}
+    assert words["all spots"] == words["p1"] == {"unclear"} != words["p2"]
+    kept = found.budget.filter(status="included")
+    assert {"friction", "tissue.kappa", "gain"} & set(kept["cause"]) == {"tissue.kappa", "gain"}
+    for fit, causes in (("p1", {"onset"}), ("all spots", set())):
+        of_fit, before = (set(rows.filter(fit=fit)["cause"]) for rows in (kept, whole.budget))
+        assert before - of_fit == causes
+    for _, rows in kept.group_by("fit", "parameter"):
+        assert rows["share"].sum() == pytest.approx(1.0)
 
 
 def test_fewer_points_than_parameters_have_no_interval(ended):

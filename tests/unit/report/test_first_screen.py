@@ -1,11 +1,13 @@
 """The first screen: the card, and the forest of intervals."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import polars as pl
 import pytest
 from hypothesis import given, strategies as st
 
+from palpate.cli.results import show_report
 from palpate.domain import Relaxation
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.sections import Table, Word
@@ -188,3 +190,49 @@ def test_causes_are_printed_side_by_side_in_percent(fitted):
     assert shares.height == fitted.fit.certainty.intervals.height
     causes = shares.select(pl.exclude("fit", "scenario", "parameter"))
     assert causes.sum_horizontal().to_list() == pytest.approx([100.0] * shares.height, abs=0.5)
+
+
+def said(data):
+    """Lines of the terminal by their labels."""
+    lines = {}
+    session = SimpleNamespace(labelled=lines.__setitem__)
+    report = Report(verdict=make_verdict(data, {}), files=(), tables={})
+    show_report(session, data.study, report, SimpleNamespace(spent="1 s"), tables=False)
+    return lines
+
+
+def test_the_card_lists_what_no_interval_includes(fitted, monkeypatch):
+    data = passed(fitted)
+    study = data.study
+    assert "NOT included" not in dict(card(data).facts)
+    monkeypatch.setattr(type(study.solver), "provides", replace(study.solver.provides, body="mesh"))
+    assert dict(card(data).facts)["NOT included"] == "bone, position"
+    assert said(data)["Parameters"].endswith(". NOT included in intervals: bone, position")
+    (region,) = study.space.regions
+    layered = replace(study.space, regions=(region, replace(region, region="skin")))
+    assert make_verdict(replace(data, study=replace(study, space=layered)), {}).not_included[1] == "layers"
+    budget = study.budget.model_copy(update={"friction": 0.0, "parameters": {"soft_tissue.bulk": 0.0}})
+    stated = replace(data, study=replace(study, budget=budget))
+    assert make_verdict(stated, {}).not_included[2:] == (
+        "friction (stated as exact)",
+        "soft_tissue.bulk (stated as exact)",
+    )
+
+
+def test_a_cause_that_failed_is_on_the_card_and_a_warning(fitted):
+    data = passed(fitted)
+    certainty = data.fit.certainty
+    lost = certainty.budget.filter(cause="gain").with_columns(
+        cause=pl.lit("onset p1"),
+        status=pl.lit("p1: diverged: too deep"),
+        share=pl.lit(None, pl.Float64),
+        sd=pl.lit(None, pl.Float64),
+    )
+    failed = replace(certainty, budget=pl.concat([certainty.budget, lost]))
+    data = replace(data, fit=replace(data.fit, certainty=failed))
+    found = card(data)
+    assert dict(found.facts)["NOT included"] == "onset p1 (failed)"
+    warned = {each.what: each.why for each in make_verdict(data, make_tables(data)).warnings}
+    why = warned["Intervals are without causes that could not be simulated"]
+    assert why.startswith("onset p1: p1: diverged: too deep.")
+    assert all("onset p1" not in dict(causes) for _, causes in budget_bars(data))
