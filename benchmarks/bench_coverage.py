@@ -194,7 +194,7 @@ def experiment(
     )
     (case,) = stage.run()
     certainty = CertaintyStage(study=study, measured=measured, meshes={"p1": SpotMesh(refinement=RATIO**0.5)})
-    assessed = certainty.assess(case, certainty.columns(case))
+    assessed = certainty.assess(case, *certainty.columns(case))
     box = assessed.end.problem.box
     truth = (row - box.lower) / (box.upper - box.lower)
     found = {"failed": [check.name for check in assessed.checks if check.is_failed]}

@@ -212,7 +212,7 @@ def assessed(study: Study, truth: Truth, simulations: Simulations, seed: int) ->
     )
     case = stage.run()[0]
     certainty = CertaintyStage(study=study, measured=measured)
-    return certainty.assess(case, certainty.columns(case))
+    return certainty.assess(case, *certainty.columns(case))
 
 
 # ------------------------------------------------------------------------------ table

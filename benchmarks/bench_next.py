@@ -177,11 +177,11 @@ class World:
         )
         (case,) = stage.run()
         certainty = CertaintyStage(study=study, measured=measured)
-        columns = certainty.columns(case)
+        columns, failures = certainty.columns(case)
         return PlanningStage(
             study=study,
             measured=measured,
-            assessed=certainty.assess(case, columns),
+            assessed=certainty.assess(case, columns, failures),
             columns=columns,
             meshes={},
         )

@@ -9,7 +9,7 @@ range is added, and what is outside the ranges is cut off, so that a direction w
 as the ranges.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -97,6 +97,16 @@ class Density:
     covariance: FloatArray
     points: FloatArray
     weights: FloatArray
+
+    def of(self, columns: Sequence[int]) -> "Density":
+        """Density of some of the parameters, whatever the others are."""
+        at = list(columns)
+        return replace(
+            self,
+            centre=self.centre[at],
+            covariance=self.covariance[np.ix_(at, at)],
+            points=self.points[:, at],
+        )
 
     def interval(self, point: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Ends (n_parameters,) of the 95 % intervals; a fitted point at a bound is within."""

@@ -2,8 +2,8 @@
 
 import functools
 import operator
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -120,7 +120,7 @@ class Plan:
     def covariance(self) -> FloatArray:
         """Covariance (n_parameters, n_parameters) at the first point, in shares of the ranges.
 
-        It knows little of the ranges, as that of a fit: :func:`interval` cuts it off at them.
+        It knows little of the ranges, as that of a fit: :class:`Expected` cuts it off at them.
         """
         return self._evidence[0].covariance(RANGE_SD)
 
@@ -158,29 +158,65 @@ class Plan:
         )
 
 
-def interval(goal: Goal, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Ends (n_parameters,) of the 95 % intervals around the goal's values, cut off at the ranges."""
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Expected:
+    """Density of the parameters that presses share: that of the fit now, as further presses narrow it.
+
+    Parameters
+    ----------
+    fit : Laplace
+        Of all parameters of the fit.
+    within : callable
+        Cuts it off at ranges and filters.
+    shared : sequence of int
+        Numbers of the parameters that all presses share.
+    before : (n_shared, n_shared) array
+        Covariance of these by the presses so far, as planned: nearly that of the fit.
+    """
+
+    fit: Laplace
+    within: Callable[[Laplace], Density]
+    shared: Sequence[int]
+    before: FloatArray
+
+    def after(self, covariance: FloatArray) -> Density:
+        """Density after presses that change the planned covariance to this one (n_shared, n_shared).
+
+        The fit's changes as the planned one does, so that nothing planned leaves the density of the fit. What
+        belongs to one spot stays as it is, given what all share.
+        """
+        here = np.ix_(self.shared, self.shared)
+        known = self.fit.covariance[here]
+        change = np.linalg.cholesky(known) @ np.linalg.inv(np.linalg.cholesky(self.before))
+        given = np.linalg.solve(known, self.fit.covariance[self.shared]).T
+        full = self.fit.covariance + given @ (change @ covariance @ change.T - known) @ given.T
+        symmetric = (full + full.T) / 2.0
+        return self.within(replace(self.fit, covariance=symmetric, parts={})).of(self.shared)
+
+
+def interval(goal: Goal, density: Density) -> tuple[FloatArray, FloatArray]:
+    """Ends (n_parameters,) of the 95 % intervals, with the goal's values inside."""
     lower, width = _ranges(goal)
-    ends = _within(goal, covariance).interval((goal.values - lower) / width)
+    ends = density.interval(shares_of(goal))
     return lower + width * ends[0], lower + width * ends[1]
 
 
-def bands(goal: Goal, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+def bands(goal: Goal, density: Density) -> tuple[FloatArray, FloatArray]:
     """Ends (n_predicted,) of the 95 % bands of what is predicted [N], by its gradient."""
     lower, width = _ranges(goal)
-    drawn = lower + width * _within(goal, covariance).draws(N_DRAWS) - goal.values
+    drawn = lower + width * density.draws(N_DRAWS) - goal.values
     forces = [each.force_N * (1.0 + drawn @ each.gradient) for each in goal.predicted]
     ends = np.quantile(np.array(forces).reshape(-1, N_DRAWS), [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0], axis=1)
     return ends[0], ends[1]
+
+
+def shares_of(goal: Goal) -> FloatArray:
+    """Goal's values (n_parameters,) as shares of the ranges."""
+    lower, width = _ranges(goal)
+    return (goal.values - lower) / width
 
 
 def _ranges(goal: Goal) -> tuple[FloatArray, FloatArray]:
     """Lower end and width (n_parameters,) of the ranges."""
     lower, upper = (np.array([getattr(p, end) for p in goal.parameters]) for end in ("lower", "upper"))
     return lower, upper - lower
-
-
-def _within(goal: Goal, covariance: FloatArray) -> Density:
-    """Density around the goal's values, in shares of the ranges."""
-    lower, width = _ranges(goal)
-    return Laplace(centre=(goal.values - lower) / width, covariance=covariance, parts={}).within()

@@ -8,6 +8,7 @@ import numpy as np
 
 from palpate.certainty.causes import Columns, causes_of, columns_of
 from palpate.certainty.known_errors import known_errors
+from palpate.certainty.laplace import Laplace
 from palpate.certainty.mesh_error import SpotMesh
 from palpate.certainty.rows import grouped, groups_of, path_of, rows_of
 from palpate.domain import (
@@ -74,6 +75,8 @@ class DesignProblem:
         As for :func:`~palpate.certainty.known_errors.known_errors`.
     estimate : (n_parameters,) array, optional
         Values of the fit; by default those at the first point.
+    laplace : Laplace, optional
+        Density of the fit; None before any press.
     limited : mapping of channel to tuple of Channel
         Further curves of candidates, for the largest ordinate of a channel along the whole motion.
     """
@@ -86,6 +89,7 @@ class DesignProblem:
     columns: Columns = field(default_factory=dict)
     meshes: Mapping[str, SpotMesh] = field(default_factory=dict)
     estimate: FloatArray | None = None
+    laplace: Laplace | None = None
     limited: Mapping[str, tuple[Channel, ...]] = field(default_factory=dict)
 
     @property

@@ -1,21 +1,32 @@
 """The next press of a fitted study: candidates simulated through the run, and ranked."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.stats import qmc
 
 from palpate.certainty.causes import Columns
+from palpate.certainty.laplace import Density, Laplace
 from palpate.certainty.mesh_error import SpotMesh
-from palpate.certainty.tables import Assessed
+from palpate.certainty.tables import Assessed, density_of
 from palpate.domain import FloatArray, Parameter, Response, Scenario
 from palpate.errors import StudyError
 from palpate.fit.problem import Problem, Simulate
 from palpate.fit.spot_term import term_of
 from palpate.planning.candidates import PRESSURE, Limit, limited_curves
 from palpate.planning.evidence import ErrorSizes, Evidence, FoptEvidence, GlsEvidence
-from palpate.planning.narrowing import Goal, Narrowing, Plan, bands, check_goal, interval
+from palpate.planning.narrowing import (
+    Expected,
+    Goal,
+    Narrowing,
+    Plan,
+    bands,
+    check_goal,
+    interval,
+    shares_of,
+)
 from palpate.planning.options import PlanOptions
 from palpate.planning.presses import DesignProblem, Press, SimulatedPress, presses_so_far, simulated_presses
 from palpate.planning.pressure import with_pressures
@@ -49,8 +60,7 @@ class Proposal:
     Parameters
     ----------
     goal : Goal
-    before : (n_parameters, n_parameters) array
-        Covariance of the presses so far, in shares of the ranges.
+    expected : Expected
     steps : tuple of Step
         One after the other.
     refused : mapping of name to str
@@ -62,7 +72,7 @@ class Proposal:
     """
 
     goal: Goal
-    before: FloatArray
+    expected: Expected
     steps: tuple[Step, ...]
     refused: Mapping[str, str]
     failed_checks: tuple[str, ...] = ()
@@ -70,14 +80,15 @@ class Proposal:
 
     def intervals(self) -> list[tuple[FloatArray, FloatArray]]:
         """Ends (n_parameters,) of the 95 % intervals now, and after each step."""
-        return [interval(self.goal, covariance) for covariance in self._covariances()]
+        return [interval(self.goal, density) for density in self._densities()]
 
     def bands(self) -> list[tuple[FloatArray, FloatArray]]:
         """Ends (n_predicted,) of the 95 % bands of what is predicted now, and after each step."""
-        return [bands(self.goal, covariance) for covariance in self._covariances()]
+        return [bands(self.goal, density) for density in self._densities()]
 
-    def _covariances(self) -> list[FloatArray]:
-        return [self.before, *(step.chosen.covariance for step in self.steps)]
+    def _densities(self) -> Iterator[Density]:
+        for covariance in [self.expected.before, *(step.chosen.covariance for step in self.steps)]:
+            yield self.expected.after(covariance)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,6 +156,7 @@ class PlanningStage:
             columns=self.columns,
             meshes=self.meshes,
             estimate=box.lower + (box.upper - box.lower) * self.assessed.point,
+            laplace=self.assessed.laplace,
         )
 
     def _points(self, n: int) -> FloatArray:
@@ -208,11 +220,11 @@ def choose_presses(
         name, why = next(iter(refused.items()))
         raise StudyError(f"none of {len(simulated)} candidates is possible: {name}: {why}; allow others")
     plan = Plan(so_far, goal, of_priors(design), len(points))
-    before, steps = plan.covariance, []
+    expected, steps = _expected(design, goal, plan.covariance), []
     for _ in range(options.n_presses):
         steps.append(Step(ranked=tuple(plan.ranked(possible))))
         plan.add(steps[-1].chosen.press)
-    return Proposal(goal=goal, before=before, steps=tuple(steps), refused=refused)
+    return Proposal(goal=goal, expected=expected, steps=tuple(steps), refused=refused)
 
 
 def shared_parameters(design: DesignProblem) -> tuple[Parameter, ...]:
@@ -243,6 +255,15 @@ def _goal(design: DesignProblem, options: PlanOptions, point: FloatArray) -> Goa
         values=values[design.shared],
         predicted=predicted,
     )
+
+
+def _expected(design: DesignProblem, goal: Goal, before: FloatArray) -> Expected:
+    """State the density now: that of the fit, or around the goal's values before any press."""
+    if design.laplace is None:
+        usual = Laplace(centre=shares_of(goal), covariance=before, parts={})
+        return Expected(fit=usual, within=Laplace.within, shared=range(len(before)), before=before)
+    within = partial(density_of, problem=design.problem)
+    return Expected(fit=design.laplace, within=within, shared=design.shared, before=before)
 
 
 def before_any_press(

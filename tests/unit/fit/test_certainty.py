@@ -19,9 +19,11 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
 from palpate.fit.spot_term import Correction, is_along_slopes, is_same_job
 from palpate.plugins.interfaces import SetFilter
+from palpate.prediction.bands import draws_of
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
-from palpate.run.result import FitResult
+from palpate.run.result import FitResult, PosteriorResult
+from palpate.stages.fitted import Fitted
 from palpate.stages.stage import Run
 from palpate.study.model import BudgetTable
 from palpate_materials.neo_hookean import NeoHookean
@@ -266,6 +268,11 @@ def test_most_likely_values_have_the_intervals_and_draws_of_their_own(ended):
         assert row["lower"] < truth < row["upper"]
         assert 0.0 < row["noise_upper"] - row["noise_lower"] < width
         assert found.draws[name].mean() == pytest.approx(row["value"], abs=0.1 * width)
+    names, spots = case.end.problem.names, study.spot_names
+    values = {name: likely[name] for name in names}
+    of_joint = Fitted(source="fit", fit="all spots", scenario="I", values=values, spots=spots)
+    bands_from = draws_of(of_joint, fit, PosteriorResult())
+    assert bands_from == found.draws.select(names).to_dicts()
 
 
 def test_another_material_does_not_describe_the_data(ended):

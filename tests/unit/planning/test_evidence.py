@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from palpate.certainty.laplace import laplace
+from palpate.certainty.laplace import Laplace, laplace
 from palpate.certainty.rows import Rows
 from palpate.domain import Curve
 from palpate.fit.spot_term import Correction
 from palpate.planning.evidence import ErrorSizes, FoptEvidence, evidence_of
+from palpate.planning.narrowing import Expected
 from palpate.planning.presses import _as_of
 
 ERRORS = ErrorSizes(
@@ -144,3 +145,25 @@ def test_a_repeated_press_leaves_the_part_of_the_mesh_as_it_is(seed):
     expected, found = once.covariance(1e6), (once + again).covariance(1e6)  # no prior
     sizes = np.sqrt(np.diag(expected))
     assert np.abs(found - expected).max() <= 1e-3 * np.outer(sizes, sizes).max()
+
+
+@given(seed=st.integers(0, 10_000), shrunk=st.floats(0.1, 1.0))
+def test_expected_density_begins_at_the_fit_and_leaves_what_is_of_one_spot(seed, shrunk):
+    """Given what all presses share, a further press tells nothing of another one's onset."""
+    rng, shared = np.random.default_rng(seed), [0, 2]
+    root = rng.normal(size=(3, 3)) + 3.0 * np.eye(3)
+    fit = Laplace(centre=rng.uniform(size=3), covariance=root @ root.T, parts={})
+    planned = fit.covariance[np.ix_(shared, shared)] + 0.1 * np.eye(2)
+    found = []
+    expected = Expected(
+        fit=fit, within=lambda each: found.append(each) or each.within(), shared=shared, before=planned
+    )
+    assert expected.after(planned).points.shape[1] == 2
+    expected.after(shrunk * planned)
+    now, later = (each.covariance for each in found)
+    np.testing.assert_allclose(now, fit.covariance, rtol=1e-9)
+    both = np.ix_(shared, shared)
+    np.testing.assert_allclose(later[both], shrunk * now[both], rtol=1e-9)
+    for each in (now, later):
+        own = each[1, 1] - each[1, shared] @ np.linalg.solve(each[both], each[shared, 1])
+        np.testing.assert_allclose(own, 1.0 / np.linalg.inv(fit.covariance)[1, 1], rtol=1e-6)
