@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from palpate.certainty.rows import pieces
 from palpate.domain import FloatArray, Indentation, Parameter, ParameterSpace, Protocol, Response
 from palpate.errors import ParameterError
 from palpate.fit.parametrisation import FRICTION, GAIN, OFFSET
 from palpate.fit.running import Fit
+from palpate.fit.spot_term import pieces
 from palpate.plugins.parametrisation import Parametrisation, SpotInputs
 from palpate.study.reading import Study
 

@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.certainty.emulator import Emulator, Runs
-from palpate.certainty.rows import pieces
 from palpate.domain import Design, FloatArray, Simulation, channel_of
 from palpate.errors import PalpateError
 from palpate.fit.problem import Problem
-from palpate.fit.spot_term import NotRankedError, is_same_job
+from palpate.fit.spot_term import NotRankedError, is_same_job, pieces
 from palpate.fit.stage import Case
 from palpate.plugins.parametrisation import SpotInputs
 from palpate.plugins.search import Trial

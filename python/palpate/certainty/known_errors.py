@@ -6,9 +6,9 @@ import numpy as np
 
 from palpate.certainty.causes import Columns, drift_of
 from palpate.certainty.mesh_error import SpotMesh
-from palpate.certainty.rows import path_of, pieces
+from palpate.certainty.rows import path_of
 from palpate.domain import BoolArray, FloatArray, Response, channel_of
-from palpate.fit.spot_term import Correction, SpotTerm
+from palpate.fit.spot_term import Correction, SpotTerm, pieces
 from palpate.study.reading import Study
 
 MESH, ZERO = "mesh", "zero"

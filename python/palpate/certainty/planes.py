@@ -19,10 +19,10 @@ from palpate.certainty.emulated_curves import (
     runs_of_fits,
     runs_of_sets,
 )
-from palpate.certainty.rows import pieces
 from palpate.certainty.tables import Assessed
 from palpate.domain import BoolArray, Design, FloatArray, Simulation, channel_of
 from palpate.fit.problem import Problem
+from palpate.fit.spot_term import pieces
 
 MOST_PLANES = 15
 """Most planes of one scenario."""

@@ -1,12 +1,12 @@
 """Where each residual of a fit is on the measured curves, and how errors of these are correlated."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.domain import FloatArray, IntArray, channel_of
-from palpate.fit.spot_term import SpotTerm
+from palpate.fit.spot_term import SpotTerm, pieces
 
 COMMON = 0.5
 """Share of a discrepancy's variance that all spots have in common."""
@@ -81,17 +81,6 @@ def matern(apart: FloatArray) -> FloatArray:
     scaled = np.sqrt(3.0) * apart
     correlation: FloatArray = (1.0 + scaled) * np.exp(-scaled)
     return correlation
-
-
-def pieces(terms: Sequence[SpotTerm]) -> Iterator[tuple[SpotTerm, str, slice, FloatArray]]:
-    """Each weighed name of each spot, its residuals, and factors (n_measured,) from ordinates to them."""
-    at = 0
-    for term in terms:
-        for name, weight in term.weights.items():
-            inside = term.counted(name)
-            scale = term.scale(name, weight, inside) / np.sqrt(len(terms))
-            yield term, name, slice(at, at + int(inside.sum())), scale
-            at += int(inside.sum())
 
 
 def path_of(abscissa: FloatArray) -> FloatArray:

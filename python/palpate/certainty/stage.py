@@ -21,7 +21,6 @@ from palpate.domain import Design, FloatArray, Response, Simulation, channel_of
 from palpate.errors import PalpateError, StoppedError
 from palpate.fit.running import Fit
 from palpate.fit.stage import Case
-from palpate.plugins.search import Trial
 from palpate.progress import SILENT, Progress
 from palpate.run.result import CertaintyResult
 from palpate.stages.relaxation import relaxation_of
@@ -203,13 +202,9 @@ def _at_end(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
 
     Curves are nearly linear in moduli, and not in the logarithms of these, which a search steps in.
     """
-    assert fit.best is not None
-    same = (each for each in fit.trace if np.array_equal(each.point, fit.best.point))
-    found = next((each for each in same if each.jacobian is not None), None)
-    if found is None:
-        (found,) = fit.problem.evaluate([Trial(point=fit.best.point, slopes=True)])
-    if found.residuals is None or found.jacobian is None:
-        raise PalpateError(found.failure)
+    found = fit.at_end()
+    assert found.residuals is not None
+    assert found.jacobian is not None
     box = fit.problem.box
     width = box.upper - box.lower
     shares = (box.values(found.point) - box.lower) / width

@@ -2,20 +2,29 @@
 
 The fit runs on the coarse mesh. Its curves are corrected by the difference that the fine mesh makes at a
 set near the optimum, scaled by the size of the coarse curve, and the fit is repeated until that set is near
-enough (space mapping: Bandler et al., IEEE Trans. Microw. Theory Tech. 52, 2004).
+enough: what the correction may be wrong by moves no parameter by a tenth of its standard deviation (space
+mapping: Bandler et al., IEEE Trans. Microw. Theory Tech. 52, 2004).
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from palpate.domain import FloatArray, Simulation, channel_of
-from palpate.fit.spot_term import Correction, NotRankedError, SpotTerm
+from palpate.fit.running import Fit
+from palpate.fit.spot_term import Correction, NotRankedError, SpotTerm, pieces
 from palpate.plugins.parametrisation import SpotInputs
 
-NEAR = 0.2
-"""Error of a correction, over the misfit that is left, up to which a set is near enough."""
+NEAR = 0.1
+"""Shift of a parameter by the errors of corrections, over its standard deviation, that is left alone."""
+
+INDEPENDENT = 10.0
+"""Independent points of a curve: its errors are alike at neighbouring points, of which there may be many."""
+
+RANGE_VARIANCE = 1.0 / 12.0
+"""Variance of a value that may be anywhere in a range of 1."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,26 +65,76 @@ def fine_run(term: SpotTerm, inputs: SpotInputs, coarse: Simulation, fine: Simul
     )
 
 
-def error_of(run: FineRun, term: SpotTerm, coarse: Mapping[str, FloatArray]) -> float:
-    """Root of the Fopt by which a correction may be wrong at other coarse curves.
+def errors_of(run: FineRun, term: SpotTerm, coarse: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Ordinates (n,) by which a correction may be wrong at other coarse curves, by weighed name.
 
     Their size is accounted for: it may be wrong by as much of itself as their shape has changed.
     """
-    squares, corrections = 0.0, run.corrections
-    for name, weight in term.weights.items():
+    found, corrections = {}, run.corrections
+    for name in term.weights:
         channel = channel_of(name)
         there, here = run.coarse[channel], coarse[channel]
         known = np.isfinite(there) & np.isfinite(here) & np.isfinite(run.fine[channel])
         known &= term.counted(name)
         size = float(np.linalg.norm(there[known]))
-        if size == 0.0:
-            continue
-        ratio = float(np.linalg.norm(here[known])) / size
-        changed = float(np.linalg.norm(here[known] - ratio * there[known])) / size
-        wrong = changed * np.where(known, corrections[channel].added, 0.0)
-        scaled = wrong * term.scale(name, weight, known)
-        squares += float(scaled @ scaled)
-    return float(np.sqrt(squares))
+        ratio = float(np.linalg.norm(here[known])) / size if size else 0.0
+        changed = float(np.linalg.norm(here[known] - ratio * there[known])) / size if size else 0.0
+        found[name] = changed * np.where(known, corrections[channel].added, 0.0)
+    return found
 
 
-__all__ = ["NEAR", "FineRun", "NotRankedError", "error_of", "fine_run"]
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EndSlopes:
+    """What errors of the curves do to the parameters where a fit has ended, to first order.
+
+    Parameters
+    ----------
+    gain : (n_parameters, n) array
+        Change of the point of the box by a change of the residuals: J⁺, with flat priors over the ranges.
+    sd : (n_parameters,) array
+        Standard deviation of the point, as far as the fit itself shows it: by Gauss-Newton from the
+        residuals, which are taken to be no less than the budget's discrepancy, and each curve to be no more
+        than :data:`INDEPENDENT` points; and by the budget's gain of each channel. Other causes would only
+        add to it: no correction is near enough because of them.
+    """
+
+    gain: FloatArray
+    sd: FloatArray
+
+    @classmethod
+    def of(cls, fit: Fit) -> Self:
+        """Slopes of a fit where it has ended.
+
+        Raises
+        ------
+        PalpateError
+            There are none.
+        """
+        found, problem = fit.at_end(), fit.problem
+        assert found.residuals is not None
+        assert found.jacobian is not None
+        residuals, jacobian, budget = found.residuals, found.jacobian, problem.study.budget
+        fitted = residuals - problem.residuals_of_nothing()
+        curves = list(pieces(problem.terms))
+        channels = list(dict.fromkeys(channel_of(name) for _, name, _, _ in curves))
+        calibration, peaks = np.zeros((residuals.size, len(channels))), np.zeros(residuals.size)
+        for term, name, at, scale in curves:
+            channel = channel_of(name)
+            calibration[at, channels.index(channel)] = budget.gain * fitted[at]
+            peaks[at] = np.abs(scale * term.measured[channel].ordinate).max()
+        n, n_parameters = jacobian.shape
+        variance = float(residuals @ residuals) / max(n - n_parameters, 1)
+        variance = max(variance, budget.discrepancy**2 * float(np.mean(peaks**2)))
+        variance *= max(1.0, n / (INDEPENDENT * len(curves)))
+        inverse = np.linalg.inv(jacobian.T @ jacobian + variance / RANGE_VARIANCE * np.eye(n_parameters))
+        gain = inverse @ jacobian.T
+        of_gains = np.sum((gain @ calibration) ** 2, axis=1)
+        return cls(gain=gain, sd=np.sqrt(variance * np.diag(inverse) + of_gains))
+
+    def shift(self, errors: FloatArray) -> float:
+        """Largest shift of a parameter, over its standard deviation, by errors (k, n) of unknown signs."""
+        shifts = np.abs(errors @ self.gain.T).sum(axis=0)
+        return float((shifts / self.sd).max())
+
+
+__all__ = ["NEAR", "EndSlopes", "FineRun", "NotRankedError", "errors_of", "fine_run"]

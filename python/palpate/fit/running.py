@@ -56,6 +56,23 @@ class Fit:
         """Least Σ r² so far."""
         return np.inf if self.best is None else self.best.objective
 
+    def at_end(self) -> Evaluation:
+        """Evaluation where the search has ended, with slopes; a search may not have asked for them there.
+
+        Raises
+        ------
+        PalpateError
+            There are none.
+        """
+        assert self.best is not None
+        same = (each for each in self.trace if np.array_equal(each.point, self.best.point))
+        found = next((each for each in same if each.jacobian is not None), None)
+        if found is None:
+            (found,) = self.problem.evaluate([Trial(point=self.best.point, slopes=True)])
+        if found.jacobian is None:
+            raise PalpateError(found.failure)
+        return found
+
     def unseen(self) -> list[str]:
         """Names of the values on which no curve depends wherever there are slopes, and no prior holds."""
         rates = [np.abs(each.jacobian).max(axis=0) for each in self.trace if each.jacobian is not None]

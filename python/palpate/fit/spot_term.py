@@ -5,7 +5,7 @@ counts, so that Σ r² is the spot's Fopt. Points that a curve does not cover ar
 sums: their residuals are zero, and the others count for them.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -249,6 +249,17 @@ def term_of(
         channels=study.observed(measured),
         site=study.site_of(spot),
     )
+
+
+def pieces(terms: Sequence[SpotTerm]) -> Iterator[tuple[SpotTerm, str, slice, FloatArray]]:
+    """Each weighed name of each spot, its residuals, and factors (n_measured,) from ordinates to them."""
+    at = 0
+    for term in terms:
+        for name, weight in term.weights.items():
+            inside = term.counted(name)
+            scale = term.scale(name, weight, inside) / np.sqrt(len(terms))
+            yield term, name, slice(at, at + int(inside.sum())), scale
+            at += int(inside.sum())
 
 
 def is_along_slopes(one: SpotInputs, other: SpotInputs) -> bool:

@@ -2,8 +2,9 @@
 
 The joint fit of the scenario that generalises comes first, from the answer of an earlier run if there is
 one, and from the basins of the sweep. Where spots have a finer mesh, its answers correct the curves of the
-coarse one until that changes nothing any more. The other scenarios start where the first has ended, with its
-corrections, and each spot where the joint fit of its scenario has.
+coarse one until what these may be wrong by moves no parameter by a tenth of its standard deviation. The other
+scenarios start where the first has ended, with its corrections, and each spot where the joint fit of its
+scenario has.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -12,11 +13,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import polars as pl
 
-from palpate.domain import Design, Response, Scenario, Simulation, channel_of
-from palpate.fit.mesh_correction import NEAR, FineRun, error_of, fine_run
+from palpate.domain import Design, FloatArray, Response, Scenario, Simulation, channel_of
+from palpate.errors import PalpateError
+from palpate.fit.mesh_correction import NEAR, EndSlopes, FineRun, errors_of, fine_run
 from palpate.fit.problem import Problem
 from palpate.fit.running import Fit, run_searches
-from palpate.fit.spot_term import Correction, NotRankedError, SpotTerm, term_of
+from palpate.fit.spot_term import Correction, NotRankedError, SpotTerm, pieces, term_of
 from palpate.fit.starts import basins, scaled_start
 from palpate.plugins.parametrisation import SpotInputs
 from palpate.progress import SILENT, Progress
@@ -220,15 +222,18 @@ class FitStage:
             run_searches(self.study.search, fits, self.simulations.of, self.study.seed, self._stepped)
         for case in active:
             ends = [end for end in self._ends(case) if f"{end.spot}/fine" in self.simulations.limbs]
-            case.is_settled = all(end.error <= NEAR * end.misfit for end in ends)
+            case.is_settled = all(end.is_near for end in ends)
 
     def _run_fine(self, cases: Sequence[Case]) -> None:
         """Simulate finer meshes where what is known may be wrong by too much; one set a spot at a time."""
         wanted: dict[str, _End] = {}
         for case in cases:
             for end in self._ends(case):
-                is_near = end.error <= NEAR * end.misfit
-                if end.spot not in wanted and not is_near and f"{end.spot}/fine" in self.simulations.limbs:
+                if (
+                    end.spot not in wanted
+                    and not end.is_near
+                    and f"{end.spot}/fine" in self.simulations.limbs
+                ):
                     wanted[end.spot] = end
                     case.n_fine += 1
         jobs = [end.term.job(end.inputs, -1, slopes=False, fine=True) for end in wanted.values()]
@@ -254,6 +259,11 @@ class FitStage:
         end = case.end
         if end is None or end.best is None:
             return []
+        try:
+            slopes = EndSlopes.of(end)
+        except PalpateError as error:
+            self.progress.note(f"warning: {case.label}: whether its corrections are near is unknown: {error}")
+            slopes = None
         ends = []
         for term in end.problem.terms:
             inputs = end.problem.inputs(term.spot, end.best.point)
@@ -261,26 +271,45 @@ class FitStage:
             bare = replace(term, corrections={})
             channels = map(channel_of, term.weights)
             curves = {channel: bare.values(coarse, inputs, channel) for channel in channels}
-            runs = [(error_of(run, bare, curves), run) for run in self._fine.get(term.spot, [])]
-            misfit = float(np.sqrt(end.best.fopt))
+            runs = [
+                (_shift(slopes, end, term.spot, errors_of(run, bare, curves)), run)
+                for run in self._fine.get(term.spot, [])
+            ]
             used = [each for each in runs if _same(each[1].corrections, term.corrections)]
             # A correction that is near enough is kept: another one would be one more search.
-            near = [each for each in used if each[0] <= NEAR * misfit] or runs
-            error, run = min(near, default=(np.inf, None), key=lambda each: each[0])
-            ends.append(_End(bare, inputs, coarse, run, error=error, misfit=misfit))
+            near = [each for each in used if each[0] <= NEAR] or runs
+            shift, run = min(near, default=(np.inf, None), key=lambda each: each[0])
+            ends.append(_End(bare, inputs, coarse, run, shift=shift))
         return ends
+
+
+def _shift(slopes: EndSlopes | None, end: Fit, spot: str, errors: Mapping[str, FloatArray]) -> float:
+    """Shift of the parameters by errors of the curves of a spot, if the other spots' were as wrong."""
+    if slopes is None:
+        return np.inf
+    rows = np.zeros((len(errors), slopes.gain.shape[1]))
+    of_spot = (each for each in pieces(end.problem.terms) if each[0].spot == spot)
+    for row, (term, name, at, scale) in zip(rows, of_spot, strict=True):
+        row[at] = (scale * errors[name])[term.counted(name)]
+    return len(end.problem.terms) * slopes.shift(rows)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _End:
-    """Where a case has ended at one spot, and how wrong its correction, or the nearest, may be there."""
+    """Where a case has ended at one spot, and how far its correction, or the nearest, may shift it.
+
+    The shift is the largest of a parameter over its standard deviation.
+    """
 
     term: SpotTerm
     inputs: SpotInputs
     coarse: Simulation
     run: FineRun | None
-    error: float
-    misfit: float
+    shift: float
+
+    @property
+    def is_near(self) -> bool:
+        return self.shift <= NEAR
 
     @property
     def spot(self) -> str:

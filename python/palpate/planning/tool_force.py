@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.certainty.rows import pieces
 from palpate.channels import PRESS_AND_TWIST
 from palpate.domain import FloatArray, Limb, Parameter, ParameterSpace, Protocol, Response, Status
 from palpate.errors import StudyError
+from palpate.fit.spot_term import pieces
 from palpate.planning.presses import DesignProblem, job_of, point_in, slopes_of
 from palpate.plugins.parametrisation import Parametrisation, SpotInputs
 from palpate.prediction.predict import refined_limbs

@@ -10,14 +10,13 @@ from palpate import pipeline
 from palpate.certainty.causes import Cause, WithCauses, causes_of, columns_of, drift_of
 from palpate.certainty.known_errors import MESH, known_errors
 from palpate.certainty.mesh_error import SpotMesh, noted_errors
-from palpate.certainty.rows import pieces
 from palpate.certainty.stage import CertaintyStage
 from palpate.core_stages import Posteriors
 from palpate.domain import ParameterSpace, RegionMaterial, Relaxation, Response, Simulation, Status
 from palpate.errors import StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
-from palpate.fit.spot_term import Correction, is_along_slopes, is_same_job
+from palpate.fit.spot_term import Correction, is_along_slopes, is_same_job, pieces
 from palpate.plugins.interfaces import SetFilter
 from palpate.prediction.bands import draws_of
 from palpate.progress import SILENT
