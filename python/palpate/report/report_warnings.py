@@ -156,8 +156,9 @@ def left_out(data: ReportData) -> dict[str, str]:
     budget = data.fit.certainty.budget
     if budget.is_empty():
         return {}
-    of_main = budget.filter(fit=data.together, scenario=data.generalising.name)
-    return dict(of_main.filter(pl.col("share").is_null()).select("cause", "status").iter_rows())
+    lost = budget.filter(pl.col("share").is_null(), fit=data.together, scenario=data.generalising.name)
+    # Tables of earlier runs have no status, and no row without a share.
+    return {row["cause"]: row["status"] for row in lost.iter_rows(named=True)}
 
 
 def apparent(data: ReportData) -> str:
