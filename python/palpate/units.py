@@ -21,6 +21,10 @@ _OWN = frozenset({"mm", "N", "MPa", "N*mm", "deg", "s"})
 _ANGLES = frozenset({"degree", "radian", "turn", "arcminute", "arcsecond"})
 _RATIOS = frozenset({"percent"})
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+_COMMA = re.compile(r"\s*[+-]?\d*,\d.*")
+_USUAL = ("mm", "cm", "m", "N", "mN", "kN", "Pa", "kPa", "MPa", "GPa", "N*mm", "N*m", "deg", "rad", "s", "ms",
+          "min", "h", "MB", "GB")  # fmt: skip
+"""Units that are suggested for one that differs in case alone."""
 _LONGEST = 100
 """Most characters of a quantity."""
 _UNIT = re.compile(r"(?:(?:[^\W\d_]\w*|[°%])(?:\s*(?:\^|\*\*)\s*[+-]?\d(?!\d))?|1|[*/·()\s])*+")
@@ -65,6 +69,8 @@ def convert(given: object, unit: str) -> float:
         return _finite(float(given), given, unit)
     if len(given) > _LONGEST:
         raise ValueError(f"{given[:40]!r}… has more than {_LONGEST} characters; {_example(unit)}")
+    if _COMMA.fullmatch(given):
+        raise ValueError(f'{given!r} has a decimal comma; write "{given.strip().replace(",", ".")}"')
     match = _QUANTITY.fullmatch(given)
     if match is None:
         raise ValueError(f"{given!r} is not a number with a unit; {_example(unit)}")
@@ -131,11 +137,22 @@ def _factor(written: str, unit: str, given: str) -> float:
         return 1.0  # without pint, which is slow to import
     target, source = _parsed("" if unit in DIMENSIONLESS else unit), _parsed(written)
     if source is None or target is None:
-        raise ValueError(f"{given!r}: unknown unit '{written}'; {_example(unit)}")
+        raise ValueError(f"{given!r}: unknown unit '{written}'; {_meant(written, unit) or _example(unit)}")
     if _dimension(source) != _dimension(target):
         wanted = "a plain ratio" if unit in DIMENSIONLESS else f"of the kind of {unit}"
-        raise ValueError(f"{given!r} is not {wanted}; {_example(unit)}")
+        raise ValueError(f"{given!r} is not {wanted}; {_meant(written, unit) or _example(unit)}")
     return float(_registry().Quantity(1.0, source).to(target).magnitude)
+
+
+def _meant(written: str, unit: str) -> str:
+    """Suggest the usual unit of a kind that differs in case alone; empty where there is none."""
+    alike = [usual for usual in _USUAL if usual.casefold() == written.casefold() and usual != written]
+    kind = _parsed("" if unit in DIMENSIONLESS else unit)
+    for usual in alike:
+        source = _parsed(usual)
+        if source is not None and kind is not None and _dimension(source) == _dimension(kind):
+            return f"did you mean '{usual}'?"
+    return ""
 
 
 def _parsed(written: str) -> "pint.Unit | None":

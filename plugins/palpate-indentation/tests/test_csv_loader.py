@@ -195,6 +195,25 @@ def test_a_bad_file_is_reported_by_line_and_column(file: Path, text: str, messag
     assert "; " in str(caught.value), "a remedy follows"
 
 
+GERMAN = "x;y\n0,5;0,1\n1,5;0,2\n2,5;0,3\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "settings", "message"),
+    [
+        (GERMAN, {}, "numbers written with ','; set decimal = \",\" in the"),
+        (GERMAN.replace("x;y", "Weg;Kraft"), {}, 'set decimal = "," in the'),
+        (GERMAN, {"delimiter": ","}, 'set decimal = "," and delimiter = ";" in the'),
+    ],
+)
+def test_a_file_with_other_marks_is_named(file: Path, text: str, settings: dict, message: str) -> None:
+    file.write_text(text)
+    columns = {"pull": {"abscissa": "x", "ordinate": "y"}}
+    with pytest.raises(CurveError) as caught:
+        loader(channels=columns, **settings).load(file, "pull")
+    assert message in str(caught.value)
+
+
 @pytest.mark.parametrize(
     ("raw", "message"),
     [

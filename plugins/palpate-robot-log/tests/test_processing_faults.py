@@ -52,7 +52,10 @@ def half_without_force() -> Recording:
 
 
 FAULTS: dict[str, tuple[Callable[[], Recording], str]] = {
-    "reaction": (lambda: log().changed(force_N=-log().force_N), r"row 34\d \(t = 1.7\d\d s\).*turn its sign"),
+    "reaction": (
+        lambda: log().changed(force_N=-log().force_N),
+        r"row 34\d \(t = 1.7\d\d s\).*set acts_on = \"tool\" in the",
+    ),
     "force x z": (
         lambda: log().changed(force_N=log().force_N[:, SWAPPED["xz"]]),
         r"90 degrees off the normal.*force goes along -x and the normal along -z",

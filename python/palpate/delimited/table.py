@@ -123,12 +123,34 @@ class TextTable:
             return [index for index, kind in enumerate(self.layout.kinds) if kind != "text"]
         for name in wanted:
             if name not in names:
+                self._check_marks(wanted)
                 raise CurveError(
                     f"{self.path}: no column '{name}'{close_to(name, names)} (columns there: "
                     f"{listed(names)}); correct the name in the loader's settings, or see "
                     "'palpate experiment inspect'"
                 )
         return [names.index(name) for name in dict.fromkeys(wanted)]
+
+    def _check_marks(self, wanted: Sequence[str]) -> None:
+        """Refuse a file that has all columns under other marks than the settings give."""
+        free = self.text_format.model_copy(update={"delimiter": None, "decimal": None})
+        try:
+            other = TextTable(self.path, free)
+        except CurveError:
+            return
+        found, given = other.settings(), self.settings()
+        names = other.layout.names
+        if set(wanted) <= set(names) or len(names) > len(self.layout.names):
+            asked = self.text_format.delimiter is not None
+            marks = [
+                f'{key} = "{found[key]}"'
+                for key in ("decimal", "delimiter")
+                if found[key] != given[key] and (key == "decimal" or asked)
+            ]
+            raise CurveError(
+                f"{self.path}: its cells are separated by '{found['delimiter']}', its numbers written with "
+                f"'{found['decimal']}'; set {' and '.join(marks)} in the loader's settings"
+            )
 
     def notes(self) -> tuple[str, ...]:
         """What a person should know about the file."""

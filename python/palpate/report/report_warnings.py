@@ -26,8 +26,8 @@ NO_FIT_R2 = 0.5
 """R² in a fitted channel below which a set is not called a fit."""
 
 CHECK = (
-    "Check the units, the signs and the order of turns of the measured curves, then friction, ranges "
-    "and the number of sets."
+    "Check the units, the signs and the columns of the measured curves, then [protocol] where there is one, "
+    "the ranges and the number of sets."
 )
 """What to do about a set that does not fit."""
 

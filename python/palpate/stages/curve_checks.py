@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from palpate import _core
 from palpate.domain import (
     Channel,
     Curve,
@@ -83,7 +84,7 @@ def check_curve(curve: Curve, channel: Channel) -> list[str]:
         _check_sign(curve, channel, peak)
     if channel.dissipative:
         _check_work(curve, channel)
-    found = [*_points(curve), *_outlier(curve)]
+    found = [*(_disorder(curve, channel) or _points(curve)), *_outlier(curve)]
     if channel.zero_at_start:
         found += _bias(curve, channel, peak)
     return [f"{named} {each}" for each in found]
@@ -111,6 +112,21 @@ def _check_work(curve: Curve, channel: Channel) -> None:
             f"returns more work than was put in ({least:.3g} {channel.ordinate}·{channel.abscissa}), which "
             "no tissue does; turn the sign of one column, or check whether one lags behind the other"
         )
+
+
+def _disorder(curve: Curve, channel: Channel) -> list[str]:
+    """One row whose removal leaves a path of fewer and longer branches."""
+    x, n_branches = curve.abscissa, len(curve.branches)
+    ends = {row for start, stop in curve.branches for row in (start, start + 1, stop - 2, stop - 1)}
+    short = min(stop - start for start, stop in curve.branches)
+    if n_branches < 2 or short >= LEAST_POINTS:
+        return []
+    left = {row: _core.branches(np.ascontiguousarray(np.delete(x, row))) for row in sorted(ends)}
+    row = min(left, key=lambda each: len(left[each]))
+    if len(left[row]) == n_branches or min(stop - start for start, stop in left[row]) < LEAST_POINTS:
+        return []
+    where = f"row {row} ({channel.abscissa} {x[row]:.4g}) is out of order"
+    return [f"{where}; move it where its {channel.abscissa} belongs in the file, or remove it"]
 
 
 def _points(curve: Curve) -> Iterator[str]:
@@ -327,13 +343,11 @@ def young_range(space: ParameterSpace) -> tuple[float, float] | None:
 
 
 def _young_ends(space: ParameterSpace, region: RegionMaterial) -> tuple[float, float] | None:
-    material, columns = region.material, space.columns_of(region.region)
-    if not isinstance(material, IsotropicMaterial) or 2 ** len(columns) > _MOST_CORNERS:
+    material, thetas = region.material, thetas_of_ranges(space, region)
+    if not thetas or not isinstance(material, IsotropicMaterial):
         return None
     # An isochoric pull by the logarithmic strain e stores E e²/2.
     stretches = np.exp(np.stack([_STRAINS, -_STRAINS / 2.0, -_STRAINS / 2.0], axis=-1))
-    ends = [(p.lower, p.upper) if i in columns else (p.lower,) for i, p in enumerate(space.parameters)]
-    thetas = [space.thetas(np.array(corner))[region.region] for corner in product(*ends)]
     with answering_for(material, "energy at the ends of the ranges"), np.errstate(all="ignore"):
         energies = [np.asarray(material.energy(stretches, theta)) for theta in thetas]
     moduli = 2.0 * np.stack(energies) / _STRAINS**2
@@ -341,3 +355,17 @@ def _young_ends(space: ParameterSpace, region: RegionMaterial) -> tuple[float, f
     if not np.isfinite(moduli).all() or not (initial > 0.0).any():
         return None
     return float(initial[initial > 0.0].min()), float(moduli.max())
+
+
+def thetas_of_ranges(space: ParameterSpace, region: RegionMaterial, n_levels: int = 2) -> list[FloatArray]:
+    """Textbook parameters of a region at ``n_levels`` values of each range, its ends included.
+
+    None of them where the material has directions, or too many parameters.
+    """
+    columns = space.columns_of(region.region)
+    if not isinstance(region.material, IsotropicMaterial) or n_levels ** len(columns) > _MOST_CORNERS:
+        return []
+    values = [
+        np.linspace(p.lower, p.upper, n_levels if i in columns else 1) for i, p in enumerate(space.parameters)
+    ]
+    return [space.thetas(np.array(corner))[region.region] for corner in product(*values)]

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -24,7 +25,9 @@ from palpate.plugins.guard import answering_for
 from palpate.plugins.optional import LoadingDrawer
 from palpate.stages.curve_checks import check_curve, check_gaps, check_sizes
 from palpate.stages.repeats import average, described
+from palpate.stages.stress_checks import check_modes, check_stress
 from palpate.study.reading import Study, StudySpot, relative
+from palpate.units import convert
 
 COVERED_SHARE = 0.98
 """Share of the protocol's travel that a measured curve must reach."""
@@ -34,6 +37,14 @@ TURN_SLACK = 0.1
 
 _UNITS = {"deg": "degrees"}
 """Units of abscissae that messages spell otherwise than columns."""
+
+_OTHER_UNITS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"mm": ("m", "cm", "inch", "µm"), "deg": ("rad",), "s": ("ms", "min")}
+)
+"""Units that an abscissa may be in by mistake, by the one that it must be in."""
+
+UNIT_SLACK = 0.03
+"""Relative difference of the protocol's travel over the measured one from a ratio of units, at most."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,6 +148,9 @@ def _load_spot(study: Study, spot: StudySpot, channels: Mapping[str, Channel]) -
             warnings += [f"{path.name}: spot '{spot.spot.name}': {text}" for text in found]
             responses[_told(path, study, responses)] = response
         _check_alike(spot, paths, responses)
+    if study.protocol_at(spot.spot.name) is None:
+        first = {name: curve for response in responses.values() for name, curve in response.curves.items()}
+        warnings += [f"spot '{spot.spot.name}': {text}" for text in check_modes(first, study.space)]
     return Presses(spot=spot, responses=responses, warnings=tuple(warnings))
 
 
@@ -206,6 +220,8 @@ def _check_response(
                 check_covers(curve, channels[name], protocol, study.scoring.minimum_coverage)
                 if channels[name].abscissa in protocol.columns:
                     check_gaps(curve)
+            else:
+                found += check_stress(curve, channels[name], study.space)
             found += check_curve(curve, channels[name])
         if isinstance(protocol, Indentation):
             found += check_sizes(response, channels, protocol, study.space)
@@ -303,15 +319,25 @@ def check_covers(
             f"channel '{curve.channel}' is measured over {channel.abscissa}, which the protocol does not "
             "move; add it to the protocol's path or leave the channel out"
         )
-    for problem in _departures(curve, asked, _UNITS.get(unit, unit), minimum_coverage):
+    for problem in _departures(curve, asked, unit, minimum_coverage):
         raise CurveError(f"channel '{curve.channel}' {problem}")
 
 
-def _departures(curve: Curve, asked: FloatArray, unit: str, minimum_coverage: float) -> Iterator[str]:
+def _departures(curve: Curve, asked: FloatArray, written_unit: str, minimum_coverage: float) -> Iterator[str]:
+    unit = _UNITS.get(written_unit, written_unit)
     low, high = float(asked.min()), float(asked.max())
     least, most = float(curve.abscissa.min()), float(curve.abscissa.max())
     covered = f"covers {least:g} to {most:g} {unit} where the protocol runs from {low:g} to {high:g} {unit}"
     slack = (1.0 - COVERED_SHARE) * (high - low)
+    times = float(np.abs(asked).max() / np.abs(curve.abscissa).max())
+    for other in _OTHER_UNITS.get(written_unit, ()):
+        factor = convert(f"1 {other}", written_unit)
+        if abs(times / factor - 1.0) < UNIT_SLACK:
+            yield (
+                f"{covered}, {times:.3g} times as far, as if the file were in {other}: with loader csv, set "
+                f"scale = {factor:g} in channels.{curve.channel}.abscissa of [experiment.settings], or check "
+                "the unit in [protocol]"
+            )
     if least > low + slack or most < high - slack:
         yield f"{covered}; measure the whole path or shorten the protocol"
     outside = (curve.abscissa < low - slack) | (curve.abscissa > high + slack)

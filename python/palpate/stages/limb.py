@@ -11,6 +11,7 @@ from palpate.errors import MeshError, StudyError
 from palpate.mesh.contact_edge import NEAR, contact_edge_mm
 from palpate.mesh.refinement import refined
 from palpate.mesh.shape_functions import HEX_CORNERS, linear_simplex, multilinear, quadratic_simplex
+from palpate.mesh.spot_frame import spot_axes
 from palpate.mesh.topology import CELLS, Cell
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import AnisotropicMaterial
@@ -186,7 +187,24 @@ def limb_warnings(study: Study, limbs: Mapping[str, Limb]) -> list[str]:
             )
         found.extend(f"spot '{name}': {hole}" for hole in holes(limb.mesh))
         found.extend(_coarse(study, name, limb))
+        if name in study.spot_names:
+            found.extend(_wide(study, limb))
     return found
+
+
+def _wide(study: Study, limb: Limb) -> Iterator[str]:
+    """Say where an indenter is wider than what there is of the limb."""
+    protocol = study.protocol_at(limb.spot.name)
+    if isinstance(protocol, Indentation):
+        normal, radius = limb.spot.normal, protocol.indenter.radius_mm
+        skin = limb.mesh.points_mm[limb.mesh.node_sets["contact"]] - limb.spot.position_mm
+        across = np.ptp(skin @ spot_axes(normal, limb.spot.along)[:, :2], axis=0)
+        if 2.0 * radius > across.min():
+            yield (
+                f"spot '{limb.spot.name}': a {protocol.indenter.name} of radius {radius:g} mm is wider than "
+                f"the skin of the mesh, {across.min():.3g} mm; check the radius in [protocol], and the "
+                "unit of the mesh"
+            )
 
 
 def _coarse(study: Study, name: str, limb: Limb) -> Iterator[str]:

@@ -12,6 +12,9 @@ from palpate.study.reading import Study
 LARGEST_RATIO = 100.0
 """Upper over lower end of a range beyond which sets that are spread evenly leave the lower decades out."""
 
+MOST_FRICTION = 3.0
+"""Coefficient above which an indenter sticks for any purpose, and which no skin or silicone has."""
+
 DEEPEST = 3.0
 """Depth over radius beyond which an indenter is deeper in the limb than any measurement of the kind."""
 
@@ -22,6 +25,11 @@ def odd_settings(study: Study) -> Iterator[str]:
     for spot, protocol in protocols.items():
         if isinstance(protocol, Indentation):
             yield from _depth(spot, protocol)
+            if protocol.friction > MOST_FRICTION:
+                yield (
+                    f"spot '{spot}': friction {protocol.friction:g} is far above what was measured on skin "
+                    "and rubber; check friction in [protocol]"
+                )
     every = study.parametrisation.parameters(study.space, study.spot_names[:1])
     for parameter in every if study.search.name == "sweep" else ():
         if parameter.prior or parameter.by_spot or parameter.name not in study.space.names:

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from palpate.plugins.catalogue import Plugins
-from palpate.stages.experiment import load_measured
-from palpate.stages.limb import load_limbs
+from palpate.stages.experiment import load_measured, measured_warnings
+from palpate.stages.limb import limb_warnings, load_limbs
+from palpate.study.checks import odd_settings
 from palpate.study.reading import Study, read_study
 
 FOREARM = ("forearm-demo", "forearm")
@@ -41,6 +42,27 @@ def test_every_spot_is_measured_in_every_channel_that_counts(name: str) -> None:
     assert list(measured) == [spot.spot.name for spot in study(name).spots]
     for response in measured.values():
         assert set(response) == weighted
+
+
+WITHOUT_CURVES = ("forearm-real", "residual-limb")  # their curves are made with `palpate synthesise`
+COARSE = {"multis": 3}  # its README states what the meshes do not resolve
+
+
+def test_no_curve_and_no_setting_of_a_ready_study_gives_a_warning() -> None:
+    for name in set(plugins().studies) - set(WITHOUT_CURVES):
+        found = (
+            *odd_settings(study(name)),
+            *measured_warnings(load_measured(study(name), plugins().channels)),
+        )
+        assert found == (), name
+
+
+@pytest.mark.slow
+def test_no_mesh_of_a_ready_study_gives_a_new_warning() -> None:
+    for name in set(plugins().studies) - set(WITHOUT_CURVES):
+        found = limb_warnings(study(name), load_limbs(study(name)))
+        assert len(found) == COARSE.get(name, 0), found
+        assert all("is not resolved" in text for text in found)
 
 
 @pytest.mark.parametrize("name", [*FOREARM, LAYERED, *HOMOGENEOUS])
