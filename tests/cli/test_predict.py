@@ -106,7 +106,8 @@ def test_a_tool_is_predicted_from_the_command_line(predict, made):
     assert code == 0
     rows = {row["quantity"]: row for row in found["summary"]}
     force, peak = rows["normal force"], rows["peak pressure"]
-    assert peak["value"] == pytest.approx(force["value"] / 4.0, rel=1e-5)
+    assert peak["unit"] == "kPa"  # as the threshold is written
+    assert peak["value"] == pytest.approx(1000.0 * force["value"] / 4.0, rel=1e-5)
     assert force["linear_lower"] <= force["value"] <= force["linear_upper"]
     assert force["linear_lower"] <= force["solved_lower"] < force["solved_upper"] <= force["linear_upper"]
     assert rows["area above the threshold"]["value"] == pytest.approx(4.0)

@@ -109,6 +109,8 @@ def _as_json(study: "Study", checked: "StudyInputs", left: "Cost") -> "CheckOutp
 
 
 def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
+    from palpate.report.written_units import in_units
+
     odd = f", warnings on stderr: {len(checked.warnings)}" if checked.warnings else ""
     session.say(f"{study.name}: no mistakes found{odd}; {data_notice(study)}")
     session.table(
@@ -116,7 +118,7 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
         ["name", "lower", "upper", "unit", "prior", "description"],
         [
             [p.name, p.lower, p.upper, p.unit, _prior(p), f"{p.description}{_where(p)}"]
-            for p in (*study.space.parameters, *_by_fit_alone(study))
+            for p in in_units(study, (*study.space.parameters, *_by_fit_alone(study)))
         ],
     )
     for name, tie in study.space.ties.items():

@@ -79,7 +79,7 @@ def next_(  # named apart from the builtin
     if as_json:
         _print_json(session, folder, progress)
         return
-    _show(session, found)
+    _show(session, study, found)
     session.labelled("Picture", picture.resolve().as_uri())
     name = found.steps[0].chosen.press.press.name
     session.next(
@@ -112,7 +112,7 @@ def plan(
     if as_json:
         _print_json(session, folder, progress)
         return
-    _show(session, found)
+    _show(session, checked, found)
     session.labelled("Picture", picture.resolve().as_uri())
     session.note(f"poses and paths are in {folder / 'next.json'}")
 
@@ -153,8 +153,9 @@ def _print_json(session: Session, folder: Path, progress: StageProgress) -> None
     session.json({**RunDirectory(folder).proposal(), "warnings": progress.warnings})
 
 
-def _show(session: Session, found: "Proposal") -> None:
+def _show(session: Session, study: "Study", found: "Proposal") -> None:
     from palpate.planning.tables import proposal_tables
+    from palpate.report.written_units import rows_in_written_units
 
     tables = proposal_tables(found)
     if found.failed_checks:
@@ -167,7 +168,8 @@ def _show(session: Session, found: "Proposal") -> None:
     for number, ranking in tables.ranking.group_by("step", maintain_order=True):
         title = f"Press {number[0]}: width after it, over that before"
         session.frame(title, ranking.drop("step").head(SHOWN))
-    session.frame("95 % intervals: now (step 0), and expected after each press", tables.intervals)
+    intervals = rows_in_written_units(study, tables.intervals, ("value", "lower", "upper"))
+    session.frame("95 % intervals: now (step 0), and expected after each press", intervals)
     if tables.refused.height:
         session.frame("Refused", tables.refused)
 

@@ -284,7 +284,15 @@ def _at_spot(
             if len(lines[name])
         },
         summary=list(
-            summary_rows(plan.spot, pressed, stiffer, found, by_force=by_force, mesh=errors.quantities)
+            summary_rows(
+                plan.spot,
+                pressed,
+                stiffer,
+                found,
+                by_force=by_force,
+                mesh=errors.quantities,
+                pressure_unit=plan.tool.pressure_unit,
+            )
         ),
         by_force=by_force,
         mesh=errors.quantities,

@@ -16,6 +16,7 @@ from palpate.domain import Curve, FloatArray, Indentation, Simulation, Status
 from palpate.fit.tables import ORDER
 from palpate.prediction.bands import ends, scores
 from palpate.prediction.measures import Contact, contact_of
+from palpate.units import convert
 from palpate.waypoints import DEPTH
 
 
@@ -211,25 +212,28 @@ def summary_rows(
     *,
     by_force: bool,
     mesh: Mapping[str, float] = NO_ERRORS,
+    pressure_unit: str = "MPa",
 ) -> Iterator[dict[str, Any]]:
     """Value, ends of the linear band, and those of simulated draws, of each quantity at a spot."""
+    per_MPa = convert("1 MPa", pressure_unit)
     for quantity in QUANTITIES:
+        unit, factor = (pressure_unit, per_MPa) if quantity.unit == "MPa" else (quantity.unit, 1.0)
         value = pressed.value(quantity.attribute)
         if value is None or (quantity.attribute == "depth_mm" and not by_force):
             continue
         row: dict[str, Any] = {
             "spot": spot,
             "quantity": quantity.name,
-            "unit": quantity.unit,
-            "value": value,
+            "unit": unit,
+            "value": factor * value,
         }
         drawn = spread(pressed, quantity, stiffer, by_force=by_force, mesh=mesh)
         band = (None, None) if drawn is None else ends(drawn)
         row |= {
-            f"linear_{end}": None if at is None else float(at)
+            f"linear_{end}": None if at is None else factor * float(at)
             for end, at in zip(("lower", "upper"), band, strict=True)
         }
         if solved:
             lower, upper = ends(np.array([[each.value(quantity.attribute)] for each in solved]))
-            row |= {"solved_lower": float(lower[0]), "solved_upper": float(upper[0])}
+            row |= {"solved_lower": factor * float(lower[0]), "solved_upper": factor * float(upper[0])}
         yield row

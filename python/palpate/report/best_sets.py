@@ -10,6 +10,7 @@ import numpy as np
 from palpate import mechanics
 from palpate.domain import weighed_phases
 from palpate.errors import PalpateError
+from palpate.plugins.interfaces import IsotropicMaterial
 from palpate.report.report_data import ReportData
 from palpate.report.tables import weighted_channels
 from palpate.run.result import ALL_SPOTS
@@ -118,7 +119,8 @@ def every_value(data: ReportData, row: Mapping[str, Any]) -> dict[str, float]:
 def initial_moduli(data: ReportData, best: Mapping[str, Any]) -> Iterator[tuple[str, tuple[float, float]]]:
     """Initial shear and Young's modulus of each region that is searched, where its material has them.
 
-    They are in ``data.modulus_unit``.
+    A material with directions has none: it is not as stiff along its fibres as across. They are in
+    ``data.modulus_unit``.
 
     Parameters
     ----------
@@ -127,7 +129,7 @@ def initial_moduli(data: ReportData, best: Mapping[str, Any]) -> Iterator[tuple[
     """
     space, unit = data.study.space, convert(f"1 {data.modulus_unit}", "MPa")
     every = every_value(data, best)
-    for region in space.regions:
+    for region in (each for each in space.regions if isinstance(each.material, IsotropicMaterial)):
         values = {p.name: every[f"{region.region}.{p.name}"] for p in region.material.parameters}
         if space.columns_of(region.region) and np.isfinite(list(values.values())).all():
             try:

@@ -91,7 +91,7 @@ def make_tables(data: ReportData) -> dict[str, pl.DataFrame]:
     }
     found = data.completeness
     # A column without a unit is in that of the material.
-    written = {p.name: f"{p.name} [{p.unit}]" for p in data.design.parameters if p.name in data.factors}
+    written = {name: f"{name} [{data.study.units[name]}]" for name in data.factors}
     return {
         name: (table if found.is_complete else _with_simulated(table, found)).rename(written, strict=False)
         for name, table in tables.items()
@@ -137,7 +137,7 @@ def coefficients(data: ReportData, best: pl.DataFrame) -> pl.DataFrame:
     best : DataFrame
         The selection, or the ends of the fit.
     """
-    units = {name: p.unit for name, p in data.brief.items()}
+    units = _units(data)
     rows = [
         {
             "region": region.region,
@@ -147,7 +147,7 @@ def coefficients(data: ReportData, best: pl.DataFrame) -> pl.DataFrame:
             "scenario": row["scenario"],
             "parameter": parameter.name,
             "value": row[f"{region.region}.{parameter.name}"],
-            "unit": units.get(f"{region.region}.{parameter.name}", parameter.unit),
+            "unit": units[f"{region.region}.{parameter.name}"],
         }
         for region in data.study.space.regions
         for parameter in region.material.parameters
@@ -155,6 +155,14 @@ def coefficients(data: ReportData, best: pl.DataFrame) -> pl.DataFrame:
         for row in best.iter_rows(named=True)
     ]
     return pl.DataFrame(rows)
+
+
+def _units(data: ReportData) -> dict[str, str]:
+    """Units of the values here, by full name, of what is searched, tied and fixed."""
+    space = data.study.space
+    own = {f"{r.region}.{p.name}": p.unit for r in space.regions for p in r.material.parameters}
+    written = {name: data.study.units[name] for name in data.factors}
+    return own | {p.name: p.unit for p in data.design.parameters} | written
 
 
 def nmse_by_scenario(data: ReportData, best: pl.DataFrame) -> pl.DataFrame:
@@ -274,7 +282,7 @@ def distance_to_truth(data: ReportData) -> pl.DataFrame:
         "joint fit": ends if ends.is_empty() else ends.filter(spot=ALL_SPOTS),
         "fit": data.fit.of_each_spot,
     }
-    units = {name: p.unit for name, p in data.brief.items()}
+    units = _units(data)
     rows = [
         {
             "search": search,
@@ -283,7 +291,7 @@ def distance_to_truth(data: ReportData) -> pl.DataFrame:
             "parameter": name,
             "value": row[name],
             "truth": truth,
-            "unit": units.get(name, ""),
+            "unit": units[name],
             "difference_percent": 100.0 * (row[name] - truth) / abs(truth) if truth else None,
         }
         for search, table in found.items()

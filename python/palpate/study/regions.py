@@ -123,15 +123,26 @@ def _every(space: ParameterSpace) -> dict[str, Parameter]:
 
 
 def written_units(tables: Mapping[str, RegionTable], space: ParameterSpace) -> dict[str, str]:
-    """Units in which ranges are written, by full name, where they are not the material's."""
-    ranges = {
-        (region.region, p): tables[region.region].parameters[p.name].lower
-        for region in space.regions
-        for p in region.searched
-        if p.name in tables[region.region].parameters
+    """Units in which ranges are written, by full name, where they are not the material's.
+
+    What is tied to a parameter of the same unit has the one that this is written in.
+    """
+    own = {f"{r.region}.{p.name}": p.unit for r in space.regions for p in r.material.parameters}
+    shown = {*space.names, *space.ties} & own.keys()
+    written = {name: _written_unit(tables, space.root(name)) for name in shown}
+    return {
+        name: written[name]
+        for name in own
+        if name in shown and own[name] == own[space.root(name)] and written[name] not in ("", own[name])
     }
-    units = {at: unit_of(lower) for at, lower in ranges.items() if isinstance(lower, str)}
-    return {f"{region}.{p.name}": unit for (region, p), unit in units.items() if unit not in ("", p.unit)}
+
+
+def _written_unit(tables: Mapping[str, RegionTable], name: str) -> str:
+    """Unit in which the range or the value of a parameter is written; empty where it has none."""
+    region, _, parameter = name.partition(".")
+    table = tables[region].parameters.get(parameter, ParameterTable())
+    given = table.lower if table.value is None else table.value
+    return unit_of(given) if isinstance(given, str) else ""
 
 
 def build_truth(context: Context, tables: Tables, space: ParameterSpace) -> dict[str, float]:

@@ -17,7 +17,7 @@ from palpate.study.reading import Study, parse_toml
 from palpate.study.solver_checks import check_protocols
 from palpate.study.source_positions import KeyLines
 from palpate.study.spots import StudySpot, build_protocol
-from palpate.units import Quantity
+from palpate.units import Quantity, unit_of
 
 Pressure = Annotated[float, Quantity("MPa")]
 
@@ -66,6 +66,8 @@ class Tool:
     protocol : Indentation
     spots : tuple of StudySpot
     threshold_MPa : float or None
+    pressure_unit : str
+        In which pressures are reported: that of the threshold, else of the study's first modulus.
     fine_edge_mm : float
         Longest edge under the tool, to which meshes are refined; 0: as they are.
     fine_reach_mm : float
@@ -76,6 +78,7 @@ class Tool:
     protocol: Indentation
     spots: tuple[StudySpot, ...]
     threshold_MPa: float | None
+    pressure_unit: str = "MPa"
     fine_edge_mm: float = 0.0
     fine_reach_mm: float = 0.0
 
@@ -123,9 +126,15 @@ def read_tool(path: Path, study: Study, plugins: Plugins) -> Tool:
         protocol=require(protocol),
         spots=spots,
         threshold_MPa=table.threshold,
+        pressure_unit=unit_of(raw["threshold"]) if "threshold" in raw else _modulus_unit(study),
         fine_edge_mm=table.fine_edge,
         fine_reach_mm=table.fine_reach,
     )
+
+
+def _modulus_unit(study: Study) -> str:
+    moduli = (p.name for p in study.space.parameters if p.kind == "modulus")
+    return next((study.units[name] for name in moduli if name in study.units), "MPa")
 
 
 def _spots(path: Path, table: ToolTable, study: Study, problems: Problems) -> tuple[StudySpot, ...]:

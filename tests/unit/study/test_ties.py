@@ -49,6 +49,14 @@ def test_a_tied_parameter_follows_and_is_neither_searched_nor_fixed(read):
     np.testing.assert_allclose(thetas["rubber"], [2.0, 0.5])
 
 
+def test_a_tied_parameter_has_the_written_unit_of_what_it_follows(read):
+    assert read(skin='k = "0.3 * rubber.k"\na = 0.5\n').units == {"rubber.k": "kPa", "skin.k": "kPa"}
+    ratio = 'k = { lower = "0.1 * rubber.k", upper = "0.5 * rubber.k" }\na = "0.1 MPa^-1 * k"\n'
+    assert read(skin=ratio).units == {"rubber.k": "kPa", "skin.k": "kPa"}
+    fixed = read('k = "500 kPa"\na = { lower = 0.0, upper = 1.0 }\n', skin='k = "2 * rubber.k"\na = 0.5\n')
+    assert fixed.units == {"skin.k": "kPa"}
+
+
 def test_the_factor_has_a_unit_where_the_two_have_not_the_same(read):
     assert read('k = { lower = "1 MPa", upper = "3 MPa" }\na = "0.2 MPa^-1 * k"\n').space.ties == {
         "rubber.a": Tie(source="rubber.k", factor=pytest.approx(0.2))
