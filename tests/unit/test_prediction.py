@@ -142,7 +142,7 @@ def test_a_tool_is_predicted_with_its_band_and_what_extrapolates(fitted, plugins
     rows = {(row["spot"], row["quantity"]): row for row in found.summary.to_dicts()}
     stiffness = found.fitted.values["soft_tissue.stiffness"]
     peak = rows["p1", "peak pressure"]
-    assert peak["value"] == pytest.approx(0.1 * stiffness, rel=1e-5)
+    assert (peak["unit"], peak["value"]) == ("kPa", pytest.approx(100.0 * stiffness, rel=1e-5))
     assert peak["linear_lower"] <= peak["value"] <= peak["linear_upper"]
     assert peak["solved_upper"] == pytest.approx(peak["linear_upper"], rel=0.1)
     assert rows["p2", "area above the threshold"]["value"] == (4.0 if stiffness > 0.5 else 0.0)
