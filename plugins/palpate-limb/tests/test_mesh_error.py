@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from palpate.certainty.mesh_error import SpotMesh, noted_errors
 from palpate.errors import MeshError
 from palpate.run.manifest import manifest
 from palpate.study.mesh_note import mesh_note
@@ -33,11 +34,19 @@ def test_a_mesh_without_a_note_has_none(tmp_path):
     assert mesh_note(tmp_path / "p1.vtu") is None
 
 
-def test_the_default_size_keeps_force_within_2_and_torque_within_3_percent():
-    found = mesh_error(DEFAULT_SIZE * 7.5, 7.5, "tet10")
-    assert 0.0 < found["force"] < 0.02
-    assert 0.0 < found["torque"] < 0.03
-    assert "phantom" in found["measured_on"]
+def test_the_note_states_the_largest_error_that_was_measured():
+    found = mesh_error(0.301, 1.0, "tet10")
+    assert found["force"] == pytest.approx(0.010, abs=1e-3), "the residual limb's; the phantom's is 0.8 %"
+    assert found["torque"] == pytest.approx(0.066, abs=1e-3), "the forearm's; the phantom's is 2.6 %"
+    assert mesh_error(0.409, 1.0, "tet10")["torque"] == pytest.approx(0.118, abs=1e-3), "the residual limb's"
+    assert "real forearm" in found["measured_on"]
+
+
+def test_the_error_of_the_default_size_is_the_default_budget_of_its_fit():
+    note = {"mesh_error": mesh_error(DEFAULT_SIZE * 7.5, 7.5, "tet10")}
+    mesh = SpotMesh(edge_over_radius=DEFAULT_SIZE, noted=noted_errors(note))
+    assert 0.005 < mesh.error("force", {}) < 0.015
+    assert 0.04 < mesh.error("torque", {}) < 0.07
 
 
 def test_meshes_that_were_not_studied_have_no_error():

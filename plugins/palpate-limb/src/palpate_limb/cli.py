@@ -165,7 +165,7 @@ def _show(
         _table(session, folder, of_folder)
     session.paragraph(
         "shape: least scaled Jacobian of an element; volume: its error; ±: standard deviation of the spot's "
-        "position and normal; force, torque: error by the mesh, as measured on a phantom"
+        "position and normal; force, torque: error by the mesh, the largest measured on three limbs"
     )
     first = next(iter(notes.values()))
     for name, repairs in first[0]["repairs"].items():
