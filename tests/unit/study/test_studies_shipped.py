@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.mesh.contact_edge import NEAR, contact_edge_mm
 from palpate.plugins.catalogue import Plugins
 from palpate.stages.experiment import load_measured, measured_warnings
 from palpate.stages.limb import limb_warnings, load_limbs
@@ -175,6 +176,15 @@ def test_the_demo_meshes_are_the_same_limbs() -> None:
         assert ratio == pytest.approx(1.0, abs=0.02)
         reach = [bone_depth(mesh.points_mm, mesh.node_sets["fixed"]) for mesh in (a, b)]
         assert reach[0] == pytest.approx(reach[1], abs=1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FOREARM)
+def test_a_refined_mesh_corrects_the_fit_at_each_spot_of_the_phantom(name: str) -> None:
+    limbs, near_mm = load_limbs(study(name)), NEAR * study(name).protocol.indenter.radius_mm
+    for spot in study(name).spot_names:
+        coarse, fine = (contact_edge_mm(limbs[of], near_mm) for of in (spot, f"{spot}/fine"))
+        assert fine < 0.35 * study(name).protocol.indenter.radius_mm < coarse
 
 
 def bone_depth(points: np.ndarray, fixed: np.ndarray) -> float:
