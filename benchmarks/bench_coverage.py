@@ -3,9 +3,11 @@
 Simulated experiments on strips of tissue in closed form. Each has random parameters, measured curves
 with noise, an onset, gains, friction and mesh error drawn from the budget, and a discrepancy along the
 path that no parameter explains. The fit knows none of them. Prints how many intervals of each parameter,
-and joint regions, hold the truth, beside those of the noise alone; and how many are called inadequate.
+and joint regions, hold the truth, and those of the noise alone; how many intervals are wider than 0.8 of the
+range, which hold any truth; and how many experiments are called inadequate. ``--errors 2`` draws errors twice
+as large as the budget has them, but for the noise, whose size a fit estimates.
 
-    python benchmarks/bench_coverage.py --n 200 --studies yeoh
+    python benchmarks/bench_coverage.py --n 200 --studies yeoh --errors 2
     python benchmarks/bench_coverage.py --n 40 --posterior    # of emulated posteriors too
 """
 
@@ -37,6 +39,8 @@ pressed = load_file(Path(__file__).parents[1] / "tests" / "data" / "plugins" / "
 
 NOISE, MESH, RATIO = 0.005, 0.03, 4.0
 """Noise over the largest ordinate; error of the coarse mesh; that over the error of the fine one."""
+WIDE = 0.8
+"""Width of an interval over the range beyond which it holds a truth of the range by construction."""
 STUDIES = {
     "ogden": {"tissue": (Ogden(), ("c1", "m1", "kappa"))},
     "yeoh": {"tissue": (Yeoh(), ("c1", "c2", "c3"))},
@@ -136,19 +140,19 @@ def study_of(name: str, solver: Solver):
     return replace(base, space=ParameterSpace(regions=tuple(regions)), filters=filters)
 
 
-def measured_at(study, row: np.ndarray, rng: np.random.Generator) -> Response:
-    """What is measured of a material, with everything wrong that the budget has."""
+def measured_at(study, row: np.ndarray, rng: np.random.Generator, *, times: float = 1.0) -> Response:
+    """What is measured of a material, with everything wrong that the budget has, or ``times`` as much."""
     budget = study.budget
-    onset = rng.normal() * ONSET_MM
+    onset = times * rng.normal() * ONSET_MM
     path = study.protocol.path.copy()
     path[path[:, 0] > 0.0, 0] += onset
-    friction = 1.0 + RELATIVE * rng.normal()
+    friction = 1.0 + times * RELATIVE * rng.normal()
     protocol = replace(study.protocol, path=path, friction=friction)
     regions = study.space.regions
     thetas = {
         region: theta
         * [
-            1.0 if p.name in {s.name for s in r.searched} else 1.0 + RELATIVE * rng.normal()
+            1.0 if p.name in {s.name for s in r.searched} else 1.0 + times * RELATIVE * rng.normal()
             for p in r.material.parameters
         ]
         for r, (region, theta) in zip(regions, study.space.thetas(row).items(), strict=True)
@@ -156,7 +160,7 @@ def measured_at(study, row: np.ndarray, rng: np.random.Generator) -> Response:
     materials = {r.region: r.material for r in regions}
     job = Job(spot="p1", set_id=0, materials=materials, thetas=thetas, protocol=protocol)
     # What finer meshes than these would change is as uncertain as the change between these two.
-    fine, left = study.solver.settings.fine, rng.normal() / (RATIO - 1.0)
+    fine, left = study.solver.settings.fine, times * rng.normal() / (RATIO - 1.0)
     true = LayeredSettings(coarse=fine + left * (fine - study.solver.settings.coarse))
     response = Layered(true).simulate(job, None).response
     curves = {}
@@ -167,9 +171,9 @@ def measured_at(study, row: np.ndarray, rng: np.random.Generator) -> Response:
         path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(x)))]) / np.ptp(x)
         along = np.exp(-0.5 * ((path[:, None] - path) / 0.4) ** 2) + 1e-9 * np.eye(x.size)
         shape = np.linalg.cholesky(along) @ rng.normal(size=x.size)
-        left = budget.discrepancy * shape * np.maximum.accumulate(np.abs(y))
+        left = times * budget.discrepancy * shape * np.maximum.accumulate(np.abs(y))
         noise = NOISE * np.abs(y).max() * rng.normal(size=x.size)
-        y = y * (1.0 + budget.gain * rng.normal()) + left + noise
+        y = y * (1.0 + times * budget.gain * rng.normal()) + left + noise
         curves[name] = Curve(channel=name, abscissa=x, ordinate=y)
     return Response(curves=curves)
 
@@ -201,6 +205,7 @@ def experiment(
     for key, density in (("all", assessed.density), ("noise", assessed.noise_only.within())):
         low, high = density.interval(assessed.point)
         found[key] = np.append((low <= truth) & (truth <= high), density.holds(truth))
+        found[f"{key} wide"] = np.append(high - low > WIDE, np.nan)
     if posterior:
         sampling = PosteriorStage(study=study, design=stage.design, swept=())
         (drawn,) = sampling.run([case], [assessed]).posteriors
@@ -213,22 +218,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--n", type=int, default=200, help="experiments of each study")
     parser.add_argument("--studies", nargs="*", default=list(STUDIES), help="which studies")
+    parser.add_argument("--errors", type=float, default=1.0, help="true errors over the budget's")
     parser.add_argument("--posterior", action="store_true", help="draw posteriors too, seconds each")
     chosen = parser.parse_args()
     with ProcessPoolExecutor() as pool:
         for name in chosen.studies:
-            of_name = functools.partial(experiment, name, posterior=chosen.posterior)
+            measure = functools.partial(measured_at, times=chosen.errors)
+            of_name = functools.partial(experiment, name, posterior=chosen.posterior, measure=measure)
             found = list(pool.map(of_name, range(chosen.n), chunksize=5))
             names = [*(p.name for p in study_of(name, Layered()).space.parameters), "joint region"]
             failed = sum(bool(each["failed"]) for each in found)
             say(f"\n{name}: {chosen.n} experiments, {failed} called inadequate")
-            heads = ["holds the truth", "that of the noise alone", "that of the posterior"]
-            kinds = ["all", "noise", "posterior"][: 2 + chosen.posterior]
+            heads = ["holds the truth", "is wide", "that of the noise alone", "that of the posterior"]
+            kinds = ["all", "all wide", "noise", "posterior"][: 3 + chosen.posterior]
             say(f"| 95 % interval of | {' | '.join(heads[: len(kinds)])} |\n|{'---|' * (len(kinds) + 1)}")
             for i, key in enumerate(names):
                 held = [f"{100.0 * np.mean([each[of][i] for each in found]):.1f} %" for of in kinds]
-                if key == "joint region":  # of posteriors there is none
-                    held = held[:2] + ["" for _ in held[2:]]
+                if key == "joint region":  # has no width, and of posteriors there is none
+                    held = [held[0], "", held[2], *("" for _ in held[3:])]
                 say(f"| {key} | {' | '.join(held)} |")
 
 
