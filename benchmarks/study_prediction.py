@@ -25,6 +25,7 @@ from bench_inadequate import REGION, Truth, assessed, ready, ready_with_fine, sa
 
 from palpate import Curve, Job, Limb, Response, Simulation, Status
 from palpate.certainty.emulator import Emulator, Runs
+from palpate.certainty.mesh_error import FORCE, usual_error
 from palpate.domain import Indentation
 from palpate.mesh.contact_edge import contact_edge_mm
 from palpate.mesh.refinement import refined
@@ -316,7 +317,7 @@ BANDS = {
 def mesh_sd(case: dict, k: int, refinement: float, mesh: str = "fine") -> float:
     """Relative standard deviation by the mesh, as palpate states it: the mesh as it is shows none."""
     value, coarser = (float(np.exp(case[each][k])) for each in ("fine", "coarse"))
-    return mesh_error(value, coarser if mesh == "fine" else None, refinement, BUDGET.mesh)
+    return mesh_error(value, coarser if mesh == "fine" else None, refinement, usual_error(FORCE, BUDGET.mesh))
 
 
 def held(case: dict, k: int, refinement: float, band: tuple[str, bool, bool]) -> bool:
