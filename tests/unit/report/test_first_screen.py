@@ -91,6 +91,22 @@ def test_a_spot_apart_from_the_joint_fit_is_named(fitted):
         assert ("p2 (grip)" if apart else "none differs") in spots
 
 
+def test_the_chart_names_what_fewer_channels_tell_better_and_why(fitted):
+    data = passed(fitted)
+    rows = data.fit.certainty.intervals.with_columns(
+        upper=pl.col("lower") + pl.when(pl.col("scenario") == "III").then(1.0).otherwise(2.0)
+    )
+    changed = replace(data, fit=replace(data.fit, certainty=replace(data.fit.certainty, intervals=rows)))
+    verdict = make_verdict(changed, make_tables(changed))
+    assert forest(changed, verdict.bests).narrower == ("stiffness by III", "grip by III")
+    assert "narrower than by I: stiffness by III, grip by III (Fopt counts channels alike" in render(
+        changed, make_tables(changed), verdict, []
+    )
+    same = rows.with_columns(upper=pl.col("lower") + 2.0)
+    changed = replace(data, fit=replace(data.fit, certainty=replace(data.fit.certainty, intervals=same)))
+    assert forest(changed, make_verdict(changed, {}).bests).narrower == ()
+
+
 def _wide(rows):
     """Intervals that all meet, unless they were moved far."""
     return rows.with_columns(lower=pl.col("lower") - 100.0, upper=pl.col("upper") + 100.0)
