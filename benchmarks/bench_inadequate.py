@@ -220,12 +220,11 @@ def assessed(study: Study, truth: Truth, simulations: Simulations, seed: int) ->
 
 def row_of(truth: Truth, found: Assessed) -> str:
     """One line of the table."""
-    sizes = [f"{100.0 * size:.2f}" for size in found.errors.discrepancy.values()]
+    sizes = [f"{100.0 * m.share:.1f}, {100.0 * m.unexplained:.1f}" for m in found.misfits.values()]
     by_name = {check.name: check.probability for check in found.checks if check.channel < 0}
-    runs = min(check.probability for check in found.checks if check.name == "runs")
     failed = dict.fromkeys(check.name for check in found.checks if check.is_failed)
     others = [f"{name} {p:.1g}" for name, p in by_name.items()]
-    cells = [truth.title, *sizes, f"{runs:.1g}", ", ".join(others), ", ".join(failed) or "–"]
+    cells = [truth.title, *sizes, ", ".join(others), ", ".join(failed) or "–"]
     if truth.row is not None:
         box = found.end.problem.box
         low, high = found.density.interval(found.point)
@@ -260,8 +259,8 @@ def main() -> None:
         tempfile.TemporaryDirectory() as folder,
         Simulations(study, chosen.into or Path(folder), all_limbs(plugins)) as simulations,
     ):
-        say("| experiment | force % | torque % | runs p | other p | failed | errors [sd] | held |")
-        say(f"|{'---|' * 8}")
+        say("| experiment | force %, unexplained | torque %, unexplained | p | failed | errors [sd] | held |")
+        say(f"|{'---|' * 7}")
         for seed, (of, truth) in enumerate([] if chosen.no_unsound else list(unsound(study)), start=1000):
             say(row_of(truth, assessed(of, truth, simulations, seed)))
         counts = []

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import null_space
 from scipy.stats import chi2, norm
 
 from palpate.certainty.rows import Rows
@@ -13,8 +13,11 @@ from palpate.domain import FloatArray
 RARE = 1e-3
 """Probability under which residuals do not happen to a good model."""
 
-SURE = 0.95
-"""Probability from which a discrepancy counts as larger than a model may have."""
+ALLOWED = 4.0
+"""Difference of a model that does not describe the data, over the standard deviation of a good one's."""
+
+OF_NOISE = 3.0
+"""Standard deviations of the noise that a difference may have of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,7 +26,7 @@ class Check:
 
     Parameters
     ----------
-    name : {"discrepancy", "runs", "spots", "ranges", "estimators", "relaxation"}
+    name : {"discrepancy", "spots", "ranges", "estimators", "relaxation"}
     channel : int
         Number of the channel; negative for all.
     probability : float
@@ -41,12 +44,91 @@ class Check:
     message: str = ""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Misfit:
+    """Largest difference between a fit and what was measured in a channel.
+
+    Parameters
+    ----------
+    row : int
+        Number of its residual.
+    share : float
+        Over the peak of the measured curve.
+    unexplained : float
+        The most of a difference that is left by the error budget, and by three standard deviations of the
+        noise, over the peak.
+    """
+
+    row: int
+    share: float
+    unexplained: float
+
+
+def misfits(
+    residuals: FloatArray,
+    jacobian: FloatArray,
+    covariance: FloatArray,
+    known: FloatArray,
+    rows: Rows,
+    groups: FloatArray,
+) -> dict[int, Misfit]:
+    """Largest difference of each channel, by its number.
+
+    The budget explains of each difference what its causes have in it by the covariance of all (their mean,
+    given the residuals), and never turns its sign. So what is left grows with the difference that a reader
+    sees, and is not more than that. Noise is what differs from the mean of both neighbours on the curve.
+
+    Parameters
+    ----------
+    residuals : (n_points,) array
+    jacobian : (n, n_parameters) array
+    covariance : (n, n) array
+        Of averaged residuals, by all causes.
+    known : (n, m) array
+        What the known causes make of averaged residuals, one standard deviation each.
+    rows : Rows
+        Where each of the ``n_points`` is.
+    groups : (n, n_points) array
+        As :func:`palpate.certainty.rows.groups_of` returns them.
+    """
+    averaged, free = groups @ residuals, null_space(jacobian.T)
+    within = free.T @ covariance @ free
+    jitter = 1e-12 * np.trace(within) / len(within) * np.eye(len(within))
+    explained = (
+        free @ (free.T @ known) @ (known.T @ free @ np.linalg.solve(within + jitter, free.T @ averaged))
+    )
+    ratio = np.divide(explained, averaged, out=np.zeros_like(averaged), where=averaged != 0.0)
+    left = (1.0 - ratio.clip(0.0, 1.0))[np.argmax(groups > 0.0, axis=0)]
+    found = {}
+    for channel in rows.channels:
+        curves = [np.flatnonzero((rows.channel == channel) & (rows.spot == s)) for s in np.unique(rows.spot)]
+        shares = [residuals[at] / rows.scale[at] for at in curves]
+        share, at = np.abs(np.concatenate(shares)), np.concatenate(curves)
+        most = (
+            np.abs(of * left[i]).max() - OF_NOISE * _noise(of)
+            for of, i in zip(shares, curves, strict=True)
+            if of.size
+        )
+        found[channel] = Misfit(
+            row=int(at[np.argmax(share)]), share=float(share.max()), unexplained=float(max(0.0, *most))
+        )
+    return found
+
+
+def _noise(along: FloatArray) -> float:
+    """Standard deviation of the noise of values (n,) along a curve, from point to point."""
+    if along.size < 3:
+        return 0.0
+    return float(np.sqrt(np.mean(np.diff(along, 2) ** 2) / 6.0))
+
+
 def checks(
     residuals: FloatArray,
     jacobian: FloatArray,
     covariance: FloatArray,
     rows: Rows,
-    exceeds: Mapping[int, float],
+    found: Mapping[int, Misfit],
+    expected: float,
     in_ranges: float,
     agreement: float | None = None,
 ) -> Iterator[Check]:
@@ -59,46 +141,24 @@ def checks(
     covariance : (n, n) array
         Of the residuals, as the budget and the estimated noise and discrepancy have them.
     rows : Rows
-    exceeds : mapping of channel number to float
-        Probability that its discrepancy is larger than a model may have.
+    found : mapping of channel number to Misfit
+    expected : float
+        Discrepancy of a good model, over the peak.
     in_ranges : float
         Probability of a fit that, without its bounds, would end as far outside of the ranges.
     agreement : float, optional
         Probability of most likely values as far from those of the least Fopt, where these are wanted.
     """
-    white = whitened(residuals, covariance)
-    for channel, more in exceeds.items():
-        yield Check(name="discrepancy", channel=channel, probability=1.0 - more, is_failed=more > SURE)
-        p = _runs(white, rows, channel)
-        # Signs know no size: residuals of exact curves are systematic, and mean nothing while they are small.
-        yield Check(name="runs", channel=channel, probability=p, is_failed=p < RARE and more > 0.5)
+    for channel, misfit in found.items():
+        over = misfit.unexplained / expected
+        p = 2.0 * float(norm.sf(over))
+        yield Check(name="discrepancy", channel=channel, probability=p, is_failed=over > ALLOWED)
     if np.unique(rows.spot[rows.spot >= 0]).size > 1:
         p = _spots(residuals, jacobian, covariance, rows)
         yield Check(name="spots", channel=-1, probability=p, is_failed=p < RARE)
     yield Check(name="ranges", channel=-1, probability=in_ranges, is_failed=in_ranges < RARE)
     if agreement is not None:
         yield Check(name="estimators", channel=-1, probability=agreement, is_failed=agreement < RARE)
-
-
-def whitened(residuals: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Residuals (n,) of unit variance, each by what those before it do not predict."""
-    jitter = 1e-12 * np.trace(covariance) / len(covariance) * np.eye(len(covariance))
-    white: FloatArray = solve_triangular(np.linalg.cholesky(covariance + jitter), residuals, lower=True)
-    return white
-
-
-def _runs(white: FloatArray, rows: Rows, channel: int) -> float:
-    """Probability of so few runs of one sign along the curves (Wald & Wolfowitz 1940)."""
-    excess, variance = 0.0, 0.0
-    for spot in np.unique(rows.spot[rows.channel == channel]):
-        above = white[(rows.channel == channel) & (rows.spot == spot)] > 0.0
-        n_above, n_below = int(above.sum()), int((~above).sum())
-        n = n_above + n_below
-        if n_above and n_below and n > 2:
-            mean = 1.0 + 2.0 * n_above * n_below / n
-            variance += (mean - 1.0) * (mean - 2.0) / (n - 1.0)
-            excess += 1.0 + np.count_nonzero(np.diff(above)) - mean
-    return float(norm.cdf(excess / np.sqrt(variance))) if variance > 0.0 else 1.0
 
 
 def _spots(residuals: FloatArray, jacobian: FloatArray, covariance: FloatArray, rows: Rows) -> float:

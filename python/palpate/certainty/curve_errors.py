@@ -44,8 +44,6 @@ class CurveErrors:
         Standard deviations, over the largest ordinate.
     noise_covariance, discrepancy_covariance : (n, n) array
         Of the residuals.
-    exceeds : mapping of channel number to float
-        Probability that the discrepancy is larger than a model may have.
     correlations : mapping of (points, length) to float
         Probability of each pair of correlation lengths, of noise and discrepancy.
     """
@@ -54,7 +52,6 @@ class CurveErrors:
     discrepancy: Mapping[int, float]
     noise_covariance: FloatArray
     discrepancy_covariance: FloatArray
-    exceeds: Mapping[int, float]
     correlations: Mapping[tuple[float, float], float]
 
 
@@ -77,7 +74,6 @@ def estimate(
     rows: Rows,
     *,
     expected: float,
-    allowed: float,
 ) -> CurveErrors:
     """Estimate noise and discrepancy from the residuals of a fit.
 
@@ -90,8 +86,6 @@ def estimate(
     rows : Rows
     expected : float
         Discrepancy that models usually have, over the largest ordinate.
-    allowed : float
-        Discrepancy above which a model does not describe the data.
     """
     channels = rows.channels
     projection = null_space(jacobian.T)
@@ -101,26 +95,23 @@ def estimate(
     weights /= weights.sum()
     n, k = residuals.size, len(channels)
     noise, discrepancy = np.zeros((n, n)), np.zeros((n, n))
-    sizes, beyond = np.zeros(2 * k), np.zeros(k)
+    sizes = np.zeros(2 * k)
     for weight, mode in zip(weights, modes, strict=True):
         if weight < 0.02:
             continue
         squares = mode.squares.copy()
         for i in range(k):
-            square, above = mode.likelihood.averaged(mode.squares, i, allowed)
-            squares[k + i] = square
-            beyond[i] += weight * above
+            squares[k + i] = mode.likelihood.averaged(mode.squares, i)
         noise += weight * _sum(squares[:k], mode.noise)
         discrepancy += weight * _sum(squares[k:], mode.discrepancy)
         sizes += weight * squares
-    sizes, beyond = np.sqrt(sizes), beyond / weights[weights >= 0.02].sum()
+    sizes = np.sqrt(sizes)
     likely = {mode.lengths: float(w) for w, mode in zip(weights, modes, strict=True) if w >= 0.02}
     return CurveErrors(
         noise=dict(zip(channels, sizes[:k].tolist(), strict=True)),
         discrepancy=dict(zip(channels, sizes[k:].tolist(), strict=True)),
         noise_covariance=noise,
         discrepancy_covariance=discrepancy,
-        exceeds=dict(zip(channels, beyond.tolist(), strict=True)),
         correlations={lengths: weight / sum(likely.values()) for lengths, weight in likely.items()},
     )
 
@@ -180,8 +171,8 @@ class _Likelihood:
         found = minimize(self._loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
         return np.exp(2.0 * found.x), -float(found.fun)
 
-    def averaged(self, squares: FloatArray, i: int, allowed: float) -> tuple[float, float]:
-        """Mean square of the discrepancy of one channel, and the probability that it is too large."""
+    def averaged(self, squares: FloatArray, i: int) -> float:
+        """Mean square of the discrepancy of one channel."""
         sizes = self.expected * SIZES
         sizes = sizes[sizes <= self.most[i]]
         logs = np.log(sizes)
@@ -192,7 +183,7 @@ class _Likelihood:
             values.append(-self._loss(0.5 * np.log(tried), slopes=False)[0])
         weights = np.exp(np.array(values) - max(values)) * np.gradient(logs)
         weights /= weights.sum()
-        return float(weights @ sizes**2), min(float(weights[sizes > allowed].sum()), 1.0)
+        return float(weights @ sizes**2)
 
     def _loss(self, logs: FloatArray, slopes: bool = True) -> tuple[float, FloatArray]:
         squares = np.exp(2.0 * logs)

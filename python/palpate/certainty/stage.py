@@ -7,7 +7,7 @@ from types import MappingProxyType
 import numpy as np
 import polars as pl
 
-from palpate.certainty.adequacy import Check, checks
+from palpate.certainty.adequacy import Check, checks, misfits
 from palpate.certainty.causes import Cause, Columns, causes_of, columns_of
 from palpate.certainty.curve_errors import estimate
 from palpate.certainty.known_errors import known_errors
@@ -16,7 +16,7 @@ from palpate.certainty.likelihood import whitening
 from palpate.certainty.mesh_error import SpotMesh, is_stated
 from palpate.certainty.planes import planes_of_fits
 from palpate.certainty.rows import Rows, grouped, groups_of, rows_of
-from palpate.certainty.tables import ALLOWED, Assessed, certainty_result, density_of
+from palpate.certainty.tables import Assessed, certainty_result, density_of
 from palpate.domain import Design, FloatArray, Response, Simulation, channel_of
 from palpate.errors import PalpateError, StoppedError
 from palpate.fit.running import Fit
@@ -124,6 +124,7 @@ class CertaintyStage:
         rows, channels = rows_of(end.problem.terms, residuals.size)
         known = self._known(end, residuals, rows, columns)
         groups = groups_of(rows)
+        of_points, points = residuals, rows
         residuals, jacobian = groups @ residuals, groups @ jacobian
         known = {name: groups @ part for name, part in known.items()}
         rows = grouped(rows, groups)
@@ -131,7 +132,7 @@ class CertaintyStage:
             raise PalpateError(f"{residuals.size} measured points for {point.size} parameters; fix some")
         expected = self.study.budget.discrepancy
         every = np.concatenate(list(known.values()), axis=1)
-        errors = estimate(residuals, jacobian, every, rows, expected=expected, allowed=ALLOWED * expected)
+        errors = estimate(residuals, jacobian, every, rows, expected=expected)
         parts = {NOISE: _root(errors.noise_covariance), DISCREPANCY: _root(errors.discrepancy_covariance)}
         covariance = every @ every.T + errors.noise_covariance + errors.discrepancy_covariance
         is_gls = self.study.budget.is_gls
@@ -145,7 +146,8 @@ class CertaintyStage:
             values = box.values(end.best.point)
             of_noise = {NOISE: parts[NOISE], PRIORS: known[PRIORS]}
             noise_only = laplace(point, residuals, jacobian, of_noise)
-        found = checks(residuals, jacobian, covariance, rows, errors.exceeds, of_all.in_ranges, agrees)
+        missed = misfits(of_points, jacobian, covariance, every, points, groups)
+        found = checks(residuals, jacobian, covariance, rows, missed, expected, of_all.in_ranges, agrees)
         return Assessed(
             case=case,
             end=end,
@@ -156,6 +158,7 @@ class CertaintyStage:
             density=density_of(of_all, end.problem),
             white=whitening(jacobian, covariance, groups),
             errors=errors,
+            misfits=missed,
             checks=(*found, *self._relaxation(case)),
             channels=channels,
             has_usual_mesh_error=self._has_usual_mesh_error(end),

@@ -7,21 +7,20 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.certainty.adequacy import Check
+from palpate.certainty.adequacy import ALLOWED, Check, Misfit
 from palpate.certainty.curve_errors import CurveErrors
 from palpate.certainty.directions import directions
 from palpate.certainty.known_errors import MESH
 from palpate.certainty.laplace import Density, Laplace
+from palpate.certainty.rows import pieces
 from palpate.domain import FloatArray
 from palpate.fit.problem import Problem
 from palpate.fit.running import Fit
+from palpate.fit.spot_term import SpotTerm
 from palpate.fit.stage import Case
 from palpate.run.result import INCLUDED, CertaintyResult
 from palpate.stages.identifiability import UNCLEAR, word_of
 from palpate.study.reading import Study
-
-ALLOWED = 4.0
-"""Discrepancy of a model that does not describe the data, over that of a good one."""
 
 N_DRAWS = 200
 """Draws from the density of a fit that are kept."""
@@ -46,6 +45,7 @@ class Assessed:
     white : (m, n) array
         From the residuals to independent ones of variance 1, by all causes.
     errors : CurveErrors
+    misfits : mapping of channel number to Misfit
     checks : tuple of Check
     channels : tuple of str
         By their numbers.
@@ -64,6 +64,7 @@ class Assessed:
     density: Density
     white: FloatArray
     errors: CurveErrors
+    misfits: Mapping[int, Misfit]
     checks: tuple[Check, ...]
     channels: tuple[str, ...]
     has_usual_mesh_error: bool = False
@@ -174,14 +175,10 @@ def _draws(each: Assessed) -> Iterator[dict[str, Any]]:
 
 
 def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
-    allowed = ALLOWED * study.budget.discrepancy
     for check in each.checks:
         channel = each.channels[check.channel] if check.channel >= 0 else None
-        size = each.errors.discrepancy.get(check.channel, 0.0)
         said = {
-            "discrepancy": f"the {channel} differs from the model by {100.0 * size:.2g} % of its peak "
-            f"along the curve, more than the {100.0 * allowed:.2g} % that the budget allows",
-            "runs": f"the residuals of the {channel} are systematic along the curve",
+            "discrepancy": "" if channel is None else _missed(each, check.channel, study),
             "spots": "the spots disagree on the parameters by more than their intervals",
             "ranges": "the curves ask for parameters outside of their ranges",
             "estimators": "the most likely values are farther from those of the least Fopt than the errors "
@@ -195,3 +192,35 @@ def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
             "failed": check.is_failed,
             "message": said[check.name] if check.is_failed else "",
         }
+
+
+def _missed(each: Assessed, number: int, study: Study) -> str:
+    """Sentence on the largest difference of a channel: how large and where it is, and what explains it."""
+    name, misfit, terms = each.channels[number], each.misfits[number], each.end.problem.terms
+    spot, point = _place(terms, misfit.row)
+    curve, channel = spot.measured[name], study.channels.get(name)
+    x, y = ("", "") if channel is None else (channel.abscissa_label, channel.ordinate_label)
+    size = _quantity(y, misfit.share * float(np.abs(curve.ordinate).max()))
+    at_spot = f" of {spot.spot}" if len(terms) > 1 else ""
+    at = _quantity(x, float(curve.abscissa[point]), is_named=True)
+    allowed = ALLOWED * study.budget.discrepancy
+    return (
+        f"the {name} differs from the model by up to {100.0 * misfit.share:.2g} % of its peak "
+        f"({size}{at_spot} at {at}); noise and error budget leave {100.0 * misfit.unexplained:.2g} % "
+        f"unexplained, more than the {100.0 * allowed:.2g} % that the budget allows"
+    )
+
+
+def _place(terms: Sequence[SpotTerm], row: int) -> tuple[SpotTerm, int]:
+    """Spot of a residual, and the number of its point on the measured curve."""
+    term, name, at = next(
+        (term, name, at) for term, name, at, _ in pieces(terms) if at.start <= row < at.stop
+    )
+    return term, int(np.flatnonzero(term.counted(name))[row - at.start])
+
+
+def _quantity(label: str, value: float, *, is_named: bool = False) -> str:
+    """Value with the unit, and before it the name, of an axis such as ``indentation depth (mm)``."""
+    name, _, unit = label.removesuffix(")").partition(" (")
+    before, after = f"{name} " if name and is_named else "", f" {unit}" if unit else ""
+    return f"{before}{value:.3g}{after}"

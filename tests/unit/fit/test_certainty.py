@@ -245,7 +245,7 @@ def test_tables_have_a_row_of_each_parameter_with_its_causes(assessed):
         assert {"noise", "model", "gain", "onset", "tissue.kappa"} <= set(of_it["cause"])
     assert found.directions.height == 2
     assert not found.adequacy["failed"].any()
-    assert set(found.adequacy["check"]) == {"discrepancy", "runs", "spots", "ranges"}
+    assert set(found.adequacy["check"]) == {"discrepancy", "spots", "ranges"}
 
 
 def test_intervals_hold_the_truth(assessed):
