@@ -1,6 +1,7 @@
 """The first card of the page: what was found, how sure it is, and what it rests on."""
 
 import math
+import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -22,9 +23,11 @@ CAUSES: Mapping[str, str] = MappingProxyType(
         "gain": "calibration",
         "onset": "onset of contact",
         "indenter": "radius of the indenter",
+        "friction": "friction",
+        "tilt": "tilt",
     }
 )
-"""Causes of intervals in words; others are named as they are."""
+"""Causes of intervals in words; others, such as fixed parameters, are named as they are."""
 
 MOST_CAUSES = 2
 
@@ -179,6 +182,14 @@ def _causes(data: ReportData) -> str:
     )
     brief = data.searched[name].name if name in data.searched else name
     return f"widest for {brief}, mostly by {shares}"
+
+
+def colour_of(name: str) -> str:
+    """CSS colour of a cause, or of another share: the same for a name in every bar of every page."""
+    known = list(CAUSES.values())
+    if name in known:
+        return f"var(--cause{known.index(name)})"
+    return f"hsl({zlib.crc32(name.encode('utf-8', 'replace')) % 360} 40% 55%)"
 
 
 def budget_bars(data: ReportData) -> Iterator[tuple[str, list[tuple[str, float]]]]:

@@ -17,7 +17,7 @@ import polars as pl
 from markupsafe import Markup
 
 from palpate.plugins.sections import Block, heading
-from palpate.report.answer import answer
+from palpate.report.answer import answer, colour_of
 from palpate.report.forest import forest
 from palpate.report.layout import address, figure_data, laid_out
 from palpate.report.page_data import page_data
@@ -120,7 +120,13 @@ def template(name: str = "index.html.jinja") -> jinja2.Template:
         lstrip_blocks=True,
     )
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
-    filters = {"shown": shown, "heading": heading, "rounded": rounded, "address": address}
+    filters = {
+        "shown": shown,
+        "heading": heading,
+        "rounded": rounded,
+        "address": address,
+        "colour": colour_of,
+    }
     environment.filters |= filters | {"kind": _kind, "grouped": _grouped}
     return environment.get_template(name)
 

@@ -87,6 +87,12 @@ class Chromium:
             "document.documentElement?.dataset.ready || document.getElementById('trouble')?.hidden === false"
         )
 
+    def print_media(self, page: Path, *, dark: bool = False) -> None:
+        """Load a file as it is laid out for an A4 page."""
+        self.open(page, 700, dark=dark)
+        scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self._call("Emulation.setEmulatedMedia", media="print", features=[scheme])
+
     def resize(self, width: int, *, dark: bool = False, height: int = 900) -> None:
         """Make the window this wide, and its colours light or dark."""
         self._call(
@@ -97,7 +103,7 @@ class Chromium:
             mobile=False,
         )
         scheme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
-        self._call("Emulation.setEmulatedMedia", features=[scheme])
+        self._call("Emulation.setEmulatedMedia", media="", features=[scheme])
 
     def wait(self, expression: str) -> None:
         """Wait until an expression of JavaScript is true."""

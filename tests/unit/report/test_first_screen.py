@@ -1,6 +1,8 @@
 """The first screen: the card, and the forest of intervals."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import polars as pl
@@ -11,8 +13,8 @@ from palpate.cli.results import show_report
 from palpate.domain import Relaxation
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.sections import Table, Word
-from palpate.report import make_tables
-from palpate.report.answer import answer, budget_bars
+from palpate.report import answer as answer_module, make_tables
+from palpate.report.answer import CAUSES, answer, budget_bars
 from palpate.report.forest import Axis, _percent, _widened, forest
 from palpate.report.layout import laid_out
 from palpate.report.page import render
@@ -199,6 +201,21 @@ def test_one_set_of_words_is_on_the_page_of_a_fit(fitted):
     cells = [cell for block in sweep.blocks if isinstance(block, Table) for row in block.rows for cell in row]
     assert cells
     assert not [cell for cell in cells if isinstance(cell, Word)]
+
+
+def test_a_cause_has_one_colour_whatever_its_rank(fitted):
+    data = passed(fitted)
+    page = render(data, make_tables(data), make_verdict(data, {}), [])
+    found = {}
+    for colour, name in re.findall(r'background:([^"]+)" aria-hidden="true"></i> ([^<]+?) \d+ %', page):
+        found.setdefault(name, set()).add(colour)
+    ranks = [[name for name, _ in causes] for _, causes in budget_bars(data)]
+    assert set(found) == {name for causes in ranks for name in causes[:5]}
+    assert len({causes[0] for causes in ranks} | {causes[1] for causes in ranks}) > 1
+    assert all(len(colours) == 1 for colours in found.values())
+    assert len(set.union(*found.values())) == len(found)
+    style = (Path(answer_module.__file__).parent / "page.css").read_text()
+    assert all(f"--cause{i}:" in style for i in range(len(CAUSES)))
 
 
 def test_causes_are_printed_side_by_side_in_percent(fitted):

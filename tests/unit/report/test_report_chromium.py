@@ -90,6 +90,26 @@ def test_it_is_drawn_at_every_width_in_light_and_dark_without_an_error_or_a_requ
         assert ink == ("rgb(232, 235, 238)" if dark else "rgb(27, 31, 35)")
 
 
+@pytest.mark.parametrize("dark", [False, True])
+def test_print_has_the_bars_on_white_and_heads_of_whole_words(browser, page, dark):
+    path = page(search=LeastSquares())
+    browser.print_media(path, dark=dark)
+    for bar in (".track i", ".track b", ".forest s", ".stack i", ".share i", ".legend b"):
+        style = f"getComputedStyle(document.querySelector({bar!r}))"
+        assert browser.value(f"{style}.printColorAdjust") == "exact", bar
+        assert browser.value(f"{style}.backgroundColor") != "rgba(0, 0, 0, 0)", bar
+    assert browser.value("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    heads = "[...document.querySelectorAll('thead th')]"
+    assert browser.value(f"{heads}.every(h => getComputedStyle(h).overflowWrap !== 'anywhere')")
+    # A line for each word at most: none is broken.
+    broken = (
+        f"{heads}.filter(h => h.textContent.trim()).filter(h => {{const r = document.createRange();"
+        "r.selectNodeContents(h); const lines = new Set([...r.getClientRects()].map(b => Math.round(b.top)));"
+        "return lines.size > h.textContent.trim().split(/[\\s_–-]+/).length}).map(h => h.textContent)"
+    )
+    assert browser.value(broken) == []
+
+
 def test_what_is_ticked_and_chosen_is_what_is_shown(browser, page):
     browser.open(page())
     lines = "#curve-0 .xy .scatterlayer .js-line"
