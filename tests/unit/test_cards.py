@@ -34,9 +34,22 @@ SHEAR = np.eye(3) + 0.5 * np.eye(3)[[0]].T @ np.eye(3)[[1]]
 DILATED = 0.97 * np.eye(3)
 
 
+def origins_of(material):
+    """Where the values of a material are from: its last parameter is fixed."""
+    *searched, fixed = (p.name for p in material.parameters)
+    origins = dict.fromkeys(searched, "fitted") | {fixed: "fixed"}
+    return {"origins": origins, "verdicts": dict.fromkeys(searched, "well")}
+
+
 def data(name, **changes):
     material, theta = CASES[name]
-    given = {"title": "arm", "region": "tissue", "intervals": {}, "strain": {}} | changes
+    given = {
+        "title": "arm",
+        "region": "tissue",
+        "intervals": {},
+        "strain": {},
+        **origins_of(material),
+    } | changes
     return CardData(material=material, theta=np.array(theta), **given)
 
 
@@ -175,16 +188,35 @@ def test_the_stated_difference_of_the_mean_stress_is_that_of_the_formula(program
 
 def test_a_card_states_units_moduli_and_intervals():
     card = PROGRAMS["abaqus"](data("yeoh", intervals={"c1": (0.0139, 0.0143)}))
-    assert "** fitted: c1 = 0.0141 MPa (95 % interval 0.0139 to 0.0143)" in card
+    assert "** fitted: c1 = 0.0141 MPa (95 % interval 0.0139 to 0.0143; well)" in card
+    assert "** fixed: kappa = 0.8 MPa\n" in card
     assert "** initial moduli: shear 0.0282 MPa, bulk 0.8 MPa" in card
     assert "** units: mm, N, MPa, tonne, s" in card
     assert "the strains of the experiment are not known" in card
 
 
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_every_card_gives_the_verdict(program):
+    verdicts = {"c1": "well", "c2": "not identified, end of range"}
+    card = PROGRAMS[program](data("yeoh2", verdicts=verdicts))
+    assert "verdict: c1 well, c2 not identified, end of range (WARNING: not all are results)" in card
+    assert "WARNING" not in PROGRAMS[program](data("yeoh2"))
+    card = PROGRAMS[program](data("yeoh2", failure="No parameters can be read: R² 0.1"))
+    assert "WARNING: No parameters can be read: R2 0.1" in card
+
+
 def test_json_has_every_material_and_others_are_refused_with_the_reason():
     material = Demiray()
     theta = np.array([0.5 * (p.lower + p.upper) for p in material.parameters])
-    given = CardData(title="arm", region="r", material=material, theta=theta, intervals={}, strain={})
+    given = CardData(
+        title="arm",
+        region="r",
+        material=material,
+        theta=theta,
+        intervals={},
+        strain={},
+        **origins_of(material),
+    )
     found = json.loads(PROGRAMS["json"](given))
     assert found["parameters"]["kappa"]["value"] == theta[-1]
     assert found["initial_shear_modulus_MPa"] == pytest.approx(mechanics.initial_moduli(material, theta)[0])
@@ -244,6 +276,7 @@ def test_more_terms_than_a_program_has_are_refused():
         theta=np.array([0.01, 0, 0, 0, 0.5]),
         intervals={},
         strain={},
+        **origins_of(material),
     )
     with pytest.raises(MaterialError, match=r"takes powers of I1 - 3 up to 3, and it has 4"):
         PROGRAMS["ls-dyna"](given)

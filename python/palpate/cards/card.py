@@ -10,6 +10,7 @@ from palpate.domain import FloatArray, Parameter
 from palpate.errors import MaterialError
 from palpate.plugins.energy_form import EnergyForm, StandardMaterial
 from palpate.plugins.interfaces import Material
+from palpate.report.marks import explained, mark_of
 
 DENSITY_T_PER_MM3 = 1e-9
 """Density of water, for programs that ask for one; nothing of it is fitted."""
@@ -35,6 +36,12 @@ class CardData:
     strain : mapping
         Ends of what the experiment reached: ``stretch_min``, ``stretch_max``, ``i1_max``, ``J_min`` and
         ``J_max``; empty where that is not known.
+    origins : mapping of parameter to str
+        Where its value is from: ``fitted``, ``selected`` from a sweep, ``fixed`` or ``tied``.
+    verdicts : mapping of parameter to str
+        What may be read of its value, where that was searched.
+    failure : str
+        Why no parameters can be read from the run; empty where they can.
     number : int
         By which the parts of a model name the material: from 1, in the order of the study's regions.
     """
@@ -45,7 +52,22 @@ class CardData:
     theta: FloatArray
     intervals: Mapping[str, tuple[float, float]]
     strain: Mapping[str, float]
+    origins: Mapping[str, str]
+    verdicts: Mapping[str, str]
+    failure: str = ""
     number: int = 1
+
+    @property
+    def verdict(self) -> str:
+        """Sentence on what may be read of the card, in ASCII."""
+        if self.failure:
+            text = f"WARNING: {self.failure}"
+        else:
+            known = (f"{name} {verdict}" for name, verdict in self.verdicts.items())
+            marks = explained(map(mark_of, self.verdicts.values()))
+            text = f"verdict: {', '.join(known) or 'nothing was searched'}"
+            text += " (WARNING: not all are results)" if marks else ""
+        return text.replace("R²", "R2").encode("ascii", "replace").decode()
 
 
 def check_form(data: CardData, program: str) -> EnergyForm:
@@ -76,11 +98,14 @@ def ranges_of(strains: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 
 
 def head(data: CardData, form: EnergyForm | None = None) -> Iterator[str]:
-    """Lines that introduce a card: units, values with intervals, moduli and range."""
+    """Lines that introduce a card: verdict, units, values with intervals, moduli and range."""
     yield f"palpate: {data.title}"
+    yield data.verdict
     yield "units: mm, N, MPa, tonne, s"
     for parameter, value in zip(data.material.parameters, data.theta.tolist(), strict=True):
-        yield f"fitted: {parameter.name} = {_with_unit(parameter, value)}{_interval(data, parameter)}"
+        about = [_interval(data, parameter), data.verdicts.get(parameter.name, "")]
+        known = f" ({'; '.join(each for each in about if each)})" if any(about) else ""
+        yield f"{data.origins[parameter.name]}: {parameter.name} = {_with_unit(parameter, value)}{known}"
     yield f"not fitted: density {DENSITY_T_PER_MM3:g} t/mm3, that of water"
     if form is not None:
         yield (
@@ -98,7 +123,7 @@ def _interval(data: CardData, parameter: Parameter) -> str:
     if parameter.name not in data.intervals:
         return ""
     lower, upper = data.intervals[parameter.name]
-    return f" (95 % interval {lower:.4g} to {upper:.4g})"
+    return f"95 % interval {lower:.4g} to {upper:.4g}"
 
 
 def _range(strain: Mapping[str, float]) -> str:

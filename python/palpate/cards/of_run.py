@@ -6,18 +6,29 @@ import numpy as np
 
 from palpate.cards.card import CardData, ranges_of
 from palpate.domain import FloatArray, RegionMaterial
+from palpate.plugins.catalogue import Plugins
+from palpate.report.best_sets import best_sets
+from palpate.report.from_run import report_data
+from palpate.report.headline import failure_of, headlines
+from palpate.report.marks import TIED
 from palpate.run.result import FitResult
 from palpate.stages.fitted import Fitted, inputs_at
 from palpate.stages.stage import Run
 
 
-def cards_of(run: Run) -> Iterator[CardData]:
+def cards_of(run: Run, plugins: Plugins) -> Iterator[CardData]:
     """What was found for all spots together, by region; a value by spot is that of the first."""
+    data = report_data(run, plugins)
+    bests = tuple(best_sets(data))
+    failure, known = failure_of(data, bests), {each.name: each for each in headlines(data, bests)}
     study, found, fit = run.study, run.fitted(), run.fit()
     strains = run.strains().values()
     thetas = inputs_at(study, found.spots[0], found.values, run.measured).thetas
     for number, region in enumerate(study.space.regions, start=1):
         theta = thetas[region.region]
+        full = {p.name: f"{region.region}.{p.name}" for p in region.material.parameters}
+        searched = {p: known.get(name) or known.get(f"{name}@{found.spots[0]}") for p, name in full.items()}
+        source = "fitted" if found.source == "fit" else "selected"
         yield CardData(
             title=f"{study.name}, region {region.region}, material {region.material.name} ({found.source}, "
             f"scenario {found.scenario}, spots {', '.join(found.spots)})",
@@ -26,6 +37,9 @@ def cards_of(run: Run) -> Iterator[CardData]:
             theta=theta,
             intervals=_intervals(fit, found, region, theta),
             strain=ranges_of([strain[region.region] for strain in strains if region.region in strain]),
+            origins={p: "fixed" if p in region.fixed else TIED if p in region.tied else source for p in full},
+            verdicts={p: each.verdict for p, each in searched.items() if each},
+            failure=failure,
             number=number,
         )
 

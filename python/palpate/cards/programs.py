@@ -196,11 +196,18 @@ def as_json(data: CardData) -> str:
 
     mu, kappa = map(float, moduli_at_rest(data.material, np.asarray(data.theta)))
     parameters = {
-        p.name: {"value": value, "unit": p.unit, "interval_95": list(data.intervals.get(p.name, ())) or None}
+        p.name: {
+            "value": value,
+            "unit": p.unit,
+            "interval_95": list(data.intervals.get(p.name, ())) or None,
+            "origin": data.origins[p.name],
+            "verdict": data.verdicts.get(p.name),
+        }
         for p, value in zip(data.material.parameters, data.theta.tolist(), strict=True)
     }
     content = {
         "title": data.title,
+        "verdict": data.verdict,
         "region": data.region,
         "material": data.material.name,
         "settings": data.material.settings.model_dump(mode="json"),

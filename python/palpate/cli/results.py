@@ -1,7 +1,6 @@
 """How a whole run is shown: five lines, and the tables where they are wanted."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from palpate.cli.session import Session
@@ -18,6 +17,9 @@ if TYPE_CHECKING:
 
 NOTHING = "no set fits all spots"
 """Verdict where nothing leads."""
+
+OF_INTERVALS = ("parameter", "unit", "value", "lower", "upper", "identifiability", "level")
+"""What JSON has of each value that leads."""
 
 
 def show_run(
@@ -59,7 +61,7 @@ def show_report(
     verdict = report.verdict
     data = "SIMULATED curves, not a real experiment" if study.data == "simulated" else data_notice(study)
     session.labelled("Verdict", f"{study.name} ({data}): {verdict.headline or NOTHING}")
-    found = "; ".join([*map(str, verdict.estimates), *verdict.moduli])
+    found = "; ".join(map(str, (*verdict.estimates, *verdict.moduli)))
     missing = (
         f". NOT included in intervals: {', '.join(verdict.not_included)}" if verdict.not_included else ""
     )
@@ -90,20 +92,23 @@ def _side_by_side(name: str, frame: "pl.DataFrame") -> "pl.DataFrame":
     """One row per spot and scenario, with a column per parameter, as the paper prints them."""
     import polars as pl
 
+    from palpate.report.marks import mark_of
+    from palpate.report.table_files import shown
     from palpate.run.result import ALL_SPOTS
 
     if name.startswith("table1_"):
         heads = pl.format("{}.{} [{}]", "region", "parameter", "unit")
+        texts = [f"{shown(row['value'])}{mark_of(row['verdict'])}" for row in frame.iter_rows(named=True)]
         index = ["spot", "scenario"]
-        return frame.with_columns(head=heads).pivot("head", index=index, values="value")
+        return frame.with_columns(head=heads, text=pl.Series(texts)).pivot("head", index=index, values="text")
     if name == "distance_to_truth":
         heads = pl.format("{} [%]", "parameter")
         index = ["search", "spot", "scenario"]
         return frame.with_columns(head=heads).pivot("head", index=index, values="difference_percent")
     if name == "fit":
-        return frame.select(pl.col("^(fit|scenario|spot|fopt|n_runs|n_fine|at_bound|message)$"))
+        return frame.select(pl.col("^(fit|scenario|spot|fopt|n_runs|n_fine|at_bound|message|verdict)$"))
     if name == "identifiability":
-        return frame.pivot("parameter", index=["spot", "scenario"], values="identifiability")
+        return frame.pivot("parameter", index=["spot", "scenario"], values="verdict")
     if name == "intervals":
         return _intervals(frame)
     if name in ("budget", "directions") and ALL_SPOTS in frame["fit"]:
@@ -123,7 +128,7 @@ def _intervals(frame: "pl.DataFrame") -> "pl.DataFrame":
             "fit": row["fit"],
             "scenario": row["scenario"],
             "parameter": f"{row['parameter']} [{row['unit']}]",
-            "text": f"{row['value']:.3g} ({row['lower']:.3g} to {row['upper']:.3g}) {row['identifiability']}",
+            "text": f"{row['value']:.3g} ({row['lower']:.3g} to {row['upper']:.3g}) {row['verdict']}",
         }
         for row in frame.iter_rows(named=True)
     ]
@@ -150,7 +155,7 @@ def verdict_json(report: "Report") -> dict[str, Any]:
     verdict = report.verdict
     return {
         "verdict": verdict.sentences,
-        "intervals": [asdict(each) for each in verdict.estimates],
+        "intervals": [{name: getattr(each, name) for name in OF_INTERVALS} for each in verdict.estimates],
         "warnings": list(map(str, verdict.warnings)),
         "files": report.files,
     }

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from palpate.domain import Channel, Response
 from palpate.report.convergence import by_spot, contact_along
+from palpate.report.headline import with_verdicts
 from palpate.report.paper_tables import materials_of, paper_tables
 from palpate.report.report_data import ReportData
 from palpate.report.result import Report
@@ -37,10 +38,12 @@ def write_report(data: ReportData, folder: Path) -> Report:
     from palpate.report.page import write_page
 
     data = in_written_units(data)
-    tables = make_tables(data)
+    tables = with_verdicts(data, make_tables(data))
     verdict = make_verdict(data, tables)
     paper = paper_tables({materials_of(data): data})
-    files = (*write_tables(tables, folder / "tables", paper), *write_figures(data, folder / "figures"))
+    failures = [verdict.failure] if verdict.failure else []
+    written = write_tables(tables, folder / "tables", paper, failures)
+    files = (*written, *write_figures(data, folder / "figures"))
     page = write_page(data, tables, verdict, files, folder)
     keep_only(folder, (*files, page))
     return Report(tables=tables, files=(*files, page), verdict=verdict)

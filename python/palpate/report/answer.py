@@ -1,16 +1,15 @@
 """The first card of the page: what was found, how sure it is, and what it rests on."""
 
-import math
 import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from types import MappingProxyType
 
-from palpate.report.best_sets import Best, initial_moduli, leading
 from palpate.report.forest import Forest
+from palpate.report.headline import Headline, r2_by_spot
 from palpate.report.report_data import ReportData
 from palpate.report.report_warnings import GOOD_R2, NO_FIT_R2
-from palpate.report.verdict import Verdict, moduli_of, r2_by_spot
+from palpate.report.verdict import Verdict
 
 CAUSES: Mapping[str, str] = MappingProxyType(
     {
@@ -33,31 +32,19 @@ MOST_CAUSES = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Line:
-    """A value of the card; the interval and the word are None and empty where nothing is known of them."""
-
-    label: str
-    value: float | None
-    lower: float | None = None
-    upper: float | None = None
-    word: str = ""
-    at_bound: bool = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
     """The card: title, what it is of, values, facts by name, and whether intervals are of 95 %."""
 
     title: str
     about: str
-    lines: tuple[Line, ...]
+    lines: tuple[Headline, ...]
     facts: tuple[tuple[str, str], ...]
     is_sure: bool
 
 
 def answer(data: ReportData, verdict: Verdict, picture: Forest) -> Answer:
     """Sum up what leads: the joint fit, the set for all spots, or the best set of the only spot."""
-    best, n_spots = leading(data, verdict.bests), len(data.spots)
+    n_spots = len(data.spots)
     material = " and ".join(
         dict.fromkeys(
             r.material.name for r in data.study.space.regions if data.study.space.columns_of(r.region)
@@ -80,47 +67,10 @@ def answer(data: ReportData, verdict: Verdict, picture: Forest) -> Answer:
         if verdict.failure
         else f"{material.capitalize()}, one for {where}",
         about=f"{by}, {fitted}",
-        lines=tuple(_lines(data, verdict, best)),
+        lines=(*verdict.estimates, *verdict.moduli),
         facts=tuple((name, text) for name, text in facts.items() if text),
         is_sure=any(value.is_sure for each in verdict.bests for value in each.values),
     )
-
-
-def _lines(data: ReportData, verdict: Verdict, best: Best | None) -> Iterator[Line]:
-    at_bound = dict(zip((p.name for p in data.searched.values()), best.values, strict=True)) if best else {}
-    for each in verdict.estimates:
-        unit = "" if each.unit in ("", "1") else f" [{each.unit}]"
-        value = at_bound.get(each.parameter)
-        yield Line(
-            label=f"{each.parameter}{unit}",
-            value=each.value,
-            lower=each.lower,
-            upper=each.upper,
-            word=each.identifiability,
-            at_bound=value is not None and value.is_at_bound,
-        )
-    if best is None:
-        return
-    ends = [_moduli_at(data, best, end) for end in ("lower", "upper")]
-    for label, modulus in moduli_of(data, best):
-        lower, upper = (end.get(label) for end in ends)
-        yield Line(label=f"{label} [{data.modulus_unit}]", value=modulus, lower=lower, upper=upper)
-
-
-def _moduli_at(data: ReportData, best: Best, end: str) -> dict[str, float]:
-    """Moduli at an end of the interval of the one parameter that changes them; none if several do."""
-    values = dict(zip(data.searched, best.values, strict=True))
-    row = {name: each.value for name, each in values.items()}
-    at_best = dict(moduli_of(data, best))
-    moved: dict[str, list[float]] = {}
-    for name, each in values.items():
-        if (at := getattr(each, end)) is None or not each.is_sure:
-            return {}
-        there = replace(best, moduli=dict(initial_moduli(data, row | {name: at})))
-        for label, modulus in moduli_of(data, there):
-            if not math.isclose(modulus, at_best[label], rel_tol=1e-9):
-                moved.setdefault(label, []).append(modulus)
-    return {label: moduli[0] for label, moduli in moved.items() if len(moduli) == 1}
 
 
 def _known(data: ReportData, verdict: Verdict) -> str:

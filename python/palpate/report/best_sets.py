@@ -1,21 +1,24 @@
 """The best set of each spot and scenario, with how well its parameters are identified."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
 import numpy as np
 
 from palpate import mechanics
-from palpate.domain import weighed_phases
+from palpate.domain import FloatArray, Parameter, weighed_phases
 from palpate.errors import PalpateError
 from palpate.plugins.interfaces import IsotropicMaterial
 from palpate.report.report_data import ReportData
 from palpate.report.tables import weighted_channels
 from palpate.run.result import ALL_SPOTS
-from palpate.stages.identifiability import UNCLEAR
+from palpate.stages.identifiability import UNCLEAR, share_of_range
 from palpate.units import convert
+
+EDGE = 0.01
+"""Share of a range within which the best set of a sweep is at its end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +91,10 @@ def best_sets(data: ReportData) -> Iterator[Best]:
         if (best := rows.get((spot, scenario))) is None:
             continue
         known = intervals | sure if "fit" in best else intervals
-        values = (_value(best, name, known.get((spot, scenario, name), {})) for name in data.searched)
+        values = (
+            _value(data, best, i, name, known.get((spot, scenario, name), {}))
+            for i, name in enumerate(data.searched)
+        )
         unfinished = ", unfinished" if best.get("partial") else ""
         yield Best(
             spot=spot,
@@ -102,12 +108,35 @@ def best_sets(data: ReportData) -> Iterator[Best]:
         )
 
 
-def _value(best: Mapping[str, Any], name: str, interval: Mapping[str, Any]) -> Value:
+def _value(
+    data: ReportData, best: Mapping[str, Any], i: int, name: str, interval: Mapping[str, Any]
+) -> Value:
     word = interval.get("identifiability", UNCLEAR)
     optimum = None if "fit" in best else interval.get("optimum")
     at_bound = {each.partition("@")[0] for each in (best.get("at_bound") or "").split(", ")}
     ends, is_sure = (interval.get("lower"), interval.get("upper")), "is_sure" in interval
-    return Value(best.get(name), optimum, *ends, word, name in at_bound, is_sure)
+    found = Value(best.get(name), optimum, *ends, word, name in at_bound, is_sure)
+    if "fit" in best or name not in data.brief:
+        return found
+    return replace(found, is_at_bound=_at_end(data.brief[name], found, data.design.values[:, i]))
+
+
+def _at_end(parameter: Parameter, value: Value, drawn: FloatArray) -> bool:
+    """Whether a best set is the outermost of the design, or within a spacing of the range's end.
+
+    Not where the curves show that the optimum is inside, or do not depend on the parameter.
+    """
+    if value.identifiability == "not" or value.value is None:
+        return False
+    if value.lower is not None and value.upper is not None:
+        ends = [share_of_range(parameter, end) for end in (value.lower, value.upper)]
+        if ends[0] > EDGE and ends[1] < 1.0 - EDGE:
+            return False
+    spacing = max(EDGE, 1.0 / drawn.size)
+    return (
+        value.value in (drawn.min(), drawn.max())
+        or not spacing < share_of_range(parameter, value.value) < 1.0 - spacing
+    )
 
 
 def every_value(data: ReportData, row: Mapping[str, Any]) -> dict[str, float]:

@@ -9,8 +9,10 @@ import numpy as np
 import polars as pl
 
 from palpate.domain import Curve, FloatArray, channel_of
-from palpate.report.best_sets import initial_moduli
-from palpate.report.paper_tables import intervals, materials_of, paper_tables
+from palpate.report.best_sets import best_sets, leading
+from palpate.report.headline import NO_PARAMETERS, failure_of, headlines, moduli
+from palpate.report.marks import explained, mark_of
+from palpate.report.paper_tables import materials_of, paper_tables
 from palpate.report.report_data import ReportData
 from palpate.report.table_files import write_tables
 from palpate.report.tables import EXACT, weighted_channels
@@ -20,6 +22,14 @@ from palpate.run.ownership import keep_only
 
 MEANINGS = ((2.0, "as good as the best"), (7.0, "less support"), (np.inf, "hardly any support"))
 """What a difference of AICc up to each limit means (Burnham & Anderson, Model Selection, 2002, ch. 2.6)."""
+
+CLOSE = MEANINGS[0][0]
+"""Difference of a criterion up to which runs are as good as each other."""
+
+FEWEST_POINTS = 5
+"""Independent points of each parameter below which AICc decides nothing."""
+
+TOO_FEW = "too few independent points"
 
 CRITERIA = (
     "AICc and BIC weigh how well the curves are described against the number of parameters; less is better, "
@@ -87,16 +97,14 @@ def _leading(data: ReportData) -> dict[str, Any]:
 
 
 def _parameters(run: str, data: ReportData) -> Iterator[dict[str, Any]]:
-    found, ends = _leading(data), intervals(data)
-    for name, p in data.searched.items():
-        lower, upper = ends.get((data.together, data.generalising.name, name), (None, None))
-        yield {"run": run, "parameter": p.name, "value": found.get(name), "lower": lower, "upper": upper,
-               "unit": p.unit}  # fmt: skip
-    for region, moduli in initial_moduli(data, found):
-        of = f" of {region}" if len(data.study.space.regions) > 1 else ""
-        for modulus, value in zip(("initial shear modulus", "Young's modulus"), moduli, strict=True):
-            yield {"run": run, "parameter": modulus + of, "value": value, "lower": None, "upper": None,
-                   "unit": data.modulus_unit}  # fmt: skip
+    bests = tuple(best_sets(data))
+    found, best = headlines(data, bests), leading(data, bests)
+    if best is not None:
+        found += moduli(data, best, is_refused=bool(failure_of(data, bests)))
+    for each in found:
+        lower, upper = (each.lower, each.upper) if each.level else (None, None)
+        yield {"run": run, "parameter": each.parameter, "value": each.value, "lower": lower, "upper": upper,
+               "unit": each.unit, "verdict": each.verdict}  # fmt: skip
 
 
 def _errors(run: str, data: ReportData) -> dict[str, Any]:
@@ -131,13 +139,40 @@ def _criteria(runs: Mapping[str, ReportData]) -> list[dict[str, Any]]:
                      "aicc": aicc, "bic": fit + k * np.log(total)})  # fmt: skip
     if any(row["aicc"] is None for row in rows):
         return []
-    least = min(row["aicc"] for row in rows)
+    least, least_bic = (min(row[name] for row in rows) for name in ("aicc", "bic"))
     odds = {row["run"]: np.exp((least - row["aicc"]) / 2.0) for row in rows}
+    is_enough = all(total >= FEWEST_POINTS * row["n_parameters"] for row in rows)
     for row in rows:
         row["difference"] = row["aicc"] - least
-        row["weight"] = odds[row["run"]] / sum(odds.values())
-        row["meaning"] = next(text for most, text in MEANINGS if row["difference"] <= most)
+        row["difference_bic"] = row["bic"] - least_bic
+        row["weight"] = odds[row["run"]] / sum(odds.values()) if is_enough else None
+        row["meaning"] = TOO_FEW
+        if is_enough:
+            row["meaning"] = next(text for most, text in MEANINGS if row["difference"] <= most)
     return sorted(rows, key=lambda row: row["difference"])
+
+
+def _notes(tables: Mapping[str, pl.DataFrame], runs: Mapping[str, ReportData]) -> Iterator[str]:
+    """What a reader must know of the tables: refused runs first."""
+    for name, data in runs.items():
+        if failure := failure_of(data, tuple(best_sets(data))):
+            yield f"{name}: {failure}"
+    if sentence := explained(map(mark_of, tables["parameters"]["verdict"])):
+        yield sentence
+    yield CRITERIA if "criteria" in tables else NOT_COMPARABLE
+    if "criteria" in tables:
+        table = tables["criteria"]
+        by_aicc, by_bic = (table.sort(name, maintain_order=True)["run"][0] for name in ("aicc", "bic"))
+        if TOO_FEW in table["meaning"]:
+            yield (
+                f"The criteria decide nothing here: there are fewer than {FEWEST_POINTS} independent points "
+                "for a parameter, and the term for few points outweighs the misfit."
+            )
+        far = table.filter((pl.col("difference") > CLOSE) != (pl.col("difference_bic") > CLOSE))["run"]
+        if by_aicc != by_bic or not far.is_empty():
+            of = f" on {', '.join(far)}" if by_aicc == by_bic else f": {by_aicc} by AICc, {by_bic} by BIC"
+            yield f"AICc and BIC disagree{of}. Read neither as a choice."
+    yield from dict.fromkeys(data.notice for data in runs.values() if data.notice)
 
 
 def _residuals(data: ReportData) -> dict[str, list[FloatArray]]:
@@ -185,10 +220,10 @@ def write_comparison(runs: Mapping[str, ReportData], folder: Path) -> dict[str, 
     from palpate.report.page import comparison_page
 
     tables = comparison_tables(runs)
-    notes = [CRITERIA if "criteria" in tables else NOT_COMPARABLE]
-    notes += dict.fromkeys(data.notice for data in runs.values() if data.notice)
+    notes = list(_notes(tables, runs))
+    failures = [note for note in notes if NO_PARAMETERS in note]
     figures = write_comparison_figure(runs, folder / "figures")
-    files = (*write_tables(tables, folder / "tables", paper_tables(runs)), *figures)
+    files = (*write_tables(tables, folder / "tables", paper_tables(runs), failures), *figures)
     (picture,) = (base64.b64encode(file.read_bytes()).decode() for file in figures if file.suffix == ".svg")
     page = folder / "index.html"
     links = [file.relative_to(folder) for file in files]

@@ -48,6 +48,8 @@ _ESCAPED = str.maketrans(
         "±": r"$\pm$",
         "≤": r"$\leq$",
         "≥": r"$\geq$",
+        "†": r"$^{\dagger}$",
+        "‡": r"$^{\ddagger}$",
         "\n": " ",
         "\r": " ",
     }
@@ -75,6 +77,11 @@ def number(text: str) -> str:
     return f"${mantissa}" + (rf"\times10^{{{int(exponent)}}}$" if exponent else "$")
 
 
+def marked(text: str, mark: str) -> str:
+    """Text of a number with its marks."""
+    return f"{text}{escaped(mark)}"
+
+
 def head(name: str, unit: str, power: int = 0) -> str:
     """Head of a column: the symbol, a power of ten and the unit."""
     parts = [f"$10^{{{power}}}$" if power else "", "" if unit in ("", "1") else escaped(unit)]
@@ -89,7 +96,15 @@ def power_of_ten(largest: float) -> int:
     return 3 * math.floor(math.log10(largest) / 3)
 
 
-def tabular(columns: str, lines: Sequence[str], *, caption: str, label: str, wide: bool) -> str:
+def tabular(
+    columns: str,
+    lines: Sequence[str],
+    *,
+    caption: str,
+    label: str,
+    wide: bool,
+    warnings: Sequence[str] = (),
+) -> str:
     r"""Lay a table out, shrunk where it would be wider than its column or too long for a page.
 
     Parameters
@@ -102,9 +117,12 @@ def tabular(columns: str, lines: Sequence[str], *, caption: str, label: str, wid
         LaTeX.
     wide : bool
         Whether it spans both columns of a page.
+    warnings : sequence of str
+        What a comment at the head says.
     """
     environment = "table*" if wide else "table"
     whole = [
+        *(f"% WARNING: {' '.join(text.split())}" for text in warnings),
         f"% {PREAMBLE}",
         rf"\begin{{{environment}}}",
         r"\centering\footnotesize",
@@ -126,7 +144,15 @@ def row(*cells: str) -> str:
     return " & ".join(cells) + r" \\"
 
 
-def plain(heads: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence[bool], **of: str) -> str:
+def plain(
+    heads: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    numeric: Sequence[bool],
+    *,
+    caption: str,
+    label: str,
+    warnings: Sequence[str] = (),
+) -> str:
     """Lay rows out under their heads; a wide table of few rows is transposed, and long texts are broken."""
     lengths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
     if sum(lengths) > 2 * COLUMN_CHARACTERS and len(rows) <= MOST_TRANSPOSED < len(heads):
@@ -137,4 +163,5 @@ def plain(heads: Sequence[str], rows: Sequence[Sequence[str]], numeric: Sequence
         "p{60mm}" if n > COLUMN_CHARACTERS else kind for n, kind in zip(lengths, kinds, strict=True)
     )
     lines = chain([row(*heads), r"\midrule"], (row(*cells) for cells in rows))
-    return tabular(columns, list(lines), wide=sum(lengths) > COLUMN_CHARACTERS, **of)
+    wide = sum(lengths) > COLUMN_CHARACTERS
+    return tabular(columns, list(lines), caption=caption, label=label, wide=wide, warnings=warnings)

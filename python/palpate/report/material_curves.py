@@ -10,7 +10,7 @@ import numpy as np
 from palpate.domain import FloatArray
 from palpate.plugins.interfaces import IsotropicMaterial
 from palpate.report.best_sets import every_value
-from palpate.report.estimates import draws_of
+from palpate.report.headline import draws_of
 from palpate.report.report_data import ReportData
 from palpate.units import convert
 

@@ -11,9 +11,9 @@ import polars as pl
 
 from palpate.domain import Curve, FloatArray, Indentation, IntArray, Scenario
 from palpate.report.contours import along, contours
-from palpate.report.estimates import draws_of
 from palpate.report.figures import fits_at, residuals
 from palpate.report.fit_path import paths
+from palpate.report.headline import draws_of
 from palpate.report.report_data import ReportData, label_of
 from palpate.report.scene import edge_of_contact, scene
 from palpate.report.skin import skins

@@ -5,14 +5,13 @@ from dataclasses import dataclass
 
 import polars as pl
 
-from palpate.domain import FloatArray, Parameter
-from palpate.report.best_sets import Best, Value
+from palpate.report.best_sets import Best
 from palpate.report.report_data import ReportData
 from palpate.report.tables import cost_of_one_set, finding
 from palpate.run.result import UNSEEN, UNSETTLED
 from palpate.stages.completeness import described
 from palpate.stages.experiment import measured_warnings
-from palpate.stages.identifiability import UNCLEAR, share_of_range
+from palpate.stages.identifiability import UNCLEAR
 from palpate.stages.relaxation import REMEDY, relaxation_of
 from palpate.stages.selection import by_reason, failures, unranked
 
@@ -48,9 +47,6 @@ CAUSES = (
     "and force, a wrong friction, "
 )
 """Why force and torque of a press may disagree."""
-
-EDGE = 0.01
-"""Share of a range within which the best set of a sweep is at its end."""
 
 MESH_SHARE = 0.05
 """Change of a fitted value from finer meshes to meshes without error beyond which it is a warning."""
@@ -274,41 +270,15 @@ def _about_disagreement(data: ReportData) -> Iterator[ReportWarning]:
 
 
 def _about_ends(data: ReportData, bests: Sequence[Best], whose: str) -> Iterator[ReportWarning]:
-    of_sweep = (
-        f"{parameter.name} at {best.where}"
-        for best in bests
-        if best.found != "fit"
-        for i, parameter in enumerate(data.brief.values())
-        if _at_end(parameter, best.values[i], data.design.values[:, i])
-    )
-    of_fit = (
-        f"{parameter.name} at {best.where}"
-        for best in bests
-        for parameter, value in zip(data.searched.values(), best.values, strict=True)
-        if value.is_at_bound
-    )
     return _listed(
         f"{whose} values are at the end of their range",
-        [*of_fit, *of_sweep],
+        [
+            f"{parameter.name} at {best.where}"
+            for best in bests
+            for parameter, value in zip(data.searched.values(), best.values, strict=True)
+            if value.is_at_bound
+        ],
         "Widen the range: the minimum may be outside.",
-    )
-
-
-def _at_end(parameter: Parameter, value: Value, drawn: FloatArray) -> bool:
-    """Whether a best set is the outermost of the design, or within a spacing of the range's end.
-
-    Not where the curves show that the optimum is inside, or do not depend on the parameter.
-    """
-    if value.identifiability == "not" or value.value is None:
-        return False
-    if value.lower is not None and value.upper is not None:
-        ends = [share_of_range(parameter, end) for end in (value.lower, value.upper)]
-        if ends[0] > EDGE and ends[1] < 1.0 - EDGE:
-            return False
-    spacing = max(EDGE, 1.0 / drawn.size)
-    return (
-        value.value in (drawn.min(), drawn.max())
-        or not spacing < share_of_range(parameter, value.value) < 1.0 - spacing
     )
 
 

@@ -1,13 +1,14 @@
 """Tables as files: CSV with every digit, LaTeX and Markdown to be printed."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
 import polars as pl
 
 from palpate.report.latex import escaped, number, plain
+from palpate.report.marks import explained, mark_of
 from palpate.report.tables import COMPARISON_TITLES, TITLES, printed
 from palpate.run.atomic_files import write_atomically
 
@@ -20,16 +21,25 @@ _MARKDOWN = str.maketrans(
 
 
 def write_tables(
-    tables: Mapping[str, pl.DataFrame], folder: Path, paper: Mapping[str, str] = MappingProxyType({})
+    tables: Mapping[str, pl.DataFrame],
+    folder: Path,
+    paper: Mapping[str, str] = MappingProxyType({}),
+    failures: Sequence[str] = (),
 ) -> tuple[Path, ...]:
-    """Write each table as CSV, LaTeX and Markdown, and those of a paper, which are LaTeX already."""
+    """Write each table as CSV, LaTeX and Markdown, and those of a paper, which are LaTeX already.
+
+    Parameters
+    ----------
+    failures : sequence of str
+        Why no parameters can be read, which every table for print states.
+    """
     texts = {
         folder / f"{name}{suffix}": text
         for name, table in tables.items()
         for suffix, text in (
             (".csv", _csv(table)),
-            (".tex", latex(name, printed(name, table))),
-            (".md", markdown(name, printed(name, table))),
+            (".tex", latex(name, printed(name, table), failures)),
+            (".md", markdown(name, printed(name, table), failures)),
         )
     }
     texts |= {folder / f"{name}.tex": text for name, text in paper.items()}
@@ -45,7 +55,7 @@ def _csv(table: pl.DataFrame) -> str:
     return table.with_columns(texts).rename(heads).write_csv()
 
 
-def latex(name: str, table: pl.DataFrame) -> str:
+def latex(name: str, table: pl.DataFrame, failures: Sequence[str] = ()) -> str:
     """Write a table for LaTeX with the packages ``booktabs`` and ``graphicx``; names are text there.
 
     Parameters
@@ -58,18 +68,27 @@ def latex(name: str, table: pl.DataFrame) -> str:
         [escaped(text) for text in table.columns],
         [[_latex_cell(value) for value in cells] for cells in table.iter_rows()],
         [dtype.is_numeric() for dtype in table.dtypes],
-        caption=escaped(_TITLES.get(name, name)),
+        caption=escaped(_caption(name, table, failures)),
         label=name,
+        warnings=failures,
     )
 
 
-def markdown(name: str, table: pl.DataFrame) -> str:
+def markdown(name: str, table: pl.DataFrame, failures: Sequence[str] = ()) -> str:
     """Write a table for Markdown, under its caption; names are text there, whatever they hold."""
     rule = ["---:" if dtype.is_numeric() else "---" for dtype in table.dtypes]
     head = [text.translate(_MARKDOWN) for text in table.columns]
     rows = ([shown(value).translate(_MARKDOWN) for value in row] for row in table.iter_rows())
     lines = [f"| {' | '.join(cells)} |" for cells in (head, rule, *rows)]
-    return "\n".join([_TITLES.get(name, name), "", *lines, ""])
+    warnings = [text for each in failures for text in (f"**WARNING: {each.translate(_MARKDOWN)}**", "")]
+    return "\n".join([*warnings, _caption(name, table), "", *lines, ""])
+
+
+def _caption(name: str, table: pl.DataFrame, failures: Sequence[str] = ()) -> str:
+    """Title of a table, why no parameters can be read, and what the marks in it mean."""
+    marks = explained(map(mark_of, table["verdict"])) if "verdict" in table.columns else ""
+    parts = [part for part in (_TITLES.get(name, name), *failures, marks) if part]
+    return parts[0] if len(parts) == 1 else " ".join(f"{part.rstrip('.')}." for part in parts)
 
 
 def _latex_cell(value: object) -> str:

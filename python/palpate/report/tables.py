@@ -6,6 +6,7 @@ from types import MappingProxyType
 import polars as pl
 
 from palpate.domain import Scenario
+from palpate.report.marks import mark_of
 from palpate.report.report_data import ReportData
 from palpate.run.result import ALL_SPOTS
 from palpate.stages.completeness import Completeness
@@ -100,7 +101,10 @@ def make_tables(data: ReportData) -> dict[str, pl.DataFrame]:
 
 
 def printed(name: str, table: pl.DataFrame) -> pl.DataFrame:
-    """Rows as people read them: the causes of an interval side by side, in percent."""
+    """Rows as people read them: marks at the parameters; causes of an interval side by side, in percent."""
+    if {"parameter", "verdict"} <= set(table.columns):
+        marks = table["verdict"].map_elements(mark_of, return_dtype=pl.String)
+        return table.with_columns(parameter=pl.col("parameter") + marks)
     if name != "budget":
         return table
     shares = table.with_columns(share=(100.0 * pl.col("share")).round(1))

@@ -7,14 +7,11 @@ import polars as pl
 
 from palpate.domain import Parameter
 from palpate.report.best_sets import Best, best_sets, leading
-from palpate.report.estimates import Estimate, estimates
+from palpate.report.headline import Headline, failure_of, headlines, moduli
 from palpate.report.report_data import ReportData, label_of
 from palpate.report.report_warnings import (
-    CHECK,
-    NO_FIT_R2,
     ReportWarning,
     apparent,
-    failed_checks,
     left_out,
     report_warnings,
 )
@@ -37,9 +34,9 @@ class Verdict:
         Joint fits first.
     headline : str
         How well what leads fits, without its parameters; empty where there is nothing.
-    estimates : tuple of Estimate
+    estimates : tuple of Headline
         Parameters of what leads with their intervals; none where the set does not fit.
-    moduli : tuple of str
+    moduli : tuple of Headline
         Its initial moduli.
     lead : str
         Sentence on the joint fit, or on the set for all spots, or on the best set of the only spot;
@@ -63,8 +60,8 @@ class Verdict:
     parameters: tuple[str, ...]
     bests: tuple[Best, ...]
     headline: str = ""
-    estimates: tuple[Estimate, ...] = ()
-    moduli: tuple[str, ...] = ()
+    estimates: tuple[Headline, ...] = ()
+    moduli: tuple[Headline, ...] = ()
     lead: str
     identifiability: tuple[str, ...]
     spent: str = ""
@@ -85,14 +82,14 @@ class Verdict:
 def make_verdict(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Verdict:
     """Sum up a run, from what its stages have left."""
     bests = tuple(best_sets(data))
-    no_fit, (about, values, quality) = _no_fit(data, bests), _lead(data, bests)
-    best, found = leading(data, bests), list(estimates(data, bests))
+    no_fit, (about, values, quality) = failure_of(data, bests), _lead(data, bests)
+    best, found = leading(data, bests), headlines(data, bests)
     return Verdict(
         parameters=tuple(map(label_of, data.searched.values())),
         bests=bests,
         headline=no_fit or (f"{about}: {quality}" if about else ""),
         estimates=() if no_fit else tuple(found),
-        moduli=() if no_fit or best is None else tuple(_moduli(data, best)),
+        moduli=() if no_fit or best is None else tuple(moduli(data, best)),
         lead=no_fit or (f"{about}: {', '.join(values)}; {quality}." if about else ""),
         identifiability=() if no_fit else tuple(_identified(data, found)),
         spent=_spent(data),
@@ -123,48 +120,12 @@ def _not_included(data: ReportData) -> Iterator[str]:
     yield from (f"{cause} (failed)" for cause in left_out(data))
 
 
-def _no_fit(data: ReportData, bests: Sequence[Best]) -> str:
-    """Sentence in place of parameters where the set that they would be of does not fit."""
-    wrong = [
-        f"{name} at {spot} (R² {r2:.3g})" for name, spot, r2 in r2_by_spot(data, bests) if r2 < NO_FIT_R2
-    ]
-    if not wrong:
-        return _inadequate(data)
-    more = f" and {len(wrong) - 4} more" if len(wrong) > 4 else ""
-    where = f"{', '.join(wrong[:4])}{more}"
-    return f"No parameters can be read from this run: the best set does not fit {where}. {CHECK}"
-
-
-def r2_by_spot(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, str, float]]:
-    """R² of what leads in each fitted channel: its name, the spot, and R²."""
-    joint = data.fit.joint(data.generalising.name)
-    if len(data.spots) > 1:
-        of_all = data.generalisation if joint.is_empty() else joint
-        rows = [(row["spot"], row) for row in of_all.iter_rows(named=True)]
-    else:
-        own = (best for best in bests if best.scenario == data.generalising.name)
-        rows = [(best.spot, {f"r2_{name}": r2 for name, r2 in best.r2.items()}) for best in own]
-    for spot, row in rows:
-        for name in data.generalising.weighed:
-            if (r2 := row.get(f"r2_{name}")) is not None:
-                yield name, spot, r2
-
-
-def _inadequate(data: ReportData) -> str:
-    """The same where the model does not describe the data."""
-    main = (data.together, data.generalising.name)
-    found = {
-        message: remedy for fit, scenario, message, remedy in failed_checks(data) if (fit, scenario) == main
-    }
-    remedies = " ".join(dict.fromkeys(found.values()))
-    return f"No parameters can be read from this run: {'; '.join(found)}. {remedies}" if found else ""
-
-
 def _lead(data: ReportData, bests: Sequence[Best]) -> tuple[str, list[str], str]:
     """What leads, its values, and how well it fits; empty where there is nothing."""
     where, best = data.together, leading(data, bests)
     if best is not None:
-        values = [*_listed(data.searched, (v.value for v in best.values)), *_moduli(data, best)]
+        values = [*_listed(data.searched, (v.value for v in best.values))]
+        values += [f"{each.parameter} {each.value:.4g} {each.unit}" for each in moduli(data, best)]
         of = f"At {where}" if where != ALL_SPOTS else f"One material for all {len(data.spots)} spots"
         mean = "mean Fopt" if where == ALL_SPOTS else "Fopt"
         least = "at least " if where == ALL_SPOTS else ""
@@ -195,19 +156,6 @@ def _unit(parameter: Parameter) -> str:
     return "" if parameter.unit == "1" else f" {parameter.unit}"
 
 
-def _moduli(data: ReportData, best: Best) -> Iterator[str]:
-    for label, value in moduli_of(data, best):
-        yield f"{label} {value:.4g} {data.modulus_unit}"
-
-
-def moduli_of(data: ReportData, best: Best) -> Iterator[tuple[str, float]]:
-    """Initial shear modulus and Young's modulus of each region under their names."""
-    for region, (shear, young) in best.moduli.items():
-        of = f" of {region}" if len(data.study.space.regions) > 1 else ""
-        yield f"initial shear modulus{of}", shear
-        yield f"Young's modulus{of}", young
-
-
 def _spent(data: ReportData) -> str:
     """Sentence on what was simulated."""
     if data.fit.table.is_empty():
@@ -219,7 +167,7 @@ def _spent(data: ReportData) -> str:
     return f"Simulations: {sweep}{fits['n_runs'].sum()} of the fit{fine}."
 
 
-def _identified(data: ReportData, found: Sequence[Estimate]) -> Iterator[str]:
+def _identified(data: ReportData, found: Sequence[Headline]) -> Iterator[str]:
     """Sentence on each parameter: by the intervals of the fit, where it has them, else by the sweep."""
     if not any(each.level for each in found):
         yield from (_by_sweep(data, name) for name in data.brief)

@@ -6,12 +6,21 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 from hypothesis import given, strategies as st
 
 from palpate.domain import Response
 from palpate.fit.least_squares import LeastSquares
-from palpate.report.comparison import _independent, comparison_tables, named, same_curves, write_comparison
+from palpate.report.comparison import (
+    TOO_FEW,
+    _independent,
+    _notes,
+    comparison_tables,
+    named,
+    same_curves,
+    write_comparison,
+)
 from palpate.run.result import FitResult
 
 
@@ -67,6 +76,26 @@ def test_criteria_prefer_the_better_fit_and_share_the_weight_between_equals(fitt
     assert set(equals["meaning"]) == {"as good as the best"}
 
 
+def test_few_independent_points_decide_nothing(fitted, monkeypatch):
+    runs = {"sweep": without_fit(fitted), "fit": fitted}
+    enough = comparison_tables(runs)["criteria"]
+    assert TOO_FEW not in set(enough["meaning"])
+    monkeypatch.setattr("palpate.report.comparison.FEWEST_POINTS", 1e6)
+    tables = comparison_tables(runs)
+    assert set(tables["criteria"]["meaning"]) == {TOO_FEW}
+    assert tables["criteria"]["weight"].null_count() == 2
+    assert any("decide nothing here" in note for note in _notes(tables, runs))
+
+
+def test_criteria_that_disagree_are_reported(fitted):
+    runs = {"sweep": without_fit(fitted), "fit": fitted}
+    tables = comparison_tables(runs)
+    assert not any("AICc and BIC disagree" in note for note in _notes(tables, runs))
+    other = tables["criteria"].with_columns(bic=-pl.col("bic"), difference_bic=pl.lit(0.0))
+    notes = list(_notes(tables | {"criteria": other}, runs))
+    assert "AICc and BIC disagree: fit by AICc, sweep by BIC. Read neither as a choice." in notes
+
+
 def test_a_parameter_that_changes_no_curve_costs_something(fitted):
     class OneMore:
         def parameters(self, space, spots):
@@ -106,4 +135,4 @@ def test_the_page_holds_the_tables_and_the_figure_and_asks_no_network(swept, tmp
     assert html.unescape(policy).startswith("default-src 'none'")
     assert "No information criteria" in page
     assert all(path.is_file() for path in made["files"])
-    assert (tmp_path / "tables" / "paper_table1.tex").read_text().count("multicolumn{4}") == 2
+    assert (tmp_path / "tables" / "paper_table1.tex").read_text().count("multicolumn{6}") == 2

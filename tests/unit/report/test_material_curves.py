@@ -8,7 +8,7 @@ import pytest
 
 from palpate.fit.least_squares import LeastSquares
 from palpate.report.best_sets import initial_moduli
-from palpate.report.estimates import draws_of
+from palpate.report.headline import draws_of
 from palpate.report.material_curves import PATHS, material_curves
 from palpate.report.sections.material import MaterialItself
 from palpate.testing.sections import small_runs

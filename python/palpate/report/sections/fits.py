@@ -19,6 +19,7 @@ from palpate.plugins.sections import (
 )
 from palpate.report.best_sets import Best, Value, initial_moduli
 from palpate.report.fit_path import least_of_sweep, paths
+from palpate.report.marks import verdict_of
 from palpate.report.report_data import ReportData
 from palpate.report.result import Report
 from palpate.report.sections.tables import table
@@ -121,14 +122,15 @@ class Fits(Section):
 # ------------------------------------------------------------------- values
 
 
-def _cell(value: Value) -> Lines:
+def _cell(value: Value, report: Report) -> Lines:
     lines: list[Any] = ["by spot" if value.value is None else value.value]
-    if value.is_at_bound:
-        lines.append(Word("end of range"))
     if value.lower is not None and value.upper is not None:
         lines += [f"optimum {value.optimum:.4g}"] if value.optimum is not None else []
         lines.append(f"{value.lower:.4g} to {value.upper:.4g}")
-    return Lines([*lines, Word(value.identifiability)])
+    verdict = verdict_of(
+        value.identifiability, at_bound=value.is_at_bound, is_refused=bool(report.verdict.failure)
+    )
+    return Lines([*lines, *map(Word, verdict.split(", "))])
 
 
 def _below(bests: Sequence[Best]) -> str:
@@ -145,7 +147,7 @@ def _leading(data: ReportData, report: Report, bests: Sequence[Best]) -> Table:
     rows: list[list[Cell]] = []
     for i, (name, label) in enumerate(zip(data.searched, report.verdict.parameters, strict=True)):
         rows.append(
-            [label, *(_cell(best.values[i]) for best in bests), *([truth.get(name)] if truth else [])]
+            [label, *(_cell(best.values[i], report) for best in bests), *([truth.get(name)] if truth else [])]
         )
     rows += [[label, *values] for label, values in _moduli(data, bests)]
     mean, least = ("", "") if bests[0].spot != ALL_SPOTS else (" (all spots: mean)", " (all spots: least)")
@@ -190,7 +192,7 @@ def _every(data: ReportData, report: Report) -> Table:
             [
                 best.spot,
                 best.scenario,
-                *map(_cell, best.values),
+                *(_cell(value, report) for value in best.values),
                 best.fopt,
                 *(best.r2[channel] for channel in channels),
                 best.fitted_to,
