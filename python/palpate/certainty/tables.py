@@ -12,11 +12,10 @@ from palpate.certainty.curve_errors import CurveErrors
 from palpate.certainty.directions import directions
 from palpate.certainty.known_errors import MESH
 from palpate.certainty.laplace import Density, Laplace
-from palpate.certainty.rows import pieces
 from palpate.domain import FloatArray
 from palpate.fit.problem import Problem
 from palpate.fit.running import Fit
-from palpate.fit.spot_term import SpotTerm
+from palpate.fit.spot_term import SpotTerm, pieces
 from palpate.fit.stage import Case
 from palpate.run.result import INCLUDED, CertaintyResult
 from palpate.stages.identifiability import UNCLEAR, word_of
