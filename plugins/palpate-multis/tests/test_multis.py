@@ -23,7 +23,7 @@ from palpate_multis import (
     simulate_press,
     with_sites,
 )
-from palpate_multis.emulator import LOWER, UPPER, WIDTHS_MM, emulator, simulated
+from palpate_multis.emulator import LENGTHS, LOWER, UPPER, WIDTHS_MM, PressEmulator, emulator, simulated
 
 FEW = settings(max_examples=4)
 thicknesses = st.tuples(*(st.floats(low, high) for low, high in zip(LOWER[:3], UPPER[:3], strict=True)))
@@ -56,6 +56,16 @@ def test_a_thin_layer_is_compressed_as_a_column_that_cannot_bulge() -> None:
     """Far from the edges of the probe, p/u = E(1 − ν)/((1 + ν)(1 − 2ν))/h."""
     press = simulate_press((0.05, 0.05, 0.1), (1.0, 1.0), 60.0)
     assert press.compliance == pytest.approx(0.2 * 1.49 * 0.02 / 0.51, rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", WIDTHS_MM)
+def test_the_kept_lengths_are_the_most_likely_ones(width: float) -> None:
+    searched, rng = PressEmulator(width, simulated(width)), np.random.default_rng(1)
+    np.testing.assert_allclose(LENGTHS[width], searched._process.lengths, rtol=1e-3)
+    inputs = np.exp(rng.uniform(np.log(LOWER), np.log(UPPER), (200, 5)))
+    for kept, again in zip(emulator(width)(inputs), searched(inputs), strict=True):
+        np.testing.assert_allclose(kept, again, rtol=1e-3, atol=1e-4)
 
 
 @pytest.mark.slow
@@ -160,6 +170,29 @@ def test_the_command_predicts_a_table_without_results(
     assert [row["lower"] < row["compliance_mm_per_MPa"] < row["upper"] for row in rows] == [True, True]
     assert main(["predict-press", str(tmp_path / "new.csv")]) == 0
     assert "fat's share" in capsys.readouterr().out
+
+
+def test_presses_outside_of_what_was_simulated_have_a_status(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    head, good = "max_force_N,area_mm2,skin_mm,fat_mm,muscle_mm,site", "7,675,1.4,6,30,LL_A"
+    new = tmp_path / "new.csv"
+    new.write_text(f"{head}\n{good}\n7,675,1.4,60,30,LL_A\n7,675,1.4,6,30,neck\n{good}\n")
+    assert main(["predict-press", str(new), "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)["presses"]
+    assert [row["status"] for row in rows] == ["predicted", "outside", "outside", "predicted"]
+    assert rows[0] == rows[3]
+    assert rows[0]["compliance_mm_per_MPa"] > 0.0
+    assert [rows[1][name] for name in ("compliance_mm_per_MPa", "lower", "upper", "fat_share")] == [None] * 4
+    assert rows[1]["reason"] == "fat [mm] is 60; simulated presses have 0.45 to 42"
+    assert "site 'neck' is not one of LA_A" in rows[2]["reason"]
+    assert main(["predict-press", str(new)]) == 0
+    assert "outside: fat [mm] is 60" in " ".join(capsys.readouterr().out.split())
+    new.write_text(f"{head}\n7,675,14,60,300,LL_A\n")
+    assert main(["predict-press", str(new)]) == 2
+    assert "no press can be predicted; the first: skin [mm] is 14" in " ".join(
+        capsys.readouterr().err.split()
+    )
 
 
 @pytest.mark.slow

@@ -37,6 +37,10 @@ class GaussianProcess:
         Numbers of the points with slopes.
     values : (n, n_outputs) array
     slopes : (d, m, n_outputs) array
+    lengths : (d,) array, optional
+        Correlation lengths, in half ranges of the coordinates; the most likely ones by default.
+    nugget : float
+        Variance of what is not reproduced, over that of the process; it counts where lengths are given.
 
     Attributes
     ----------
@@ -44,13 +48,23 @@ class GaussianProcess:
         Values less what all other points predict.
     """
 
-    def __init__(self, points: FloatArray, sloped: IntArray, values: FloatArray, slopes: FloatArray) -> None:
+    def __init__(
+        self,
+        points: FloatArray,
+        sloped: IntArray,
+        values: FloatArray,
+        slopes: FloatArray,
+        lengths: FloatArray | None = None,
+        nugget: float = 1e-8,
+    ) -> None:
         self.points, self.sloped = points, sloped
         observed = np.concatenate([values, *slopes])
         n, d = points.shape
         self.powers = _powers(d, 2 if len(observed) >= (d + 1) * (d + 2) else 1)
         trend = _trend(points, sloped, self.powers)
-        self.lengths, nugget = self._most_likely(trend, observed)
+        if lengths is None:
+            lengths, nugget = self._most_likely(trend, observed)
+        self.lengths = lengths
         inverse = np.linalg.inv(self._covariance(self.lengths, nugget))
         through = inverse @ trend
         normal = np.linalg.inv(trend.T @ through)

@@ -46,6 +46,8 @@ def test_the_variance_of_a_process_is_none_where_it_was_observed_and_of_the_size
     ratio = np.abs(found(elsewhere) - wave(elsewhere)) / np.sqrt(found.variance(elsewhere))
     assert (ratio < 3.0).mean() > 0.9
     assert ratio.max() > 0.1
+    again = GaussianProcess(points, np.zeros(0, dtype=int), wave(points), np.zeros((2, 0, 1)), found.lengths)
+    np.testing.assert_allclose(again(elsewhere), found(elsewhere), atol=1e-4)
 
 
 @pytest.fixture(scope="module")

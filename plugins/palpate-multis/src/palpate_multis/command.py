@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from palpate.api import AsJson, PalpateError, Session
 
-HEADS = ("row", "compliance [mm/MPa]", "95 %", "fat's share")
+if TYPE_CHECKING:
+    from palpate_multis.population import Population
+    from palpate_multis.presses import Presses
+
+SHOWN = ("compliance_mm_per_MPa", "lower", "upper")
+VALUES = (*SHOWN, "fat_share")
+HEADS = ("row", "status", "compliance [mm/MPa]", "95 % from", "to", "fat's share")
 
 
 def predict_press(
@@ -30,7 +37,10 @@ def predict_press(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Predict presses of an ultrasound probe, by layered finite elements fitted to living limbs."""
+    """Predict presses of an ultrasound probe, by layered finite elements fitted to living limbs.
+
+    A press outside of what was simulated has the status "outside", with its reason, and no prediction.
+    """
     from palpate_multis.population import fit, fit_own, with_sites
     from palpate_multis.presses import read_presses
 
@@ -38,33 +48,47 @@ def predict_press(
     presses = read_presses(table, measured=False)
     known = read_presses(fitted_to)
     population = fit_own(known, str(fitted_to)) if fitted_to else fit(known)
-    compliance, share = population.predict(presses.layers_mm, presses.width_mm, presses.force_N)
     if presses.site.any():
         if not known.site.all():
             raise PalpateError(
                 f"{table} has sites, {fitted_to} none: give both the column 'site', or neither"
             )
         population = with_sites(population, known)
-        compliance = compliance * population.site_factor(presses.site)
-    lower, upper = population.interval(compliance)
-    columns = (compliance.tolist(), lower.tolist(), upper.tolist(), share.tolist())
-    rows = list(zip(*columns, strict=True))
+    rows = _rows(population, presses)
+    if all(row["reason"] for row in rows):
+        raise PalpateError(f"{table}: no press can be predicted; the first: {rows[0]['reason']}")
     moduli = {name: getattr(population, name) for name in ("muscle_MPa", "fat_MPa", "load_exponent")}
     if as_json:
-        names = ("compliance_mm_per_MPa", "lower", "upper", "fat_share")
-        session.json(
-            {
-                "fit": moduli | {"sites": dict(population.sites)},
-                "presses": [dict(zip(names, row, strict=True)) for row in rows],
-            }
-        )
+        session.json({"fit": moduli | {"sites": dict(population.sites)}, "presses": rows})
         return
     cells = [
-        [str(number), f"{middle:.0f}", f"{low:.0f}–{high:.0f}", f"{fat:.0%}"]
-        for number, (middle, low, high, fat) in enumerate(rows, start=1)
+        [str(number), row["status"], *(f"{row[name]:.0f}" for name in SHOWN), f"{row['fat_share']:.0%}"]
+        if row["status"] == "predicted"
+        else [str(number), f"{row['status']}: {row['reason']}", "", "", "", ""]
+        for number, row in enumerate(rows, start=1)
     ]
     session.table("Fit", list(moduli), [[f"{value:.3g}" for value in moduli.values()]])
     if population.sites:
         factors = [f"{factor:.2f}" for factor in population.sites.values()]
         session.table("Factors of compliance", list(population.sites), [factors])
     session.table("Presses", list(HEADS), cells)
+
+
+def _rows(population: Population, presses: Presses) -> list[dict[str, Any]]:
+    """Rows of the output, one for each press; those outside of what was simulated have a reason alone."""
+    reasons = population.outside(presses)
+    within = np.flatnonzero([not reason for reason in reasons])
+    chosen = presses[within]
+    compliance, share = population.predict(chosen.layers_mm, chosen.width_mm, chosen.force_N)
+    if population.sites:
+        compliance = compliance * population.site_factor(chosen.site)
+    columns = (compliance, *population.interval(compliance), share)
+    values = dict(zip(within.tolist(), np.column_stack(columns).tolist(), strict=True))
+    return [
+        {
+            "status": "outside" if reason else "predicted",
+            "reason": reason,
+            **dict(zip(VALUES, values.get(row, [None] * len(VALUES)), strict=True)),
+        }
+        for row, reason in enumerate(reasons)
+    ]

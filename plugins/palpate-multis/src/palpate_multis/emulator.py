@@ -4,6 +4,7 @@ The logarithm of compliance is that of springs in series, whose load spreads wit
 process of what they miss; there is one for each probe.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -13,6 +14,12 @@ import polars as pl
 
 from palpate.api import FloatArray, GaussianProcess, PalpateError
 from palpate_multis.layered_block import LENGTH_MM
+
+LENGTHS = {8.0: (3.0503, 0.49985, 0.9283, 1.7705, 1.2425), 15.0: (3.6134, 0.47404, 0.9180, 1.7721, 1.2369)}
+"""Most likely correlation lengths of each probe's runs, in half ranges.
+
+Kept here because their search takes longer than all else of a prediction; a test repeats it.
+"""
 
 LOWER = np.array([0.6, 0.45, 5.0, 1.0, 0.08])
 UPPER = np.array([3.2, 42.0, 90.0, 60.0, 2.5])
@@ -60,6 +67,8 @@ class PressEmulator:
     ----------
     width_mm : float
     runs : Simulated
+    lengths : five floats, optional
+        Correlation lengths, in half ranges; the most likely ones by default.
 
     Attributes
     ----------
@@ -67,12 +76,13 @@ class PressEmulator:
         Logarithm of compliance, and fat's share, of each run less what the others predict.
     """
 
-    def __init__(self, width_mm: float, runs: Simulated) -> None:
+    def __init__(self, width_mm: float, runs: Simulated, lengths: Sequence[float] | None = None) -> None:
         self.width_mm = width_mm
         missed = np.log(runs.compliance) - np.log(springs_in_series(runs.inputs, width_mm))
         values = np.column_stack([missed, runs.fat_share])
         none = np.zeros(0, dtype=np.int64)
-        self._process = GaussianProcess(_scaled(runs.inputs), none, values, np.zeros((5, 0, 2)))
+        known = None if lengths is None else np.array(lengths)
+        self._process = GaussianProcess(_scaled(runs.inputs), none, values, np.zeros((5, 0, 2)), known)
         self.left_out = self._process.left_out
 
     def __call__(self, inputs: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -86,7 +96,7 @@ def emulator(width_mm: float) -> PressEmulator:
     """The emulator of a probe of 45 mm × ``width_mm``."""
     if width_mm not in WIDTHS_MM:
         raise PalpateError(f"a probe of 45 × {width_mm:g} mm; the presses have 45 × 8 and 45 × 15 mm")
-    return PressEmulator(width_mm, simulated(width_mm))
+    return PressEmulator(width_mm, simulated(width_mm), LENGTHS[width_mm])
 
 
 def springs_in_series(inputs: FloatArray, width_mm: float) -> FloatArray:

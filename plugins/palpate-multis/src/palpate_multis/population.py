@@ -79,15 +79,36 @@ class Population:
         PalpateError
             Thicknesses or moduli are outside of what was simulated, or a load is not > 0.
         """
-        ratios = np.broadcast_to([SKIN_MPA, self.fat_MPa], (len(force_N), 2)) / self.muscle_MPa
-        inputs = np.column_stack([layers_mm, ratios])
-        _check(inputs, force_N)
+        inputs = self._inputs(layers_mm)
+        reasons = _outside(inputs, force_N)
+        if row := next((row for row, reason in enumerate(reasons, start=1) if reason), 0):
+            raise PalpateError(f"press {row}: {reasons[row - 1]}")
         softness, share = np.empty(len(inputs)), np.empty(len(inputs))
         for width in np.unique(width_mm):
             here = width_mm == width
             softness[here], share[here] = emulator(float(width))(inputs[here])
         load = force_N / np.sqrt(LENGTH_MM * width_mm) / REFERENCE_LOAD
         return softness / self.muscle_MPa * load**-self.load_exponent, share
+
+    def outside(self, presses: Presses) -> list[str]:
+        """Reasons (n,) why presses cannot be predicted; empty for those that can be."""
+        reasons = _outside(self._inputs(presses.layers_mm), presses.force_N)
+        unknown = ~np.isin(presses.site, list(self.sites)) if self.sites else np.zeros(len(reasons), bool)
+        return [
+            reason or (self._not_a_site(site) if here else "")
+            for reason, site, here in zip(reasons, presses.site.tolist(), unknown, strict=True)
+        ]
+
+    def _inputs(self, layers_mm: FloatArray) -> FloatArray:
+        """Inputs (n, 5) of the emulator."""
+        ratios = np.broadcast_to([SKIN_MPA, self.fat_MPa], (len(layers_mm), 2)) / self.muscle_MPa
+        return np.column_stack([layers_mm, ratios])
+
+    def _not_a_site(self, site: str) -> str:
+        return (
+            f"site '{site}' is not one of {', '.join(self.sites)}; leave the column out, or fit presses at "
+            "that site"
+        )
 
     def site_factor(self, site: StrArray) -> FloatArray:
         """Factors of compliance at sites (n,).
@@ -100,10 +121,7 @@ class Population:
         unknown = np.flatnonzero(~np.isin(site, list(self.sites)))
         if unknown.size:
             row = int(unknown[0])
-            raise PalpateError(
-                f"press {row + 1}: site '{site[row]}' is not one of {', '.join(self.sites)}; leave the "
-                "column out, or fit presses at that site"
-            )
+            raise PalpateError(f"press {row + 1}: {self._not_a_site(str(site[row]))}")
         return np.array([self.sites[each] for each in site.tolist()])
 
     def interval(self, compliance: FloatArray, n_known: int = 0) -> tuple[FloatArray, FloatArray]:
@@ -231,16 +249,19 @@ def _with_spread(found: Population, presses: Presses) -> Population:
     )
 
 
-def _check(inputs: FloatArray, force_N: FloatArray) -> None:
+def _outside(inputs: FloatArray, force_N: FloatArray) -> list[str]:
+    """Reasons (n,) why presses are outside of what was simulated; empty for those within."""
     names = ("skin [mm]", "fat [mm]", "muscle [mm]", "skin over muscle modulus", "fat over muscle modulus")
+    reasons = [
+        "" if force > 0.0 and np.isfinite(force) else f"the load is {force:g} N; give a load > 0 N"
+        for force in force_N
+    ]
     with np.errstate(invalid="ignore"):
-        bad = np.argwhere(~((inputs >= LOWER) & (inputs <= UPPER)))
-    if bad.size:
-        row, column = bad[0]
-        raise PalpateError(
-            f"press {row + 1}: {names[column]} is {inputs[row, column]:.3g}; simulated presses have "
-            f"{LOWER[column]:g} to {UPPER[column]:g}"
+        bad = ~((inputs >= LOWER) & (inputs <= UPPER))
+    for row in np.flatnonzero(bad.any(axis=1)):
+        column = int(bad[row].argmax())
+        reasons[row] = (
+            f"{names[column]} is {inputs[row, column]:.3g}; simulated presses have {LOWER[column]:g} to "
+            f"{UPPER[column]:g}"
         )
-    weak = np.flatnonzero(~((force_N > 0.0) & np.isfinite(force_N)))
-    if weak.size:
-        raise PalpateError(f"press {weak[0] + 1}: the load is {force_N[weak[0]]:g} N; give a load > 0 N")
+    return reasons
