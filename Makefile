@@ -3,12 +3,14 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PLUGINS := $(dir $(wildcard plugins/*/pyproject.toml))
-EDITABLE := $(addprefix -e ,$(PLUGINS))
+# Not released: the presses of MULTIS.
+EXAMPLE := examples/palpate-multis/
+EDITABLE := $(addprefix -e ,$(PLUGINS) $(EXAMPLE))
 RUST := $(shell find crates -name '*.rs' -o -name Cargo.toml 2>/dev/null) Cargo.toml
 # In a terminal pip shows that it works.
 QUIET := $(if $(MAKE_TERMOUT),,--quiet)
 PYTEST_SET := -m "not slow and not browser and not packaging"
-PYPROJECTS := pyproject.toml $(addsuffix pyproject.toml,$(PLUGINS))
+PYPROJECTS := pyproject.toml $(addsuffix pyproject.toml,$(PLUGINS) $(EXAMPLE))
 
 .DEFAULT_GOAL := help
 .PHONY: coverage coverage-fe help demo test test-all test-rust test-python dist docs chaos lint lint-python lint-stub lint-rust format hooks relaxation bench bench-core bench-executors bench-fit bench-logs bench-ledger bench-next bench-search bench-solver bench-sparse clean

@@ -36,7 +36,7 @@ from palpate_indentation import CsvLoader, CsvSettings
 ROOT = Path(__file__).parents[2]
 GUIDES = [
     *sorted((ROOT / "docs").glob("*.md")),
-    *sorted(ROOT.glob("plugins/*/README.md")),
+    *sorted(ROOT.glob("*/palpate-*/README.md")),
     *sorted(ROOT.glob("*.md")),
 ]
 ROBOT_LOG = files("palpate_robot_log") / "studies" / "robot-log"

@@ -42,7 +42,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_every_guide_and_plugin_has_a_page(site: Path) -> None:
     for path in [*(ROOT / "docs").glob("*.md"), ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md"]:
         assert (site / path.relative_to(ROOT)).with_suffix(".html").is_file()
-    for path in ROOT.glob("plugins/*/pyproject.toml"):
+    for path in ROOT.glob("*/palpate-*/pyproject.toml"):
         assert (site / path.relative_to(ROOT)).with_name("index.html").is_file()
 
 

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-FOLDERS = (ROOT, *sorted(path.parent for path in ROOT.glob("plugins/*/pyproject.toml")))
+PLUGINS = sorted(path.parent for path in ROOT.glob("plugins/*/pyproject.toml"))
+FOLDERS = (ROOT, *PLUGINS, ROOT / "examples" / "palpate-multis")
 PARTS = {"dask": "distributed", "markupsafe": "jinja2", "pydantic-core": "pydantic"}
 """Libraries that come with the one that is declared."""
 LOADED_BY_NAME = {"embreex": "by trimesh", "pytetwild": "in a process of its own", "rtree": "by trimesh"}

@@ -55,7 +55,6 @@ FIRST_PARTY = frozenset(
         "jax",
         "limb",
         "materials",
-        "multis",
         "robot-log",
         "validation",
     )

@@ -204,7 +204,7 @@ def parsed(path: Path) -> object:
 
 def shipped_studies() -> list[Path]:
     root = Path(__file__).parents[3]
-    return [TOY / "study.toml", *sorted(root.glob("plugins/*/src/**/study*.toml"))]
+    return [TOY / "study.toml", *sorted(root.glob("*/palpate-*/src/**/study*.toml"))]
 
 
 @pytest.mark.parametrize("path", shipped_studies(), ids=lambda path: path.parent.name)
