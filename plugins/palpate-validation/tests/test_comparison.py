@@ -17,10 +17,8 @@ from palpate.specimens import block
 from palpate_febio.binary import find_binary
 from palpate_materials import NeoHookean, Ogden, Yeoh
 from palpate_validation.comparison import Case, Row, SolverComparison, at, compared
-from palpate_validation.comparison_block import block_rows
-from palpate_validation.comparison_element import RECORDED_VALUES, one_element, recorded_deviation
-from palpate_validation.comparison_shared import motion_rows, not_shared
-from palpate_validation.comparison_twist import TWIST_DEG, twist_rows
+from palpate_validation.pairwise import TWIST_DEG, motion_rows, not_shared, twist_rows
+from palpate_validation.recorded import RECORDED_VALUES, block_rows, one_element, recorded_deviation
 
 MATERIALS = {"ogden": Ogden, "yeoh": Yeoh, "neo_hookean": NeoHookean}
 
@@ -301,7 +299,7 @@ def palpate_solvers():
 def test_a_third_party_solver_is_compared_on_request(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setattr("palpate_validation.comparison_block.block_rows", lambda *_: iter(()))
+    monkeypatch.setattr("palpate_validation.recorded.block_rows", lambda *_: iter(()))
 
     def only_named(limb, material, theta, contenders, problem, references, channels):
         assert references == ["jax"]
@@ -310,8 +308,8 @@ def test_a_third_party_solver_is_compared_on_request(capsys, tmp_path, monkeypat
             yield Row(problem=problem, material="", quantity="", solver=name, against="", tolerance=1.0,
                       difference=0.0 if name == "jax" else None)  # fmt: skip
 
-    monkeypatch.setattr("palpate_validation.comparison_twist.twist_rows", only_named)
-    monkeypatch.setattr("palpate_validation.comparison_shared.motion_rows", lambda *_: iter(()))
+    monkeypatch.setattr("palpate_validation.pairwise.twist_rows", only_named)
+    monkeypatch.setattr("palpate_validation.pairwise.motion_rows", lambda *_: iter(()))
     (tmp_path / "alien.py").write_text(ALIEN)
     call = ["--plugin", str(tmp_path / "alien.py"), "certify", "yeoh", "--json"]
     assert main(call) == 0

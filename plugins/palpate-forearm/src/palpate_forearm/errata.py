@@ -219,7 +219,7 @@ def _contact() -> list[Erratum]:
             paper="FEBio's sliding-elastic contact in its penalty form, coefficient 1",
             found="that form resets the sticking points at every step: its torque depends on the "
             "number of steps, which is not given",
-            here="friction that keeps the sticking points; `palpate friction-memory` shows the difference",
+            here="friction that keeps the sticking points; benchmarks/study_friction.py shows the difference",
         ),
         Erratum(
             where="contact stiffness",

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from palpate_validation.comparison import SolverComparison
 
 
+HEADS = ("problem", "material", "quantity", "solver", "against")
+
+
 def certify(
     context: typer.Context,
     material: Annotated[str | None, typer.Argument(help="A material; by default all recorded ones.")] = None,
@@ -64,7 +67,7 @@ def _compare(
     session: Session, material: str | None, mesh: Path | None, solvers: Sequence[str]
 ) -> SolverComparison:
     from palpate_validation.comparison import SolverComparison
-    from palpate_validation.comparison_shared import not_shared
+    from palpate_validation.pairwise import not_shared
 
     judged, febio, contenders, missing = _contenders(session.plugins, solvers)
     rows = []
@@ -93,41 +96,49 @@ def _contenders(plugins: Plugins, asked: Sequence[str]) -> tuple[list[str], Any,
 
     Palpate's solvers come first: they are the references of the others, never the other way round.
     """
-    from palpate_febio.solver import FebioSolver
-
-    installed = FebioSolver()
-    febio: FebioSolver | None = installed
-    missing = []
-    try:
-        installed.binary()
-    except PalpateError as error:
-        if any(issubclass(plugins.solvers[name], FebioSolver) for name in asked):
-            raise
-        febio = None
-        missing.append(f"FEBio itself: {error}. Its recorded curves are used instead")
     for name in asked:
         if not _takes_mesh(plugins.solvers[name]):
             raise PluginError(
                 f"solver '{name}' takes no mesh with its default settings, but every problem here has one"
             )
-    able = {name: each for name, each in plugins.solvers.items() if _takes_mesh(each)}
-    others = [name for name, each in able.items() if not _is_own(each)]
-    own = [name for name in able if name not in others]
+    febio, missing = _installed_febio(any(_is_febio(plugins.solvers[name]) for name in asked))
+    able = [name for name, each in plugins.solvers.items() if _takes_mesh(each)]
+    own = [name for name in able if _is_own(plugins.solvers[name])]
     judged = list(asked) or own
-    if unasked := [name for name in others if name not in judged]:
+    if unasked := [name for name in able if name not in own and name not in judged]:
         missing.append(f"not compared: {', '.join(unasked)}; name each with --solver")
     is_other = any(not _is_own(plugins.solvers[name]) for name in judged)
-    wanted = own if is_other else [name for name in own if name in judged]
+    references = [name for name in own if is_other or name in judged]
     makers = {
         name: _maker(plugins.solvers[name])
-        for name in (*wanted, *(name for name in judged if name not in wanted))
-        if febio is not None or not issubclass(plugins.solvers[name], FebioSolver)
+        for name in dict.fromkeys([*references, *judged])
+        if febio is not None or not _is_febio(plugins.solvers[name])
     }
     return [name for name in judged if name in makers], febio, makers, missing
 
 
+def _installed_febio(required: bool) -> tuple[FebioSolver | None, list[str]]:
+    """FEBio, or None and what is missing; an error if it is required."""
+    from palpate_febio.solver import FebioSolver
+
+    febio = FebioSolver()
+    try:
+        febio.binary()
+    except PalpateError as error:
+        if required:
+            raise
+        return None, [f"FEBio itself: {error}. Its recorded curves are used instead"]
+    return febio, []
+
+
+def _is_febio(solver: type[Solver]) -> bool:
+    from palpate_febio.solver import FebioSolver
+
+    return issubclass(solver, FebioSolver)
+
+
 def _takes_mesh(solver: type[Solver]) -> bool:
-    """Whether a solver simulates a mesh with its default settings, as every problem here has one."""
+    """True if a solver simulates a mesh with its default settings."""
     from palpate.api import provided_by_default
 
     provides = provided_by_default(solver)
@@ -135,7 +146,7 @@ def _takes_mesh(solver: type[Solver]) -> bool:
 
 
 def _is_own(solver: type[Solver]) -> bool:
-    """Whether a solver is released with palpate."""
+    """True if a solver is released with palpate."""
     return solver.__module__.split(".")[0].replace("_", "-") in FIRST_PARTY
 
 
@@ -159,10 +170,8 @@ def _rows(
 ) -> Iterator[Any]:
     from palpate.specimens import block
     from palpate_febio.probe import probe_theta
-    from palpate_validation.comparison_block import NAMES, block_rows
-    from palpate_validation.comparison_element import RECORDED_VALUES, one_element
-    from palpate_validation.comparison_shared import motion_rows
-    from palpate_validation.comparison_twist import twist_rows
+    from palpate_validation.pairwise import motion_rows, twist_rows
+    from palpate_validation.recorded import NAMES, RECORDED_VALUES, block_rows, one_element
 
     materials = session.plugins.materials
     limb = None if mesh is None else _read(session.plugins, mesh)
@@ -198,17 +207,7 @@ def _read(plugins: Plugins, mesh: Path) -> Limb:
 def _show(session: Session, comparison: Any) -> None:  # noqa: ANN401 -- a SolverComparison
     from palpate_validation.comparison import ENERGIES
 
-    heads = [
-        "problem",
-        "material",
-        "quantity",
-        "solver",
-        "against",
-        "difference",
-        "tolerance",
-        "verdict",
-        "note",
-    ]
+    heads = [*HEADS, "difference", "tolerance", "verdict", "note"]
     shown = {"difference": lambda d: "" if d is None else f"{d:.1e}", "tolerance": "{:.0e}".format}
     rows = [[shown.get(head, str)(getattr(row, head)) for head in heads] for row in comparison.rows]
     session.table("Solver comparison", heads, rows)
@@ -219,8 +218,6 @@ def _show(session: Session, comparison: Any) -> None:  # noqa: ANN401 -- a Solve
     for name, sound in comparison.by_solver.items():
         role = "" if name in comparison.judged or name == ENERGIES else ", as a reference"
         session.say(f"{name}{role}: {'agrees' if sound else 'does not agree'}")
-    if comparison.passed:
-        session.say("result: the solvers agree")
-        return
     failed = [n for n, sound in comparison.by_solver.items() if not sound and comparison.counts(n)]
-    session.say(f"result: the solvers do not agree ({', '.join(failed) or 'nothing was compared'})")
+    agree = "agree" if comparison.passed else f"do not agree ({', '.join(failed) or 'nothing was compared'})"
+    session.say(f"result: the solvers {agree}")

@@ -79,16 +79,16 @@ class SolverComparison:
 
     @property
     def passed(self) -> bool:
-        """Whether something was compared, and no judged solver differs or failed."""
+        """True if something was compared, and no judged solver differs or failed."""
         return self._sound([row for row in self.rows if self.counts(row.solver)])
 
     def counts(self, solver: str) -> bool:
-        """Whether the verdict includes this solver."""
+        """True if the verdict includes this solver."""
         return not self.judged or solver in self.judged or solver == ENERGIES
 
     @property
     def by_solver(self) -> dict[str, bool]:
-        """The same for the rows of each solver."""
+        """Agreement of each solver, by the same rule."""
         names = dict.fromkeys(row.solver for row in self.rows)
         return {name: self._sound([row for row in self.rows if row.solver == name]) for name in names}
 
@@ -117,11 +117,10 @@ class Case:
     ----------
     problem, name : str
         Of the problem, and of its material.
-    limb : Limb
-    materials, thetas : mapping by region
+    materials, thetas : mapping
+        By region; textbook values (n_parameters,).
     path : (n, 2) or (n, 6) array
         Depth [mm] and rotation [degrees], or a whole pose, from rest.
-    friction : float
     mean_dilatation : bool or tuple of regions
         As FEBio's element: true for hex8 of uncoupled materials.
     channels : tuple of Channel

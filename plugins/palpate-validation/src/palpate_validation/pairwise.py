@@ -1,14 +1,33 @@
-"""What two solvers both provide: channels along motions that both simulate; and what they do not share."""
+"""Solvers compared with each other, in every channel and motion that two of them provide.
+
+Along a frictional twist each solver is compared with itself at halved steps, and then with the others; along a
+slide and a tilt, those that simulate them. What two solvers do not share is named.
+"""
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from palpate.api import Channel, FloatArray, Limb, Material, Provides, Simulation, Solver, Status
-from palpate_validation.comparison import Case, Contender, Row, at
+from palpate.api import (
+    PRESS_AND_TWIST,
+    Channel,
+    FloatArray,
+    Limb,
+    Material,
+    Provides,
+    Simulation,
+    Solver,
+    Status,
+)
+from palpate_validation.comparison import Case, Contender, Row, answer, at
 
 DEPTH_MM = 2.0
+TWIST_DEG = -22.5
+STEP_DEG = 4.5
+N_HELD = 5
+TORQUE_TOLERANCE = 0.02
+
 SLIDE_MM = 1.0
 TILT_DEG = 5.0
 N_STEPS = 5
@@ -18,6 +37,84 @@ AT_DEPTH = 2
 TOLERANCES = {"force": 0.01}
 TOLERANCE = 0.05
 """Between two solvers with different contact, one with a faceted sphere."""
+
+
+# ------------------------------------------------------------------- the twist
+
+
+def _path(step_deg: float, n_held: int) -> FloatArray:
+    """Path (n, 2) down, a waypoint at each step of the twist, a hold, and a little back to end the hold."""
+    n = round(abs(TWIST_DEG) / step_deg)
+    down = [(0.0, 0.0), (DEPTH_MM / 2, 0.0), (DEPTH_MM, 0.0)]
+    twist = [(DEPTH_MM, TWIST_DEG * (k + 1) / n) for k in range(n)]
+    held = [(DEPTH_MM, TWIST_DEG)] * n_held
+    return np.array([*down, *twist, *held, (DEPTH_MM, TWIST_DEG + step_deg)])
+
+
+def twist_rows(
+    limb: Limb,
+    material: Material,
+    theta: FloatArray,
+    contenders: Mapping[str, Contender],
+    problem: str = "frictional twist",
+    references: Collection[str] = (),
+    channels: Collection[Channel] = PRESS_AND_TWIST,
+) -> Iterator[Row]:
+    """Rows of step halving and a hold of every solver, and of each against the first that agrees with itself.
+
+    Parameters
+    ----------
+    limb : Limb
+        Every region gets the same material.
+    problem : str
+        Its name in the rows.
+    references : collection of str
+        Solvers that others may be compared with; any if it is empty.
+    channels : collection of Channel
+        Those of them are compared that the path moves and both solvers compute.
+    """
+    case = Case.of_one_material(problem, limb, material, theta, _path(STEP_DEG, 0))
+    case = replace(case, channels=moved_channels(case, channels))
+    solvers = {name: make(case.mean_dilatation) for name, make in contenders.items()}
+    answers: dict[str, Simulation] = {}
+    sound: list[str] = []
+    for name, solver in solvers.items():
+        answers[name] = case.run(solver)
+        fine = replace(case, path=_path(STEP_DEG / 2, N_HELD)).run(solver)
+        rows = list(_with_itself(case, name, answers[name], fine))
+        yield from rows
+        if all(row.verdict == "agrees" for row in rows) and (not references or name in references):
+            sound.append(name)
+    for name in answers if sound else ():
+        if name != sound[0] and answers[name].status is Status.OK:
+            yield from pair_rows(case, solvers, answers, name, sound[0])
+
+
+def _with_itself(case: Case, name: str, coarse: Simulation, fine: Simulation) -> Iterator[Row]:
+    """Change by halved steps and by a hold, relative to the torque."""
+    before, why = answer(coarse, "torque", [TWIST_DEG])
+    after, why_fine = answer(fine, "torque", [TWIST_DEG])
+    if before is not None and before[0] == 0.0:
+        before, why = None, "its torque is 0 at the end of the twist"
+    changes: dict[str, float | None] = {"steps halved": None, "hold": None}
+    if before is not None and after is not None and fine.response is not None:
+        curve, peak = fine.response["torque"], abs(float(before[0]))
+        at_end = curve.ordinate[np.abs(curve.abscissa - TWIST_DEG) < 1e-6]
+        changes["steps halved"] = abs(float(after[0] - before[0])) / peak
+        changes["hold"] = abs(float(at_end[-1] - at_end[0])) / peak
+    for what, change in changes.items():
+        yield case.row(
+            solver=name,
+            quantity=f"torque: {what}",
+            against="itself",
+            difference=change,
+            tolerance=TORQUE_TOLERANCE,
+            note=why or why_fine,
+            refused="refused" in coarse.diagnostics,
+        )
+
+
+# ----------------------------------------------------------- a slide and a tilt
 
 
 def motions() -> dict[str, FloatArray]:
@@ -40,7 +137,7 @@ def motion_rows(
     references: Collection[str] = (),
     of: str = "",
 ) -> Iterator[Row]:
-    """Compare along a slide and a tilt the solvers that simulate them, each with the first reference.
+    """Rows of the solvers that simulate a slide and a tilt, each against the first reference.
 
     Parameters
     ----------
@@ -75,7 +172,7 @@ def moved_channels(case: Case, channels: Collection[Channel], since: int = 0) ->
 def pair_rows(
     case: Case, solvers: Mapping[str, Solver], answers: Mapping[str, Simulation], name: str, other: str
 ) -> Iterator[Row]:
-    """Compare the channels that two solvers compute where their abscissa is farthest from rest."""
+    """Rows of the channels that two solvers compute, where the abscissa is farthest from rest."""
     both = [solvers[each].provides for each in (name, other)]
     for channel in case.channels:
         if not all(provides.computes(channel) for provides in both):
@@ -118,7 +215,7 @@ def _peak(simulation: Simulation, channel: str) -> float:
 
 
 def not_shared(solvers: Mapping[str, Provides], channels: Sequence[Channel]) -> list[str]:
-    """What one of each two solvers provides alone, in words: that is not compared."""
+    """Sentences that name what one of two solvers provides alone, which is not compared."""
     names, found = list(solvers), []
     for k, name in enumerate(names):
         for other in names[k + 1 :]:
