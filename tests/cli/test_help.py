@@ -58,7 +58,7 @@ def be_called(group, line):
     command.make_context(name, rest, parent=context)
 
 
-@pytest.mark.parametrize("name", ["", *CORE, "reproduce", "certify", "febio-deck", "febio-verify"])
+@pytest.mark.parametrize("name", ["", *CORE, "reproduce", "certify", "febio-verify"])
 def test_help_fits_into_80_columns_and_ends_with_the_examples(name, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     assert main([*([name] if name else []), "--help"]) == 0

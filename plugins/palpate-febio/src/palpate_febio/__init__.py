@@ -1,6 +1,6 @@
 """FEBio as a solver of palpate, and its decks as limbs."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from palpate.api import hookimpl
@@ -31,14 +31,9 @@ def palpate_solvers() -> "Iterable[type[Solver]]":
 
 @hookimpl
 def palpate_commands(app: "typer.Typer") -> None:
-    """``febio-deck`` and ``febio-verify``."""
+    """``febio-verify``."""
     from palpate.api import examples, name_of
-    from palpate_febio.deck_command import febio_deck
     from palpate_febio.verify_command import febio_verify
 
-    calls: dict[Callable[..., None], tuple[str, ...]] = {
-        febio_verify: ("palpate febio-verify arm", "palpate febio-verify arm --out /scratch/arm"),
-        febio_deck: ("palpate febio-deck limb.feb",),
-    }
-    for command, lines in calls.items():
-        app.command(name_of(command), rich_help_panel="FEBio", epilog=examples(*lines))(command)
+    lines = ("palpate febio-verify arm", "palpate febio-verify arm --out /scratch/arm")
+    app.command(name_of(febio_verify), rich_help_panel="FEBio", epilog=examples(*lines))(febio_verify)

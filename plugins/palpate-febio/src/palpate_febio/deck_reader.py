@@ -1,17 +1,18 @@
 """Reads decks: mesh, sets, surfaces, domains and materials."""
 
-import xml.etree.ElementTree as ET
+import xml.etree.ElementTree as ET  # types, and the error; documents are read by defusedxml
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
+import defusedxml.ElementTree
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, MeshError
 from palpate.mesh.topology import CELLS
-from palpate_febio.safe_xml import read_xml
 
+LARGEST_FILE_BYTES = 2_000_000_000
 RIGID = "rigid body"
 SPEC_VERSIONS = ("2.5", "3.0", "4.0")
 REACHING = ("from", "file", "path")
@@ -22,11 +23,10 @@ FACE_NODES: Mapping[str, int] = MappingProxyType({"tri3": 3, "tri6": 6, "tri7": 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeckMaterial:
-    """A material of a deck: FEBio's type, and its numbers by FEBio's names."""
+    """A material of a deck, and FEBio's type of it."""
 
     name: str
     febio_type: str
-    values: Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,14 +67,25 @@ class Deck:
 
 
 def read_deck(path: Path) -> Deck:
-    """Read a deck of version 2.5, 3.0 or 4.0.
+    """Deck of a file of version 2.5, 3.0 or 4.0, which may come from anybody.
 
     Raises
     ------
     MeshError
-        Naming the file and the tag.
+        The file is missing, too large, not XML, or has a document type, which could define entities; or the
+        deck lacks something, or reaches for other files. It names the file and the line or the tag.
     """
-    return _Reader(path, read_xml(path)).deck()
+    if not path.is_file():
+        raise MeshError(f"{path}: no such file; check the path of the deck")
+    if path.stat().st_size > LARGEST_FILE_BYTES:
+        raise MeshError(f"{path}: larger than {LARGEST_FILE_BYTES:,} bytes; is this a deck?")
+    try:
+        root: ET.Element = defusedxml.ElementTree.fromstring(path.read_bytes(), forbid_dtd=True)
+    except defusedxml.DTDForbidden:
+        raise MeshError(f"{path}: it has a document type, which could define entities; remove it") from None
+    except (ET.ParseError, ValueError, LookupError) as error:
+        raise MeshError(f"{path}: not XML that can be read ({error}); write the deck again") from None
+    return _Reader(path, root).deck()
 
 
 class _Reader:
@@ -182,13 +193,7 @@ class _Reader:
         found = {}
         for element in self.root.iterfind("Material/material"):
             name = element.get("name") or f"material{element.get('id')}"
-            values = {}
-            for child in element:
-                try:
-                    values[child.tag] = float(child.text or "")
-                except ValueError:
-                    continue  # a vector, a choice or a nested material is no coefficient
-            found[name] = DeckMaterial(name, element.get("type", ""), values)
+            found[name] = DeckMaterial(name, element.get("type", ""))
             found.setdefault(element.get("id", ""), found[name])  # FEBio 3 may name it by number
         return found
 

@@ -33,11 +33,7 @@ class FebioDeckSettings(Settings):
 
 
 class FebioDeckSource(LimbSource[FebioDeckSettings]):
-    """Limbs from ``.feb`` decks, versions 2.5 to 4.0: mesh, sets and materials; rigid bodies are left out.
-
-    What the deck says about its materials' coefficients comes with
-    ``palpate febio-deck FILE``.
-    """
+    """Limbs from ``.feb`` decks, versions 2.5 to 4.0: mesh, sets and regions; rigid bodies are left out."""
 
     name = "febio_deck"
     summary = "decks of FEBio (.feb) with regions by material and node sets or surfaces"

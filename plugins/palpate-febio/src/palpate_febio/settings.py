@@ -94,11 +94,6 @@ class FebioSettings(Settings):
     verification_tolerance: float = Field(
         0.02, gt=0.0, exclude=True, description="relative change of the torque that verification allows"
     )
-    template: str = Field(
-        "",
-        description="a deck of your own with placeholders, in place of the one that palpate writes; its path "
-        "counts from where palpate is started",
-    )
     keep_folder: str = Field(
         "",
         exclude=True,

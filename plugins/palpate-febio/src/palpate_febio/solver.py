@@ -1,6 +1,5 @@
 """FEBio, as palpate's pipeline sees it."""
 
-import hashlib
 import shutil
 import tempfile
 import time
@@ -40,7 +39,6 @@ from palpate_febio.probe import Fit, run_probe
 from palpate_febio.settings import PAPER_CONTACT, FebioSettings, Method
 from palpate_febio.spelling import expected_convention, written
 from palpate_febio.steps import Steps, halved, steps_of, up_to_first_turn
-from palpate_febio.template import fill_template
 from palpate_febio.torque_verification import check_torque
 from palpate_febio.verdict import Verdict, as_rows, judge
 
@@ -113,15 +111,9 @@ class FebioSolver(Solver[FebioSettings]):
         return self._binary
 
     def version(self) -> str:
-        """Versions of FEBio and of this plugin, and digests of the binary and of the template."""
+        """Versions of FEBio and of this plugin, and the digest of the binary."""
         binary = self.binary()
-        version = f"FEBio {binary.version} ({binary.digest[:12]}), palpate-febio {__version__}"
-        if not self.settings.template:
-            return version
-        digest = hashlib.sha256()
-        for file in (Path(self.settings.template), *self._beside_template()):
-            digest.update(hashlib.sha256(_template_bytes(file)).digest())
-        return f"{version}, template {digest.hexdigest()[:12]}"
+        return f"FEBio {binary.version} ({binary.digest[:12]}), palpate-febio {__version__}"
 
     def command(self, folder: Path) -> list[str]:
         """What is run in a folder that holds the deck; every name is relative to it."""
@@ -153,7 +145,7 @@ class FebioSolver(Solver[FebioSettings]):
         Raises
         ------
         StudyError
-            No limb, another protocol than an indentation, or a template that cannot be used.
+            No limb, or another protocol than an indentation.
         MeshError
             A mesh that FEBio would refuse.
         MaterialError
@@ -176,8 +168,6 @@ class FebioSolver(Solver[FebioSettings]):
         problem = self.problem(job, limb, dict.fromkeys(job.materials, "textbook"))
         if not problem.bonded:
             contact_faces(problem.mesh)
-        if self.settings.template:
-            self._deck(problem)
         for material in job.materials.values():
             self.convention(material)
         if not self._right:
@@ -219,22 +209,7 @@ class FebioSolver(Solver[FebioSettings]):
 
     def write_deck(self, job: Job, limb: Limb) -> bytes:
         """The deck of a job as it is run first, with the measured conventions; needs no FEBio."""
-        return self._deck(self.problem(job, limb))
-
-    def _deck(self, problem: Problem) -> bytes:
-        if self.settings.template:
-            path = Path(self.settings.template)
-            return fill_template(path, problem.materials, problem.steps, problem.friction)
-        return write_deck(problem)
-
-    def _beside_template(self) -> list[Path]:
-        """Files that the template names next to itself, and FEBio will look for."""
-        if not self.settings.template:
-            return []
-        own = Path(self.settings.template)
-        text = _template_bytes(own)
-        near = sorted(file for file in own.parent.iterdir() if file.is_file() and file != own)
-        return [file for file in near if f'"{file.name}"'.encode() in text]
+        return write_deck(self.problem(job, limb))
 
     # ---------------------------------------------------------------- the run
 
@@ -289,9 +264,7 @@ class FebioSolver(Solver[FebioSettings]):
 
     def _try(self, job: Job, problem: Problem, label: str = "") -> Try:
         with self._folder(job, label or problem.method) as folder:
-            (folder / DECK_NAME).write_bytes(self._deck(problem))
-            for file in self._beside_template():
-                shutil.copy(file, folder)  # never a link: FEBio may write to it
+            (folder / DECK_NAME).write_bytes(write_deck(problem))
             n_threads = str(self.settings.threads)
             ended = run_program(
                 self.command(folder),
@@ -352,10 +325,3 @@ class FebioSolver(Solver[FebioSettings]):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         yield folder
-
-
-def _template_bytes(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise StudyError(f"{path}: template cannot be read ({error}); correct the setting template") from None

@@ -1,6 +1,6 @@
 """Solvers compared with each other, in every channel and motion that two of them provide.
 
-Along a frictional twist each solver is compared with itself at halved steps, and then with the others; along a
+Along a frictional twist each solver is compared with itself at halved steps, then with the others; along a
 slide and a tilt, those that simulate them. What two solvers do not share is named.
 """
 
