@@ -7,8 +7,8 @@ from palpate.domain import Indentation, Status
 from palpate.indenters import Sphere
 from palpate.sandbox import Ended
 from palpate_febio.log import GOOD_BANNER
+from palpate_febio.outcome import judge
 from palpate_febio.steps import halved, steps_of, up_to_first_turn
-from palpate_febio.verdict import judge
 
 places = st.tuples(st.floats(0.0, 10.0), st.floats(-170.0, 170.0))
 paths = st.lists(places, min_size=1, max_size=5).map(lambda rows: np.array([(0.0, 0.0), *rows]))

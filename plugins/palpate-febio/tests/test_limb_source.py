@@ -10,8 +10,7 @@ from palpate.domain import Spot
 from palpate.errors import MeshError
 from palpate.specimens import block
 from palpate.testing import LimbSourceContract
-from palpate_febio.deck_reader import read_deck
-from palpate_febio.limb_source import FebioDeckSettings, FebioDeckSource
+from palpate_febio.limb_source import FebioDeckSettings, FebioDeckSource, read_deck
 from palpate_indentation import MeshioSource
 from palpate_limb.limb_files import write_limb
 from palpate_validation import certify
@@ -178,7 +177,7 @@ def test_a_deck_as_deep_as_it_is_long_is_read_without_a_crash(deck):
 
 
 def test_a_deck_that_is_too_large_is_refused(deck, monkeypatch):
-    monkeypatch.setattr("palpate_febio.deck_reader.LARGEST_FILE_BYTES", 100)
+    monkeypatch.setattr("palpate_febio.limb_source.LARGEST_FILE_BYTES", 100)
     with pytest.raises(MeshError, match="larger than 100 bytes"):
         read_deck(deck)
 

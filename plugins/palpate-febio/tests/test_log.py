@@ -10,9 +10,8 @@ from palpate.channels import PRESS_AND_TWIST
 from palpate.domain import Status
 from palpate.sandbox import Ended
 from palpate_febio.log import BAD_BANNER, GOOD_BANNER, last_reason, read_log
-from palpate_febio.record import RecordError, read_record
+from palpate_febio.outcome import RecordError, as_rows, judge, read_record
 from palpate_febio.steps import Steps
-from palpate_febio.verdict import as_rows, judge
 
 BOX = " " + 73 * "*"
 STEPS = Steps(np.array([0.0, 1.0, 2.0, 2.0, 2.0]), np.array([0.0, 0.0, 0.0, -10.0, 10.0]))

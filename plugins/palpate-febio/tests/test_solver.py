@@ -13,14 +13,12 @@ from palpate.mesh.spot_frame import pose_of
 from palpate.run.keys import solver_key
 from palpate.specimens import block
 from palpate.testing import SolverContract
-from palpate_febio.conventions import remembered
+from palpate_febio.conventions import Fit, remembered
 from palpate_febio.log import read_log
-from palpate_febio.probe import Fit
+from palpate_febio.outcome import Verdict, check_torque
 from palpate_febio.settings import FebioSettings
 from palpate_febio.solver import FebioSolver, FebioWarning
 from palpate_febio.steps import Steps
-from palpate_febio.torque_verification import check_torque
-from palpate_febio.verdict import Verdict
 from palpate_materials import Demiray, NeoHookean, Ogden, Yeoh
 
 PATH = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, -20.0), (2.0, 20.0), (2.0, 0.0)])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from palpate_febio.contact_meshes import sphere_mesh
 from palpate_febio.settings import FebioSettings
-from palpate_febio.sphere import sphere_mesh
 
 RADIUS_MM = 7.5
 

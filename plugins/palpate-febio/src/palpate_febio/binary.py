@@ -41,7 +41,7 @@ _INFO = re.compile(r"FEBio version\s*=\s*(\S+)")
 
 @dataclass(frozen=True, slots=True)
 class Binary:
-    """An installed FEBio: where, which version, and a digest of it and its libraries."""
+    """Installed FEBio: its path, version, and a digest of it and its libraries."""
 
     path: Path
     version: str
@@ -55,7 +55,7 @@ class Binary:
 
     @property
     def remark(self) -> str:
-        """What is known of this version; empty where everything was measured with it."""
+        """Remark on this version; empty where everything was measured with it."""
         first, last = MEASURED
         if first <= self.release <= last:
             return ""

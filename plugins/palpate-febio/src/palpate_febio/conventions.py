@@ -1,16 +1,216 @@
-"""Remembers what probes found, by the contents of the binary."""
+"""Convention in which an installed FEBio reads a material, by one element per deformation; kept in a cache.
+
+A coefficient that is named alike may be read otherwise: FEBio 4.4 to 4.11 takes
+a Yeoh c_k for what is k c_k in the textbook, against its own manual. So the
+stress of a few deformations is compared with the derivative of palpate's energy
+in every convention that the material knows, and the one that fits is used.
+"""
 
 import contextlib
 import json
 import os
+import re
 import tempfile
-from collections.abc import Callable
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from palpate.api import IsotropicMaterial, Material
-from palpate_febio.probe import Fit, probe_theta
+from palpate.api import FloatArray, IsotropicMaterial, Material, MaterialError
+from palpate.sandbox import Limits, run_program
+from palpate_febio.deck import DECK_NAME, LOG_NAME, control_of, leaf, leaves, to_bytes
+from palpate_febio.log import read_log
+from palpate_febio.outcome import RecordError, read_record
+from palpate_febio.spelling import DENSITY_T_PER_MM3, Written, written
+
+TOLERANCE = 1e-6
+"""Of the stress, relative to its largest component; a right convention fits to 1e-9, a wrong one to 1e-2."""
+
+N_STEPS = 5
+STRESS_NAME = "stress.csv"
+STRESS_DATA = ("sx", "sy", "sz", "sxy", "syz", "sxz")
+COMPONENTS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
+
+GRADIENTS = np.array(
+    [
+        [[0.8, 0.0, 0.0], [0.0, -0.25, 0.0], [0.0, 0.0, -0.25]],
+        [[0.0, 1.2, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]],
+        [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]],
+        [[0.5, 0.1, 0.0], [0.05, -0.15, 0.075], [0.0, 0.025, -0.125]],
+    ]
+)
+"""H of F = 1 + s H, s from 0 to 1: stretch, shear, volume and all at once."""
+GRADIENTS.setflags(write=False)
+
+_CUBE = np.array(
+    [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=np.float64
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Deviation of FEBio's stress by convention, and the convention that fits."""
+
+    convention: str
+    deviations: Mapping[str, float]
+
+
+def probe_theta(material: Material) -> FloatArray:
+    """Textbook values to probe with: the middle of each range, which is far from zero."""
+    return np.array([0.5 * (p.lower + p.upper) for p in material.parameters])
+
+
+def probe_deck(material: Written) -> bytes:
+    """Deck of cubes, each deformed as a whole; one more, left alone, gives FEBio an equation to solve."""
+    root = ET.Element("febio_spec", version="4.0")
+    leaf(ET.SubElement(root, "Module", type="solid"), "units", "mm-N-s")
+    _control(root)
+    section = ET.SubElement(root, "Material")
+    element = ET.SubElement(section, "material", id="1", name="probed", type=material.febio_type)
+    for name, value in (("density", DENSITY_T_PER_MM3), *material.values):
+        leaf(element, name, format(value, ".17g"))
+    n = len(GRADIENTS)
+    mesh = ET.SubElement(root, "Mesh")
+    nodes = ET.SubElement(mesh, "Nodes", name="all")
+    for k, point in enumerate(np.concatenate([_CUBE] * (n + 1)).tolist(), start=1):
+        leaf(nodes, "node", ",".join(map(str, point)), id=str(k))
+    cells = ET.SubElement(mesh, "Elements", type="hex8", name="cubes")
+    for k in range(n + 1):
+        leaf(cells, "elem", _list(range(8 * k + 1, 8 * k + 9)), id=str(k + 1))
+    for k in range(n):
+        leaf(mesh, "NodeSet", _list(range(8 * k + 1, 8 * k + 9)), name=f"cube{k}")
+    leaf(mesh, "NodeSet", _list(range(8 * n + 1, 8 * n + 5)), name="base")
+    ET.SubElement(ET.SubElement(root, "MeshDomains"), "SolidDomain", name="cubes", mat="probed")
+    _motion(root)
+    log = ET.SubElement(ET.SubElement(root, "Output"), "logfile")
+    for k in range(n):
+        wanted = {"data": ";".join(STRESS_DATA), "delim": ",", "file": f"{k}{STRESS_NAME}"}
+        leaf(log, "element_data", k + 1, **wanted)
+    return to_bytes(root)
+
+
+def _list(numbers: range) -> str:
+    return ",".join(map(str, numbers))
+
+
+def _control(root: ET.Element) -> None:
+    control = ET.SubElement(root, "Control")
+    leaves(control, control_of(N_STEPS))
+    leaf(ET.SubElement(control, "solver", type="solid"), "symmetric_stiffness", "symmetric")
+    constants = ET.SubElement(ET.SubElement(root, "Globals"), "Constants")
+    leaves(constants, dict.fromkeys(("T", "R", "Fc"), 0))  # FEBio loses its way after an empty section
+
+
+def _motion(root: ET.Element) -> None:
+    section = ET.SubElement(root, "Boundary")
+    for k, H in enumerate(GRADIENTS):
+        bc = ET.SubElement(
+            section, "bc", name=f"deform{k}", node_set=f"cube{k}", type="prescribed deformation"
+        )
+        leaf(bc, "scale", 1, lc="1")
+        leaf(bc, "F", ",".join(format(v, ".17g") for v in (np.eye(3) + H).ravel()))
+    held = ET.SubElement(section, "bc", name="base", node_set="base", type="zero displacement")
+    leaves(held, dict.fromkeys(("x_dof", "y_dof", "z_dof"), 1))
+    curve = ET.SubElement(ET.SubElement(root, "LoadData"), "load_controller", id="1", type="loadcurve")
+    leaf(curve, "interpolate", "LINEAR")
+    points = ET.SubElement(curve, "points")
+    for k in (0, N_STEPS):
+        leaf(points, "pt", f"{k},{k / N_STEPS:g}")
+
+
+def read_stress(texts: list[str]) -> FloatArray:
+    """Cauchy stress (n_deformations, N_STEPS, 6) from the records of the cubes.
+
+    Raises
+    ------
+    RecordError
+        A record is malformed, cut off, or not finite.
+    """
+    found = []
+    for k, text in enumerate(texts):
+        record = read_record(text, len(STRESS_DATA))
+        keep = np.isin(record.times, np.arange(1.0, N_STEPS + 1))
+        if keep.sum() != N_STEPS or not np.isfinite(record.values[keep]).all():
+            raise RecordError(
+                f"deformation {k}: {keep.sum()} of {N_STEPS} states, or values that are not finite"
+            )
+        found.append(record.values[keep])
+    return np.array(found)
+
+
+def fit(material: Material, sent: FloatArray, stress: FloatArray) -> Fit:
+    """Convention in which the numbers in the deck give the recorded stress.
+
+    Parameters
+    ----------
+    sent : (n_parameters,) array
+        As they stood in the deck, in the material's order.
+    stress : (n_deformations, N_STEPS, 6) array
+        As :func:`read_stress` returns it.
+
+    Raises
+    ------
+    MaterialError
+        None fits; with the figures.
+    """
+    from palpate.mechanics import cauchy_stress
+
+    s = np.arange(1, N_STEPS + 1)[:, None, None] / N_STEPS
+    F = np.eye(3) + GRADIENTS[:, None] * s
+    deviations = {}
+    for convention in ("textbook", *material.conventions):
+        theta = material.to_textbook(sent, convention)
+        cauchy = np.asarray(cauchy_stress(material, F, theta))
+        expected = np.stack([cauchy[..., i, j] for i, j in COMPONENTS], axis=-1)
+        error = np.abs(stress - expected).max(axis=-1) / np.abs(expected).max(axis=-1)
+        deviations[convention] = float(error.max())
+    best = min(deviations, key=lambda name: deviations[name])
+    if not deviations[best] < TOLERANCE:
+        figures = ", ".join(f"{name} {value:.2e}" for name, value in deviations.items())
+        raise MaterialError(
+            f"material '{material.name}': what this FEBio computes fits no convention that it knows (largest "
+            f"deviation of the stress: {figures}; {TOLERANCE:g} would fit); add the convention to the "
+            "material, or use another solver"
+        )
+    return Fit(best, deviations)
+
+
+def run_probe(material: Material, command: list[str], limits: Limits) -> Fit:
+    """Convention that a run of the probe shows; a temporary folder holds the run.
+
+    Parameters
+    ----------
+    command : list of str
+        The program with its options, to which the deck's name is added.
+
+    Raises
+    ------
+    MaterialError
+        FEBio could not run it, or computes something that is not known.
+    """
+    sent = probe_theta(material)
+    with tempfile.TemporaryDirectory(prefix="palpate-febio-") as name:
+        folder = Path(name)
+        (folder / DECK_NAME).write_bytes(probe_deck(written(material, sent, "textbook")))
+        ended = run_program([*command, "-i", DECK_NAME, "-o", LOG_NAME], folder, limits, is_scratch=True)
+        files = [folder / f"{k}{STRESS_NAME}" for k in range(len(GRADIENTS))]
+        texts = [file.read_text(errors="replace") for file in files if file.is_file()]
+    said = read_log(ended.tail)
+    if ended.exit_code != 0 or said.finished is not True or len(texts) < len(GRADIENTS):
+        why = ended.stopped or str(said.reason or f"exit code {ended.exit_code}")
+        raise MaterialError(
+            f"material '{material.name}': this FEBio could not run the probe of it "
+            f"({re.sub(r'[. ]+$', '', why)})"
+        )
+    try:
+        return fit(material, sent, read_stress(texts))
+    except RecordError as error:
+        raise MaterialError(
+            f"material '{material.name}': the probe's record: {error}; run it again"
+        ) from None
+
 
 FORMAT = 1
 """Changes when a probe's meaning does."""
@@ -22,17 +222,16 @@ for _array in (STRETCHES, GRADIENT):
 
 
 def cache_folder() -> Path:
-    """Where findings are kept: the user's cache."""
+    """Folder of the user's cache that keeps the results."""
     base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(base) / "palpate" / "febio"
 
 
 def remembered(material: Material, digest: str, probe: Callable[[], Fit], folder: Path | None = None) -> Fit:
-    """What a probe of this material with this binary found, probing only once.
+    """Result of a probe of this material with this binary, from the cache if it is there.
 
     Parameters
     ----------
-    material : Material
     digest : str
         Of the binary (:class:`palpate_febio.binary.Binary`).
     probe : callable
@@ -52,7 +251,7 @@ def remembered(material: Material, digest: str, probe: Callable[[], Fit], folder
 
 
 def _key(material: Material) -> str:
-    """A material with its code, settings, energy and spelling, and how its coefficients may be written."""
+    """Key of a material: its code, settings, energy, spelling and conventions."""
     kind = type(material)
     theta = probe_theta(material)
     if isinstance(material, IsotropicMaterial):
@@ -75,7 +274,7 @@ def _key(material: Material) -> str:
 
 
 def _read(file: Path) -> dict[str, Fit]:
-    """What is in the file; nothing where it is missing, damaged or of another time."""
+    """Results in a file; none where it is missing, damaged or of another format."""
     try:
         raw = json.loads(file.read_text())
         return {key: Fit(str(row["convention"]), dict(row["deviations"])) for key, row in raw.items()}

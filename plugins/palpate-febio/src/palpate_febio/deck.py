@@ -13,10 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, Mesh
-from palpate_febio.contact_surface import contact_faces
+from palpate_febio.contact_meshes import contact_faces, sphere_mesh
 from palpate_febio.settings import PENALTY, FebioSettings, Method
 from palpate_febio.spelling import DENSITY_T_PER_MM3, Written
-from palpate_febio.sphere import sphere_mesh
 from palpate_febio.steps import Steps
 
 DECK_NAME = "job.feb"
@@ -41,12 +40,8 @@ class Problem:
     ----------
     mesh : Mesh
         In the spot's frame.
-    materials : mapping of region to Written
     radius_mm : float
         Of the sphere.
-    friction : float
-    steps : Steps
-    settings : FebioSettings
     method : str
         How to solve; see :data:`palpate_febio.settings.Method`.
     """
@@ -61,17 +56,17 @@ class Problem:
 
     @property
     def bonded(self) -> bool:
-        """Whether the indenter is glued to the skin, by the node set ``bonded``, and touches nothing else."""
+        """True if the indenter is glued to the skin by the node set ``bonded``, and touches nothing else."""
         return bool(np.size(self.mesh.node_sets.get("bonded", ())))
 
     @property
     def augmented(self) -> bool:
-        """Whether contact is enforced by augmented Lagrangian: friction has no memory without it."""
+        """True if contact is enforced by augmented Lagrangian: friction has no memory without it."""
         return self.friction > 0.0 and self.settings.contact == "right"
 
     @property
     def penalty(self) -> float:
-        """Of the contact, in units of FEBio's automatic one."""
+        """Penalty of the contact, in units of FEBio's automatic one."""
         chosen = self.settings.penalty or PENALTY[self.settings.contact]
         return chosen / 4.0 if self.method == "broyden_soft" else chosen
 
@@ -152,7 +147,7 @@ def _material_name(problem: Problem, region: str) -> str:
 
 
 def control_of(n_steps: int) -> dict[str, object]:
-    """What FEBio does in so many steps of length 1: statics, and no plot file."""
+    """Settings of a number of steps of length 1: statics, and no plot file."""
     return {"analysis": "STATIC", "time_steps": n_steps, "step_size": 1, "plot_level": "PLOT_NEVER"}
 
 

@@ -84,7 +84,7 @@ _REASONS: tuple[tuple[re.Pattern[str], str, str], ...] = tuple(
 
 @dataclass(frozen=True, slots=True)
 class Reason:
-    """Why a run ended badly: what it is called, FEBio's own words, and what to try."""
+    """Reason why a run failed: its name, FEBio's own words, and what to try."""
 
     name: str
     words: str
@@ -96,7 +96,7 @@ class Reason:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogSummary:
-    """What a log says.
+    """Summary of a log.
 
     ``finished`` is True after the good banner, False after the bad one, None
     without any (FEBio was cut off) or with both (two runs, or a forgery).
@@ -111,7 +111,7 @@ class LogSummary:
 
 
 def read_log(text: str) -> LogSummary:
-    """Summarise a log or what FEBio printed; any text will do, garbled or cut off."""
+    """Summary of a log or of what FEBio printed; any text is taken, garbled or cut off."""
     text = _cut(text)
     good, bad = GOOD_BANNER in text, BAD_BANNER in text
     version = _VERSION.search(text)

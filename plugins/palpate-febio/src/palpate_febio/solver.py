@@ -32,15 +32,13 @@ from palpate.mesh.spot_frame import in_spot_frame, indentation_of
 from palpate.sandbox import Ended, Limits, run_program
 from palpate_febio import __version__
 from palpate_febio.binary import Binary, examine, find_binary
-from palpate_febio.contact_surface import contact_faces
-from palpate_febio.conventions import remembered
+from palpate_febio.contact_meshes import contact_faces
+from palpate_febio.conventions import Fit, remembered, run_probe
 from palpate_febio.deck import DECK_NAME, LOG_NAME, RECORD_NAME, Problem, write_deck
-from palpate_febio.probe import Fit, run_probe
+from palpate_febio.outcome import Verdict, as_rows, check_torque, judge
 from palpate_febio.settings import PAPER_CONTACT, FebioSettings, Method
 from palpate_febio.spelling import expected_convention, written
 from palpate_febio.steps import Steps, halved, steps_of, up_to_first_turn
-from palpate_febio.torque_verification import check_torque
-from palpate_febio.verdict import Verdict, as_rows, judge
 
 OPTIONS = ("-noconfig", "-nosplash", "-no_title")
 """Of febio4. Never -silent: it hides what is wrong with a deck."""
@@ -68,7 +66,7 @@ class Try:
     ended: Ended
 
     def row(self) -> dict[str, Any]:
-        """For the diagnostics."""
+        """Row of the diagnostics."""
         return {
             "method": self.method,
             "status": self.verdict.status.value,
@@ -116,12 +114,12 @@ class FebioSolver(Solver[FebioSettings]):
         return f"FEBio {binary.version} ({binary.digest[:12]}), palpate-febio {__version__}"
 
     def command(self, folder: Path) -> list[str]:
-        """What is run in a folder that holds the deck; every name is relative to it."""
+        """Command to run in a folder that holds the deck; every name is relative to it."""
         program = str(self.binary().path)
         return [program, *OPTIONS, "-i", DECK_NAME, "-o", LOG_NAME]
 
     def convention(self, material: Material) -> Fit:
-        """How the installed FEBio reads this material's coefficients, by a probe that is remembered.
+        """Convention in which the installed FEBio reads this material, by a probe whose result is kept.
 
         Raises
         ------
@@ -180,8 +178,6 @@ class FebioSolver(Solver[FebioSettings]):
 
         Parameters
         ----------
-        job : Job
-        limb : Limb
         conventions : mapping of region to convention, optional
             How FEBio reads each material; default: as FEBio 4.4 to 4.11 was measured to.
         method : str, optional
@@ -277,7 +273,7 @@ class FebioSolver(Solver[FebioSettings]):
         return Try(method=problem.method, steps=problem.steps, verdict=verdict, ended=ended)
 
     def read_response(self, ended: Ended, folder: Path, problem: Problem) -> Verdict:
-        """Judge what a run left in its folder."""
+        """Verdict on the files of a run."""
         log, record = (
             file.read_text(errors="replace") if file.is_file() else None
             for file in (folder / LOG_NAME, folder / RECORD_NAME)
@@ -285,7 +281,7 @@ class FebioSolver(Solver[FebioSettings]):
         return judge(ended, log, record, problem.steps, problem.radius_mm)
 
     def verify(self, job: Job, limb: Limb | None, simulation: Simulation) -> Mapping[str, Any]:
-        """Whether the torque of a sound run stays when steps are halved, and in a hold.
+        """Row of a verification of the torque by halved steps and a hold.
 
         Empty where nothing twists, nothing rubs, or the setting ``verification`` is "never". A run that
         was verified as it was made is not verified again.
@@ -301,7 +297,7 @@ class FebioSolver(Solver[FebioSettings]):
         points = Steps(np.array(diagnostics["depth_mm"]), np.array(diagnostics["rotation_deg"]))
 
         def run(steps: Steps) -> Verdict:
-            """The first answer that is whole, or the longest; the contact stays as stiff as it was."""
+            """Verdict on the first whole answer, or the longest; the contact stays as stiff as it was."""
             tried: list[Verdict] = []
             for method in (problem.method,) if problem.method == "broyden_soft" else VERIFICATION_METHODS:
                 finer = replace(problem, steps=steps, method=method)
@@ -315,7 +311,7 @@ class FebioSolver(Solver[FebioSettings]):
 
     @contextmanager
     def _folder(self, job: Job, label: str) -> Iterator[Path]:
-        """A folder for one run: removed afterwards, or kept under a name of its own."""
+        """Folder of one run: removed afterwards, or kept under a name of its own."""
         if not self.settings.keep_folder:
             with tempfile.TemporaryDirectory(prefix="palpate-febio-") as name:
                 yield Path(name)

@@ -7,7 +7,7 @@ material and, for each parameter, what FEBio calls it::
         febio = ("Gent", {"mu": "G", "Jm": "Jm", "kappa": "k"})
 
 Whether FEBio then computes the same stress is measured, not believed
-(:mod:`palpate_febio.probe`).
+(:mod:`palpate_febio.conventions`).
 """
 
 from collections.abc import Mapping

@@ -27,11 +27,10 @@ class Steps:
 
 
 def steps_of(protocol: Indentation, depth_steps: int, rotation_step_deg: float) -> Steps:
-    """Cut the path's pieces into equal steps; every waypoint is one of the points.
+    """Steps of equal size in each piece of the path; every waypoint is one of the points.
 
     Parameters
     ----------
-    protocol : Indentation
     depth_steps : int
         Steps that go from the surface to the greatest depth.
     rotation_step_deg : float
@@ -59,7 +58,7 @@ def up_to_first_turn(steps: Steps) -> Steps:
 
 
 def halved(steps: Steps) -> Steps:
-    """Every step done in two halves."""
+    """Steps in two halves each."""
 
     def cut(values: FloatArray) -> FloatArray:
         whole = np.empty(2 * len(values) - 1)
@@ -71,5 +70,5 @@ def halved(steps: Steps) -> Steps:
 
 
 def with_hold(steps: Steps, n_held: int) -> Steps:
-    """The last point held for ``n_held`` more steps."""
+    """Steps with the last point held for ``n_held`` more."""
     return Steps(*(np.pad(v, (0, n_held), mode="edge") for v in (steps.depth_mm, steps.rotation_deg)))

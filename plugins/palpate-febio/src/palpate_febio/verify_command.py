@@ -90,7 +90,7 @@ def verified_sets(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
 
 
 def _differences(found: Simulation, kept: Simulation | None) -> dict[str, float | None]:
-    """How far FEBio's force and torque are from those of the run, relative to the run's."""
+    """Differences of FEBio's force and torque from the run's, relative to the run's."""
     differences: dict[str, float | None] = {"force": None, "torque": None}
     if kept is None or kept.response is None or found.response is None:
         return differences

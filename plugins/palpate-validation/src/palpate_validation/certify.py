@@ -169,7 +169,7 @@ def _rows(
     febio: Any,  # noqa: ANN401
 ) -> Iterator[Any]:
     from palpate.specimens import block
-    from palpate_febio.probe import probe_theta
+    from palpate_febio.conventions import probe_theta
     from palpate_validation.pairwise import motion_rows, twist_rows
     from palpate_validation.recorded import NAMES, RECORDED_VALUES, block_rows, one_element
 

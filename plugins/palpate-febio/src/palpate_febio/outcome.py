@@ -1,18 +1,92 @@
-"""Decides what became of a run: nothing is believed because FEBio says so."""
+"""What became of a run: its record, the verdict on it, and the verification of its torque.
 
-from collections.abc import Mapping
+Nothing is taken for granted because FEBio reports it. Friction that remembers gives the same torque however
+finely the twist is cut, and keeps it while the indenter is held. One more run verifies both: every step in
+two halves up to the first turn of the rotation, and then a hold.
+"""
+
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from palpate.api import BalancedStates, FloatArray, Status
+from palpate.api import BalancedStates, FloatArray, PalpateError, Status
 from palpate.mesh.spot_frame import SpotWrench, pose_of
 from palpate.sandbox import Ended
 from palpate_febio.deck import RECORD_DATA
 from palpate_febio.log import LogSummary, read_log
-from palpate_febio.record import Record, RecordError, read_record
-from palpate_febio.steps import Steps
+from palpate_febio.steps import Steps, halved, up_to_first_turn, with_hold
+
+
+class RecordError(PalpateError):
+    """A record that cannot be what FEBio writes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Record:
+    """Blocks of a record in order.
+
+    Parameters
+    ----------
+    times : (n,) array
+        Rising.
+    values : (n, n_columns) array
+        Finite or not: that is for the reader to judge.
+    """
+
+    times: FloatArray
+    values: FloatArray
+
+
+def read_record(text: str, n_columns: int) -> Record:
+    """Record of one item; a last block that was cut off is left out.
+
+    Parameters
+    ----------
+    n_columns : int
+        Values in a row, after the item's number.
+
+    Raises
+    ------
+    RecordError
+        Naming the line.
+    """
+    lines = text.split("\n")
+    whole = lines[:-1]  # what follows the last line end was cut off
+    times: list[float] = []
+    rows: list[list[float]] = []
+    time: float | None = None
+    for number, line in enumerate(whole, start=1):
+        if line.startswith("*"):
+            key, _, word = line[1:].partition("=")
+            if key.strip() == "Time":
+                time = _float(word, number)
+        elif line.strip():
+            if time is None:
+                raise RecordError(f"line {number}: values before any time; this is not a record of FEBio")
+            rows.append(_row(line, number, n_columns))
+            times.append(time)
+            time = None
+    found = Record(np.array(times), np.array(rows).reshape(-1, n_columns))
+    if (np.diff(found.times) <= 0.0).any():
+        raise RecordError("times do not rise; two runs wrote into one record")
+    return found
+
+
+def _row(line: str, number: int, n_columns: int) -> list[float]:
+    words = line.replace(",", " ").split()
+    if len(words) != n_columns + 1:
+        raise RecordError(f"line {number}: {len(words)} numbers and not {n_columns + 1}")
+    return [_float(word, number) for word in words[1:]]
+
+
+def _float(word: str, number: int) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        raise RecordError(f"line {number}: '{word.strip()[:40]}' is no number") from None
+
 
 POSITION_TOLERANCE_MM = 1e-4
 ROTATION_TOLERANCE_RAD = 1e-5
@@ -20,16 +94,14 @@ ROTATION_TOLERANCE_RAD = 1e-5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Verdict:
-    """What became of one run.
+    """Result of one run.
 
     Parameters
     ----------
-    status : Status
     message : str
         Empty when all is well.
     states : BalancedStates
         At rest and at the first k − 1 steps.
-    log : LogSummary
     """
 
     status: Status
@@ -39,7 +111,7 @@ class Verdict:
 
     @property
     def n_steps(self) -> int:
-        """Steps that balanced."""
+        """Number of steps that balanced."""
         return max(len(self.states.pose) - 1, 0)
 
     @property
@@ -49,17 +121,15 @@ class Verdict:
 
 
 def judge(ended: Ended, log: str | None, record: str | None, steps: Steps, radius_mm: float) -> Verdict:
-    """Compare what was written with what was asked for.
+    """Verdict on a run: its output, compared with what the deck asked for.
 
     A run is ``ok`` only with exit code 0, the good banner, every step present
     where it was asked for, finite, and with reactions that are not zero.
 
     Parameters
     ----------
-    ended : Ended
     log, record : str or None
         Contents of the files; None where there is no such file.
-    steps : Steps
     radius_mm : float
         Height of the indenter's centre at rest.
     """
@@ -91,7 +161,7 @@ def judge(ended: Ended, log: str | None, record: str | None, steps: Steps, radiu
 
 
 def _failure(ended: Ended, said: LogSummary) -> Status | None:
-    """What the end of the process and its words amount to; None when both claim success."""
+    """Status by the end of the process and the log; None if both report success."""
     if ended.stopped:
         return Status.TIMED_OUT
     if ended.exit_code == 0 and said.finished:
@@ -152,3 +222,75 @@ def as_rows(states: BalancedStates) -> Mapping[str, Any]:
     """The columns of a press and twist, for the diagnostics."""
     names = ("depth_mm", "rotation_deg", "force_N", "torque_Nmm")
     return {name: states.columns[name].tolist() for name in names}
+
+
+N_HELD = 10
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verification:
+    """Result of the two checks: changes relative to the verified torque, None if unknown."""
+
+    tolerance: float
+    halving: float | None = None
+    hold: float | None = None
+    message: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """True if both changes are within the tolerance."""
+        changes = (self.halving, self.hold)
+        return all(change is not None and abs(change) <= self.tolerance for change in changes)
+
+    def row(self) -> dict[str, Any]:
+        """Row of the diagnostics and of the run's table of verifications."""
+        return {
+            "passed": self.passed,
+            "message": str(self),
+            "halving": self.halving,
+            "hold": self.hold,
+            "tolerance": self.tolerance,
+        }
+
+    def __str__(self) -> str:
+        if self.halving is None or self.hold is None:
+            found = "" if self.halving is None else f"halved steps change it by {self.halving:+.1%}, and "
+            return f"torque not verified: {found}{self.message}"
+        verdict = "torque verified" if self.passed else "torque NOT to be relied on"
+        return (
+            f"{verdict}: halved steps change it by {self.halving:+.1%}, a hold by {self.hold:+.1%} "
+            f"({self.tolerance:.1%} allowed)"
+        )
+
+
+def check_torque(
+    steps: Steps, torque_Nmm: float, run: Callable[[Steps], Verdict], tolerance: float
+) -> Verification:
+    """Verification of a torque by one more run, with finer steps and a hold.
+
+    Parameters
+    ----------
+    steps : Steps
+        Of the run to be verified.
+    torque_Nmm : float
+        Its answer where the rotation first turns.
+    run : callable
+        Simulates other steps.
+    tolerance : float
+        Largest relative change.
+    """
+    if not torque_Nmm:
+        return Verification(tolerance=tolerance, message="there is no torque where the rotation first turns")
+    fine = halved(up_to_first_turn(steps))
+    verdict = run(with_hold(fine, N_HELD))
+    turned = verdict.status in (Status.OK, Status.DIVERGED) and verdict.n_steps >= fine.n
+    before = float(verdict.torque_Nmm[fine.n]) if turned else None
+    held = (
+        None if before is None or verdict.status is not Status.OK else float(verdict.torque_Nmm[-1]) - before
+    )
+    return Verification(
+        tolerance=tolerance,
+        halving=None if before is None else (before - torque_Nmm) / torque_Nmm,
+        hold=None if held is None else held / torque_Nmm,
+        message="" if held is not None else f"the finer run did not end well ({verdict.message})",
+    )

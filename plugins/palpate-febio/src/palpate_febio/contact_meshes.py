@@ -1,10 +1,43 @@
-"""The indenter as FEBio needs it: a rigid sphere of flat facets."""
+"""Surfaces in contact as FEBio needs them: the faces of the limb, and a rigid sphere of flat facets."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.api import FloatArray, IntArray
+from palpate.api import FloatArray, IntArray, Mesh, MeshError
+from palpate.mesh.topology import outer_faces
+
+FEBIO_NAMES = {3: "tri3", 4: "quad4", 6: "tri6"}
+"""Kinds of faces by their number of nodes."""
+
+
+def contact_faces(mesh: Mesh) -> dict[str, IntArray]:
+    """Outer faces whose nodes all belong to the node set ``contact``, by FEBio's name of their kind.
+
+    Returns
+    -------
+    dict of str to (n_faces, n_nodes) array
+        ``quad4``, ``tri3``, ``tri6``; in the order of the elements.
+
+    Raises
+    ------
+    MeshError
+        There is none.
+    """
+    touchable = np.zeros(mesh.n_nodes, dtype=bool)
+    touchable[mesh.node_sets["contact"]] = True
+    found: dict[str, IntArray] = {}
+    for kind in sorted(mesh.cells):
+        faces = outer_faces(kind, mesh.cells[kind], febio=True)
+        faces = faces[touchable[faces].all(axis=1)]
+        if len(faces):
+            found[FEBIO_NAMES[faces.shape[1]]] = faces
+    if not found:
+        raise MeshError(
+            "mesh: no outer face has all its nodes in the node set 'contact', so FEBio would have nothing "
+            "to touch; mark every node of the outer surface"
+        )
+    return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +72,6 @@ def sphere_mesh(radius_mm: float, edge_mm: float) -> IndenterMesh:
 
     Parameters
     ----------
-    radius_mm : float
     edge_mm : float
         Longest edge wanted; the mesh has at least 20 · 8² faces.
 
