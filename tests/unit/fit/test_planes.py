@@ -46,8 +46,14 @@ def test_the_variance_of_a_process_is_none_where_it_was_observed_and_of_the_size
     ratio = np.abs(found(elsewhere) - wave(elsewhere)) / np.sqrt(found.variance(elsewhere))
     assert (ratio < 3.0).mean() > 0.9
     assert ratio.max() > 0.1
-    again = GaussianProcess(points, np.zeros(0, dtype=int), wave(points), np.zeros((2, 0, 1)), found.lengths)
-    np.testing.assert_allclose(again(elsewhere), found(elsewhere), atol=1e-4)
+
+
+def test_given_lengths_are_kept_and_the_points_reproduced():
+    points = np.random.default_rng(2).uniform(-1.0, 1.0, (25, 2))
+    lengths, values = np.array([0.5, 0.7]), np.sin(2.0 * points[:, :1])
+    found = GaussianProcess(points, np.zeros(0, dtype=int), values, np.zeros((2, 0, 1)), lengths)
+    np.testing.assert_array_equal(found.lengths, lengths)
+    np.testing.assert_allclose(found(points), values, atol=1e-5)
 
 
 @pytest.fixture(scope="module")
