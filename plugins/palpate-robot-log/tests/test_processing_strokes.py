@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from palpate_robot_log.processing.change_points import speed_change
 from palpate_robot_log.processing.strokes import strokes_of
-from palpate_robot_log.processing.transitions import speed_change
 
 TIME = np.arange(0.0, 40.0, 0.005)
 

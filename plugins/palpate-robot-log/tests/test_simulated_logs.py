@@ -30,7 +30,7 @@ def along_branches(curve: Curve, abscissa):
 
 @pytest.mark.slow
 def test_force_agrees_with_the_simulated_one(spot):
-    clean, curve = logs.truth(spot).clean, logs.processed(spot).force
+    clean, curve = logs.truth(spot).clean, logs.processed(spot).curves["force"]
     press = slice(0, int(np.argmax(clean["depth_mm"])) + 1)
     found = np.interp(clean["depth_mm"][press], curve.abscissa, curve.ordinate)
     # 3.5e-5 to 4.1e-4 measured.
@@ -40,7 +40,7 @@ def test_force_agrees_with_the_simulated_one(spot):
 def test_torque_agrees_with_the_simulated_one(spot):
     clean = logs.truth(spot).clean
     twist = slice(int(np.flatnonzero(clean["angle_deg"])[0]) - 1, None)
-    found = along_branches(logs.processed(spot).torque, clean["angle_deg"][twist])
+    found = along_branches(logs.processed(spot).curves["torque"], clean["angle_deg"][twist])
     # 4e-6 to 7e-6 measured.
     assert nmse(found, clean["torque_Nmm"][twist]) < 5e-5
 
@@ -82,7 +82,7 @@ def test_there_is_no_lag_and_no_relaxation_to_find(spot):
 
 
 def test_standard_deviations_are_of_the_size_of_the_errors(spot):
-    clean, curve = logs.truth(spot).clean, logs.processed(spot).torque
+    clean, curve = logs.truth(spot).clean, logs.processed(spot).curves["torque"]
     twist = slice(int(np.flatnonzero(clean["angle_deg"])[0]) - 1, None)
     error = along_branches(curve, clean["angle_deg"][twist]) - clean["torque_Nmm"][twist]
     size = float(np.sqrt(np.mean(error**2)) / np.mean(curve.std))
@@ -92,12 +92,12 @@ def test_standard_deviations_are_of_the_size_of_the_errors(spot):
 def test_curves_have_the_times_of_their_phases(spot):
     processed = logs.processed(spot)
     press, first, last = (processed.phase(name) for name in ("press", "twist_1", "twist_3"))
-    force, torque = processed.force.time_s, processed.torque.time_s
+    force, torque = processed.curves["force"].time_s, processed.curves["torque"].time_s
     # The motion starts slowly, and first contact is found up to 0.05 mm late.
     assert force[0] == pytest.approx(press.start.time_s, abs=0.3)
     assert force[-1] == pytest.approx(press.stop.time_s, abs=0.05)
     assert (torque[0], torque[-1]) == pytest.approx((first.start.time_s, last.stop.time_s), abs=0.05)
-    turns = [torque[stop - 1] for _, stop in processed.torque.branches[:-1]]
+    turns = [torque[stop - 1] for _, stop in processed.curves["torque"].branches[:-1]]
     assert turns == pytest.approx([logs.STARTS_S["twist_2"], logs.STARTS_S["twist_3"]], abs=0.05)
 
 

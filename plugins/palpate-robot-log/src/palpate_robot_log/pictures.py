@@ -146,7 +146,7 @@ def _draw_onset(processed: Processed, folder: Path) -> Path:
         axis = figure.subplots()
         axis.plot(depth[near & ~way], force[near & ~way], ".", color="0.8", markersize=2, label="way out")
         axis.plot(depth[near & way], force[near & way], ".", color="0.45", markersize=2, label="way in")
-        curve = processed.force
+        curve = processed.curves["force"]
         kept = curve.abscissa < 0.25 * float(depth.max())
         axis.plot(curve.abscissa[kept], curve.ordinate[kept], color=_MEASURED, label="curve")
         axis.axvline(0.0, color=_FOUND, label=f"first contact ± {std:.3f} mm")
@@ -160,26 +160,19 @@ def _draw_onset(processed: Processed, folder: Path) -> Path:
 
 def _draw_curves(processed: Processed, folder: Path) -> Path:
     """Each curve on the rows of the log, and below it what smoothing left of them."""
-    time = processed.motion.time_s
-    rows = {
-        "force": [processed.phase("press").rows(time)],
-        "torque": [phase.rows(time) for phase in processed.phases if phase.name.startswith("twist")],
-        "lateral_force": [phase.rows(time) for phase in processed.phases if phase.name.startswith("slide")],
+    labels = {
+        "force": ("depth [mm]", "normal force [N]"),
+        "torque": ("rotation [°]", "torque [N·mm]"),
+        "lateral_force": ("shift [mm]", "lateral force [N]"),
     }
-    signals = {
-        "force": (processed.depth_mm, processed.wrench.pressing, "depth [mm]", "normal force [N]"),
-        "torque": (processed.motion.turn_deg, processed.wrench.twisting, "rotation [°]", "torque [N·mm]"),
-    }
-    if processed.slide is not None:
-        shift = processed.slide.shift_mm
-        signals["lateral_force"] = (shift, processed.sliding, "shift [mm]", "lateral force [N]")
-    curves = processed.response.curves
+    curves = processed.curves
     with _styled():
         figure = Figure(figsize=(4.6 * len(curves), 5.6))
         panels = figure.subplots(2, len(curves), squeeze=False, sharex="col", height_ratios=(2.0, 1.0))
         for (above, below), (name, curve) in zip(panels.T, curves.items(), strict=True):
-            x, y, x_label, y_label = signals[name]
-            _draw_rows(above, below, [(x[part], y[part]) for part in rows[name]], curve)
+            x_label, y_label = labels[name]
+            x, y, branches = processed.signals[name]
+            _draw_rows(above, below, [(x[rows], y[rows]) for rows in branches], curve)
             above.set_ylabel(y_label)
             below.set_ylabel(f"left over {y_label[y_label.index('[') :]}")
             below.set_xlabel(x_label)

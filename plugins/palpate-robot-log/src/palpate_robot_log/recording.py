@@ -1,9 +1,13 @@
-"""One press as a robot logged it, in palpate's units: what readers make and processing takes."""
+"""One press as a robot logged it, in palpate's units, and what every step does with its signals.
+
+Orientations are unit quaternions (x, y, z, w), one a row.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from palpate.api import CurveError, FloatArray, IntArray
 
@@ -11,6 +15,7 @@ UNIT_QUATERNION_TOLERANCE = 1e-3
 """Deviation of a quaternion's length from 1 that printing with few digits explains."""
 
 _WIDTHS = {"time_s": 0, "position_mm": 3, "quaternion": 4, "force_N": 3, "moment_Nmm": 3, "rows": 0}
+_MAD_TO_STD = 1.4826
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -26,7 +31,7 @@ class Recording:
     position_mm : (n, 3) array
         Tool tip in the base frame.
     quaternion : (n, 4) array
-        x y z w, from the tool (and sensor) frame to the base frame, of length 1.
+        From the tool (and sensor) frame to the base frame, of length 1.
     force_N : (n, 3) array
         Tissue on tool, in the sensor frame.
     moment_Nmm : (n, 3) array
@@ -59,10 +64,40 @@ class Recording:
             values = np.asarray(getattr(self, name), dtype=kind).view()
             values.setflags(write=False)
             object.__setattr__(self, name, values)
-        self._check_shapes()
-        self._check_finite()
-        self._check_time()
-        self._check_quaternions()
+        for name, width in _WIDTHS.items():
+            expected, shape = (self.n_rows, width) if width else (self.n_rows,), getattr(self, name).shape
+            if shape != expected:
+                raise self.fault(
+                    f"{name} has shape {shape} where {expected} is needed; give every row a value"
+                )
+        if self.n_rows < 2:
+            raise self.fault(
+                f"{self.n_rows} row(s); a press needs many more, check that the file is complete"
+            )
+        for name, width in _WIDTHS.items():
+            values = getattr(self, name)
+            # A sum is finite only when all its terms are: one pass in the usual case.
+            if not np.isfinite(values.sum()) and (bad := np.argwhere(~np.isfinite(values))).size:
+                which = f"{name}[{'xyzw'[bad[0, 1]]}]" if width else name
+                number = values[tuple(bad[0])]
+                raise self.fault(f"{which} is {number}; repair or remove the row", int(bad[0, 0]))
+        steps = np.diff(self.time_s)
+        if steps.min() <= 0.0:
+            index = int(np.argmax(steps <= 0.0))
+            raise self.fault(
+                f"time does not increase: {self.time_s[index + 1]:.6f} s follows {self.time_s[index]:.6f} s; "
+                "remove the repeated or misplaced row",
+                index + 1,
+            )
+        squares = np.einsum("ij,ij->i", self.quaternion, self.quaternion)
+        off = np.abs(np.sqrt(squares) - 1.0)
+        worst = int(np.argmax(off))
+        if off[worst] > UNIT_QUATERNION_TOLERANCE:
+            raise self.fault(
+                f"the quaternion has length {np.sqrt(squares[worst]):.4f} and not 1; "
+                "check that its four columns are x, y, z, w of one orientation",
+                worst,
+            )
 
     @property
     def n_rows(self) -> int:
@@ -74,13 +109,11 @@ class Recording:
         """Median sampling rate [Hz]."""
         return float(1.0 / np.median(np.diff(self.time_s)))
 
-    def at(self, index: int) -> str:
-        """A row, for messages: its number in the file and its time stamp."""
-        return f"{self.row_word} {int(self.rows[index])} (t = {self.time_s[index]:.3f} s)"
-
     def fault(self, message: str, index: int | None = None) -> CurveError:
         """Error that names the file and, where given, the row and its time stamp."""
-        where = "" if index is None else f"{self.at(index)}: "
+        where = ""
+        if index is not None:
+            where = f"{self.row_word} {int(self.rows[index])} (t = {self.time_s[index]:.3f} s): "
         return CurveError(f"{self.source}: {where}{message}")
 
     def changed(self, **fields: FloatArray | IntArray) -> "Recording":
@@ -96,52 +129,131 @@ class Recording:
         """Only some rows, in order."""
         return self.changed(**{name: getattr(self, name)[chosen] for name in _WIDTHS})
 
-    def _check_shapes(self) -> None:
-        n_rows = self.time_s.size
-        for name, width in _WIDTHS.items():
-            expected = (n_rows, width) if width else (n_rows,)
-            shape = getattr(self, name).shape
-            if shape != expected:
-                raise self.fault(
-                    f"{name} has shape {shape} where {expected} is needed; give every row a value"
-                )
-        if n_rows < 2:
-            raise self.fault(f"{n_rows} row(s); a press needs many more, check that the file is complete")
-
-    def _check_finite(self) -> None:
-        for name, width in _WIDTHS.items():
-            values = getattr(self, name)
-            # A sum is finite only when all its terms are: one pass in the usual case.
-            if name == "rows" or np.isfinite(values.sum()):
-                continue
-            bad = np.argwhere(~np.isfinite(values))
-            if bad.size:
-                which = f"{name}[{'xyzw'[bad[0, 1]]}]" if width else name
-                number = values[tuple(bad[0])]
-                raise self.fault(f"{which} is {number}; repair or remove the row", int(bad[0, 0]))
-
-    def _check_time(self) -> None:
-        steps = np.diff(self.time_s)
-        if steps.min() <= 0.0:
-            index = int(np.argmax(steps <= 0.0))
-            raise self.fault(
-                f"time does not increase: {self.time_s[index + 1]:.6f} s follows {self.time_s[index]:.6f} s; "
-                "remove the repeated or misplaced row",
-                index + 1,
-            )
-
-    def _check_quaternions(self) -> None:
-        squares = np.einsum("ij,ij->i", self.quaternion, self.quaternion)
-        off = np.abs(np.sqrt(squares) - 1.0)
-        worst = int(np.argmax(off))
-        if off[worst] > UNIT_QUATERNION_TOLERANCE:
-            raise self.fault(
-                f"the quaternion has length {np.sqrt(squares[worst]):.4f} and not 1; "
-                "check that its four columns are x, y, z, w of one orientation",
-                worst,
-            )
-
 
 def rows_between(time_s: FloatArray, start_s: float, stop_s: float) -> slice:
     """Rows among increasing time stamps (n,) from one instant up to, but not at, another."""
     return slice(*map(int, np.searchsorted(time_s, [start_s, stop_s])))
+
+
+# ------------------------------------------------------------------- averages and noise
+
+
+def block_means(values: FloatArray, block: int) -> FloatArray:
+    """Means of ``block`` successive rows (n // block, …); rows left over at the end are dropped."""
+    if block == 1:
+        return values
+    n_blocks = values.shape[0] // block
+    means: FloatArray = values[: n_blocks * block].reshape(n_blocks, block, -1).mean(axis=1)
+    return means.reshape(n_blocks, *values.shape[1:])
+
+
+def thinned(recording: Recording, max_rows: int) -> tuple[Recording, int]:
+    """Recording of at most ``max_rows`` rows, and how many rows each of them averages."""
+    block = -(-recording.n_rows // max_rows)
+    if block == 1:
+        return recording, 1
+    fields = ("time_s", "position_mm", "force_N", "moment_Nmm")
+    means = {name: block_means(getattr(recording, name), block) for name in fields}
+    quaternion = block_means(continuous(recording.quaternion), block)
+    quaternion /= np.linalg.norm(quaternion, axis=1, keepdims=True)
+    rows = recording.rows[::block][: quaternion.shape[0]]
+    return recording.changed(quaternion=quaternion, rows=rows, **means), block
+
+
+def noise_std(values: FloatArray) -> float:
+    """Standard deviation of white noise on a smooth signal (n,).
+
+    From the median of second differences, whose variance is six times that of the noise;
+    spikes and a few kinks leave the median where it is.
+    """
+    bends = np.diff(values, 2)
+    return float(_MAD_TO_STD * np.median(np.abs(bends)) / np.sqrt(6.0)) if bends.size else 0.0
+
+
+def correlation_factor(residual: FloatArray) -> float:
+    """Inflation of a mean's standard deviation by neighbours that err alike, at least 1.
+
+    For noise whose correlation falls geometrically, √((1 + ρ)/(1 - ρ)) with the lag-one
+    correlation ρ.
+    """
+    power = float(residual @ residual)
+    if residual.size < 8 or power == 0.0:
+        return 1.0
+    rho = min(float(residual[1:] @ residual[:-1]) / power, 0.95)
+    return float(np.sqrt((1.0 + rho) / (1.0 - rho))) if rho > 0.0 else 1.0
+
+
+# ------------------------------------------------------------------------- orientations
+
+
+def rotated(quaternion: FloatArray, vectors: FloatArray, *, inverse: bool = False) -> FloatArray:
+    """Vectors (n, 3) or (3,) of the tool's frame in the base frame, or the inverse: shape (n, 3)."""
+    # SciPy takes no read-only arrays.
+    turned: FloatArray = Rotation.from_quat(np.array(quaternion)).apply(np.array(vectors), inverse=inverse)
+    return turned
+
+
+def cross(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Cross product of (n, 3) or (3,) arrays, shape (n, 3)."""
+    # Column by column: several times faster than numpy.cross on a long log.
+    a, b = np.atleast_2d(left).T, np.atleast_2d(right).T
+    columns = [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    return np.stack(columns, axis=1)
+
+
+def continuous(quaternion: FloatArray) -> FloatArray:
+    """The same orientations (n, 4) with signs chosen so that neighbours are close."""
+    flips = np.einsum("ij,ij->i", quaternion[1:], quaternion[:-1]) < 0.0
+    if not flips.any():
+        return quaternion
+    signs = np.where(np.cumsum(np.concatenate([[False], flips])) % 2, -1.0, 1.0)
+    signed: FloatArray = quaternion * signs[:, None]
+    return signed
+
+
+def mean_orientation(quaternion: FloatArray) -> FloatArray:
+    """Normalised mean (4,) of orientations (n, 4) that are close together."""
+    mean = continuous(quaternion).mean(axis=0)
+    unit: FloatArray = mean / np.linalg.norm(mean)
+    return unit
+
+
+def turn_and_tilt(
+    quaternion: FloatArray, reference: FloatArray, axis: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Turn about an axis of the base frame since a reference, and the tilt that is left over.
+
+    The relative rotation q q₀⁻¹ is split into a turn about ``axis`` and a tilt of that axis
+    (swing–twist decomposition).
+
+    Parameters
+    ----------
+    quaternion : (n, 4) array
+    reference : (4,) array
+    axis : (3,) array
+        Of length 1.
+
+    Returns
+    -------
+    turn_deg : (n,) array
+        Right-handed about ``axis``, without jumps of 360 degrees.
+    tilt_deg : (n,) array
+        0 … 180.
+    """
+    relative = (
+        Rotation.from_quat(np.array(quaternion)) * Rotation.from_quat(np.array(reference)).inv()
+    ).as_quat()
+    vector, scalar = relative[:, :3], relative[:, 3]
+    along = vector @ axis
+    # A quaternion and its opposite are one orientation, half a turn apart on this circle.
+    half = np.unwrap(np.arctan2(along, scalar), period=np.pi)
+    nearest = int(np.argmax(np.abs(scalar)))
+    half -= np.pi * np.round(half[nearest] / np.pi)
+    across = np.linalg.norm(vector - along[:, None] * axis, axis=1)
+    return np.degrees(2.0 * half), np.degrees(2.0 * np.arctan2(across, np.hypot(along, scalar)))
+
+
+def angle_between_deg(first: FloatArray, second: FloatArray) -> float:
+    """Angle of two vectors (3,), 0 … 180 degrees."""
+    across = float(np.linalg.norm(np.cross(first, second)))
+    return float(np.degrees(np.arctan2(across, float(first @ second))))

@@ -74,12 +74,12 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
         return Response(curves=wanted, relaxations=relaxations, record=record)
 
     def _warnings(self, processed: "Processed") -> list[str]:
-        from palpate_robot_log.processing.gravity import weight_left_in
+        from palpate_robot_log.processing.corrections import weight_left_in
 
         gravity = self.settings.gravity
         if gravity.method != "off" or processed.bias is None:
             return []
-        peak = float(abs(processed.force.ordinate).max())
+        peak = float(abs(processed.curves["force"].ordinate).max())
         found = weight_left_in(processed.raw, processed.bias.force_N, np.array(gravity.direction), peak)
         return [found] if found else []
 

@@ -1,69 +1,40 @@
 """The steps in their order: from a recording to curves, with a record of each."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 
 import numpy as np
 
-from palpate.api import Curve, FloatArray, IntArray, Relaxation
-from palpate.mesh.spot_frame import SpotWrench
-from palpate_robot_log.processing import checks, record
-from palpate_robot_log.processing.curves import Branch, branch, joined, with_shift_std
-from palpate_robot_log.processing.drift import Drift, find_drift, without_drift
-from palpate_robot_log.processing.gravity import (
+from palpate.api import Curve, FloatArray, IntArray
+from palpate.mesh.spot_frame import SpotWrench, spot_axes
+from palpate_robot_log.processing.corrections import (
+    Bias,
+    Drift,
     ToolLoad,
-    check_plausible,
-    check_shown,
-    fit_tool,
+    find_bias,
+    find_drift,
+    tool_of,
+    without_drift,
+    without_spikes,
     without_weight,
 )
-from palpate_robot_log.processing.located import (
+from palpate_robot_log.processing.curves import Signal, Smoothed, curve_of, relaxation
+from palpate_robot_log.processing.phases import find_slide, name_phases
+from palpate_robot_log.processing.press import (
     Located,
     aligned,
+    check_torque,
     free_rows,
-    instants,
     locate,
     onset_of,
-    raw_pressing,
+    wrench_at_spot,
 )
-from palpate_robot_log.processing.onset import Onset
-from palpate_robot_log.processing.phases import Phase, name_phases
-from palpate_robot_log.processing.processed import Processed
-from palpate_robot_log.processing.relaxation import relaxation
-from palpate_robot_log.processing.rotation import mean_orientation, unrotated
-from palpate_robot_log.processing.settings import ProcessingSettings, Window
-from palpate_robot_log.processing.slides import Slide, find_slide
-from palpate_robot_log.processing.smoothing import Smoothed, smoothed
-from palpate_robot_log.processing.spikes import without_spikes
-from palpate_robot_log.processing.spot_frame import lateral_force, wrench_at_spot
-from palpate_robot_log.processing.tare import Bias, find_bias, tared
-from palpate_robot_log.processing.thinning import thinned
-from palpate_robot_log.recording import Recording, rows_between
-
-_ABSCISSA = 0.1
-"""What smoothing may do to depth and rotation, over what it may do to force and torque."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Clean:
-    """A recording without weight, drift and bias, and what these were."""
-
-    recording: Recording
-    free: IntArray
-    tool: ToolLoad | None
-    drift: Drift | None
-    bias: Bias | None
+from palpate_robot_log.processing.processed import Processed, with_record
+from palpate_robot_log.processing.settings import ProcessingSettings
+from palpate_robot_log.recording import Recording, mean_orientation, rotated, rows_between, thinned
 
 
 def process(recording: Recording, settings: ProcessingSettings | None = None) -> Processed:
-    """Curves of one press.
-
-    Parameters
-    ----------
-    recording : Recording
-    settings : ProcessingSettings, optional
-        Which steps are done, and how.
+    """Curves of one press, by the steps that the settings choose.
 
     Raises
     ------
@@ -71,65 +42,97 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
         The log is no complete press: naming file, rows, time stamps and what to do.
     """
     settings = settings or ProcessingSettings()
-    used, block = _used(recording, settings)
+    used, block = _windowed(recording, settings), 1
+    if settings.thinning.enabled:
+        used, block = thinned(used, settings.thinning.max_rows)
     calm, spikes = without_spikes(used) if settings.spikes.enabled else (used, np.array([], dtype=np.int64))
-    located, lag, lag_taken = aligned(_located(calm, settings), settings)
-    slide = _slide(located) if settings.slide.enabled else None
-    if slide is not None:
+    located = locate(calm, settings.normal, slides=settings.slide.enabled)
+    located, lag, lag_taken = aligned(located, settings)
+    raw, motion, normal, slide = located.recording, located.motion, located.normal, None
+    if settings.slide.enabled:
+        slide = find_slide(raw, motion, located.strokes, normal.vector)
         located = replace(located, strokes=replace(located.strokes, slides=slide.strokes))
-    clean = _cleaned(located, settings)
-    wrench = _at_spot(located, clean.recording, settings)
-    checks.check_torque(calm, located.motion, wrench, located.strokes, weighed=clean.tool is not None)
-    onset = onset_of(located, wrench.pressing, settings.onset)
-    touch, leave = instants(located, onset)
-    phases = name_phases(located.motion.time_s, located.strokes, touch, leave)
-    depth = located.motion.travel_mm - onset.travel_mm
-    drift_std_per_s = _drift_std_per_s(located, clean)
-    spread = _zero_std(located, clean, drift_std_per_s)
-    force, force_smoothed = _force(located, settings, phases, depth, wrench.pressing, spread[0], onset)
-    turning = located.motion.turn_deg, wrench.twisting, spread[1]
-    torque, torque_smoothed = _branches("torque", "twist", located, settings, phases, *turning)
-    lateral, lateral_smoothed = None, list[Smoothed]()
+    tared, free, tool, drift, bias = _cleaned(located, settings)
+    if settings.frame.rotate:
+        # About the tip itself where it leaves the contact axis.
+        spot = motion.origin_mm if slide is None else tared.position_mm
+        tip, transport = np.array(settings.frame.sensor_to_tip), settings.frame.transport
+        wrench = wrench_at_spot(tared, spot, normal.vector, tip, transport=transport)
+    else:  # the sensor's axes are the spot's already
+        wrench = SpotWrench(force_N=tared.force_N, moment_Nmm=tared.moment_Nmm)
+    check_torque(calm, located, wrench, weighed=tool is not None)
+    onset, touch, leave = onset_of(located, settings.onset, wrench.pressing)
+    time, depth = raw.time_s, motion.travel_mm - onset.travel_mm
+    phases = name_phases(time, located.strokes, touch, leave)
+    zero_std, drift_std_per_s = _zero_std(located, free, drift, bias)
+
+    ordinates = {
+        "force": ("press", depth, wrench.pressing),
+        "torque": ("twist", motion.turn_deg, wrench.twisting),
+    }
     if slide is not None:
-        sliding = slide.shift_mm, lateral_force(wrench, slide, located.normal.vector), spread[0]
-        lateral, lateral_smoothed = _branches("lateral_force", "slide", located, settings, phases, *sliding)
+        lateral_force = -wrench.force_N @ (spot_axes(normal.vector).T @ slide.along)
+        ordinates["lateral_force"] = ("slide", slide.shift_mm, lateral_force)
+    signals, curves = dict[str, Signal](), dict[str, Curve]()
+    smoothings: dict[str, list[Smoothed]] = {channel: [] for channel in ordinates}
+    for channel, (kind, abscissa, ordinate) in ordinates.items():
+        branches = [phase.rows(time) for phase in phases if phase.name.startswith(kind)]
+        if branches:
+            signals[channel] = Signal(abscissa, ordinate, branches)
+            curves[channel], smoothings[channel] = curve_of(
+                channel,
+                time,
+                signals[channel],
+                zero_std["torque" if channel == "torque" else "force"],
+                settings,
+                onset.std_mm if channel == "force" else None,
+            )
+    relaxations = [
+        relaxation(phase.name, channel, time[rows], values[rows], drift_std_per_s.get(channel, 0.0))
+        for phase in phases
+        for rows in [phase.rows(time)]
+        if settings.relaxation.enabled and phase.name.startswith("dwell")
+        for channel, values in (("force", wrench.pressing), ("torque", wrench.twisting))
+        # Before the twist there is no torque that could relax.
+        if channel == "force" or phase.start.time_s > located.strokes.press.stop.time_s
+    ]
     processed = Processed(
-        force=force,
-        torque=torque,
-        lateral_force=lateral,
+        curves=curves,
+        signals=signals,
         slide=slide,
         phases=phases,
-        raw=located.recording,
-        tared=clean.recording,
-        free=clean.free,
-        motion=located.motion,
+        raw=raw,
+        tared=tared,
+        free=free,
+        motion=motion,
         depth_mm=depth,
         wrench=wrench,
         lag=lag,
-        normal=located.normal,
+        normal=normal,
         onset=onset,
-        relaxations=_relaxations(located, settings, phases, wrench, drift_std_per_s),
-        tool=clean.tool,
-        drift=clean.drift,
-        bias=clean.bias,
-        record={},
+        relaxations=tuple(item for item in relaxations if item is not None),
+        tool=tool,
+        drift=drift,
+        bias=bias,
     )
-    smoothings = {"force": [force_smoothed], "torque": torque_smoothed}
-    smoothings |= {"lateral_force": lateral_smoothed} if slide is not None else {}
-    counts = record.Counts(block, used.rows[spikes], lag_taken, drift_std_per_s)
-    return record.with_record(processed, settings, counts, smoothings)
+    return with_record(
+        processed,
+        settings,
+        smoothings,
+        block=block,
+        spiky_rows=used.rows[spikes],
+        lag_taken=lag_taken,
+        drift_std_per_s=drift_std_per_s,
+    )
 
 
-def _used(recording: Recording, settings: ProcessingSettings) -> tuple[Recording, int]:
-    part = _windowed(recording, settings.window)
-    return thinned(part, settings.thinning.max_rows) if settings.thinning.enabled else (part, 1)
-
-
-def _windowed(recording: Recording, window: Window) -> Recording:
-    time = recording.time_s
-    start = -np.inf if window.start is None else window.start
-    stop = np.inf if window.stop is None else window.stop
-    rows = rows_between(time, start, stop)
+def _windowed(recording: Recording, settings: ProcessingSettings) -> Recording:
+    window, time = settings.window, recording.time_s
+    rows = rows_between(
+        time,
+        -np.inf if window.start is None else window.start,
+        np.inf if window.stop is None else window.stop,
+    )
     n_rows = max(rows.stop - rows.start, 0)
     if n_rows < 2:
         raise recording.fault(
@@ -139,16 +142,16 @@ def _windowed(recording: Recording, window: Window) -> Recording:
     return recording if n_rows == recording.n_rows else recording.part(rows)
 
 
-def _cleaned(located: Located, settings: ProcessingSettings) -> _Clean:
-    """Weight, drift and bias taken out, in this order."""
-    recording = located.recording
-    onset = onset_of(located, raw_pressing(located), settings.onset)
-    weighed = settings.gravity.method != "off"
-    before, after = free_rows(located, onset, *instants(located, onset), any_orientation=weighed)
+def _cleaned(
+    located: Located, settings: ProcessingSettings
+) -> tuple[Recording, IntArray, ToolLoad | None, Drift | None, Bias | None]:
+    """Recording without weight, drift and bias, the rows in free air that gave them, and what they were."""
+    recording, weighed = located.recording, settings.gravity.method != "off"
+    before, after = free_rows(located, *onset_of(located, settings.onset), any_orientation=weighed)
     free = np.concatenate([before, after]) if settings.drift.enabled else before
     if free.size == 0:
         raise recording.fault("no row in free air before the press; start the log earlier", 0)
-    tool = _tool(recording, free, settings)
+    tool = tool_of(recording, free, settings.gravity)
     if tool is not None:
         recording = without_weight(recording, tool, np.array(settings.gravity.direction))
     drift = find_drift(recording, before, after) if settings.drift.enabled else None
@@ -156,153 +159,24 @@ def _cleaned(located: Located, settings: ProcessingSettings) -> _Clean:
         recording = without_drift(recording, drift)
     bias = find_bias(recording, free) if settings.tare.enabled else None
     if bias is not None:
-        recording = tared(recording, bias)
-    return _Clean(recording=recording, free=free, tool=tool, drift=drift, bias=bias)
-
-
-def _tool(recording: Recording, free: IntArray, settings: ProcessingSettings) -> ToolLoad | None:
-    gravity = settings.gravity
-    if gravity.method == "off":
-        return None
-    if gravity.weight is None:
-        return fit_tool(recording, free, np.array(gravity.direction))
-    tool = ToolLoad(weight_N=gravity.weight, centre_mm=np.array(gravity.centre))
-    check_plausible(recording, tool)
-    check_shown(recording, free, tool)
-    return tool
-
-
-def _at_spot(located: Located, clean: Recording, settings: ProcessingSettings) -> SpotWrench:
-    frame = settings.frame
-    if not frame.rotate:  # the sensor's axes are the spot's already
-        return SpotWrench(force_N=clean.force_N, moment_Nmm=clean.moment_Nmm)
-    return wrench_at_spot(
-        clean,
-        # About the tip itself where it leaves the contact axis.
-        clean.position_mm if settings.slide.enabled else located.motion.origin_mm,
-        located.normal.vector,
-        np.array(frame.sensor_to_tip),
-        transport=frame.transport,
-    )
-
-
-def _along_normal(located: Located, std: FloatArray) -> float:
-    """Standard deviation along the contact normal, of that (3,) in the sensor's frame."""
-    pressing = slice(located.contact.first, located.contact.last + 1)
-    orientation = mean_orientation(located.recording.quaternion[pressing])
-    normal = unrotated(orientation[None, :], located.normal.vector)[0]
-    return float(np.linalg.norm(normal * std))
-
-
-def _drift_std_per_s(located: Located, clean: _Clean) -> dict[str, float]:
-    """Standard deviation of the drift of force and torque [N/s, N·mm/s]; empty without a drift."""
-    if clean.drift is None:
-        return {}
-    rates = {"force": clean.drift.force_std_N_per_s, "torque": clean.drift.moment_std_Nmm_per_s}
-    return {channel: _along_normal(located, rate) for channel, rate in rates.items()}
+        recording = recording.less(bias.force_N, bias.moment_Nmm)
+    return recording, free, tool, drift, bias
 
 
 def _zero_std(
-    located: Located, clean: _Clean, drift_std_per_s: Mapping[str, float]
-) -> tuple[FloatArray, FloatArray]:
-    """Standard deviation (n,) of the zero of force and of torque, from bias and drift."""
-    time, bias = located.recording.time_s, clean.bias
-    elapsed = np.abs(time - time[clean.free].mean())
-    fixed = (0.0, 0.0) if bias is None else (bias.force_std_N, bias.moment_std_Nmm)
-    force, torque = (
-        np.hypot(_along_normal(located, np.asarray(std)), elapsed * drift_std_per_s.get(channel, 0.0))
-        for channel, std in zip(("force", "torque"), fixed, strict=True)
-    )
-    return force, torque
+    located: Located, free: IntArray, drift: Drift | None, bias: Bias | None
+) -> tuple[dict[str, FloatArray], dict[str, float]]:
+    """Standard deviations of the zero of force and torque (n,), and of their drift [N/s, N·mm/s]."""
+    recording = located.recording
+    orientation = mean_orientation(recording.quaternion[located.contact.rows])
+    normal = rotated(orientation[None, :], located.normal.vector, inverse=True)[0]
 
+    def along_normal(force: FloatArray, moment: FloatArray) -> dict[str, float]:
+        stds = {"force": force, "torque": moment}
+        return {channel: float(np.linalg.norm(normal * std)) for channel, std in stds.items()}
 
-def _branch(
-    settings: ProcessingSettings,
-    time: FloatArray,
-    abscissa: FloatArray,
-    ordinate: FloatArray,
-    zero_std: FloatArray,
-    *,
-    span: float,
-    peak: float,
-    start: float = -np.inf,
-) -> tuple[Branch, Smoothed]:
-    """Smoothed rows (n,) of one branch; ``span`` and ``peak`` are those of the whole curve."""
-    choice = settings.smoothing
-    smooth = partial(smoothed, time, method=choice.method, window_s=choice.window, order=choice.order)
-    level, values = smooth(abscissa, peak=_ABSCISSA * span).values, smooth(ordinate, peak=peak)
-    points = settings.resampling.points if settings.resampling.enabled else None
-    return branch(time, level, values, zero_std, points, start), values
-
-
-def _force(
-    located: Located,
-    settings: ProcessingSettings,
-    phases: tuple[Phase, ...],
-    depth: FloatArray,
-    pressing: FloatArray,
-    zero_std: FloatArray,
-    onset: Onset,
-) -> tuple[Curve, Smoothed]:
-    """Force over depth of the press."""
-    time = located.recording.time_s
-    rows = next(phase for phase in phases if phase.name == "press").rows(time)
-    x, y = depth[rows], pressing[rows]
-    span, peak = float(np.ptp(x)), float(np.abs(y).max())
-    part, smooth = _branch(settings, time[rows], x, y, zero_std[rows], span=span, peak=peak, start=0.0)
-    return joined("force", [with_shift_std(part, onset.std_mm)]), smooth
-
-
-def _branches(
-    channel: str,
-    phase: str,
-    located: Located,
-    settings: ProcessingSettings,
-    phases: tuple[Phase, ...],
-    abscissa: FloatArray,
-    ordinate: FloatArray,
-    zero_std: FloatArray,
-) -> tuple[Curve | None, list[Smoothed]]:
-    """Curve of all branches of a phase's kind: torque over rotation, or lateral force over shift (n,)."""
-    time = located.recording.time_s
-    moves = [each.rows(time) for each in phases if each.name.startswith(phase)]
-    if not moves:
-        return None, []
-    whole = slice(moves[0].start, moves[-1].stop)
-    peak, span = float(np.abs(ordinate[whole]).max()), float(np.ptp(abscissa[whole]))
-    found = [
-        _branch(settings, time[rows], abscissa[rows], ordinate[rows], zero_std[rows], span=span, peak=peak)
-        for rows in moves
-    ]
-    return joined(channel, [part for part, _ in found]), [smooth for _, smooth in found]
-
-
-def _located(recording: Recording, settings: ProcessingSettings) -> Located:
-    return locate(recording, settings.normal, slides=settings.slide.enabled)
-
-
-def _slide(located: Located) -> Slide:
-    return find_slide(located.recording, located.motion, located.strokes, located.normal.vector)
-
-
-def _relaxations(
-    located: Located,
-    settings: ProcessingSettings,
-    phases: tuple[Phase, ...],
-    wrench: SpotWrench,
-    drift_std_per_s: Mapping[str, float],
-) -> tuple[Relaxation, ...]:
-    if not settings.relaxation.enabled:
-        return ()
-    time = located.recording.time_s
-    signals = {"force": wrench.pressing, "torque": wrench.twisting}
-    found = [
-        relaxation(phase.name, channel, time[rows], values[rows], drift_std_per_s.get(channel, 0.0))
-        for phase in phases
-        for rows in [phase.rows(time)]
-        if phase.name.startswith("dwell")
-        for channel, values in signals.items()
-        # Before the twist there is no torque that could relax.
-        if channel == "force" or phase.start.time_s > located.strokes.press.stop.time_s
-    ]
-    return tuple(item for item in found if item is not None)
+    rates = {} if drift is None else along_normal(drift.force_std_N_per_s, drift.moment_std_Nmm_per_s)
+    zero = np.zeros(3)
+    fixed = along_normal(*((zero, zero) if bias is None else (bias.force_std_N, bias.moment_std_Nmm)))
+    elapsed = np.abs(recording.time_s - recording.time_s[free].mean())
+    return {name: np.hypot(std, elapsed * rates.get(name, 0.0)) for name, std in fixed.items()}, rates

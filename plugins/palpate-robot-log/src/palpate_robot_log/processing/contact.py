@@ -1,15 +1,28 @@
-"""Which rows press on the limb, roughly: where the force leaves what it was at the log's start."""
+"""Which rows press, along which normal, how the tool moves about the spot, and where it first touches.
 
-from dataclasses import dataclass
+At first contact the normal force leaves its baseline as a contact does. The force over the travel s
+is described by  F = b + k₁ τ^p + k₂ τ^(p+1),  τ = max(s - s₀, 0): a flat baseline, Hertz's law for a
+paraboloid (p = 3/2; 1 for a flat punch, 2 for a cone), and its first correction for a limb that is no
+half-space. The onset s₀ minimises the squared residual.
+"""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 
-from palpate.api import BoolArray, FloatArray
-from palpate_robot_log.processing.noise import noise_std
-from palpate_robot_log.processing.rotation import rotated
-from palpate_robot_log.processing.thinning import thinned
-from palpate_robot_log.recording import Recording
+from palpate.api import FloatArray
+from palpate_robot_log.processing.change_points import Design, Fit, profile
+from palpate_robot_log.recording import (
+    Recording,
+    angle_between_deg,
+    block_means,
+    mean_orientation,
+    noise_std,
+    rotated,
+    thinned,
+    turn_and_tilt,
+)
 
 SHARE = 0.05
 """Share of the largest change of force beyond which a row counts as pressing."""
@@ -21,17 +34,31 @@ _PRESS_SHARE = 0.2
 _DRIFT_SHARE = 0.15
 _CALM_SHARE = 0.005
 _TRACK_ROWS = 20_000
+_LARGEST_STD_DEG = 5.0
+_STRIDES = 50
+
+_FITS = ((0.2, 2), (0.1, 2), (0.4, 2), (0.05, 1), (0.1, 1))
+"""Shares of the peak force up to which the law is fitted, and its terms; the first gives the onset."""
+
+_FEWEST = 8
+_LEAST_REACH_MM = 1.0
+_CLEAR = 5.0
+_ZOOM = (121, 9, 9, 9)
+_FITTED_ROWS = 1500
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contact:
-    """Rows that press, first and last, and by how much the force changes at most [N]."""
+    """Rows that press, first and last, and whether the log ends with them."""
 
     first: int
     last: int
-    peak_N: float
-    noise_N: float
     ends_in_contact: bool
+
+    @property
+    def rows(self) -> slice:
+        """All of them."""
+        return slice(self.first, self.last + 1)
 
 
 def rough_contact(recording: Recording) -> Contact:
@@ -45,9 +72,14 @@ def rough_contact(recording: Recording) -> Contact:
     track, block = thinned(recording, _TRACK_ROWS)
     # In the base frame the weight is constant while the tool turns.
     force = rotated(track.quaternion, track.force_N)
-    head = max(5, track.n_rows // 50)
-    change = np.linalg.norm(force - _at_rest(force, head), axis=1)
-    change = median_filter(change, size=5, mode="nearest")
+    n_ends = max(5, track.n_rows // 50)
+    # In free air the sensor shows a line where the log ends there too, else what it shows at its start.
+    start, end = np.median(force[:n_ends], axis=0), np.median(force[-n_ends:], axis=0)
+    farthest = float(np.linalg.norm(force - start, axis=1).max())
+    rest = start[None, :]
+    if float(np.linalg.norm(end - start)) <= _DRIFT_SHARE * farthest:
+        rest = start + np.linspace(0.0, 1.0, track.n_rows)[:, None] * (end - start)
+    change = median_filter(np.linalg.norm(force - rest, axis=1), size=5, mode="nearest")
     noise = float(np.linalg.norm([noise_std(column) for column in track.force_N.T]))
     # So many rows are averaged that noise is small against the threshold.
     n_calming = (noise / (_CALM_SHARE * change.max())) ** 2 if change.any() else 1.0
@@ -60,35 +92,11 @@ def rough_contact(recording: Recording) -> Contact:
             f"{noise:.2g} N; check that the tool reached the limb, and that these are the wrench's columns"
         )
     pressing = change > max(SHARE * peak, 3.0 * noise)
-    first, last = _only_press(recording, track, change, pressing)
-    return Contact(
-        first=first * block,
-        last=min((last + 1) * block, recording.n_rows) - 1,
-        peak_N=peak,
-        noise_N=noise,
-        ends_in_contact=bool(last >= track.n_rows - 2),
-    )
-
-
-def _at_rest(force: FloatArray, n_ends: int) -> FloatArray:
-    """What the sensor shows in free air (n, 3): a line where the log ends there too, else its start."""
-    first, last = np.median(force[:n_ends], axis=0), np.median(force[-n_ends:], axis=0)
-    peak = float(np.linalg.norm(force - first, axis=1).max())
-    if float(np.linalg.norm(last - first)) > _DRIFT_SHARE * peak:
-        return first[None, :]
-    line: FloatArray = first + np.linspace(0.0, 1.0, force.shape[0])[:, None] * (last - first)
-    return line
-
-
-def _only_press(
-    recording: Recording, track: Recording, change: FloatArray, pressing: BoolArray
-) -> tuple[int, int]:
-    """First and last row of the one run of pressing rows that reaches a good part of the peak."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], pressing.astype(np.int8), [0]])))
     runs = [
-        (int(start), int(stop) - 1)
-        for start, stop in edges.reshape(-1, 2)
-        if change[start:stop].max() > _PRESS_SHARE * change.max()
+        (int(first), int(stop) - 1)
+        for first, stop in edges.reshape(-1, 2)
+        if change[first:stop].max() > _PRESS_SHARE * peak
     ]
     if len(runs) > 1:
         spans = ", ".join(f"{track.time_s[a]:.2f} to {track.time_s[b]:.2f} s" for a, b in runs)
@@ -102,4 +110,199 @@ def _only_press(
             "the log starts in contact, so the sensor's bias cannot be determined; start it in free air",
             first,
         )
-    return first, last
+    return Contact(
+        first=first * block,
+        last=min((last + 1) * block, recording.n_rows) - 1,
+        ends_in_contact=bool(last >= track.n_rows - 2),
+    )
+
+
+# ------------------------------------------------------------------------------- normal
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Normal:
+    """Unit outward normal (3,) in the base frame, its standard deviation, and the tool's axis to it."""
+
+    vector: FloatArray
+    std_deg: float
+    to_tool_axis_deg: float
+
+
+def spot_normal(recording: Recording, contact: Contact) -> Normal:
+    """Direction opposite to the one in which the tool moved while the force rose.
+
+    The principal direction of the displacements over strides of the contact; a dwell adds no
+    displacement and so has no effect.
+
+    Raises
+    ------
+    CurveError
+        The tool does not move along a line while it presses.
+    """
+    rows = contact.rows
+    position = recording.position_mm[rows]
+    stride = max(1, position.shape[0] // _STRIDES)
+    steps = position[stride:] - position[:-stride]
+    _, lengths, directions = np.linalg.svd(steps[:: max(1, stride // 4)], full_matrices=False)
+    if not lengths[0] > 0.0:
+        raise recording.fault("the tool never moves while the force changes; check the position columns")
+    across = float(np.hypot(*lengths[1:]) / lengths[0])
+    std_deg = float(np.degrees(across / np.sqrt(_STRIDES)))
+    if across > np.sin(np.radians(_LARGEST_STD_DEG)) * np.sqrt(_STRIDES):
+        raise recording.fault(
+            f"the tool leaves its line by {across:.0%} of its travel while it presses, so the path gives no "
+            "normal; check the position columns, or give slide.enabled if it slides after the press",
+            contact.first,
+        )
+    # Inward is where the tool moves as the force grows.
+    before = max(contact.first // 4, 1)
+    travel = (position - position[0]) @ directions[0]
+    force = rotated(recording.quaternion[rows], recording.force_N[rows])
+    rest = rotated(recording.quaternion[:before], recording.force_N[:before]).mean(axis=0)
+    change = np.linalg.norm(force - rest, axis=1)
+    inward = directions[0] * (1.0 if float(travel @ (change - change[0])) >= 0.0 else -1.0)
+    return described(recording, contact, -inward, std_deg)
+
+
+def described(recording: Recording, contact: Contact, vector: FloatArray | None, std_deg: float) -> Normal:
+    """A normal (3,) scaled to length 1, or else the tool's axis, with the angle from that axis to it."""
+    orientation = mean_orientation(recording.quaternion[contact.rows])
+    axis = rotated(orientation[None, :], np.array([0.0, 0.0, 1.0]))[0]
+    outward = -axis if vector is None else vector
+    unit = outward / np.linalg.norm(outward)
+    return Normal(vector=unit, std_deg=std_deg, to_tool_axis_deg=angle_between_deg(axis, -unit))
+
+
+# ------------------------------------------------------------------------------- motion
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Motion:
+    """How the tool moved about a spot; arrays of shape (n,).
+
+    Parameters
+    ----------
+    travel_mm : array
+        Along the inward normal, from the first row that clearly presses.
+    lateral_mm : array
+        Distance from the line along the normal through that row's position.
+    turn_deg, tilt_deg : array
+        Turn about the outward normal since the press began, and what is left of the rotation.
+    origin_mm : (3,) array
+        Tool tip at ``travel_mm`` 0, in the base frame.
+    """
+
+    time_s: FloatArray
+    travel_mm: FloatArray
+    lateral_mm: FloatArray
+    turn_deg: FloatArray
+    tilt_deg: FloatArray
+    origin_mm: FloatArray
+
+
+def motion_about(recording: Recording, contact: Contact, normal: FloatArray) -> Motion:
+    """Motion along and about a unit normal (3,) of the base frame."""
+    origin = recording.position_mm[contact.first]
+    offset = recording.position_mm - origin
+    travel = -offset @ normal
+    n_head = max((contact.last - contact.first) // 20, 1)
+    head = recording.quaternion[contact.first : contact.first + n_head]
+    turn, tilt = turn_and_tilt(recording.quaternion, mean_orientation(head), normal)
+    return Motion(
+        time_s=recording.time_s,
+        travel_mm=travel,
+        lateral_mm=np.linalg.norm(offset + travel[:, None] * normal, axis=1),
+        turn_deg=turn,
+        tilt_deg=tilt,
+        origin_mm=origin,
+    )
+
+
+# -------------------------------------------------------------------------------- onset
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Onset:
+    """Travel of first contact and its standard deviation [mm], and how many rows gave it.
+
+    ``spread_mm`` is how far it moves when the law is fitted to less or more of the press, with
+    and without its correction; ``std_mm`` contains it.
+    """
+
+    travel_mm: float
+    std_mm: float
+    spread_mm: float
+    baseline_rows: int
+
+
+def find_onset(
+    recording: Recording, travel_mm: FloatArray, normal_force_N: FloatArray, press: slice, exponent: float
+) -> Onset:
+    """Onset of contact from the rows of an approach and a press.
+
+    Parameters
+    ----------
+    recording : Recording
+        For messages.
+    travel_mm, normal_force_N : (n,) array
+        Along the inward normal; of the tissue on the tool, along the outward normal.
+    press : slice
+        Rows from free air to the end of the press.
+    exponent : float
+        p of the contact law.
+
+    Raises
+    ------
+    CurveError
+        Too few rows in free air, or a force that does not rise with the travel.
+    """
+    travel, force = travel_mm[press], normal_force_N[press]
+    size = abs(float(np.median(force[-_FEWEST:]) - np.median(force[:_FEWEST])))
+    fits = [(share, n) for share, n in _FITS if share * size > _CLEAR * noise_std(force)] or [_FITS[2]]
+    found, *others = (_fit(recording, travel, force, share, exponent, n) for share, n in fits)
+    spread = float(np.sqrt(np.mean([(other.at - found.at) ** 2 for other in others] or [0.0])))
+    n_free = int(np.count_nonzero(travel < found.at))
+    if n_free < _FEWEST:
+        raise recording.fault(
+            f"{n_free} rows in free air before contact; start the log earlier, so that the sensor's "
+            "bias and the onset can be determined",
+            press.start,
+        )
+    return Onset(
+        travel_mm=found.at, std_mm=float(np.hypot(found.std, spread)), spread_mm=spread, baseline_rows=n_free
+    )
+
+
+def _fit(
+    recording: Recording, travel: FloatArray, force: FloatArray, share: float, exponent: float, n_terms: int
+) -> Fit:
+    """Onset by the law with so many terms, up to a share of the peak force."""
+    n_ends = max(_FEWEST, force.size // 100)
+    low, top = float(np.median(force[:n_ends])), float(np.median(force[-n_ends:]))
+    beyond = np.flatnonzero(force - low > share * (top - low))
+    if not top > low or beyond.size == 0:
+        raise recording.fault(
+            f"the normal force goes from {low:.3g} to {top:.3g} N over the press and does not rise; "
+            "check the sign and the axes of the wrench"
+        )
+    until = float(np.median(travel[beyond[:_FEWEST]]))
+    # The approach may come from far away; rows twice as far before the onset as behind it are enough.
+    rising = np.flatnonzero(force - low > share / 4.0 * (top - low))
+    reach = max(5.0 * (until - float(np.median(travel[rising[:_FEWEST]]))), _LEAST_REACH_MM)
+    chosen = np.flatnonzero((travel <= until) & (travel > until - reach))
+    block = -(-chosen.size // _FITTED_ROWS)
+    x, y = block_means(travel[chosen], block), block_means(force[chosen], block)
+    first, last = float(x.min()), float(x.max())
+    fit = profile(x, y, (first, last), _law(exponent, n_terms), _ZOOM)
+    at_edge = min(fit.at - first, last - fit.at) < 1e-3 * (last - first)
+    return replace(fit, std=last - first) if at_edge else fit
+
+
+def _law(exponent: float, n_terms: int) -> Design:
+    def design(travel: FloatArray, at: FloatArray) -> FloatArray:
+        tau = np.maximum(travel - at[:, None], 0.0)
+        rise = tau**exponent
+        return np.stack([np.ones_like(tau), *[rise, rise * tau][:n_terms]], axis=-1)
+
+    return design

@@ -1,86 +1,308 @@
-"""Curves of force over depth and torque over rotation, branch by branch."""
+"""Curves of force over depth and torque over rotation, branch by branch, and relaxation in the dwells.
+
+Smoothing keeps peaks: Savitzky-Golay or a smoothing spline, within one branch. The Savitzky-Golay
+window is the longest whose own bias stays small: smoothing the smoothed values once more may move
+none of them by more than ``BIAS_SHARE`` of the peak, beyond what their noise explains. A branch ends
+where the motion turns, so no window spans a kink.
+"""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.interpolate import make_smoothing_spline
+from scipy.linalg import solveh_banded
+from scipy.signal import savgol_coeffs, savgol_filter
 
-from palpate.api import Curve, FloatArray
-from palpate_robot_log.processing.smoothing import Smoothed
+from palpate.api import Curve, FloatArray, Relaxation
+from palpate_robot_log.processing.settings import ProcessingSettings
+from palpate_robot_log.recording import block_means, correlation_factor, noise_std
+
+BIAS_SHARE = 0.001
+"""Share of the peak that smoothing may move a value by."""
+
+_ABSCISSA = 0.1
+"""What smoothing may do to depth and rotation, over what it may do to force and torque."""
+
+_MAX_ROWS = 3000
+"""Rows of a branch that are smoothed; more are averaged in blocks first."""
 
 _SLOPE_POINTS = 31
+_PARTS = 20
+_STIFFNESSES = 24
+_GROWTH = 1.5
+_RELAXED_ROWS = 1000
+_FEWEST_RELAXED = 12
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Branch:
-    """A monotone part of a curve; arrays (n,) in the order travelled."""
+class Signal(NamedTuple):
+    """Abscissa and ordinate of a channel in every row of the log (n,), and the rows of its branches."""
 
     abscissa: FloatArray
     ordinate: FloatArray
-    std: FloatArray
-    time_s: FloatArray
+    branches: Sequence[slice]
 
 
-def branch(
+def curve_of(
+    channel: str,
     time_s: FloatArray,
-    abscissa: FloatArray,
-    ordinate: Smoothed,
-    extra_std: FloatArray,
-    points: int | None,
-    start: float = -np.inf,
-) -> Branch:
-    """Branch at evenly spaced abscissae, or at those of the log where ``points`` is None.
+    signal: Signal,
+    zero_std: FloatArray,
+    settings: ProcessingSettings,
+    shift_std: float | None = None,
+) -> tuple[Curve, list["Smoothed"]]:
+    """Curve of successive branches, which share their turning points, and how each was smoothed.
 
     Parameters
     ----------
+    channel : str
+        Its name.
     time_s : (n,) array
-    abscissa : (n,) array
-        Smoothed; what noise is left in its sense of travel is levelled.
-    ordinate : Smoothed
-    extra_std : (n,) array
-        Standard deviation from elsewhere (bias, drift, onset), added in squares.
-    points : int, optional
-    start : float
-        Of a rising branch: what is before this abscissa is left out.
+        Of the log.
+    signal : Signal
+        At least one branch.
+    zero_std : (n,) array
+        Standard deviation of the ordinate's zero, added in squares.
+    settings : ProcessingSettings
+        Smoothing and resampling.
+    shift_std : float, optional
+        Standard deviation of the abscissa's zero, of a curve that rises from there: what is before
+        it is left out, and what a shift would do to the ordinate is added in squares.
     """
-    sense = 1.0 if abscissa[-1] >= abscissa[0] else -1.0
-    # Noise in a slow start would make the path turn where the tool did not.
-    level = sense * np.minimum(np.maximum.accumulate(sense * abscissa), sense * abscissa[-1])
-    inside = level >= start
-    level, values = level[inside], ordinate.values[inside]
-    std, time = np.hypot(ordinate.std, extra_std)[inside], time_s[inside]
-    if points is None:
-        return Branch(level, values, std, time)
-    grid = np.linspace(level[0], level[-1], points)
-    resampled = (np.interp(sense * grid, sense * level, each) for each in (values, std, time))
-    return Branch(grid, *resampled)
+    choice, resampling = settings.smoothing, settings.resampling
+    whole = slice(signal.branches[0].start, signal.branches[-1].stop)
+    peak, span = float(np.abs(signal.ordinate[whole]).max()), float(np.ptp(signal.abscissa[whole]))
+    parts, smoothings = [], []
+    for rows in signal.branches:
+        time = time_s[rows]
+        smooth = partial(smoothed, time, method=choice.method, window_s=choice.window, order=choice.order)
+        level = smooth(signal.abscissa[rows], peak=_ABSCISSA * span).values
+        ordinate = smooth(signal.ordinate[rows], peak=peak)
+        # Noise in a slow start would make the path turn where the tool did not.
+        sense = 1.0 if level[-1] >= level[0] else -1.0
+        level = sense * np.minimum(np.maximum.accumulate(sense * level), sense * level[-1])
+        part = np.stack([level, ordinate.values, np.hypot(ordinate.std, zero_std[rows]), time])
+        if shift_std is not None:
+            part = part[:, level >= 0.0]
+        if resampling.enabled:
+            grid = np.linspace(part[0, 0], part[0, -1], resampling.points)
+            others = (np.interp(sense * grid, sense * part[0], values) for values in part[1:])
+            part = np.stack([grid, *others])
+        if shift_std is not None:
+            part[2] = np.hypot(part[2], shift_std * _steepness(part[0], part[1]))
+        parts.append(part)
+        smoothings.append(ordinate)
+    kept = [parts[0], *(part[:, 1:] for part in parts[1:])]
+    for before, after in pairwise(parts):
+        std = max(before[2, -1], after[2, 0])
+        before[:, -1] = (before[:, -1] + after[:, 0]) / 2.0
+        before[2, -1] = std
+    abscissa, values, stds, times = np.concatenate(kept, axis=1)
+    return Curve(channel=channel, abscissa=abscissa, ordinate=values, std=stds, time_s=times), smoothings
 
 
-def with_shift_std(part: Branch, shift_std: float) -> Branch:
-    """Add what a shift of the whole abscissa would do to the ordinate: its slope times the shift."""
-    low, high = part.abscissa[0], part.abscissa[-1]
-    grid = np.linspace(low, high, min(_SLOPE_POINTS, part.abscissa.size))
-    rising = np.concatenate([[True], np.diff(part.abscissa) > 0.0])
-    slope = np.gradient(np.interp(grid, part.abscissa[rising], part.ordinate[rising]), grid)
-    extra = shift_std * np.interp(part.abscissa, grid, np.abs(slope))
-    return replace(part, std=np.hypot(part.std, extra))
+def _steepness(abscissa: FloatArray, ordinate: FloatArray) -> FloatArray:
+    """Magnitude (n,) of the slope of a curve whose abscissa rises, without that of its noise."""
+    grid = np.linspace(abscissa[0], abscissa[-1], min(_SLOPE_POINTS, abscissa.size))
+    rising = np.concatenate([[True], np.diff(abscissa) > 0.0])
+    slope = np.gradient(np.interp(grid, abscissa[rising], ordinate[rising]), grid)
+    steepness: FloatArray = np.interp(abscissa, grid, np.abs(slope))
+    return steepness
 
 
-def joined(channel: str, branches: Sequence[Branch]) -> Curve:
-    """One curve of successive branches, which share their turning points."""
-    abscissa, ordinate, std, time = (
-        [np.array(getattr(part, name)) for part in branches]
-        for name in ("abscissa", "ordinate", "std", "time_s")
+# ---------------------------------------------------------------------------- smoothing
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Smoothed:
+    """A branch after smoothing; arrays (n,) at the times that were given.
+
+    ``std`` is that of the smoothed values, ``noise`` that of the given ones, ``bias`` the
+    largest change that smoothing once more would make (of a spline: the largest mean residual
+    of a twentieth), and ``window_s`` the window's length (of a spline: the
+    length over which it bends).
+    """
+
+    values: FloatArray
+    std: FloatArray
+    noise: float
+    bias: float
+    window_s: float
+
+
+def smoothed(
+    time_s: FloatArray,
+    values: FloatArray,
+    *,
+    method: Literal["savgol", "spline", "none"],
+    peak: float,
+    window_s: float | None = None,
+    order: int = 3,
+) -> Smoothed:
+    """One branch after smoothing.
+
+    Parameters
+    ----------
+    time_s, values : (n,) array
+        Of one branch.
+    method : {"savgol", "spline", "none"}
+        ``none`` is used for very few rows too.
+    peak : float
+        Largest magnitude of the whole curve, in the unit of ``values``.
+    window_s : float, optional
+        Length of the Savitzky-Golay window; chosen by its bias when left out.
+    order : int
+        Degree of the Savitzky-Golay polynomial.
+    """
+    if method == "none" or values.size < order + 4:
+        noise = noise_std(values)
+        return Smoothed(values=values, std=np.full(values.shape, noise), noise=noise, bias=0.0, window_s=0.0)
+    block = -(-time_s.size // _MAX_ROWS)
+    coarse, means = block_means(time_s, block), block_means(values, block)
+    if method == "spline":
+        return _spline(time_s, coarse, means, block)
+    even = np.linspace(coarse[0], coarse[-1], coarse.size)
+    step = float(even[1] - even[0])
+    y = np.interp(even, coarse, means)
+    if window_s is None:
+        window = _longest_window(y, BIAS_SHARE * peak, order)
+    else:
+        window = _odd(window_s / step, order, y.size)
+    smooth = savgol_filter(y, window, order, mode="interp")
+    residual = y - smooth
+    gain = _gain(window, order)
+    noise = float(np.std(residual)) * float(np.sqrt(y.size / max(y.size - y.size * gain, 1.0)))
+    # Values vary more where the window meets the branch's end.
+    gains = np.full(y.size, gain)
+    basis, _ = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, window), order + 1))
+    edge, half = np.sum(basis**2, axis=1), window // 2
+    gains[:half], gains[y.size - half :] = edge[:half], edge[window - half :]
+    std = noise * correlation_factor(residual) * np.sqrt(gains)
+    bias = float(np.abs(savgol_filter(smooth, window, order, mode="interp") - smooth).max())
+    return Smoothed(
+        values=np.interp(time_s, even, smooth),
+        std=np.interp(time_s, even, std),
+        noise=noise * float(np.sqrt(block)),
+        bias=bias,
+        window_s=window * step,
     )
-    for k in range(1, len(branches)):
-        for values in (abscissa, ordinate, time):
-            values[k - 1][-1] = (values[k - 1][-1] + values[k][0]) / 2.0
-        std[k - 1][-1] = max(std[k - 1][-1], std[k][0])
-    kept = [slice(0 if k == 0 else 1, None) for k in range(len(branches))]
-    return Curve(
-        channel=channel,
-        abscissa=np.concatenate([a[s] for a, s in zip(abscissa, kept, strict=True)]),
-        ordinate=np.concatenate([o[s] for o, s in zip(ordinate, kept, strict=True)]),
-        std=np.concatenate([d[s] for d, s in zip(std, kept, strict=True)]),
-        time_s=np.concatenate([t[s] for t, s in zip(time, kept, strict=True)]),
+
+
+def _longest_window(y: FloatArray, allowed: float, order: int) -> int:
+    """Longest odd window whose bias is small."""
+    noise, shortest = noise_std(y), float(order + 4)
+    n_lengths = max(int(np.log(max(y.size / 2.0 / shortest, 1.0)) / np.log(_GROWTH)) + 1, 1)
+    for length in shortest * _GROWTH ** np.arange(n_lengths)[::-1]:
+        window = _odd(float(length), order, y.size)
+        once = savgol_filter(y, window, order, mode="interp")
+        moved = np.abs(savgol_filter(once, window, order, mode="interp") - once).max()
+        if moved <= allowed + noise * np.sqrt(_gain(window, order)):
+            return window
+    return _odd(shortest, order, y.size)
+
+
+def _odd(window: float, order: int, n_rows: int) -> int:
+    """Nearest odd length above the order that the rows allow."""
+    least, most = 2 * (order // 2) + 3, n_rows - (n_rows % 2 == 0)
+    return min(max(2 * int(window // 2) + 1, least), most)
+
+
+def _gain(window: int, order: int) -> float:
+    """Variance of a value in the middle of white noise of variance 1: Σ h²."""
+    return float(np.sum(savgol_coeffs(window, order) ** 2))
+
+
+def _spline(time: FloatArray, x: FloatArray, y: FloatArray, block: int) -> Smoothed:
+    """Cubic smoothing spline whose stiffness has the least generalised cross-validation score."""
+    step = float(np.ptp(x)) / (x.size - 1)
+    rows = (x - x[0]) / step
+    length, gain, trace = _stiffness(y)
+    fit = make_smoothing_spline(rows, y, lam=length**4)
+    residual = y - fit(rows)
+    noise = float(np.sqrt(residual @ residual / (x.size - trace)))
+    spread = noise * correlation_factor(residual) * float(np.sqrt(gain))
+    return Smoothed(
+        values=fit((time - x[0]) / step),
+        std=np.full(time.shape, spread),
+        noise=noise * float(np.sqrt(block)),
+        bias=max(abs(float(part.mean())) for part in np.array_split(residual, _PARTS)),
+        window_s=length * step,
     )
+
+
+def _stiffness(y: FloatArray) -> tuple[float, float, float]:
+    """Length in rows over which the spline bends, the noise variance that it leaves, and its trace.
+
+    Sought with the spline's discrete likeness, (1 + λ D'D) z = y with second differences D and
+    λ = length⁴, which is solved in a fraction of the spline's time. Trace and variance come from a
+    probe of random signs.
+    """
+    n = y.size
+    probe = np.random.default_rng(0).choice([-1.0, 1.0], n)
+    bands = np.zeros((3, n))
+    bands[2] = np.r_[1.0, 5.0, np.full(n - 4, 6.0), 5.0, 1.0]
+    bands[1, 1:] = np.r_[-2.0, np.full(n - 3, -4.0), -2.0]
+    bands[0, 2:] = 1.0
+    unit = np.array([[0.0], [0.0], [1.0]])
+    scores = []
+    for length in np.geomspace(1.5, n / 4.0, _STIFFNESSES):
+        smooth, answer = solveh_banded(unit + length**4 * bands, np.stack([y, probe], axis=1)).T
+        trace = float(answer @ probe)
+        squares = float(np.sum((y - smooth) ** 2))
+        scores.append((squares / (n - trace) ** 2, float(length), float(np.mean(answer**2)), trace))
+    _, length, gain, trace = min(scores)
+    return length, gain, trace
+
+
+# --------------------------------------------------------------------------- relaxation
+
+
+def relaxation(
+    phase: str, channel: str, time_s: FloatArray, values: FloatArray, drift_std_per_s: float = 0.0
+) -> Relaxation | None:
+    """Fall of a signal (n,) over a dwell; None where it has too few rows.
+
+    The dwell is described by v(t) = v∞ + A e^(-t/τ); where its fall is not significant or the dwell is
+    too short for τ, by a line. The standard deviation contains that of the drift.
+    """
+    if values.size < _FEWEST_RELAXED:
+        return None
+    block = -(-values.size // _RELAXED_ROWS)
+    time, value = block_means(time_s - time_s[0], block), block_means(values, block)
+    length = float(time[-1])
+    constants = length * np.geomspace(0.03, 3.0, 25)
+    fits = [_decay(time, value, 1.0 - np.exp(-time / tau)) for tau in constants]
+    best = int(np.argmin([fit[3] for fit in fits]))
+    drift_std = drift_std_per_s * length
+
+    def fall(fit: tuple[float, float, float, float], at_end: float, tau: float | None) -> Relaxation:
+        start, change, std, _ = fit
+        return Relaxation(
+            phase=phase,
+            channel=channel,
+            duration_s=length,
+            start_value=start,
+            fall=float(-np.copysign(1.0, start) * change * at_end),
+            fall_std=float(np.hypot(std * at_end, drift_std)),
+            time_constant_s=tau,
+        )
+
+    tau = float(constants[best])
+    curved = fall(fits[best], 1.0 - float(np.exp(-length / tau)), tau)
+    if curved.is_significant and 0 < best < constants.size - 1:
+        return curved
+    return fall(_decay(time, value, time / length), 1.0, None)
+
+
+def _decay(time: FloatArray, value: FloatArray, shape: FloatArray) -> tuple[float, float, float, float]:
+    """Start value, amplitude, its standard deviation and squared residual of value = start + a shape."""
+    design = np.stack([np.ones_like(time), shape], axis=1)
+    coefficients, *_ = np.linalg.lstsq(design, value, rcond=None)
+    residual = value - design @ coefficients
+    squares = float(residual @ residual)
+    variance = squares / max(time.size - 2, 1) * correlation_factor(residual) ** 2
+    spread = np.linalg.pinv(design.T @ design)[1, 1]
+    return float(coefficients[0]), float(coefficients[1]), float(np.sqrt(variance * spread)), squares

@@ -5,15 +5,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.api import FloatArray
-from palpate_robot_log.processing.contact import Contact
-from palpate_robot_log.processing.motion import Motion
-from palpate_robot_log.processing.onset import Onset
+from palpate_robot_log.processing.change_points import TooFewRowsError, Transition, speed_change
+from palpate_robot_log.processing.contact import Contact, Motion, Onset
 from palpate_robot_log.processing.strokes import Stroke, strokes_of
-from palpate_robot_log.processing.transitions import TooFewRowsError, Transition, speed_change
 from palpate_robot_log.recording import Recording, rows_between
 
 LEAST_TWIST_DEG = 1.0
 """Turns smaller than this are no twist."""
+
+LEAST_SLIDE_MM = 0.5
+"""Shifts smaller than this are no slide."""
+
+LARGEST_CURVE = 0.1
+"""Distance from a line over the length of the slide beyond which the slide is no line."""
 
 _LEAST_SHARE = 0.05
 _LEAST_DWELL_S = 0.02
@@ -48,18 +52,9 @@ class Strokes:
     retract: Stroke | None
     slides: tuple[Stroke, ...] = ()
 
-
-def _strokes(
-    recording: Recording, time_s: FloatArray, values: FloatArray, least: float
-) -> tuple[Stroke, ...]:
-    try:
-        return strokes_of(time_s, values, least)
-    except TooFewRowsError:
-        raise recording.fault(
-            f"too few rows where the tool starts or stops in contact ({recording.n_rows} in all, "
-            f"{recording.rate_hz:.3g} Hz); log the press at a higher rate, with its rests, and check that "
-            "the force is logged throughout"
-        ) from None
+    def retract_s(self, time_s: FloatArray) -> float:
+        """When the retract starts, or the log ends before it."""
+        return float(time_s[-1]) if self.retract is None else self.retract.start.time_s
 
 
 def find_strokes(recording: Recording, motion: Motion, contact: Contact) -> Strokes:
@@ -71,10 +66,21 @@ def find_strokes(recording: Recording, motion: Motion, contact: Contact) -> Stro
         The press is not one stroke in and out, the log stops while the tool moves in contact,
         or the twist begins before the press has ended.
     """
+
+    def strokes(rows: slice, values: FloatArray, least: float) -> tuple[Stroke, ...]:
+        try:
+            return strokes_of(motion.time_s[rows], values, least)
+        except TooFewRowsError:
+            raise recording.fault(
+                f"too few rows where the tool starts or stops in contact ({recording.n_rows} in all, "
+                f"{recording.rate_hz:.3g} Hz); log the press at a higher rate, with its rests, and check "
+                "that the force is logged throughout"
+            ) from None
+
     rows = slice(max(contact.first - (contact.last - contact.first) // 20, 0), None)
     # What the tool does above the limb is of no concern: the travel there counts as none.
     depth = np.maximum(motion.travel_mm[rows], 0.0)
-    travels = _strokes(recording, motion.time_s[rows], depth, _LEAST_SHARE * float(np.ptp(depth)))
+    travels = strokes(rows, depth, _LEAST_SHARE * float(np.ptp(depth)))
     rising = [stroke for stroke in travels if stroke.to_value > stroke.from_value]
     if len(rising) != 1 or travels[0] is not rising[0]:
         spans = ", ".join(f"{s.start.time_s:.2f} to {s.stop.time_s:.2f} s" for s in rising) or "none"
@@ -88,8 +94,11 @@ def find_strokes(recording: Recording, motion: Motion, contact: Contact) -> Stro
             "the log stops half-way: the tool still presses deeper at its end; log the whole press",
             recording.n_rows - 1,
         )
-    _check_at_rest(recording, motion, contact)
-    twists = _twists(recording, motion, contact)
+    if contact.ends_in_contact:
+        _check_at_rest(recording, motion, contact)
+    turn, twists = motion.turn_deg[contact.rows], tuple[Stroke, ...]()
+    if (span := float(np.ptp(turn))) >= LEAST_TWIST_DEG:
+        twists = strokes(contact.rows, turn, max(_LEAST_SHARE * span, LEAST_TWIST_DEG / 2.0))
     if twists and twists[0].start.time_s < press.stop.time_s - max(3.0 * press.stop.std_s, _LEAST_DWELL_S):
         raise recording.fault(
             f"the twist begins at {twists[0].start.time_s:.3f} s, before the press ends at "
@@ -98,30 +107,60 @@ def find_strokes(recording: Recording, motion: Motion, contact: Contact) -> Stro
     return Strokes(press=press, twists=twists, retract=retract)
 
 
+def _check_at_rest(recording: Recording, motion: Motion, contact: Contact) -> None:
+    """Refuse a log whose tool still moves in its last rows."""
+    rows = slice(-max(_LAST_ROWS, motion.time_s.size // 200), None)
+    for name, values, unit in (("travels", motion.travel_mm, "mm"), ("twists", motion.turn_deg, "degrees")):
+        time, last = motion.time_s[rows] - motion.time_s[rows].mean(), values[rows]
+        slope = float(time @ last / (time @ time))
+        moved = abs(slope) * float(np.ptp(time))
+        noise = float(np.std(last - last.mean() - slope * time))
+        if moved > max(4.0 * noise, _AT_REST_SHARE * float(np.ptp(values[contact.first :]))):
+            raise recording.fault(
+                f"the log stops half-way: at its end the tool still {name} at {slope:.3g} {unit}/s and "
+                f"presses; log until the tool is clear of the limb",
+                recording.n_rows - 1,
+            )
+
+
 def contact_instants(
     motion: Motion, contact: Contact, strokes: Strokes, onset: Onset
 ) -> tuple[Transition, Transition | None]:
     """When the tool passes the onset on its way in, and on its way out."""
-    touch = _passage(motion.time_s, motion.travel_mm, contact.first, strokes.press.stop.time_s, onset)
-    retract = strokes.retract
-    if retract is None:
+    time, travel, retract = motion.time_s, motion.travel_mm, strokes.retract
+    touch = _passage(time, travel, contact.first, strokes.press.stop.time_s, onset)
+    if retract is None or not np.any((time > retract.start.time_s) & (travel < onset.travel_mm)):
         return touch, None
-    beyond = np.flatnonzero((motion.time_s > retract.start.time_s) & (motion.travel_mm < onset.travel_mm))
-    if beyond.size == 0:
-        return touch, None
-    last = motion.time_s.size - 1
-    mirrored = _passage(
-        -motion.time_s[::-1], motion.travel_mm[::-1], last - contact.last, -retract.start.time_s, onset
-    )
-    return touch, Transition(time_s=-mirrored.time_s, std_s=mirrored.std_s, kind=mirrored.kind)
+    first = time.size - 1 - contact.last
+    return touch, _passage(-time[::-1], travel[::-1], first, -retract.start.time_s, onset).mirrored()
+
+
+def _passage(time: FloatArray, travel: FloatArray, first: int, until_s: float, onset: Onset) -> Transition:
+    """When the travel passes the onset before row ``first``, sharpened by a change of speed there."""
+
+    def last_below(level: float) -> int:
+        rows = np.flatnonzero(travel[: first + 1] < level)
+        return int(rows[-1]) if rows.size else 0
+
+    margin = max(3.0 * onset.std_mm, _AT_SURFACE_MM)
+    below, at = last_below(onset.travel_mm - margin), last_below(onset.travel_mm)
+    above = last_below(onset.travel_mm + margin) + 1
+    low, high = float(time[below]), float(time[min(above, time.size - 1)])
+    reach = _WINDOW_SHARE * (until_s - float(time[at]))
+    rows = rows_between(time, low - reach, max(high, low + reach))
+    row_s = (high - low) / max(above - below, 1)
+    bend = speed_change(time[rows], travel[rows], (low - 2.0 * row_s, high))
+    if bend is not None and low - row_s <= bend.time_s <= high:
+        return bend
+    std_s = onset.std_mm * (high - low) / (2.0 * margin)
+    return Transition(time_s=float(time[at]) + row_s / 2.0, std_s=std_s, kind="crossing")
 
 
 def name_phases(
     time_s: FloatArray, strokes: Strokes, touch: Transition, leave: Transition | None
 ) -> tuple[Phase, ...]:
     """All phases, in order and without gaps, from the first time stamp to the last."""
-    start = Transition(time_s=float(time_s[0]), std_s=0.0, kind="cut")
-    end = Transition(time_s=float(time_s[-1]), std_s=0.0, kind="cut")
+    start, end = (Transition(time_s=float(time_s[k]), std_s=0.0, kind="cut") for k in (0, -1))
     phases = [
         Phase(name="approach", start=start, stop=touch),
         Phase(name="press", start=touch, stop=strokes.press.stop),
@@ -143,51 +182,67 @@ def name_phases(
     return tuple(phases)
 
 
-def _twists(recording: Recording, motion: Motion, contact: Contact) -> tuple[Stroke, ...]:
-    rows = slice(contact.first, contact.last + 1)
-    turn = motion.turn_deg[rows]
-    span = float(np.ptp(turn))
-    if span < LEAST_TWIST_DEG:
-        return ()
-    return _strokes(recording, motion.time_s[rows], turn, max(_LEAST_SHARE * span, LEAST_TWIST_DEG / 2.0))
+# -------------------------------------------------------------------------------- slide
 
 
-def _check_at_rest(recording: Recording, motion: Motion, contact: Contact) -> None:
-    """Refuse a log that ends in contact while the tool moves."""
-    if not contact.ends_in_contact:
-        return
-    rows = slice(-max(_LAST_ROWS, motion.time_s.size // 200), None)
-    for name, values, unit in (("travels", motion.travel_mm, "mm"), ("twists", motion.turn_deg, "degrees")):
-        time, last = motion.time_s[rows] - motion.time_s[rows].mean(), values[rows]
-        slope = float(time @ last / (time @ time))
-        moved = abs(slope) * float(np.ptp(time))
-        noise = float(np.std(last - last.mean() - slope * time))
-        if moved > max(4.0 * noise, _AT_REST_SHARE * float(np.ptp(values[contact.first :]))):
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Slide:
+    """A slide to and fro on one line.
+
+    Parameters
+    ----------
+    along : (3,) array
+        Unit direction of its first stroke in the base frame, tangential.
+    shift_mm : (n,) array
+        Shift along it since the press ended.
+    """
+
+    along: FloatArray
+    shift_mm: FloatArray
+    strokes: tuple[Stroke, ...]
+
+
+def find_slide(recording: Recording, motion: Motion, strokes: Strokes, normal: FloatArray) -> Slide:
+    """Slide between the press and the retract.
+
+    Raises
+    ------
+    CurveError
+        There is none, it is no line, or the tool twists while it slides.
+    """
+    time = motion.time_s
+    rows = rows_between(time, strokes.press.stop.time_s, strokes.retract_s(time))
+    offset = recording.position_mm - recording.position_mm[rows.start]
+    offset -= np.outer(offset @ normal, normal)
+    inside = offset[rows]
+    sizes = np.linalg.norm(inside, axis=1)
+    if not sizes.max(initial=0.0) >= LEAST_SLIDE_MM:
+        raise recording.fault(
+            f"the tool shifts by {sizes.max(initial=0.0):.2g} mm after the press, and a slide is at least "
+            f"{LEAST_SLIDE_MM:g} mm; log a slide, or leave slide.enabled out",
+            rows.start,
+        )
+    farthest = int(np.argmax(sizes))
+    along = inside[farthest] / sizes[farthest]
+    aside = float(np.linalg.norm(inside - np.outer(inside @ along, along), axis=1).max())
+    if aside > LARGEST_CURVE * sizes[farthest]:
+        raise recording.fault(
+            f"the slide leaves its line by {aside:.2g} mm of {sizes[farthest]:.3g} mm; slide to and fro on "
+            "one line, or give window.start and window.stop",
+            rows.start + farthest,
+        )
+    shift = inside @ along
+    try:
+        found = strokes_of(time[rows], shift, max(_LEAST_SHARE * float(np.ptp(shift)), LEAST_SLIDE_MM / 2.0))
+    except TooFewRowsError:
+        raise recording.fault(
+            "too few rows where the slide starts or stops; log it at a higher rate, with its rests"
+        ) from None
+    if found[0].to_value < found[0].from_value:
+        along = -along
+    for twist in strokes.twists:
+        if any(s.start.time_s < twist.stop.time_s and twist.start.time_s < s.stop.time_s for s in found):
             raise recording.fault(
-                f"the log stops half-way: at its end the tool still {name} at {slope:.3g} {unit}/s and "
-                f"presses; log until the tool is clear of the limb",
-                recording.n_rows - 1,
+                f"the tool twists from {twist.start.time_s:.2f} s on while it slides; do one after the other"
             )
-
-
-def _passage(time: FloatArray, travel: FloatArray, first: int, until_s: float, onset: Onset) -> Transition:
-    """When the travel passes the onset before row ``first``, sharpened by a change of speed there."""
-    margin = max(3.0 * onset.std_mm, _AT_SURFACE_MM)
-    below = _last_below(travel, first, onset.travel_mm - margin)
-    above = _last_below(travel, first, onset.travel_mm + margin) + 1
-    at = _last_below(travel, first, onset.travel_mm)
-    low, high = float(time[below]), float(time[min(above, time.size - 1)])
-    moving = until_s - float(time[at])
-    reach = _WINDOW_SHARE * moving
-    rows = rows_between(time, low - reach, max(high, low + reach))
-    row_s = (high - low) / max(above - below, 1)
-    bend = speed_change(time[rows], travel[rows], (low - 2.0 * row_s, high))
-    if bend is not None and low - row_s <= bend.time_s <= high:
-        return bend
-    std_s = onset.std_mm * (high - low) / (2.0 * margin)
-    return Transition(time_s=float(time[at]) + row_s / 2.0, std_s=std_s, kind="crossing")
-
-
-def _last_below(travel: FloatArray, first: int, level: float) -> int:
-    rows = np.flatnonzero(travel[: first + 1] < level)
-    return int(rows[-1]) if rows.size else 0
+    return Slide(along=along, shift_mm=offset @ along, strokes=found)

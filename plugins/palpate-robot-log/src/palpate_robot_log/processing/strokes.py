@@ -6,16 +6,14 @@ from itertools import pairwise
 import numpy as np
 
 from palpate.api import FloatArray
-from palpate_robot_log.processing.noise import noise_std
-from palpate_robot_log.processing.thinning import block_means
-from palpate_robot_log.processing.transitions import (
+from palpate_robot_log.processing.change_points import (
     TooFewRowsError,
     Transition,
     is_turning,
     stroke_end,
     turning,
 )
-from palpate_robot_log.recording import rows_between
+from palpate_robot_log.recording import block_means, noise_std, rows_between
 
 _TRACK_ROWS = 20_000
 _REST_SHARE = 0.01
@@ -40,7 +38,7 @@ class Stroke:
     to_value: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class _Rough:
     """Rows of the extremes, and rows at which the signal has clearly left or not yet reached them."""
 
@@ -48,6 +46,9 @@ class _Rough:
     last: int
     left: int
     reached: int
+
+    def moving_s(self, time: FloatArray) -> float:
+        return float(time[self.reached] - time[self.left])
 
 
 def strokes_of(time_s: FloatArray, values: FloatArray, least: float) -> tuple[Stroke, ...]:
@@ -62,18 +63,23 @@ def strokes_of(time_s: FloatArray, values: FloatArray, least: float) -> tuple[St
     block = -(-time_s.size // _TRACK_ROWS)
     time, value = block_means(time_s, block), block_means(values, block)
     noise = noise_std(value)
-    least = max(least, 25.0 * noise)
-    rough = [_rough(value, a, b, noise) for a, b in _runs(value, least)]
-    starts = [_start(time, value, rough, k) for k in range(len(rough))]
-    stops = [_stop(time, value, rough, k) for k in range(len(rough))]
-    for k in range(len(rough) - 1):
-        pair = rough[k], rough[k + 1]
-        brief_s = _BRIEF_SHARE * min(_moving_s(time, each) for each in pair)
+    rough = [_rough(value, a, b, noise) for a, b in _runs(value, max(least, 25.0 * noise))]
+    # A start is the end of the stroke that runs backwards.
+    end = value.size - 1
+    mirrored = [_Rough(end - r.last, end - r.first, end - r.reached, end - r.left) for r in reversed(rough)]
+    n = len(rough)
+    starts = [_stop(-time[::-1], value[::-1], mirrored, n - 1 - k).mirrored() for k in range(n)]
+    stops = [_stop(time, value, rough, k) for k in range(n)]
+    for k, (before, after) in enumerate(pairwise(rough)):
+        low, high = float(time[before.reached]), float(time[after.left])
+        reach = _TURN_SHARE * min(low - float(time[before.left]), float(time[after.reached]) - high)
+        rows, margin = rows_between(time, low - reach, high + reach), (high - low) / 4.0
+        between_s = (low - margin, high + margin)
+        brief_s = _BRIEF_SHARE * min(before.moving_s(time), after.moving_s(time))
         brief = starts[k + 1].time_s - stops[k].time_s < brief_s
-        rows, between_s = _near_turn(time, *pair)
         if (
             _no_rest(time, stops[k], starts[k + 1])
-            or _meet(time, value, *pair)
+            or _meet(time, value, before, after)
             or (brief and is_turning(time[rows], value[rows], between_s))
         ):
             stops[k] = starts[k + 1] = turning(time[rows], value[rows], between_s)
@@ -116,22 +122,20 @@ def _rough(values: FloatArray, first: int, last: int, noise: float) -> _Rough:
     margin = max(_REST_SHARE * span, 12.0 * noise)
     left = first + int(np.flatnonzero(np.abs(inside - inside[0]) <= margin)[-1])
     reached = first + int(np.flatnonzero(np.abs(inside - inside[-1]) > margin)[-1])
-    return _Rough(first=first, last=last, left=min(left, reached), reached=reached)
+    return _Rough(first, last, min(left, reached), reached)
 
 
 def _stop(time: FloatArray, values: FloatArray, rough: list[_Rough], k: int) -> Transition:
-    here = rough[k]
-    until = rough[k + 1].left if k + 1 < len(rough) else values.size - 1
-    if until - here.reached < 4 or (k + 1 == len(rough) and _still_moves(values, here)):
+    here, following = rough[k], rough[k + 1] if k + 1 < len(rough) else None
+    until = following.left if following else values.size - 1
+    if until - here.reached < 4 or (following is None and _still_moves(values, here)):
         return Transition(time_s=float(time[here.last]), std_s=0.0, kind="cut")
-    moving, begin = float(time[here.reached] - time[here.left]), float(time[here.reached])
+    moving, begin = here.moving_s(time), float(time[here.reached])
     rest = float(time[until]) - begin
-    if k + 1 < len(rough):
+    if following:
         # Strokes of one shape leave a turn for the same share of their durations.
-        following = float(time[rough[k + 1].reached] - time[rough[k + 1].left])
-        rest *= moving / max(moving + following, 1e-12)
-    rest = min(rest, moving)
-    rows = rows_between(time, begin - _WINDOW_SHARE * moving, begin + rest)
+        rest *= moving / max(moving + following.moving_s(time), 1e-12)
+    rows = rows_between(time, begin - _WINDOW_SHARE * moving, begin + min(rest, moving))
     if not time[rows].size:
         raise TooFewRowsError
     between = (begin - _EARLY_SHARE * moving, float(time[rows][-1]))
@@ -149,25 +153,6 @@ def _still_moves(values: FloatArray, last: _Rough) -> bool:
     )
 
 
-def _start(time: FloatArray, values: FloatArray, rough: list[_Rough], k: int) -> Transition:
-    """The end of the mirrored stroke."""
-    mirrored = [
-        _Rough(
-            first=values.size - 1 - r.last,
-            last=values.size - 1 - r.first,
-            left=values.size - 1 - r.reached,
-            reached=values.size - 1 - r.left,
-        )
-        for r in reversed(rough)
-    ]
-    found = _stop(-time[::-1], values[::-1], mirrored, len(rough) - 1 - k)
-    return Transition(time_s=-found.time_s, std_s=found.std_s, kind=found.kind)
-
-
-def _moving_s(time: FloatArray, rough: _Rough) -> float:
-    return float(time[rough.reached] - time[rough.left])
-
-
 def _no_rest(time: FloatArray, stop: Transition, start: Transition) -> bool:
     """Whether stop and start are too close to distinguish a rest from a turn."""
     row_s = float(np.median(np.diff(time)))
@@ -179,22 +164,13 @@ def _no_rest(time: FloatArray, stop: Transition, start: Transition) -> bool:
 def _meet(time: FloatArray, values: FloatArray, before: _Rough, after: _Rough) -> bool:
     """Whether straight lines through both sides of a turn meet at it: then nothing rests there."""
     extreme = values[before.last]
-    sides = (slice(before.left, before.last + 1), slice(after.first, after.reached + 1))
-    spans = [abs(values[rough.last] - values[rough.first]) for rough in (before, after)]
+    span = min(abs(values[rough.last] - values[rough.first]) for rough in (before, after))
     instants = []
-    for rows in sides:
+    for rows in (slice(before.left, before.last + 1), slice(after.first, after.reached + 1)):
         off = np.abs(values[rows] - extreme)
-        near = (off > _BAND[0] * min(spans)) & (off < _BAND[1] * min(spans))
+        near = (off > _BAND[0] * span) & (off < _BAND[1] * span)
         if np.count_nonzero(near) < _FEWEST_IN_BAND:
             return False
         instants.append(float(np.polyfit(off[near], time[rows][near], 1)[1]))
     row_s = float(np.median(np.diff(time)))
     return instants[1] - instants[0] < max(3.0 * row_s, _LEAST_REST_S)
-
-
-def _near_turn(time: FloatArray, before: _Rough, after: _Rough) -> tuple[slice, tuple[float, float]]:
-    """Rows on both sides of a turn, and between which instants it is."""
-    low, high = float(time[before.reached]), float(time[after.left])
-    reach = _TURN_SHARE * min(low - float(time[before.left]), float(time[after.reached]) - high)
-    margin = (high - low) / 4.0
-    return rows_between(time, low - reach, high + reach), (low - margin, high + margin)

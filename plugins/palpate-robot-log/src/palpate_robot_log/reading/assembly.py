@@ -9,14 +9,13 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from palpate.api import CurveError, FloatArray, IntArray
 from palpate.delimited import Kind, TextFormat
-from palpate_robot_log.processing.rotation import rotated, unrotated
 from palpate_robot_log.reading import checks, orientation
 from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, Orientation, Source, bare
 from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log
 from palpate_robot_log.reading.raw import RawLog
 from palpate_robot_log.reading.series import Series, pick
 from palpate_robot_log.reading.time_checks import checked_time
-from palpate_robot_log.recording import Recording
+from palpate_robot_log.recording import Recording, rotated
 
 _LEAST_OVERLAP = 0.5
 
@@ -107,7 +106,7 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
     if any(channels.tip):
         position = position + rotated(pose_q, np.array(channels.tip))
     if channels.wrench_frame == "base":
-        force, moment = unrotated(sensor_q, force), unrotated(sensor_q, moment)
+        force, moment = (rotated(sensor_q, each, inverse=True) for each in (force, moment))
     if channels.acts_on == "tissue":
         force, moment = -force, -moment
     recording = Recording(

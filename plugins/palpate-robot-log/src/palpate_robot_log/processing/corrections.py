@@ -1,0 +1,406 @@
+"""What is taken out of the wrench: spikes, a lag, the tool's weight, the sensor's drift and its bias.
+
+Lag: where the tool starts, reverses or stops its twist at once, the moment about the normal bends at
+once too, in an elastic and in a relaxing tissue. The lag is the mean time from the bends of the
+rotation to those of the moment.
+
+Weight: in free air the sensor shows  f = b_f + Rᵀ g W  and  m = b_m + c × (Rᵀ g W)  with biases b,
+weight W, centre c in the sensor's frame and direction g of gravity in the base frame: linear in
+b_f, W, b_m and W c, so that a few orientations determine them all.
+
+Drift: a straight line through the rows in free air before and after the press.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from palpate.api import BoolArray, FloatArray, IntArray
+from palpate_robot_log.processing.change_points import speed_change
+from palpate_robot_log.processing.settings import Gravity
+from palpate_robot_log.processing.strokes import Stroke
+from palpate_robot_log.recording import (
+    Recording,
+    continuous,
+    correlation_factor,
+    cross,
+    noise_std,
+    rotated,
+    rows_between,
+    thinned,
+)
+
+SPIKE_NOISE_MULTIPLE = 8.0
+"""Standard deviations of the noise by which a spike exceeds its neighbours."""
+
+SPIKE_RANGE_SHARE = 0.02
+"""Least share of a channel's range by which it exceeds them, where the noise is less than a digit."""
+
+MOST_SPIKES_SHARE = 0.01
+"""Share of rows with spikes beyond which a log is refused."""
+
+LARGEST_LAG_S = 0.5
+"""A lag beyond this is no delay of a device but a mistake in a clock."""
+
+SIGNIFICANT_LAG = 3.0
+"""Standard deviations that an estimated lag must exceed to be taken out."""
+
+HEAVIEST_N = 100.0
+"""Heaviest tool behind a hand-held-size force sensor."""
+
+FARTHEST_MM = 500.0
+"""Farthest centre of a tool from its sensor."""
+
+LARGEST_WEIGHT_SHARE = 0.01
+"""Share of the peak force that a weight may leave in the curves without a warning."""
+
+FEWEST_FREE_ROWS = 10
+"""Rows in free air that are needed before, and for a drift after the press."""
+
+_NEIGHBOURS = 5
+_LAG_WINDOW_SHARE = 0.25
+_LARGEST_WEIGHT_STD = 0.1
+_WEIGHED_ROWS = 5000
+
+
+def without_spikes(recording: Recording) -> tuple[Recording, IntArray]:
+    """Wrench with spikes replaced by the median of their neighbours, and the rows that had one.
+
+    Raises
+    ------
+    CurveError
+        More than a hundredth of the rows has one.
+    """
+    force, force_hit = _repaired(recording.force_N)
+    moment, moment_hit = _repaired(recording.moment_Nmm)
+    hit = np.flatnonzero(force_hit | moment_hit)
+    if hit.size > MOST_SPIKES_SHARE * recording.n_rows:
+        raise recording.fault(
+            f"{hit.size} of {recording.n_rows} rows have a spike in force or moment; check the "
+            "sensor's cable and range, or give spikes.enabled = false",
+            int(hit[0]),
+        )
+    return (recording.changed(force_N=force, moment_Nmm=moment) if hit.size else recording), hit
+
+
+def _repaired(values: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Columns (n, 3) with their spikes replaced, and which rows had one."""
+    middle = median_filter(values, size=(_NEIGHBOURS, 1), mode="mirror")
+    # A range without the spikes themselves.
+    spans = np.ptp(middle, axis=0)
+    noises = np.array([noise_std(column) for column in values.T])
+    least = np.maximum(SPIKE_NOISE_MULTIPLE * noises, SPIKE_RANGE_SHARE * spans)
+    off: BoolArray = np.abs(values - middle) > np.maximum(least, 1e-300)
+    hit: BoolArray = np.any(off, axis=1)
+    return np.where(off, middle, values), hit
+
+
+# ---------------------------------------------------------------------------------- lag
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lag:
+    """How far the wrench comes after the pose [s], its standard deviation, and bends that gave it."""
+
+    seconds: float = 0.0
+    std_s: float = float("inf")
+    n_bends: int = 0
+
+    @property
+    def significant(self) -> bool:
+        """Whether the lag differs from none."""
+        return self.n_bends > 0 and abs(self.seconds) > SIGNIFICANT_LAG * self.std_s
+
+
+def estimate_lag(time_s: FloatArray, moment_Nmm: FloatArray, twists: tuple[Stroke, ...]) -> Lag:
+    """Lag of the moment about the normal (n,) behind the twist's strokes; no bends without a twist."""
+    moving = [twist.stop.time_s - twist.start.time_s for twist in twists]
+    starts = [(k, twist.start) for k, twist in enumerate(twists)]
+    lags, stds = [], []
+    for k, instant in [*starts, *((len(twists) - 1, twist.stop) for twist in twists[-1:])]:
+        if instant.kind != "kink":
+            continue
+        reach = _LAG_WINDOW_SHARE * min(moving[max(k - 1, 0) : k + 1])
+        rows = rows_between(time_s, instant.time_s - reach, instant.time_s + reach)
+        margin = min(LARGEST_LAG_S * 1.5, 0.6 * reach)
+        between_s = (instant.time_s - margin, instant.time_s + margin)
+        bend = speed_change(time_s[rows], moment_Nmm[rows], between_s)
+        if bend is not None and abs(bend.time_s - instant.time_s) < 0.98 * margin:
+            lags.append(bend.time_s - instant.time_s)
+            stds.append(float(np.hypot(bend.std_s, instant.std_s)) or 1e-6)
+    if not lags:
+        return Lag()
+    weights = 1.0 / np.array(stds) ** 2
+    mean = float(weights @ lags / weights.sum())
+    formal = float(1.0 / np.sqrt(weights.sum()))
+    squares = weights @ (np.array(lags) - mean) ** 2
+    scatter = float(np.sqrt(squares / weights.sum() / max(len(lags) - 1, 1)))
+    return Lag(seconds=mean, std_s=max(formal, scatter), n_bends=len(lags))
+
+
+def shifted(recording: Recording, lag_s: float) -> Recording:
+    """Recording whose wrench is taken ``lag_s`` later, without the rows that then have none.
+
+    Raises
+    ------
+    CurveError
+        The lag is larger than any delay.
+    """
+    if abs(lag_s) > LARGEST_LAG_S:
+        raise recording.fault(
+            f"the wrench comes {lag_s:.3f} s after the pose; correct the clock of one of them, or give "
+            "alignment.lag"
+        )
+    if lag_s == 0.0:
+        return recording
+    time = recording.time_s
+    kept = np.flatnonzero((time + lag_s >= time[0]) & (time + lag_s <= time[-1]))
+    at = time[kept] + lag_s
+    wrench = {
+        name: np.stack([np.interp(at, time, column) for column in getattr(recording, name).T], axis=1)
+        for name in ("force_N", "moment_Nmm")
+    }
+    quaternion = continuous(recording.quaternion)[kept]
+    return recording.part(kept).changed(quaternion=quaternion, **wrench)
+
+
+# ------------------------------------------------------------------------------- weight
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ToolLoad:
+    """Weight [N] and centre (3,) of the tool [mm, sensor frame], with standard deviations where fitted."""
+
+    weight_N: float
+    centre_mm: FloatArray
+    weight_std_N: float = 0.0
+    centre_std_mm: float = 0.0
+
+
+def without_weight(recording: Recording, tool: ToolLoad, direction: FloatArray) -> Recording:
+    """Wrench without the tool's weight; ``direction`` (3,) is that of gravity in the base frame."""
+    pull = tool.weight_N * _down(recording, direction)
+    return recording.less(pull, cross(tool.centre_mm, pull))
+
+
+def tool_of(recording: Recording, free: IntArray, gravity: Gravity) -> ToolLoad | None:
+    """The tool of the settings, fitted to the rows ``free`` in free air where its weight is left out.
+
+    Raises
+    ------
+    CurveError
+        No such sensor carries the tool; a known weight is far more than the sensor shows; or the
+        orientations do not differ enough for a fit.
+    """
+    if gravity.method == "off":
+        return None
+    if gravity.weight is None:
+        return fit_tool(recording, free, np.array(gravity.direction))
+    tool = ToolLoad(weight_N=gravity.weight, centre_mm=np.array(gravity.centre))
+    _check_plausible(recording, tool)
+    # A bias larger than all that the sensor shows could hide any weight.
+    shown = float(np.linalg.norm(recording.force_N[free].mean(axis=0)))
+    span = float(np.ptp(recording.force_N, axis=0).max())
+    if tool.weight_N > 2.0 * (shown + span):
+        raise recording.fault(
+            f"in free air the sensor shows {shown:.3g} N, but gravity gives the tool {tool.weight_N:.4g} N: "
+            "heavier than plausible; check gravity.weight (in N, 9.81 times the mass in kg)",
+            int(free[0]),
+        )
+    return tool
+
+
+def fit_tool(recording: Recording, free: IntArray, direction: FloatArray) -> ToolLoad:
+    """Weight and centre from the rows ``free`` in free air; ``direction`` (3,) is that of gravity.
+
+    Raises
+    ------
+    CurveError
+        The orientations do not differ enough, or the tool is not plausible.
+    """
+    part, _ = thinned(recording.part(free), _WEIGHED_ROWS)
+    down = _down(part, direction)
+    # Without its mean, what the bias imitates is gone from the unknown weight.
+    lever = down - down.mean(axis=0)
+    power = float(np.einsum("ij,ij->", lever, lever))
+    force = part.force_N - part.force_N.mean(axis=0)
+    weight = float(np.einsum("ij,ij->", lever, force) / power) if power > 0.0 else 0.0
+    residual = force - weight * lever
+    noise = float(residual.std()) * max(correlation_factor(column) for column in residual.T)
+    std = noise / np.sqrt(power) if power > 0.0 else float("inf")
+    if not std < max(_LARGEST_WEIGHT_STD * abs(weight), 1e-3):
+        raise recording.fault(
+            f"{free.size} rows in free air give no weight of the tool, since its orientation hardly changes "
+            "there; give gravity.weight and gravity.centre, or log a few orientations in free air",
+            int(free[0]),
+        )
+    # m - mean = c × (W lever) has three linear unknowns.
+    x, y, z = (weight * lever).T
+    zero = np.zeros(x.size)
+    columns = ([zero, -z, y], [z, zero, -x], [-y, x, zero])
+    rows = np.stack([np.concatenate(column) for column in columns], axis=1)
+    moment = (part.moment_Nmm - part.moment_Nmm.mean(axis=0)).T.ravel()
+    centre, *_ = np.linalg.lstsq(rows, moment, rcond=None)
+    own_std = float(np.std(moment - rows @ centre)) * float(np.sqrt(np.trace(np.linalg.pinv(rows.T @ rows))))
+    # A weight that is off by a share puts the centre off by the same share.
+    centre_std = float(np.hypot(own_std, np.linalg.norm(centre) * std / weight))
+    tool = ToolLoad(weight_N=weight, centre_mm=centre, weight_std_N=std, centre_std_mm=centre_std)
+    _check_plausible(recording, tool)
+    return tool
+
+
+def _down(recording: Recording, direction: FloatArray) -> FloatArray:
+    """Unit vectors (n, 3) of gravity in the sensor's frame."""
+    return rotated(recording.quaternion, direction / np.linalg.norm(direction), inverse=True)
+
+
+def _check_plausible(recording: Recording, tool: ToolLoad) -> None:
+    """Refuse a tool that no such sensor carries."""
+    if not 0.0 <= tool.weight_N <= HEAVIEST_N:
+        raise recording.fault(
+            f"a tool of {tool.weight_N:.4g} N is not plausible (0 to {HEAVIEST_N:g} N); check the units of "
+            "the force and of gravity.weight, and the direction of gravity"
+        )
+    reach = float(np.linalg.norm(tool.centre_mm))
+    if reach > FARTHEST_MM:
+        raise recording.fault(
+            f"a tool whose centre is {reach:.4g} mm from the sensor is not plausible "
+            f"(up to {FARTHEST_MM:g} mm); check the units of the moment and of gravity.centre"
+        )
+
+
+def weight_left_in(
+    recording: Recording, bias_N: FloatArray, direction: FloatArray, peak_N: float
+) -> str | None:
+    """Warning where what is in the bias may be a weight, and the tool tilts enough for it to matter.
+
+    Parameters
+    ----------
+    recording : Recording
+        As logged.
+    bias_N : (3,) array
+        Mean force in free air, with the weight in it.
+    direction : (3,) array
+        Of gravity, in the base frame.
+    peak_N : float
+        Largest force of the press.
+    """
+    offset = float(np.linalg.norm(bias_N))
+    down = _down(recording, direction)
+    change = float(np.linalg.norm(down - down[0], axis=1).max())
+    if offset * change < LARGEST_WEIGHT_SHARE * peak_N:
+        return None
+    return (
+        f"the force in free air is {offset:.2g} N ({offset / peak_N:.0%} of the peak) and the tool tilts by "
+        f"{np.degrees(2.0 * np.arcsin(min(change / 2.0, 1.0))):.0f} degrees; if it is the tool's weight, up "
+        f"to {offset * change:.2g} N of it stay in the curves: give gravity.method"
+    )
+
+
+# ----------------------------------------------------------------------- drift and bias
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Drift:
+    """Change of the bias per second, in the sensor's frame; arrays (3,)."""
+
+    force_N_per_s: FloatArray
+    moment_Nmm_per_s: FloatArray
+    force_std_N_per_s: FloatArray
+    moment_std_Nmm_per_s: FloatArray
+
+
+def find_drift(recording: Recording, before: IntArray, after: IntArray) -> Drift:
+    """Least-squares slope of the wrench over time.
+
+    Parameters
+    ----------
+    recording : Recording
+        Without the tool's weight, unless the tool is oriented alike in all these rows.
+    before, after : (n,) array of row indices
+        In free air.
+
+    Raises
+    ------
+    CurveError
+        There are no rows in free air after the press.
+    """
+    if before.size < FEWEST_FREE_ROWS:
+        raise recording.fault(
+            f"{before.size} rows in free air before the press; start the log earlier, so that the sensor's "
+            "drift and bias can be determined, or give drift.enabled = false",
+            0,
+        )
+    if after.size < FEWEST_FREE_ROWS:
+        raise recording.fault(
+            f"the log stops before the tool is clear of the limb ({after.size} rows in free air after the "
+            "press), so the sensor's drift cannot be determined; log until the tool is clear, or give "
+            "drift.enabled = false",
+            recording.n_rows - 1,
+        )
+    free = np.concatenate([before, after])
+    time = recording.time_s[free] - recording.time_s[free].mean()
+    power = float(time @ time)
+
+    def slope(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        slope = time @ values / power
+        residual = values - values.mean(axis=0) - time[:, None] * slope
+        return slope, residual.std(axis=0) / np.sqrt(power)
+
+    force, force_std = slope(recording.force_N[free])
+    moment, moment_std = slope(recording.moment_Nmm[free])
+    return Drift(
+        force_N_per_s=force,
+        moment_Nmm_per_s=moment,
+        force_std_N_per_s=force_std,
+        moment_std_Nmm_per_s=moment_std,
+    )
+
+
+def without_drift(recording: Recording, drift: Drift) -> Recording:
+    """Wrench as if the bias had stayed what it was at the first instant."""
+    elapsed = (recording.time_s - recording.time_s[0])[:, None]
+    return recording.less(elapsed * drift.force_N_per_s, elapsed * drift.moment_Nmm_per_s)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Bias:
+    """Constant part of the wrench at the log's first instant, in the sensor's frame; arrays (3,)."""
+
+    force_N: FloatArray
+    moment_Nmm: FloatArray
+    force_std_N: FloatArray
+    moment_std_Nmm: FloatArray
+    n_rows: int
+
+
+def find_bias(recording: Recording, free: IntArray) -> Bias:
+    """Mean wrench over rows in free air, once weight and drift are out.
+
+    Raises
+    ------
+    CurveError
+        There are too few rows in free air.
+    """
+    if free.size < FEWEST_FREE_ROWS:
+        raise recording.fault(
+            f"{free.size} rows in free air before the press, so the bias cannot be determined; start "
+            "the log earlier, or give tare.enabled = false",
+            0,
+        )
+
+    def mean(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        mean = values.mean(axis=0)
+        factors = np.array([correlation_factor(column) for column in (values - mean).T])
+        return mean, factors * values.std(axis=0, ddof=1) / np.sqrt(values.shape[0])
+
+    force, force_std = mean(recording.force_N[free])
+    moment, moment_std = mean(recording.moment_Nmm[free])
+    return Bias(
+        force_N=force,
+        moment_Nmm=moment,
+        force_std_N=force_std,
+        moment_std_Nmm=moment_std,
+        n_rows=int(free.size),
+    )
