@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from palpate_robot_log.reading import ChannelMap, read_recording
+from palpate_robot_log.reading.assembly import read_recording
+from palpate_robot_log.reading.channel_map import ChannelMap
 
 N_ROWS, N_ROUNDS, SHARE = 1_000_000, 3, 20
 CHANNELS = {

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from palpate.domain import FloatArray
-from palpate_robot_log.reading import ChannelMap
+from palpate_robot_log.reading.channel_map import ChannelMap
 
 Table = dict[str, FloatArray]
 

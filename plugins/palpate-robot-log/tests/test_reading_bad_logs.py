@@ -9,9 +9,8 @@ import pytest
 
 from palpate.delimited import Column
 from palpate.errors import CurveError
-from palpate_robot_log.reading import Request
 from palpate_robot_log.reading.assembly import Reading, assemble, columns_of
-from palpate_robot_log.reading.formats import read_here
+from palpate_robot_log.reading.formats import Request, read_here
 from palpate_robot_log.reading.raw import RawLog, Stream
 
 from . import log_writers as write

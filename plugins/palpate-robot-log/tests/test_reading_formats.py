@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from palpate.errors import CurveError
-from palpate_robot_log.reading import ChannelMap, Request, read_log, read_recording
-from palpate_robot_log.reading.assembly import assemble, columns_of
-from palpate_robot_log.reading.formats import read_here
+from palpate_robot_log.reading.assembly import assemble, columns_of, read_recording
+from palpate_robot_log.reading.channel_map import ChannelMap
+from palpate_robot_log.reading.formats import Request, read_here, read_log
 from palpate_robot_log.recording import Recording
 
 from . import log_writers as write

@@ -10,11 +10,11 @@ import pytest
 from palpate.delimited import Column, TextFormat
 from palpate.plugins.inspection import Inspection
 from palpate_indentation import CsvLoader, CsvSettings
-from palpate_robot_log.reading import ChannelMap, Request, read_recording
-from palpate_robot_log.reading.grouping import words_of
+from palpate_robot_log.reading.assembly import read_recording
+from palpate_robot_log.reading.channel_map import ChannelMap
+from palpate_robot_log.reading.formats import Request
 from palpate_robot_log.reading.inspection import inspect_log
-from palpate_robot_log.reading.proposal import propose
-from palpate_robot_log.reading.proposal_toml import channel_map, study_text
+from palpate_robot_log.reading.proposal import channel_map, propose, study_text, words_of
 from palpate_robot_log.reading.raw import RawLog, Stream
 
 from . import log_writers as write

@@ -10,9 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from palpate.delimited import Column
 from palpate.errors import CurveError
-from palpate_robot_log.reading import Request
 from palpate_robot_log.reading.assembly import assemble
-from palpate_robot_log.reading.formats import read_here
+from palpate_robot_log.reading.formats import Request, read_here
 from palpate_robot_log.reading.raw import RawLog, Stream
 from palpate_robot_log.recording import Recording
 

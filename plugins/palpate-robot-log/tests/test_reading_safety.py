@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import CurveError
-from palpate_robot_log.reading import ReadingLimits, Request, read_log
-from palpate_robot_log.reading.formats import read_here
+from palpate_robot_log.reading.formats import ReadingLimits, Request, read_here, read_log
 
 from . import log_writers as write
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from palpate.errors import CurveError
-from palpate_robot_log.reading import ChannelMap, Request
 from palpate_robot_log.reading.assembly import assemble, columns_of
-from palpate_robot_log.reading.formats import read_here
+from palpate_robot_log.reading.channel_map import ChannelMap
+from palpate_robot_log.reading.formats import Request, read_here
 
 from . import log_writers as write
 

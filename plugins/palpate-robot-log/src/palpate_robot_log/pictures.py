@@ -12,21 +12,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
-from palpate.api import STYLE, BoolArray, Curve, FloatArray, IntArray
-from palpate_robot_log.processing.phases import Phase
+from palpate.api import STYLE, FloatArray, IntArray
 from palpate_robot_log.processing.processed import Processed
 from palpate_robot_log.recording import Recording
 
-N_BUCKETS = 1000
-"""Stretches of a long signal of which a picture shows the least and the greatest value."""
-
+N_BUCKETS = 1000  # stretches of a long signal of which a picture shows the least and the greatest value
 _ON_SCREEN = {
     "figure.dpi": 160,
-    "font.size": 9.0,
-    "axes.titlesize": 9.0,
-    "axes.labelsize": 9.0,
-    "xtick.labelsize": 9.0,
-    "ytick.labelsize": 9.0,
+    **dict.fromkeys(("font.size", "axes.titlesize", "axes.labelsize"), 9.0),
+    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize"), 9.0),
     "legend.fontsize": 8.0,
 }
 _AXES = (("x", "#0072B2"), ("y", "#E69F00"), ("z", "#009E73"))
@@ -61,22 +55,13 @@ def draw_recording(recording: Recording, folder: Path) -> Path:
 
 
 def draw_processed(processed: Processed, folder: Path) -> tuple[Path, ...]:
-    """Draw ``2_tared.png``, ``3_phases.png``, ``4_onset.png`` and ``5_curves.png``.
-
-    Parameters
-    ----------
-    processed : Processed
-    folder : Path
-    """
+    """Draw ``2_tared.png``, ``3_phases.png``, ``4_onset.png`` and ``5_curves.png``."""
     return (
         _draw_tared(processed, folder),
         _draw_phases(processed, folder),
         _draw_onset(processed, folder),
         _draw_curves(processed, folder),
     )
-
-
-# ------------------------------------------------------------------- one picture each
 
 
 def _draw_tared(processed: Processed, folder: Path) -> Path:
@@ -93,7 +78,9 @@ def _draw_tared(processed: Processed, folder: Path) -> Path:
                 for j, (name, colour) in enumerate(_AXES):
                     _line(axis, raw.time_s, before[:, j], color=colour, linewidth=0.6, alpha=0.4)
                     _line(axis, raw.time_s, after[:, j], color=colour, label=f"{name}, after")
-                _shade_rows(axis, raw.time_s, free)
+                edges = np.flatnonzero(np.diff(np.concatenate([[False], free, [False]]).astype(int)))
+                for start, stop in edges.reshape(-1, 2):
+                    axis.axvspan(raw.time_s[start], raw.time_s[stop - 1], color="0.88", linewidth=0, zorder=0)
                 axis.axhline(0.0, color="0.3", linewidth=0.6)
                 if near:
                     reach = 1.3 * float(max(np.abs(each[free]).max() for each in (before, after))) or 1.0
@@ -117,12 +104,20 @@ def _draw_phases(processed: Processed, folder: Path) -> Path:
     with _figure(processed.raw, "phases, in the frame of the spot", len(signals)) as (figure, axes):
         for axis, (values, label) in zip(axes, signals, strict=True):
             for phase in processed.phases:
-                axis.axvspan(
-                    phase.start.time_s, phase.stop.time_s, color=_shade(phase), linewidth=0, zorder=0
-                )
+                kind, _, number = phase.name.partition("_")
+                shade = _SHADES.get(kind) or _TWISTS[int(number) % 2]
+                axis.axvspan(phase.start.time_s, phase.stop.time_s, color=shade, linewidth=0, zorder=0)
             _line(axis, time, values, color="0.15")
             axis.set_ylabel(label)
-        _name_phases(axes[0], processed.phases)
+        whole = processed.phases[-1].stop.time_s - processed.phases[0].start.time_s
+        for phase in processed.phases:
+            narrow = phase.stop.time_s - phase.start.time_s < 0.09 * whole
+            axes[0].annotate(
+                phase.name.replace("_", " "),
+                ((phase.start.time_s + phase.stop.time_s) / 2.0, 1.03),
+                xycoords=("data", "axes fraction"),
+                ha="center", va="bottom", fontsize=7, rotation=90 if narrow else 0,
+            )  # fmt: skip
         for item in (each for each in processed.relaxations if each.is_significant):
             phase = processed.phase(item.phase)
             axes[2 if item.channel == "force" else 3].annotate(
@@ -171,8 +166,22 @@ def _draw_curves(processed: Processed, folder: Path) -> Path:
         panels = figure.subplots(2, len(curves), squeeze=False, sharex="col", height_ratios=(2.0, 1.0))
         for (above, below), (name, curve) in zip(panels.T, curves.items(), strict=True):
             x_label, y_label = labels[name]
-            x, y, branches = processed.signals[name]
-            _draw_rows(above, below, [(x[rows], y[rows]) for rows in branches], curve)
+            signal = processed.signals[name]
+            for k, (rows, (start, stop)) in enumerate(zip(signal.branches, curve.branches, strict=True)):
+                x, y = signal.abscissa[rows], signal.ordinate[rows]
+                branch = curve.cut(slice(start, stop))
+                up = np.argsort(branch.abscissa)
+                at = branch.abscissa[up]
+                left_over = y - np.interp(x, at, branch.ordinate[up])
+                label = "_" if k else "rows of the log"
+                above.plot(x, y, ".", color=_RAW, markersize=1.5, label=label)
+                below.plot(x, left_over, ".", color=_RAW, markersize=1.0, label=label)
+                if branch.std is not None:
+                    band = 3.0 * branch.std[up]
+                    label = "_" if k else "± three standard deviations"
+                    below.fill_between(at, -band, band, color=_FOUND, alpha=0.45, linewidth=0, label=label)
+            above.plot(curve.abscissa, curve.ordinate, color=_MEASURED, linewidth=1.0, label="curve")
+            below.axhline(0.0, color=_MEASURED, linewidth=0.8)
             above.set_ylabel(y_label)
             below.set_ylabel(f"left over {y_label[y_label.index('[') :]}")
             below.set_xlabel(x_label)
@@ -181,28 +190,6 @@ def _draw_curves(processed: Processed, folder: Path) -> Path:
             _legend_above(below, fontsize=7, markerscale=4.0)
         figure.suptitle(f"{Path(processed.raw.source).name}: curves", fontsize=10)
     return _save(figure, folder / "5_curves.png")
-
-
-def _draw_rows(
-    above: Axes, below: Axes, parts: Sequence[tuple[FloatArray, FloatArray]], curve: Curve
-) -> None:
-    """Rows of the log by branch, and how far they are from the curve, with its band."""
-    for k, ((x, y), (start, stop)) in enumerate(zip(parts, curve.branches, strict=True)):
-        branch = curve.cut(slice(start, stop))
-        up = np.argsort(branch.abscissa)
-        at = branch.abscissa[up]
-        label = "_" if k else "rows of the log"
-        above.plot(x, y, ".", color=_RAW, markersize=1.5, label=label)
-        below.plot(x, y - np.interp(x, at, branch.ordinate[up]), ".", color=_RAW, markersize=1.0, label=label)
-        if branch.std is not None:
-            band = 3.0 * branch.std[up]
-            label = "_" if k else "± three standard deviations"
-            below.fill_between(at, -band, band, color=_FOUND, alpha=0.45, linewidth=0, label=label)
-    above.plot(curve.abscissa, curve.ordinate, color=_MEASURED, linewidth=1.0, label="curve")
-    below.axhline(0.0, color=_MEASURED, linewidth=0.8)
-
-
-# ------------------------------------------------------------------------ their parts
 
 
 @contextmanager
@@ -250,30 +237,6 @@ def envelope(values: FloatArray) -> IntArray:
     return np.unique(
         np.concatenate([first + stretches.argmin(axis=1), first + stretches.argmax(axis=1), rest])
     )
-
-
-def _shade_rows(axis: Axes, time: FloatArray, chosen: BoolArray) -> None:
-    """Shade the stretches of time whose rows (n,) are chosen."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
-    for start, stop in edges.reshape(-1, 2):
-        axis.axvspan(time[start], time[stop - 1], color="0.88", linewidth=0, zorder=0)
-
-
-def _shade(phase: Phase) -> str:
-    kind, _, number = phase.name.partition("_")
-    return _TWISTS[int(number) % 2] if kind in ("twist", "slide") else _SHADES[kind]
-
-
-def _name_phases(axis: Axes, phases: Sequence[Phase]) -> None:
-    whole = phases[-1].stop.time_s - phases[0].start.time_s
-    for phase in phases:
-        narrow = phase.stop.time_s - phase.start.time_s < 0.09 * whole
-        axis.annotate(
-            phase.name.replace("_", " "),
-            ((phase.start.time_s + phase.stop.time_s) / 2.0, 1.03),
-            xycoords=("data", "axes fraction"),
-            ha="center", va="bottom", fontsize=7, rotation=90 if narrow else 0,
-        )  # fmt: skip
 
 
 def _legend_above(axis: Axes, **look: Any) -> None:  # noqa: ANN401 - as legend takes

@@ -9,11 +9,12 @@ from pydantic import Field
 from palpate.api import CurveError, ExperimentLoader, Inspection, Response
 from palpate.delimited import TextFormat
 from palpate_robot_log.processing.settings import ProcessingSettings
-from palpate_robot_log.reading import ChannelMap, ReadingLimits
+from palpate_robot_log.reading.channel_map import ChannelMap
+from palpate_robot_log.reading.formats import ReadingLimits
 
 if TYPE_CHECKING:
     from palpate_robot_log.processing.processed import Processed
-    from palpate_robot_log.reading import Reading
+    from palpate_robot_log.reading.assembly import Reading
 
 # SciPy, polars and matplotlib are imported where they are used: who lists the plugins needs none of them.
 
@@ -118,7 +119,7 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
         return inspect_log(path)
 
     def _read(self, path: Path) -> "Reading":
-        from palpate_robot_log.reading import read_recording
+        from palpate_robot_log.reading.assembly import read_recording
 
         settings = self.settings
         return read_recording(path, settings.channels, settings.text, settings.limits)

@@ -1,5 +1,1 @@
-"""From a recording to curves: one step a module, each switchable, each recorded.
-
-:func:`palpate_robot_log.processing.chain.process` does all of them in order; every step is a
-function of its own.
-"""
+"""From a recording to curves: steps that can be switched off and are recorded, in the order of ``chain``."""

@@ -24,12 +24,8 @@ from palpate_robot_log.recording import (
     turn_and_tilt,
 )
 
-SHARE = 0.05
-"""Share of the largest change of force beyond which a row counts as pressing."""
-
-NOISE_MULTIPLE = 12.0
-"""A change of force below this multiple of its noise is no contact."""
-
+SHARE = 0.05  # share of the largest change of force beyond which a row counts as pressing
+NOISE_MULTIPLE = 12.0  # a change of force below this multiple of its noise is no contact
 _PRESS_SHARE = 0.2
 _DRIFT_SHARE = 0.15
 _CALM_SHARE = 0.005

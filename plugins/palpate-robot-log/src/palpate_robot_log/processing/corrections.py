@@ -31,33 +31,17 @@ from palpate_robot_log.recording import (
     thinned,
 )
 
-SPIKE_NOISE_MULTIPLE = 8.0
-"""Standard deviations of the noise by which a spike exceeds its neighbours."""
-
+SPIKE_NOISE_MULTIPLE = 8.0  # standard deviations of the noise by which a spike exceeds its neighbours
 SPIKE_RANGE_SHARE = 0.02
 """Least share of a channel's range by which it exceeds them, where the noise is less than a digit."""
 
-MOST_SPIKES_SHARE = 0.01
-"""Share of rows with spikes beyond which a log is refused."""
-
-LARGEST_LAG_S = 0.5
-"""A lag beyond this is no delay of a device but a mistake in a clock."""
-
-SIGNIFICANT_LAG = 3.0
-"""Standard deviations that an estimated lag must exceed to be taken out."""
-
-HEAVIEST_N = 100.0
-"""Heaviest tool behind a hand-held-size force sensor."""
-
-FARTHEST_MM = 500.0
-"""Farthest centre of a tool from its sensor."""
-
-LARGEST_WEIGHT_SHARE = 0.01
-"""Share of the peak force that a weight may leave in the curves without a warning."""
-
-FEWEST_FREE_ROWS = 10
-"""Rows in free air that are needed before, and for a drift after the press."""
-
+MOST_SPIKES_SHARE = 0.01  # share of rows with spikes beyond which a log is refused
+LARGEST_LAG_S = 0.5  # a lag beyond this is no delay of a device but a mistake in a clock
+SIGNIFICANT_LAG = 3.0  # standard deviations that an estimated lag must exceed to be taken out
+HEAVIEST_N = 100.0  # heaviest tool behind a hand-held-size force sensor
+FARTHEST_MM = 500.0  # farthest centre of a tool from its sensor
+LARGEST_WEIGHT_SHARE = 0.01  # share of the peak force that a weight may leave in the curves without a warning
+FEWEST_FREE_ROWS = 10  # rows in free air that are needed before, and for a drift after the press
 _NEIGHBOURS = 5
 _LAG_WINDOW_SHARE = 0.25
 _LARGEST_WEIGHT_STD = 0.1

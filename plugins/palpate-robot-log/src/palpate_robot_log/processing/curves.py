@@ -21,15 +21,9 @@ from palpate.api import Curve, FloatArray, Relaxation
 from palpate_robot_log.processing.settings import ProcessingSettings
 from palpate_robot_log.recording import block_means, correlation_factor, noise_std
 
-BIAS_SHARE = 0.001
-"""Share of the peak that smoothing may move a value by."""
-
-_ABSCISSA = 0.1
-"""What smoothing may do to depth and rotation, over what it may do to force and torque."""
-
-_MAX_ROWS = 3000
-"""Rows of a branch that are smoothed; more are averaged in blocks first."""
-
+BIAS_SHARE = 0.001  # share of the peak that smoothing may move a value by
+_ABSCISSA = 0.1  # what smoothing may do to depth and rotation, over what it may do to force and torque
+_MAX_ROWS = 3000  # rows of a branch that are smoothed; more are averaged in blocks first
 _SLOPE_POINTS = 31
 _PARTS = 20
 _STIFFNESSES = 24

@@ -10,15 +10,9 @@ from palpate_robot_log.processing.contact import Contact, Motion, Onset
 from palpate_robot_log.processing.strokes import Stroke, strokes_of
 from palpate_robot_log.recording import Recording, rows_between
 
-LEAST_TWIST_DEG = 1.0
-"""Turns smaller than this are no twist."""
-
-LEAST_SLIDE_MM = 0.5
-"""Shifts smaller than this are no slide."""
-
-LARGEST_CURVE = 0.1
-"""Distance from a line over the length of the slide beyond which the slide is no line."""
-
+LEAST_TWIST_DEG = 1.0  # turns smaller than this are no twist
+LEAST_SLIDE_MM = 0.5  # shifts smaller than this are no slide
+LARGEST_CURVE = 0.1  # distance from a line over the length of the slide beyond which the slide is no line
 _LEAST_SHARE = 0.05
 _LEAST_DWELL_S = 0.02
 _WINDOW_SHARE = 0.25
@@ -26,8 +20,7 @@ _WINDOW_SHARE = 0.25
 _LAST_ROWS = 20
 _AT_REST_SHARE = 0.002
 
-_AT_SURFACE_MM = 0.1
-"""A change of speed so near the onset is where the press was meant to begin."""
+_AT_SURFACE_MM = 0.1  # a change of speed so near the onset is where the press was meant to begin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -37,24 +37,14 @@ from palpate_robot_log.recording import (
 LARGEST_FRICTION_ANGLE_DEG = 50.0
 """Between the contact force and the normal; a tool that sticks at friction 1 reaches 45 degrees."""
 
-LARGEST_PATH_ANGLE_DEG = 30.0
-"""Between a given normal and the path of the press."""
-
+LARGEST_PATH_ANGLE_DEG = 30.0  # between a given normal and the path of the press
 LARGEST_TURN_AXIS_ANGLE_DEG = 15.0
 """Between the axis about which the tool twists and the normal; curves are then off by 4 %."""
 
-LEAST_TILT_DEG = 2.0
-"""Tilt of the tool that any robot may have."""
-
-LEAST_CORRELATION = 0.3
-"""Of torque and rotation over a twist."""
-
-DEPTHS_MM = (0.02, 300.0)
-"""Depths that a press on a limb can have."""
-
-LEAST_TORQUE_NMM = 1.0
-"""Torque that may come and go without a twist."""
-
+LEAST_TILT_DEG = 2.0  # tilt of the tool that any robot may have
+LEAST_CORRELATION = 0.3  # of torque and rotation over a twist
+DEPTHS_MM = (0.02, 300.0)  # depths that a press on a limb can have
+LEAST_TORQUE_NMM = 1.0  # torque that may come and go without a twist
 _FREE_MARGIN_MM = 0.05
 _ORIENTED_ALIKE_DEG = 2.0
 _CLOSE_SHARE = 0.9

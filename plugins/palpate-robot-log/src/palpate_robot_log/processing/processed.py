@@ -16,9 +16,7 @@ from palpate_robot_log.processing.phases import Phase, Slide
 from palpate_robot_log.processing.settings import ProcessingSettings
 from palpate_robot_log.recording import Recording
 
-UNITS = "mm, N, N·mm, s, degrees"
-"""Units of all numbers in the record."""
-
+UNITS = "mm, N, N·mm, s, degrees"  # units of all numbers in the record
 _MOST_LISTED = 50
 
 

@@ -1,6 +1,6 @@
 """Files of named arrays: NumPy's, MATLAB's and HDF5. Arrays of one length are the columns of one stream."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,20 +10,18 @@ from palpate.api import CurveError, FloatArray
 from palpate.delimited import Column, unit_in
 from palpate_robot_log.reading.raw import RawLog, Stream, or_damaged
 
-MOST_COLUMNS = 64
-"""Widest matrix that counts as columns side by side; a wider one is an image or a result."""
-
+MOST_COLUMNS = 64  # widest matrix that counts as columns side by side; a wider one is an image or a result
 _DEEPEST = 8
 _MOST_STRUCTS = 32
 _MATLAB_OWN = ("#refs#", "#subsystem#")
 
 _Found = Iterator[tuple[str, np.ndarray]]
-_Naming = Callable[[str, int], str]
-"""Name of one column of a matrix, from the matrix's name and the index counted from 0."""
+_MATLAB_NAME = "{}(:,{})"
+_NUMPY_NAME = "{}[:,{}]"
 
 
 def read_numpy(path: Path) -> RawLog:
-    """Read the array of an .npy file, named ``array``, or every array of an .npz archive.
+    """Array of an .npy file, named ``array``, or every array of an .npz archive.
 
     Raises
     ------
@@ -38,11 +36,11 @@ def read_numpy(path: Path) -> RawLog:
         else:
             found, file_format = {name: np.asarray(loaded[name]) for name in loaded}, "NumPy archive"
     arrays = dict(field for name, array in found.items() for field in _structured(name, array))
-    return _log(path, file_format, arrays, _numpy_name)
+    return _log(path, file_format, arrays, _NUMPY_NAME)
 
 
 def read_matlab5(path: Path) -> RawLog:
-    """Read vectors and matrices of a MATLAB 5 to 7.2 file, also those inside structures.
+    """Vectors and matrices of a MATLAB 5 to 7.2 file, also those inside structures.
 
     Raises
     ------
@@ -62,11 +60,11 @@ def read_matlab5(path: Path) -> RawLog:
         if not name.startswith("__")
         for found, array in _in_variable(name, value, notes, 0)
     }
-    return _log(path, "MATLAB 5", arrays, _matlab_name, notes)
+    return _log(path, "MATLAB 5", arrays, _MATLAB_NAME, notes)
 
 
 def read_hdf5(path: Path) -> RawLog:
-    """Read vectors and matrices of an HDF5 or MATLAB 7.3 file, also those inside groups.
+    """Vectors and matrices of an HDF5 or MATLAB 7.3 file, also those inside groups.
 
     Links, virtual data sets and external storage are not followed: the run's record covers this file alone.
 
@@ -100,8 +98,8 @@ def read_hdf5(path: Path) -> RawLog:
     with damage, h5py.File(path, "r", locking=False) as file:
         file.visititems(visit)
     if is_matlab:
-        return _log(path, "MATLAB 7.3", arrays, _matlab_name, notes, units)
-    return _log(path, "HDF5", arrays, _numpy_name, notes, units)
+        return _log(path, "MATLAB 7.3", arrays, _MATLAB_NAME, notes, units)
+    return _log(path, "HDF5", arrays, _NUMPY_NAME, notes, units)
 
 
 def _structured(name: str, array: np.ndarray) -> _Found:
@@ -155,19 +153,11 @@ def _vector_or_matrix(value: np.ndarray) -> np.ndarray:
     return value.reshape(-1) if value.ndim == 2 and 1 in value.shape else value
 
 
-def _matlab_name(name: str, index: int) -> str:
-    return f"{name}(:,{index + 1})"
-
-
-def _numpy_name(name: str, index: int) -> str:
-    return f"{name}[:,{index}]"
-
-
 def _log(
     path: Path,
     file_format: str,
     arrays: Mapping[str, np.ndarray],
-    naming: _Naming,
+    pattern: str,
     notes: Iterable[str] = (),
     units: Mapping[str, str] | None = None,
 ) -> RawLog:
@@ -183,7 +173,7 @@ def _log(
         is_vector = matrix.shape[1] == 1
         for index, values in enumerate(matrix.T):
             column = Column(
-                name=name if is_vector else naming(name, index),
+                name=name if is_vector else pattern.format(name, index + (pattern is _MATLAB_NAME)),
                 values=np.ascontiguousarray(values),
                 unit=unit if is_vector else unit or unit_in(name)[1],
             )
@@ -191,21 +181,12 @@ def _log(
     if not by_length:
         found = "; ".join([*notes, *passed_over]) or "it is empty"
         raise CurveError(f"{path}: no columns of numbers ({found}); save vectors or matrices of doubles")
-    streams = [
-        Stream(
-            name="" if len(by_length) == 1 else f"{n_rows} rows",
-            rows=np.arange(n_rows, dtype=np.int64),
-            columns=columns,
-        )
+    streams = tuple(
+        Stream(name=f"{n_rows} rows" if len(by_length) > 1 else "", rows=np.arange(n_rows), columns=columns)
         for n_rows, columns in by_length.items()
-    ]
-    return RawLog(
-        source=str(path),
-        format=file_format,
-        row_word="row",
-        streams=tuple(streams),
-        notes=(*notes, *passed_over),
     )
+    notes = (*notes, *passed_over)
+    return RawLog(source=str(path), format=file_format, row_word="row", streams=streams, notes=notes)
 
 
 def _upright(array: np.ndarray) -> FloatArray | None:

@@ -7,14 +7,12 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
-from palpate.api import CurveError, FloatArray, IntArray
-from palpate.delimited import Kind, TextFormat
-from palpate_robot_log.reading import checks, orientation
-from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, Orientation, Source, bare
+from palpate.api import CurveError, FloatArray
+from palpate.delimited import BASE_UNITS, UNITS, Kind, TextFormat, factor_to_base, unit_in
+from palpate_robot_log.reading import checks
+from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, Orientation, Vector
 from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log
-from palpate_robot_log.reading.raw import RawLog
-from palpate_robot_log.reading.series import Series, pick
-from palpate_robot_log.reading.time_checks import checked_time
+from palpate_robot_log.reading.raw import RawLog, Series, Stream
 from palpate_robot_log.recording import Recording, rotated
 
 _LEAST_OVERLAP = 0.5
@@ -22,14 +20,7 @@ _LEAST_OVERLAP = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Reading:
-    """A recording, and how it came out of its file.
-
-    Parameters
-    ----------
-    recording : Recording
-    record : mapping
-        Format, streams, rates, units and what was done to the rows; JSON-able.
-    """
+    """A recording, and how it came out of its file: format, streams, rates, units; JSON-able."""
 
     recording: Recording
     record: Mapping[str, object]
@@ -38,25 +29,31 @@ class Reading:
 def read_recording(
     path: Path, channels: ChannelMap, text: TextFormat | None = None, limits: ReadingLimits | None = None
 ) -> Reading:
-    """Read a robot's log, in a process of its own, and check what needs no physics.
+    """Recording of a robot's log that was read in a process of its own, checked for what needs no physics.
 
     Parameters
     ----------
     path : Path
         Delimited text, Parquet, MATLAB, HDF5, NumPy, or a bag of ROS 1 or 2.
     channels : ChannelMap
+        What its columns mean.
     text : TextFormat, optional
         How delimited text is laid out; guessed where left out.
     limits : ReadingLimits, optional
+        Of size, memory and time.
 
     Raises
     ------
     CurveError
         Naming the file, rows, time stamps and column.
     """
+    is_fixed = channels.orientation.form == "fixed"
+    sources = [s for s in _sources(channels).values() if s is not channels.orientation or not is_fixed]
+    # All streams are read when the map leaves one open.
+    named = [source.stream for source in sources if source.stream is not None]
     request = Request(
         columns=columns_of(channels),
-        streams=_streams_of(channels),
+        streams=tuple(dict.fromkeys(named)) if len(named) == len(sources) else None,
         text=text or TextFormat(),
         limits=limits or ReadingLimits(),
     )
@@ -65,19 +62,20 @@ def read_recording(
 
 def columns_of(channels: ChannelMap) -> tuple[str, ...]:
     """Columns that the map names, each once."""
-    sources = (channels.position, channels.orientation, channels.force, channels.moment)
+    sources = _sources(channels).values()
     times = [channels.time.column, *(source.time for source in sources if source.time)]
-    columns = [bare(name) for source in sources for name in source.columns if name != NO_COLUMN]
+    columns = [_bare(name) for source in sources for name in source.columns if name != NO_COLUMN]
     return tuple(dict.fromkeys([*times, *columns]))
 
 
-def _streams_of(channels: ChannelMap) -> tuple[str, ...] | None:
-    """Streams that the map names; None when it leaves one open, so that all are read."""
-    sources: list[Source] = [channels.position, channels.force, channels.moment]
-    if channels.orientation.form != "fixed":
-        sources.append(channels.orientation)
-    named = [source.stream for source in sources if source.stream is not None]
-    return tuple(dict.fromkeys(named)) if len(named) == len(sources) else None
+def _sources(channels: ChannelMap) -> dict[str, Vector | Orientation]:
+    names = ("position", "orientation", "force", "moment")
+    return {name: getattr(channels, name) for name in names}
+
+
+def _bare(column: str) -> str:
+    """Name of a column without the minus that turns its sign."""
+    return column.removeprefix("-")
 
 
 def assemble(log: RawLog, channels: ChannelMap) -> Reading:
@@ -88,15 +86,31 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
     CurveError
         Naming the file, rows, time stamps and column.
     """
-    series = _picked(log, channels)
-    deviation = _check(series, channels)
     given = channels.orientation
-    if "orientation" in series:
-        q = orientation.quaternions(given.form, series["orientation"].values, given.sequence)
-        if given.inverse:
-            q = q * np.array([-1.0, -1.0, -1.0, 1.0])
-        series["orientation"] = replace(series["orientation"], values=q)
-    time_s, rows, values, resampled = _at_common_time(series, channels)
+    kinds: dict[str, Kind | None] = {"position": "length", "force": "force", "moment": "moment"}
+    if given.form != "fixed":
+        kinds["orientation"] = "angle" if given.form in ("euler", "axis_angle") else None
+    series: dict[str, Series] = {}
+    for name, kind in kinds.items():
+        one = _picked(log, channels, name, kind)
+        is_known = any(one.time_s is other.time_s for other in series.values())
+        series[name] = one if is_known else checks.checked_time(one, channels)
+    deviation = checks.check_values(series, channels)
+    if turned := series.get("orientation"):
+        q = quaternions(given.form, turned.values, given.sequence)
+        series["orientation"] = replace(
+            turned, values=q * np.array([-1.0, -1.0, -1.0, 1.0]) if given.inverse else q
+        )
+    kept = series["force" if channels.common_time == "wrench" else "position"]
+    apart = {name: one for name, one in series.items() if not np.array_equal(one.time_s, kept.time_s)}
+    chosen = _overlap(kept, list(apart.values())) if apart else slice(None)
+    time_s, values = kept.time_s[chosen], {name: one.values[chosen] for name, one in series.items()}
+    for name, one in apart.items():
+        if name == "orientation":  # at constant angular speed (Shoemake 1985)
+            values[name] = Slerp(one.time_s, Rotation.from_quat(one.values))(time_s).as_quat()
+        else:
+            columns = [np.interp(time_s, one.time_s, column) for column in one.values.T]
+            values[name] = np.column_stack(columns)
     pose_q = values["orientation"] if "orientation" in values else _fixed(given, time_s.size)
     sensor_q = pose_q
     if any(channels.sensor_turned):
@@ -117,68 +131,130 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
         quaternion=sensor_q,
         force_N=force,
         moment_Nmm=moment,
-        rows=rows,
+        rows=kept.rows[chosen],
     )
-    return Reading(recording=recording, record=_record(log, series, resampled, deviation, recording))
+    record = {
+        "format": log.format,
+        "layout": dict(log.layout),
+        "notes": [note for note in log.notes if "passed over" not in note],
+        "channels": {
+            name: {
+                "columns": list(one.names),
+                "stream": one.stream,
+                "units": list(one.units),
+                "n_rows": int(one.time_s.size),
+                "rate_hz": float(1.0 / np.median(np.diff(one.time_s))),
+            }
+            for name, one in series.items()
+        },
+        "interpolated": list(apart),
+        "n_rows": recording.n_rows,
+        "rate_hz": recording.rate_hz,
+        "orientation_deviation": deviation,
+    }
+    return Reading(recording=recording, record=record)
 
 
-def _picked(log: RawLog, channels: ChannelMap) -> dict[str, Series]:
-    """Series by quantity, whose time increases; of those that share a column of time one is checked."""
-    kinds: dict[str, Kind | None] = {"position": "length", "force": "force", "moment": "moment"}
-    form = channels.orientation.form
-    if form != "fixed":
-        kinds["orientation"] = "angle" if form in ("euler", "axis_angle") else None
-    result: dict[str, Series] = {}
-    for name, kind in kinds.items():
-        series = pick(log, channels, name, kind)
-        is_known = any(series.time_s is other.time_s for other in result.values())
-        result[name] = series if is_known else checked_time(series, channels)
-    return result
+def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> Series:
+    """Columns of one quantity and their time, converted to the recording's units.
+
+    Raises
+    ------
+    CurveError
+        A column is missing, its unit is unknown or of another kind, or a row lacks a value.
+    """
+    source = _sources(channels)[what]
+    time_name = source.time or channels.time.column
+    real = [_bare(name) for name in source.columns if name != NO_COLUMN]
+    stream = log.stream_of([time_name, *real], source.stream)
+    time_factor, time_unit = _factor(log, channels, stream, time_name, channels.time.unit, "time")
+    time = stream.columns[time_name].values
+    # Column after column in memory: what is done to each axis of a long log takes a tenth of the time.
+    table = np.zeros((len(source.columns), stream.rows.size)).T
+    units = []
+    for index, name in enumerate(source.columns):
+        if name != NO_COLUMN:
+            factor, unit = _factor(log, channels, stream, _bare(name), source.unit, kind)
+            sign = -1.0 if name.startswith("-") else 1.0
+            np.multiply(stream.columns[_bare(name)].values, sign * factor, out=table[:, index])
+            units.append(unit)
+    series = Series(
+        log=log,
+        what=what,
+        names=tuple(source.columns),
+        stream=stream.name,
+        # Series that share a column of time are known by sharing the array.
+        time_s=time if time_factor == 1.0 else time_factor * time,
+        values=table,
+        rows=stream.rows,
+        units=(time_unit, units[0] if units else ""),
+    )
+    # A sum is finite only if all its terms are: one pass in the usual case.
+    if np.isfinite(series.time_s.sum()) and np.isfinite(table.sum()):
+        return series
+    lacking = ~np.isfinite(table)
+    bad_rows = lacking.any(axis=1) | ~np.isfinite(series.time_s)
+    if not bad_rows.any():
+        return series
+    if channels.missing == "skip":
+        return series.part(~bad_rows)
+    first = int(np.argmax(bad_rows))
+    name = series.names[int(np.argmax(lacking[first]))] if lacking[first].any() else time_name
+    raise CurveError(
+        f"{log.source}: {series.at(first)}, column '{name}': no value (NaN or empty), as in "
+        f'{int(bad_rows.sum())} rows in all; repair or remove them, or set missing = "skip" in the channel '
+        "map to interpolate between the rows that have one"
+    )
 
 
-def _check(series: Mapping[str, Series], channels: ChannelMap) -> float:
-    """Check the numbers as they are; returns how far the orientations are from turns."""
-    bounds = channels.plausible
-    checks.check_sensor(series["force"], channels)
-    checks.check_sensor(series["moment"], channels)
-    checks.check_range(series["force"], channels.force_limit, "force_limit, N")
-    checks.check_range(series["moment"], channels.moment_limit, "moment_limit, N·mm")
-    checks.check_position(series["position"], bounds)
-    checks.check_wrench(series["force"], series["moment"], bounds)
-    checks.check_frozen(series["position"], channels.stuck)
-    if "orientation" not in series:
-        return 0.0
-    match channels.orientation.form:
-        case "quaternion":
-            return checks.check_quaternions(series["orientation"])
-        case "rotation_matrix":
-            return checks.check_matrices(series["orientation"])
-        case _:
-            checks.check_angles(series["orientation"], bounds)
-            return 0.0
+def _factor(
+    log: RawLog, channels: ChannelMap, stream: Stream, name: str, unit: str | None, kind: Kind | None
+) -> tuple[float, str]:
+    """Factor from the file's unit to the recording's, and the file's unit."""
+    column = stream.columns[name]
+    where = f"{log.source}: column '{name}'"
+    if kind is None:
+        return 1.0, ""
+    # A unit that the file gives counts where its spelling is known.
+    given = (column.unit, unit_in(name)[1]) if channels.header_units else ()
+    found = next((text for text in given if text in UNITS), "")
+    if not unit and not found:
+        raise CurveError(
+            f"{where} shows no unit, and the channel map gives none; "
+            f'write unit = "{BASE_UNITS[kind]}", or whatever it is, next to the columns'
+        )
+    factor = factor_to_base(unit or found, kind, where)
+    if unit and found and not np.isclose(factor, factor_to_base(found, kind, where), rtol=1e-9):
+        raise CurveError(
+            f"{where} is in {found} as the file shows, and in {unit} as the channel map gives; remove unit "
+            "there, or set header_units = false if the file is wrong"
+        )
+    return factor, unit or found
 
 
-def _at_common_time(
-    series: Mapping[str, Series], channels: ChannelMap
-) -> tuple[FloatArray, IntArray, dict[str, FloatArray], list[str]]:
-    """Time, rows and values of everything at the instants of one series, and what was interpolated."""
-    kept = series["force" if channels.common_time == "wrench" else "position"]
-    apart = {name: one for name, one in series.items() if not _are_together(kept, one)}
-    chosen = _overlap(kept, list(apart.values())) if apart else slice(None)
-    time_s = kept.time_s[chosen]
-    values = {name: one.values[chosen] for name, one in series.items() if name not in apart}
-    for name, one in apart.items():
-        if name == "orientation":  # at constant angular speed (Shoemake 1985)
-            values[name] = Slerp(one.time_s, Rotation.from_quat(one.values))(time_s).as_quat()
-        else:
-            columns = [np.interp(time_s, one.time_s, column) for column in one.values.T]
-            values[name] = np.column_stack(columns)
-    return time_s, kept.rows[chosen], values, list(apart)
+def quaternions(form: str, values: FloatArray, sequence: str = "xyz") -> FloatArray:
+    """Unit quaternions (n, 4) of orientations in another form.
 
-
-def _are_together(first: Series, other: Series) -> bool:
-    """Whether both have the very same instants, so that nothing is interpolated."""
-    return other.time_s is first.time_s or np.array_equal(other.time_s, first.time_s)
+    Parameters
+    ----------
+    form : {"quaternion", "euler", "axis_angle", "rotation_matrix"}
+        As robots log them.
+    values : (n, k) array
+        Angles in radians; quaternions of about unit length.
+    sequence : str
+        Axes of Euler angles, small letters about fixed axes.
+    """
+    if form == "quaternion":
+        unit: FloatArray = values / np.sqrt(np.einsum("ij,ij->i", values, values))[:, None]
+        return unit
+    if form == "euler":
+        rotation = Rotation.from_euler(sequence, values)
+    elif form == "axis_angle":
+        rotation = Rotation.from_rotvec(values)
+    else:
+        rotation = Rotation.from_matrix(values.reshape(-1, 3, 3))
+    q: FloatArray = rotation.as_quat()
+    return q
 
 
 def _overlap(kept: Series, others: Sequence[Series]) -> slice:
@@ -205,27 +281,3 @@ def _fixed(given: Orientation, n_rows: int) -> FloatArray:
             f"channel map: the quaternion orientation.value has length {length:.4g} and not 1; correct it"
         )
     return np.tile(q / length, (n_rows, 1))
-
-
-def _record(
-    log: RawLog, series: Mapping[str, Series], resampled: list[str], deviation: float, recording: Recording
-) -> dict[str, object]:
-    return {
-        "format": log.format,
-        "layout": dict(log.layout),
-        "notes": [note for note in log.notes if "passed over" not in note],
-        "channels": {
-            name: {
-                "columns": list(one.names),
-                "stream": one.stream,
-                "units": list(one.units),
-                "n_rows": int(one.time_s.size),
-                "rate_hz": float(1.0 / np.median(np.diff(one.time_s))),
-            }
-            for name, one in series.items()
-        },
-        "interpolated": resampled,
-        "n_rows": recording.n_rows,
-        "rate_hz": recording.rate_hz,
-        "orientation_deviation": deviation,
-    }

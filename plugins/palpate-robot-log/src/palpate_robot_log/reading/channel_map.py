@@ -10,9 +10,7 @@ Length = Annotated[float, Quantity("mm")]
 Angle = Annotated[float, Quantity("deg")]
 Seconds = Annotated[float, Quantity("s")]
 
-NO_COLUMN = "0"
-"""Written for a column where the sensor has no such axis: zero throughout."""
-
+NO_COLUMN = "0"  # written for a column where the sensor has no such axis: zero throughout
 N_COLUMNS = {"quaternion": 4, "euler": 3, "axis_angle": 3, "rotation_matrix": 9, "fixed": 0}
 
 
@@ -163,8 +161,3 @@ class ChannelMap(Settings):
         default=0.25, gt=0.0, description="Longest time for which the wrench may repeat to the last digit."
     )
     plausible: Plausible = Field(default=Plausible(), description="Bounds beyond which a unit must be wrong.")
-
-
-def bare(column: str) -> str:
-    """Name of a column without the minus that turns its sign."""
-    return column.removeprefix("-")

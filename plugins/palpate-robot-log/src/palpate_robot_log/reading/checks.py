@@ -1,15 +1,20 @@
-"""Checks of raw numbers that need no physics: units by magnitude, saturation, a sensor that is stuck.
+"""Checks of raw numbers that need no physics: time, units by magnitude, saturation, a sensor that is stuck.
 
 Each check raises a CurveError that names row, time stamp and column. Where real logs differ
 from what is assumed here, the message names the setting to change.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from palpate.api import FloatArray, IntArray
 from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, Plausible
-from palpate_robot_log.reading.series import Series
+from palpate_robot_log.reading.raw import Series
 
+_USUAL_STEPS = 10.0
+_SHORTEST_GAP_S = 0.02
+_FEWEST_ROWS = 20
 _PLATEAU_ROWS = 8
 _PLATEAU_OVER_USUAL = 4
 _PLATEAU_SHARE = 0.3
@@ -17,7 +22,99 @@ _JUMP_MM = 0.5
 _TWO_PI = 2.0 * np.pi
 
 
-def check_position(position: Series, bounds: Plausible) -> None:
+def longest_step_s(usual_s: float) -> float:
+    """Step [s] beyond which rows are missing, by the usual step [s]."""
+    return max(_USUAL_STEPS * usual_s, _SHORTEST_GAP_S)
+
+
+def checked_time(series: Series, channels: ChannelMap) -> Series:
+    """Series whose time increases, or an error that names the row where it does not.
+
+    Raises
+    ------
+    CurveError
+        Too few rows, time that goes back or repeats, a step or a duration that no log
+        has, or a gap.
+    """
+    if series.time_s.size < _FEWEST_ROWS:
+        raise series.fault(
+            f"{series.time_s.size} rows with values where a press needs at least {_FEWEST_ROWS}; "
+            "check that the log is complete"
+        )
+    steps = np.diff(series.time_s)
+    if steps.min() < 0.0:
+        index = int(np.argmax(steps < 0.0))
+        raise series.fault(
+            f"time goes back, to {series.time_s[index + 1]:.4f} s from {series.time_s[index]:.4f} s "
+            f"({int((steps < 0.0).sum())} times in all); two logs in one file, or rows out of order: "
+            "separate or sort them",
+            index + 1,
+        )
+    if steps.min() == 0.0:
+        if channels.repeated_time == "refuse":
+            raise series.fault(
+                f"the time of the row before once more ({int((steps == 0.0).sum())} such rows in all); "
+                'remove them, or set repeated_time = "keep_first" in the channel map',
+                int(np.argmax(steps == 0.0)) + 1,
+            )
+        series = series.part(np.concatenate([[True], steps > 0.0]))
+        steps = np.diff(series.time_s)
+    usual, bounds = float(np.median(steps)), channels.plausible
+    if not bounds.shortest_step <= usual <= bounds.longest_step:
+        raise series.fault(
+            f"rows are {usual:g} s apart with time in {series.units[0]}, which no log of a press has; "
+            "correct the unit of time, or widen plausible.shortest_step and longest_step in the channel map"
+        )
+    longest = channels.max_gap or longest_step_s(usual)
+    gaps = np.flatnonzero(steps > longest)
+    if gaps.size:
+        first = int(gaps[0])
+        raise series.fault(
+            f"no rows for {steps[first]:.4f} s from here to {series.at(first + 1)}, with {usual:.4g} s as "
+            f"the usual step ({gaps.size} gaps longer than {longest:.3g} s in all); record again, or raise "
+            "max_gap in the channel map if nothing happened meanwhile",
+            first,
+        )
+    return series
+
+
+def check_values(series: Mapping[str, Series], channels: ChannelMap) -> float:
+    """How far the orientations are from turns, once all numbers may be those of a press."""
+    bounds, position = channels.plausible, series["position"]
+    for name, limit, unit in (
+        ("force", channels.force_limit, "N"),
+        ("moment", channels.moment_limit, "N·mm"),
+    ):
+        _check_sensor(series[name], channels)
+        beyond = np.abs(series[name].values) >= (np.inf if limit is None else limit)
+        if beyond.any():
+            row, column = map(int, np.argwhere(beyond)[0])
+            raise series[name].fault(
+                f"{series[name].values[row, column]:g} reaches the sensor's range of {limit:g} "
+                f"({name}_limit, {unit}), as in {int(beyond.any(axis=1).sum())} rows in all; press less "
+                "deep, or take another sensor",
+                row,
+                column,
+            )
+    _check_position(position, bounds)
+    _check_wrench(series["force"], series["moment"], bounds)
+    _check_frozen(position, channels.stuck)
+    if "orientation" not in series:
+        return 0.0
+    match channels.orientation.form:
+        case "quaternion":
+            return _deviation_of_quaternions(series["orientation"])
+        case "rotation_matrix":
+            return _deviation_of_matrices(series["orientation"])
+        case _:
+            _check_angles(series["orientation"], bounds)
+            return 0.0
+
+
+# ------------------------------------------------------------------- units by magnitude
+
+
+def _check_position(position: Series, bounds: Plausible) -> None:
     """Refuse a way of the tip that no robot goes, which is what a wrong unit makes of it."""
     extent = float(np.ptp(position.values, axis=0).max())
     unit = position.units[1]
@@ -32,10 +129,9 @@ def check_position(position: Series, bounds: Plausible) -> None:
         )
 
 
-def check_wrench(force: Series, moment: Series, bounds: Plausible) -> None:
+def _check_wrench(force: Series, moment: Series, bounds: Plausible) -> None:
     """Refuse forces and moments that their units make too large or too small."""
-    force_range = float(np.ptp(force.values, axis=0).max())
-    moment_range = float(np.ptp(moment.values, axis=0).max())
+    force_range, moment_range = (float(np.ptp(each.values, axis=0).max()) for each in (force, moment))
     what = f"it varies by {force_range:.4g} N with columns in {force.units[1]}"
     _check_plausible(force, force_range, bounds.force, what, "force", "N")
     if moment_range > 0.0:
@@ -62,7 +158,7 @@ def _check_plausible(
     )
 
 
-def check_angles(orientation: Series, bounds: Plausible) -> None:
+def _check_angles(orientation: Series, bounds: Plausible) -> None:
     """Refuse degrees that look like radians, and radians that look like degrees."""
     largest = float(np.abs(orientation.values).max())
     if largest > 2.0 * _TWO_PI:
@@ -76,7 +172,10 @@ def check_angles(orientation: Series, bounds: Plausible) -> None:
         )
 
 
-def check_sensor(wrench: Series, channels: ChannelMap) -> None:
+# ------------------------------------------------------------- stuck, saturated, frozen
+
+
+def _check_sensor(wrench: Series, channels: ChannelMap) -> None:
     """Refuse an axis that never changes, a sensor that is stuck, and values cut at the end of its range."""
     real = [index for index, name in enumerate(wrench.names) if name != NO_COLUMN]
     same = wrench.values[1:] == wrench.values[:-1]
@@ -88,25 +187,19 @@ def check_sensor(wrench: Series, channels: ChannelMap) -> None:
                 0,
                 column,
             )
-    _check_stuck(wrench, same[:, real], channels)
+    all_same = np.logical_and.reduce(same[:, real], axis=1)
+    first, last, seconds = _longest_run(wrench, all_same)
+    # A wrench that is updated less often than rows are written repeats in every run.
+    if seconds > channels.stuck and last - first + 1 > 5 * np.median(_runs(all_same)[1]):
+        raise wrench.fault(
+            f"the same to the last digit in all axes for {seconds:.3f} s, until {wrench.at(last)}: the "
+            "sensor is stuck or its driver stopped; record again, or raise stuck in the channel map for a "
+            "log without noise",
+            first,
+        )
     for column in real:
         _check_saturated(wrench, column, same[:, column])
         _check_axis_stuck(wrench, column, same[:, column], channels.stuck)
-
-
-def check_range(wrench: Series, limit: float | None, setting: str) -> None:
-    """Refuse values that reach the end of the sensor's range, where the map gives it."""
-    if limit is None:
-        return
-    beyond = np.abs(wrench.values) >= limit
-    if beyond.any():
-        row, column = np.argwhere(beyond)[0]
-        raise wrench.fault(
-            f"{wrench.values[row, column]:g} reaches the sensor's range of {limit:g} ({setting}), as in "
-            f"{int(beyond.any(axis=1).sum())} rows in all; press less deep, or take another sensor",
-            int(row),
-            int(column),
-        )
 
 
 def _runs(same: np.ndarray) -> tuple[IntArray, IntArray]:
@@ -121,19 +214,6 @@ def _longest_run(series: Series, same: np.ndarray) -> tuple[int, int, float]:
     longest = int(np.argmax(lengths))
     first, last = int(starts[longest]), int(starts[longest] + lengths[longest] - 1)
     return first, last, float(series.time_s[last] - series.time_s[first])
-
-
-def _check_stuck(wrench: Series, same: np.ndarray, channels: ChannelMap) -> None:
-    all_same = np.logical_and.reduce(same, axis=1)
-    first, last, seconds = _longest_run(wrench, all_same)
-    # A wrench that is updated less often than rows are written repeats in every run.
-    if seconds > channels.stuck and last - first + 1 > 5 * np.median(_runs(all_same)[1]):
-        raise wrench.fault(
-            f"the same to the last digit in all axes for {seconds:.3f} s, until {wrench.at(last)}: the "
-            "sensor is stuck or its driver stopped; record again, or raise stuck in the channel map for a "
-            "log without noise",
-            first,
-        )
 
 
 def _check_axis_stuck(wrench: Series, column: int, same: np.ndarray, stuck_s: float) -> None:
@@ -181,7 +261,7 @@ def _check_saturated(wrench: Series, column: int, same: np.ndarray) -> None:
             )
 
 
-def check_frozen(position: Series, stuck_s: float) -> None:
+def _check_frozen(position: Series, stuck_s: float) -> None:
     """Refuse a pose that does not change to the last digit and then jumps: its stream was interrupted."""
     starts, lengths = _runs((position.values[1:] == position.values[:-1]).all(axis=1))
     ends = starts + lengths - 1
@@ -198,23 +278,25 @@ def check_frozen(position: Series, stuck_s: float) -> None:
                 )
 
 
-def check_quaternions(orientation: Series) -> float:
-    """Refuse quaternions whose length is not about 1; returns the largest deviation."""
+# ------------------------------------------------------------------------- orientations
+
+
+def _deviation_of_quaternions(orientation: Series) -> float:
+    """Largest deviation of a quaternion's length from 1; refuses one that is not about 1."""
     lengths = np.sqrt(np.einsum("ij,ij->i", orientation.values, orientation.values))
     off = np.abs(lengths - 1.0)
-    worst = int(np.argmax(off))
-    if off[worst] > 0.01:
+    if off.max() > 0.01:
         first = int(np.argmax(off > 0.01))
         raise orientation.fault(
             f"the quaternion has length {lengths[first]:.4f} and not 1, as in {int((off > 0.01).sum())} "
             "rows in all; check that the columns are x, y, z, w of one orientation, and form",
             first,
         )
-    return float(off[worst])
+    return float(off.max())
 
 
-def check_matrices(orientation: Series) -> float:
-    """Refuse matrices that are no rotations; returns the largest deviation."""
+def _deviation_of_matrices(orientation: Series) -> float:
+    """Largest deviation from a rotation; refuses matrices that are none."""
     matrices = orientation.values.reshape(-1, 3, 3)
     gram = np.einsum("nij,nkj->nik", matrices, matrices) - np.eye(3)
     off = np.abs(gram).max(axis=(1, 2))

@@ -44,17 +44,7 @@ class ReadingLimits(Settings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """What to read of a file.
-
-    Parameters
-    ----------
-    columns : tuple of str, optional
-        Columns of a table; all when left out.
-    streams : tuple of str, optional
-        Topics of a bag; all when left out.
-    text : TextFormat
-    limits : ReadingLimits
-    """
+    """What to read of a file: columns of a table and topics of a bag, all when left out."""
 
     columns: tuple[str, ...] | None = None
     streams: tuple[str, ...] | None = None
@@ -63,12 +53,7 @@ class Request:
 
 
 def read_log(path: Path, request: Request) -> RawLog:
-    """Read a file in a process with limits: a damaged one can neither hang nor end this process.
-
-    Parameters
-    ----------
-    path : Path
-    request : Request
+    """Everything in a file, by a process with limits: a damaged one can neither hang nor end this one.
 
     Raises
     ------
@@ -86,10 +71,17 @@ def read_log(path: Path, request: Request) -> RawLog:
 
 
 def read_here(path: Path, request: Request) -> RawLog:
-    """Read a file in this very process; errors are those of :func:`read_log`."""
+    """Everything in a file, read in this very process; errors are those of :func:`read_log`."""
     _check_size(path, request.limits)
+    head = b""
+    if not path.is_dir():
+        with path.open("rb") as stream:
+            head = stream.read(1024)
+    for magic, why in _UNREADABLE:
+        if head.startswith(magic):
+            raise CurveError(f"{path}: the file {why}")
     try:
-        return _read(path, request)
+        return _read(path, head, request)
     except MemoryError as error:
         raise _reading_failed(path, error) from None
 
@@ -126,21 +118,14 @@ def _reading_failed(path: Path, error: Exception) -> CurveError:
     )
 
 
-def _read(path: Path, request: Request) -> RawLog:
-    """Read by the format that the first bytes show; each library is imported where its format is found."""
-    head = b""
-    if not path.is_dir():
-        with path.open("rb") as stream:
-            head = stream.read(1024)
-    for magic, why in _UNREADABLE:
-        if head.startswith(magic):
-            raise CurveError(f"{path}: the file {why}")
+def _read(path: Path, head: bytes, request: Request) -> RawLog:
+    """Log by the format that the first bytes show; each library is imported where its format is found."""
     if path.is_dir() or head.startswith((b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0")):
         from palpate_robot_log.reading.ros import read_bag
 
         return read_bag(path, request.streams)
     if head.startswith(b"PAR1"):
-        from palpate_robot_log.reading.parquet import read_parquet
+        from palpate_robot_log.reading.columnar import read_parquet
 
         return read_parquet(path, request.columns)
     if head.startswith((b"\x93NUMPY", b"PK\x03\x04")):
@@ -150,7 +135,7 @@ def _read(path: Path, request: Request) -> RawLog:
     if head[126:128] in (b"IM", b"MI") and head.startswith(b"MATLAB"):
         return array_files.read_matlab5(path)
     if head.startswith(b"TDSm"):
-        from palpate_robot_log.reading.tdms import read_tdms
+        from palpate_robot_log.reading.columnar import read_tdms
 
         return read_tdms(path)
     if head and path.suffix.lower() in _BINARY:

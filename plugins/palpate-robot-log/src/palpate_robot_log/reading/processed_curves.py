@@ -3,21 +3,20 @@
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from palpate.api import convert
 from palpate.delimited import Column, Kind, factor_to_base, kind_of
 from palpate_indentation.csv_loader import FOREARM, HOMOGENEOUS
-from palpate_robot_log.reading.grouping import words_of
+from palpate_robot_log.reading.proposal import words_of
 from palpate_robot_log.reading.raw import RawLog
 
 _LAYOUT = {"decimal": ".", "skip_lines": 0, "comment": "#"}
 _DEGREES_PER_RADIAN = 57.29577951308232
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Role:
+class _Role(NamedTuple):
     """What a column's unit and words must be, and the factor from a log's base unit to the channel's."""
 
     kind: Kind
@@ -27,21 +26,18 @@ class _Role:
 
 _ROLES: Mapping[str, tuple[_Role, _Role]] = {
     "force": (
-        _Role(kind="length", words=frozenset({"depth", "indentation", "displacement", "travel"})),
-        _Role(kind="force", words=frozenset({"force", "load", "fn", "fz", "normal"})),
+        _Role("length", frozenset({"depth", "indentation", "displacement", "travel"})),
+        _Role("force", frozenset({"force", "load", "fn", "fz", "normal"})),
     ),
     "torque": (
-        _Role(
-            kind="angle",
-            words=frozenset({"angle", "rotation", "twist", "turn"}),
-            factor=_DEGREES_PER_RADIAN,
-        ),
-        _Role(kind="moment", words=frozenset({"torque", "moment", "tz", "mz"})),
+        _Role("angle", frozenset({"angle", "rotation", "twist", "turn"}), _DEGREES_PER_RADIAN),
+        _Role("moment", frozenset({"torque", "moment", "tz", "mz"})),
     ),
 }
+_Pair = tuple[tuple[str, float], tuple[str, float]]
 
 
-def study_text(log: RawLog) -> str:
+def curves_text(log: RawLog) -> str:
     """Tables of study.toml for the loader ``csv``; empty where the file is no table of processed curves."""
     if log.format != "delimited text":
         return ""
@@ -60,7 +56,12 @@ def study_text(log: RawLog) -> str:
     }
     if curves != usual:
         for channel, pair in curves.items():
-            lines += ["", f"[experiment.settings.channels.{channel}]", *_keys(pair)]
+            lines += ["", f"[experiment.settings.channels.{channel}]"]
+            for key, (name, factor) in zip(("abscissa", "ordinate"), pair, strict=True):
+                text = json.dumps(name, ensure_ascii=False)
+                lines.append(
+                    f"{key} = {text}" if factor == 1.0 else f"{key} = {{ name = {text}, scale = {factor!r} }}"
+                )
     return "\n".join(lines) + "\n"
 
 
@@ -69,8 +70,10 @@ def _homogeneous(columns: Sequence[Column], file: str) -> str:
     words = [set(words_of(column.name)) for column in columns]
     if len(columns) != 2 or not words[0] & {"stretch", "strain", "shear"} or "stress" not in words[1]:
         return ""
-    factor = _to_MPa(columns[1])
-    if factor is None:
+    unit = columns[1].unit or re.split(r"[_\s\[(]", columns[1].name)[-1].rstrip(")] ")
+    try:
+        factor = float(f"{convert(f'1 {unit}', 'MPa'):.12g}")
+    except ValueError:
         return ""
     mode = "simple_shear" if "shear" in words[0] else "uniaxial"
     lines = [f"# [[spot]] measured = {{ {mode} = {json.dumps(file)} }}: the key is the mode of the test"]
@@ -82,18 +85,6 @@ def _homogeneous(columns: Sequence[Column], file: str) -> str:
         lines += [f"abscissa = {{ name = {json.dumps(along)}{offset} }}"]
         lines += [f"ordinate = {{ name = {json.dumps(of)}, scale = {factor!r} }}"]
     return "\n".join(lines) + "\n"
-
-
-def _to_MPa(column: Column) -> float | None:  # noqa: N802 -- the unit
-    """Factor of a stress in the unit that its name shows; None where it shows none."""
-    unit = column.unit or re.split(r"[_\s\[(]", column.name)[-1].rstrip(")] ")
-    try:
-        return float(f"{convert(f'1 {unit}', 'MPa'):.12g}")
-    except ValueError:
-        return None
-
-
-_Pair = tuple[tuple[str, float], tuple[str, float]]
 
 
 def _pair(columns: Iterable[Column], roles: tuple[_Role, _Role]) -> _Pair | None:
@@ -110,9 +101,3 @@ def _pair(columns: Iterable[Column], roles: tuple[_Role, _Role]) -> _Pair | None
         factor = factor_to_base(found[0].shown_unit, role.kind, found[0].name) * role.factor
         chosen.append((found[0].name, float(f"{factor:.12g}")))
     return chosen[0], chosen[1]
-
-
-def _keys(pair: _Pair) -> Iterable[str]:
-    for key, (name, factor) in zip(("abscissa", "ordinate"), pair, strict=True):
-        text = json.dumps(name, ensure_ascii=False)
-        yield f"{key} = {text}" if factor == 1.0 else f"{key} = {{ name = {text}, scale = {factor!r} }}"

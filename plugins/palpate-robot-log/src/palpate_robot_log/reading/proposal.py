@@ -1,16 +1,22 @@
-"""A channel map guessed from names, units and numbers, for a person to look over."""
+"""A channel map guessed from names, units and numbers, as text for study.toml that a person looks over."""
 
-from collections.abc import Iterable, Mapping, Sequence
+import json
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from palpate.api import FloatArray
-from palpate.delimited import Column, Kind, kind_of
-from palpate_robot_log.reading.grouping import Group, groups_of, words_of
+from palpate.delimited import Column, Kind, kind_of, unit_in
 from palpate_robot_log.reading.raw import RawLog, Stream
 
 QUANTITIES = ("position", "orientation", "force", "moment")
+
+_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zäöüß]+|\d+")
+_AXES = ("x", "y", "z", "w")
+_SHORT = ("f", "t", "m", "q", "p", "r", "pos", "rot", "quat", "force", "torque", "moment", "tcp")
+_ROLL_PITCH_YAW = {"roll": "x", "pitch": "y", "yaw": "z"}
 
 _WORDS: Mapping[str, frozenset[str]] = {
     "position": frozenset(("p", "pos", "position", "translation", "tcp", "tip", "tool", "point", "lage")),
@@ -30,6 +36,70 @@ _TIME_WORDS = frozenset(("time", "t", "timestamp", "stamp", "zeit", "clock", "se
 _NOT_MEASURED = frozenset(("target", "desired", "cmd", "command", "ref", "reference", "setpoint", "goal"))
 _EULER = 'the order of the angles: sequence "xyz" (fixed axes) is assumed'
 _AXIS_ANGLE = "three angles: axis_angle is assumed, as Universal Robots logs it; other makes log euler"
+_ORDER = "the order of the columns of {}: x, y, z by their numbers is assumed"
+_W_LAST = "the order of the quaternion: x, y, z, w is assumed, not w first"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Group:
+    """Columns of one vector, in the order x, y, z, w, or by their index.
+
+    ``words`` are what their names share, in small letters; ``is_indexed`` ones are distinguished by
+    numbers, so that what each is has to be guessed.
+    """
+
+    stream: str
+    words: tuple[str, ...]
+    columns: tuple[Column, ...]
+    is_indexed: bool
+
+
+def words_of(name: str) -> tuple[str, ...]:
+    """Words of a column's name, without its unit, in small letters.
+
+    Examples
+    --------
+    >>> words_of("actual_TCP_force_0"), words_of("wrench.force.x"), words_of("Fx [N]")
+    (('actual', 'tcp', 'force', '0'), ('wrench', 'force', 'x'), ('fx',))
+    """
+    label, _ = unit_in(name)
+    return tuple(word.lower() for word in _WORD.findall(label))
+
+
+def groups_of(stream: Stream) -> list[Group]:
+    """Vectors among the columns of a stream: first those by axes, then those by numbers."""
+    found: dict[tuple[bool, tuple[str, ...]], dict[str, Column]] = {}
+    for column in stream.columns.values():
+        words, axis = _split(words_of(column.name))
+        if axis is not None:
+            found.setdefault((axis.isdigit(), words), {})[axis] = column
+    groups = []
+    for (is_indexed, words), members in sorted(found.items(), key=lambda item: item[0][0]):
+        if is_indexed:
+            order = sorted(members, key=int) if len(members) in (3, 4, 6, 7, 9) else []
+        else:
+            order = [axis for axis in _AXES if axis in members] if {*"xyz"} <= {*members} else []
+        if order:
+            columns = tuple(members[key] for key in order)
+            groups.append(Group(stream=stream.name, words=words, columns=columns, is_indexed=is_indexed))
+    return groups
+
+
+def _split(words: tuple[str, ...]) -> tuple[tuple[str, ...], str | None]:
+    """Words that a vector's columns share, and what is its own."""
+    if not words:
+        return words, None
+    *before, last = words
+    if last in _AXES or last.isdigit():
+        return tuple(before), last
+    if last in _ROLL_PITCH_YAW:
+        return (*before, "euler"), _ROLL_PITCH_YAW[last]
+    if last[-1] in _AXES and last[:-1] in _SHORT:
+        return (*before, last[:-1]), last[-1]
+    # A frame may follow the axis: fx_sensor.
+    if len(before) == 1 and before[0][-1] in _AXES and before[0][:-1] in _SHORT:
+        return (before[0][:-1], last), before[0][-1]
+    return words, None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,15 +108,12 @@ class Guess:
 
     Parameters
     ----------
-    columns : tuple of str
-    stream : str
     form : str
         Of an orientation; else empty.
     unit : str
         Written into the map only where the file shows none.
     to_check : tuple of str
         What a person has to decide.
-    score : float
     """
 
     columns: tuple[str, ...]
@@ -71,7 +138,7 @@ class Proposal:
 
 
 def propose(log: RawLog) -> Proposal:
-    """Guess which columns are time, pose and wrench."""
+    """Proposal of which columns are time, pose and wrench."""
     found: dict[str, list[Guess]] = {quantity: [] for quantity in QUANTITIES}
     for stream in log.streams:
         for group in groups_of(stream):
@@ -94,53 +161,49 @@ def propose(log: RawLog) -> Proposal:
 def _possible(group: Group) -> Iterable[tuple[str, Guess]]:
     """What a group may be, each with a score."""
     n_columns, words = len(group.columns), set(group.words)
+
+    def guess(part: slice, form: str, score: float, *to_check: str) -> Guess:
+        names = tuple(column.name for column in group.columns[part])
+        return Guess(columns=names, stream=group.stream, form=form, to_check=to_check, score=score)
+
+    every, first, second = slice(None), slice(0, 3), slice(3, None)
+    w_last = (_W_LAST,) if group.is_indexed else ()
     if n_columns == 3:
-        yield from _vectors(group)
+        kind = kind_of(group.columns[0].shown_unit)
+        for quantity in QUANTITIES:
+            score = 2.0 * bool(_WORDS[quantity] & words)
+            if kind is not None:
+                score = score + 3.0 if _MEASURES.get(kind) == quantity else -1.0
+            elif quantity == "position" and not words:
+                score = 1.0
+            if score > 0.0 and quantity != "orientation":
+                yield quantity, guess(every, "", score)
+            elif score > 0.0:
+                is_euler = {"euler", "rpy"} & words
+                yield (
+                    quantity,
+                    (
+                        guess(every, "euler", score, _EULER)
+                        if is_euler
+                        else guess(every, "axis_angle", score - 0.5, _AXIS_ANGLE)
+                    ),
+                )
     elif n_columns == 4 and _is_unit(group.columns):
-        yield "orientation", _quaternion(group, group.names)
+        yield "orientation", guess(every, "quaternion", 4.0, *w_last)
     elif n_columns == 6 and words & _WRENCH_WORDS:
-        yield "force", _part(group, slice(0, 3), "force", 2.0)
-        yield "moment", _part(group, slice(3, 6), "moment", 2.0)
+        yield "force", guess(first, "", 2.0, _ORDER.format("force"))
+        yield "moment", guess(second, "", 2.0, _ORDER.format("moment"))
     elif n_columns == 6 and words & _POSE_WORDS:
-        yield "position", _part(group, slice(0, 3), "position", 1.5)
-        turned = _part(group, slice(3, 6), "orientation", 1.5)
-        yield "orientation", replace(turned, form="axis_angle", to_check=(_AXIS_ANGLE,))
+        yield "position", guess(first, "", 1.5, _ORDER.format("position"))
+        yield "orientation", guess(second, "axis_angle", 1.5, _AXIS_ANGLE)
     elif n_columns == 7 and _is_unit(group.columns[3:]):
-        yield "position", _part(group, slice(0, 3), "position", 2.0)
-        yield "orientation", _quaternion(group, group.names[3:])
-    elif n_columns == 9 and _is_turn(group.columns):
-        turned = Guess(columns=group.names, stream=group.stream, form="rotation_matrix", score=3.0)
-        yield "orientation", turned
-
-
-def _vectors(group: Group) -> Iterable[tuple[str, Guess]]:
-    kind = kind_of(group.columns[0].shown_unit)
-    for quantity in QUANTITIES:
-        score = 2.0 * bool(_WORDS[quantity] & set(group.words))
-        if kind is not None:
-            score = score + 3.0 if _MEASURES.get(kind) == quantity else -1.0
-        elif quantity == "position" and not group.words:
-            score = 1.0
-        if score <= 0.0:
-            continue
-        guess = Guess(columns=group.names, stream=group.stream, score=score)
-        if quantity == "orientation" and {"euler", "rpy"} & set(group.words):
-            guess = replace(guess, form="euler", to_check=(_EULER,))
-        elif quantity == "orientation":
-            guess = replace(guess, form="axis_angle", to_check=(_AXIS_ANGLE,), score=score - 0.5)
-        yield quantity, guess
-
-
-def _part(group: Group, part: slice, quantity: str, score: float) -> Guess:
-    check = f"the order of the columns of {quantity}: x, y, z by their numbers is assumed"
-    return Guess(columns=group.names[part], stream=group.stream, score=score, to_check=(check,))
-
-
-def _quaternion(group: Group, names: Sequence[str]) -> Guess:
-    guess = Guess(columns=tuple(names), stream=group.stream, form="quaternion", score=4.0)
-    if not group.is_indexed:
-        return guess
-    return replace(guess, to_check=("the order of the quaternion: x, y, z, w is assumed, not w first",))
+        yield "position", guess(first, "", 2.0, _ORDER.format("position"))
+        yield "orientation", guess(second, "quaternion", 4.0, *w_last)
+    elif n_columns == 9:
+        matrices = _values(group.columns).reshape(-1, 3, 3)
+        off = np.abs(np.einsum("nij,nkj->nik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))
+        if off.size and np.median(off) < 0.01:
+            yield "orientation", guess(every, "rotation_matrix", 3.0)
 
 
 def _values(columns: Iterable[Column]) -> FloatArray:
@@ -152,14 +215,6 @@ def _values(columns: Iterable[Column]) -> FloatArray:
 def _is_unit(columns: Iterable[Column]) -> bool:
     lengths = np.linalg.norm(_values(columns), axis=1)
     return lengths.size > 0 and bool(abs(np.median(lengths) - 1.0) < 0.01)
-
-
-def _is_turn(columns: Iterable[Column]) -> bool:
-    matrices = _values(columns).reshape(-1, 3, 3)
-    if not matrices.size:
-        return False
-    off = np.abs(np.einsum("nij,nkj->nik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))
-    return bool(np.median(off) < 0.01)
 
 
 # -------------------------------------------------------------------------- units
@@ -211,7 +266,8 @@ def time_of(stream: Stream) -> Guess | None:
     shown = column.shown_unit
     if kind_of(shown) == "time":
         return Guess(columns=(column.name,), stream=stream.name, score=score)
-    unit = _likely_time_unit(column.values)
+    usual = float(np.median(np.diff(column.values[np.isfinite(column.values)])))
+    unit = next((u for u, most in (("s", 0.2), ("ms", 200.0), ("us", 2e5)) if usual <= most), "ns")
     check = f"the unit of time: {unit} is judged from the size of the steps alone"
     return Guess(columns=(column.name,), stream=stream.name, unit=unit, to_check=(check,), score=score)
 
@@ -231,9 +287,82 @@ def _time_score(column: Column) -> float:
     return is_named + evenness if is_named or evenness > 0.99 else 0.0
 
 
-def _likely_time_unit(values: FloatArray) -> str:
-    usual = float(np.median(np.diff(values[np.isfinite(values)])))
-    for unit, most in (("s", 0.2), ("ms", 200.0), ("us", 2e5)):
-        if usual <= most:
-            return unit
-    return "ns"
+# --------------------------------------------------------------------- map and text
+
+
+def channel_map(proposal: Proposal) -> dict[str, object]:
+    """Proposed map as plain values, without the quantities that were not found."""
+    time = _time(proposal)
+    chosen: dict[str, object] = {}
+    if time is not None:
+        chosen["time"] = {"column": time.columns[0], "unit": time.unit} if time.unit else time.columns[0]
+    for quantity in QUANTITIES:
+        if (guess := proposal.guesses.get(quantity)) is not None:
+            chosen[quantity] = _entry(guess, time, proposal)
+    return chosen
+
+
+def _time(proposal: Proposal) -> Guess | None:
+    """Time of the first stream that guesses come from and that has one."""
+    streams = [*proposal.used_streams(), *proposal.time]
+    return next((proposal.time[stream] for stream in streams if stream in proposal.time), None)
+
+
+def _entry(guess: Guess, time: Guess | None, proposal: Proposal) -> dict[str, object]:
+    entry: dict[str, object] = {}
+    if guess.form and guess.form != "quaternion":
+        entry["form"] = guess.form
+    entry["columns"] = list(guess.columns)
+    if guess.form == "euler":
+        entry["sequence"] = "xyz"
+    if guess.unit:
+        entry["unit"] = guess.unit
+    if guess.stream and len(proposal.used_streams()) > 1:
+        entry["stream"] = guess.stream
+    own = proposal.time.get(guess.stream)
+    if own is not None and time is not None and own.columns != time.columns:
+        entry["time"] = own.columns[0]
+    return entry
+
+
+def study_text(log: RawLog, proposal: Proposal) -> str:
+    """Tables of study.toml that read this file, ready to be pasted."""
+    lines = ["[experiment]", 'loader = "robot_log"', ""]
+    if log.layout:
+        lines += ["[experiment.settings.text]", *_pairs(log.layout), ""]
+    lines.append("[experiment.settings.channels]")
+    chosen = channel_map(proposal)
+    time = _time(proposal)
+    lines += _commented("time", chosen, time)
+    for quantity in QUANTITIES:
+        lines += _commented(quantity, chosen, proposal.guesses.get(quantity))
+    lines += [
+        'acts_on = "tool"  # or "tissue": the wrench is that of the tissue on the tool, or its reaction',
+        'wrench_frame = "sensor"  # or "base"',
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _commented(quantity: str, chosen: Mapping[str, object], guess: Guess | None) -> Iterable[str]:
+    if quantity not in chosen or guess is None:
+        empty = ", ".join(['"…"'] * (4 if quantity == "orientation" else 3))
+        form = f"{{ columns = [{empty}] }}" if quantity != "time" else '"…"'
+        yield f"# {quantity} = {form}  # no column looks like it: name them"
+        return
+    for check in guess.to_check:
+        yield f"# check {check}"
+    yield f"{quantity} = {_value(chosen[quantity])}"
+
+
+def _pairs(table: Mapping[str, object]) -> Iterable[str]:
+    return (f"{key} = {_value(value)}" for key, value in table.items())
+
+
+def _value(value: object) -> str:
+    match value:
+        case Mapping():
+            return f"{{ {', '.join(_pairs(value))} }}"
+        case list():
+            return f"[{', '.join(map(_value, value))}]"
+        case _:
+            return json.dumps(value, ensure_ascii=False)

@@ -7,10 +7,10 @@ the file shows them, and a value that is missing is NaN.
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from palpate.api import CurveError, IntArray
+from palpate.api import BoolArray, CurveError, FloatArray, IntArray
 from palpate.delimited import Column, close_to, listed
 
 
@@ -38,7 +38,6 @@ class Stream:
         Topic of a bag; empty for the one table of a file.
     rows : (n,) array of int
         Line of a text file, message of a bag, else the row counted from 0.
-    columns : mapping of str to Column
     """
 
     name: str
@@ -63,7 +62,6 @@ class RawLog:
         Its format in words.
     row_word : str
         What its rows are called in messages: line, row or message.
-    streams : tuple of Stream
     notes : tuple of str
         What was passed over, and why.
     layout : mapping of str to str
@@ -89,13 +87,7 @@ class RawLog:
         )
 
     def stream_of(self, columns: Iterable[str], stream: str | None = None) -> Stream:
-        """Return the one stream that has all these columns.
-
-        Raises
-        ------
-        CurveError
-            No stream has them, or several do.
-        """
+        """The one stream that has all these columns; a CurveError where none has them, or several do."""
         wanted = list(columns)
         among = self.streams if stream is None else (self.stream(stream),)
         found = [s for s in among if all(name in s.columns for name in wanted)]
@@ -118,3 +110,52 @@ class RawLog:
             f"{self.source}: no column '{missing[0]}'{close_to(missing[0], known)} "
             f"(columns there: {listed(known)}); correct the channel map, or see 'palpate experiment inspect'"
         )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Series:
+    """Values of one quantity over their own time, in the recording's units.
+
+    Parameters
+    ----------
+    log : RawLog
+        Where they come from, for messages.
+    what : str
+        position, orientation, force or moment.
+    names : tuple of str
+        Columns, as the channel map has them.
+    stream : str
+        Of the columns.
+    time_s : (n,) array
+        One array of all series that share a column of time.
+    values : (n, k) array
+        A column for each name.
+    rows : (n,) array of int
+        As in the stream.
+    units : tuple of str
+        Unit of time and of the values in the file.
+    """
+
+    log: RawLog
+    what: str
+    names: tuple[str, ...]
+    stream: str
+    time_s: FloatArray
+    values: FloatArray
+    rows: IntArray
+    units: tuple[str, str]
+
+    def at(self, index: int) -> str:
+        """Row and time stamp, for messages."""
+        return f"{self.log.row_word} {int(self.rows[index])} (t = {self.time_s[index]:.4f} s)"
+
+    def fault(self, message: str, index: int | None = None, column: int | None = None) -> CurveError:
+        """Error that names file, stream, row, time stamp and column."""
+        where = [f"stream '{self.stream}'"] if self.stream else []
+        where += [] if index is None else [self.at(index)]
+        where += [self.what] if column is None else [self.what, f"column '{self.names[column]}'"]
+        return CurveError(f"{self.log.source}: {', '.join(where)}: {message}")
+
+    def part(self, kept: BoolArray) -> "Series":
+        """Only some rows."""
+        return replace(self, time_s=self.time_s[kept], values=self.values[kept], rows=self.rows[kept])

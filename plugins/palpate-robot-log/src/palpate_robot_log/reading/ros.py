@@ -63,16 +63,11 @@ class _Gathered:
 
 
 def read_bag(path: Path, topics: Sequence[str] | None = None) -> RawLog:
-    """Read a ROS 1 ``.bag``, a ROS 2 bag folder, or one ``.mcap`` or ``.db3`` of it.
+    """Streams of a ROS 1 ``.bag``, a ROS 2 bag folder, or one ``.mcap`` or ``.db3`` of it.
 
     Each stream has the columns ``received`` (when the message was recorded) and, for
-    messages with a header, ``stamp``: seconds since the first message of the bag.
-
-    Parameters
-    ----------
-    path : Path
-    topics : sequence of str, optional
-        Streams to read; all of known types when left out.
+    messages with a header, ``stamp``: seconds since the first message of the bag. Without ``topics``
+    all of known types are read.
 
     Raises
     ------
