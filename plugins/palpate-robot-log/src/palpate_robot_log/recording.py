@@ -226,19 +226,8 @@ def turn_and_tilt(
     The relative rotation q q₀⁻¹ is split into a turn about ``axis`` and a tilt of that axis
     (swing–twist decomposition).
 
-    Parameters
-    ----------
-    quaternion : (n, 4) array
-    reference : (4,) array
-    axis : (3,) array
-        Of length 1.
-
-    Returns
-    -------
-    turn_deg : (n,) array
-        Right-handed about ``axis``, without jumps of 360 degrees.
-    tilt_deg : (n,) array
-        0 … 180.
+    The turn (n,) is right-handed about the unit vector ``axis`` (3,), without jumps of 360 degrees; the
+    tilt (n,) is 0 … 180 degrees.
     """
     relative = (
         Rotation.from_quat(np.array(quaternion)) * Rotation.from_quat(np.array(reference)).inv()

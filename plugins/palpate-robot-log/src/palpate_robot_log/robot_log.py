@@ -43,13 +43,7 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
     summary = "pose and wrench over time: text, Parquet, MATLAB, NumPy or ROS bag, to force and torque"
 
     def load(self, path: Path, channel: str | None = None) -> Response:
-        """Read and process one log.
-
-        Parameters
-        ----------
-        path : Path
-        channel : str, optional
-            The one channel that is wanted.
+        """Curves of one log, or the one of the channel that is wanted.
 
         Raises
         ------
@@ -85,18 +79,9 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
         return [found] if found else []
 
     def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
-        """Draw the log as it was read, tared, in its phases, its first contact and its curves.
+        """Pictures of the log as it was read, tared, in its phases, its first contact and its curves.
 
-        Parameters
-        ----------
-        path, folder : Path
-        channel : str, optional
-            Not needed: the pictures show all channels.
-
-        Raises
-        ------
-        CurveError
-            As for :meth:`load`; what could be read is drawn before.
+        They show all channels. An error is that of :meth:`load`; what could be read is drawn before.
         """
         from palpate_robot_log.pictures import draw_processed, draw_recording
         from palpate_robot_log.processing.chain import process
@@ -107,13 +92,7 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
 
     @classmethod
     def inspect(cls, path: Path) -> Inspection:
-        """Say what is in a log, and propose a channel map.
-
-        Raises
-        ------
-        CurveError
-            The file cannot be read at all.
-        """
+        """Contents of a log and a channel map for it; a CurveError where it cannot be read at all."""
         from palpate_robot_log.reading.inspection import inspect_log
 
         return inspect_log(path)

@@ -93,18 +93,10 @@ def profile(
     design: Design,
     zoom: Sequence[int] = FINE,
 ) -> Fit:
-    """Place of the change, sought in an interval.
+    """Place of the change of a signal (n,), sought in the interval ``between``.
 
-    Parameters
-    ----------
-    abscissa, values : (n,) array
-    between : tuple of float
-        Where the place is.
-    design : callable
-        Columns of the description. It is called with the abscissae scaled to a range of
-        length 1, and with candidate places on that scale.
-    zoom : sequence of int
-        Places on each of the grids that close in.
+    The design is called with the abscissae scaled to a range of length 1, and with candidate places on
+    that scale; ``zoom`` are the numbers of places on the grids that close in.
     """
     middle, scale = float(abscissa.mean()), float(np.ptp(abscissa)) or 1.0
     x, y = (abscissa - middle) / scale, values - values.mean()
@@ -136,9 +128,6 @@ def _residuals(designs: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArr
     coefficients = np.linalg.solve(normal + ridge, across @ y[:, None])
     misfit = y[:, None] - designs @ coefficients
     return coefficients[..., 0], np.einsum("mni,mni->m", misfit, misfit)
-
-
-# --------------------------------------------------------- ends, turns, changes of speed
 
 
 def stroke_end(
@@ -245,9 +234,6 @@ def _averaged(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, Float
 
 def _least(values: FloatArray) -> float:
     return _FINEST * float(np.ptp(values))
-
-
-# ------------------------------------------------------------------------- descriptions
 
 
 def _ending(time: FloatArray, value: FloatArray, between_s: tuple[float, float], moving_s: float) -> Fit:

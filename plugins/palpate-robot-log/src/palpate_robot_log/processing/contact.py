@@ -58,13 +58,7 @@ class Contact:
 
 
 def rough_contact(recording: Recording) -> Contact:
-    """Rows between the first and the last clear change of force.
-
-    Raises
-    ------
-    CurveError
-        The force never changes, the log starts in contact, or it holds several presses.
-    """
+    """Rows between the first and the last clear change of force."""
     track, block = thinned(recording, _TRACK_ROWS)
     # In the base frame the weight is constant while the tool turns.
     force = rotated(track.quaternion, track.force_N)
@@ -113,9 +107,6 @@ def rough_contact(recording: Recording) -> Contact:
     )
 
 
-# ------------------------------------------------------------------------------- normal
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Normal:
     """Unit outward normal (3,) in the base frame, its standard deviation, and the tool's axis to it."""
@@ -130,11 +121,6 @@ def spot_normal(recording: Recording, contact: Contact) -> Normal:
 
     The principal direction of the displacements over strides of the contact; a dwell adds no
     displacement and so has no effect.
-
-    Raises
-    ------
-    CurveError
-        The tool does not move along a line while it presses.
     """
     rows = contact.rows
     position = recording.position_mm[rows]
@@ -168,9 +154,6 @@ def described(recording: Recording, contact: Contact, vector: FloatArray | None,
     outward = -axis if vector is None else vector
     unit = outward / np.linalg.norm(outward)
     return Normal(vector=unit, std_deg=std_deg, to_tool_axis_deg=angle_between_deg(axis, -unit))
-
-
-# ------------------------------------------------------------------------------- motion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -215,9 +198,6 @@ def motion_about(recording: Recording, contact: Contact, normal: FloatArray) -> 
     )
 
 
-# -------------------------------------------------------------------------------- onset
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Onset:
     """Travel of first contact and its standard deviation [mm], and how many rows gave it.
@@ -235,23 +215,10 @@ class Onset:
 def find_onset(
     recording: Recording, travel_mm: FloatArray, normal_force_N: FloatArray, press: slice, exponent: float
 ) -> Onset:
-    """Onset of contact from the rows of an approach and a press.
+    """Onset of contact from the rows ``press``, from free air to the end of the press.
 
-    Parameters
-    ----------
-    recording : Recording
-        For messages.
-    travel_mm, normal_force_N : (n,) array
-        Along the inward normal; of the tissue on the tool, along the outward normal.
-    press : slice
-        Rows from free air to the end of the press.
-    exponent : float
-        p of the contact law.
-
-    Raises
-    ------
-    CurveError
-        Too few rows in free air, or a force that does not rise with the travel.
+    Travel (n,) is along the inward normal, and force (n,) that of the tissue on the tool along the
+    outward one; ``exponent`` is p of the contact law, and the recording is for messages.
     """
     travel, force = travel_mm[press], normal_force_N[press]
     size = abs(float(np.median(force[-_FEWEST:]) - np.median(force[:_FEWEST])))

@@ -49,13 +49,7 @@ _WEIGHED_ROWS = 5000
 
 
 def without_spikes(recording: Recording) -> tuple[Recording, IntArray]:
-    """Wrench with spikes replaced by the median of their neighbours, and the rows that had one.
-
-    Raises
-    ------
-    CurveError
-        More than a hundredth of the rows has one.
-    """
+    """Wrench with spikes replaced by the median of their neighbours, and the rows that had one."""
     force, force_hit = _repaired(recording.force_N)
     moment, moment_hit = _repaired(recording.moment_Nmm)
     hit = np.flatnonzero(force_hit | moment_hit)
@@ -124,13 +118,7 @@ def estimate_lag(time_s: FloatArray, moment_Nmm: FloatArray, twists: tuple[Strok
 
 
 def shifted(recording: Recording, lag_s: float) -> Recording:
-    """Recording whose wrench is taken ``lag_s`` later, without the rows that then have none.
-
-    Raises
-    ------
-    CurveError
-        The lag is larger than any delay.
-    """
+    """Recording whose wrench is taken ``lag_s`` later, without the rows that then have none."""
     if abs(lag_s) > LARGEST_LAG_S:
         raise recording.fault(
             f"the wrench comes {lag_s:.3f} s after the pose; correct the clock of one of them, or give "
@@ -169,14 +157,7 @@ def without_weight(recording: Recording, tool: ToolLoad, direction: FloatArray) 
 
 
 def tool_of(recording: Recording, free: IntArray, gravity: Gravity) -> ToolLoad | None:
-    """The tool of the settings, fitted to the rows ``free`` in free air where its weight is left out.
-
-    Raises
-    ------
-    CurveError
-        No such sensor carries the tool; a known weight is far more than the sensor shows; or the
-        orientations do not differ enough for a fit.
-    """
+    """The tool of the settings, fitted to the rows ``free`` in free air where its weight is left out."""
     if gravity.method == "off":
         return None
     if gravity.weight is None:
@@ -196,13 +177,7 @@ def tool_of(recording: Recording, free: IntArray, gravity: Gravity) -> ToolLoad 
 
 
 def fit_tool(recording: Recording, free: IntArray, direction: FloatArray) -> ToolLoad:
-    """Weight and centre from the rows ``free`` in free air; ``direction`` (3,) is that of gravity.
-
-    Raises
-    ------
-    CurveError
-        The orientations do not differ enough, or the tool is not plausible.
-    """
+    """Weight and centre from the rows ``free`` in free air; ``direction`` (3,) is that of gravity."""
     part, _ = thinned(recording.part(free), _WEIGHED_ROWS)
     down = _down(part, direction)
     # Without its mean, what the bias imitates is gone from the unknown weight.
@@ -259,16 +234,8 @@ def weight_left_in(
 ) -> str | None:
     """Warning where what is in the bias may be a weight, and the tool tilts enough for it to matter.
 
-    Parameters
-    ----------
-    recording : Recording
-        As logged.
-    bias_N : (3,) array
-        Mean force in free air, with the weight in it.
-    direction : (3,) array
-        Of gravity, in the base frame.
-    peak_N : float
-        Largest force of the press.
+    The bias (3,) is the mean force in free air, the direction (3,) that of gravity in the base frame,
+    and the peak the largest force of the press.
     """
     offset = float(np.linalg.norm(bias_N))
     down = _down(recording, direction)
@@ -296,19 +263,9 @@ class Drift:
 
 
 def find_drift(recording: Recording, before: IntArray, after: IntArray) -> Drift:
-    """Least-squares slope of the wrench over time.
+    """Least-squares slope of the wrench over time, from rows (n,) in free air before and after the press.
 
-    Parameters
-    ----------
-    recording : Recording
-        Without the tool's weight, unless the tool is oriented alike in all these rows.
-    before, after : (n,) array of row indices
-        In free air.
-
-    Raises
-    ------
-    CurveError
-        There are no rows in free air after the press.
+    The tool's weight is out, unless the tool is oriented alike in all these rows.
     """
     if before.size < FEWEST_FREE_ROWS:
         raise recording.fault(
@@ -360,13 +317,7 @@ class Bias:
 
 
 def find_bias(recording: Recording, free: IntArray) -> Bias:
-    """Mean wrench over rows in free air, once weight and drift are out.
-
-    Raises
-    ------
-    CurveError
-        There are too few rows in free air.
-    """
+    """Mean wrench over rows in free air, once weight and drift are out."""
     if free.size < FEWEST_FREE_ROWS:
         raise recording.fault(
             f"{free.size} rows in free air before the press, so the bias cannot be determined; start "

@@ -52,16 +52,12 @@ def curve_of(
 
     Parameters
     ----------
-    channel : str
-        Its name.
     time_s : (n,) array
         Of the log.
     signal : Signal
         At least one branch.
     zero_std : (n,) array
         Standard deviation of the ordinate's zero, added in squares.
-    settings : ProcessingSettings
-        Smoothing and resampling.
     shift_std : float, optional
         Standard deviation of the abscissa's zero, of a curve that rises from there: what is before
         it is left out, and what a shift would do to the ordinate is added in squares.
@@ -107,9 +103,6 @@ def _steepness(abscissa: FloatArray, ordinate: FloatArray) -> FloatArray:
     return steepness
 
 
-# ---------------------------------------------------------------------------- smoothing
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Smoothed:
     """A branch after smoothing; arrays (n,) at the times that were given.
@@ -138,18 +131,9 @@ def smoothed(
 ) -> Smoothed:
     """One branch after smoothing.
 
-    Parameters
-    ----------
-    time_s, values : (n,) array
-        Of one branch.
-    method : {"savgol", "spline", "none"}
-        ``none`` is used for very few rows too.
-    peak : float
-        Largest magnitude of the whole curve, in the unit of ``values``.
-    window_s : float, optional
-        Length of the Savitzky-Golay window; chosen by its bias when left out.
-    order : int
-        Degree of the Savitzky-Golay polynomial.
+    Very few rows are left as they are. ``peak`` is the largest magnitude of the whole curve; the length
+    of the Savitzky-Golay window is chosen by its bias when left out, and ``order`` is the degree of its
+    polynomial.
     """
     if method == "none" or values.size < order + 4:
         noise = noise_std(values)
@@ -249,9 +233,6 @@ def _stiffness(y: FloatArray) -> tuple[float, float, float]:
         scores.append((squares / (n - trace) ** 2, float(length), float(np.mean(answer**2)), trace))
     _, length, gain, trace = min(scores)
     return length, gain, trace
-
-
-# --------------------------------------------------------------------------- relaxation
 
 
 def relaxation(

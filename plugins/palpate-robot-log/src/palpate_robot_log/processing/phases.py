@@ -51,14 +51,7 @@ class Strokes:
 
 
 def find_strokes(recording: Recording, motion: Motion, contact: Contact) -> Strokes:
-    """Strokes of the travel and of the turn while the tool presses.
-
-    Raises
-    ------
-    CurveError
-        The press is not one stroke in and out, the log stops while the tool moves in contact,
-        or the twist begins before the press has ended.
-    """
+    """Strokes of the travel and of the turn while the tool presses."""
 
     def strokes(rows: slice, values: FloatArray, least: float) -> tuple[Stroke, ...]:
         try:
@@ -175,9 +168,6 @@ def name_phases(
     return tuple(phases)
 
 
-# -------------------------------------------------------------------------------- slide
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Slide:
     """A slide to and fro on one line.
@@ -196,13 +186,7 @@ class Slide:
 
 
 def find_slide(recording: Recording, motion: Motion, strokes: Strokes, normal: FloatArray) -> Slide:
-    """Slide between the press and the retract.
-
-    Raises
-    ------
-    CurveError
-        There is none, it is no line, or the tool twists while it slides.
-    """
+    """Slide between the press and the retract."""
     time = motion.time_s
     rows = rows_between(time, strokes.press.stop.time_s, strokes.retract_s(time))
     offset = recording.position_mm - recording.position_mm[rows.start]

@@ -68,11 +68,6 @@ def locate(recording: Recording, choice: NormalChoice, *, slides: bool = False) 
     """Contact, normal, motion and strokes, once they can be those of a press.
 
     Of a log that ``slides`` the path gives the normal only while the force rises.
-
-    Raises
-    ------
-    CurveError
-        Naming what is wrong with the log.
     """
     contact = rough_contact(recording)
     _check_gaps(recording, contact)
@@ -129,8 +124,6 @@ def wrench_at_spot(
 
     Parameters
     ----------
-    recording : Recording
-        Tared.
     spot_mm : (3,) array
         A point of the contact axis, in the base frame; or (n, 3), one for each row.
     normal : (3,) array

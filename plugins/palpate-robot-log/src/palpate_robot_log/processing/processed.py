@@ -89,22 +89,8 @@ def with_record(
 ) -> Processed:
     """The same result with its record.
 
-    Parameters
-    ----------
-    processed : Processed
-        Without its record.
-    settings : ProcessingSettings
-        Of every step.
-    smoothings : mapping of str to sequence of Smoothed
-        Of each channel's branches.
-    block : int
-        Rows that thinning averaged.
-    spiky_rows : (n,) array of int
-        Numbers of the rows that had spikes.
-    lag_taken : bool
-        Whether a lag was taken out.
-    drift_std_per_s : mapping of str to float
-        Standard deviation of the drift of force and torque [N/s, N·mm/s].
+    It tells too how each channel's branches were smoothed, how many rows thinning averaged in a block,
+    which rows had spikes, whether a lag is out, and the drift's standard deviation [N/s, N·mm/s].
     """
     raw, time, press = processed.raw, processed.raw.time_s, processed.phase("press")
     # Standard deviation of each channel where its curve ends, by the drift since the touch.

@@ -21,13 +21,7 @@ _NUMPY_NAME = "{}[:,{}]"
 
 
 def read_numpy(path: Path) -> RawLog:
-    """Array of an .npy file, named ``array``, or every array of an .npz archive.
-
-    Raises
-    ------
-    CurveError
-        The file is damaged, or holds pickled objects.
-    """
+    """Array of an .npy file, named ``array``, or every array of an .npz archive."""
     advice = "save plain arrays of numbers again"
     with or_damaged(path, "damaged, cut off, or not of plain numbers", advice), path.open("rb") as stream:
         loaded = np.load(stream, allow_pickle=False)
@@ -40,13 +34,7 @@ def read_numpy(path: Path) -> RawLog:
 
 
 def read_matlab5(path: Path) -> RawLog:
-    """Vectors and matrices of a MATLAB 5 to 7.2 file, also those inside structures.
-
-    Raises
-    ------
-    CurveError
-        The file is damaged, or holds no numbers.
-    """
+    """Vectors and matrices of a MATLAB 5 to 7.2 file, also those inside structures."""
     from scipy.io import loadmat
 
     with or_damaged(path, "the MATLAB file is damaged or cut off", "save it again"):
@@ -67,11 +55,6 @@ def read_hdf5(path: Path) -> RawLog:
     """Vectors and matrices of an HDF5 or MATLAB 7.3 file, also those inside groups.
 
     Links, virtual data sets and external storage are not followed: the run's record covers this file alone.
-
-    Raises
-    ------
-    CurveError
-        The file is damaged, or holds no numbers.
     """
     try:
         import h5py

@@ -79,13 +79,7 @@ def _bare(column: str) -> str:
 
 
 def assemble(log: RawLog, channels: ChannelMap) -> Reading:
-    """Recording from columns already read.
-
-    Raises
-    ------
-    CurveError
-        Naming the file, rows, time stamps and column.
-    """
+    """Recording from columns already read."""
     given = channels.orientation
     kinds: dict[str, Kind | None] = {"position": "length", "force": "force", "moment": "moment"}
     if given.form != "fixed":
@@ -156,13 +150,7 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
 
 
 def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> Series:
-    """Columns of one quantity and their time, converted to the recording's units.
-
-    Raises
-    ------
-    CurveError
-        A column is missing, its unit is unknown or of another kind, or a row lacks a value.
-    """
+    """Columns of one quantity and their time, converted to the recording's units."""
     source = _sources(channels)[what]
     time_name = source.time or channels.time.column
     real = [_bare(name) for name in source.columns if name != NO_COLUMN]

@@ -28,14 +28,7 @@ def longest_step_s(usual_s: float) -> float:
 
 
 def checked_time(series: Series, channels: ChannelMap) -> Series:
-    """Series whose time increases, or an error that names the row where it does not.
-
-    Raises
-    ------
-    CurveError
-        Too few rows, time that goes back or repeats, a step or a duration that no log
-        has, or a gap.
-    """
+    """Series whose time increases, or an error that names the row where it does not."""
     if series.time_s.size < _FEWEST_ROWS:
         raise series.fault(
             f"{series.time_s.size} rows with values where a press needs at least {_FEWEST_ROWS}; "

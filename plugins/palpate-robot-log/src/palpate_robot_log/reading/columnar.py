@@ -28,11 +28,6 @@ def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> RawLog:
     """Columns of numbers and of time stamps; a list of fixed length counts as several.
 
     Time stamps and durations become seconds, stamps since the first row.
-
-    Raises
-    ------
-    CurveError
-        The file is damaged, or lacks a column.
     """
     import polars as pl
 
@@ -126,11 +121,6 @@ def read_tdms(path: Path) -> RawLog:
     Units are those of the property ``unit_string``. Waveforms have a column ``time`` [s]. It and time stamps
     are seconds since the earliest stamp of the file, so that streams have one clock. Streams have the
     group's name; it is empty if there is one stream.
-
-    Raises
-    ------
-    CurveError
-        The file is damaged, or holds no numbers.
     """
     try:
         from nptdms import TdmsFile

@@ -217,9 +217,6 @@ def _is_unit(columns: Iterable[Column]) -> bool:
     return lengths.size > 0 and bool(abs(np.median(lengths) - 1.0) < 0.01)
 
 
-# -------------------------------------------------------------------------- units
-
-
 def _with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) -> Guess:
     """Guess with a unit judged by magnitude, where the file shows none."""
     columns = _columns(log, guess)
@@ -252,9 +249,6 @@ def _likely_unit(quantity: str, values: FloatArray, force_extent: float) -> str:
     return "N m" if force_extent > 0.0 and extent / force_extent < 0.5 else "N·mm"
 
 
-# --------------------------------------------------------------------------- time
-
-
 def time_of(stream: Stream) -> Guess | None:
     """Column of time of a stream, with its unit; None where no column increases."""
     candidates = [
@@ -285,9 +279,6 @@ def _time_score(column: Column) -> float:
     words = set(words_of(column.name))
     is_named = 2.0 * bool(words & _TIME_WORDS) + 2.0 * (kind_of(column.shown_unit) == "time")
     return is_named + evenness if is_named or evenness > 0.99 else 0.0
-
-
-# --------------------------------------------------------------------- map and text
 
 
 def channel_map(proposal: Proposal) -> dict[str, object]:

@@ -68,11 +68,6 @@ def read_bag(path: Path, topics: Sequence[str] | None = None) -> RawLog:
     Each stream has the columns ``received`` (when the message was recorded) and, for
     messages with a header, ``stamp``: seconds since the first message of the bag. Without ``topics``
     all of known types are read.
-
-    Raises
-    ------
-    CurveError
-        The bag is cut off, damaged, or has no topic of a known type.
     """
     advice = "repair it with 'rosbag reindex', 'ros2 bag reindex' or 'mcap recover', or record again"
     with or_damaged(path, "the bag is damaged or cut off", advice):
