@@ -11,9 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate.api import CurveError, FloatArray, IntArray
 
-UNIT_QUATERNION_TOLERANCE = 1e-3
-"""Deviation of a quaternion's length from 1 that printing with few digits explains."""
-
+UNIT_QUATERNION_TOLERANCE = 1e-3  # which printing with few digits explains
 _WIDTHS = {"time_s": 0, "position_mm": 3, "quaternion": 4, "force_N": 3, "moment_Nmm": 3, "rows": 0}
 _MAD_TO_STD = 1.4826
 

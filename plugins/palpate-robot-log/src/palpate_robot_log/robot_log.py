@@ -13,7 +13,6 @@ from palpate_robot_log.reading.channel_map import ChannelMap
 from palpate_robot_log.reading.formats import ReadingLimits
 
 if TYPE_CHECKING:
-    from palpate_robot_log.processing.processed import Processed
     from palpate_robot_log.reading.assembly import Reading
 
 # SciPy, polars and matplotlib are imported where they are used: who lists the plugins needs none of them.
@@ -51,8 +50,9 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
             Naming file, rows, time stamps and what to do.
         """
         from palpate_robot_log.processing.chain import process
+        from palpate_robot_log.processing.corrections import weight_left_in
 
-        reading = self._read(path)
+        reading, gravity = self._read(path), self.settings.gravity
         processed = process(reading.recording, self.settings)
         found = processed.response
         curves = found.curves
@@ -63,20 +63,13 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
             )
         wanted = curves if channel is None else {channel: curves[channel]}
         record = {"reading": dict(reading.record), **processed.record}
-        if warnings := self._warnings(processed):
-            record["warnings"] = warnings
+        if gravity.method == "off" and processed.bias is not None:
+            peak = float(abs(processed.curves["force"].ordinate).max())
+            bias_N, down = processed.bias.force_N, np.array(gravity.direction)
+            if warning := weight_left_in(processed.raw, bias_N, down, peak):
+                record["warnings"] = [warning]
         relaxations = [item for item in found.relaxations if item.channel in wanted]
         return Response(curves=wanted, relaxations=relaxations, record=record)
-
-    def _warnings(self, processed: "Processed") -> list[str]:
-        from palpate_robot_log.processing.corrections import weight_left_in
-
-        gravity = self.settings.gravity
-        if gravity.method != "off" or processed.bias is None:
-            return []
-        peak = float(abs(processed.curves["force"].ordinate).max())
-        found = weight_left_in(processed.raw, processed.bias.force_N, np.array(gravity.direction), peak)
-        return [found] if found else []
 
     def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
         """Pictures of the log as it was read, tared, in its phases, its first contact and its curves.

@@ -23,26 +23,20 @@ import numpy as np
 from palpate.api import FloatArray
 from palpate_robot_log.recording import block_means, noise_std
 
+# Columns (m, n, k) of a description at n abscissae for m candidate places.
 Design = Callable[[FloatArray, FloatArray], FloatArray]
-"""Columns (m, n, k) of the description at n abscissae for m candidate places."""
-
 _Seek = Callable[[FloatArray, FloatArray, tuple[float, float]], "Fit"]
 
 FINE = (31, 9, 9, 9)  # places on each grid, from the whole interval to the last step
 COARSE = (31, 9, 5)  # enough to compare descriptions
 MAX_ROWS = 300  # rows that a fit needs at most; more are averaged in blocks
 SIGNIFICANT = 12.0  # drop of χ² that makes a less smooth description the better one
-_SHARES = (0.5, 0.35, 0.25, 0.15)
-"""Windows, as shares of the stroke, from which the end of the stroke is read."""
-
+_SHARES = (0.5, 0.35, 0.25, 0.15)  # windows of a stroke from which its end is read
 _SPARE = 0.15  # share of the stroke by which the earliest instant that is tried precedes the likely one
-_NO_WORSE = 1.25
-"""Residual variance of a longer window over that of a shorter one, from which it misses something."""
-
+_NO_WORSE = 1.25  # ratio of residual variances from which the longer window misses something
 _FINEST = 1e-5  # share of a motion below which no description needs to explain it
 _N_FREE = 5  # unknowns of an end: its instant, the rest's value, and three of the motion before
 _N_FREE_OF_TURN = 8
-
 _FEWEST = 12  # rows below which no kink can be found
 
 

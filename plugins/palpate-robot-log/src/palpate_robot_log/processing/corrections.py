@@ -32,9 +32,7 @@ from palpate_robot_log.recording import (
 )
 
 SPIKE_NOISE_MULTIPLE = 8.0  # standard deviations of the noise by which a spike exceeds its neighbours
-SPIKE_RANGE_SHARE = 0.02
-"""Least share of a channel's range by which it exceeds them, where the noise is less than a digit."""
-
+SPIKE_RANGE_SHARE = 0.02  # of a channel's range, which it exceeds them by where noise is less than a digit
 MOST_SPIKES_SHARE = 0.01  # share of rows with spikes beyond which a log is refused
 LARGEST_LAG_S = 0.5  # a lag beyond this is no delay of a device but a mistake in a clock
 SIGNIFICANT_LAG = 3.0  # standard deviations that an estimated lag must exceed to be taken out

@@ -34,13 +34,9 @@ from palpate_robot_log.recording import (
     rows_between,
 )
 
-LARGEST_FRICTION_ANGLE_DEG = 50.0
-"""Between the contact force and the normal; a tool that sticks at friction 1 reaches 45 degrees."""
-
+LARGEST_FRICTION_ANGLE_DEG = 50.0  # of the contact force to the normal; 45 where a tool sticks at friction 1
 LARGEST_PATH_ANGLE_DEG = 30.0  # between a given normal and the path of the press
-LARGEST_TURN_AXIS_ANGLE_DEG = 15.0
-"""Between the axis about which the tool twists and the normal; curves are then off by 4 %."""
-
+LARGEST_TURN_AXIS_ANGLE_DEG = 15.0  # of the twist's axis to the normal; curves are then off by 4 %
 LEAST_TILT_DEG = 2.0  # tilt of the tool that any robot may have
 LEAST_CORRELATION = 0.3  # of torque and rotation over a twist
 DEPTHS_MM = (0.02, 300.0)  # depths that a press on a limb can have
