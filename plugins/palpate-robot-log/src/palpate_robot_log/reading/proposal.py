@@ -176,18 +176,14 @@ def _possible(group: Group) -> Iterable[tuple[str, Guess]]:
                 score = score + 3.0 if _MEASURES.get(kind) == quantity else -1.0
             elif quantity == "position" and not words:
                 score = 1.0
-            if score > 0.0 and quantity != "orientation":
+            if score <= 0.0:
+                continue
+            if quantity != "orientation":
                 yield quantity, guess(every, "", score)
-            elif score > 0.0:
-                is_euler = {"euler", "rpy"} & words
-                yield (
-                    quantity,
-                    (
-                        guess(every, "euler", score, _EULER)
-                        if is_euler
-                        else guess(every, "axis_angle", score - 0.5, _AXIS_ANGLE)
-                    ),
-                )
+            elif {"euler", "rpy"} & words:
+                yield quantity, guess(every, "euler", score, _EULER)
+            else:
+                yield quantity, guess(every, "axis_angle", score - 0.5, _AXIS_ANGLE)
     elif n_columns == 4 and _is_unit(group.columns):
         yield "orientation", guess(every, "quaternion", 4.0, *w_last)
     elif n_columns == 6 and words & _WRENCH_WORDS:
