@@ -222,8 +222,8 @@ def _check_direction(recording: Recording, contact: Contact, normal: Normal) -> 
     angle = angle_between_deg(push, normal.vector)
     if angle > 180.0 - LARGEST_FRICTION_ANGLE_DEG:
         raise recording.fault(
-            f"the force pulls the tool into the limb ({angle:.0f} degrees from the outward normal); the "
-            "wrench is that of the tool on the tissue: turn its sign in the column map",
+            f"the force pulls the tool into the limb ({angle:.0f} degrees from the outward normal): it is "
+            'that of the other body; set acts_on = "tool" in the channel map, or "tissue" where it is "tool"',
             contact.first,
         )
     if angle > LARGEST_FRICTION_ANGLE_DEG:
