@@ -82,7 +82,7 @@ def test_a_run_verifies_its_sets_and_febio_agrees(call, study, tmp_path):
     assert (row["spot"], row["passed"]) == ("p1", True)
     assert abs(row["halving"]) < 1e-6
     assert (tmp_path / "count").read_text().count("run") == 4  # three sets, and one verification
-    again = call("select", study, plugin=None)
+    again = call("verify", study, plugin=None)
     assert "torque verified" in again.out
     assert (tmp_path / "count").read_text().count("run") == 4
     verified = call("febio-verify", study, "--json", plugin=None)

@@ -121,7 +121,8 @@ def _disorder(curve: Curve, channel: Channel) -> list[str]:
     short = min(stop - start for start, stop in curve.branches)
     if n_branches < 2 or short >= LEAST_POINTS:
         return []
-    left = {row: _core.branches(np.ascontiguousarray(np.delete(x, row))) for row in sorted(ends)}
+    others = {row: np.ascontiguousarray(np.delete(x, row)) for row in sorted(ends)}
+    left = {row: _core.branches(rest) for row, rest in others.items() if np.ptp(rest)}
     row = min(left, key=lambda each: len(left[each]))
     if len(left[row]) == n_branches or min(stop - start for start, stop in left[row]) < LEAST_POINTS:
         return []
