@@ -28,7 +28,8 @@ $(VENV)/installed: $(RUST) $(PYPROJECTS)
 	touch $@
 
 demo: $(VENV)/installed ## identify the material of a simulated forearm, end to end
-	$(BIN)/palpate demo
+	test -d runs/demo || $(BIN)/palpate init --study forearm-demo runs/demo
+	$(BIN)/palpate run runs/demo --out runs/forearm-demo
 
 # Rust next to Python, whose lint uses one core.
 test: $(VENV)/installed ## what decides a merge: lint, types, Rust tests and the fast Python tests

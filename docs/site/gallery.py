@@ -24,8 +24,10 @@ FIGURES = {
 def run() -> None:
     """Run every study of the gallery."""
     for study in STUDIES:
-        command = [sys.executable, "-m", "palpate", "demo", "--study", study, "--out", str(RUNS / study)]
-        subprocess.run(command, check=True)
+        palpate, copy = [sys.executable, "-m", "palpate"], RUNS / "studies" / study
+        if not copy.exists():
+            subprocess.run([*palpate, "init", "--study", study, str(copy)], check=True)
+        subprocess.run([*palpate, "run", str(copy), "--out", str(RUNS / study)], check=True)
 
 
 def page() -> str:
@@ -34,7 +36,7 @@ def page() -> str:
     lines = ["# Gallery", "", "Each study is a template of palpate and was run by `make docs`.", ""]
     for study in STUDIES:
         lines += [f"## {study}", "", f"{templates[study].summary.capitalize()}.", ""]
-        lines += [f"    palpate demo --study {study}", ""]
+        lines += [f"    palpate init --study {study} {study}", f"    palpate run {study}", ""]
         lines += _results(study)
     return "\n".join(lines)
 

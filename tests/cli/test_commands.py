@@ -46,7 +46,7 @@ def test_a_misspelt_command_is_a_mistake_of_the_user(call: Call) -> None:
 
 @pytest.mark.parametrize(
     "arguments",
-    [["status"], ["check"], ["run"], ["report"], ["resume"], ["new-plugin", "material"], ["--plugin"]],
+    [["status"], ["check"], ["run"], ["report"], ["new-plugin", "material"], ["--plugin"]],
     ids=lambda each: each[0],
 )
 def test_a_file_name_that_is_too_long_is_a_mistake_of_the_user(call: Call, arguments: list[str]) -> None:
@@ -465,18 +465,6 @@ def test_init_names_the_studies_when_the_name_is_wrong(call: Call) -> None:
     assert outcome.code == 2
     assert "did you mean 'toy'" in outcome.err
     assert not Path("mine").exists()
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("one_figure")
-def test_demo_reports_that_the_data_are_simulated(call: Call) -> None:
-    outcome = call("demo", "--study", "toy")
-    assert outcome.code == 0
-    assert "SIMULATED" in outcome.err
-    assert "SIMULATED" in outcome.out
-    page = Path("runs/toy/report/index.html").resolve()
-    assert outcome.out.splitlines()[-1].split() == ["Page", page.as_uri()]
-    assert "init --study toy my-toy" in outcome.err
 
 
 # ------------------------------------------------------------------- plugins

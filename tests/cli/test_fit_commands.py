@@ -34,7 +34,7 @@ def test_every_command_works_without_a_sweep(call, without_sweep, tmp_path):
     joint = [row for row in ran.json["fit"] if row["fit"] == "all spots"]
     assert [row["rubber.k"] for row in joint] == pytest.approx([2.0, 2.0], rel=1e-3)
     before = {path.name: path.read_bytes() for path in (tmp_path / "runs" / "toy").glob("*.parquet")}
-    again = call("resume", "runs/toy", "--json", "--trust-plugins", plugin=None)
+    again = call("run", "runs/toy", "--json", "--trust-plugins", plugin=None)
     assert (again.code, again.json["fit"]) == (0, ran.json["fit"])
     assert before == {path.name: path.read_bytes() for path in (tmp_path / "runs" / "toy").glob("*.parquet")}
     assert call("status", "runs/toy").code == 0
@@ -99,7 +99,7 @@ def test_a_first_look_needs_no_sets_in_the_study_and_the_larger_run_keeps_it(cal
     with Ledger(folder) as ledger:
         assert len(ledger.entries()) == 20  # both spots have the same tests
     assert all(file.read_bytes() == content for file, content in kept.items())
-    assert call("resume", folder, "--json").json["n_sets"] == 20
+    assert call("run", folder, "--json").json["n_sets"] == 20
     assert call("report", folder).code == 0
 
 
@@ -140,7 +140,7 @@ def test_ctrl_c_in_the_fit_is_shown_by_status_and_resumes_to_the_same_bytes(
     shown = call("status", "stopped")
     assert re.search(r"fit: all spots, scenario pull only: step \d, Fopt .*; not running", shown.out)
     assert "next: palpate" in shown.err
-    resumed = call("resume", "stopped", "--trust-plugins", plugin=None)
+    resumed = call("run", "stopped", "--trust-plugins", plugin=None)
     assert resumed.code == 0, resumed.err
     assert tables(tmp_path / "stopped") == tables(tmp_path / "whole")
     assert call("status", "stopped", "--json").json["fit"] is None

@@ -81,7 +81,7 @@ def test_commands_are_under_headings_in_the_order_of_a_study(capsys):
 @pytest.mark.parametrize(
     ("words", "number", "offered"),
     [
-        ("palpate res", 1, "resume"),
+        ("palpate ru", 1, "run"),
         ("palpate rep", 1, "reproduce"),
         ("palpate plugins mat", 2, "materials"),
         ("palpate run arm --go", 3, "--go-on"),

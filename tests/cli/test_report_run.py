@@ -140,7 +140,7 @@ def test_the_page_of_a_run_that_has_not_ended_shows_what_is_there(call, study, t
         during = call("report", "--json")  # the newest in runs/
         assert during.json == stopped.json
         assert "in use by process" in call("report", study).err
-    assert call("resume").code == 0
+    assert call("run").code == 0
     whole = call("report", "runs/toy", "--json").json
     assert not any("not ended" in warning for warning in whole["warnings"])
     assert whole["intervals"][0]["level"] == 0.95

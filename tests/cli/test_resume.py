@@ -70,7 +70,7 @@ def test_ctrl_c_stops_and_resume_gives_the_tables_of_a_run_never_stopped(
     assert status["running"] is None
     assert 4 <= status["n_finished"] < status["n_simulations"] == 20
     assert "next: palpate" in call("status", "stopped").err
-    resumed = call("resume", "stopped", "--trust-plugins", plugin=None)
+    resumed = call("run", "stopped", "--trust-plugins", plugin=None)
     assert resumed.code == 0, resumed.err
     assert tables(tmp_path / "stopped") == tables(whole_run)
     assert call("status", "stopped", "--json").json["n_finished"] == status["n_simulations"]
@@ -141,7 +141,7 @@ def test_failures_are_grouped_by_reason_without_its_numbers():
 
 @pytest.mark.slow
 def test_more_sets_keep_those_that_are_done(call, study, ran):
-    more = call("resume", "runs/toy", "--sets", "30", "--json", "--trust-plugins", plugin=None)
+    more = call("run", "runs/toy", "--sets", "30", "--json", "--trust-plugins", plugin=None)
     assert more.code == 0, more.err
     assert more.json["n_sets"] == 30
     with Ledger(ran) as ledger:
@@ -152,9 +152,9 @@ def test_more_sets_keep_those_that_are_done(call, study, ran):
     even_more = pl.read_parquet("other/design.parquet")
     assert even_more.height == 50
     assert pl.read_parquet(ran / "design.parquet").equals(even_more.head(30))
-    again = call("resume", "runs/toy", "--json", "--trust-plugins", plugin=None).json
+    again = call("run", "runs/toy", "--json", "--trust-plugins", plugin=None).json
     assert again["n_sets"] == 30
-    refused = call("resume", "runs/toy", "--sets", "10", "--study", study)
+    refused = call("run", "runs/toy", "--sets", "10", "--study", study)
     assert refused.code == 0  # a run is never made smaller
 
 
@@ -163,7 +163,7 @@ def test_a_first_look_is_the_beginning_of_the_whole_run(call, study, tmp_path, w
     look = call("run", study, "--sets", "8", "--json")
     assert look.code == 0, look.err
     assert look.json["n_sets"] == 8
-    assert call("resume", "runs/toy", "--json", "--trust-plugins", plugin=None).json["n_sets"] == 8
+    assert call("run", "runs/toy", "--json", "--trust-plugins", plugin=None).json["n_sets"] == 8
     whole = call("run", study)
     assert whole.code == 0, whole.err
     assert "n_total: 8 → 0" in whole.err
@@ -172,8 +172,7 @@ def test_a_first_look_is_the_beginning_of_the_whole_run(call, study, tmp_path, w
         assert swept(ledger)["n_attempts"].to_list() == [1] * 20
     assert tables(tmp_path / "runs" / "toy") == tables(whole_run)
     assert (
-        call("resume", "runs/toy", "--sets", "8", "--json", "--trust-plugins", plugin=None).json["n_sets"]
-        == 20
+        call("run", "runs/toy", "--sets", "8", "--json", "--trust-plugins", plugin=None).json["n_sets"] == 20
     )
 
 
@@ -187,7 +186,7 @@ def test_a_changed_study_shows_the_changes_and_forks_or_continues(call, study, t
     assert "0 of 20 finished simulations are still valid" in refused.err
     assert "--fork FOLDER" in refused.err
     before = tables(ran)
-    assert call("resume", "runs/toy", "--fork", "forked", "--trust-plugins", plugin=None).code == 0
+    assert call("run", "runs/toy", "--fork", "forked", "--trust-plugins", plugin=None).code == 0
     assert tables(ran) == before
     with Ledger(tmp_path / "forked") as ledger:
         assert swept(ledger).height == 40
@@ -237,12 +236,12 @@ def test_a_run_and_its_study_move_together_and_a_lost_study_is_requested(call, s
     call("run", study, "--out", study / "run")
     moved = tmp_path / "moved"
     shutil.move(study, moved)
-    assert call("resume", moved / "run", "--trust-plugins", plugin=None).code == 0
+    assert call("run", moved / "run", "--trust-plugins", plugin=None).code == 0
     shutil.move(moved / "run", tmp_path / "alone")
-    lost = call("resume", "alone", "--trust-plugins", plugin=None)
+    lost = call("run", "alone", "--trust-plugins", plugin=None)
     assert lost.code == 2
     assert "--study FILE" in lost.err or "a plugin file of this run is not there" in lost.err
-    assert call("resume", "nowhere").code == 2
+    assert call("run", "nowhere").code == 2
 
 
 def test_the_manifest_holds_no_place_of_this_machine(whole_run):
@@ -267,9 +266,9 @@ def test_a_narrowed_range_keeps_the_curves_of_the_sets_inside(call, study, ran):
         assert swept(ledger).height == 40 - inside.height
         assert swept(ledger)["n_attempts"].max() == 1
     narrow = tables(run)
-    assert call("resume", run, "--trust-plugins", plugin=None).code == 0
+    assert call("run", run, "--trust-plugins", plugin=None).code == 0
     assert tables(run) == narrow
-    assert call("resume", run, "--sets", "30", "--json").json["n_sets"] == 30
+    assert call("run", run, "--sets", "30", "--json").json["n_sets"] == 30
     assert pl.read_parquet(run / "design.parquet").head(20).equals(design)
     path.write_text(usual)
     assert call("run", study, "--go-on").code == 0
@@ -287,7 +286,7 @@ def test_a_received_run_executes_no_untrusted_file(call, study, tmp_path, ran):
     manifest = json.loads(path.read_text())
     path.write_text(json.dumps(manifest | {"plugin_files": [*manifest["plugin_files"], str(planted)]}))
     for given in ([], ["--json"], ["--go-on"]):
-        refused = call("resume", ran, *given)
+        refused = call("run", ran, *given)
         assert refused.code == 2
         assert str(planted) in refused.err
         assert "--trust-plugins" in refused.err
@@ -295,9 +294,9 @@ def test_a_received_run_executes_no_untrusted_file(call, study, tmp_path, ran):
     toml = study / "study.toml"
     toml.write_text(toml.read_text().replace("[study]", '[study]\nplugins = ["../planted.py"]', 1))
     path.write_text(json.dumps(manifest))
-    assert "planted.py" in call("resume", ran).err
+    assert "planted.py" in call("run", ran).err
     assert not (tmp_path / "executed").exists()
-    assert call("resume", ran, "--trust-plugins").code == 0
+    assert call("run", ran, "--trust-plugins").code == 0
     assert (tmp_path / "executed").exists()
 
 
@@ -305,7 +304,7 @@ def test_a_received_run_executes_no_untrusted_file(call, study, tmp_path, ran):
 def test_a_run_moved_away_from_its_plugin_is_resumed_with_that_plugin(call, study, tmp_path, ran):
     (tmp_path / "far" / "away").mkdir(parents=True)
     shutil.move(ran, tmp_path / "far" / "away" / "run")
-    assert call("resume", "far/away/run", "--study", study).code == 0
+    assert call("run", "far/away/run", "--study", study).code == 0
     manifest = json.loads((tmp_path / "far" / "away" / "run" / "manifest.json").read_text())
     assert manifest["study_file"] == "../../../study/study.toml"
 
@@ -334,7 +333,7 @@ def test_two_studies_of_one_name_do_not_share_the_default_folder(call, study, tm
         assert refused.code == 2
         assert "holds the run of" in refused.err
         assert "--out" in refused.err
-    assert call("resume", "runs/toy", "--study", other).code == 0
+    assert call("run", "runs/toy", "--study", other).code == 0
 
 
 @pytest.mark.slow
@@ -345,7 +344,7 @@ def test_a_damaged_manifest_is_an_error_and_deleting_it_is_a_remedy(call, study,
     flipped = [whole.replace(f'"{key}"', '"other"', 1) for key in ("scenarios", "spots", "mean_abs")]
     for content in ("", "{", "[1]", "\xff", "[" * 100_000, "{}", *flipped):
         manifest.write_text(content, encoding="latin-1")
-        for command in (("run", study), ("status", "runs/toy"), ("resume", "runs/toy"), ("report", study)):
+        for command in (("run", study), ("status", "runs/toy"), ("run", "runs/toy"), ("report", study)):
             refused = call(*command)
             assert refused.code == 2, command
             assert "manifest.json: damaged" in refused.err

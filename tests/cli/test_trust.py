@@ -73,7 +73,7 @@ def test_trusted_results_stay_in_every_later_stage_and_are_on_record(call, study
     before, n_first = scores(ran), n_simulated(ran)
     assert call("run", study, *BOTH, plugin=plugin(2.0)).code == 0
     assert scores(ran).equals(before)
-    for again in (("resume", ran), ("score", study), ("report", study)):
+    for again in (("run", ran), ("score", study), ("report", study)):
         done = call(*again, plugin=plugin(2.0))
         assert done.code == 0, done.err
     assert scores(ran).equals(before)
@@ -102,7 +102,7 @@ def test_a_stage_after_the_sweep_refuses_other_code(call, study, ran, plugin):
 @quick
 def test_a_copy_of_a_run_accepts_what_it_was_copied_with(call, study, tmp_path, ran, plugin):
     assert call("run", study, "--fork", "copy", *BOTH, plugin=plugin(2.0)).code == 0
-    assert call("resume", "copy", plugin=plugin(2.0)).code == 0
+    assert call("run", "copy", plugin=plugin(2.0)).code == 0
     assert scores(tmp_path / "copy").equals(scores(ran))
     assert n_simulated(tmp_path / "copy") == n_simulated(ran)
 
@@ -148,10 +148,10 @@ def test_a_changed_measured_file_is_reported_though_it_costs_no_simulation(call,
     file = study / "s1.txt"
     rows = [line.split() for line in file.read_text().splitlines()]
     file.write_text("".join(f"{x} {float(y) * 1.3}\n" for x, y in rows))
-    for command in (("run", study), ("resume", "runs/toy")):
-        again = call(*command)
+    for given in (study, "runs/toy"):
+        again = call("run", given)
         assert again.code == 0, again.err
-        if command[0] == "run":
+        if given == study:
             assert "inputs.s1.txt: " in again.err
             assert "20 of 20 finished simulations are still valid" in again.err
         else:

@@ -20,7 +20,6 @@ from palpate import __version__
 from palpate.cli.card import card
 from palpate.cli.check import check
 from palpate.cli.compare import compare
-from palpate.cli.demo import demo
 from palpate.cli.doctor import doctor
 from palpate.cli.experiment import experiment
 from palpate.cli.init import init
@@ -40,7 +39,6 @@ from palpate.cli.next_press import extend, next_, plan
 from palpate.cli.plugins import plugins
 from palpate.cli.predict import predict
 from palpate.cli.report import report
-from palpate.cli.resume import resume
 from palpate.cli.run import run
 from palpate.cli.schema import schema
 from palpate.cli.session import Session, visible
@@ -52,8 +50,8 @@ from palpate.plugins.guard import noting_interrupts
 
 PANELS: Mapping[str, tuple[Callable[..., object], ...]] = MappingProxyType(
     {
-        START: (init, check, demo, doctor, plugins, new_plugin, schema),
-        RUN: (run, resume, status, compare, predict, plan, next_, extend, card, synthesise),
+        START: (init, check, doctor, plugins, new_plugin, schema),
+        RUN: (run, status, compare, predict, plan, next_, extend, card, synthesise),
         STAGES_PANEL: (
             experiment,
             limb,

@@ -7,10 +7,11 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.demo import DEMO
 from palpate.cli.options import AsJson
 from palpate.cli.session import Session
 from palpate.errors import StudyError
+
+DEMO = "forearm-demo"
 
 
 def init(

@@ -15,9 +15,9 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "run": (
             "palpate run arm",
             "palpate run arm --out /scratch/arm --sets 500",
+            "palpate run runs/arm --sets 500 --fork runs/arm-500",
             "palpate run arm --json > arm.json",
         ),
-        "resume": ("palpate resume runs/arm", "palpate resume runs/arm --sets 500 --fork runs/arm-500"),
         "status": ("palpate status runs/arm", "palpate status runs/arm --watch"),
         "predict": ("palpate predict runs/arm --tool cuff.toml",),
         "card": ("palpate card runs/arm --for abaqus", "palpate card runs/arm --for febio --into arm.feb"),
@@ -28,7 +28,6 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "palpate next runs/arm --for soft_tissue.c1 --presses 3",
         ),
         "extend": ("palpate extend runs/arm --with p2-9.csv",),
-        "demo": ("palpate demo", "palpate demo --sets 4", "palpate demo --study treloar"),
         "plugins": ("palpate plugins", "palpate plugins materials yeoh"),
         "new-plugin": (
             "palpate new-plugin material my_tissue",

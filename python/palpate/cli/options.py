@@ -10,6 +10,12 @@ from palpate.study.plain_values import MOST_SETS
 StudyPath: TypeAlias = Annotated[
     Path, typer.Argument(metavar="STUDY", help="A study.toml, or the folder that holds one.")
 ]
+StudyOrRun: TypeAlias = Annotated[
+    Path,
+    typer.Argument(
+        metavar="STUDY|RUN", help="A study.toml, the folder that holds one, or a run directory to continue."
+    ),
+]
 OutFolder: TypeAlias = Annotated[
     Path | None, typer.Option("--out", metavar="FOLDER", help="Run directory; default: runs/<study>.")
 ]

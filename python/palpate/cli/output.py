@@ -254,12 +254,10 @@ OUTPUTS: Mapping[str, Any] = MappingProxyType(
     {
         "init": list[TemplateRow] | InitOutput,
         "check": CheckOutput,
-        "demo": RunOutput,
         "plugins": dict[str, list[dict[str, Any]]],
         "new-plugin": NewPluginOutput,
         "doctor": list[FindingOutput],
         "run": RunOutput,
-        "resume": RunOutput,
         "plan": ProposalOutput,
         "next": ProposalOutput,
         "extend": RunOutput,

@@ -1,16 +1,28 @@
-"""``palpate run``: from measured curves to identified parameters."""
+"""``palpate run``: from measured curves to identified parameters, and on where a run stopped."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.options import AsJson, ForkTo, GoOn, NumberOfSets, OutFolder, StudyPath, Tables, Trust
+from palpate.cli.options import (
+    AsJson,
+    ForkTo,
+    GoOn,
+    NumberOfSets,
+    OutFolder,
+    StudyOrRun,
+    Tables,
+    Trust,
+    TrustPlugins,
+)
 from palpate.cli.progress import StageProgress
 from palpate.cli.results import show_run
+from palpate.cli.runs import plugins_of, session_of_run, study_file_of
 from palpate.cli.session import Session, run_folder
+from palpate.errors import StudyError
 
 if TYPE_CHECKING:
     from palpate.run.study_diff import Changed
@@ -22,20 +34,63 @@ MAX_CHANGES = 20
 
 def run(
     context: typer.Context,
-    study: StudyPath,
+    study: StudyOrRun,
     out: OutFolder = None,
+    moved: Annotated[
+        Path | None,
+        typer.Option("--study", help="Study file of a run, if it has moved.", show_default=False),
+    ] = None,
     n_sets: NumberOfSets = None,
     go_on: GoOn = False,
     fork: ForkTo = None,
     trust: Trust = None,
+    trust_plugins: TrustPlugins = False,
     tables: Tables = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run every stage of a study; what is already simulated is not simulated again."""
+    """Run every stage of a study, or continue a run; what is already simulated is not simulated again.
+
+    The tables of a run that was stopped and continued equal those of an uninterrupted one.
+    """
+    from palpate.run.ownership import is_run
+
     session = Session.of(context)
-    checked = replace(session.study(study), n_total=n_sets or 0)
-    folder = run_folder(checked, out)
-    go(session, checked, folder, go_on=go_on, fork=fork, trust=trust or (), tables=tables, as_json=as_json)
+    if is_run(study) and out is None:
+        folder = study
+        session, checked = _continued(session, folder, moved, n_sets, trust_plugins=trust_plugins)
+    elif moved is not None:
+        raise StudyError(f"--study {moved}: {study} is no run directory whose study could have moved")
+    else:
+        checked = replace(session.study(study), n_total=n_sets or 0)
+        folder = run_folder(checked, out)
+    go(
+        session,
+        checked,
+        folder,
+        go_on=go_on,
+        fork=fork,
+        trust=trust or (),
+        tables=tables,
+        as_json=as_json,
+        adopt=moved is not None,
+    )
+
+
+def _continued(
+    session: Session, folder: Path, moved: Path | None, n_sets: int | None, *, trust_plugins: bool
+) -> "tuple[Session, Study]":
+    """Session with the plugin files of a run, and its study with as many sets as the run has, or more."""
+    from palpate.run.directory import RunDirectory
+    from palpate.study.reading import study_plugins
+
+    manifest = RunDirectory(folder).manifest()
+    file = moved or study_file_of(folder, manifest, f"name it: palpate run {folder} --study FILE")
+    named = [*plugins_of(folder, manifest), *([] if moved else study_plugins(file))]
+    session = session_of_run(session, folder, named, trust=trust_plugins)
+    study, n_before = session.study(file), manifest["n_total"]
+    if not n_before and n_sets is not None and n_sets <= study.n_sets:
+        return session, study
+    return session, replace(study, n_total=max(n_sets or 0, n_before))
 
 
 def go(

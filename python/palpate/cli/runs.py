@@ -69,7 +69,7 @@ def _newest(runs: Iterable[Path]) -> Path | None:
 
 
 def session_of_run(
-    session: Session, run: Path, named: Iterable[Path], *, trust: bool, command: str = "resume"
+    session: Session, run: Path, named: Iterable[Path], *, trust: bool, command: str = "run"
 ) -> Session:
     """Session with the plugin files that a received run names, once the user trusts them.
 

@@ -204,7 +204,7 @@ def _refuse_run(path: Path) -> None:
 
     if is_run(path) and not is_of(path, path / "study.toml"):
         raise StudyError(
-            f"{path}: a run directory, not a study; `palpate resume {path}` continues it, "
+            f"{path}: a run directory, not a study; `palpate run {path}` continues it, "
             f"`palpate report {path}` shows it"
         )
 

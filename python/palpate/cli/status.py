@@ -65,7 +65,7 @@ def _show(session: Session, seen: "RunStatus") -> None:
         if not frame.is_empty():
             session.frame(title, frame)
     if seen.is_unfinished:
-        session.next(f"resume {seen.folder}")
+        session.next(f"run {seen.folder}")
 
 
 def _line(seen: "RunStatus") -> str:

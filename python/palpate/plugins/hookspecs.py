@@ -37,7 +37,7 @@ hookspec = pluggy.HookspecMarker("palpate")
 
 @hookspec
 def palpate_studies() -> "Iterable[StudyTemplate]":  # type: ignore[empty-body]
-    """Ready studies for ``palpate init`` and ``palpate demo``.
+    """Ready studies for ``palpate init``.
 
     Each is a folder inside the plugin, with a ``study.toml`` and the data that it names; it is
     copied whole.

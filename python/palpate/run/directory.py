@@ -87,7 +87,7 @@ class RunDirectory:
             now |= {name: earlier[name] for name in now if name.startswith(IN_KEYS) and name in earlier}
         content = manifest(study, channels) | {
             "measured": self._records(study),
-            # Relative to this folder, for `palpate resume`: both may move together.
+            # Relative to this folder, for `palpate run`: both may move together.
             "study_file": _from(self.folder, study.file),
             "plugin_files": [_from(self.folder, file) for file in study.plugin_files],
             "fingerprints": now,

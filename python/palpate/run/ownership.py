@@ -26,7 +26,7 @@ _REASONS = {
     **dict.fromkeys((errno.ELOOP, errno.EEXIST, errno.ENOTDIR, errno.EISDIR), f"cannot be written; {_PLACE}"),
     errno.EIO: _CHECK,
 }
-KEPT = "everything finished before is kept, and `palpate resume` goes on from there"
+KEPT = "everything finished before is kept, and `palpate run` goes on from there"
 
 
 def reason(error: OSError) -> str:
@@ -103,7 +103,7 @@ def refuse_other(folder: Path, before: Path, now: Path) -> None:
     if is_other:
         raise StudyError(
             f"{folder}: holds the run of {before.resolve()}, not of {now}; name another folder with --out, "
-            f"or continue that run with this study: palpate resume {folder} --study {now}"
+            f"or continue that run with this study: palpate run {folder} --study {now}"
         )
 
 

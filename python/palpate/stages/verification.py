@@ -56,7 +56,7 @@ def verify(
     for simulation in found:
         if not progress.should_continue():
             raise StoppedError(
-                f"stopped while verifying the selected sets; `palpate resume {run.folder}` continues"
+                f"stopped while verifying the selected sets; `palpate run {run.folder}` continues"
             )
         limb = limbs.get(simulation.job.limb_name)
         key = _key(study, simulation, limb)

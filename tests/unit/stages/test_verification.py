@@ -99,7 +99,7 @@ def test_a_stop_keeps_what_is_proved(doubting, make_study, plugins, tmp_path):
         def should_continue(self):
             return not doubting.asked
 
-    with pytest.raises(StoppedError, match="palpate resume"):
+    with pytest.raises(StoppedError, match="palpate run"):
         run_to_selection(make_study(doubting()), tmp_path / "run", plugins, Impatient())
     assert len(RunDirectory(tmp_path / "run").verification()) == 1
 

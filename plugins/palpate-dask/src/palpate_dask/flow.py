@@ -138,7 +138,7 @@ class _Flow:
                 raise error
             raise ExecutorError(
                 f"a Dask worker failed: {type(error).__name__}: {error}; everything finished is kept: "
-                "fix the cluster, then `palpate resume`"
+                "fix the cluster, then `palpate run`"
             )
         raise _gone()
 
@@ -146,5 +146,5 @@ class _Flow:
 def _gone() -> ExecutorError:
     return ExecutorError(
         "the Dask scheduler is gone, or has forgotten a job; everything finished is kept: "
-        "start it again, then `palpate resume`"
+        "start it again, then `palpate run`"
     )
