@@ -149,10 +149,15 @@ class Score(OfEveryRun):
                 f"{inputs.directory.folder}: no simulation of this study; run `palpate simulate` first"
             )
         scores = scoring.score(swept, inputs.measured, study.scoring, study.scenarios)
-        found = completeness(scores, study.spot_names, inputs.design)
-        if not found.is_complete:
-            progress.note(f"warning: incomplete sweep, {found}; `palpate simulate` runs the rest")
+        _warn_of_missing(inputs, scores, progress)
         return {"scores": scores}
+
+
+def _warn_of_missing(inputs: Run, scores: pl.DataFrame, progress: Progress) -> None:
+    """Warn of sets that have not been simulated."""
+    found = completeness(scores, inputs.study.spot_names, inputs.design)
+    if not found.is_complete:
+        progress.note(f"warning: incomplete sweep, {found}; `palpate simulate` runs the rest")
 
 
 class Select(OfEveryRun):
@@ -178,7 +183,9 @@ class Select(OfEveryRun):
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Best sets, with the parameters that are tied to those of the sets."""
         study = inputs.study
-        chosen, general = best_sets(study, inputs.design, inputs.table("scores"))
+        scores = inputs.table("scores")
+        chosen, general = best_sets(study, inputs.design, scores)
+        _warn_of_missing(inputs, scores, progress)
         scaled = pl.DataFrame()
         if study.stiffness_scaling:
             found = best_scaled_sets(inputs.simulations, inputs.swept(), inputs.design, inputs.measured)

@@ -320,25 +320,27 @@ def report(
     """
     directory = RunDirectory(run_folder)
     read_run(study, directory, plugins).require("sample")  # before a folder is made
-    runs_now = as_run and living_runner_of(run_folder) is not None
+    runs_now = as_run and living_runner_of(run_folder) is not None  # before this process is the one
     with contextlib.nullcontext() if runs_now else directory.locked(study, plugins.channels):
         run = read_run(study, directory, plugins, progress, is_copy=as_run)
-        return _report(run, plugins, progress, unfinished=_unfinished(directory) if as_run else "")
+        unfinished = _unfinished(directory, runs_now=runs_now) if as_run else ""
+        return _report(run, plugins, progress, unfinished=unfinished)
 
 
 def read_results(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> ReportData:
     """What a run found, by the copy of its study; writes nothing."""
     run = read_run(study, RunDirectory(run_folder), plugins, progress)
     run.require("sample")
-    return report_data(run, plugins, unfinished=_unfinished(run.directory))
+    runs_now = living_runner_of(run_folder) is not None
+    return report_data(run, plugins, unfinished=_unfinished(run.directory, runs_now=runs_now))
 
 
-def _unfinished(directory: RunDirectory) -> str:
+def _unfinished(directory: RunDirectory, *, runs_now: bool) -> str:
     """How far a run is that has not ended; empty where it has."""
     with Ledger(directory.folder) as ledger:
         counts = ledger.counts()
     n_left, state = counts.get("left", 0), read_fit_state(directory.folder)
-    if not (living_runner_of(directory.folder) or n_left or state):
+    if not (runs_now or n_left or state):
         return ""
     sweep = f"{sum(counts.values()) - n_left} of {sum(counts.values())} simulations of the sweep"
     return sweep if state is None else f"{sweep}; fit: {state}"

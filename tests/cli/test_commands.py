@@ -335,7 +335,7 @@ def test_the_stages_one_by_one_choose_what_run_chooses(call: Call, study: Path) 
     assert whole["folder"] == "runs/toy"
     assert abs(whole["generalisation"][0]["rubber.k"] - 2.0) < 0.15
     results: dict[str, Any] = {}
-    for stage in ("experiment", "sample", "simulate", "score", "select", "fit", "report"):
+    for stage in ("experiment", "sample", "simulate", "score", "select", "fit", "intervals", "report"):
         outcome = call(stage, study, "--out", "apart", "--json")
         assert outcome.code == 0, outcome.err
         results[stage] = outcome.json
@@ -343,7 +343,7 @@ def test_the_stages_one_by_one_choose_what_run_chooses(call: Call, study: Path) 
         "spot": "s1", "channel": "pull", "n_points": 11, "n_presses": 1, "over": "1 to 2",
         "least": 0.0, "largest": 3.0, "unit": "MPa", "largest_std": None,
     }  # fmt: skip
-    assert results["sample"]["n_sets"] == 20
+    assert len(results["sample"]["design"]) == 20
     assert results["simulate"] == {"ok": 40}
     assert len(results["score"]["scores"]) >= 40
     assert results["score"]["warnings"] == results["select"]["warnings"] == []
@@ -359,11 +359,11 @@ def test_the_stages_one_by_one_choose_what_run_chooses(call: Call, study: Path) 
 def test_a_scenario_without_a_set_ends_with_1_after_the_results(
     call: Call, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from palpate import pipeline
+    from palpate import core_stages
     from palpate.report import report_data
 
     missing = {("s1", "pull only"): "unreadable: a turn too many"}
-    for module in (pipeline, report_data):
+    for module in (core_stages, report_data):
         monkeypatch.setattr(module, "without_result", lambda *_: missing)
     expected = "no set could be selected at s1, scenario pull only; reason: unreadable: a turn too many"
     for command in ("run", "select", "report"):

@@ -140,7 +140,7 @@ def test_the_page_of_a_run_that_has_not_ended_shows_what_is_there(call, study, t
         during = call("report", "--json")  # the newest in runs/
         assert during.json == stopped.json
         assert "in use by process" in call("report", study).err
-    assert call("run").code == 0
+    assert call("run", "runs/toy").code == 0
     whole = call("report", "runs/toy", "--json").json
     assert not any("not ended" in warning for warning in whole["warnings"])
     assert whole["intervals"][0]["level"] == 0.95
@@ -163,7 +163,7 @@ def test_run_and_study_mean_the_same_in_each_command(call, study, ran):
     for named in ([study], ["runs/elsewhere"], [], ["--out", "runs/elsewhere"]):
         files = call("report", *named, "--json").json["files"]
         assert {Path(file).parts[:2] for file in files} == {("runs", "elsewhere")}, named
-    for command in ("check", "run", "score", "fit", "synthesise"):
+    for command in ("check", "score", "fit", "synthesise"):
         refused = call(command, "runs/elsewhere")
         assert (refused.code, "a run directory, not a study" in refused.err) == (2, True), command
 

@@ -290,7 +290,7 @@ def test_a_received_run_executes_no_untrusted_file(call, study, tmp_path, ran):
         assert refused.code == 2
         assert str(planted) in refused.err
         assert "--trust-plugins" in refused.err
-        assert f"palpate --plugin {planted} resume" in refused.err
+        assert f"palpate --plugin {planted} run" in refused.err
     toml = study / "study.toml"
     toml.write_text(toml.read_text().replace("[study]", '[study]\nplugins = ["../planted.py"]', 1))
     path.write_text(json.dumps(manifest))

@@ -276,8 +276,7 @@ class Run:
 
     def _require(self, stage: "Stage") -> None:
         if stage.tables and not self.directory.records.has(stage.name):
-            path = self.directory.folder / next(iter(stage.tables))
-            raise StudyError(f"{path}: not there yet; run `palpate {stage.name}` first")
+            self.directory.records.refuse_missing(stage.name, next(iter(stage.tables)))
 
     def _check_simulated(self) -> None:
         """Refuse scores of simulations that are not those of the study."""
