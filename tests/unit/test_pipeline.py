@@ -63,8 +63,8 @@ def test_a_run_finds_the_tissue_and_reports_it(make_study, plugins, tmp_path):
     assert len(result.simulations) == 120
     spent = result.fit.table.unique(["fit", "scenario"])["n_runs"].sum()
     with Ledger(tmp_path / "run") as ledger:  # both spots have the same simulations of the sweep
-        # Two more are for the error budget: the path of a press with the onset moved to either side.
-        assert spent + 2 == len(ledger.entries()) - 60
+        # Four more are for the error budget: a press with onset and friction moved to either side.
+        assert spent + 4 == len(ledger.entries()) - 60
     assert set(result.report.tables) == {
         "intervals", "budget", "directions", "inadequate",
         "table1_fit", "table2_fit", "table1_coefficients", "table2_nmse", "unfitted_channels",

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from palpate.api import AsJson, PalpateError, Session
@@ -77,13 +76,13 @@ def predict_press(
 def _rows(population: Population, presses: Presses) -> list[dict[str, Any]]:
     """Rows of the output, one for each press; those outside of what was simulated have a reason alone."""
     reasons = population.outside(presses)
-    within = np.flatnonzero([not reason for reason in reasons])
+    within = [row for row, reason in enumerate(reasons) if not reason]
     chosen = presses[within]
     compliance, share = population.predict(chosen.layers_mm, chosen.width_mm, chosen.force_N)
     if population.sites:
         compliance = compliance * population.site_factor(chosen.site)
     columns = (compliance, *population.interval(compliance), share)
-    values = dict(zip(within.tolist(), np.column_stack(columns).tolist(), strict=True))
+    values = dict(zip(within, zip(*(each.tolist() for each in columns), strict=True), strict=True))
     return [
         {
             "status": "outside" if reason else "predicted",

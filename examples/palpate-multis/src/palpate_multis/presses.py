@@ -54,7 +54,7 @@ class Presses:
     fat_share: FloatArray
     site: StrArray
 
-    def __getitem__(self, chosen: IntArray) -> "Presses":
+    def __getitem__(self, chosen: IntArray | list[int]) -> "Presses":
         """Some of the presses."""
         return Presses(**{name: getattr(self, name)[chosen] for name in self.__slots__})
 
