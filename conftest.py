@@ -54,7 +54,7 @@ os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parent / "
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 
-MOST_MB = 1000.0
+MOST_MB = 800.0
 """Memory of a process of the tests above which compiled functions are dropped after a file of tests."""
 
 _spent_s = [0.0]
