@@ -21,7 +21,7 @@ import palpate.testing
 ROOT = Path(__file__).parents[2]
 TERMS = Path(__file__).with_name("glossary.toml")
 LINK = re.compile(r"(?<=\]\()(?!https?:|#|mailto:)([^)#\s]+)")
-GUIDE = re.compile(r"^\| \[[^\]]+\]\((docs/[^)]+\.md)\)", flags=re.MULTILINE)
+GUIDE = re.compile(r"^\| ([\w ]*) ?\| \[[^\]]+\]\(([^)]+\.md)\)", flags=re.MULTILINE)
 
 
 def texts() -> tuple[str, ...]:
@@ -31,17 +31,30 @@ def texts() -> tuple[str, ...]:
     return tuple(path.relative_to(ROOT).as_posix() for each in patterns for path in sorted(ROOT.glob(each)))
 
 
+def guides() -> dict[str, list[Any]]:
+    """Paths of the guides by the step of a reader, both in the README's order."""
+    steps: dict[str, list[Any]] = {}
+    for step, path in GUIDE.findall((ROOT / "README.md").read_text(encoding="utf-8")):
+        steps.setdefault(step.strip() or list(steps)[-1], []).append(path)
+    return steps
+
+
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """List the pages: guides in the README's order, plugins, reference."""
-    guides = GUIDE.findall((ROOT / "README.md").read_text(encoding="utf-8"))
-    plugins = [path for path in texts() if path.startswith(("plugins/", "examples/"))]
-    reference: list[Any] = [{"Python": "reference/palpate.md"}, {"Contract tests": "reference/testing.md"}]
+    """List the pages: guides step by step, with plugins and the generated reference in theirs."""
+    steps = guides()
+    listed = {path for paths in steps.values() for path in paths}
+    steps["plugins"] += [
+        path for path in texts() if path.startswith(("plugins/", "examples/")) and path not in listed
+    ]
+    steps["reference"] += [
+        {"Python": "reference/palpate.md"},
+        {"Contract tests": "reference/testing.md"},
+        {"Glossary": "reference/glossary.md"},
+        {"Gallery": "gallery.md"},
+    ]
     config.nav = [
         {"palpate": "README.md"},
-        {"Guides": guides},
-        {"Gallery": "gallery.md"},
-        {"Plugins": plugins},
-        {"Reference": [*reference, {"Glossary": "reference/glossary.md"}]},
+        *({step.capitalize(): paths} for step, paths in steps.items()),
         {"Project": ["CHANGELOG.md", "CONTRIBUTING.md"]},
     ]
     return config

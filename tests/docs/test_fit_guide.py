@@ -8,10 +8,12 @@ import pytest
 
 from palpate.certainty.causes import ONSET_MM
 from palpate.cli.app import main
+from palpate.plugins.catalogue import Plugins
 from palpate.run.ledger import Ledger
-from palpate.study.model import BudgetTable, FitTable
+from palpate.study.model import BudgetTable, FitTable, RegionTable, SamplingTable
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "fit.md").read_text(encoding="utf-8")
+PLUGINS = Plugins.load(entry_points=False)
 
 
 def blocks(language: str) -> list[str]:
@@ -19,11 +21,32 @@ def blocks(language: str) -> list[str]:
 
 
 def test_the_table_has_the_keys_of_a_study_and_their_defaults() -> None:
-    (text,) = blocks("toml")
+    text = blocks("toml")[2]
     table = FitTable.model_validate(tomllib.loads(text)["fit"])
     assert table == FitTable()
+    (example,) = re.findall(r"such as (\{.*\}):", text)
+    settings = tomllib.loads(f"settings = {example}")["settings"]
+    assert PLUGINS.searches[table.search].Settings.model_validate(settings).max_steps == 20
     left_out = set(FitTable.model_fields) - table.model_fields_set
     assert left_out == {"parametrisation", "searched"}
+
+
+def test_the_tables_of_parameters_sampling_and_searched_are_read() -> None:
+    regions, sampling, _, fit = map(tomllib.loads, blocks("toml"))
+    for region in regions["region"].values():
+        assert set(RegionTable.model_validate(region).parameters) == {"c1", "kappa"}
+    table = SamplingTable.model_validate(sampling["sampling"])
+    sampler = PLUGINS.samplers[table.sampler]
+    assert sampler.Settings.model_validate(table.settings).criterion == "maximin"
+    assert PLUGINS.parametrisations["standard"].Settings.model_validate(fit["fit"]["searched"]).friction
+
+
+@pytest.mark.parametrize(
+    ("kind", "columns"), [("samplers", "sampler | draws"), ("searches", "search | finds")]
+)
+def test_components_of_the_core_are_listed(kind: str, columns: str) -> None:
+    listed = re.findall(rf"\| {re.escape(columns)} \|\n\|---\|---\|\n((?:\| `.*\n)+)", GUIDE)[0]
+    assert re.findall(r"^\| `([\w-]+)`", listed, re.MULTILINE) == list(PLUGINS.catalogue(kind))
 
 
 @pytest.mark.slow

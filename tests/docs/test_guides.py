@@ -13,10 +13,13 @@ import polars as pl
 import pytest
 from typer.main import get_command
 
-from palpate.cli.app import build_app, main
+from palpate.cli.app import COMMANDS, STAGES, build_app, main
+from palpate.cli.listing import name_of
 from palpate.domain import Scenario, weighed_phases
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import add_commands
+from palpate.report.marks import AT_END, REFUSED, TIED, mark_of, verdict_of
+from palpate.report.tables import TITLES
 from palpate.specimens import block
 from palpate.stages.curve_checks import (
     BIAS,
@@ -48,8 +51,8 @@ def text_of(guide: Path) -> str:
 
 def commands_of(guide: Path) -> list[str]:
     """Indented calls of palpate, without their comments."""
-    lines = re.findall(r"^ {4}(?:env/bin/)?(palpate .*)$", text_of(guide), flags=re.MULTILINE)
-    return [re.split(r" {2,}#", line)[0].strip() for line in lines]
+    lines = re.findall(r"^ {4}(?:\.venv/bin/)?(palpate .*)$", text_of(guide), flags=re.MULTILINE)
+    return [re.split(r" +#", line)[0].strip() for line in lines]
 
 
 @pytest.mark.parametrize("guide", GUIDES, ids=lambda path: str(path.relative_to(ROOT)))
@@ -77,6 +80,17 @@ def test_every_call_is_one_that_palpate_understands(guide, group):
             parent = command.make_context(name, list(rest), parent=parent, resilient_parsing=True)
             name, command, rest = command.resolve_command(parent, [*parent._protected_args, *parent.args])
         command.make_context(name, list(rest), parent=parent)
+
+
+def test_every_command_is_in_a_guide_and_every_named_one_exists(group):
+    named = {
+        name
+        for guide in GUIDES
+        if guide.name != "CHANGELOG.md"
+        for name in re.findall(r"(?:`| {4}|bin/)palpate ([a-z][a-z-]*)", text_of(guide))
+    }
+    assert named <= set(group.commands)
+    assert named >= {name_of(command) for command in (*COMMANDS, *STAGES)}
 
 
 def test_every_make_target_that_a_guide_names_exists():
@@ -176,10 +190,10 @@ def test_the_limits_in_the_guide_on_curves_are_those_of_the_checks():
 
 def test_the_words_of_the_guide_are_those_of_the_report():
     table = re.findall(
-        r"^\| (\w+) \| ([^|]+) \|", text_of(ROOT / "docs" / "identifiability.md"), re.MULTILINE
+        r"^\| ([\w ]+) \| ([^|]+) \|", text_of(ROOT / "docs" / "identifiability.md"), re.MULTILINE
     )
     table = table[: len(WORDS) + 2]  # the first of its tables
-    assert [word for word, _ in table[1:]] == [*(word for _, word in WORDS), UNCLEAR]
+    assert [word for word, _ in table[1:]] == [*(verdict_of(word) for _, word in WORDS), UNCLEAR]
     shares = {"well": "a tenth", "roughly": "three tenths", "poorly": "eight tenths"}
     assert {word: share for share, word in WORDS if share < 1.0} == {
         "well": 0.1,
@@ -188,6 +202,19 @@ def test_the_words_of_the_guide_are_those_of_the_report():
     }
     for word, interval in table:
         assert shares.get(word, "") in interval
+
+
+def test_the_guide_on_papers_has_every_verdict_with_its_mark_and_names_what_is_written():
+    text = text_of(ROOT / "docs" / "write-it-up.md")
+    rows = re.findall(r"^\| ([\w ]+) \| ([†‡]?) ?\| ", text, flags=re.MULTILINE)
+    verdicts = {verdict: mark for verdict, mark in rows if verdict != "verdict"}
+    assert set(verdicts) == {*(verdict_of(word) for _, word in WORDS), UNCLEAR, REFUSED, AT_END, TIED}
+    assert verdicts == {verdict: mark_of(verdict) for verdict in verdicts}
+    tables = {name.removesuffix(".tex") for name in re.findall(r"`(?:tables/)?(\w+\.tex)`", text)}
+    papers = {name for name in tables if name.startswith("paper_")}
+    assert papers == {"paper_table1", "paper_table1_wide", "paper_table2"}
+    assert tables - papers == {"budget", "directions", "inadequate"}
+    assert tables - papers <= set(TITLES)
 
 
 def test_the_citation_names_this_version():

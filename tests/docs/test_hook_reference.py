@@ -3,10 +3,11 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hook_reference import BEGIN, END, main, reference, written
 
-from palpate import testing
+from palpate import mechanics, testing
 from palpate.errors import PluginError
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import HOOKS
@@ -39,6 +40,23 @@ def test_it_lists_every_hook_in_pipeline_order_with_what_to_define() -> None:
 def test_a_text_without_marks_is_refused(text: str) -> None:
     with pytest.raises(PluginError, match=r"x\.md: has no lines"):
         written(text, "x.md")
+
+
+def test_the_table_lists_the_hooks() -> None:
+    assert set(re.findall(r"^\| `(palpate_\w+)` \|", README, flags=re.MULTILINE)) == HOOKS
+
+
+def test_the_plugin_in_thirty_lines_works(tmp_path: Path) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+    assert len(code.splitlines()) <= 30
+    path = tmp_path / "gent.py"
+    path.write_text(code, encoding="utf-8")
+    plugins = Plugins.load([path], entry_points=False)
+    assert plugins.broken == ()
+    gent = plugins.materials["gent"]()
+    mu, kappa = mechanics.initial_moduli(gent, np.array([0.05, 30.0, 1.0]))
+    assert mu == pytest.approx(0.05, rel=1e-9)
+    assert kappa == pytest.approx(1.0, rel=1e-9)
 
 
 def test_every_contract_is_listed_with_its_laws() -> None:
