@@ -11,9 +11,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 
-SPARED = {"SharedPath", "SharedPath.best_scale", "SharedPath.gradient", "SparseFactor.precondition"}
-"""What Measured.along makes; what searches by slopes and stiffness scaling will call; and one application
-of a factor, whose laws are tested by it.
+SPARED = {"SharedPath", "SharedPath.gradient", "SparseFactor.precondition"}
+"""What Measured.along makes; what searches by slopes will call; and one application of a factor, whose laws
+are tested by it.
 """
 
 

@@ -93,14 +93,6 @@ class SharedPath:
     def gradient(self, sim: _Floats) -> tuple[tuple[_Floats, _Floats], _Floats]:
         """Return the scores of a batch, as `score` does, and ∂NMSE/∂sim (n_sets, m), NaN where ``sim`` is."""
 
-    def best_scale(
-        self, sim: _Floats, lower: float = 0.0, upper: float = ...
-    ) -> tuple[_Floats, tuple[_Floats, _Floats]]:
-        """Find the scale from ``lower`` to ``upper`` at which each curve scores best, and the score there.
-
-        The scale (n_sets,) is NaN for a curve of zeros. ``ScoringError`` if the bounds are no range.
-        """
-
 # ----------------------------------------------------------------- designs
 
 def latin_hypercube(n: int, d: int, seed: int, *, centred: bool = False) -> _Floats:

@@ -30,7 +30,6 @@ from palpate.stages.experiment import load_measured
 from palpate.stages.generalisation import generalise
 from palpate.stages.limb import size_at_contact
 from palpate.stages.stage import Run, Stage, Summary
-from palpate.stages.stiffness_scaling import best_scaled_sets
 from palpate.stages.study_design import draw_study
 from palpate.stages.surfaces import simulate_surfaces
 from palpate.stages.verification import verify
@@ -169,7 +168,6 @@ class Select(OfEveryRun):
         {
             "selection": "Set with the least Fopt by spot and scenario.",
             "generalisation": "Set with the least mean Fopt over the spots.",
-            "stiffness_scaling": "Best multiple of a set by spot and scenario.",
         }
     )
 
@@ -177,20 +175,15 @@ class Select(OfEveryRun):
         """Scenarios, and which generalises."""
         return {
             "scenarios": {scenario.name: dict(scenario.weights) for scenario in study.scenarios},
-            "generalise_by or stiffness_scaling": [study.generalise_by, study.stiffness_scaling],
+            "generalise_by": study.generalise_by,
         }
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Best sets, with the parameters that are tied to those of the sets."""
-        study = inputs.study
         scores = inputs.table("scores")
-        chosen, general = best_sets(study, inputs.design, scores)
+        chosen, general = best_sets(inputs.study, inputs.design, scores)
         _warn_of_missing(inputs, scores, progress)
-        scaled = pl.DataFrame()
-        if study.stiffness_scaling:
-            found = best_scaled_sets(inputs.simulations, inputs.swept(), inputs.design, inputs.measured)
-            scaled = selection.with_tied(found, study.space)
-        return {"selection": chosen, "generalisation": general, "stiffness_scaling": scaled}
+        return {"selection": chosen, "generalisation": general}
 
     def summarise(self, inputs: Run) -> Summary:
         """The tables, and what could not be selected."""
@@ -229,7 +222,6 @@ def selected(run: Run) -> SelectionResult:
     return SelectionResult(
         selection=chosen,
         generalisation=run.table("generalisation", "select"),
-        stiffness_scaling=run.table("stiffness_scaling"),
         verification=run.table("verification"),
         without_result=without_result(scores, chosen, study.scenarios, study.spot_names)
         if run.design.n_sets

@@ -198,17 +198,6 @@ class ParameterSpace:
         """Ties by the full name of the parameter that follows."""
         return {f"{r.region}.{name}": tie for r in self.regions for name, tie in r.tied.items()}
 
-    @property
-    def fixed_moduli(self) -> tuple[str, ...]:
-        """Full names of the moduli that do not scale with the searched ones, and of shapes tied to these."""
-        searched = {p.name for p in self.parameters if p.kind == "modulus"}
-        return tuple(
-            name
-            for r in self.regions
-            for p in r.material.parameters
-            if (p.kind == "modulus") != (self.root(name := f"{r.region}.{p.name}") in searched)
-        )
-
     def root(self, name: str) -> str:
         """Full name at the end of the ties of a parameter: its own where it follows none."""
         return self.roots(name)[0]

@@ -69,17 +69,13 @@ def test_posteriors_of_a_fit_are_drawn_and_kept(call, without_sweep, tmp_path):
     ("n_sets", "more", "expected"),
     [
         (0, '[fit]\nsearch = "sweep"', "sampling.n_sets: no set to choose from with fit.search = 'sweep'"),
-        (0, "", "sampling.n_sets: no set to scale with selection.stiffness_scaling"),
         (1, "", "sampling.n_sets: one set is no sweep; give 2 or more, or 0"),
         (-1, "", "must be greater than or equal to 0"),
     ],
 )
 def test_what_needs_a_sweep_is_refused_without_one(call, study, n_sets, more, expected):
     path = study / "study.toml"
-    text = path.read_text().replace("n_sets = 20", f"n_sets = {n_sets}")
-    if "stiffness" in expected:
-        text = text.replace("[selection]", "[selection]\nstiffness_scaling = true")
-    path.write_text(text + more)
+    path.write_text(path.read_text().replace("n_sets = 20", f"n_sets = {n_sets}") + more)
     refused = call("run", study)
     assert refused.code == 2
     assert re.search(rf"study\.toml:\d+: .*{re.escape(expected)}", refused.err), refused.err

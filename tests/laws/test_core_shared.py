@@ -6,7 +6,7 @@ from hypothesis import given, strategies as st
 from numpy.typing import NDArray
 
 from palpate import _core
-from palpate.errors import CurveError, ScoringError
+from palpate.errors import CurveError
 
 Floats = NDArray[np.float64]
 Batch = tuple[Floats, Floats, Floats, Floats]
@@ -66,15 +66,12 @@ def test_memory_layout_changes_no_bit(batch):
 def test_the_gradient_is_zero_at_the_best_scale(batch):
     sim_x, sim, exp_x, exp = batch
     path = _core.Measured(exp_x, exp).along(sim_x)
-    scale, (nmse, _) = path.best_scale(sim)
-    (again, _), gradient = path.gradient(scale[:, None] * sim)
-    np.testing.assert_allclose(again, nmse, rtol=1e-12, atol=1e-14 * np.sqrt(nmse.max()))
-    # d NMSE/d scale = sim · gradient, which vanishes inside the bounds.
+    values = np.stack([np.interp(exp_x, sim_x, row) for row in sim])
+    scale = values @ exp / np.sum(values**2, axis=1)
+    _, gradient = path.gradient(scale[:, None] * sim)
+    # d NMSE/d scale = sim · gradient.
     slope, size = np.sum(sim * gradient, axis=1), np.sum(np.abs(sim * gradient), axis=1)
-    inside = scale > 0.0
-    assert (np.abs(slope[inside]) <= 1e-9 * size[inside] + 1e-13).all()
-    clipped, _ = path.best_scale(sim, 2.0, 3.0)
-    np.testing.assert_array_equal(clipped, np.clip(path.best_scale(sim, -np.inf, np.inf)[0], 2.0, 3.0))
+    assert (np.abs(slope) <= 1e-9 * size + 1e-13).all()
 
 
 def test_bad_batches_are_named():
@@ -86,8 +83,6 @@ def test_bad_batches_are_named():
         path.score(np.array([[1.0, np.nan, 1.0]]))
     with pytest.raises(CurveError, match=r"sim\[0, 2\] is inf"):
         path.score(np.array([[1.0, 1.0, np.inf]]))
-    with pytest.raises(ScoringError, match="from 2 to 1"):
-        path.best_scale(np.ones((1, 3)), 2.0, 1.0)
     for wrong in (np.ones(3), np.ones((1, 3), np.float32), [[1.0, 1.0, 1.0]]):
         with pytest.raises(TypeError, match="sim"):
             path.score(wrong)  # type: ignore[arg-type]

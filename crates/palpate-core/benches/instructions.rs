@@ -18,7 +18,7 @@ const N_MEASURED: usize = 1000;
 const N_SETS: usize = 256;
 
 /// Each kernel with the most instructions that it may take per curve.
-const LIMITS: [(&str, f64); 3] = [("score", 1080.0), ("gradient", 6170.0), ("best_scale", 6940.0)];
+const LIMITS: [(&str, f64); 2] = [("score", 1080.0), ("gradient", 6170.0)];
 
 type Outcome<T> = Result<T, Box<dyn Error>>;
 
@@ -92,7 +92,6 @@ fn run(kernel: &str, n_rounds: &str) -> Outcome<ExitCode> {
 fn score(path: &SharedPath, sim: &[f64], kernel: &str) -> Outcome<()> {
     match kernel {
         "gradient" => drop(black_box(path.gradient(sim, N_SETS)?)),
-        "best_scale" => drop(black_box(path.best_scale(sim, N_SETS, (0.0, 9.0))?)),
         _ => drop(black_box(path.score(sim, N_SETS)?)),
     }
     Ok(())

@@ -104,9 +104,6 @@ pub enum ScoringError {
     /// Every weight is zero.
     #[error("every weight is zero: give at least one measured point a positive weight")]
     ZeroWeights,
-    /// The range of a scale is empty or not a range.
-    #[error("scales from {lower} to {upper} are no range: lower must not exceed upper, nor be NaN")]
-    ScaleRange { lower: f64, upper: f64 },
     /// There is not one weight for every measured point.
     #[error("weights has {length} values but the measured curve has {n_points} points")]
     WeightsLength { length: usize, n_points: usize },

@@ -7,7 +7,6 @@
 //! | [`measured`] | a measured curve prepared for many simulated ones |
 //! | [`shared`] | many simulated curves on one path, in O(n) per curve |
 //! | [`gradient`] | derivatives of their NMSE in each simulated value |
-//! | [`stiffness_scaling`] | the multiple of a simulated curve that scores best |
 //! | [`lhs`] | Latin hypercube designs, the same bits on every platform |
 //! | [`nested`] | Latin hypercubes that are extended and keep their sets |
 //! | [`optimise`] | designs optimised for discrepancy, distance or correlation |
@@ -38,7 +37,6 @@ mod quadratic_form;
 mod rng;
 pub mod scale;
 pub mod shared;
-pub mod stiffness_scaling;
 mod swap;
 
 pub use error::{CurveError, Error, SamplingError, ScoringError};

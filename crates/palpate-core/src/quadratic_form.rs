@@ -136,14 +136,8 @@ impl QuadraticForm {
     /// Element `k` of R y − f.
     #[inline(always)]
     fn residual(&self, y: &[f64], k: usize) -> f64 {
-        self.product(y, k) - self.rotated[k]
-    }
-
-    /// Element `k` of R y.
-    #[inline(always)]
-    fn product(&self, y: &[f64], k: usize) -> f64 {
         let above = if k < self.above.len() { self.above[k] * y[k + 1] } else { 0.0 };
-        self.diagonal[k] * y[k] + above
+        self.diagonal[k] * y[k] + above - self.rotated[k]
     }
 
     /// NMSE as [`QuadraticForm::nmse`], and its gradient 2 Rᵀ(R y − f).
@@ -156,27 +150,6 @@ impl QuadraticForm {
             from_before = self.above.get(k).map_or(0.0, |above| above * residual);
         }
         Some(nmse)
-    }
-
-    /// The scale in `lower..=upper` by which y scores best, and the NMSE there.
-    pub(crate) fn best_scale(&self, y: &[f64], lower: f64, upper: f64) -> Option<(f64, f64)> {
-        let (mut with_exp, mut with_self, mut size) = (0.0, 0.0, 0.0);
-        for (k, y_k) in y.iter().enumerate() {
-            let product = self.product(y, k);
-            with_exp += product * self.rotated[k];
-            with_self += product * product;
-            size += self.norms[k] * (y_k * y_k);
-        }
-        // Squares that leave the range of numbers are left to the form that scales them first.
-        if !with_self.is_normal() || !with_exp.is_finite() {
-            return None;
-        }
-        let scale = (with_exp / with_self).clamp(lower, upper);
-        let sum: f64 = (0..y.len())
-            .map(|k| scale * self.product(y, k) - self.rotated[k])
-            .map(|error| error * error)
-            .sum();
-        Some((scale, self.sure(sum + self.rest, scale * scale * size)?))
     }
 }
 

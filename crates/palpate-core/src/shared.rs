@@ -25,8 +25,6 @@ use crate::quadratic_form::{Observation, QuadraticForm};
 /// let path = measured.along(&[0.0, 2.0])?;
 /// let scores = path.score(&[0.0, 4.0, 0.0, 2.0], 2)?;
 /// assert!((scores.nmse[0] - 0.12).abs() < 1e-15);
-/// let best = path.best_scale(&[0.0, 2.0], 1, (0.0, 10.0))?;
-/// assert!((best.scale[0] - 1.8).abs() < 1e-15);
 /// # Ok::<(), palpate_core::Error>(())
 /// ```
 #[derive(Debug, Clone)]

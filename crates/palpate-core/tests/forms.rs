@@ -190,28 +190,6 @@ proptest! {
             }
         }
     }
-
-    #[test]
-    fn the_best_scale_is_best(case in case(), bound in 0.2..3.0_f64) {
-        prop_assume!(usable(&case));
-        let best = case.path().best_scale(&case.sim, case.n_sets, (0.1, bound)).unwrap();
-        for (set, row) in case.rows().enumerate() {
-            let at = |scale: f64| {
-                let scaled: Vec<_> = row.iter().map(|y| scale * y).collect();
-                case.plain(&scaled).0
-            };
-            let scale = best.scale[set];
-            prop_assert!((0.1..=bound).contains(&scale));
-            // Scaling before or after interpolation rounds the curve differently by 1e-15.
-            let rounding = 1e-12 * at(scale) + 1e-14 * at(scale).sqrt() + 1e-28;
-            prop_assert!((at(scale) - best.scores.nmse[set]).abs() <= rounding);
-            for other in [0.1, bound, scale * 0.999, scale * 1.001] {
-                let other = other.clamp(0.1, bound);
-                prop_assert!(at(scale) <= at(other) + rounding);
-            }
-        }
-    }
-
 }
 
 fn path(exp_x: &[f64], exp: &[f64], sim_x: &[f64]) -> SharedPath {
@@ -222,11 +200,8 @@ fn path(exp_x: &[f64], exp: &[f64], sim_x: &[f64]) -> SharedPath {
 fn a_batch_is_refused_with_the_place_of_the_fault() {
     let path = path(&[0.0, 1.0, 2.0], &[0.0, 1.0, 4.0], &[0.0, 1.0, 2.0]);
     let says = |sim: &[f64], n_sets: usize, part: &str| {
-        for error in [
-            path.score(sim, n_sets).unwrap_err(),
-            path.gradient(sim, n_sets).unwrap_err(),
-            path.best_scale(sim, n_sets, (0.0, 1.0)).unwrap_err(),
-        ] {
+        for error in [path.score(sim, n_sets).unwrap_err(), path.gradient(sim, n_sets).unwrap_err()]
+        {
             assert!(error.to_string().contains(part), "{error}");
         }
     };
@@ -234,26 +209,6 @@ fn a_batch_is_refused_with_the_place_of_the_fault() {
     says(&[0.0, 1.0, 2.0, 0.0, f64::INFINITY, 1.0], 2, "sim[1, 1] is inf");
     says(&[0.0, f64::NAN, 2.0], 1, "sim[0, 1] is NaN but later values are not");
     says(&[0.0, 1e308, 2.0], 1, "sim[0, 1] is 1");
-    let range = path.best_scale(&[0.0; 3], 1, (2.0, 1.0)).unwrap_err().to_string();
-    assert!(range.contains("from 2 to 1"), "{range}");
-}
-
-/// The multiple overflows, also at a point without weight.
-#[test]
-fn a_bound_that_demands_the_impossible_scores_and_is_a_number() {
-    let weights = [0.0, 1.0, 1.0];
-    let measured = Measured::new(&[0.0, 1.0, 2.0], &[1.0; 3], MeanAbs, Some(&weights)).unwrap();
-    let path = measured.along(&[0.0, 2.0]).unwrap();
-    let best = path.best_scale(&[1e9, 1e9], 1, (1e300, f64::INFINITY)).unwrap();
-    assert_eq!((best.scale[0], best.scores.nmse[0]), (1e300, f64::INFINITY));
-}
-
-#[test]
-fn a_curve_of_zeros_has_no_best_scale() {
-    let path = path(&[0.0, 2.0], &[2.0, 2.0], &[0.0, 2.0]);
-    let out = path.best_scale(&[0.0, 0.0], 1, (0.0, 9.0)).unwrap();
-    assert!(out.scale[0].is_nan());
-    assert_eq!(out.scores.nmse[0], 1.0);
 }
 
 #[test]

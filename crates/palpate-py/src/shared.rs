@@ -38,17 +38,4 @@ impl SharedPath {
         let gradient = PyArray1::from_vec(py, out.gradient).reshape(shape)?;
         Ok((handed_over(py, out.scores), gradient))
     }
-
-    #[pyo3(signature = (sim, lower = 0.0, upper = f64::INFINITY))]
-    fn best_scale<'py>(
-        &self,
-        py: Python<'py>,
-        sim: PyReadonlyArray2<'py, f64>,
-        lower: f64,
-        upper: f64,
-    ) -> Result<(Bound<'py, PyArray1<f64>>, Scores<'py>), Raised> {
-        let (n_sets, sim) = (sim.shape()[0], values(&sim));
-        let out = py.detach(|| self.0.best_scale(&sim, n_sets, (lower, upper)))?;
-        Ok((PyArray1::from_vec(py, out.scale), handed_over(py, out.scores)))
-    }
 }

@@ -89,7 +89,6 @@ class RunOutput(Closed):
     selection: list[Row]
     generalisation: list[Row]
     fit: list[Row]
-    stiffness_scaling: list[Row]
     verification: list[Row]
     verdict: list[str]
     intervals: list[IntervalOutput]

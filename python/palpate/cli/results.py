@@ -163,7 +163,7 @@ def verdict_json(report: "Report") -> dict[str, Any]:
 
 def tables_of(selected: "SelectionResult") -> dict[str, "pl.DataFrame"]:
     """Tables of what identification chose, by name."""
-    names = ("selection", "generalisation", "stiffness_scaling", "verification")
+    names = ("selection", "generalisation", "verification")
     return {name: getattr(selected, name) for name in names}
 
 

@@ -4,9 +4,10 @@ import numpy as np
 import polars as pl
 from scipy.stats import qmc
 
-from palpate.domain import Design, FloatArray
+from palpate.domain import Design, FloatArray, channel_of
 from palpate.fit.box import Box
 from palpate.fit.problem import Problem
+from palpate.fit.spot_term import pieces
 from palpate.plugins.search import Trial
 
 WORST = 10.0
@@ -65,8 +66,9 @@ def accepted_start(problem: Problem, start: FloatArray) -> FloatArray:
 def scaled_start(problem: Problem, start: FloatArray) -> FloatArray:
     """Multiply all moduli so that the curves at a start fit best: they are in proportion to them.
 
-    Where a modulus is fixed or a bound in the way, the start is only nearer to the measured curves. It
-    stays as it is where the scaled one cannot be simulated, or a filter refuses it.
+    Channels of degree 0 do not count. Where a modulus is fixed or a bound in the way, the start is only
+    nearer to the measured curves. It stays as it is where the scaled one cannot be simulated, or a filter
+    refuses it.
     """
     start = accepted_start(problem, start)
     (found,) = problem.evaluate([Trial(point=start)])
@@ -74,6 +76,8 @@ def scaled_start(problem: Problem, start: FloatArray) -> FloatArray:
         return start
     at_zero = problem.residuals_of_nothing()
     simulated = found.residuals - at_zero
+    for _, name, at, _ in pieces(problem.terms):
+        simulated[at] *= problem.study.degree(channel_of(name))
     size = float(simulated @ simulated)
     scale = -float(simulated @ at_zero) / size if size > 0.0 else 1.0
     if not scale > 0.0:

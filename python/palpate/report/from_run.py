@@ -50,7 +50,6 @@ def report_data(run: Run, plugins: Plugins, *, unfinished: str = "") -> ReportDa
         generalisation=general,
         fit=fit,
         posterior=posterior,
-        stiffness_scaling=pl.DataFrame() if unfinished else run.table("stiffness_scaling"),
         responses={(s.job.spot, s.job.set_id): s.response for s in swept if s.response is not None},
         swept=at_points,
         identifiability=identified.table,

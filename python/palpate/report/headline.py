@@ -261,7 +261,7 @@ class Verdicts:
 OF_FITS = ("table1_fit", "fit_mesh", "intervals", "posterior", "profile_ends", "fit")
 """Tables of parameters whose values are of fits."""
 
-OF_SETS = ("table1_coefficients", "identifiability", "distance_to_truth", "generalised", "stiffness_scaling")
+OF_SETS = ("table1_coefficients", "identifiability", "distance_to_truth", "generalised")
 """Those whose values are of the sweep, but for rows that state a fit as their ``search``."""
 
 

@@ -32,8 +32,6 @@ class ReportData:
         As :mod:`palpate.stages.scoring`, :mod:`palpate.stages.selection` and
         :mod:`palpate.stages.generalisation` return them.
     fit : FitResult
-    stiffness_scaling : DataFrame
-        As :func:`palpate.stages.stiffness_scaling.best_scaled_sets` returns it.
     responses : mapping of (spot, set_id) to Response
         Simulated curves of every selected and of the generalised set.
     swept : mapping of (spot, channel) to (n_sets, n_points) array
@@ -78,7 +76,6 @@ class ReportData:
     fit: FitResult
     responses: Mapping[tuple[str, int], Response]
     posterior: PosteriorResult = field(default_factory=PosteriorResult)
-    stiffness_scaling: pl.DataFrame = field(default_factory=pl.DataFrame)
     swept: Swept = field(default_factory=dict)
     identifiability: pl.DataFrame = field(default_factory=pl.DataFrame)
     disagreements: pl.DataFrame = field(default_factory=pl.DataFrame)

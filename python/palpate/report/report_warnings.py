@@ -286,8 +286,8 @@ def _about_trust(data: ReportData) -> Iterator[ReportWarning]:
     if names := list(data.manifest.get("trusted", {})):
         yield ReportWarning(
             f"Results of earlier code are accepted: {', '.join(names)}",
-            "Simulations of the sweep were made with other code than the local search, the stiffness "
-            "scaling and the verification. Run in a new folder to have all of the same code.",
+            "Simulations of the sweep were made with other code than the local search and the verification. "
+            "Run in a new folder to have all of the same code.",
         )
 
 
@@ -407,13 +407,9 @@ def _about_failures(data: ReportData) -> Iterator[ReportWarning]:
 
 
 def _about_searches(data: ReportData) -> Iterator[ReportWarning]:
-    for table, expected, what in (
-        (data.fit.ends, "converged", "Not every search converged"),
-        (data.stiffness_scaling, "as expected", "Not every multiple of a set is as expected"),
-    ):
-        messages = (part for row in table.iter_rows(named=True) for part in row["message"].split("; "))
-        known = (m for m in messages if m not in (expected, UNSETTLED) and not m.startswith(UNSEEN))
-        yield from _listed(what, dict.fromkeys(known))
+    messages = (part for row in data.fit.ends.iter_rows(named=True) for part in row["message"].split("; "))
+    known = (m for m in messages if m not in ("converged", UNSETTLED) and not m.startswith(UNSEEN))
+    yield from _listed("Not every search converged", dict.fromkeys(known))
     failed = [row for row in data.verification.iter_rows(named=True) if not row["passed"]]
     yield from _listed(
         f"{len(failed)} of {len(data.verification)} selected sets failed verification",

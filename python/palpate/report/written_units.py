@@ -36,7 +36,6 @@ def in_written_units(data: ReportData) -> ReportData:
         ),
         selection=_wide(data.selection, factors),
         generalisation=_wide(data.generalisation, factors),
-        stiffness_scaling=_wide(data.stiffness_scaling, factors),
         fit=FitResult(
             table=_wide(fit.table, factors),
             trace=_wide(fit.trace, factors),

@@ -14,7 +14,7 @@
     ribbons.parquet  volumes.parquet  emulator.parquet
     fit.json                how far the fit is, while it goes on
     next.json               which presses to make next
-    stiffness_scaling.parquet  verification.parquet
+    verification.parquet
     surface.parquet  surface/<key>.npz  states of the skin at each spot
     stages.json             checksums of these files, and what each stage was made from
     report/

@@ -69,7 +69,6 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
         "noise": study.noise,
         "fine_runs": study.fine_runs,
         "budget": study.budget.model_dump(mode="json"),
-        "stiffness_scaling": study.stiffness_scaling,
         "truth": plain(study.truth),
         "channels": {name: _channel(channel) for name, channel in channels.items() if name in weighted},
     }

@@ -47,9 +47,6 @@ class SelectionResult:
     generalisation : DataFrame
         One row per spot for the one set with the least mean Fopt over the spots; empty
         when no set succeeded at every spot.
-    stiffness_scaling : DataFrame
-        Best multiple of any set by spot and scenario, as
-        :func:`palpate.stages.stiffness_scaling.best_scaled_sets` returns it; empty unless asked for.
     verification : DataFrame
         Which selected sets passed the solver's verification, as
         :func:`palpate.stages.verification.verify` returns it; empty where the solver has none.
@@ -59,7 +56,6 @@ class SelectionResult:
 
     selection: pl.DataFrame
     generalisation: pl.DataFrame
-    stiffness_scaling: pl.DataFrame = field(default_factory=pl.DataFrame)
     verification: pl.DataFrame = field(default_factory=pl.DataFrame)
     without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
 

@@ -26,10 +26,13 @@ def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:
     ------
     SamplingError
     StudyError
-        The study has no sets, and something needs those of a sweep.
+        The study has no sets, and its search needs those of a sweep.
     """
-    if not (study.n_sets or study.n_total):
-        _check_without_sweep(study)
+    if study.search.name == "sweep" and not (study.n_sets or study.n_total):
+        raise StudyError(
+            f"{study.place('sampling', 'n_sets')}: no set to choose from with fit.search = 'sweep'; give "
+            "sets here or with --sets, or another search"
+        )
     kept, first = _kept(study, earlier) if earlier else (None, None)
     design = draw_design(
         study.space,
@@ -42,20 +45,6 @@ def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:
         kept=kept,
     )
     return replace(design, earlier_first=first) if design.n_kept else design
-
-
-def _check_without_sweep(study: Study) -> None:
-    key = ("sampling", "n_sets")
-    if study.search.name == "sweep":
-        raise StudyError(
-            f"{study.place(*key)}: no set to choose from with fit.search = 'sweep'; give sets here or with "
-            "--sets, or another search"
-        )
-    if study.stiffness_scaling:
-        raise StudyError(
-            f"{study.place(*key)}: no set to scale with selection.stiffness_scaling; give sets here or with "
-            "--sets, or leave it out"
-        )
 
 
 def _kept(study: Study, earlier: RunDirectory) -> tuple[FloatArray | None, FloatArray | None]:

@@ -259,24 +259,6 @@ def check_budget(
             context.problems.add(("budget", "parameters", name), reason)
 
 
-def check_stiffness_scaling(
-    context: Context, space: ParameterSpace, protocols: Iterable[Protocol | None]
-) -> None:
-    """Refuse stiffness scaling where a modulus does not move with the others, or loads move the indenter."""
-    if any(isinstance(each, Indentation) and "load" in each.moves for each in protocols):
-        context.problems.add(
-            ("selection", "stiffness_scaling"),
-            "a motion until a load is reached does not scale with the moduli; leave it out",
-        )
-    if fixed := space.fixed_moduli:
-        do = "does" if len(fixed) == 1 else "do"
-        context.problems.add(
-            ("selection", "stiffness_scaling"),
-            f"stiffness scaling needs all moduli, and no shape, searched or tied to a searched modulus: "
-            f"{', '.join(fixed)} {do} not scale",
-        )
-
-
 def check_limits(context: Context, executor: Executor, table: ExecutorTable) -> None:
     """Refuse a limit that nothing would hold."""
     if table.memory_limit is not None and not executor.holds_limits:

@@ -334,10 +334,6 @@ class SelectionTable(Table):
     generalise_by: str | None = Field(
         default=None, description="Scenario whose mean over the spots decides; the first one if left out."
     )
-    stiffness_scaling: bool = Field(
-        default=False,
-        description="Also find each set's best multiple: all moduli scaled together, within their ranges.",
-    )
 
 
 class FitTable(Table):

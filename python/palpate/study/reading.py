@@ -23,7 +23,6 @@ from palpate.study.build import (
     check_budget,
     check_limits,
     check_parametrisation,
-    check_stiffness_scaling,
 )
 from palpate.study.model import BudgetTable, ExecutorTable, Tables
 from palpate.study.plain_values import MOST_BYTES, MOST_SIMULATIONS, check_plain
@@ -53,8 +52,6 @@ class Study:
         How simulated curves are compared with measured ones.
     generalise_by : str
         Name of the scenario whose mean over the spots decides the generalised set.
-    stiffness_scaling : bool
-        Whether the best multiple of each set is found too.
     truth : mapping of full parameter name to value
         Known answer of a simulated experiment, in the region's convention; empty otherwise.
     units : mapping of full parameter name to unit
@@ -110,7 +107,6 @@ class Study:
     scoring: ScoringRules = field(default_factory=ScoringRules)
     scenarios: tuple[Scenario, ...]
     generalise_by: str
-    stiffness_scaling: bool = False
     truth: Mapping[str, float]
     n_workers: int
     time_limit_s: float
@@ -360,7 +356,6 @@ def _with_settings(
         study,
         max_draws=require(tables.sampling).max_draws,
         scoring=ScoringRules(**dict(require(tables.scoring))),
-        stiffness_scaling=require(tables.selection).stiffness_scaling,
         noise=fit.noise,
         fine_runs=fit.fine_runs,
         budget=require(tables.budget),
@@ -383,8 +378,6 @@ def _check_together(
     """Refuse what a table asks of the others; the first protocol is that of the study."""
     if tables.budget:
         check_budget(context, tables.budget, space, protocols)
-    if tables.selection and tables.selection.stiffness_scaling:
-        check_stiffness_scaling(context, space, protocols)
     if parts.solver:
         _check_solver(context, parts.solver, tables, space, scenarios, protocols)
 

@@ -316,7 +316,7 @@ def _state(truth, of):
         abscissae=ABSCISSAE,
     )
     solver = ExactPress()
-    study = type("_Study", (), {"space": of, "solver": solver, "filters": ()})()
+    study = type("_Study", (), {"space": of, "solver": solver, "filters": (), "degree": lambda *_: 1})()
     return Problem(study, [term], lambda jobs: [solver.simulate(job, None) for job in jobs], found)
 
 

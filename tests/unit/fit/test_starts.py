@@ -6,7 +6,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate.domain import Design, Parameter
+from palpate.channels import TORQUE
+from palpate.domain import Design, Parameter, Response
 from palpate.fit.starts import WORST, basins, scaled_start
 from palpate_materials.yeoh import Yeoh
 
@@ -67,6 +68,27 @@ def test_the_right_multiple_is_found_from_one_simulation(problem, factor):
     wrong = problem.box.point(factor * problem.truth)
     before, after = (problem.fopt(problem.box.values(p)) for p in (wrong, scaled_start(problem, wrong)))
     assert after < 0.2 * before
+
+
+@pytest.mark.parametrize("degree", [0, 1])
+def test_a_channel_of_degree_0_does_not_decide_the_multiple(pressed, stage_of, degree):
+    """A torque over the first coefficient is the same for all multiples of a set."""
+
+    class Ratio(pressed.Pressed):
+        def simulate(self, job, limb):
+            found = super().simulate(job, limb)
+            (theta,) = job.thetas.values()
+            curves = {name: replace(curve, slopes={}) for name, curve in found.response.curves.items()}
+            curves["torque"] = replace(curves["torque"], ordinate=curves["torque"].ordinate / theta[0])
+            return replace(found, response=Response(curves=curves))
+
+    solver = Ratio(pressed.PressedSettings(exact=False))
+    channels = {"torque": replace(TORQUE, degree=degree)}
+    study = pressed.study_of(Yeoh(), ("c1", "c2", "c3", "kappa"), solver=solver, channels=channels)
+    row = next(pressed.truths(study, 1, seed=3))
+    problem = stage_of(study, pressed.measured_at(study, row)).run()[0].end.problem
+    found = problem.box.values(scaled_start(problem, problem.box.point(0.8 * row)))
+    assert np.allclose(found, row, rtol=1e-6) is (degree == 0)
 
 
 def test_a_start_that_cannot_be_simulated_stays(problem, monkeypatch):

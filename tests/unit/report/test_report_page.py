@@ -181,13 +181,12 @@ def test_every_table_of_a_full_run_is_on_the_page(content):
     made = content(search=LeastSquares(), truth={"soft_tissue.stiffness": 0.4})
     verification = pl.DataFrame({"spot": ["p1"], "set_id": [3], "passed": [True], "message": [""]})
     failed = made.scores.with_columns(nmse=pl.when(pl.col("set_id") > 1).then("nmse"))
-    scaled = made.fit.table.head(1).select("spot", "scenario", "message")
     row = {
         "fit": "all spots", "scenario": "I", "parameter": "soft_tissue.stiffness",
         "coarse": 0.3, "fine": 0.4, "extrapolated": 0.42,
     }  # fmt: skip
     fit = replace(made.fit, mesh=pl.DataFrame([row]))
-    made = replace(made, fit=fit, verification=verification, scores=failed, stiffness_scaling=scaled)
+    made = replace(made, fit=fit, verification=verification, scores=failed)
     names = ("posterior", "profile_ends", "volumes", "emulator")
     of_joint = pl.DataFrame({"fit": ["all spots"], "scenario": ["I"]})
     drawn = of_joint.with_columns(split_r=1.0, autocorrelation=10.0, converged=True)

@@ -336,11 +336,9 @@ def test_searches_conventions_solver_comparisons_and_unfinished_sets_are_named(c
         comparisons={
             "solver-comparison.json": {"passed": False}, "solver-comparison-good.json": {"passed": True},
         },
-        stiffness_scaling=pl.DataFrame({"message": ["as expected", "expected more"]}),
         selection=made.selection.with_columns(partial=pl.lit(True)),
     )  # fmt: skip
     assert about(doubtful, "Not every search") == "stopped after 40 steps."
-    assert about(doubtful, "multiple") == "expected more."
     assert "close to zero" in about(doubtful, "mean of the measured")
     assert about(doubtful, "convention 'febio4'")
     assert "solver-comparison.json" in about(doubtful, "solvers")

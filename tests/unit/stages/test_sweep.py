@@ -10,6 +10,7 @@ from palpate import pipeline
 from palpate.domain import Limb, Mesh, Spot, Status
 from palpate.errors import StoppedError
 from palpate.executors import Batch, InProcess, Limits, Processes
+from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.registry import load_file
 from palpate.run.ledger import Ledger
 from palpate.stages import simulation
@@ -150,8 +151,10 @@ class Counting(InProcess):
 
 def test_all_stages_share_one_executor_which_is_closed_at_the_end(make_study, plugins, tmp_path, one_figure):
     executor = Counting()
-    pipeline.run_study(make_study(executor=executor, stiffness_scaling=True), tmp_path / "run", plugins)
-    assert (executor.n_batches, executor.n_closed) == (2, 1)
+    study = make_study(executor=executor, search=LeastSquares())
+    pipeline.run_study(study, tmp_path / "run", plugins)
+    assert executor.n_batches > 1
+    assert executor.n_closed == 1
 
 
 def test_the_executor_is_closed_when_a_stage_is_interrupted(sweep, tissue):

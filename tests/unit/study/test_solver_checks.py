@@ -4,10 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
-from palpate.domain import Waypoints
 from palpate.plugins import interfaces
 from palpate.plugins.catalogue import Plugins
 
@@ -144,19 +142,6 @@ def test_a_spot_has_a_motion_of_its_own(
     text = LIMB_STUDY.replace('twist = ["-22.5 deg", "0 deg"]\n', "")
     (message,) = messages(tmp_path, plugins, text + '\n[spot.protocol]\ntwist = ["5 deg"]\n')
     assert "spot 's2', protocol.motion: solver 'on_mesh' simulates no motion with rotation" in message
-
-
-def test_a_motion_until_a_load_does_not_scale(
-    tmp_path: Path, plugins: Plugins, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pose, loads = np.array([[0.0] * 6, [5.0] + [0.0] * 5]), np.full((2, 6), np.nan)
-    loads[1, 0] = 3.0
-    made = Waypoints(pose=pose, loads=loads)
-    monkeypatch.setattr(plugins.motions["press_and_twist"], "waypoints", lambda _: made)
-    provide(plugins, monkeypatch, "on_mesh", motions=("depth", "load"))
-    text = LIMB_STUDY.replace("[selection]", "[selection]\nstiffness_scaling = true")
-    found = messages(tmp_path, plugins, text)
-    assert any("selection.stiffness_scaling: a motion until a load" in message for message in found), found
 
 
 def test_friction_is_that_of_the_protocol_or_of_the_tool(tmp_path: Path, plugins: Plugins) -> None:

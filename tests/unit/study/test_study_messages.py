@@ -72,11 +72,6 @@ def test_a_broken_plugin_is_named_where_its_entry_is_missed(tmp_path: Path) -> N
         ('name = "s2"', 'name = "s2"\nnormal = ["a", 0, 0]', "spot 's2', normal[0]: 'a': not a number"),
         ('name = "s2"', 'name = "s2"\nnormal = 5', "spot 's2', normal: 5: not a list; write [ … ]"),
         ('name = "s2"', 'name = "s2"\nsettings = 5', "spot 's2', settings: 5: not a table; write { … }"),
-        (
-            "[selection]",
-            '[selection]\nstiffness_scaling = "yes"',
-            "selection.stiffness_scaling: 'yes': not true or false",
-        ),
     ],
 )
 def test_the_common_mistakes_are_one_plain_line(

@@ -23,7 +23,7 @@ SKIN = '\n[region.skin]\nmaterial = "spring"\n[region.skin.parameters]\n'
 def read(tmp_path, plugins):
     """Read the toy study with these parameters of its region, and these of a second region."""
 
-    def read_with(rubber=RANGE, skin="", more="", truth=""):
+    def read_with(rubber=RANGE, skin="", truth=""):
         for name in ("s1.txt", "s2.txt"):
             (tmp_path / name).write_bytes((TOY / name).read_bytes())
         text = (TOY / "study.toml").read_text().replace(RANGE, rubber)
@@ -31,7 +31,7 @@ def read(tmp_path, plugins):
             text = text[: text.index("[truth]")] + truth
         if skin:
             text = text.replace("\n[sampling]", SKIN + skin + "\n[sampling]")
-        (tmp_path / "study.toml").write_text(text.replace("[selection]", f"[selection]\n{more}"))
+        (tmp_path / "study.toml").write_text(text)
         return read_study(tmp_path / "study.toml", plugins)
 
     return read_with
@@ -122,7 +122,6 @@ def test_a_ratio_is_searched_between_factors(read):
     prior = 'prior = { value = "0.3 * rubber.k", sd = "0.1 * rubber.k" }'
     study = read(
         skin=f'k = {{ lower = "0.1 * rubber.k", upper = "0.5 * rubber.k", by = "spot", {prior} }}\na = 0.1\n',
-        more="stiffness_scaling = true",
     )
     _, ratio = study.space.parameters
     assert (ratio.name, ratio.unit, ratio.lower, ratio.upper) == ("skin.k_ratio", "1", 0.1, 0.5)
@@ -195,15 +194,6 @@ def test_a_tie_that_means_nothing_is_refused_with_its_line(read, tmp_path, tie, 
     line = text[: text.index(f'k = "{tie}"')].count("\n") + 1
     assert f"study.toml:{line}: region.skin.parameters.k: " in str(caught.value)
     assert message in str(caught.value)
-
-
-def test_what_follows_a_modulus_scales_with_it(read):
-    study = read(skin='k = "0.3 * rubber.k"\na = 0.1\n', more="stiffness_scaling = true")
-    assert study.space.fixed_moduli == ()
-    with pytest.raises(StudyError, match=r"skin.k does not scale"):
-        read(skin='k = "1 MPa"\na = 0.1\n', more="stiffness_scaling = true")
-    with pytest.raises(StudyError, match=r"skin.a does not scale"):
-        read(skin='k = "2 * rubber.k"\na = "0.1 MPa^-1 * rubber.k"\n', more="stiffness_scaling = true")
 
 
 def test_a_tie_decides_the_design_and_a_prior_does_not(read):

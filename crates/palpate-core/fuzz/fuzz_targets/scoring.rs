@@ -14,7 +14,6 @@ struct Input {
     more: Vec<Value>,
     weights: Option<Vec<Value>>,
     normaliser: u8,
-    bounds: (Value, Value),
 }
 
 /// Mostly small numbers, so that paths often correspond; any bits now and then.
@@ -66,10 +65,6 @@ fuzz_target!(|input: Input| {
     sim.truncate(n_sets * sim_x.len());
     path.score(&sim, n_sets).iter().for_each(check);
     if let Ok(out) = path.gradient(&sim, n_sets) {
-        check(&out.scores);
-    }
-    let bounds = (input.bounds.0.number(), input.bounds.1.number());
-    if let Ok(out) = path.best_scale(&sim, n_sets, bounds) {
         check(&out.scores);
     }
 });

@@ -98,5 +98,5 @@ class Convergence(Section):
             yield Table.of(TITLES["convergence"], data.convergence)
         if "failures" not in report.tables and data.design.n_sets:
             yield Paragraph("All simulated sets could be ranked.")
-        for name in ("failures", "stiffness_scaling", "verification"):
+        for name in ("failures", "verification"):
             yield from table(report, name)
