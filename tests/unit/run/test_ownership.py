@@ -62,7 +62,7 @@ def test_a_run_of_another_study_file_of_the_same_name_is_refused(done, plugins, 
     before = {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
     for verb in VERBS:
         with pytest.raises(
-            StudyError, match=r"run of .*study\.toml, not of .*variant\.toml; .*--out.*resume"
+            StudyError, match=r"run of .*study\.toml, not of .*variant\.toml; .*--out.*palpate run"
         ):
             called(verb)(variant, run, plugins)
     assert {path: path.read_bytes() for path in run.rglob("*") if path.is_file()} == before
