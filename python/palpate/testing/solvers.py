@@ -145,6 +145,12 @@ class SolverContract(ComponentContract):
         for channel in simulation.response:
             self.assert_follows(simulation.response[channel], job)
 
+    def test_travels_to_another_process_once_it_has_simulated(
+        self, solver: Solver, job: Job, limb: Limb | None
+    ) -> None:
+        solver.simulate(job, limb)  # whatever it keeps of that may be of no use to a worker
+        self.test_travels_to_another_process(solver)
+
     def test_it_provides_what_it_declares(
         self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
     ) -> None:

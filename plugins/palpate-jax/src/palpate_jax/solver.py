@@ -135,6 +135,10 @@ class JaxSolver(Solver[JaxSettings]):
         self._recent: list[_Prepared] = []
         self._states = PilotStates()
 
+    def __reduce__(self) -> tuple[type["JaxSolver"], tuple[JaxSettings]]:
+        """Class and settings: what it keeps of limbs and states stays in this process."""
+        return type(self), (self.settings,)
+
     def n_pilots(self, number: int) -> int:
         """Pilots of a set: those of the largest group that ends before it."""
         return max(n for n in (0, *GROUPS) if n <= number) if self.settings.pilots else 0
