@@ -288,6 +288,28 @@ def test_a_simulation_without_neighbours_has_no_jacobian_but_a_reason(state):
     assert np.isfinite(slopes[:, ~np.array(lost)]).all()
 
 
+def test_a_step_that_fails_is_reported_where_other_slopes_are_differences(state):
+    class Rough(Singular):
+        def simulate(self, job, limb):
+            if job.protocol.friction > most:
+                return Simulation(job=job, status=Status.DIVERGED, response=None, message="too rough")
+            return super().simulate(job, limb)
+
+    class Tilting(StandardParametrisation):
+        def inputs(self, space, spot, protocol, values):
+            found = super().inputs(space, spot, protocol, values)
+            tilt = (found.protocol.friction, 0.0)  # so that no slopes lead there
+            return replace(found, protocol=replace(found.protocol, tilt_deg=tilt))
+
+    problem = state(ALL_TRUE, EVERYTHING, space(None, by_spot=True), Rough)
+    problem.parametrisation = Tilting(problem.parametrisation.settings)
+    point = np.full(len(problem.names), 0.5)
+    most = problem.inputs("p1", point).protocol.friction
+    slopes, failures = problem.columns(point)
+    assert failures == {"friction": "p2: diverged: too rough"}
+    assert np.isnan(slopes).all(axis=0).tolist() == [name == "friction" for name in problem.names]
+
+
 def test_a_prior_is_where_a_search_starts(state):
     searched = {"friction": {**EVERYTHING["friction"], "prior": {"value": 0.3, "sd": 0.1}}}
     problem = state({**BASE, "friction": 0.4}, searched)
