@@ -216,7 +216,14 @@ class Run:
         return fitted(self.study, chosen, general, self.fit())
 
     def fit(self) -> FitResult:
-        """Result of the fit, with its intervals; empty where there is none."""
+        """Result of the fit, with its intervals; empty where there is none.
+
+        Raises
+        ------
+        StudyError
+            It, or its intervals, were made from something else than the study has now.
+        """
+        self.check(*filter(self.directory.records.has, ("fit", "intervals")))
         return self.directory.fit()
 
     def surfaces(self) -> Mapping[str, SurfaceStates]:

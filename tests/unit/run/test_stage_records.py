@@ -13,6 +13,7 @@ from palpate.errors import PalpateError, StoppedError, StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate.progress import Silent
 from palpate.stages.status import Watcher
+from palpate.study.model import BudgetTable
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
@@ -125,6 +126,12 @@ CHANGES = {
         "report",
     ),
     "generalise_by": (lambda study: replace(study, generalise_by="II"), "select", "report"),
+    "search": (
+        lambda study: replace(study, search=LeastSquares(LeastSquares.Settings(max_steps=3))),
+        "fit",
+        "intervals",
+    ),
+    "budget": (lambda study: replace(study, budget=BudgetTable(gain=0.1)), "intervals", "certainty"),
 }
 
 
@@ -139,7 +146,11 @@ def test_what_a_changed_study_makes_stale_is_refused_with_its_remedy(done, plugi
                 called(verb)(change(study), run, plugins)
     assert (run / "manifest.json").read_bytes() == manifest
     changed = replace(study, scoring=ScoringRules(normaliser=Normaliser.RMS))
-    for verb in ("score", "select", "report"):
+    for verb in ("score", "select"):
+        called(verb)(changed, run, plugins)
+    with pytest.raises(StudyError, match="palpate fit` were made from other results of `palpate select`"):
+        pipeline.report(changed, run, plugins)
+    for verb in ("fit", "intervals", "report"):
         called(verb)(changed, run, plugins)
 
 
