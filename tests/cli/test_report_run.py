@@ -144,6 +144,14 @@ def test_the_page_of_a_run_that_has_not_ended_shows_what_is_there(call, study, t
     whole = call("report", "runs/toy", "--json").json
     assert not any("not ended" in warning for warning in whole["warnings"])
     assert whole["intervals"][0]["level"] == 0.95
+    assert whole["intervals"][0]["verdict"] in (
+        "well",
+        "roughly",
+        "poorly",
+        "not identified",
+        "unclear",
+        "refused",
+    )
 
 
 def test_a_run_before_its_first_result_has_no_page(call, study, tmp_path):

@@ -75,6 +75,7 @@ class IntervalOutput(Closed):
     lower: Number
     upper: Number
     identifiability: str
+    verdict: str
     level: Number
 
 

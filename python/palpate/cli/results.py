@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 NOTHING = "no set fits all spots"
 """Verdict where nothing leads."""
 
-OF_INTERVALS = ("parameter", "unit", "value", "lower", "upper", "identifiability", "level")
+OF_INTERVALS = ("parameter", "unit", "value", "lower", "upper", "identifiability", "verdict", "level")
 """What JSON has of each value that leads."""
 
 

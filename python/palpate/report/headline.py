@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import polars as pl
 
 from palpate.report.best_sets import Best, Value, best_sets, initial_moduli, leading
-from palpate.report.marks import REFUSED, TIED, mark_of, verdict_of
+from palpate.report.marks import NOT, REFUSED, TIED, mark_of, verdict_of
 from palpate.report.report_data import ReportData
 from palpate.report.report_warnings import CHECK, NO_FIT_R2, failed_checks
 from palpate.report.rounding import rounded
@@ -266,15 +266,16 @@ OF_SETS = ("table1_coefficients", "identifiability", "distance_to_truth", "gener
 
 
 def with_verdicts(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
-    """Tables with a column ``verdict`` where they have values of parameters."""
-    verdicts = Verdicts.of(data)
+    """Tables with a column ``verdict`` where they have values of parameters, and words in full."""
+    verdicts, in_full = Verdicts.of(data), pl.col("^identifiability$").replace("not", NOT)
     return {
-        name: table
+        name: table.with_columns(in_full)
         if name not in (*OF_FITS, *OF_SETS)
         else table.with_columns(
+            in_full,
             verdict=pl.Series(
                 [_verdict(verdicts, name, row) for row in table.iter_rows(named=True)], dtype=pl.String
-            )
+            ),
         )
         for name, table in tables.items()
     }

@@ -6,6 +6,7 @@ from typing import Any
 from palpate.domain import Parameter
 from palpate.plugins.sections import Bar, Block, Fold, Listing, Paragraph, Section, Shares, Table, Word
 from palpate.report.answer import budget_bars
+from palpate.report.marks import verdict_of
 from palpate.report.report_data import ReportData
 from palpate.report.result import Report
 from palpate.report.sections.posterior import profiles, ribbons
@@ -95,7 +96,9 @@ def _table(caption: str, rows: list[dict[str, Any]], *, words: bool) -> Table:
     cells = [_cells(row) for row in rows]
     if words:
         heads.append("identifiability")
-        cells = [[*own, Word(row["identifiability"])] for own, row in zip(cells, rows, strict=True)]
+        cells = [
+            [*own, Word(verdict_of(row["identifiability"]))] for own, row in zip(cells, rows, strict=True)
+        ]
     return Table(caption, heads, cells)
 
 
