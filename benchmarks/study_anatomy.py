@@ -24,11 +24,11 @@ from study_real_mesh import read
 import palpate
 from palpate.cli.app import main as command
 from palpate_forearm import InkMark, Phantom, PhantomBone, Section
-from palpate_limb.first_contact import moved_to_contact
 from palpate_limb.from_scan import sound_mesh
 from palpate_limb.limb_files import write_limb
 from palpate_limb.segment import Segment, cut
 from palpate_limb.surfaces import solid, surface_of
+from palpate_limb.volume import moved_to_contact
 
 SKIN_MM = 2.2
 FINER, COARSE = 0.33, 0.4

@@ -21,12 +21,11 @@ from palpate.domain import Indentation, Job, Limb, Response, Spot
 from palpate.indenters import Sphere
 from palpate_forearm import Phantom
 from palpate_jax.solver import JaxSettings, JaxSolver
-from palpate_limb.first_contact import moved_to_contact
 from palpate_limb.meshing import SizeField
 from palpate_limb.quality import Quality, assess
 from palpate_limb.segment import Segment, cut, limb_axis
 from palpate_limb.surfaces import Surface
-from palpate_limb.volume import MeshPlan, mesh_segment
+from palpate_limb.volume import MeshPlan, mesh_segment, moved_to_contact
 from palpate_materials.yeoh import Yeoh
 
 RADIUS_MM = 7.5

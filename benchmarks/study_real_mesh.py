@@ -22,11 +22,10 @@ from palpate.indenters import Sphere
 from palpate.mesh.contact_edge import NEAR, contact_edge_mm
 from palpate.mesh.refinement import refined
 from palpate_jax.solver import JaxSettings, JaxSolver
-from palpate_limb.first_contact import moved_to_contact
 from palpate_limb.from_scan import ReadScan, ScanPlan, sound_mesh
 from palpate_limb.quality import assess
 from palpate_limb.segment import Segment, cut
-from palpate_limb.volume import MeshPlan
+from palpate_limb.volume import MeshPlan, moved_to_contact
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.yeoh import Yeoh
 

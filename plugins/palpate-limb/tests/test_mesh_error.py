@@ -10,7 +10,7 @@ from palpate.errors import MeshError
 from palpate.run.manifest import manifest
 from palpate.study.mesh_note import mesh_note
 from palpate_limb.cli import DEFAULT_SIZE
-from palpate_limb.mesh_error import RATIOS, mesh_error
+from palpate_limb.limb_files import RATIOS, mesh_error
 
 
 def test_the_note_of_a_mesh_is_in_the_manifest(make_study, plugins, tmp_path):

@@ -18,12 +18,11 @@ from palpate_limb.bones import covered, read_bones
 from palpate_limb.cli_options import bones_of, places_of
 from palpate_limb.from_scan import BoneFile, ScanPlan, read_scan
 from palpate_limb.meshing import SizeField
-from palpate_limb.openings import closed, largest, parts
 from palpate_limb.places import Around, Point, Station, place_of, position_mm, read_points, zero_direction
-from palpate_limb.scan_unit import guessed_unit, mm_per_unit
+from palpate_limb.repair import closed, defects, largest, parts, repaired
 from palpate_limb.segment import cut
 from palpate_limb.spots import locate_at
-from palpate_limb.surface_checks import defects, repaired
+from palpate_limb.surface_files import guessed_unit, mm_per_unit
 from palpate_limb.surfaces import Surface
 from palpate_limb.volume import MeshPlan
 

@@ -16,9 +16,9 @@ from palpate_limb.bones import by_icp, by_landmarks, read_bones, read_landmarks,
 from palpate_limb.from_scan import BonePlaces, ScanPlan, read_scan
 from palpate_limb.marks import find_marks, name_marks
 from palpate_limb.meshing import SizeField
+from palpate_limb.repair import BONE_MM, LIMB_MM, check_size, defects, repaired
 from palpate_limb.segment import cut, limb_axis
 from palpate_limb.spots import locate
-from palpate_limb.surface_checks import BONE_MM, LIMB_MM, check_size, defects, repaired
 from palpate_limb.surface_files import read_surface
 from palpate_limb.surfaces import Surface, smoothed
 from palpate_limb.volume import MeshPlan

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.api import FloatArray, MeshError
-from palpate_limb.openings import closed, largest, parts
-from palpate_limb.surface_checks import BONE_MM, check_size, repaired
+from palpate_limb.repair import BONE_MM, check_size, closed, largest, parts, repaired
 from palpate_limb.surface_files import read_surface
 from palpate_limb.surfaces import Surface, outwards
 

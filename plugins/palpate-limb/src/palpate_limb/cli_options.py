@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 import typer
 
 from palpate.api import MeshError
-from palpate_limb.layer_order import layer_order
 
 if TYPE_CHECKING:
     from palpate.api import FloatArray
@@ -146,7 +145,7 @@ Smoothing: TypeAlias = Annotated[
     int, typer.Option(min=0, max=200, help="Rounds of Taubin's filter against the scan's noise; 0: none.")
 ]
 Linear: TypeAlias = Annotated[bool, typer.Option("--linear", help="Four-node elements; they lock.")]
-MesherName: TypeAlias = Annotated[str, typer.Option(help="ftetwild, gmsh, tetgen, or module:class.")]
+MesherName: TypeAlias = Annotated[str, typer.Option(help="ftetwild, or gmsh where there are no layers.")]
 
 
 def length_mm(option: str, given: str) -> float:
@@ -170,7 +169,7 @@ def length_mm(option: str, given: str) -> float:
 
 def unit_of(option: str, given: str) -> str | None:
     """A unit of length, as given; None where none is."""
-    from palpate_limb.scan_unit import mm_per_unit
+    from palpate_limb.surface_files import mm_per_unit
 
     if not given:
         return None
@@ -307,6 +306,8 @@ def thickness_of(skin: str, given: list[str], file: Path | None) -> dict[str, di
                 "at one spot"
             )
         of_spot[layer] = length_mm(f"--layer {name}", thickness)
+    from palpate_limb.layers import layer_order
+
     table = _layer_table(file) if file is not None else {}
     # Before the two are merged, which names none of them together.
     order = layer_order([list(layers) for layers in (*found.values(), *table.values())])

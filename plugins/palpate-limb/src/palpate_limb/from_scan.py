@@ -9,19 +9,26 @@ import numpy as np
 
 from palpate.api import FloatArray, Limb, MeshError, check_limb
 from palpate_limb.bones import IN_PLACE, Placement, by_icp, covered, read_bones, read_landmarks, read_motion
-from palpate_limb.first_contact import moved_to_contact
-from palpate_limb.layer_order import layer_order
+from palpate_limb.layers import layer_order
 from palpate_limb.marks import find_marks, name_marks
-from palpate_limb.openings import closed, extent, joined_parts, largest, parts
 from palpate_limb.places import Around, Place, position_mm, zero_direction
 from palpate_limb.quality import Quality, assess, check_quality
-from palpate_limb.scan_unit import guessed_unit, mm_per_unit
+from palpate_limb.repair import (
+    LIMB_MM,
+    check_size,
+    closed,
+    defects,
+    extent,
+    joined_parts,
+    largest,
+    parts,
+    repaired,
+)
 from palpate_limb.segment import Segment, cut, limb_axis
 from palpate_limb.spots import FoundSpot, locate, locate_at
-from palpate_limb.surface_checks import LIMB_MM, check_size, defects, repaired
-from palpate_limb.surface_files import read_surface
+from palpate_limb.surface_files import guessed_unit, mm_per_unit, read_surface
 from palpate_limb.surfaces import Surface, outwards, smoothed
-from palpate_limb.volume import MeshPlan, mesh_segment
+from palpate_limb.volume import MeshPlan, mesh_segment, moved_to_contact
 
 MOST_MESHES = 4
 """Meshes that are made of a segment before a poor one is refused."""

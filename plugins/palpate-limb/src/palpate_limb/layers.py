@@ -1,25 +1,69 @@
-"""Layers below the skin: the surface at a given depth, by distance and not by moving points.
+"""Layers below the skin: their order, the surface at a depth, and prisms from the core's mesh to the skin.
 
-The surface at depth h is the level h of the distance from the skin, so that it
-neither folds over itself in a hollow nor repeats the scan's noise.
+The surface at depth h is the level h of the distance from the skin, so that it neither folds over itself in
+a hollow nor repeats the scan's noise. A layer far thinner than the elements away from the indenter has flat
+elements there, in place of many small ones: one through its thickness everywhere, by prisms that are split
+into three tetrahedra each.
 """
+
+from collections.abc import Iterable, Mapping, Sequence
+from graphlib import CycleError, TopologicalSorter
+from itertools import pairwise
 
 import numpy as np
 
-from palpate.api import FloatArray, MeshError
+from palpate.api import FloatArray, IntArray, MeshError
 from palpate_limb.segment import Segment
 from palpate_limb.surfaces import Surface, outwards, solid, surface_of
+
+OUTERMOST = "skin"
+
+
+def layer_order(together: Iterable[Sequence[str]]) -> tuple[str, ...]:
+    """The only order of all layers, from the outside in, that agrees with every given one.
+
+    Each of ``together`` has layers from the outside in. ``skin`` is the outermost wherever it is named.
+
+    Raises
+    ------
+    MeshError
+        No order agrees with all of them, or several do; with the names of two layers.
+    """
+    graph: TopologicalSorter[str] = TopologicalSorter()
+    outermost: tuple[str, ...] = ()
+    for names in together:
+        if OUTERMOST in names:
+            outermost = (OUTERMOST,)
+        inner = [name for name in names if name != OUTERMOST]
+        for name in inner:
+            graph.add(name)
+        for above, below in pairwise(inner):
+            graph.add(below, above)
+    try:
+        graph.prepare()
+    except CycleError as error:
+        first, second, *_ = error.args[1]
+        raise MeshError(
+            f"layers '{first}' and '{second}': each is named above the other, or above layers that are; name "
+            "them in one order, from the outside in, at every spot"
+        ) from None
+    order: list[str] = []
+    while graph.is_active():
+        ready = sorted(graph.get_ready())
+        if len(ready) > 1:
+            raise MeshError(
+                f"layers '{ready[0]}' and '{ready[1]}': which one is above the other is not said; name them "
+                "together once, from the outside in: both for all spots, both for one, or both in the table"
+            )
+        order += ready
+        graph.done(*ready)
+    return (*outermost, *order)
 
 
 def below_skin(segment: Segment, depth_mm: float, spacing_mm: float = 1.2) -> Surface:
     """The closed surface at a depth below the skin, a little longer than the segment.
 
-    Parameters
-    ----------
-    segment : Segment
-    depth_mm : float
-    spacing_mm : float
-        Of the grid on which the distance is taken.
+    The distance is taken on a grid of ``spacing_mm``.
 
     Raises
     ------
@@ -28,6 +72,7 @@ def below_skin(segment: Segment, depth_mm: float, spacing_mm: float = 1.2) -> Su
     """
     from scipy.spatial import cKDTree
     from skimage.measure import marching_cubes
+    from trimesh.remesh import subdivide_to_size
 
     half = 0.5 * segment.length_mm + 4.0 * spacing_mm
     along = segment.axis.tolist()
@@ -37,14 +82,24 @@ def below_skin(segment: Segment, depth_mm: float, spacing_mm: float = 1.2) -> Su
         .trim_by_plane((-segment.axis).tolist(), -half - 3.0 * depth_mm),
         "skin",
     )
-    origin, shape, grid = _grid(piece, spacing_mm)
+    origin = piece.points_mm.min(axis=0) - 2.0 * spacing_mm
+    ends = piece.points_mm.max(axis=0) + 2.0 * spacing_mm
+    counts = np.ceil((ends - origin) / spacing_mm).astype(int) + 1
+    axes = [origin[i] + spacing_mm * np.arange(counts[i]) for i in range(3)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     sides = np.abs(segment.skin.points_mm @ segment.axis) < half + 3.0 * depth_mm + 10.0
-    samples = _samples(segment.skin, sides, spacing_mm)
+    # So dense that the nearest sample is as good as the nearest point of a triangle.
+    samples, _ = subdivide_to_size(  # type: ignore[no-untyped-call]
+        segment.skin.points_mm,
+        segment.skin.faces[sides[segment.skin.faces].any(axis=1)],
+        max_edge=0.5 * spacing_mm,
+        max_iter=12,
+    )
     distance, _ = cKDTree(samples).query(grid, distance_upper_bound=depth_mm + 3.0 * spacing_mm)
     distance = np.minimum(distance, depth_mm + 3.0 * spacing_mm)
     depth = np.where(segment.skin.contains(grid), distance, -distance)
     # A lid past either cut, so that the level is a closed surface.
-    depth = np.minimum(depth, depth_mm + half - np.abs(grid @ segment.axis)).reshape(shape)
+    depth = np.minimum(depth, depth_mm + half - np.abs(grid @ segment.axis)).reshape(counts)
     if depth.max() <= depth_mm:
         raise MeshError(f"a layer of {depth_mm:g} mm leaves nothing below it; make it thinner")
     points, faces, _, _ = marching_cubes(  # type: ignore[no-untyped-call]
@@ -56,21 +111,69 @@ def below_skin(segment: Segment, depth_mm: float, spacing_mm: float = 1.2) -> Su
     return outwards(surface)
 
 
-def _grid(piece: Surface, spacing: float) -> tuple[FloatArray, tuple[int, ...], FloatArray]:
-    """Origin, shape and points (n, 3) of a grid around a surface."""
-    low, high = piece.points_mm.min(axis=0) - 2.0 * spacing, piece.points_mm.max(axis=0) + 2.0 * spacing
-    counts = np.ceil((high - low) / spacing).astype(int) + 1
-    axes = [low[i] + spacing * np.arange(counts[i]) for i in range(3)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-    return low, tuple(int(c) for c in counts), points
+def extruded(
+    points: FloatArray,
+    tets: IntArray,
+    boundary: Mapping[str, IntArray],
+    skin: Surface,
+    depths_mm: Sequence[float],
+) -> tuple[FloatArray, IntArray, IntArray, dict[str, IntArray]]:
+    """Layers added to the mesh of the core.
 
+    Parameters
+    ----------
+    points, tets : (n, 3) array, (m, 4) integer array
+        The core.
+    boundary : mapping of surface to triangles (k, 3)
+        ``skin`` of the core, outwards, to which the layers are added, ``cut`` and bones.
+    skin : Surface
+        The limb's.
+    depths_mm : sequence of float
+        Depth of the lower surface of each layer, from the outside in.
 
-def _samples(skin: Surface, kept: np.ndarray, spacing: float) -> FloatArray:
-    """Points of the skin so dense that the nearest is as good as the nearest point of a triangle."""
-    from trimesh.remesh import subdivide_to_size
-
-    faces = skin.faces[kept[skin.faces].any(axis=1)]
-    points, _ = subdivide_to_size(  # type: ignore[no-untyped-call]
-        skin.points_mm, faces, max_edge=0.5 * spacing, max_iter=12
+    Returns
+    -------
+    points (n', 3), tetrahedra (m', 4), their layers (m',) and the boundary
+    """
+    faces, n_layers = boundary["skin"], len(depths_mm)
+    nodes, local = np.unique(faces, return_inverse=True)
+    bottom = points[nodes]
+    top, _ = skin.nearest(bottom)
+    shares = np.array([0.0, *depths_mm[:-1]]) / depths_mm[-1]
+    levels = [top + share * (bottom - top) for share in shares]
+    # Row i has the nodes of level i, from the skin down to the core's own.
+    ids = np.vstack([len(points) + np.arange(n_layers * len(nodes)).reshape(n_layers, -1), nodes])
+    triangles = np.sort(local.reshape(-1, 3), axis=1)  # one diagonal for the two prisms of a side
+    prisms = [_split(ids[i + 1][triangles], ids[i][triangles]) for i in range(n_layers)]
+    sides = _sides(boundary["cut"], faces, ids)
+    found = {
+        **boundary,
+        "skin": ids[0][local.reshape(-1, 3)],
+        "cut": np.concatenate([boundary["cut"], *sides]),
+    }
+    regions = [np.full(len(prism), i) for i, prism in enumerate(prisms)]
+    return (
+        np.concatenate([points, *levels]),
+        np.concatenate([tets, *prisms]),
+        np.concatenate([np.full(len(tets), n_layers), *regions]),
+        found,
     )
-    return np.asarray(points, dtype=np.float64)
+
+
+def _split(lower: IntArray, upper: IntArray) -> IntArray:
+    """Three tetrahedra for each prism between triangles (n, 3), corners in ascending order."""
+    (a, b, c), (d, e, f) = lower.T, upper.T
+    return np.concatenate([np.stack(tet, axis=1) for tet in ((a, b, c, f), (a, b, e, f), (a, d, e, f))])
+
+
+def _sides(cut: IntArray, faces: IntArray, ids: IntArray) -> list[IntArray]:
+    """Triangles (n, 3) of each layer on the cuts: the sides of prisms over edges of the cut's rim."""
+    edges = [np.sort(f[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1) for f in (cut, faces)]
+    n = int(max(e.max() for e in edges)) + 1
+    keys = np.intersect1d(*(e @ np.array([n, 1]) for e in edges))
+    rim = np.searchsorted(ids[-1], np.stack([keys // n, keys % n], axis=1))
+    found = []
+    for upper, lower in pairwise(ids):
+        (a, b), (d, e) = lower[rim].T, upper[rim].T
+        found.append(np.concatenate([np.stack(face, axis=1) for face in ((a, b, e), (a, d, e))]))
+    return found

@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.api import FloatArray, MeshError
 from palpate.mesh.spot_frame import spot_axes
-from palpate_limb.openings import extent
+from palpate_limb.repair import extent
 from palpate_limb.surfaces import Surface, solid
 
 FARTHEST_MM = 10.0

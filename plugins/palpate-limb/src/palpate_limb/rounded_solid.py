@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.api import BoolArray, FloatArray, IntArray, MeshError
-from palpate_limb.surface_checks import defects
+from palpate_limb.repair import defects
 from palpate_limb.surfaces import Surface
 
 CELLS_PER_EDGE = 3.0

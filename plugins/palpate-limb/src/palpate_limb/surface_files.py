@@ -1,4 +1,4 @@
-"""Surfaces from files: PLY, OBJ, GLB and STL through trimesh, which this module alone asks to read."""
+"""Surfaces from files, which trimesh reads for this module alone, and the unit of their numbers."""
 
 import logging
 from pathlib import Path
@@ -6,13 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from palpate.api import FloatArray, MeshError
-from palpate_limb.scan_unit import mm_per_unit
+from palpate.api import FloatArray, MeshError, convert
+from palpate_limb.repair import LIMB_MM
 from palpate_limb.surfaces import Surface
 
 SUFFIXES = frozenset({".ply", ".obj", ".glb", ".stl", ".off"})
 MOST_BYTES = 2_000_000_000
 MOST_FACES = 5_000_000
+UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
+THICK_MM = (15.0, 260.0)
+"""Diameter of a cylinder of the limb's length and volume, between a child's wrist and a thigh."""
 
 
 def read_surface(path: Path, unit: str = "mm") -> Surface:
@@ -141,3 +144,39 @@ def _merged(surface: Surface) -> Surface:
         faces=np.searchsorted(used, faces),
         colours=None if surface.colours is None else surface.colours[kept],
     )
+
+
+def mm_per_unit(unit: str) -> float:
+    """Millimetres of a unit, which may be a length such as "365 mm" for a normalised model.
+
+    Raises
+    ------
+    ValueError
+        It is none of length.
+    """
+    return convert(unit if unit.strip()[:1].isdigit() else f"1 {unit}", "mm")
+
+
+def guessed_unit(surface: Surface) -> tuple[str, str]:
+    """Unit of a closed surface whose coordinates are as in the file, and why.
+
+    Raises
+    ------
+    MeshError
+        No unit makes it a limb, or more than one does.
+    """
+    long = float(np.ptp(surface.points_mm, axis=0).max())
+    thick = float(np.sqrt(4.0 * abs(surface.volume_mm3) / (np.pi * max(long, 1e-300))))
+    fits = [
+        unit
+        for unit, factor in UNITS.items()
+        if LIMB_MM[0] <= long * factor <= LIMB_MM[1] and THICK_MM[0] <= thick * factor <= THICK_MM[1]
+    ]
+    size = f"it is {long:.4g} long and about {thick:.3g} thick"
+    if len(fits) != 1:
+        plausible = " and ".join(fits) or "no unit"
+        raise MeshError(
+            f"{surface.name}: {size}, which is a limb in {plausible}; give the unit with --unit, such as mm, "
+            'or "365 mm" for a model whose unit is that long'
+        )
+    return fits[0], size

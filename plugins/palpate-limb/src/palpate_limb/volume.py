@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from types import MappingProxyType
 from typing import Literal, TypeAlias
 
@@ -9,8 +10,7 @@ import numpy as np
 
 from palpate.api import FloatArray, IntArray, Limb, Mesh, MeshError, Spot
 from palpate.mesh.topology import CELLS, outer_faces, with_midpoints
-from palpate_limb.extrusion import extruded
-from palpate_limb.layers import below_skin
+from palpate_limb.layers import below_skin, extruded
 from palpate_limb.meshing import AdaptTask, MeshingTask, SizeField, run_mesher, run_mmg
 from palpate_limb.midside_nodes import curved
 from palpate_limb.segment import Segment, core_of, gap_of_bones
@@ -32,18 +32,9 @@ LEAST_CORE_MM = 0.5
 class MeshPlan:
     """How a segment is meshed.
 
-    Parameters
-    ----------
-    size : SizeField
-    kind : {"tet10", "tet4"}
-    layers_mm : mapping of region to thickness, from the skin inwards
-        Below them everything is ``core``.
-    core : str
-    tolerance_mm : float
-        How far flat faces may leave the surfaces before they are bent onto them; twice as far
-        where elements can be bent.
-    mesher : str
-    time_limit_s : float
+    ``layers_mm`` has the thickness of each region from the skin inwards; below them everything is ``core``.
+    ``tolerance_mm`` is how far flat faces may leave the surfaces before they are bent onto them; twice as
+    far where elements can be bent.
     """
 
     size: SizeField
@@ -96,10 +87,18 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
     MeshError
         The mesher fails, or what it made has not the surfaces of the segment.
     """
-    interfaces = _interfaces(segment, plan.layers_mm)
+    depths = np.cumsum(list(plan.layers_mm.values())).tolist()
+    interfaces = {
+        name: below_skin(segment, depth) for name, depth in zip(plan.layers_mm, depths, strict=True)
+    }
     flat = bool(interfaces) and gap_of_bones(segment) > sum(plan.layers_mm.values()) + LEAST_CORE_MM
-    made = (_with_flat_layers if flat else _with_nested_layers)(segment, interfaces, plan)
-    points, tets, regions, boundary = made
+    if flat:  # the core meshed alone, and the layers extruded from it to the skin
+        core, alone = core_of(segment, interfaces[[*interfaces][-1]]), replace(plan, layers_mm=NO_LAYERS)
+        points, tets, _, boundary = _filled(core, {}, alone)
+        points, tets, regions, boundary = extruded(points, tets, boundary, segment.skin, depths)
+        tets = _positive(points, tets)
+    else:
+        points, tets, regions, boundary = _filled(segment, interfaces, plan)
     on = {name: np.unique(faces) for name, faces in boundary.items()}
     if plan.kind == "tet10":
         points, tets, on = _quadratic(points, tets, boundary)
@@ -108,7 +107,14 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
         name: (np.setdiff1d(_shared(tets, regions, i), outer), interface)
         for i, (name, interface) in enumerate(interfaces.items())
     }
-    between = _between(tets, regions, segment.skin, interfaces, on) if flat else []
+    between = []
+    if flat:  # nodes of each layer on neither of its surfaces, and these surfaces
+        above = [(on["skin"], segment.skin)]
+        above += [(_shared(tets, regions, i), surface) for i, surface in enumerate(interfaces.values())]
+        between = [
+            (np.setdiff1d(tets[regions == i], np.union1d(upper, lower)), skin, below)
+            for i, ((upper, skin), (lower, below)) in enumerate(pairwise(above))
+        ]
     points = curved(points, tets, on, segment, inner, between)
     bones = [on[bone.name] for bone in segment.bones]
     mesh = Mesh(
@@ -127,90 +133,61 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
     return Limb(spot=Spot(name=segment.name), mesh=mesh)
 
 
-def _interfaces(segment: Segment, layers_mm: Mapping[str, float]) -> dict[str, Surface]:
-    """The lower surface of each layer."""
-    depths = np.cumsum(list(layers_mm.values()))
-    return {name: below_skin(segment, float(depth)) for name, depth in zip(layers_mm, depths, strict=True)}
-
-
 Body: TypeAlias = tuple[FloatArray, IntArray, IntArray, Boundary]
 """Points (n, 3), tetrahedra (m, 4), their regions (m,) and their boundary."""
 
 
-def _with_flat_layers(segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan) -> Body:
-    """The core meshed alone, and the layers extruded from it to the skin."""
-    *_, lowest = interfaces.values()
-    core, alone = core_of(segment, lowest), replace(plan, layers_mm=NO_LAYERS)
-    points, tets = _filled(core, {}, alone)
-    points, tets, _, boundary = _adapted(points, tets, core, {}, alone)
-    depths = np.cumsum(list(plan.layers_mm.values())).tolist()
-    points, tets, regions, boundary = extruded(points, tets, boundary, segment.skin, depths)
-    return points, _positive(points, tets), regions, boundary
-
-
-def _with_nested_layers(segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan) -> Body:
-    """All regions meshed at once, where layers reach a bone."""
-    points, tets = _filled(segment, interfaces, plan)
-    return _adapted(points, tets, segment, interfaces, plan)
-
-
-def _filled(
-    segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan
-) -> tuple[FloatArray, IntArray]:
+def _filled(segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan) -> Body:
+    """All regions meshed at once, with elements of the sizes asked for."""
     surfaces = [surface_of(solid(segment.tissue).simplify(plan.tolerance_mm), "tissue")]
     half = 0.5 * segment.length_mm
     for name, interface in interfaces.items():
         body = solid(interface).simplify(plan.tolerance_mm)
         for sign in (1.0, -1.0):
             body = body.trim_by_plane((sign * segment.axis).tolist(), -half)
-        surfaces.append(_without_ends(surface_of(body, name), segment, half))
+        layer = surface_of(body, name)
+        along = layer.points_mm @ segment.axis  # the segment has flat faces of its own on the cuts
+        ends = [(np.abs(along - end) < 1e-6)[layer.faces].all(axis=1) for end in (-half, half)]
+        surfaces.append(replace(layer, faces=layer.faces[~(ends[0] | ends[1])]))
     points, faces = joined(surfaces)
-    background = plan.size.background(points.min(axis=0), points.max(axis=0))
+    grid, cells, sizes = plan.size.background(points.min(axis=0), points.max(axis=0))
     task = MeshingTask(
         points_mm=points,
         faces=faces,
         nested=len(surfaces) > 1,
-        size_points_mm=background[0],
-        size_cells=background[1],
-        sizes_mm=background[2],
+        size_points_mm=grid,
+        size_cells=cells,
+        sizes_mm=sizes,
         tolerance_mm=plan.tolerance_mm,
     )
     points, tets = run_mesher(plan.mesher, task, plan.time_limit_s)
     if task.nested:
         tets = tets[segment.tissue.contains(points[tets].mean(axis=1))]
-    return _largest(points, _positive(points, tets))
-
-
-def _adapted(
-    points: FloatArray, tets: IntArray, segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan
-) -> Body:
-    """Elements of the sizes asked for."""
+    points, tets = _largest(points, _positive(points, tets))
     boundary = classify(points, tets, segment)
     names = list(boundary)
-    made = run_mmg(
+    middles = points[tets].mean(axis=1)
+    below = np.zeros(len(tets), dtype=np.int64)  # how many interfaces each is below
+    for interface in interfaces.values():
+        below += interface.contains(middles)
+    adapted = run_mmg(
         AdaptTask(
-            points_mm=points,
-            tets=tets,
-            regions=_regions(points, tets, interfaces),
-            faces=np.concatenate(list(boundary.values())),
-            surfaces=np.repeat(np.arange(len(names)) + 1, [len(faces) for faces in boundary.values()]),
+            mesh={
+                "points_mm": points,
+                "tets": tets,
+                "regions": below,
+                "faces": np.concatenate(list(boundary.values())),
+                "surfaces": np.repeat(np.arange(len(names)) + 1, [len(faces) for faces in boundary.values()]),
+            },
             size=plan.size,
             largest_mm=np.array([*(FLATTEST * t for t in plan.layers_mm.values()), np.inf]),
             deviation_mm=plan.tolerance_mm * (2.0 if plan.kind == "tet10" else 1.0),
         ),
         plan.time_limit_s,
     )
-    points = made["points_mm"]
-    faces = {name: made["faces"][made["surfaces"] == i + 1] for i, name in enumerate(names)}
-    return points, _positive(points, made["tets"]), made["regions"], faces
-
-
-def _without_ends(surface: Surface, segment: Segment, half: float) -> Surface:
-    """A layer's surface without the flat faces on the cuts, where the segment has its own."""
-    along = surface.points_mm @ segment.axis
-    ends = [(np.abs(along - end) < 1e-6)[surface.faces].all(axis=1) for end in (-half, half)]
-    at_end = ends[0] | ends[1]
-    return Surface(name=surface.name, points_mm=surface.points_mm, faces=surface.faces[~at_end])
+    points = adapted["points_mm"]
+    faces_on = {name: adapted["faces"][adapted["surfaces"] == i + 1] for i, name in enumerate(names)}
+    return points, _positive(points, adapted["tets"]), adapted["regions"], faces_on
 
 
 def _positive(points: FloatArray, tets: IntArray) -> IntArray:
@@ -231,15 +208,6 @@ def _largest(points: FloatArray, tets: IntArray) -> tuple[FloatArray, IntArray]:
     kept = tets[labels == np.bincount(labels).argmax()]
     used, cells = np.unique(kept, return_inverse=True)
     return points[used], cells.reshape(-1, 4)
-
-
-def _regions(points: FloatArray, tets: IntArray, interfaces: Mapping[str, Surface]) -> IntArray:
-    """Number of the layer of each tetrahedron: how many interfaces it is below."""
-    middles = points[tets].mean(axis=1)
-    below = np.zeros(len(tets), dtype=np.int64)
-    for interface in interfaces.values():
-        below += interface.contains(middles)
-    return below
 
 
 def classify(points: FloatArray, tets: IntArray, segment: Segment) -> Boundary:
@@ -286,26 +254,32 @@ def _quadratic(
     return points, cells, on
 
 
-def _between(
-    cells: IntArray,
-    regions: IntArray,
-    skin: Surface,
-    interfaces: Mapping[str, Surface],
-    on: Mapping[str, IntArray],
-) -> list[tuple[IntArray, Surface, Surface]]:
-    """Nodes of each layer on neither of its surfaces, and these surfaces."""
-    surfaces = [skin, *interfaces.values()]
-    nodes = [on["skin"], *(_shared(cells, regions, i) for i in range(len(interfaces)))]
-    return [
-        (
-            np.setdiff1d(cells[regions == i], np.union1d(nodes[i], nodes[i + 1])),
-            surfaces[i],
-            surfaces[i + 1],
-        )
-        for i in range(len(interfaces))
-    ]
-
-
 def _shared(cells: IntArray, regions: IntArray, layer: int) -> IntArray:
     """Nodes between a layer and what is below it."""
     return np.intersect1d(cells[regions <= layer], cells[regions > layer])
+
+
+def moved_to_contact(limb: Limb, radius_mm: float) -> tuple[Limb, float]:
+    """The limb, moved along the spot's normal until a sphere there just touches it, and how far [mm].
+
+    The limb is in the frame of its spot, where the sphere's lowest point is. Depth 0 is first contact then.
+    """
+    mesh = limb.mesh
+    ((kind, cells),) = mesh.cells.items()
+    on = np.zeros(mesh.n_nodes, dtype=np.bool_)
+    on[mesh.node_sets["contact"]] = True
+    faces = cells[:, np.array(CELLS[kind].faces)].reshape(-1, len(CELLS[kind].faces[0]))
+    faces = faces[on[faces[:, :3]].all(axis=1)]
+    near = np.linalg.norm(mesh.points_mm[faces[:, :3]].mean(axis=1), axis=1) < 2.0 * radius_mm
+    shares = np.stack(np.meshgrid(*(np.linspace(0.0, 1.0, 9),) * 2, indexing="ij"), axis=-1).reshape(-1, 2)
+    shares = shares[shares.sum(axis=1) <= 1.0 + 1e-12]
+    b = np.column_stack([1.0 - shares.sum(axis=1), shares])
+    values = (
+        b if faces.shape[1] == 3 else np.column_stack([b * (2.0 * b - 1.0), 4.0 * b * np.roll(b, -1, axis=1)])
+    )
+    points = (values @ mesh.points_mm[faces[near]]).reshape(-1, 3)
+    points = points[(np.linalg.norm(points[:, :2], axis=1) < 0.9 * radius_mm) & (points[:, 2] > -radius_mm)]
+    # The sphere about (0, 0, R + h) touches the point (x, y, z) from above at h = z + √(R² − x² − y²) − R.
+    rise = float((points[:, 2] + np.sqrt(radius_mm**2 - (points[:, :2] ** 2).sum(axis=1)) - radius_mm).max())
+    moved = replace(mesh, points_mm=mesh.points_mm - np.array([0.0, 0.0, rise]))
+    return replace(limb, mesh=moved), rise

@@ -1,15 +1,18 @@
-"""What is wrong with a surface, with coordinates, and its repair by MeshFix."""
+"""Surfaces that enclose a volume: stray parts left out, openings closed, defects found and repaired.
+
+A scan is open where it was cut off, and a model is where it was cut out. A cap there changes nothing as
+long as it lies beyond the cuts of a segment, which :func:`palpate_limb.segment.cut` sees to.
+"""
 
 import contextlib
 import io
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.api import FloatArray, IntArray, MeshError
-from palpate_limb.openings import closed, largest, parts
+from palpate.api import BoolArray, FloatArray, IntArray, MeshError
 from palpate_limb.surfaces import Surface, edge_uses, parts_of
 
 LIMB_MM = (60.0, 1500.0)
@@ -17,6 +20,132 @@ LIMB_MM = (60.0, 1500.0)
 BONE_MM = (10.0, 1500.0)
 MOST_CROSSING, MOST_ROUNDS = 40, 4
 """Faces that are cut out where they cross, at a time, and how often."""
+STRAY = 0.005
+"""Share of a surface's area below which a part is left out."""
+FEW_EDGES = 12
+"""Of an opening that is closed wherever it is: some triangles are missing."""
+
+
+def parts(surface: Surface) -> list[Surface]:
+    """The connected parts of a surface in its own order, without stray ones.
+
+    ``repairs`` of the largest says how many were left out.
+    """
+    edges, _ = edge_uses(surface.faces)
+    labels = parts_of(len(surface.points_mm), edges)[surface.faces[:, 0]]
+    areas = np.bincount(labels, np.linalg.norm(surface.face_areas_mm2, axis=1))
+    kept, first = np.unique(labels, return_index=True)
+    kept = kept[np.argsort(first)]
+    large = kept[areas[kept] >= STRAY * areas.sum()]
+    made = [_part(surface, labels == k) for k in large]
+    if n_stray := len(kept) - len(large):
+        k = int(areas[large].argmax())
+        said = f"left out {n_stray} stray {'part' if n_stray == 1 else 'parts'}"
+        made[k] = replace(made[k], repairs=_with(made[k].repairs, said))
+    return made
+
+
+def largest(pieces: Sequence[Surface]) -> Surface:
+    """The part of the largest area."""
+    return max(pieces, key=lambda piece: float(np.linalg.norm(piece.face_areas_mm2, axis=1).sum()))
+
+
+def joined_parts(pieces: Sequence[Surface]) -> Surface:
+    """Several parts as one surface again."""
+    first, *others = pieces
+    for other in others:
+        n = len(first.points_mm)
+        colours = None
+        if first.colours is not None and other.colours is not None:
+            colours = np.concatenate([first.colours, other.colours])
+        first = replace(
+            first,
+            points_mm=np.concatenate([first.points_mm, other.points_mm]),
+            faces=np.concatenate([first.faces, other.faces + n]),
+            colours=colours,
+        )
+    return first
+
+
+def closed(surface: Surface) -> Surface:
+    """The surface with a cap over each simple opening; ``caps`` are the faces of the larger ones.
+
+    All stay open where an edge has more than two faces.
+    """
+    if (edge_uses(surface.faces)[1] > 2).any():
+        return surface
+    points, faces, colours = surface.points_mm, surface.faces, surface.colours
+    caps: list[IntArray] = []
+    said = []
+    for rim in _rims(faces):
+        if len(rim) == 3:
+            new = rim[None]
+        else:
+            new = np.column_stack([rim, np.roll(rim, -1), np.full(len(rim), len(points))])
+            if colours is not None:
+                colours = np.vstack([colours, colours[rim].mean(axis=0)])
+            points = np.vstack([points, points[rim].mean(axis=0)])
+        if len(rim) > FEW_EDGES:
+            caps.append(np.arange(len(faces), len(faces) + len(new)))
+        x, y, z = points[rim].mean(axis=0)
+        said.append(f"closed an opening of {len(rim)} edges about ({x:.4g}, {y:.4g}, {z:.4g})")
+        faces = np.concatenate([faces, new])
+    if not said:
+        return surface
+    return replace(
+        surface,
+        points_mm=points,
+        faces=faces,
+        colours=colours,
+        repairs=_with(surface.repairs, "; ".join(said)),
+        caps=np.concatenate(caps) if caps else None,
+    )
+
+
+def _with(repairs: str, said: str) -> str:
+    return f"{repairs}; {said}" if repairs else said
+
+
+def _part(surface: Surface, kept: BoolArray) -> Surface:
+    used, faces = np.unique(surface.faces[kept], return_inverse=True)
+    return replace(
+        surface,
+        points_mm=surface.points_mm[used],
+        faces=faces.reshape(-1, 3),
+        colours=None if surface.colours is None else surface.colours[used],
+    )
+
+
+def _rims(faces: IntArray) -> list[IntArray]:
+    """Points of each closed rim, in the order in which a cap has to run; rims that touch come apart."""
+    directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    _, inverse, counts = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True)
+    # A cap runs against the face at its edge, so its edge a, b is the face's b, a.
+    after: dict[int, list[int]] = {}
+    for end, start in directed[counts[inverse.ravel()] == 1].tolist():
+        after.setdefault(start, []).append(end)
+    loops = []
+    while after:
+        path = [next(iter(after))]
+        while path and (ends := after.get(path[-1])):
+            if len(ends) == 1:
+                del after[path[-1]]
+            here = ends.pop()
+            if here in path:
+                at = path.index(here)
+                if len(path) - at > 2:
+                    loops.append(np.array(path[at:]))
+                path = path[:at]
+            path.append(here)
+        if path and path[-1] not in after and len(path) > 1:
+            break  # faces that do not agree on a side: no cap
+    return sorted(loops, key=lambda loop: int(loop.min()))
+
+
+def extent(surface: Surface, axis: FloatArray) -> tuple[float, float]:
+    """Least and largest coordinate along an axis."""
+    along = surface.points_mm @ axis
+    return float(along.min()), float(along.max())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,34 +184,30 @@ def check_size(surface: Surface, between_mm: tuple[float, float], unit: str) -> 
 
 def defects(surface: Surface) -> list[Defect]:
     """Holes, edges of more than two faces, several components, faces that intersect."""
-    return list(_defects(surface))
+    points, found = surface.points_mm, []
 
+    def note(what: str, count: int, place: FloatArray) -> None:
+        x, y, z = (float(value) for value in place)
+        found.append(Defect(what=what, count=count, place_mm=(x, y, z)))
 
-def _defects(surface: Surface) -> Iterator[Defect]:
-    points = surface.points_mm
     edges, counts = edge_uses(surface.faces)
     if (counts == 1).any():
         rim = edges[counts == 1]
         loops = np.unique(parts_of(len(points), rim)[rim[:, 0]]).size
-        yield _defect("holes", loops, points[rim[0]].mean(axis=0))
+        note("holes", loops, points[rim[0]].mean(axis=0))
     if (counts > 2).any():
         worst = edges[counts > 2]
-        yield _defect("edges of more than two faces", len(worst), points[worst[0]].mean(axis=0))
+        note("edges of more than two faces", len(worst), points[worst[0]].mean(axis=0))
     labels = parts_of(len(points), edges)
     if labels.max() > 0:
         sizes = np.bincount(labels)
         other = int(np.flatnonzero(labels != sizes.argmax())[0])
-        yield _defect("parts besides the largest", len(sizes) - 1, points[other])
+        note("parts besides the largest", len(sizes) - 1, points[other])
     if (counts <= 2).all():
         crossing = _intersecting(surface)
         if crossing.size:
-            yield _defect(
-                "faces that intersect", len(crossing), points[surface.faces[crossing[0]]].mean(axis=0)
-            )
-
-
-def _defect(what: str, count: int, place: FloatArray) -> Defect:
-    return Defect(what=what, count=count, place_mm=(float(place[0]), float(place[1]), float(place[2])))
+            note("faces that intersect", len(crossing), points[surface.faces[crossing[0]]].mean(axis=0))
+    return found
 
 
 def _intersecting(surface: Surface) -> IntArray:

@@ -1,0 +1,281 @@
+"""Surfaces filled with tetrahedra of given sizes: fTetWild fills them, and Mmg adapts the edges.
+
+fTetWild keeps to the surfaces and never fails, but sizes it meets loosely. Mmg (Dapogny, Dobrzynski and
+Frey 2014) takes its mesh and splits, collapses, swaps and moves until edges have the length asked for; how
+far a straight face may leave the smooth surface bounds its edges too. Each works in a process of its own,
+for a mesher may loop for ever or end its process on surfaces that it cannot take.
+"""
+
+import importlib.machinery
+import importlib.util
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType, ModuleType
+from typing import Any, ParamSpec, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.api import FloatArray, IntArray, MeshError, PluginError
+from palpate.sandbox import Limits, run_function
+
+P = ParamSpec("P")
+T = TypeVar("T")
+Arrays = Mapping[str, NDArray[Any]]
+
+STOP_ENERGY = 10.0
+"""fTetWild improves elements until the worst has this AMIPS energy; a regular one has 3."""
+N_ROUNDS = 60
+N_PASSES = 2
+"""Mmg is asked for sizes at nodes, so its second pass knows them better than the first."""
+RIDGE_DEG = 40.0
+"""Faces that meet at a larger angle meet in an edge that stays."""
+_SIX_TETS = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
+_SIX_TETS.setflags(write=False)
+_HEX = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
+_HEX.setflags(write=False)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SizeField:
+    """Edge length h(r) = min(fine + growth · max(0, r − radius), coarse), with r from the spot.
+
+    Parameters
+    ----------
+    fine_mm, coarse_mm : float
+        Edge under the indenter, and far away.
+    radius_mm : float
+        Distance as far as which edges are fine.
+    growth : float
+        Growth of an edge for each mm further out.
+    """
+
+    fine_mm: float
+    coarse_mm: float
+    radius_mm: float
+    growth: float = 0.8
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.fine_mm <= self.coarse_mm and self.radius_mm > 0.0 and self.growth > 0.0):
+            raise MeshError(
+                f"mesh size: fine {self.fine_mm:g} mm, coarse {self.coarse_mm:g} mm within "
+                f"{self.radius_mm:g} mm, growth {self.growth:g}; give 0 < fine <= coarse, a radius and a "
+                "growth > 0"
+            )
+
+    def at(self, points_mm: FloatArray) -> FloatArray:
+        """Edge length [mm] wanted at points (n, 3) in the spot's frame."""
+        away = np.linalg.norm(points_mm, axis=1) - self.radius_mm
+        size: FloatArray = np.minimum(self.fine_mm + self.growth * np.maximum(away, 0.0), self.coarse_mm)
+        return size
+
+    def background(
+        self, low_mm: FloatArray, high_mm: FloatArray, spacing_mm: float = 4.0
+    ) -> tuple[FloatArray, IntArray, FloatArray]:
+        """Points (n, 3), cells (m, 4) and sizes (n,) of a grid of tetrahedra around a box."""
+        low, high = low_mm - 3.0, high_mm + 3.0
+        n = np.maximum(np.ceil((high - low) / spacing_mm).astype(int), 1)
+        axes = [np.linspace(low[i], high[i], n[i] + 1) for i in range(3)]
+        points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        cell = np.stack(np.meshgrid(*(np.arange(k) for k in n), indexing="ij"), axis=-1).reshape(-1, 1, 3)
+        corner = cell + _HEX
+        hexes = (corner[..., 0] * (n[1] + 1) + corner[..., 1]) * (n[2] + 1) + corner[..., 2]
+        return points, hexes[:, _SIX_TETS].reshape(-1, 4), self.at(points)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeshingTask:
+    """Surfaces to fill and sizes to respect.
+
+    Parameters
+    ----------
+    points_mm, faces : (n, 3) array, (m, 3) integer array
+        All surfaces: the body's, and those that elements must follow inside of it.
+    nested : bool
+        Whether there are surfaces inside of the body. Then everything within the box may be filled: the
+        caller keeps what is in the body.
+    size_points_mm, size_cells, sizes_mm : (k, 3) array, (l, 4) integer array, (k,) array
+        Edge lengths at the points of a grid of tetrahedra.
+    tolerance_mm : float
+        Distance by which the mesh's surface may stray.
+    """
+
+    points_mm: FloatArray
+    faces: IntArray
+    nested: bool
+    size_points_mm: FloatArray
+    size_cells: IntArray
+    sizes_mm: FloatArray
+    tolerance_mm: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AdaptTask:
+    """A mesh of straight tetrahedra, and the sizes that it should have.
+
+    Parameters
+    ----------
+    mesh : mapping of str to array
+        ``points_mm`` (n, 3), ``tets`` (m, 4), their ``regions`` (m,), boundary ``faces`` (k, 3) and the
+        ``surfaces`` (k,) that they are on, from 1; faces of two surfaces meet in an edge that stays.
+    size : SizeField
+        Edge lengths by place.
+    largest_mm : (n_regions,) array
+        Edge length that a region takes at most, ∞ where it may be coarse.
+    deviation_mm : float
+        Distance by which a straight face may leave the smooth surface.
+    """
+
+    mesh: Arrays
+    size: SizeField
+    largest_mm: FloatArray
+    deviation_mm: float
+
+
+def run_mesher(mesher: str, task: MeshingTask, time_limit_s: float) -> tuple[FloatArray, IntArray]:
+    """Points (n, 3) and tetrahedra (m, 4) of positive volume, by a mesher of ``MESHERS``.
+
+    Raises
+    ------
+    PluginError
+        No such mesher, or what it needs is not installed.
+    MeshError
+        It failed, took longer than ``time_limit_s``, or filled nothing.
+    """
+    if (fill := MESHERS.get(mesher)) is None:
+        raise PluginError(f"no mesher '{mesher}'; choose {' or '.join(MESHERS)}")
+    points, tets = _run_tool(f"mesher '{mesher}'", time_limit_s, fill, task)
+    if not len(tets):
+        raise MeshError(f"mesher '{mesher}' filled nothing; check that the surfaces are closed and outward")
+    return points, tets
+
+
+def run_mmg(task: AdaptTask, time_limit_s: float) -> Arrays:
+    """Mesh of the sizes asked for, with the keys of ``AdaptTask.mesh``.
+
+    Raises
+    ------
+    PluginError
+        mmgpy is not installed.
+    MeshError
+        Mmg failed or took longer than ``time_limit_s``.
+    """
+    return _run_tool("adapting the mesh by Mmg", time_limit_s, _adapted, task)
+
+
+def _run_tool(
+    what: str, time_limit_s: float, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs
+) -> T:
+    try:
+        return run_function(Limits(time_s=time_limit_s), function, *args, **kwargs)
+    except ImportError as error:
+        raise PluginError(f"{what}: {error}; install it, e.g. pip install 'palpate-limb[all]'") from None
+    except (ChildProcessError, MemoryError) as error:
+        raise MeshError(
+            f"{what} failed ({error}); check the surfaces, coarsen the mesh, raise the time limit, or use "
+            "another mesher"
+        ) from None
+
+
+def _ftetwild(task: MeshingTask) -> tuple[FloatArray, IntArray]:
+    """Points and tetrahedra by Hu et al. 2020, who take any triangles and keep to them within a tolerance."""
+    os.chdir(tempfile.gettempdir())  # fTetWild leaves files where it runs
+    points, tets = _pytetwild().tetrahedralize_mesh(
+        np.ascontiguousarray(task.points_mm, dtype=np.float64),
+        np.ascontiguousarray(task.faces, dtype=np.uint32),
+        True,  # optimise
+        True,  # skip the simplification: the surfaces come simplified
+        0.05,
+        float(task.sizes_mm.max()),
+        task.tolerance_mm / float(np.linalg.norm(np.ptp(task.points_mm, axis=0))),
+        STOP_ENERGY,
+        False,  # coarsen
+        1,  # threads
+        N_ROUNDS,
+        6,  # log level
+        True,  # quiet
+        True,  # VTK's order: positive volumes
+        task.nested,  # keep everything
+        np.ascontiguousarray(task.size_points_mm, dtype=np.float64),
+        np.ascontiguousarray(task.size_cells, dtype=np.int32),
+        np.ascontiguousarray(task.sizes_mm, dtype=np.float64),
+    )
+    return np.asarray(points, dtype=np.float64), np.asarray(tets, dtype=np.int64)
+
+
+def _pytetwild() -> ModuleType:
+    """The compiled part of pytetwild alone: the package imports PyVista, with half a gigabyte of VTK."""
+    package = importlib.util.find_spec("pytetwild")
+    for folder in [] if package is None else package.submodule_search_locations or []:
+        for suffix in importlib.machinery.EXTENSION_SUFFIXES:
+            path = Path(folder) / f"PyfTetWildWrapper{suffix}"
+            spec = importlib.util.spec_from_file_location(path.name.partition(".")[0], path)
+            if path.is_file() and spec is not None and spec.loader is not None:
+                module = importlib.util.module_from_spec(spec)
+                spec.loader.exec_module(module)
+                return module
+    raise ImportError("pytetwild is missing")
+
+
+def _gmsh(task: MeshingTask) -> tuple[FloatArray, IntArray]:
+    """Delaunay tetrahedra behind the surface's own triangles."""
+    import gmsh
+    from scipy.interpolate import NearestNDInterpolator
+
+    if task.nested:
+        raise ValueError("gmsh is given one closed surface here; use ftetwild for layers")
+    size = NearestNDInterpolator(task.size_points_mm, task.sizes_mm)
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    surface = gmsh.model.addDiscreteEntity(2)
+    gmsh.model.mesh.addNodes(2, surface, list(range(1, len(task.points_mm) + 1)), task.points_mm.ravel())
+    gmsh.model.mesh.addElementsByType(surface, 2, [], (task.faces + 1).ravel())
+    gmsh.model.geo.addVolume([gmsh.model.geo.addSurfaceLoop([surface])])
+    gmsh.model.geo.synchronize()
+    gmsh.model.mesh.setSizeCallback(lambda _d, _t, x, y, z, _l: float(size(x, y, z)))
+    gmsh.model.mesh.generate(3)
+    tags, points, _ = gmsh.model.mesh.getNodes()
+    _, nodes = gmsh.model.mesh.getElementsByType(4)
+    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+    row[tags] = np.arange(len(tags))
+    return np.asarray(points).reshape(-1, 3), row[nodes].reshape(-1, 4)
+
+
+MESHERS: Mapping[str, Callable[[MeshingTask], tuple[FloatArray, IntArray]]] = MappingProxyType(
+    {"ftetwild": _ftetwild, "gmsh": _gmsh}
+)
+"""Functions that fill surfaces, by name; Gmsh (GPL) is an extra that the user installs."""
+
+
+def _adapted(task: AdaptTask) -> Arrays:
+    from mmgpy import MmgMesh3D
+
+    now = task.mesh
+    for _ in range(N_PASSES):
+        points, tets, faces = now["points_mm"], now["tets"], now["faces"]
+        sizes = task.size.at(points)
+        for region, largest in enumerate(task.largest_mm):
+            nodes = np.unique(tets[now["regions"] == region])
+            sizes[nodes] = np.minimum(sizes[nodes], max(float(largest), task.size.fine_mm))
+        mesh = MmgMesh3D()
+        mesh.set_mesh_size(vertices=len(points), tetrahedra=len(tets), triangles=len(faces))
+        mesh.set_vertices(points)
+        mesh.set_tetrahedra(tets.astype(np.int32), now["regions"].astype(np.int64))
+        mesh.set_triangles(faces.astype(np.int32), now["surfaces"].astype(np.int64))
+        mesh["metric"] = sizes[:, None]
+        # An edge's neighbour may be this much longer: h grows by `growth` over a length of h, and a bit more.
+        mesh.remesh(hausd=task.deviation_mm, hgrad=1.4 + task.size.growth, ar=RIDGE_DEG, verbose=-1)
+        new_tets, regions = mesh.get_elements_with_refs()
+        new_faces, surfaces = mesh.get_triangles_with_refs()
+        outer = surfaces > 0  # the borders of regions come back as faces of no surface
+        now = {
+            "points_mm": np.asarray(mesh.get_vertices(), dtype=np.float64),
+            "tets": np.asarray(new_tets, dtype=np.int64),
+            "regions": np.asarray(regions, dtype=np.int64),
+            "faces": np.asarray(new_faces, dtype=np.int64)[outer],
+            "surfaces": np.asarray(surfaces, dtype=np.int64)[outer],
+        }
+    return now
