@@ -215,6 +215,7 @@ def open_run(
     ):
         run.check(*needs)
         yield run
+        remove_fit_state(run_folder)
 
 
 def run_stage(
@@ -235,8 +236,6 @@ def run_stage(
         run.directory.initialise(study, plugins.channels, simulating=name == "simulate")
         progress.begin(name, 1)
         run.make(stage)
-        if name == "fit":
-            remove_fit_state(run_folder)
         progress.step()
         return run
 

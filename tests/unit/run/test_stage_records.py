@@ -12,6 +12,7 @@ from palpate.domain import Normaliser, Scenario, ScoringRules
 from palpate.errors import PalpateError, StoppedError, StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate.progress import Silent
+from palpate.run.fit_state import read_fit_state
 from palpate.stages.status import Watcher
 from palpate.study.model import BudgetTable
 
@@ -133,6 +134,14 @@ CHANGES = {
     ),
     "budget": (lambda study: replace(study, budget=BudgetTable(gain=0.1)), "intervals", "certainty"),
 }
+
+
+@pytest.mark.slow
+def test_a_stage_that_reads_the_fit_leaves_a_finished_run(done, plugins):
+    study, run = done
+    pipeline.run_stage("intervals", study, run, plugins)
+    assert read_fit_state(run) is None
+    assert not pipeline.read_results(study, run, plugins).unfinished
 
 
 @pytest.mark.slow
