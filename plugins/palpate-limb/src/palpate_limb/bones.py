@@ -17,14 +17,9 @@ IN_PLACE.setflags(write=False)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Placement:
-    """A rigid motion, and how well it fits what it was found from.
+    """A rigid motion (4, 4) from the bones' frame to the scan's, and how well it fits.
 
-    Parameters
-    ----------
-    motion : (4, 4) array
-        From the bones' frame to the scan's.
-    residual_mm : float
-        Root mean square distance of landmarks, or of the reference from the scan.
+    ``residual_mm`` is the root mean square distance of landmarks, or of the reference from the scan.
     """
 
     motion: FloatArray
@@ -36,15 +31,8 @@ def read_bones(
 ) -> tuple[Surface, ...]:
     """Read the bones of a file; openings are closed and crossing faces removed.
 
-    Parameters
-    ----------
-    path : Path
-    unit : str
-    names : sequence of str
-        Of the bones, in the file's order. By default one is named after the file, several have
-        numbers behind its name.
-    skin_too : bool
-        The largest part of the file is the limb's skin, and no bone.
+    ``names`` are those of the bones in the file's order. By default one is named after the file, several
+    have numbers behind its name. With ``skin_too`` the largest part is the limb's skin, and no bone.
 
     Raises
     ------
@@ -53,7 +41,13 @@ def read_bones(
     """
     pieces = parts(read_surface(path, unit))
     skin = largest(pieces) if skin_too else None
-    found = _without_cavities([piece for piece in pieces if piece is not skin])
+    # Without the parts that lie within a larger one, as the surface of a marrow cavity does.
+    shells = [(piece, outwards(closed(piece))) for piece in pieces if piece is not skin]
+    found = [
+        piece
+        for piece, _ in shells
+        if not any(other is not piece and whole.contains(piece.points_mm).all() for other, whole in shells)
+    ]
     if not found:
         raise MeshError(f"{path}: no bone besides the skin; name another file, or none")
     if names and len(names) != len(found):
@@ -66,13 +60,12 @@ def read_bones(
         )
     if not names:
         names = [path.stem] if len(found) == 1 else [f"{path.stem}-{i + 1}" for i in range(len(found))]
-    return tuple(_bone(piece, name, unit) for piece, name in zip(found, names, strict=True))
-
-
-def _bone(piece: Surface, name: str, unit: str) -> Surface:
-    whole = outwards(closed(replace(piece, name=name)))
-    check_size(whole, BONE_MM, unit)
-    return repaired(whole)
+    bones = []
+    for piece, name in zip(found, names, strict=True):
+        whole = outwards(closed(replace(piece, name=name)))
+        check_size(whole, BONE_MM, unit)
+        bones.append(repaired(whole))
+    return tuple(bones)
 
 
 def covered(bone: Surface, skin: Surface, cover_mm: float) -> Surface:
@@ -93,19 +86,6 @@ def covered(bone: Surface, skin: Surface, cover_mm: float) -> Surface:
     most = float(np.linalg.norm(points - bone.points_mm, axis=1).max())
     said = f"{near.size} points moved inwards by {most:.2g} mm at most, to be {cover_mm:g} mm below the skin"
     return replace(bone, points_mm=points, repairs=f"{bone.repairs}; {said}" if bone.repairs else said)
-
-
-def _without_cavities(pieces: Sequence[Surface]) -> list[Surface]:
-    """The parts that do not lie within a larger one, as the surface of a marrow cavity does."""
-    wholes = [outwards(closed(piece)) for piece in pieces]
-    return [
-        piece
-        for piece in pieces
-        if not any(
-            other is not piece and whole.contains(piece.points_mm).all()
-            for whole, other in zip(wholes, pieces, strict=True)
-        )
-    ]
 
 
 def read_motion(path: Path) -> Placement:
@@ -134,10 +114,7 @@ def read_motion(path: Path) -> Placement:
 def by_landmarks(source_mm: FloatArray, target_mm: FloatArray) -> Placement:
     """The motion that brings landmarks of the bones onto those of the scan, by least squares.
 
-    Parameters
-    ----------
-    source_mm, target_mm : (n, 3) array
-        The same landmarks in both frames; three or more, not on one line.
+    Both are (n, 3): three landmarks or more, not on one line.
 
     Raises
     ------
@@ -189,15 +166,7 @@ def by_icp(
 ) -> Placement:
     """The motion that lays a reference, known in the bones' frame, onto the scan (iterative closest points).
 
-    Parameters
-    ----------
-    reference : Surface
-        The limb's skin or mould as the bones' models know it.
-    scan : Surface
-    start : (4, 4) array
-        A first guess, within some 20 degrees.
-    n_points : int
-        Points of the scan that are matched.
+    ``start`` is a first guess (4, 4), within some 20 degrees; ``n_points`` of the scan are matched.
 
     Raises
     ------

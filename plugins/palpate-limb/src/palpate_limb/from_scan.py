@@ -59,14 +59,9 @@ class BonePlaces:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoneFile:
-    """A file of one bone or several.
+    """A file of one bone or several; of the scan itself, its largest part is the skin.
 
-    Parameters
-    ----------
-    path : Path
-        That of the scan, where its largest part is the skin.
-    names : tuple of str
-        Of its bones, in its order; by default that of the file.
+    ``names`` are those of its bones in its order, by default that of the file.
     """
 
     path: Path
@@ -79,11 +74,10 @@ class ScanPlan:
 
     Parameters
     ----------
-    mesh : MeshPlan
     marks : mapping of spot to a colour, or to None
-        Without colours, names go along the limb.
-    places : mapping of spot to its place
-        Instead of marks.
+        Ink marks; without colours, names go along the limb.
+    places : mapping of spot to Place
+        Places of spots instead of marks.
     unit : str, optional
         Of the scan's coordinates, or how long it is ("365 mm"); by default the one in which it is a limb.
     bone_unit : str, optional
@@ -208,7 +202,11 @@ def read_scan(
             file.path, plan.bone_unit or unit, file.names, skin_too=file.path in with_bones
         )
     )
-    _check_names([model.name for model in models])
+    taken = {"fixed", "contact", "cut", "skin", "bonded"}
+    for model in models:
+        if model.name in taken:
+            raise MeshError(f"bone '{model.name}': that name is taken; rename its file")
+        taken.add(model.name)
     if plan.cover_mm > 0.0:
         models = tuple(covered(bone, whole, plan.cover_mm) for bone in models)
     axis, span_mm = _axis(scan, models, plan)
@@ -335,11 +333,3 @@ def _placement(places: BonePlaces, scan: Surface, plan: ScanPlan, unit: str) -> 
     if places.reference is None:
         return start
     return by_icp(read_surface(places.reference, plan.bone_unit or unit), scan, start.motion)
-
-
-def _check_names(names: list[str]) -> None:
-    taken = {"fixed", "contact", "cut", "skin", "bonded"}
-    for name in names:
-        if name in taken:
-            raise MeshError(f"bone '{name}': that name is taken; rename its file")
-        taken.add(name)

@@ -34,18 +34,7 @@ HUES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mark:
-    """A patch of ink.
-
-    Parameters
-    ----------
-    points : (n,) integer array
-        Points of the scan.
-    centre_mm : (3,) array
-        Middle of the patch by area.
-    area_mm2 : float
-    hue_deg : float
-        Angle of (a*, b*).
-    """
+    """A patch of ink: its points (n,) of the scan, its middle (3,) by area, and its angle of (a*, b*)."""
 
     points: IntArray
     centre_mm: FloatArray
@@ -67,12 +56,7 @@ def find_marks(
 ) -> tuple[Mark, ...]:
     """Find every patch of ink, largest first.
 
-    Parameters
-    ----------
-    surface : Surface
-        With colours.
-    least_radius_mm, largest_radius_mm : float
-        Patches whose area is that of a smaller or larger disc are no marks.
+    Patches whose area is that of a disc smaller or larger than the radii are no marks.
 
     Raises
     ------
@@ -116,16 +100,9 @@ def name_marks(
 ) -> dict[str, Mark]:
     """Give the marks their names.
 
-    Parameters
-    ----------
-    marks : tuple of Mark
-    wanted : mapping of name to a colour of ``HUES``, or to None
-        With colours, each name gets the mark of its hue; marks of other hues may be left out.
-        Without, every mark has a name, and names go along the limb.
-    along : (3,) array
-        Direction of the limb's axis.
-    where : str
-        What messages call the scan.
+    With colours of ``HUES``, each name that is ``wanted`` gets the mark of its hue; marks of other hues may
+    be left out. Without, every mark has a name, and names go ``along`` (3,) the limb. Messages call the scan
+    ``where``.
 
     Raises
     ------

@@ -29,24 +29,17 @@ def curved(
 ) -> FloatArray:
     """Points (n, 3) with those on a surface moved onto it.
 
-    Parameters
-    ----------
-    points : (n, 3) array
-    cells : (m, 4) or (m, 10) integer array
-    on : mapping of surface to nodes
-        ``skin``, ``cut`` and bones.
-    segment : Segment
-    inner : mapping of layer to nodes and surface
-        Of its lower surface.
-    between : sequence of nodes and two surfaces
-        Nodes of edges from one surface to the other, which belong half-way.
+    ``cells`` are (m, 4) or (m, 10). ``on`` has the nodes on ``skin``, ``cut`` and bones, ``inner`` nodes
+    and lower surface of each layer, and ``between`` nodes of edges from one surface to another, which belong
+    half-way.
     """
     corner = np.zeros(len(points), dtype=np.bool_)
     corner[cells[:, :4]] = True
     moved = _accepted(points, _targets(points, on, segment, inner, (), corner), cells[:, :4])
     if cells.shape[1] == 4:
         return moved
-    moved = _recentred(moved, cells)
+    moved = moved.copy()
+    moved[cells[:, 4:]] = moved[cells[:, np.array(CELLS["tet10"].edges)]].mean(axis=2)
     return _accepted(moved, _targets(moved, on, segment, inner, between, ~corner), cells)
 
 
@@ -77,13 +70,6 @@ def _targets(
         along = target[chosen] @ segment.axis
         target[chosen] += (np.sign(along) * half - along)[:, None] * segment.axis
     return target
-
-
-def _recentred(points: FloatArray, cells: IntArray) -> FloatArray:
-    """Nodes of edges back in the middle of their edge."""
-    points = points.copy()
-    points[cells[:, 4:]] = points[cells[:, np.array(CELLS["tet10"].edges)]].mean(axis=2)
-    return points
 
 
 def _accepted(points: FloatArray, target: FloatArray, cells: IntArray) -> FloatArray:

@@ -21,30 +21,17 @@ _SHARE = re.compile(r"(?:(?P<bone>[\w-]+):)?(?P<share>[+-]?\d+(?:\.\d*)?)\s*%(?:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Point:
-    """A point near the skin.
-
-    Parameters
-    ----------
-    at : (3,) array
-        In the scan's own coordinates and unit.
-    """
+    """A point ``at`` (3,) near the skin, in the scan's own coordinates and unit."""
 
     at: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Station:
-    """So far along the limb or a bone.
+    """A share of the extent of the limb (``bone`` empty) or of a bone along the axis, 0 at the lower end.
 
-    Parameters
-    ----------
-    share : float
-        Of the limb's extent along its axis, or of the bone's; 0 at the lower coordinate.
-    angle_deg : float, optional
-        About the middle of the limb's section, right-handed about the axis. Without one the skin
-        nearest to the bone is meant.
-    bone : str
-        Empty for the limb.
+    The angle is about the middle of the limb's section, right-handed about the axis. Without one the skin
+    nearest to the bone is meant.
     """
 
     share: float
@@ -121,21 +108,11 @@ def read_points(path: Path) -> dict[str, FloatArray]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Around:
-    """What places refer to.
+    """The closed skin, bones and directions that places refer to.
 
-    Parameters
-    ----------
-    skin : Surface
-        Closed.
-    bones : sequence of Surface
-    axis : (3,) array
-        Unit vector along the limb.
-    span_mm : tuple of float
-        Coordinates along the axis of 0 and 100 %.
-    zero : (3,) array
-        Direction of 0 degrees; what of it is along the axis does not count.
-    mm_per_unit : float
-        Of the scan's coordinates.
+    ``axis`` (3,) is a unit vector along the limb, ``span_mm`` the coordinates along it of 0 and 100 %, and
+    ``zero`` (3,) the direction of 0 degrees, of which what is along the axis does not count.
+    ``mm_per_unit`` is that of the scan's coordinates.
     """
 
     skin: Surface

@@ -28,19 +28,16 @@ class Quality:
 
     Parameters
     ----------
-    n_nodes, n_cells : int
-    least_scaled_jacobian, median_scaled_jacobian : float
     least_dihedral_deg, largest_dihedral_deg : float
-        Of the straight-edged elements.
+        Angles of the straight-edged elements.
     contact_edge_mm : float
         Mean edge of the contact faces within ``near_mm`` of the spot.
-    near_mm : float
-    volume_mm3 : float
     volume_error : float
-        Against the volume between the scan, the bones and the cuts, as a share of it.
+        Difference from the volume between the scan, the bones and the cuts, as a share of it.
     spot_gap_mm : float
-        From the spot to the nearest contact node.
-    regions : mapping of region to its share of the volume
+        Distance from the spot to the nearest contact node.
+    regions : mapping of str to float
+        Share of the volume of each region.
     """
 
     n_nodes: int

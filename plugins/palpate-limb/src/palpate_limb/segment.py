@@ -24,26 +24,12 @@ MOST_OVERLAP = 0.02
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Segment:
-    """A piece of limb, cut at right angles to its axis.
+    """A piece of limb in the frame of the spot that it is named after, cut at right angles to its axis.
 
-    Parameters
-    ----------
-    name : str
-        Of its spot.
-    to_spot : (4, 4) array
-        Motion from the scan's frame to the spot's.
-    axis : (3,) array
-        Unit vector of the limb's axis, in the spot's frame.
-    length_mm : float
-        The cuts lie half of it on either side of the spot.
-    skin : Surface
-        The whole closed scan, in the spot's frame.
-    bones : tuple of Surface
-        Those that reach between the cuts, whole and closed, in the spot's frame.
-    tissue : Surface
-        Closed surface of what is between skin, bones and cuts.
-    remarks : tuple of str
-        What was done to get it.
+    ``to_spot`` is the motion (4, 4) from the scan's frame, ``axis`` (3,) the limb's unit vector. The cuts lie
+    half of ``length_mm`` on either side of the spot. ``skin`` is the whole closed scan, ``bones`` are those
+    that reach between the cuts, whole and closed, ``tissue`` is the closed surface of what is between skin,
+    bones and cuts, and ``remarks`` say what was done to get it.
     """
 
     name: str
@@ -81,18 +67,8 @@ def cut(
 ) -> Segment:
     """Cut the segment of a spot.
 
-    Parameters
-    ----------
-    scan : Surface
-        Closed.
-    bones : sequence of Surface
-        Closed, in the scan's frame.
-    spot : Spot
-    axis : (3,) array
-        Unit vector along the limb.
-    length_mm : float
-    stump : bool
-        The limb ends in skin: a segment may reach past its end.
+    Scan and bones are closed and in one frame, ``axis`` (3,) is a unit vector along the limb. A ``stump``
+    ends in skin: a segment may reach past its end.
 
     Raises
     ------

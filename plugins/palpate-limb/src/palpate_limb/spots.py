@@ -14,20 +14,11 @@ PATCH_RADIUS_MM = 8.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FoundSpot:
-    """A spot, and how well it is known.
+    """A spot in the frame of the scan, and how well it is known.
 
-    Parameters
-    ----------
-    spot : Spot
-        In the frame of the scan.
-    across_mm : float
-        Standard deviation of the position along the surface, from the mark's edge between points.
-    along_normal_mm : float
-        Standard deviation of the position along the normal, from the scan's noise.
-    normal_deg : float
-        Standard deviation of the normal's direction, from the scan's noise and from ``across_mm``.
-    remarks : tuple of str
-        On what makes these deviations uncertain themselves.
+    Standard deviations are those of the position along the surface, from the mark's edge between points,
+    and along the normal, from the scan's noise, and of the normal's direction, from both. Remarks say what
+    makes them uncertain themselves.
     """
 
     spot: Spot
@@ -49,14 +40,7 @@ def locate_at(name: str, centre: FloatArray, surface: Surface, across_mm: float 
     there; z is the mean normal of the faces around. Large faces count by points within them for the
     patch, and by their corners for its uncertainty: points of one face share its error.
 
-    Parameters
-    ----------
-    name : str
-    centre : (3,) array
-        Near the surface.
-    surface : Surface
-    across_mm : float
-        Standard deviation of ``centre`` along the surface.
+    ``centre`` (3,) is near the surface, and ``across_mm`` its standard deviation along it.
 
     Raises
     ------
@@ -118,22 +102,17 @@ def _fitted(
     bend = 2.0 * float(
         np.abs(np.linalg.eigvalsh([[solution[3], solution[4] / 2], [solution[4] / 2, solution[5]]])).max()
     )
+    few = (
+        f"{n_own} points of the scan within {PATCH_RADIUS_MM:g} mm of the spot, where {3 * N_COEFFICIENTS} "
+        "make its uncertainty a good estimate; scan finer"
+    )
     tilt = np.sqrt(covariance[1, 1] + covariance[2, 2] + (bend * across) ** 2)
     return FoundSpot(
         spot=Spot(name=name, position_mm=centre + solution[0] * frame[2], normal=normal),
         across_mm=across,
         along_normal_mm=float(np.sqrt(covariance[0, 0])),
         normal_deg=float(np.rad2deg(tilt)),
-        remarks=_few(n_own),
-    )
-
-
-def _few(n_own: int) -> tuple[str, ...]:
-    if n_own >= 3 * N_COEFFICIENTS:
-        return ()
-    return (
-        f"{n_own} points of the scan within {PATCH_RADIUS_MM:g} mm of the spot, where {3 * N_COEFFICIENTS} "
-        "make its uncertainty a good estimate; scan finer",
+        remarks=() if n_own >= 3 * N_COEFFICIENTS else (few,),
     )
 
 

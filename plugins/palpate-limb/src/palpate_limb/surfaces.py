@@ -16,18 +16,9 @@ if TYPE_CHECKING:
 class Surface:
     """A triangulated surface, outward by the right-hand rule where it is closed.
 
-    Parameters
-    ----------
-    name : str
-        As messages call it: a file or a bone.
-    points_mm : (n, 3) array
-    faces : (m, 3) integer array
-    colours : (n, 3) array, optional
-        sRGB of each point, 0 to 1.
-    repairs : str
-        What was wrong with it and has been repaired; empty where nothing was.
-    caps : (k,) integer array, optional
-        Faces that close an opening and are no skin.
+    Messages call it by its name, a file's or a bone's. Points are (n, 3), faces (m, 3), and colours (n, 3)
+    the sRGB of each point, 0 to 1. ``repairs`` says what was wrong and has been repaired, and ``caps`` (k,)
+    are faces that close an opening and are no skin.
     """
 
     name: str
