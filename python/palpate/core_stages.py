@@ -11,6 +11,7 @@ from palpate.certainty.posterior_stage import PosteriorStage
 from palpate.certainty.posterior_tables import posterior_result
 from palpate.certainty.stage import CertaintyStage
 from palpate.certainty.tables import Assessed, certainty_result
+from palpate.curves import abscissae_of
 from palpate.domain import Design, Indentation, RegionMaterial, weighed_phases
 from palpate.errors import StudyError
 from palpate.fit.searches import BestSet
@@ -404,7 +405,7 @@ def cases_of(inputs: Run, *, look: Callable[[], None] = lambda: None) -> list[Ca
         measured=inputs.measured,
         scores=inputs.table("scores"),
         simulations=inputs.simulations,
-        abscissae={name: channel.abscissa for name, channel in inputs.channels.items()},
+        abscissae=abscissae_of(inputs.channels),
         progress=inputs.progress,
         follow=follow,
         first_start=inputs.directory.fit_start,

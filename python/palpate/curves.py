@@ -119,6 +119,11 @@ class Channel:
         return along[1] if along[0] else "", of[1] if of[0] else ""
 
 
+def abscissae_of(channels: Mapping[str, Channel]) -> dict[str, str]:
+    """Name of the abscissa of each channel."""
+    return {name: channel.abscissa for name, channel in channels.items()}
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curve:
     """A path in the order in which it was travelled.

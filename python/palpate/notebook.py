@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
+from palpate.curves import abscissae_of
 from palpate.domain import Design, RecordedSimulation, Response, Simulation, SimulationId, Status
 from palpate.errors import StudyError
 from palpate.fit.problem import Problem
@@ -221,7 +222,7 @@ def open_problem(
     scoring.check_scorable(measured, study.scoring)
     simulation.check_jobs(study, simulation.middle_jobs(study, measured), limbs)
     by = scenarios[scenario or study.generalise_by]
-    abscissae = {name: channel.abscissa for name, channel in plugins.channels.items()}
+    abscissae = abscissae_of(plugins.channels)
     terms = [term_of(study, spot, by, measured[spot], abscissae) for spot in dict.fromkeys(chosen)]
     if without := [term.spot for term in terms if not term.weights]:
         raise StudyError(f"spot '{without[0]}' measures no channel of scenario '{by.name}'; leave it out")

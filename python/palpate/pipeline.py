@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from palpate.core_stages import selected
+from palpate.curves import abscissae_of
 from palpate.domain import Limb, Response, Simulation
 from palpate.errors import PalpateError, StoppedError, StudyError
 from palpate.executors.attempts import simulate_alone
@@ -60,7 +61,7 @@ def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = N
     to_do = simulation.jobs(study, design, measured) or simulation.middle_jobs(study, measured)
     simulation.check_jobs(study, to_do, limbs)
     if not isinstance(study.search, BestSet):
-        check_fit(study, measured, {name: channel.abscissa for name, channel in plugins.channels.items()})
+        check_fit(study, measured, abscissae_of(plugins.channels))
     of_curves = _measured_warnings(study, measured)
     warnings = (*odd_settings(study), *of_curves, *limb_warnings(study, limbs))
     return StudyInputs(measured=measured, limbs=limbs, design=design, warnings=warnings)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from palpate.core_stages import joint_assessed
+from palpate.curves import abscissae_of
 from palpate.errors import StudyError
 from palpate.pipeline import open_run
 from palpate.planning.candidates import candidates, limits_of
@@ -76,7 +77,7 @@ def plan(
             f"{run_folder}: has a fit; `palpate next {run_folder}` plans further presses; name another folder"
         )
     scenario = next(s for s in study.scenarios if s.name == study.generalise_by)
-    abscissae = {name: channel.abscissa for name, channel in plugins.channels.items()}
+    abscissae = abscissae_of(plugins.channels)
     with run.locked(study, plugins.channels) as check_lock:
         run.initialise(study, plugins.channels, simulating=True)
         with Simulations(study, run_folder, {**limbs, **tool}, progress, check_lock) as simulations:

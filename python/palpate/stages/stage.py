@@ -318,8 +318,7 @@ class Run:
                 raise PluginError(
                     f"stage '{stage.name}' made table '{name}', which it does not declare in `tables`"
                 )
-            kinds = (Path,) if isinstance(table, Path) else (pl.DataFrame,)
-            if not isinstance(table, Mapping if name.endswith(".json") else kinds):
+            if not isinstance(table, Mapping if name.endswith(".json") else (pl.DataFrame, Path)):
                 raise PluginError(
                     f"stage '{stage.name}' gave {type(table).__name__} as table '{name}'; give a DataFrame "
                     "of polars"

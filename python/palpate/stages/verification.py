@@ -45,7 +45,6 @@ def verify(
         ``progress`` requested a stop; finished verifications are kept.
     """
     if not isinstance(study.solver, Verifier):
-        run.write_verification(pl.DataFrame())
         return pl.DataFrame()
     found = stored(study, design, limbs, measured, run.folder, set(_selected(run)))
     known: dict[str, dict[str, Any]] = {}
@@ -68,7 +67,6 @@ def verify(
             shown = {each["key"] for each in rows}
             run.write_verification(_frame([*rows, *(each for k, each in known.items() if k not in shown)]))
         progress.step("" if row is None or row["passed"] else row["message"])
-    run.write_verification(_frame(rows))
     return _frame(rows)
 
 
