@@ -3,6 +3,7 @@
 import gc
 import json
 import os
+import shutil
 import signal
 import sys
 import time
@@ -15,10 +16,14 @@ from types import ModuleType
 from typing import Any
 
 import hypothesis
+import numpy as np
+import polars as pl
 import pytest
 
+from palpate import pipeline
 from palpate.cli.app import main
 from palpate.domain import (
+    Design,
     Indentation,
     ParameterSpace,
     RegionMaterial,
@@ -29,9 +34,11 @@ from palpate.domain import (
 from palpate.executors import InProcess
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.fit.searches import BestSet
+from palpate.fit.stage import FitStage
 from palpate.indenters import Sphere
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
+from palpate.run.result import CertaintyResult
 from palpate.stages.samplers import LatinHypercube
 from palpate.study.reading import Study, StudySpot
 
@@ -243,7 +250,7 @@ def one_figure(monkeypatch: pytest.MonkeyPatch) -> None:
         (folder / "one.svg").touch()
         return (folder / "one.svg",)
 
-    monkeypatch.setattr("palpate.report.write_figures", draw_one)
+    monkeypatch.setattr("palpate_report.writing.write_figures", draw_one)
 
 
 @dataclass(frozen=True)
@@ -273,3 +280,92 @@ def call(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
         return Outcome(code, captured.out, captured.err)
 
     return call_palpate
+
+
+@pytest.fixture(scope="module")
+def whole_run(tmp_path_factory):
+    """Folder of the run that the first test of a file makes, and the others copy."""
+    return tmp_path_factory.mktemp("whole") / "run"
+
+
+@pytest.fixture
+def run_once(whole_run, plugins, tmp_path):
+    """Run the study of a file of tests, always the same, into ``run``; every test has a copy to change."""
+
+    def run(study):
+        if not whole_run.exists():
+            pipeline.run_study(study, tmp_path / "run", plugins)
+            shutil.copytree(tmp_path / "run", whole_run)
+        return shutil.copytree(whole_run, tmp_path / "run", dirs_exist_ok=True)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def contents():
+    """What ``content`` has made, by the changes: a run of the same study is made once."""
+    return {}
+
+
+@pytest.fixture
+def content(make_study, plugins, tmp_path, monkeypatch, contents):
+    """ReportData of a run of the analytic tissue, whose spots differ; with ``assessed`` its model fails."""
+
+    def run(changes):
+        kept = []
+        study = make_study(**({"n_sets": 40} | changes))
+        with monkeypatch.context() as patch:
+            patch.setattr(pipeline, "write_report", lambda content, folder: kept.append(content) or ())
+            pipeline.run_study(study, tmp_path / "run", plugins)
+        return kept[-1]
+
+    def made(*, assessed=True, truth=None, **changes):
+        key = repr(sorted(changes.items()))
+        if "solver" in changes or " at 0x" in key:  # not named by what it does
+            kept = run(changes)
+        elif key in contents:
+            kept = contents[key]
+        else:
+            kept = contents[key] = run(changes)
+        kept = replace(kept, study=replace(kept.study, truth=truth or {}))  # only the report asks for it
+        return kept if assessed else replace(kept, fit=replace(kept.fit, certainty=CertaintyResult()))
+
+    return made
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Report without drawing, for what is not about the pictures."""
+    from palpate_report import writing
+
+    monkeypatch.setattr(writing, "write_figures", lambda content, folder: (folder / "a figure.svg",))
+
+
+PRESSED = Path(__file__).parent / "tests" / "data" / "plugins" / "pressed_tissue.py"
+
+
+@pytest.fixture(scope="session")
+def pressed():
+    return load_file(PRESSED)
+
+
+@pytest.fixture(scope="session")
+def stage_of(pressed):
+    """Make the fit of a study, without a sweep, from the middle of the ranges."""
+
+    def made(study, measured, limbs=None):
+        return FitStage(
+            study=study,
+            design=Design(
+                parameters=study.space.parameters,
+                values=np.zeros((0, len(study.space.parameters))),
+                seed=1,
+                n_drawn=0,
+            ),
+            measured=measured if isinstance(measured, dict) else dict.fromkeys(study.spot_names, measured),
+            scores=pl.DataFrame(),
+            simulations=pressed.Here(study.solver, limbs or {}),
+            abscissae={"force": "depth_mm", "torque": "rotation_deg"},
+        )
+
+    return made

@@ -24,14 +24,14 @@ import polars as pl
 from pydantic import Field
 
 from palpate import Curve, Job, Limb, Response, Settings, Simulation, Solver, Status
-from palpate.certainty.causes import ONSET_MM, RELATIVE
-from palpate.certainty.mesh_error import SpotMesh
-from palpate.certainty.posterior_stage import PosteriorStage
-from palpate.certainty.stage import CertaintyStage
 from palpate.domain import Design, ParameterSpace, RegionMaterial
 from palpate.fit.stage import FitStage
 from palpate.plugins.provides import Provides
 from palpate.plugins.registry import load_file
+from palpate_certainty.causes import ONSET_MM, RELATIVE
+from palpate_certainty.mesh_error import SpotMesh
+from palpate_certainty.posterior_stage import PosteriorStage
+from palpate_certainty.stage import CertaintyStage
 from palpate_materials.ogden import Ogden
 from palpate_materials.yeoh import Yeoh
 

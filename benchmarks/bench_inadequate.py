@@ -20,8 +20,6 @@ import numpy as np
 import polars as pl
 
 from palpate import Curve, Job, Limb, Material, Response
-from palpate.certainty.stage import CertaintyStage
-from palpate.certainty.tables import Assessed
 from palpate.domain import Design, Indentation
 from palpate.executors import InProcess
 from palpate.fit.stage import FitStage
@@ -32,6 +30,8 @@ from palpate.stages.sampling import accepted_by_all
 from palpate.stages.sweep import Simulations
 from palpate.study.model import BudgetTable
 from palpate.study.reading import Study, read_study
+from palpate_certainty.stage import CertaintyStage
+from palpate_certainty.tables import Assessed
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.ogden import Ogden
 

@@ -24,17 +24,17 @@ import numpy as np
 import polars as pl
 
 from palpate import Curve, Job, Response, Simulation
-from palpate.certainty.causes import ONSET_MM, RELATIVE
-from palpate.certainty.stage import CertaintyStage
 from palpate.domain import Design, Indentation, Spot
 from palpate.fit.stage import Case, FitStage
 from palpate.indenters import Sphere
-from palpate.planning.options import PlanOptions
-from palpate.planning.presses import Press, simulated_presses
-from palpate.planning.stage import PlanningStage
 from palpate.run.result import ALL_SPOTS
 from palpate.study.reading import StudySpot
 from palpate.study.tool import Tool
+from palpate_certainty.causes import ONSET_MM, RELATIVE
+from palpate_certainty.stage import CertaintyStage
+from palpate_planning.options import PlanOptions
+from palpate_planning.presses import Press, simulated_presses
+from palpate_planning.stage import PlanningStage
 
 THICKNESS = {"p1": 1.0, "p2": 0.8, "p3": 1.25, "p4": 1.5}
 """Strain of the strips of each spot, over that of the first."""

@@ -27,12 +27,12 @@ from study_prediction import BUDGET, N_COARSE, N_FINE, RELATIVE, SPOTS, Channel,
 from palpate import Curve, Job, Response, Simulation, Status
 from palpate.domain import Indentation
 from palpate.executors import Processes
-from palpate.planning.presses import Press
 from palpate.plugins.catalogue import Plugins
 from palpate.stages.limb import load_limbs
 from palpate.stages.sweep import Simulations
 from palpate.study.reading import StudySpot
 from palpate.study.tool import read_tool
+from palpate_planning.presses import Press
 
 DEPTHS_MM, TWISTS_DEG = (5.0, 10.0), (0.0, 22.5, 45.0)
 AT, TOOL_DEPTH_MM = "p1", 5.0

@@ -24,21 +24,21 @@ import numpy as np
 from bench_inadequate import REGION, Truth, assessed, ready, ready_with_fine, say
 
 from palpate import Curve, Job, Limb, Response, Simulation, Status
-from palpate.certainty.emulator import Emulator, Runs
-from palpate.certainty.mesh_error import FORCE, usual_error
 from palpate.domain import Indentation
 from palpate.mesh.contact_edge import contact_edge_mm
 from palpate.mesh.refinement import refined
 from palpate.plugins.catalogue import Plugins
-from palpate.prediction.bands import ends, scores
-from palpate.prediction.predict import refined_limbs
-from palpate.prediction.summary import mesh_error, press_states, with_mesh
 from palpate.stages.limb import load_limbs
 from palpate.stages.sampling import accepted_by_all
 from palpate.stages.sweep import Simulations
 from palpate.study.model import BudgetTable
 from palpate.study.reading import Study
 from palpate.study.tool import read_tool
+from palpate_certainty.emulator import Emulator, Runs
+from palpate_certainty.mesh_error import FORCE, usual_error
+from palpate_prediction.bands import ends, scores
+from palpate_prediction.predict import refined_limbs
+from palpate_prediction.summary import mesh_error, press_states, with_mesh
 
 SPOTS, AT = ("p1", "p2", "p3", "p4"), "p1"
 TOOLS = {"plate": 5.0, "cuff": 3.0}

@@ -18,13 +18,13 @@ import polars as pl
 from palpate import pipeline
 from palpate.domain import Curve, Job, Protocol, Response, Status
 from palpate.errors import PalpateError
-from palpate.planning.extension import extended_study
-from palpate.planning.options import PlanOptions
-from palpate.planning.propose import propose
 from palpate.plugins.catalogue import Plugins
 from palpate.run.result import ALL_SPOTS
 from palpate.stages.limb import load_limbs
 from palpate.study.reading import Study, read_study
+from palpate_planning.extension import extended_study
+from palpate_planning.options import PlanOptions
+from palpate_planning.propose import propose
 
 
 def loop(

@@ -72,8 +72,8 @@ if TYPE_CHECKING:
         Solver as Solver,
     )
     from palpate.plugins.provides import Provides as Provides
-    from palpate.report.result import RunResult as RunResult
     from palpate.study.reading import Study as Study, read_study as read_study
+    from palpate_report.result import RunResult as RunResult
 
 __version__ = "0.1.0"
 

@@ -206,7 +206,7 @@ if TYPE_CHECKING:
     )
 
     # ---- Interpolation of results
-    from palpate.certainty.gaussian_process import GaussianProcess as GaussianProcess
+    from palpate_certainty.gaussian_process import GaussianProcess as GaussianProcess
 
     # ---- Studies and runs, for commands
     from palpate.study.reading import (
@@ -220,9 +220,9 @@ if TYPE_CHECKING:
     from palpate.run.directory import (
         RunDirectory as RunDirectory,
     )
-    from palpate.report.report_data import ReportData as ReportData
-    from palpate.report.report_warnings import ReportWarning as ReportWarning
-    from palpate.report.result import Report as Report, RunResult as RunResult
+    from palpate_report.report_data import ReportData as ReportData
+    from palpate_report.report_warnings import ReportWarning as ReportWarning
+    from palpate_report.result import Report as Report, RunResult as RunResult
     from palpate.run.atomic_files import write_atomically as write_atomically
     from palpate.progress import (
         SILENT as SILENT,
@@ -263,10 +263,10 @@ if TYPE_CHECKING:
     )
 
     # ---- Tables and figures
-    from palpate.report.style import (
+    from palpate_report.style import (
         STYLE as STYLE,
     )
-    from palpate.report.table_files import (
+    from palpate_report.table_files import (
         markdown as markdown,
     )
 

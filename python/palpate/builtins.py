@@ -75,6 +75,6 @@ def palpate_stages() -> "list[type[Stage]]":
 @hookimpl
 def palpate_sections() -> "list[type[Section]]":
     """Provide the page of a run."""
-    from palpate.report.sections import SECTIONS
+    from palpate_report.sections import SECTIONS
 
     return list(SECTIONS)

@@ -6,11 +6,6 @@ from types import MappingProxyType
 
 import polars as pl
 
-from palpate.certainty.mesh_error import SpotMesh, noted_errors
-from palpate.certainty.posterior_stage import PosteriorStage
-from palpate.certainty.posterior_tables import posterior_result
-from palpate.certainty.stage import CertaintyStage
-from palpate.certainty.tables import Assessed, certainty_result
 from palpate.curves import abscissae_of
 from palpate.domain import Design, Indentation, RegionMaterial, weighed_phases
 from palpate.errors import StudyError
@@ -36,6 +31,11 @@ from palpate.stages.surfaces import simulate_surfaces
 from palpate.stages.verification import verify
 from palpate.study.mesh_note import mesh_note
 from palpate.study.reading import Study
+from palpate_certainty.mesh_error import SpotMesh, noted_errors
+from palpate_certainty.posterior_stage import PosteriorStage
+from palpate_certainty.posterior_tables import posterior_result
+from palpate_certainty.stage import CertaintyStage
+from palpate_certainty.tables import Assessed, certainty_result
 
 
 class OfEveryRun(Stage):

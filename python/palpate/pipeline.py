@@ -19,9 +19,6 @@ from palpate.fit.checks import check_fit
 from palpate.fit.searches import BestSet
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
-from palpate.report import ReportData, draw_presses, write_report
-from palpate.report.from_run import report_data
-from palpate.report.result import Report, RunResult
 from palpate.run.directory import RunDirectory, measured_files
 from palpate.run.fit_state import read_fit_state, remove_fit_state
 from palpate.run.ledger import Ledger
@@ -38,6 +35,9 @@ from palpate.stages.stage import Run, Stage, in_order, read_run, stages_of, stag
 from palpate.stages.study_design import draw_study
 from palpate.study.checks import odd_settings
 from palpate.study.reading import Study
+from palpate_report.from_run import report_data
+from palpate_report.result import Report, RunResult
+from palpate_report.writing import ReportData, draw_presses, write_report
 
 
 def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = None) -> StudyInputs:

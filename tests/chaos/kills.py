@@ -36,12 +36,12 @@ from palpate.fit.parametrisation import StandardParametrisation
 from palpate.indenters import Sphere
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
-from palpate.report import figures, page  # noqa: F401 - forks inherit what is imported
 from palpate.run import atomic_files
 from palpate.run.fit_state import FitState
 from palpate.run.ledger import Ledger, writer
 from palpate.stages.samplers import LatinHypercube
 from palpate.study.reading import Study, StudySpot
+from palpate_report import figures, page  # noqa: F401 - forks inherit what is imported
 
 tissue = load_file(TISSUE_FILE)
 
@@ -130,12 +130,12 @@ class Trials:
 
     def run(self, name: str) -> None:
         """Run the study; the pictures are left out."""
-        import palpate.report
+        from palpate_report import writing
 
         def draw_none(content: object, folder: Path) -> tuple[Path, ...]:
             return ()
 
-        palpate.report.write_figures = draw_none
+        writing.write_figures = draw_none
         pipeline.run_study(self.study, self.home / name, self.plugins)
 
     def run_to_the_end(self, name: str) -> None:

@@ -20,7 +20,7 @@ def undrawn(monkeypatch):
             file.touch()
         return files
 
-    monkeypatch.setattr("palpate.report.figures.save", save)
+    monkeypatch.setattr("palpate_report.figures.save", save)
 
 
 @pytest.mark.usefixtures("undrawn")

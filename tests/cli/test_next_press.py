@@ -5,10 +5,10 @@ import pytest
 
 import palpate_materials
 from palpate.domain import Job
-from palpate.planning.candidates import candidates, read_allowed
 from palpate.run.directory import RunDirectory
 from palpate.testing import bench
 from palpate.testing.studies import StudyRunner
+from palpate_planning.candidates import candidates, read_allowed
 
 from .test_json_output import valid
 

@@ -6,10 +6,10 @@ import pytest
 
 from palpate.errors import PluginError
 from palpate.plugins.sections import Figure, Fold, Paragraph, Picture, Section
-from palpate.report.report_warnings import ReportWarning
-from palpate.report.sections import SECTIONS
 from palpate.testing import SectionContract
 from palpate.testing.sections import small_runs
+from palpate_report.report_warnings import ReportWarning
+from palpate_report.sections import SECTIONS
 
 
 class TestTheCore(SectionContract):

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from palpate.certainty.causes import ONSET_MM
 from palpate.cli.app import main
 from palpate.plugins.catalogue import Plugins
 from palpate.run.ledger import Ledger
 from palpate.study.model import BudgetTable, FitTable, RegionTable, SamplingTable
+from palpate_certainty.causes import ONSET_MM
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "fit.md").read_text(encoding="utf-8")
 PLUGINS = Plugins.load(entry_points=False)

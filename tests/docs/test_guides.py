@@ -18,8 +18,6 @@ from palpate.cli.listing import name_of
 from palpate.domain import Scenario, weighed_phases
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import add_commands
-from palpate.report.marks import AT_END, REFUSED, TIED, mark_of, verdict_of
-from palpate.report.tables import TITLES
 from palpate.specimens import block
 from palpate.stages.curve_checks import (
     BIAS,
@@ -35,6 +33,8 @@ from palpate.stages.curve_checks import (
 from palpate.stages.identifiability import UNCLEAR, WORDS
 from palpate.study.reading import read_study
 from palpate_indentation import CsvLoader, CsvSettings
+from palpate_report.marks import AT_END, REFUSED, TIED, mark_of, verdict_of
+from palpate_report.tables import TITLES
 
 ROOT = Path(__file__).parents[2]
 GUIDES = [

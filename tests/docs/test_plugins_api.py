@@ -11,10 +11,10 @@ import pytest
 from palpate import api
 from palpate.cli.app import main
 from palpate.cli.session import Session
-from palpate.report.convergence import CONTACT
 from palpate.study.model import ScenarioTable
 from palpate.testing import bench
 from palpate.testing.studies import StudyRunner
+from palpate_report.convergence import CONTACT
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "plugins-api.md").read_text(encoding="utf-8")
 PYTHON = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.DOTALL)

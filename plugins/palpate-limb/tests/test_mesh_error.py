@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from palpate.certainty.mesh_error import SpotMesh, noted_errors
 from palpate.errors import MeshError
 from palpate.run.manifest import manifest
 from palpate.study.mesh_note import mesh_note
+from palpate_certainty.mesh_error import SpotMesh, noted_errors
 from palpate_limb.cli import DEFAULT_SIZE
 from palpate_limb.limb_files import RATIOS, mesh_error
 

@@ -7,7 +7,6 @@ import pytest
 import trimesh
 
 from palpate.api import Indentation, Job, MeshError, Sphere
-from palpate.report.scene import edge_of_contact, scene
 from palpate.specimens import block
 from palpate.study.model import IndenterTable
 from palpate.testing import IndenterContract
@@ -17,6 +16,7 @@ from palpate_limb import stl_indenter
 from palpate_limb.rounded_solid import rounded_solid
 from palpate_limb.stl_indenter import StlIndenter, StlSettings
 from palpate_materials.neo_hookean import NeoHookean
+from palpate_report.scene import edge_of_contact, scene
 
 SIDES = (20.0, 12.0, 8.0)
 

@@ -27,10 +27,10 @@ def card(
     as_json: AsJson = False,
 ) -> None:
     """Write the fitted material for another program: values, formula of the stress, moduli, valid range."""
-    from palpate.cards import PROGRAMS, cards_of, joined
     from palpate.run.atomic_files import write_atomically
     from palpate.run.directory import RunDirectory
     from palpate.stages.stage import read_run
+    from palpate_prediction.cards import PROGRAMS, cards_of, joined
 
     if program not in PROGRAMS:
         raise StudyError(f"--for {program}: no such program; choose one of {', '.join(PROGRAMS)}")

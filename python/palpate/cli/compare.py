@@ -26,7 +26,7 @@ def compare(
 ) -> None:
     """Compare materials or limbs: parameters, intervals, curves, information criteria."""
     from palpate import pipeline
-    from palpate.report import comparison
+    from palpate_report import comparison
 
     session = Session.of(context)
     folders = list(dict.fromkeys(find_run(run) for run in runs))

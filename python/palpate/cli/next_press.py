@@ -13,9 +13,9 @@ from palpate.cli.session import Session, run_folder
 from palpate.errors import StudyError
 
 if TYPE_CHECKING:
-    from palpate.planning.options import PlanOptions
-    from palpate.planning.stage import Proposal
     from palpate.study.reading import Study
+    from palpate_planning.options import PlanOptions
+    from palpate_planning.stage import Proposal
 
 SHOWN = 8
 """Candidates that are printed for each step."""
@@ -68,7 +68,7 @@ def next_(  # named apart from the builtin
     as_json: AsJson = False,
 ) -> None:
     """Rank further presses by how much each would narrow the intervals of a run."""
-    from palpate.planning.propose import propose
+    from palpate_planning.propose import propose
 
     folder, session, file = _of_run(context, run, trust=trust_plugins)
     study = session.study(file)
@@ -100,7 +100,7 @@ def plan(
     as_json: AsJson = False,
 ) -> None:
     """Rank the first presses of a study, over its ranges; nothing needs to be measured."""
-    from palpate.planning.propose import plan as plan_presses
+    from palpate_planning.propose import plan as plan_presses
 
     session = Session.of(context)
     checked = session.study(study, need_measured=False)
@@ -127,9 +127,9 @@ def _options(
     n_presses: int,
     n_points: int,
 ) -> "PlanOptions":
-    from palpate.planning.candidates import read_allowed
-    from palpate.planning.options import PlanOptions
     from palpate.study.tool import read_tool
+    from palpate_planning.candidates import read_allowed
+    from palpate_planning.options import PlanOptions
 
     return PlanOptions(
         allowed=read_allowed(allowed) if allowed else None,
@@ -141,8 +141,8 @@ def _options(
 
 
 def _draw(study: "Study", found: "Proposal", folder: Path) -> Path:
-    from palpate.planning.figure import draw
     from palpate.stages.limb import load_limbs
+    from palpate_planning.figure import draw
 
     return draw(found, load_limbs(study, to_show=True), folder)[0]
 
@@ -154,8 +154,8 @@ def _print_json(session: Session, folder: Path, progress: StageProgress) -> None
 
 
 def _show(session: Session, study: "Study", found: "Proposal") -> None:
-    from palpate.planning.tables import proposal_tables
-    from palpate.report.written_units import rows_in_written_units
+    from palpate_planning.tables import proposal_tables
+    from palpate_report.written_units import rows_in_written_units
 
     tables = proposal_tables(found)
     if found.failed_checks:
@@ -195,8 +195,8 @@ def extend(
 
     The fit starts at the answer of the run.
     """
-    from palpate.planning.extension import extended_study
     from palpate.run.directory import RunDirectory
+    from palpate_planning.extension import extended_study
 
     if measured is None:
         raise StudyError("name the measured curves of the press: --with FILE")

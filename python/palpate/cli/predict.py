@@ -13,7 +13,7 @@ from palpate.cli.session import Session
 
 if TYPE_CHECKING:
     from palpate.cli.output import PredictOutput
-    from palpate.prediction import Prediction
+    from palpate_prediction import Prediction
 
 
 def predict(
@@ -27,10 +27,10 @@ def predict(
     as_json: AsJson = False,
 ) -> None:
     """Predict force, moment, pressure and shear under another tool, with a band and what extrapolates."""
-    from palpate.prediction import run_prediction, write_prediction
-    from palpate.prediction.files import notes
     from palpate.run.directory import RunDirectory
     from palpate.study.tool import read_tool
+    from palpate_prediction import run_prediction, write_prediction
+    from palpate_prediction.files import notes
 
     folder = find_run(run)
     session, study = study_of_run(Session.of(context), folder, trust=trust_plugins)
@@ -50,7 +50,7 @@ def predict(
 
 
 def _output(found: "Prediction", notice: str, files: Sequence[Path]) -> "PredictOutput":
-    from palpate.prediction.files import notes
+    from palpate_prediction.files import notes
 
     return {
         "source": found.fitted.source,

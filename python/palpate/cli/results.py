@@ -10,10 +10,10 @@ if TYPE_CHECKING:
     import polars as pl
 
     from palpate.cli.progress import StageProgress
-    from palpate.report.report_warnings import ReportWarning
-    from palpate.report.result import Report, RunResult
     from palpate.run.result import SelectionResult
     from palpate.study.reading import Study
+    from palpate_report.report_warnings import ReportWarning
+    from palpate_report.result import Report, RunResult
 
 NOTHING = "no set fits all spots"
 """Verdict where nothing leads."""
@@ -92,9 +92,9 @@ def _side_by_side(name: str, frame: "pl.DataFrame") -> "pl.DataFrame":
     """One row per spot and scenario, with a column per parameter, as the paper prints them."""
     import polars as pl
 
-    from palpate.report.marks import mark_of
-    from palpate.report.table_files import shown
     from palpate.run.result import ALL_SPOTS
+    from palpate_report.marks import mark_of
+    from palpate_report.table_files import shown
 
     if name.startswith("table1_"):
         heads = pl.format("{}.{} [{}]", "region", "parameter", "unit")

@@ -14,9 +14,9 @@ import polars as pl
 from palpate.plugins.interfaces import Component, SettingsT
 
 if TYPE_CHECKING:
-    from palpate.report.report_data import ReportData
-    from palpate.report.report_warnings import ReportWarning
-    from palpate.report.result import Report
+    from palpate_report.report_data import ReportData
+    from palpate_report.report_warnings import ReportWarning
+    from palpate_report.result import Report
 
 Value = str | int | float | bool | None
 

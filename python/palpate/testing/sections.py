@@ -26,11 +26,11 @@ from palpate.plugins.sections import (
     Section,
     Table,
 )
-from palpate.report.layout import checked, figure_data
-from palpate.report.report_data import ReportData
-from palpate.report.report_warnings import ReportWarning
-from palpate.report.result import Report
 from palpate.testing.components import ComponentContract, missing
+from palpate_report.layout import checked, figure_data
+from palpate_report.report_data import ReportData
+from palpate_report.report_warnings import ReportWarning
+from palpate_report.result import Report
 
 MOST_BYTES = 500_000
 """Most bytes of the figures and pictures of a section of a small run."""
@@ -76,8 +76,8 @@ def small_run(folder: Path, plugins: Iterable[object], tables: Mapping[str, Any]
 
 
 def _reported(data: ReportData) -> SmallRun:
-    from palpate.report import make_tables
-    from palpate.report.verdict import make_verdict
+    from palpate_report.verdict import make_verdict
+    from palpate_report.writing import make_tables
 
     tables = make_tables(data)
     return SmallRun(data, Report(tables=tables, files=(), verdict=make_verdict(data, tables)))
@@ -114,7 +114,7 @@ class SectionContract(ComponentContract):
         return section
 
     def test_has_a_title_and_a_place(self, section: Section) -> None:
-        from palpate.report.sections import SECTIONS
+        from palpate_report.sections import SECTIONS
 
         assert section.title.strip(), f"section '{section.name}' needs a title"
         places = [each.name for each in SECTIONS]

@@ -7,8 +7,6 @@ import polars as pl
 import pytest
 
 from palpate import pipeline
-from palpate.certainty import stage
-from palpate.certainty.emulated_curves import SimulatedCurves, runs_of_sets
 from palpate.domain import (
     Curve,
     Parameter,
@@ -28,6 +26,8 @@ from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.stages.cost import FitTime
 from palpate.testing import LinearMaterial
+from palpate_certainty import stage
+from palpate_certainty.emulated_curves import SimulatedCurves, runs_of_sets
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 

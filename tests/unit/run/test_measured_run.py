@@ -11,13 +11,13 @@ from palpate.domain import Curve, Indentation, PointWeighting, Relaxation, Respo
 from palpate.errors import CurveError, PluginError, StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate.indenters import Sphere
-from palpate.report import draw_presses
 from palpate.run.atomic_files import write_atomically
 from palpate.run.directory import RunDirectory
 from palpate.run.keys import job_key
 from palpate.run.ownership import claim, keep_only
 from palpate.stages.experiment import Presses
 from palpate.stages.simulation import jobs
+from palpate_report.writing import draw_presses
 
 SMALL = Indentation(
     indenter=Sphere(radius_mm=5.0), path=[(0, 0), (10, 0), (10, -22.5), (10, 22.5), (10, 0)], friction=0.5

@@ -9,12 +9,12 @@ from palpate import pipeline
 from palpate.core_stages import selected
 from palpate.domain import Response
 from palpate.progress import SILENT
-from palpate.report import make_tables
-from palpate.report.figures import nmse_distribution, responses
-from palpate.report.space import parameter_space
-from palpate.report.verdict import make_verdict
 from palpate.stages import simulation
 from palpate.stages.completeness import described
+from palpate_report.figures import nmse_distribution, responses
+from palpate_report.space import parameter_space
+from palpate_report.verdict import make_verdict
+from palpate_report.writing import make_tables
 
 
 class Notes(type(SILENT)):

@@ -13,7 +13,6 @@ from palpate.errors import CurveError, ScoringError
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.spot_term import SpotTerm
 from palpate.plugins.parametrisation import SpotInputs
-from palpate.report.tables import weighted_channels
 from palpate.run.directory import RunDirectory
 from palpate.stages import simulation
 from palpate.stages.experiment import load_measured
@@ -21,6 +20,7 @@ from palpate.stages.sampling import draw_design
 from palpate.stages.scoring import check_scorable, score
 from palpate.stages.selection import objectives
 from palpate.stages.status import Watcher
+from palpate_report.tables import weighted_channels
 
 WHOLE = Scenario(name="I", weights={"force": 1.0, "torque": 1.0})
 MIXED = Scenario(name="mixed", weights={"force": 1.0, "torque/unload": 0.5})

@@ -9,10 +9,10 @@ from palpate import pipeline
 from palpate.core_stages import selected
 from palpate.domain import Curve, Design
 from palpate.errors import StudyError
-from palpate.report.report_warnings import ReportWarning
-from palpate.report.result import Report
-from palpate.report.verdict import Verdict
 from palpate.run.result import FitResult
+from palpate_report.report_warnings import ReportWarning
+from palpate_report.result import Report
+from palpate_report.verdict import Verdict
 
 
 @pytest.fixture

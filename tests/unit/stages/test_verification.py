@@ -12,10 +12,10 @@ from palpate.core_stages import selected
 from palpate.errors import StoppedError, StudyError
 from palpate.plugins.interfaces import Solver
 from palpate.progress import SILENT
-from palpate.report import make_tables
-from palpate.report.page import render
-from palpate.report.verdict import make_verdict
 from palpate.run.directory import RunDirectory
+from palpate_report.page import render
+from palpate_report.verdict import make_verdict
+from palpate_report.writing import make_tables
 
 MESSAGE = "so it is"
 

@@ -10,12 +10,12 @@ from hypothesis import given, strategies as st
 from palpate.api import MeshError
 from palpate.domain import Indentation, Job, Limb, Spot, Status
 from palpate.indenters import Sphere
-from palpate.prediction.summary import QUANTITIES, press_states, spread
 from palpate.specimens import block
 from palpate_indentation import Moves, MovesSettings, Punch, PunchSettings
 from palpate_jax.kinematics import motion, pose
 from palpate_jax.solver import JaxSettings, JaxSolver, balanced_states
 from palpate_materials.neo_hookean import NeoHookean
+from palpate_prediction.summary import QUANTITIES, press_states, spread
 
 THETA = np.array([0.02, 0.4])
 SPHERE = Sphere(radius_mm=7.5)

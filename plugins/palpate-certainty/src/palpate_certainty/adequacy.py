@@ -1,0 +1,179 @@
+"""Whether the model describes the data at all: only then do intervals mean anything."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import null_space
+from scipy.stats import chi2, norm
+
+from palpate.domain import FloatArray
+from palpate_certainty.rows import Rows
+
+RARE = 1e-3
+"""Probability under which residuals do not happen to a good model."""
+
+ALLOWED = 4.0
+"""Difference of a model that does not describe the data, over the standard deviation of a good one's."""
+
+OF_NOISE = 3.0
+"""Standard deviations of the noise that a difference may have of it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Check:
+    """A check of a model against its residuals.
+
+    Parameters
+    ----------
+    name : {"discrepancy", "spots", "ranges", "estimators", "relaxation"}
+    channel : int
+        Number of the channel; negative for all.
+    probability : float
+        Of residuals as unlike those of a good model as these, or more.
+    is_failed : bool
+        Whether the model does not describe the data.
+    message : str
+        What is wrong, where that is not in the residuals.
+    """
+
+    name: str
+    channel: int
+    probability: float
+    is_failed: bool
+    message: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Misfit:
+    """Largest difference between a fit and what was measured in a channel.
+
+    Parameters
+    ----------
+    row : int
+        Number of its residual.
+    share : float
+        Over the peak of the measured curve.
+    unexplained : float
+        The most of a difference that is left by the error budget, and by three standard deviations of the
+        noise, over the peak.
+    """
+
+    row: int
+    share: float
+    unexplained: float
+
+
+def misfits(
+    residuals: FloatArray,
+    jacobian: FloatArray,
+    covariance: FloatArray,
+    known: FloatArray,
+    rows: Rows,
+    groups: FloatArray,
+) -> dict[int, Misfit]:
+    """Largest difference of each channel, by its number.
+
+    The budget explains of each difference what its causes have in it by the covariance of all (their mean,
+    given the residuals), and never turns its sign. So what is left grows with the difference that a reader
+    sees, and is not more than that. Noise is what differs from the mean of both neighbours on the curve.
+
+    Parameters
+    ----------
+    residuals : (n_points,) array
+    jacobian : (n, n_parameters) array
+    covariance : (n, n) array
+        Of averaged residuals, by all causes.
+    known : (n, m) array
+        What the known causes make of averaged residuals, one standard deviation each.
+    rows : Rows
+        Where each of the ``n_points`` is.
+    groups : (n, n_points) array
+        As :func:`palpate_certainty.rows.groups_of` returns them.
+    """
+    averaged, free = groups @ residuals, null_space(jacobian.T)
+    within = free.T @ covariance @ free
+    jitter = 1e-12 * np.trace(within) / len(within) * np.eye(len(within))
+    explained = (
+        free @ (free.T @ known) @ (known.T @ free @ np.linalg.solve(within + jitter, free.T @ averaged))
+    )
+    ratio = np.divide(explained, averaged, out=np.zeros_like(averaged), where=averaged != 0.0)
+    left = (1.0 - ratio.clip(0.0, 1.0))[np.argmax(groups > 0.0, axis=0)]
+    found = {}
+    for channel in rows.channels:
+        curves = [np.flatnonzero((rows.channel == channel) & (rows.spot == s)) for s in np.unique(rows.spot)]
+        shares = [residuals[at] / rows.scale[at] for at in curves]
+        share, at = np.abs(np.concatenate(shares)), np.concatenate(curves)
+        most = (
+            np.abs(of * left[i]).max() - OF_NOISE * _noise(of)
+            for of, i in zip(shares, curves, strict=True)
+            if of.size
+        )
+        found[channel] = Misfit(
+            row=int(at[np.argmax(share)]), share=float(share.max()), unexplained=float(max(0.0, *most))
+        )
+    return found
+
+
+def _noise(along: FloatArray) -> float:
+    """Standard deviation of the noise of values (n,) along a curve, from point to point."""
+    if along.size < 3:
+        return 0.0
+    return float(np.sqrt(np.mean(np.diff(along, 2) ** 2) / 6.0))
+
+
+def checks(
+    residuals: FloatArray,
+    jacobian: FloatArray,
+    covariance: FloatArray,
+    rows: Rows,
+    found: Mapping[int, Misfit],
+    expected: float,
+    in_ranges: float,
+    agreement: float | None = None,
+) -> Iterator[Check]:
+    """Check the residuals of a fit.
+
+    Parameters
+    ----------
+    residuals : (n,) array
+    jacobian : (n, n_parameters) array
+    covariance : (n, n) array
+        Of the residuals, as the budget and the estimated noise and discrepancy have them.
+    rows : Rows
+    found : mapping of channel number to Misfit
+    expected : float
+        Discrepancy of a good model, over the peak.
+    in_ranges : float
+        Probability of a fit that, without its bounds, would end as far outside of the ranges.
+    agreement : float, optional
+        Probability of most likely values as far from those of the least Fopt, where these are wanted.
+    """
+    for channel, misfit in found.items():
+        over = misfit.unexplained / expected
+        p = 2.0 * float(norm.sf(over))
+        yield Check(name="discrepancy", channel=channel, probability=p, is_failed=over > ALLOWED)
+    if np.unique(rows.spot[rows.spot >= 0]).size > 1:
+        p = _spots(residuals, jacobian, covariance, rows)
+        yield Check(name="spots", channel=-1, probability=p, is_failed=p < RARE)
+    yield Check(name="ranges", channel=-1, probability=in_ranges, is_failed=in_ranges < RARE)
+    if agreement is not None:
+        yield Check(name="estimators", channel=-1, probability=agreement, is_failed=agreement < RARE)
+
+
+def _spots(residuals: FloatArray, jacobian: FloatArray, covariance: FloatArray, rows: Rows) -> float:
+    """Probability of spots that ask for parameters so far from the joint ones (χ² of their scores)."""
+    spots = [spot for spot in np.unique(rows.spot) if spot >= 0]
+    scores = np.concatenate(
+        [np.linalg.svd(jacobian * (rows.spot == s)[:, None], full_matrices=False)[0] for s in spots], axis=1
+    )
+    left, sizes, _ = np.linalg.svd(jacobian, full_matrices=False)
+    left = left[:, sizes > 1e-9 * sizes.max()]
+    free = scores - left @ (left.T @ scores)
+    axes, lengths, _ = np.linalg.svd(free, full_matrices=False)
+    axes = axes[:, lengths > 1e-6]
+    if not axes.shape[1]:
+        return 1.0
+    seen = axes.T @ residuals
+    square = float(seen @ np.linalg.solve(axes.T @ covariance @ axes, seen))
+    return float(chi2.sf(square, axes.shape[1]))

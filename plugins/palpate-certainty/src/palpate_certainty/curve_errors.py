@@ -1,0 +1,206 @@
+"""What residuals are made of besides the known causes: noise, and what the model leaves out.
+
+Noise of a curve is correlated over a few points, as smoothing leaves it. The discrepancy of a curve is a
+Gaussian process along its path, times the largest ordinate reached so far, so that it is zero at first
+contact; half of its variance is common to all spots. Their sizes are those that make the residuals most
+likely once the parameters are fitted (restricted likelihood: Patterson & Thompson, Biometrika 58, 1971).
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.linalg import null_space
+from scipy.linalg.lapack import dposv, dpotri
+from scipy.optimize import minimize
+
+from palpate.domain import FloatArray
+from palpate_certainty.rows import Rows
+
+POINTS = (0.0, 1.0, 2.0, 4.0)
+"""Correlation lengths of the noise that are tried, in measured points."""
+
+LENGTHS = (0.15, 0.35, 0.8)
+"""Correlation lengths of the discrepancy that are tried, in ranges of the abscissa."""
+
+LEAST_NOISE = 1e-5
+"""Least noise, over the largest ordinate: simulated curves are not exact."""
+
+MOST_SEEN = 5.0
+"""Size of the discrepancy, over what the residuals have of it, above which it is not tried."""
+
+SIZES = np.geomspace(0.02, 30.0, 25)
+"""Sizes of the discrepancy, over the one expected, among which it is averaged."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CurveErrors:
+    """Noise and discrepancy of each channel, averaged over what the residuals leave open.
+
+    Parameters
+    ----------
+    noise, discrepancy : mapping of channel number to float
+        Standard deviations, over the largest ordinate.
+    noise_covariance, discrepancy_covariance : (n, n) array
+        Of the residuals.
+    correlations : mapping of (points, length) to float
+        Probability of each pair of correlation lengths, of noise and discrepancy.
+    """
+
+    noise: Mapping[int, float]
+    discrepancy: Mapping[int, float]
+    noise_covariance: FloatArray
+    discrepancy_covariance: FloatArray
+    correlations: Mapping[tuple[float, float], float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Mode:
+    """The most likely sizes for one correlation and one length."""
+
+    lengths: tuple[float, float]
+    noise: list[FloatArray]
+    discrepancy: list[FloatArray]
+    likelihood: "_Likelihood"
+    squares: FloatArray
+    value: float
+
+
+def estimate(
+    residuals: FloatArray,
+    jacobian: FloatArray,
+    known: FloatArray,
+    rows: Rows,
+    *,
+    expected: float,
+) -> CurveErrors:
+    """Estimate noise and discrepancy from the residuals of a fit.
+
+    Parameters
+    ----------
+    residuals : (n,) array
+    jacobian : (n, n_parameters) array
+    known : (n, m) array
+        What the known causes make of the residuals, one standard deviation each.
+    rows : Rows
+    expected : float
+        Discrepancy that models usually have, over the largest ordinate.
+    """
+    channels = rows.channels
+    projection = null_space(jacobian.T)
+    modes = list(_modes(residuals, projection, known, rows, expected))
+    best = max(mode.value for mode in modes)
+    weights = np.exp(np.array([mode.value for mode in modes]) - best)
+    weights /= weights.sum()
+    n, k = residuals.size, len(channels)
+    noise, discrepancy = np.zeros((n, n)), np.zeros((n, n))
+    sizes = np.zeros(2 * k)
+    for weight, mode in zip(weights, modes, strict=True):
+        if weight < 0.02:
+            continue
+        squares = mode.squares.copy()
+        for i in range(k):
+            squares[k + i] = mode.likelihood.averaged(mode.squares, i)
+        noise += weight * _sum(squares[:k], mode.noise)
+        discrepancy += weight * _sum(squares[k:], mode.discrepancy)
+        sizes += weight * squares
+    sizes = np.sqrt(sizes)
+    likely = {mode.lengths: float(w) for w, mode in zip(weights, modes, strict=True) if w >= 0.02}
+    return CurveErrors(
+        noise=dict(zip(channels, sizes[:k].tolist(), strict=True)),
+        discrepancy=dict(zip(channels, sizes[k:].tolist(), strict=True)),
+        noise_covariance=noise,
+        discrepancy_covariance=discrepancy,
+        correlations={lengths: weight / sum(likely.values()) for lengths, weight in likely.items()},
+    )
+
+
+def _sum(squares: FloatArray, covariances: Sequence[FloatArray]) -> FloatArray:
+    total: FloatArray = np.tensordot(squares, np.stack(covariances), axes=1)
+    return total
+
+
+def _modes(
+    residuals: FloatArray, projection: FloatArray, known: FloatArray, rows: Rows, expected: float
+) -> Iterator[_Mode]:
+    channels = rows.channels
+    fixed = projection.T @ known
+    noises = {points: [rows.noise(c, points) for c in channels] for points in POINTS}
+    others = {length: [rows.discrepancy(c, length) for c in channels] for length in LENGTHS}
+    free = projection.T @ residuals
+    seen = {
+        id(part): projection.T @ part @ projection
+        for parts in (*noises.values(), *others.values())
+        for part in parts
+    }
+    most = [max(MOST_SEEN * _seen(residuals, rows, c), 2.0 * expected) for c in channels]
+    for points, length in product(POINTS, LENGTHS):
+        parts = [*noises[points], *others[length]]
+        stacked = np.stack([seen[id(part)] for part in parts])
+        likelihood = _Likelihood(free, fixed @ fixed.T, stacked, expected, most)
+        squares, value = likelihood.mode()
+        yield _Mode((points, length), noises[points], others[length], likelihood, squares, value)
+
+
+def _seen(residuals: FloatArray, rows: Rows, channel: int) -> float:
+    """Size of the discrepancy of a channel, if all of its residuals were that."""
+    inside = rows.channel == channel
+    return float(np.linalg.norm(residuals[inside]) / np.linalg.norm(rows.envelope[inside]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Likelihood:
+    """Restricted likelihood of the sizes, with a half-t prior of each discrepancy up to the ``most``.
+
+    The first half of ``parts`` (2 n_channels, n, n) is noise, the other discrepancy.
+    """
+
+    residuals: FloatArray
+    fixed: FloatArray
+    parts: FloatArray
+    expected: float
+    most: list[float]
+
+    def mode(self) -> tuple[FloatArray, float]:
+        """Most likely squares (2 n_channels,) of the sizes, and the logarithm of their likelihood."""
+        k = len(self.parts) // 2
+        start = np.log(np.concatenate([np.full(k, 5e-3), np.full(k, self.expected)]))
+        bounds = [(np.log(LEAST_NOISE), 0.0)] * k
+        bounds += [(np.log(1e-3 * self.expected), np.log(most)) for most in self.most]
+        found = minimize(self._loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
+        return np.exp(2.0 * found.x), -float(found.fun)
+
+    def averaged(self, squares: FloatArray, i: int) -> float:
+        """Mean square of the discrepancy of one channel."""
+        sizes = self.expected * SIZES
+        sizes = sizes[sizes <= self.most[i]]
+        logs = np.log(sizes)
+        values = []
+        for size in sizes:
+            tried = squares.copy()
+            tried[len(self.parts) // 2 + i] = size**2
+            values.append(-self._loss(0.5 * np.log(tried), slopes=False)[0])
+        weights = np.exp(np.array(values) - max(values)) * np.gradient(logs)
+        weights /= weights.sum()
+        return float(weights @ sizes**2)
+
+    def _loss(self, logs: FloatArray, slopes: bool = True) -> tuple[float, FloatArray]:
+        squares = np.exp(2.0 * logs)
+        covariance = self.fixed + np.tensordot(squares, self.parts, axes=1)
+        covariance[np.diag_indices_from(covariance)] += 1e-12 * np.trace(covariance) / len(covariance)
+        factor, white, is_bad = dposv(covariance, self.residuals, lower=1)
+        if is_bad:
+            raise np.linalg.LinAlgError("the covariance of the residuals is not positive definite")
+        value = np.log(np.diag(factor)).sum() + 0.5 * float(self.residuals @ white)
+        k = len(self.parts) // 2
+        ratio = squares[k:] / self.expected**2
+        # Densities over the logarithm of a size: Student's with four degrees of freedom, times the size.
+        value += float(np.sum(2.5 * np.log1p(ratio / 4.0) - logs[k:]))
+        if not slopes:
+            return value, logs
+        half = np.tril(dpotri(factor, lower=1)[0])
+        inverse = half + np.tril(half, -1).T
+        gradient: FloatArray = squares * np.tensordot(self.parts, inverse - np.outer(white, white), axes=2)
+        gradient[k:] += 5.0 * ratio / (4.0 + ratio) - 1.0
+        return value, gradient

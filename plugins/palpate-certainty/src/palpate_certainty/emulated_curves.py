@@ -1,0 +1,203 @@
+"""Curves of all spots at the measured points, simulated and emulated, as functions of the searched values."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.domain import Design, FloatArray, Simulation, channel_of
+from palpate.errors import PalpateError
+from palpate.fit.problem import Problem
+from palpate.fit.spot_term import NotRankedError, is_same_job, pieces
+from palpate.fit.stage import Case
+from palpate.plugins.parametrisation import SpotInputs
+from palpate.plugins.search import Trial
+from palpate_certainty.emulator import Emulator, Runs
+
+MOST_SETS = 32
+"""Sets of a sweep that fit best, and as many others, of which an emulator is made."""
+
+
+class SimulatedCurves:
+    """Ordinates of every channel at every spot, without corrections by finer meshes.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the joint fit.
+    channels : sequence of str
+        Those that any scenario weighs.
+
+    Attributes
+    ----------
+    places : mapping of (spot, channel) to slice
+        Where each curve is among the n ordinates.
+    measured, peak : (n,) array
+        Measured ordinates, and the largest one of each curve.
+    """
+
+    def __init__(self, problem: Problem, channels: Sequence[str]) -> None:
+        terms = [replace(term.of_channels(channels), corrections={}) for term in problem.terms]
+        self.problem = problem.restated(terms)
+        parts = list(pieces(terms))
+        self.places = {(term.spot, name): at for term, name, at, _ in parts}
+        curves = [term.measured[name].ordinate for term, name, _, _ in parts]
+        self.measured = np.concatenate(curves)
+        self.peak = np.concatenate([np.full(y.size, np.abs(y).max()) for y in curves])
+        self._scale = np.concatenate([scale for *_, scale in parts])
+
+    def runs(self, points: FloatArray, *, slopes: bool) -> Runs:
+        """Simulate points (n, n_parameters) of the box; ordinates of those that fail are NaN."""
+        found = self.problem.evaluate([Trial(point=point, slopes=slopes) for point in points])
+        box, n = self.problem.box, self._scale.size
+        ordinates = np.full((len(points), n), np.nan)
+        rates = np.full((len(points), n, len(box.names)), np.nan)
+        for i, each in enumerate(found):
+            if each.residuals is not None:
+                ordinates[i] = each.residuals[:n] / self._scale + self.measured
+            if each.jacobian is not None:
+                rates[i] = each.jacobian[:n] / self._scale[:, None] / box.rates(each.point)
+        return Runs(values=box.values(points), ordinates=ordinates, slopes=rates)
+
+    def of_set(self, values: FloatArray, simulations: Mapping[str, Simulation]) -> FloatArray:
+        """Ordinates (n,) of a set of the sweep from its simulations by spot.
+
+        NaN where it has failed, or a fit would simulate something else at these values (n_parameters,).
+        """
+        parts = []
+        try:
+            for term in self.problem.terms:
+                inputs, simulation = self.problem.inputs_at(term, values), simulations[term.spot]
+                if not is_same_job(SpotInputs(thetas=simulation.job.thetas, protocol=term.protocol), inputs):
+                    raise NotRankedError
+                parts.append(term.residuals(simulation, inputs) / np.sqrt(len(self.problem.terms)))
+        except (KeyError, NotRankedError, PalpateError):
+            return np.full(self._scale.size, np.nan)
+        found: FloatArray = np.concatenate(parts) / self._scale + self.measured
+        return found
+
+
+class EmulatedCurves:
+    """An emulator of each spot, from the values that its curves depend on.
+
+    Parameters
+    ----------
+    simulated : SimulatedCurves
+    runs : Runs
+    """
+
+    def __init__(self, simulated: SimulatedCurves, runs: Runs) -> None:
+        self.simulated, self.runs = simulated, runs
+        parameters = simulated.problem.parameters
+        self.parts: list[tuple[slice, list[int], Emulator]] = []
+        for spot in dict.fromkeys(spot for spot, _ in simulated.places):
+            places = [at for (of, _), at in simulated.places.items() if of == spot]
+            at = slice(places[0].start, places[-1].stop)
+            own = [i for i, p in enumerate(parameters) if p.name.partition("@")[2] in ("", spot)]
+            of_spot = Runs(
+                values=runs.values[:, own],
+                ordinates=runs.ordinates[:, at],
+                slopes=runs.slopes[:, at][:, :, own],
+            )
+            self.parts.append((at, own, Emulator([parameters[i] for i in own], of_spot, simulated.peak[at])))
+
+    @property
+    def left_out(self) -> FloatArray:
+        """Ordinates (n_runs, n_ordinates) of each run less what the others predict."""
+        return np.concatenate([emulator.left_out for *_, emulator in self.parts], axis=1)
+
+    def __call__(self, values: FloatArray) -> FloatArray:
+        """Ordinates (n, n_ordinates) at values (n, n_parameters)."""
+        return np.concatenate([emulator(values[:, own]) for _, own, emulator in self.parts], axis=1)
+
+    def variance(self, values: FloatArray) -> FloatArray:
+        """Variance (n, n_ordinates) of the ordinates at values (n, n_parameters)."""
+        parts = [emulator.variance(values[:, own]) for _, own, emulator in self.parts]
+        return np.concatenate(parts, axis=1)
+
+
+def runs_of_fits(simulated: SimulatedCurves, cases: Sequence[Case]) -> Runs:
+    """Runs of all searches of these cases that had slopes, and their ends; simulates nothing."""
+    traced = [each for case in cases for fit in case.fits for each in fit.trace if each.jacobian is not None]
+    ends = [case.end.best for case in cases if case.end is not None and case.end.best is not None]
+    # Slopes by differences are at hand where the fit has been.
+    sloped = {each.point.tobytes(): each.point for each in (*traced, *ends)}
+    return simulated.runs(np.stack(list(sloped.values())), slopes=True).ended
+
+
+def runs_of_sets(simulated: SimulatedCurves, design: Design, swept: Sequence[Simulation]) -> Runs | None:
+    """Runs of the sets of a sweep that fit best, and of as many others; simulates nothing.
+
+    Returns
+    -------
+    Runs or None
+        None where no set has curves that a fit would simulate.
+    """
+    names, by_set = [p.name for p in design.parameters], dict[int, dict[str, Simulation]]()
+    for each in swept:
+        by_set.setdefault(each.job.set_id, {})[each.job.spot] = each
+    rows = [dict(zip(names, row, strict=True)) for row in design.values.tolist()]
+    values = [simulated.problem.values_of(row) for row in rows]
+    found = [(v, simulated.of_set(v, by_set.get(i, {}))) for i, v in enumerate(values)]
+    ended = [each for each in found if np.isfinite(each[1]).all()]
+    if not ended:
+        return None
+    misfit = np.array([(((y - simulated.measured) / simulated.peak) ** 2).sum() for _, y in ended])
+    best = np.argsort(misfit, kind="stable")[:MOST_SETS]
+    chosen = [ended[i] for i in np.unique(np.concatenate([best, np.arange(min(MOST_SETS, misfit.size))]))]
+    ordinates = np.stack([y for _, y in chosen])
+    return Runs(
+        values=np.stack([v for v, _ in chosen]),
+        ordinates=ordinates,
+        slopes=np.full((*ordinates.shape, values[0].size), np.nan),
+    )
+
+
+class ScenarioDensity:
+    """The posterior density of a scenario, up to a constant: even in the coordinates of the box.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the scenario's fit, with its corrections by finer meshes.
+    white : (m, n) array
+        From the residuals of the problem to independent ones of variance 1.
+    curves : SimulatedCurves
+    """
+
+    def __init__(self, problem: Problem, white: FloatArray, curves: SimulatedCurves) -> None:
+        self.problem, self.curves, self._white = problem, curves, white
+        n, parts = problem.n_points, list(pieces(problem.terms))
+        matrix, constant = np.zeros((n, curves.measured.size)), np.zeros(n)
+        for term, name, at, scale in parts:
+            channel = channel_of(name)
+            inside = np.flatnonzero(term.counted(name))
+            place = curves.places[term.spot, channel]
+            matrix[np.arange(at.start, at.stop), place.start + inside] = scale[inside]
+            constant[at] = (-scale * term.measured[channel].ordinate)[inside]
+        self._curves = white @ matrix
+        self._rest = white @ constant
+        self._priors = [(i, p.prior) for i, p in enumerate(problem.parameters) if p.prior is not None]
+
+    def white(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
+        """Independent residuals (k, m) at values (k, n_parameters) with these ordinates (k, n_ordinates)."""
+        white = self._corrected(ordinates) @ self._curves.T + self._rest
+        first = self.problem.n_points - len(self._priors)
+        for row, (i, prior) in enumerate(self._priors, first):
+            residual = self.problem.noise * (values[:, i] - prior.value) / prior.sd
+            white = white + residual[:, None] * self._white[:, row]
+        return white
+
+    def _corrected(self, ordinates: FloatArray) -> FloatArray:
+        """Ordinates (k, n) with what finer meshes add to each curve."""
+        corrected = ordinates.copy()
+        for term in self.problem.terms:
+            for channel in term.corrections:
+                place = self.curves.places[term.spot, channel]
+                corrected[:, place] = term.corrected(channel, ordinates[:, place])
+        return corrected
+
+    def misfit(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
+        """−2 log of the density (k,)."""
+        found: FloatArray = (self.white(values, ordinates) ** 2).sum(axis=1)
+        return found

@@ -1,0 +1,272 @@
+"""Posterior, profiles, Sobol indices and volumes of a study's joint fits, by an emulator of the curves.
+
+The emulator is made from the runs of the fit and the sweep, and from some more over the ranges. It is
+checked where it matters: at draws of each posterior that are simulated as well. Where it misses them by
+too much these join its runs, and the posteriors are drawn again.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import qmc
+
+from palpate.domain import Design, FloatArray, Simulation, channel_of
+from palpate.fit.box import Box
+from palpate.fit.stage import Case
+from palpate.progress import SILENT, Progress
+from palpate.run.result import RISE
+from palpate.study.reading import Study
+from palpate_certainty.emulated_curves import (
+    EmulatedCurves,
+    ScenarioDensity,
+    SimulatedCurves,
+    runs_of_fits,
+    runs_of_sets,
+)
+from palpate_certainty.emulator import Runs
+from palpate_certainty.posterior import Draws, draw
+from palpate_certainty.profiles import Profile, best_point, profile, refitted
+from palpate_certainty.tables import Assessed
+
+PRECISE = 0.002
+"""Largest error of an emulated curve, over its measured peak, that needs no more runs."""
+
+MOST_ROUNDS = 4
+"""How often the emulator is made at most."""
+
+RUNS_EACH = 4
+"""Runs with slopes for each parameter that the first emulator has."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Posterior:
+    """The posterior of one scenario, with a check of the emulator it was drawn by.
+
+    Parameters
+    ----------
+    assessed : Assessed
+    density : ScenarioDensity
+    draws : Draws
+    checked : Runs
+        Draws that were simulated.
+    emulated : (n, n_ordinates) array
+        What the emulator has for these.
+    """
+
+    assessed: Assessed
+    density: ScenarioDensity
+    draws: Draws
+    checked: Runs
+    emulated: FloatArray
+
+    @property
+    def values(self) -> FloatArray:
+        """Values (n, n_parameters) of the draws."""
+        return self.density.problem.box.values(self.draws.points)
+
+    @property
+    def shift(self) -> FloatArray:
+        """About how far the real solver moves the means (n_parameters,).
+
+        The misfit's difference at the simulated draws, linear in the values, tilts the density.
+        """
+        values = self.checked.values
+        real, emulated = (self.density.misfit(values, y) for y in (self.checked.ordinates, self.emulated))
+        mean, sd = self.values.mean(axis=0), np.maximum(self.values.std(axis=0), 1e-300)
+        columns = np.column_stack([np.ones(len(values)), (values - mean) / sd])
+        tilt = np.linalg.lstsq(columns, -0.5 * (real - emulated), rcond=None)[0][1:]
+        moved: FloatArray = np.cov(self.values / sd, rowvar=False).reshape(tilt.size, -1) @ tilt * sd
+        return moved
+
+    @property
+    def volume(self) -> float:
+        """Root of the determinant of the covariance in the box, over that of all of the box."""
+        covariance = np.cov(self.draws.points, rowvar=False).reshape([self.draws.points.shape[1]] * 2)
+        return float(np.sqrt(max(np.linalg.det(12.0 * covariance), 0.0)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ProfileEnd:
+    """An end of a profile, by the emulator and by the real solver.
+
+    Parameters
+    ----------
+    value, solved : float
+        ``solved`` is NaN where the simulation failed.
+    is_open : bool
+        Whether it is at the bound, where the profile has not risen enough.
+    """
+
+    value: float
+    solved: float
+    is_open: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sampled:
+    """What the stage has found; of the main scenario the first posterior, and all profiles.
+
+    Parameters
+    ----------
+    posteriors : list of Posterior
+    profiles : list of Profile
+    ends : list of pairs of ProfileEnd
+    curves : EmulatedCurves
+    """
+
+    posteriors: list[Posterior]
+    profiles: list[Profile]
+    ends: list[tuple[ProfileEnd, ...]]
+    curves: EmulatedCurves
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PosteriorStage:
+    """Draws the posteriors of the joint fits of a study.
+
+    Parameters
+    ----------
+    study : Study
+    design : Design
+        Of the sweep; may be empty.
+    swept : sequence of Simulation
+        Of its sets.
+    progress : Progress
+    """
+
+    study: Study
+    design: Design
+    swept: Sequence[Simulation]
+    progress: Progress = SILENT
+
+    def run(self, cases: Sequence[Case], assessed: Sequence[Assessed]) -> Sampled | None:
+        """Sample every scenario of the joint fit; None where that has no intervals."""
+        main = next((a for a in assessed if a.case.scenario.name == self.study.generalise_by), None)
+        if main is None:
+            return None
+        joint = [main, *(a for a in assessed if a is not main and a.case.label == main.case.label)]
+        weighed = {channel_of(name) for each in self.study.scenarios for name in each.weighed}
+        simulated = SimulatedCurves(main.end.problem, sorted(weighed))
+        runs = self._first_runs(simulated, [case for case in cases if case.label == main.case.label])
+        self.progress.begin("certainty", 0)
+        for i in range(MOST_ROUNDS):
+            curves = EmulatedCurves(simulated, runs)
+            posteriors = [self._sampled(each, curves) for each in joint]
+            error = max(self.error(each) for each in posteriors)
+            if error <= PRECISE or i == MOST_ROUNDS - 1:
+                break
+            for each in posteriors:
+                runs = runs.and_others(each.checked)
+        if error > PRECISE:
+            self.progress.note(
+                f"warning: emulated curves differ from simulated ones by up to "
+                f"{100.0 * error:.2g} % of their peak"
+            )
+        posteriors = [self._converged(each, curves) for each in posteriors]
+        profiles, ends = self._profiles(posteriors[0], curves)
+        return Sampled(posteriors=posteriors, profiles=profiles, ends=ends, curves=curves)
+
+    @staticmethod
+    def error(found: Posterior) -> float:
+        """Largest error of the emulator at the simulated draws, over the measured peaks."""
+        curves = found.density.curves
+        return float((np.abs(found.emulated - found.checked.ordinates) / curves.peak).max(initial=0.0))
+
+    def _first_runs(self, simulated: SimulatedCurves, cases: Sequence[Case]) -> Runs:
+        problem, runs = simulated.problem, runs_of_fits(simulated, cases)
+        n = RUNS_EACH * len(problem.parameters)
+        spread = qmc.Halton(len(problem.parameters), rng=self.study.seed).random(64 * n)
+        accepted = spread[problem.accepts(spread)][: max(n - len(runs.values), n // 2)]
+        runs = runs.and_others(simulated.runs(accepted, slopes=self.study.solver.provides.slopes).ended)
+        swept = runs_of_sets(simulated, self.design, self.swept)
+        return runs if swept is None else runs.and_others(swept)
+
+    def _sampled(self, assessed: Assessed, curves: EmulatedCurves) -> Posterior:
+        """A short sample of a posterior, some of it simulated."""
+        problem, simulated = assessed.end.problem, curves.simulated
+        density, box, normal = (
+            ScenarioDensity(problem, assessed.white, simulated),
+            problem.box,
+            assessed.density,
+        )
+        likely = normal.points[normal.weights > 1e-3 * normal.weights.max()]
+        start = box.point(box.lower + (box.upper - box.lower) * likely)
+        draws = self._drawn(density, curves, start, to_convergence=False)
+        known = np.stack([box.point(row) for row in curves.runs.values])
+        chosen = _farthest(draws.points, known, len(box.names) + 2)
+        checked = simulated.runs(chosen, slopes=self.study.solver.provides.slopes).ended
+        return Posterior(
+            assessed=assessed,
+            density=density,
+            draws=draws,
+            checked=checked,
+            emulated=curves(checked.values),
+        )
+
+    def _converged(self, found: Posterior, curves: EmulatedCurves) -> Posterior:
+        """The same posterior, sampled until its draws have converged."""
+        draws = self._drawn(found.density, curves, found.draws.points, to_convergence=True)
+        return replace(found, draws=draws)
+
+    def _drawn(
+        self, density: ScenarioDensity, curves: EmulatedCurves, start: FloatArray, *, to_convergence: bool
+    ) -> Draws:
+        def misfit(points: FloatArray) -> FloatArray:
+            values = density.problem.box.values(points)
+            return density.misfit(values, curves(values))
+
+        accepts = density.problem.accepts
+        return draw(misfit, accepts, start, self.study.seed, to_convergence=to_convergence)
+
+    def _profiles(
+        self, found: Posterior, curves: EmulatedCurves
+    ) -> tuple[list[Profile], list[tuple[ProfileEnd, ...]]]:
+        """Profiles of all parameters, both ends of each fitted again with the real solver."""
+        box, density, end = found.density.problem.box, found.density, found.assessed.end
+
+        def white(points: FloatArray) -> FloatArray:
+            values = box.values(points)
+            return density.white(values, curves(values))
+
+        def solved(points: FloatArray) -> FloatArray:
+            runs = curves.simulated.runs(points, slopes=self.study.solver.provides.slopes)
+            return density.white(runs.values, runs.ordinates)
+
+        assert end.best is not None
+        best, least = best_point(white, end.best.point)
+        sds = found.draws.points.std(axis=0)
+        profiles = [profile(white, best, least, i, float(sds[i])) for i in range(best.size)]
+        points = np.stack([best, *(at for each in profiles for at in each.ends)])
+        fixed = [None, *np.repeat(np.arange(best.size), 2).tolist()]
+        first, *others = refitted(white, solved, points, fixed).tolist()
+        rises = np.reshape(others, (-1, 2)) - first
+        ends = [
+            tuple(
+                _end(box, best, i, each.ends[k], float(rises[i, k]), is_open=each.is_open[k]) for k in (0, 1)
+            )
+            for i, each in enumerate(profiles)
+        ]
+        return profiles, ends
+
+
+def _end(box: Box, best: FloatArray, i: int, at: FloatArray, rise: float, *, is_open: bool) -> ProfileEnd:
+    """Where the profile of the real solver ends, which has risen by so much where the emulator's ends."""
+    moved = at.copy()
+    if not is_open:  # nearly a square around the best point
+        moved[i] = np.clip(best[i] + (at[i] - best[i]) * np.sqrt(RISE / max(rise, 1e-3)), 0.0, 1.0)
+    solved = float(box.values(moved)[i]) if np.isfinite(rise) else np.nan
+    return ProfileEnd(value=float(box.values(at)[i]), solved=solved, is_open=is_open)
+
+
+def _farthest(points: FloatArray, others: FloatArray, n: int) -> FloatArray:
+    """Points (n, n_parameters) far from the others and from each other, by their own spread."""
+    width = np.maximum(points.std(axis=0), 1e-9)
+    apart = np.full(len(points), np.inf)
+    chosen: list[int] = []
+    for other in others:
+        apart = np.minimum(apart, (((points - other) / width) ** 2).sum(axis=1))
+    while len(chosen) < min(n, len(points)):
+        chosen.append(int(np.argmax(apart)))
+        apart = np.minimum(apart, (((points - points[chosen[-1]]) / width) ** 2).sum(axis=1))
+    return points[chosen]

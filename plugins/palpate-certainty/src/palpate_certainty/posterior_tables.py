@@ -1,0 +1,131 @@
+"""Tables of posteriors, profiles, Sobol indices, volumes, and the emulator they are from."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from palpate.run.result import PosteriorResult
+from palpate_certainty.planes import planes
+from palpate_certainty.posterior_stage import Posterior, Sampled
+from palpate_certainty.ribbons import sobol_indices
+
+N_KEPT = 1000
+"""Draws of each scenario in the table."""
+
+
+def posterior_result(found: Sampled, seed: int) -> PosteriorResult:
+    """Put what was sampled into tables."""
+    return PosteriorResult(
+        posterior=pl.from_dicts([row for each in found.posteriors for row in _posterior(each)]),
+        posterior_draws=pl.concat([_draws(each) for each in found.posteriors], how="diagonal"),
+        profiles=pl.from_dicts(list(_profiles(found))),
+        profile_ends=pl.from_dicts(list(_ends(found)), infer_schema_length=None),
+        ribbons=pl.from_dicts(list(_ribbons(found, seed))),
+        volumes=pl.from_dicts(list(_volumes(found))),
+        emulator=pl.from_dicts(list(_emulator(found))),
+        posterior_planes=planes([each.assessed for each in found.posteriors], found.curves),
+    )
+
+
+def _about(each: Posterior) -> dict[str, Any]:
+    case = each.assessed.case
+    return {"fit": case.label, "scenario": case.scenario.name}
+
+
+def _posterior(each: Posterior) -> Iterator[dict[str, Any]]:
+    values, draws = each.values, each.draws
+    ends = np.quantile(values, [0.025, 0.975], axis=0)
+    solved = values.mean(axis=0) + each.shift
+    at_bounds = draws.at_bounds()
+    for i, parameter in enumerate(each.density.problem.parameters):
+        yield _about(each) | {
+            "parameter": parameter.name,
+            "unit": parameter.unit,
+            "mean": float(values[:, i].mean()),
+            "sd": float(values[:, i].std()),
+            "lower": float(ends[0, i]),
+            "upper": float(ends[1, i]),
+            "mean_solved": float(solved[i]),
+            "at_lower": float(at_bounds[0, i]),
+            "at_upper": float(at_bounds[1, i]),
+            "split_r": float(draws.split_r[i]),
+            "autocorrelation": float(draws.autocorrelation[i]),
+            "n_independent": draws.n_independent,
+            "converged": draws.is_converged,
+        }
+
+
+def _draws(each: Posterior) -> pl.DataFrame:
+    frame = pl.DataFrame(each.values[:N_KEPT], schema=each.density.problem.names)
+    return frame.select(*(pl.lit(value).alias(name) for name, value in _about(each).items()), pl.all())
+
+
+def _profiles(found: Sampled) -> Iterator[dict[str, Any]]:
+    main = found.posteriors[0]
+    box = main.density.problem.box
+    for i, (parameter, profile) in enumerate(zip(box.parameters, found.profiles, strict=True)):
+        for value, rise in zip(
+            box.values(profile.points)[:, i].tolist(), profile.rises.tolist(), strict=True
+        ):
+            about = _about(main) | {"parameter": parameter.name, "unit": parameter.unit}
+            yield about | {"value": value, "rise": rise}
+
+
+def _ends(found: Sampled) -> Iterator[dict[str, Any]]:
+    main = found.posteriors[0]
+    for parameter, ends in zip(main.density.problem.parameters, found.ends, strict=True):
+        for name, end in zip(("lower", "upper"), ends, strict=True):
+            yield _about(main) | {
+                "parameter": parameter.name,
+                "unit": parameter.unit,
+                "end": name,
+                "value": end.value,
+                "value_solved": end.solved if np.isfinite(end.solved) else None,
+                "at_bound": end.is_open,
+            }
+
+
+def _ribbons(found: Sampled, seed: int) -> Iterator[dict[str, Any]]:
+    simulated = found.curves.simulated
+    problem = simulated.problem
+    first, total = sobol_indices(
+        lambda points: found.curves(problem.box.values(points)), len(problem.parameters), seed
+    )
+    for term in problem.terms:
+        for channel in term.weights:
+            at = simulated.places[term.spot, channel]
+            for i, parameter in enumerate(problem.parameters):
+                for point, abscissa in enumerate(term.measured[channel].abscissa.tolist()):
+                    yield {
+                        "spot": term.spot,
+                        "channel": channel,
+                        "point": point,
+                        "abscissa": abscissa,
+                        "parameter": parameter.name,
+                        "first": float(first[i, at.start + point]),
+                        "total": float(total[i, at.start + point]),
+                    }
+
+
+def _volumes(found: Sampled) -> Iterator[dict[str, Any]]:
+    main = found.posteriors[0].volume
+    for each in found.posteriors:
+        yield _about(each) | {"volume": each.volume, "ratio": each.volume / main if main > 0.0 else None}
+
+
+def _emulator(found: Sampled) -> Iterator[dict[str, Any]]:
+    simulated = found.curves.simulated
+    left_out = np.abs(found.curves.left_out) / simulated.peak
+    for each in found.posteriors:
+        missed = np.abs(each.emulated - each.checked.ordinates) / simulated.peak
+        for channel in dict.fromkeys(channel for _, channel in simulated.places):
+            places = [at for (_, of), at in simulated.places.items() if of == channel]
+            yield _about(each) | {
+                "channel": channel,
+                "n_runs": len(found.curves.runs.values),
+                "n_solved": len(missed),
+                "error": max(float(missed[:, at].max(initial=0.0)) for at in places),
+                "left_out": max(float(left_out[:, at].max()) for at in places),
+            }

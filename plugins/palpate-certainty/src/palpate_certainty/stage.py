@@ -1,0 +1,220 @@
+"""The certainty of a study's fits: intervals, their causes, and whether the model describes the data."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+import polars as pl
+
+from palpate.domain import Design, FloatArray, Response, Simulation, channel_of
+from palpate.errors import PalpateError, StoppedError
+from palpate.fit.running import Fit
+from palpate.fit.stage import Case
+from palpate.progress import SILENT, Progress
+from palpate.run.result import CertaintyResult
+from palpate.stages.relaxation import relaxation_of
+from palpate.study.reading import Study
+from palpate_certainty.adequacy import Check, checks, misfits
+from palpate_certainty.causes import Cause, Columns, causes_of, columns_of
+from palpate_certainty.curve_errors import estimate
+from palpate_certainty.known_errors import known_errors
+from palpate_certainty.laplace import RANGE, agreement, laplace
+from palpate_certainty.likelihood import whitening
+from palpate_certainty.mesh_error import SpotMesh, is_stated
+from palpate_certainty.planes import planes_of_fits
+from palpate_certainty.rows import Rows, grouped, groups_of, rows_of
+from palpate_certainty.tables import Assessed, certainty_result, density_of
+
+NOISE, DISCREPANCY, PRIORS = "noise", "model", "priors"
+"""Causes besides those of :mod:`~palpate_certainty.causes` and :mod:`~palpate_certainty.known_errors`."""
+
+NONE: Mapping[Cause, str] = MappingProxyType({})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CertaintyStage:
+    """Assesses the fits of a study.
+
+    Parameters
+    ----------
+    study : Study
+    measured : mapping of spot name to Response
+    meshes : mapping of spot name to SpotMesh
+        Of the spots whose meshes are known.
+    progress : Progress
+    """
+
+    study: Study
+    measured: Mapping[str, Response]
+    meshes: Mapping[str, SpotMesh] = field(default_factory=dict)
+    progress: Progress = SILENT
+
+    def run(self, cases: Sequence[Case]) -> CertaintyResult:
+        """Intervals of every case that has a result, and what they are made of."""
+        return certainty_result(self.assessed(cases), self.study)
+
+    def assessed(self, cases: Sequence[Case], *, joint_only: bool = False) -> list[Assessed]:
+        """Assess every case that has a result, or the joint fit of the scenario that generalises alone.
+
+        The derivatives of causes are taken at the latter.
+        """
+        ended = [case for case in cases if case.end is not None and case.end.best is not None]
+        by = next((c for c in ended if c.scenario.name == self.study.generalise_by), None)
+        if by is None:
+            return []
+        try:
+            columns, failures = self.columns(by)
+        except StoppedError:
+            raise
+        except PalpateError as error:
+            self.progress.note(f"warning: no intervals: {error}")
+            return []
+        wanted = [by] if joint_only else ended
+        return [each for case in wanted if (each := self._assessed(case, columns, failures))]
+
+    def planes(
+        self, assessed: Sequence[Assessed], design: Design, swept: Sequence[Simulation]
+    ) -> pl.DataFrame:
+        """Fopt of the joint fits in the planes of the parameters; empty where there is no emulator."""
+        try:
+            return planes_of_fits(assessed, design, swept, main=self.study.generalise_by)
+        except StoppedError:
+            raise
+        except (PalpateError, np.linalg.LinAlgError) as error:
+            self.progress.note(f"warning: no contours of Fopt: {error}")
+            return pl.DataFrame()
+
+    def _assessed(self, case: Case, columns: Columns, failures: Mapping[Cause, str]) -> Assessed | None:
+        try:
+            return self.assess(case, columns, failures)
+        except StoppedError:
+            raise
+        except (PalpateError, np.linalg.LinAlgError) as error:
+            where = f"{case.label}, scenario {case.scenario.name}"
+            self.progress.note(f"warning: no intervals for {where}: {error}")
+            return None
+
+    def columns(self, case: Case) -> tuple[Columns, dict[Cause, str]]:
+        """What one standard deviation of each cause adds to each curve, and why some have no derivative."""
+        assert case.end is not None
+        causes = causes_of(self.study, self.measured, [p.name for p in case.end.problem.parameters])
+        weighed = {channel_of(name) for each in self.study.scenarios for name in each.weighed}
+        found = dict.fromkeys(name for response in self.measured.values() for name in response)
+        columns, failures = columns_of(case.end, causes, [name for name in found if name in weighed])
+        for cause, why in failures.items():
+            self.progress.note(f"warning: intervals are without the cause '{cause.name}': {why}")
+        return columns, failures
+
+    def assess(self, case: Case, columns: Columns, failures: Mapping[Cause, str] = NONE) -> Assessed:
+        """Estimate noise and discrepancy of a case, and its covariance.
+
+        Parameters
+        ----------
+        case : Case
+        columns : Columns
+            Of the causes that could be simulated.
+        failures : mapping of Cause to str
+            Why the others could not.
+        """
+        end = case.end
+        assert end is not None
+        assert end.best is not None
+        residuals, jacobian, point = _at_end(end)
+        rows, channels = rows_of(end.problem.terms, residuals.size)
+        known = self._known(end, residuals, rows, columns)
+        groups = groups_of(rows)
+        of_points, points = residuals, rows
+        residuals, jacobian = groups @ residuals, groups @ jacobian
+        known = {name: groups @ part for name, part in known.items()}
+        rows = grouped(rows, groups)
+        if residuals.size <= point.size:
+            raise PalpateError(f"{residuals.size} measured points for {point.size} parameters; fix some")
+        expected = self.study.budget.discrepancy
+        every = np.concatenate(list(known.values()), axis=1)
+        errors = estimate(residuals, jacobian, every, rows, expected=expected)
+        parts = {NOISE: _root(errors.noise_covariance), DISCREPANCY: _root(errors.discrepancy_covariance)}
+        covariance = every @ every.T + errors.noise_covariance + errors.discrepancy_covariance
+        is_gls = self.study.budget.is_gls
+        of_all = laplace(point, residuals, jacobian, {**known, **parts}, is_gls=is_gls)
+        box, agrees = end.problem.box, None
+        if is_gls:
+            agrees = agreement(laplace(point, residuals, jacobian, {**known, **parts}), of_all)
+            point, noise_only = np.clip(of_all.centre, 0.0, 1.0), of_all.by(NOISE, PRIORS, RANGE)
+            values = box.lower + point * (box.upper - box.lower)
+        else:
+            values = box.values(end.best.point)
+            of_noise = {NOISE: parts[NOISE], PRIORS: known[PRIORS]}
+            noise_only = laplace(point, residuals, jacobian, of_noise)
+        missed = misfits(of_points, jacobian, covariance, every, points, groups)
+        found = checks(residuals, jacobian, covariance, rows, missed, expected, of_all.in_ranges, agrees)
+        return Assessed(
+            case=case,
+            end=end,
+            point=point,
+            values=values,
+            laplace=of_all,
+            noise_only=noise_only,
+            density=density_of(of_all, end.problem),
+            white=whitening(jacobian, covariance, groups),
+            errors=errors,
+            misfits=missed,
+            checks=(*found, *self._relaxation(case)),
+            channels=channels,
+            has_usual_mesh_error=self._has_usual_mesh_error(end),
+            left_out={
+                (c.of if c.kind == "fixed" else c.name): why
+                for c, why in failures.items()
+                if any(map(c.is_at, case.spots))
+            },
+        )
+
+    def _has_usual_mesh_error(self, end: Fit) -> bool:
+        """True if the mesh's error of a fitted channel is neither shown by a finer mesh nor stated."""
+        return self.study.solver.provides.mesh and any(
+            channel not in term.corrections and not is_stated(channel, self.study.budget.mesh)
+            for term in end.problem.terms
+            for channel in map(channel_of, term.weights)
+        )
+
+    def _relaxation(self, case: Case) -> Iterator[Check]:
+        """Check the rests of the case's spots, where any were measured."""
+        measured = {spot: self.measured[spot] for spot in case.spots}
+        if found := relaxation_of(measured, self.study.budget.gain):
+            yield Check(
+                name="relaxation",
+                channel=-1,
+                probability=found.probability,
+                is_failed=found.is_beyond,
+                message=found.sentence,
+            )
+
+    def _known(self, end: Fit, residuals: FloatArray, rows: Rows, columns: Columns) -> dict[str, FloatArray]:
+        """What each known cause makes of the residuals: (n, m), one standard deviation each."""
+        found = known_errors(self.study, self.measured, end.problem.terms, residuals, columns, self.meshes)
+        known = {
+            label: np.stack(list(columns.values()), axis=1)
+            for label, columns in found.items()
+            if any(np.any(each) for each in columns.values())
+        }
+        return known | {PRIORS: np.diag(np.where(rows.channel < 0, end.problem.noise, 0.0))}
+
+
+def _at_end(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Residuals, slopes per range, and values as shares of their ranges, where a fit has ended.
+
+    Curves are nearly linear in moduli, and not in the logarithms of these, which a search steps in.
+    """
+    found = fit.at_end()
+    assert found.residuals is not None
+    assert found.jacobian is not None
+    box = fit.problem.box
+    width = box.upper - box.lower
+    shares = (box.values(found.point) - box.lower) / width
+    return found.residuals, found.jacobian * width / box.rates(found.point), shares
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    values, vectors = np.linalg.eigh(covariance)
+    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root

@@ -1,0 +1,225 @@
+"""A fit with its covariance, and the tables of it."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from palpate.domain import FloatArray
+from palpate.fit.problem import Problem
+from palpate.fit.running import Fit
+from palpate.fit.spot_term import SpotTerm, pieces
+from palpate.fit.stage import Case
+from palpate.run.result import INCLUDED, CertaintyResult
+from palpate.stages.identifiability import UNCLEAR, word_of
+from palpate.study.reading import Study
+from palpate_certainty.adequacy import ALLOWED, Check, Misfit
+from palpate_certainty.curve_errors import CurveErrors
+from palpate_certainty.directions import directions
+from palpate_certainty.known_errors import MESH
+from palpate_certainty.laplace import Density, Laplace
+
+N_DRAWS = 200
+"""Draws from the density of a fit that are kept."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Assessed:
+    """A fit with its covariance.
+
+    Parameters
+    ----------
+    case : Case
+    end : Fit
+    point : (n_parameters,) array
+        Where it has ended, as shares of the ranges; with the ``gls`` estimator the most likely values.
+    values : (n_parameters,) array
+        The same, in the units of the parameters.
+    laplace, noise_only : Laplace
+        By all causes, and by the noise alone.
+    density : Density
+        By all causes, within the ranges and the filters.
+    white : (m, n) array
+        From the residuals to independent ones of variance 1, by all causes.
+    errors : CurveErrors
+    misfits : mapping of channel number to Misfit
+    checks : tuple of Check
+    channels : tuple of str
+        By their numbers.
+    has_usual_mesh_error : bool
+        A mesh's error is neither shown by a finer mesh nor stated by the study.
+    left_out : mapping of cause to str
+        Why a cause that may be wrong here is in no interval.
+    """
+
+    case: Case
+    end: Fit
+    point: FloatArray
+    values: FloatArray
+    laplace: Laplace
+    noise_only: Laplace
+    density: Density
+    white: FloatArray
+    errors: CurveErrors
+    misfits: Mapping[int, Misfit]
+    checks: tuple[Check, ...]
+    channels: tuple[str, ...]
+    has_usual_mesh_error: bool = False
+    left_out: Mapping[str, str] = field(default_factory=dict)
+
+
+def density_of(found: Laplace, problem: Problem) -> Density:
+    """What is left of a density within the ranges and the filters of a problem.
+
+    Raises
+    ------
+    PalpateError
+        Nothing is.
+    """
+    box = problem.box
+
+    def weights(shares: FloatArray) -> FloatArray:
+        # Before any curve each is spread evenly along its coordinate, as a search steps in it.
+        values = box.lower + (box.upper - box.lower) * shares
+        points = box.point(values)
+        rates = box.rates(points)
+        even: FloatArray = problem.accepts(points) / np.prod(rates / (box.upper - box.lower), axis=1)
+        return even
+
+    return found.within(weights)
+
+
+def certainty_result(assessed: Sequence[Assessed], study: Study) -> CertaintyResult:
+    """Put what was assessed into tables."""
+    return CertaintyResult(
+        intervals=_frame(row for each in assessed for row in _intervals(each)),
+        budget=_frame(row for each in assessed for row in _budget(each)),
+        directions=_frame(row for each in assessed for row in _directions(each)),
+        adequacy=_frame(row for each in assessed for row in _adequacy(each, study)),
+        draws=_frame(row for each in assessed for row in _draws(each)),
+    )
+
+
+def _frame(rows: Iterator[dict[str, Any]]) -> pl.DataFrame:
+    found = list(rows)
+    return pl.from_dicts(found, infer_schema_length=None) if found else pl.DataFrame()
+
+
+def _about(each: Assessed) -> dict[str, Any]:
+    return {"fit": each.case.label, "scenario": each.case.scenario.name}
+
+
+def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
+    box = each.end.problem.box
+    failed = bool(each.left_out) or any(check.is_failed for check in each.checks)
+    ends = [
+        box.lower + (box.upper - box.lower) * end
+        for of in (each.density, each.noise_only.within())
+        for end in of.interval(each.point)
+    ]
+    for i, parameter in enumerate(box.parameters):
+        value, (lower, upper, *of_noise) = float(each.values[i]), (float(end[i]) for end in ends)
+        over_value = (upper - lower) / abs(value) if value else np.inf
+        over_range = (upper - lower) / (parameter.upper - parameter.lower)
+        width = max(over_value if parameter.lower * parameter.upper > 0.0 else 0.0, over_range)
+        yield _about(each) | {
+            "parameter": parameter.name,
+            "unit": parameter.unit,
+            "value": value,
+            "lower": lower,
+            "upper": upper,
+            "noise_lower": of_noise[0],
+            "noise_upper": of_noise[1],
+            "relative_width": width,
+            "identifiability": UNCLEAR if failed or _is_mostly_mesh(each, i) else word_of(width),
+        }
+
+
+def _is_mostly_mesh(each: Assessed, parameter: int) -> bool:
+    """True if the usual error of a mesh is the largest cause of a parameter's interval."""
+    shares = {cause: float(share[parameter]) for cause, share in each.laplace.shares.items()}
+    return each.has_usual_mesh_error and max(shares, key=shares.__getitem__) == MESH
+
+
+def _budget(each: Assessed) -> Iterator[dict[str, Any]]:
+    box = each.end.problem.box
+    for i, name in enumerate(box.names):
+        sd = float(each.laplace.sd[i] * (box.upper - box.lower)[i])
+        shares = {cause: float(share[i]) for cause, share in each.laplace.shares.items()}
+        for cause, share in sorted(shares.items(), key=lambda item: -item[1]):
+            sd_of_cause = sd * float(np.sqrt(share))
+            row = _about(each) | {"parameter": name, "cause": cause}
+            yield row | {"share": share, "sd": sd_of_cause, "status": INCLUDED}
+        for cause, why in each.left_out.items():
+            yield _about(each) | {"parameter": name, "cause": cause, "share": None, "sd": None, "status": why}
+
+
+def _directions(each: Assessed) -> Iterator[dict[str, Any]]:
+    box, width = each.end.problem.box, each.end.problem.box.upper - each.end.problem.box.lower
+    for found in directions(box.names, each.values, width, each.laplace.covariance):
+        yield _about(each) | {
+            "combination": found.text,
+            "relative_width": found.relative_width,
+            "identifiability": word_of(found.relative_width),
+        }
+
+
+def _draws(each: Assessed) -> Iterator[dict[str, Any]]:
+    box = each.end.problem.box
+    for shares in each.density.draws(N_DRAWS):
+        values = box.lower + (box.upper - box.lower) * shares
+        yield _about(each) | dict(zip(box.names, values.tolist(), strict=True))
+
+
+def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
+    for check in each.checks:
+        channel = each.channels[check.channel] if check.channel >= 0 else None
+        said = {
+            "discrepancy": "" if channel is None else _missed(each, check.channel, study),
+            "spots": "the spots disagree on the parameters by more than their intervals",
+            "ranges": "the curves ask for parameters outside of their ranges",
+            "estimators": "the most likely values are farther from those of the least Fopt than the errors "
+            "allow that both rest on",
+            "relaxation": check.message,
+        }
+        yield _about(each) | {
+            "check": check.name,
+            "channel": channel,
+            "probability": check.probability,
+            "failed": check.is_failed,
+            "message": said[check.name] if check.is_failed else "",
+        }
+
+
+def _missed(each: Assessed, number: int, study: Study) -> str:
+    """Sentence on the largest difference of a channel: how large and where it is, and what explains it."""
+    name, misfit, terms = each.channels[number], each.misfits[number], each.end.problem.terms
+    spot, point = _place(terms, misfit.row)
+    curve, channel = spot.measured[name], study.channels.get(name)
+    x, y = ("", "") if channel is None else (channel.abscissa_label, channel.ordinate_label)
+    size = _quantity(y, misfit.share * float(np.abs(curve.ordinate).max()))
+    at_spot = f" of {spot.spot}" if len(terms) > 1 else ""
+    at = _quantity(x, float(curve.abscissa[point]), is_named=True)
+    allowed = ALLOWED * study.budget.discrepancy
+    return (
+        f"the {name} differs from the model by up to {100.0 * misfit.share:.2g} % of its peak "
+        f"({size}{at_spot} at {at}); noise and error budget leave {100.0 * misfit.unexplained:.2g} % "
+        f"unexplained, more than the {100.0 * allowed:.2g} % that the budget allows"
+    )
+
+
+def _place(terms: Sequence[SpotTerm], row: int) -> tuple[SpotTerm, int]:
+    """Spot of a residual, and the number of its point on the measured curve."""
+    term, name, at = next(
+        (term, name, at) for term, name, at, _ in pieces(terms) if at.start <= row < at.stop
+    )
+    return term, int(np.flatnonzero(term.counted(name))[row - at.start])
+
+
+def _quantity(label: str, value: float, *, is_named: bool = False) -> str:
+    """Value with the unit, and before it the name, of an axis such as ``indentation depth (mm)``."""
+    name, _, unit = label.removesuffix(")").partition(" (")
+    before, after = f"{name} " if name and is_named else "", f" {unit}" if unit else ""
+    return f"{before}{value:.3g}{after}"

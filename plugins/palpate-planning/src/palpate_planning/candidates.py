@@ -1,0 +1,232 @@
+"""Presses that may be made next: every combination of what the user allows."""
+
+import itertools
+import re
+import tempfile
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+
+from palpate.balanced_states import POSE, TIME
+from palpate.domain import Channel
+from palpate.errors import StudyError
+from palpate.plugins.catalogue import Plugins
+from palpate.study.reading import Study, read_study
+from palpate.units import convert
+from palpate_planning.presses import Press
+from palpate_planning.study_text import AddedPress, with_presses
+
+SHARES = (0.5, 0.75, 1.0)
+"""Depths that are tried, over that of the study, where the user names none."""
+
+MOST_PRESSES = 500
+"""Most candidates: each is simulated at several points."""
+
+
+PRESSURE = "pressure"
+"""Largest contact pressure, which is limited like a channel."""
+
+
+class Limit(NamedTuple):
+    """Most of something."""
+
+    most: float
+    unit: str
+
+
+class Allowed(BaseModel):
+    """What a file of candidates holds."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    spots: list[str] | None = Field(default=None, description="Names of spots; all if left out.")
+    protocol: dict[str, list[Any]] = Field(
+        default={},
+        description='Alternatives for each key of [spot.protocol], such as depth = ["5 mm", "10 mm"]; every '
+        "combination is a candidate.",
+    )
+    limits: dict[str, str] = Field(
+        default={}, description='Most of each channel, and pressure, with its unit, such as force = "30 N".'
+    )
+
+    _file: Path | None = PrivateAttr(None)
+
+    @property
+    def place(self) -> str:
+        """How a message about it begins."""
+        return f"{self._file}: " if self._file else ""
+
+
+def read_allowed(path: Path) -> Allowed:
+    """Read a file of candidates.
+
+    Raises
+    ------
+    StudyError
+        Naming the file and the key.
+    """
+    try:
+        allowed = Allowed.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        allowed._file = path
+        return allowed
+    except OSError as error:
+        raise StudyError(f"{path}: cannot be read ({error.strerror}); check the path") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise StudyError(f"{path}: invalid TOML: {error}; fix the syntax") from None
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(map(str, first["loc"]))
+        keys = ", ".join(Allowed.model_fields)
+        raise StudyError(f"{path}: {key}: {first['msg']}; a file of candidates has {keys}") from None
+
+
+def usual(study: Study) -> list[tuple[str, dict[str, Any]]]:
+    """Spots and keys of their protocols where nothing is said: shares of what each spot has.
+
+    That is half of the depth, three quarters and all of it, without a twist, with half of it and with all.
+    """
+    raw = tomllib.loads(study.file.read_text(encoding="utf-8-sig"))
+    found = []
+    for table in raw["spot"]:
+        own = {**raw.get("protocol", {}), **table.get("protocol", {})}
+        keys: dict[str, list[Any]] = {}
+        if "depth" in own:
+            depth = convert(own["depth"], "mm")
+            keys["depth"] = [f"{share * depth:g} mm" for share in SHARES]
+        if twist := [convert(angle, "deg") for angle in own.get("twist", [])]:
+            keys["twist"] = [[], *([f"{share * angle:g} deg" for angle in twist] for share in (0.5, 1.0))]
+        found += [(table["name"], each) for each in _combinations(keys)]
+    return found
+
+
+def limits_of(allowed: Allowed | None, study: Study, channels: Mapping[str, Channel]) -> dict[str, Limit]:
+    """Most of each channel, and of the pressure.
+
+    Raises
+    ------
+    StudyError
+        An unknown channel, a quantity that is none of its kind, or a solver that does not compute it.
+    """
+    found: dict[str, Limit] = {}
+    if allowed is None:
+        return found
+    units = {name: channel.units[1].replace("Nmm", "N*mm") for name, channel in channels.items()}
+    units[PRESSURE] = "MPa"
+    for name, given in allowed.limits.items():
+        if name not in units:
+            raise StudyError(f"{allowed.place}limits.{name}: no such channel (known: {', '.join(units)})")
+        if name == PRESSURE and not study.solver.provides.surface:
+            raise StudyError(
+                f"{allowed.place}limits.{name}: solver '{study.solver.name}' does not give the states of the "
+                "skin; use 'jax', or limit the force"
+            )
+        if name != PRESSURE and not study.solver.provides.computes(channels[name]):
+            raise StudyError(
+                f"{allowed.place}limits.{name}: solver '{study.solver.name}' does not compute this channel; "
+                "leave it out, or limit another one"
+            )
+        try:
+            found[name] = Limit(convert(given, units[name]), units[name])
+        except ValueError as error:
+            raise StudyError(f"{allowed.place}limits.{name}: {error}") from None
+    return found
+
+
+def limited_curves(study: Study, limits: Mapping[str, Limit]) -> dict[str, tuple[Channel, ...]]:
+    """Channels that a job observes for each limit: the ordinate along every part of a motion.
+
+    The curve of a channel has the states where its own abscissa moves: that of the force ends where a twist
+    begins. An ordinate of several columns may have no value elsewhere, and is limited there alone.
+    """
+    found = {}
+    for name in (each for each in limits if each != PRESSURE):
+        channel = study.channels[name]
+        along = (channel.abscissa,) if channel.observe else (*POSE, TIME)
+        every = [replace(channel, name=f"{name} by {each}", abscissa=each) for each in along]
+        found[name] = tuple(each for each in every if study.solver.provides.computes(each))
+    return found
+
+
+def candidates(study: Study, plugins: Plugins, allowed: Allowed | None) -> list[Press]:
+    """Every press that is allowed, as the study would have it; by itself shares of its own.
+
+    Raises
+    ------
+    StudyError
+        A spot that the study does not have, a key or quantity that it does not take, too many presses,
+        or a study of homogeneous tests.
+    """
+    if study.protocol is None:
+        raise StudyError(f"{study.file}: has no [protocol]; a further press needs one")
+    ways = usual(study) if allowed is None else list(_allowed_ways(study, allowed))
+    place = "" if allowed is None else allowed.place
+    if not 0 < len(ways) <= MOST_PRESSES:
+        raise StudyError(
+            f"{place}{len(ways)} candidates; allow 1 to {MOST_PRESSES} combinations of spots and keys"
+        )
+    names = _free_names(study, [spot for spot, _ in ways])
+    added = [
+        AddedPress(name=name, spot=spot, protocol=keys, measured=f"{name}.csv")
+        for name, (spot, keys) in zip(names, ways, strict=True)
+    ]
+    text = study.file.read_text(encoding="utf-8-sig")
+    try:
+        extended = _read(with_presses(text, added), study, plugins)
+    except StudyError as error:
+        wrong = dict.fromkeys(re.findall(r"protocol(?:\.| ).*", str(error)))
+        raise StudyError("\n".join(f"{place}{each}" for each in wrong or [str(error)])) from None
+    presses = []
+    for each in added:
+        protocol = extended.protocol_at(each.name)
+        assert protocol is not None
+        presses.append(Press(name=each.name, spot=each.spot, protocol=protocol, keys=each.protocol))
+    return presses
+
+
+def _read(text: str, study: Study, plugins: Plugins) -> Study:
+    """Read a study from a text, with the paths of another one."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "study.toml"
+        file.write_text(text, encoding="utf-8")
+        return read_study(file, plugins, need_measured=False, copy_of=study.file)
+
+
+def _allowed_ways(study: Study, allowed: Allowed) -> Iterator[tuple[str, dict[str, Any]]]:
+    for spot in allowed.spots or study.spot_names:
+        if spot not in study.spot_names:
+            raise StudyError(f"{allowed.place}spots: no spot '{spot}' (known: {', '.join(study.spot_names)})")
+        for keys in _combinations(allowed.protocol):
+            yield spot, keys
+
+
+def described(press: Press) -> str:
+    """What is done at a press, in words of the study file."""
+    return ", ".join(f"{key} {_written(value)}" for key, value in press.keys.items()) or "as in the study"
+
+
+def _written(value: object) -> str:
+    if isinstance(value, list):
+        return "/".join(map(_written, value)) or "none"
+    if isinstance(value, dict):
+        return " ".join(_written(each) for each in value.values())
+    return str(value)
+
+
+def _combinations(protocol: Mapping[str, Sequence[Any]]) -> Iterator[dict[str, Any]]:
+    for values in itertools.product(*protocol.values()):
+        yield dict(zip(protocol, values, strict=True))
+
+
+def _free_names(study: Study, spots: Sequence[str]) -> list[str]:
+    """Name of each press: its spot and a number, none of them that of a spot."""
+    taken, names = set(study.spot_names), []
+    for spot in spots:
+        number = itertools.count(1)
+        name = next(name for i in number if (name := f"{spot}-{i}") not in taken)
+        taken.add(name)
+        names.append(name)
+    return names

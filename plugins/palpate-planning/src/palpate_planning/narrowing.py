@@ -1,0 +1,222 @@
+"""Which further presses narrow an interval most, one after the other."""
+
+import functools
+import operator
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate.domain import FloatArray, Parameter
+from palpate.errors import StudyError
+from palpate.run.result import LEVEL
+from palpate_certainty.laplace import N_DRAWS, RANGE_SD, Density, Laplace
+from palpate_planning.evidence import Evidence
+from palpate_planning.presses import SimulatedPress
+from palpate_planning.tool_force import ToolForce
+
+ALL, WORST, PREDICTION = "all", "worst", "prediction"
+"""Goals: the volume of the joint region, the relative width of the parameter that is known least, and the
+force of a tool."""
+
+MOST_WIDER = 1.1
+"""Width of an interval, over that before, up to which a press counts as one that widens none."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Goal:
+    """What is to become narrower.
+
+    Parameters
+    ----------
+    name : str
+        ``all``, ``worst``, ``prediction`` or the name of a parameter.
+    parameters : tuple of Parameter
+        Those that all presses share.
+    values : (n_parameters,) array
+        Where the fit has ended.
+    predicted : tuple of ToolForce
+        What is predicted; relative widths of several count alike.
+    """
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    values: FloatArray
+    predicted: tuple[ToolForce, ...] = ()
+
+    def __post_init__(self) -> None:
+        check_goal(self.name, self.parameters)
+
+    def width(self, covariance: FloatArray) -> float:
+        """Width to be narrowed, in some unit, of a covariance (n, n) in shares of the ranges."""
+        ranges = np.array([p.upper - p.lower for p in self.parameters])
+        sds = np.sqrt(np.diag(covariance)) * ranges
+        if self.name == PREDICTION:
+            along = np.stack([each.gradient for each in self.predicted]) * ranges
+            return float(np.sqrt(np.mean(np.sum(along @ covariance * along, axis=1))))
+        if self.name == ALL:
+            return float(np.exp(0.5 * np.linalg.slogdet(covariance)[1] / len(covariance)))
+        if self.name == WORST:
+            return float((sds / np.maximum(np.abs(self.values), 1e-3 * ranges)).max())
+        return float(sds[[p.name for p in self.parameters].index(self.name)])
+
+
+def check_goal(name: str, parameters: Sequence[Parameter]) -> None:
+    """Refuse a goal that these parameters do not have.
+
+    Raises
+    ------
+    StudyError
+    """
+    known = [ALL, WORST, *(p.name for p in parameters)]
+    if name not in (*known, PREDICTION):
+        raise StudyError(
+            f"'{name}' is nothing to narrow; name one of {', '.join(known)}, or {PREDICTION} with a tool"
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Narrowing:
+    """What a press is expected to do.
+
+    Parameters
+    ----------
+    press : SimulatedPress
+    goal : float
+        Width of the goal over that before the press, in the mean over the points.
+    widths : (n_parameters,) array
+        Of each parameter, likewise.
+    covariance : (n_parameters, n_parameters) array
+        After it, at the first point, as :attr:`Plan.covariance` is.
+    """
+
+    press: SimulatedPress
+    goal: float
+    widths: FloatArray
+    covariance: FloatArray
+
+
+class Plan:
+    """Presses so far, to which the ones that narrow most are added.
+
+    Parameters
+    ----------
+    so_far : sequence of SimulatedPress
+    goal : Goal
+    known : Evidence
+        Of no press: what priors tell.
+    n_points : int
+    """
+
+    def __init__(self, so_far: Sequence[SimulatedPress], goal: Goal, known: Evidence, n_points: int) -> None:
+        self.goal = goal
+        self._times: dict[str, int] = {}
+        self._evidence = [
+            functools.reduce(operator.add, (each.at[k].evidence for each in so_far), known)
+            for k in range(n_points)
+        ]
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (n_parameters, n_parameters) at the first point, in shares of the ranges.
+
+        It knows little of the ranges, as that of a fit: :class:`Expected` cuts it off at them.
+        """
+        return self._evidence[0].covariance(RANGE_SD)
+
+    def ranked(self, presses: Sequence[SimulatedPress]) -> list[Narrowing]:
+        """What each of these presses would do next, the best first; last those that widen an interval.
+
+        Fopt weighs every press alike, so that one that shows a parameter badly may widen its interval.
+        """
+        before = [evidence.covariance() for evidence in self._evidence]
+        found = [self._narrowing(each, before) for each in presses if each.at]
+        return sorted(found, key=lambda each: (each.widths.max() > MOST_WIDER, each.goal))
+
+    def add(self, press: SimulatedPress) -> None:
+        """Make a press part of what is known."""
+        self._evidence = self._with(press)
+        self._times[press.press.name] = self._times.get(press.press.name, 0) + 1
+
+    def _with(self, press: SimulatedPress) -> list[Evidence]:
+        name = press.press.name
+        times = self._times.get(name, 0)
+        added = [at.evidence.again(name, times) if times else at.evidence for at in press.at]
+        return [known + more for known, more in zip(self._evidence, added, strict=True)]
+
+    def _narrowing(self, press: SimulatedPress, before: Sequence[FloatArray]) -> Narrowing:
+        evidence = self._with(press)
+        after = [each.covariance() for each in evidence]
+        pairs = list(zip(before, after, strict=True))
+        widths = [np.sqrt(np.diag(new) / np.diag(old)) for old, new in pairs]
+        goals = [self.goal.width(new) / self.goal.width(old) for old, new in pairs]
+        return Narrowing(
+            press=press,
+            goal=float(np.mean(goals)),
+            widths=np.mean(widths, axis=0),
+            covariance=evidence[0].covariance(RANGE_SD),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Expected:
+    """Density of the parameters that presses share: that of the fit now, as further presses narrow it.
+
+    Parameters
+    ----------
+    fit : Laplace
+        Of all parameters of the fit.
+    within : callable
+        Cuts it off at ranges and filters.
+    shared : sequence of int
+        Numbers of the parameters that all presses share.
+    before : (n_shared, n_shared) array
+        Covariance of these by the presses so far, as planned: nearly that of the fit.
+    """
+
+    fit: Laplace
+    within: Callable[[Laplace], Density]
+    shared: Sequence[int]
+    before: FloatArray
+
+    def after(self, covariance: FloatArray) -> Density:
+        """Density after presses that change the planned covariance to this one (n_shared, n_shared).
+
+        The fit's changes as the planned one does, so that nothing planned leaves the density of the fit. What
+        belongs to one spot stays as it is, given what all share.
+        """
+        here = np.ix_(self.shared, self.shared)
+        known = self.fit.covariance[here]
+        change = np.linalg.cholesky(known) @ np.linalg.inv(np.linalg.cholesky(self.before))
+        given = np.linalg.solve(known, self.fit.covariance[self.shared]).T
+        full = self.fit.covariance + given @ (change @ covariance @ change.T - known) @ given.T
+        symmetric = (full + full.T) / 2.0
+        return self.within(replace(self.fit, covariance=symmetric, parts={})).of(self.shared)
+
+
+def interval(goal: Goal, density: Density) -> tuple[FloatArray, FloatArray]:
+    """Ends (n_parameters,) of the 95 % intervals, with the goal's values inside."""
+    lower, width = _ranges(goal)
+    ends = density.interval(shares_of(goal))
+    return lower + width * ends[0], lower + width * ends[1]
+
+
+def bands(goal: Goal, density: Density) -> tuple[FloatArray, FloatArray]:
+    """Ends (n_predicted,) of the 95 % bands of what is predicted [N], by its gradient."""
+    lower, width = _ranges(goal)
+    drawn = lower + width * density.draws(N_DRAWS) - goal.values
+    forces = [each.force_N * (1.0 + drawn @ each.gradient) for each in goal.predicted]
+    ends = np.quantile(np.array(forces).reshape(-1, N_DRAWS), [0.5 - LEVEL / 2.0, 0.5 + LEVEL / 2.0], axis=1)
+    return ends[0], ends[1]
+
+
+def shares_of(goal: Goal) -> FloatArray:
+    """Goal's values (n_parameters,) as shares of the ranges."""
+    lower, width = _ranges(goal)
+    return (goal.values - lower) / width
+
+
+def _ranges(goal: Goal) -> tuple[FloatArray, FloatArray]:
+    """Lower end and width (n_parameters,) of the ranges."""
+    lower, upper = (np.array([getattr(p, end) for p in goal.parameters]) for end in ("lower", "upper"))
+    return lower, upper - lower

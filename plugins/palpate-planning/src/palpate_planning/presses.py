@@ -1,0 +1,380 @@
+"""Presses, made or only thought of: simulated at likely parameters, and what each would tell."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.domain import (
+    Channel,
+    Curve,
+    FloatArray,
+    Job,
+    Protocol,
+    Response,
+    Scenario,
+    Simulation,
+    Status,
+    channel_of,
+)
+from palpate.errors import PalpateError
+from palpate.fit.problem import Problem
+from palpate.fit.running import Fit
+from palpate.fit.spot_term import Correction, SpotTerm
+from palpate.plugins.search import Evaluation, Trial
+from palpate.study.reading import Study
+from palpate_certainty.causes import Columns, causes_of, columns_of
+from palpate_certainty.known_errors import known_errors
+from palpate_certainty.laplace import Laplace
+from palpate_certainty.mesh_error import SpotMesh
+from palpate_certainty.rows import grouped, groups_of, path_of, rows_of
+from palpate_planning.evidence import ErrorSizes, Evidence, evidence_of
+
+USUAL_POINTS = 100
+"""Points of a curve where no measured one shows how many there are."""
+
+OF_ONE_PRESS = ("onset", "tilt", "zero")
+"""Causes that are drawn again with each press."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Press:
+    """A press that could be made at a spot of a study.
+
+    Parameters
+    ----------
+    name : str
+    spot : str
+    protocol : Protocol
+    keys : mapping
+        Keys of ``[spot.protocol]`` that state it in a study.
+    """
+
+    name: str
+    spot: str
+    protocol: Protocol
+    keys: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class DesignProblem:
+    """What is known before a further press.
+
+    Parameters
+    ----------
+    study : Study
+    scenario : Scenario
+    problem : Problem
+        The joint fit of the presses so far in this scenario.
+    measured : mapping of spot name to Response
+    errors : ErrorSizes
+    columns : Columns
+        What causes add to the presses so far.
+    refinement : mapping of spot name to float
+        As for :func:`~palpate_certainty.known_errors.known_errors`.
+    estimate : (n_parameters,) array, optional
+        Values of the fit; by default those at the first point.
+    laplace : Laplace, optional
+        Density of the fit; None before any press.
+    limited : mapping of channel to tuple of Channel
+        Further curves of candidates, for the largest ordinate of a channel along the whole motion.
+    """
+
+    study: Study
+    scenario: Scenario
+    problem: Problem
+    measured: Mapping[str, Response]
+    errors: ErrorSizes
+    columns: Columns = field(default_factory=dict)
+    meshes: Mapping[str, SpotMesh] = field(default_factory=dict)
+    estimate: FloatArray | None = None
+    laplace: Laplace | None = None
+    limited: Mapping[str, tuple[Channel, ...]] = field(default_factory=dict)
+
+    @property
+    def shared(self) -> list[int]:
+        """Numbers of the searched values that all presses share; the others belong to one spot."""
+        return [i for i, name in enumerate(self.problem.names) if "@" not in name]
+
+    def term(self, spot: str) -> SpotTerm:
+        """Term of the press so far at a spot, or of the first that there is."""
+        return next((t for t in self.problem.terms if t.spot == spot), self.problem.terms[0])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PressAtPoint:
+    """A press at one point of the parameters.
+
+    Parameters
+    ----------
+    evidence : Evidence
+    peaks : mapping of channel to float
+        Largest ordinates, and the largest ``pressure`` [MPa] where it was asked for; of a candidate.
+    """
+
+    evidence: Evidence
+    peaks: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SimulatedPress:
+    """A press at every point (``at``), or why it cannot be made (``failure``)."""
+
+    press: Press
+    at: tuple[PressAtPoint, ...] = ()
+    failure: str = ""
+
+    @property
+    def peaks(self) -> dict[str, float]:
+        """Largest ordinate of each channel at any of the points."""
+        names = dict.fromkeys(name for each in self.at for name in each.peaks)
+        return {name: max(each.peaks.get(name, 0.0) for each in self.at) for name in names}
+
+
+class _Stated(NamedTuple):
+    """A problem with simulated curves as measured, and the largest ordinate of each channel."""
+
+    problem: Problem
+    peaks: Mapping[str, float]
+
+
+def presses_so_far(design: DesignProblem, points: FloatArray) -> tuple[list[SimulatedPress], FloatArray]:
+    """What the presses of the fit tell, at points (n_points, n_parameters) of the box of the fit.
+
+    Returns
+    -------
+    list of SimulatedPress
+    points : (n, n_parameters) array
+        Those at which every press can be simulated; the first is among them.
+
+    Raises
+    ------
+    PalpateError
+        A press cannot be simulated at the first point.
+    """
+    terms = design.problem.terms
+    problems = [design.problem.restated([term]) for term in terms]
+    asked = [(problem, point_in(design, problem, point)) for problem in problems for point in points]
+    found = np.array(slopes_of(asked), dtype=object).reshape(len(terms), len(points))
+    ended = np.array([[each.jacobian is not None for each in row] for row in found])
+    if failed := [i for i in range(len(terms)) if not ended[i, 0]]:
+        raise PalpateError(f"spot '{terms[failed[0]].spot}': {found[failed[0], 0].failure}")
+    used = np.flatnonzero(ended.all(axis=0))
+    simulated = []
+    for term, problem, row in zip(terms, problems, found, strict=True):
+        press = Press(name=term.spot, spot=term.spot, protocol=term.protocol)
+        found_at = [_evidence(design, press, problem, row[k], design.columns) for k in used]
+        at = tuple(PressAtPoint(evidence=evidence) for evidence in found_at)
+        simulated.append(SimulatedPress(press=press, at=at))
+    return simulated, points[used]
+
+
+def simulated_presses(
+    design: DesignProblem, presses: Sequence[Press], points: FloatArray
+) -> list[SimulatedPress]:
+    """Simulate presses at points (n_points, n_parameters) of the box; causes are taken at the first."""
+    problems = _stated(design, presses, points)
+    whole = {press: found for press, found in problems.items() if not isinstance(found, str)}
+    evaluated = iter(
+        slopes_of(
+            [
+                (each.problem, point_in(design, each.problem, p))
+                for found in whole.values()
+                for each, p in zip(found, points, strict=True)
+            ]
+        )
+    )
+    results = {}
+    for press, found in whole.items():
+        ended = [next(evaluated) for _ in points]
+        results[press] = _simulated(design, press, found, ended)
+    return [
+        results[press] if press in results else SimulatedPress(press=press, failure=str(problems[press]))
+        for press in presses
+    ]
+
+
+def _simulated(
+    design: DesignProblem, press: Press, stated: Sequence[_Stated], ended: Sequence[Evaluation]
+) -> SimulatedPress:
+    if failure := next((each.failure for each in ended if each.jacobian is None), ""):
+        return SimulatedPress(press=press, failure=failure)
+    try:
+        columns = _columns(design, stated[0].problem, ended[0])
+    except PalpateError as error:
+        return SimulatedPress(press=press, failure=str(error))
+    at = []
+    for (problem, peaks), each in zip(stated, ended, strict=True):
+        scaled = {
+            (spot, name): {
+                cause: _as_large(column, problem, stated[0].problem, name) for cause, column in of.items()
+            }
+            for (spot, name), of in columns.items()
+        }
+        evidence = _evidence(design, press, problem, each, scaled)
+        at.append(PressAtPoint(evidence=evidence, peaks=peaks))
+    return SimulatedPress(press=press, at=tuple(at))
+
+
+def _as_large(column: FloatArray, problem: Problem, first: Problem, channel: str) -> FloatArray:
+    """What a cause adds to a curve that is larger or smaller than at the first point."""
+    here, there = (np.abs(p.terms[0].measured[channel].ordinate).max() for p in (problem, first))
+    scaled: FloatArray = column * (here / there)
+    return scaled
+
+
+def _stated(
+    design: DesignProblem, presses: Sequence[Press], points: FloatArray
+) -> dict[Press, list[_Stated] | str]:
+    """State a problem for each press and point, its simulated curves as measured; or why there is none."""
+    bare = {press: bare_problem(design, press) for press in presses}
+    jobs = [job_of(design, problem, point) for problem in bare.values() for point in points]
+    ended = iter(design.problem.simulate(jobs))
+    found: dict[Press, list[_Stated] | str] = {}
+    for press, problem in bare.items():
+        stated = []
+        for simulation in [next(ended) for _ in points]:
+            # A partial curve ends before its peak, so that it would pass any limit.
+            if simulation.response is None or simulation.status is not Status.OK:
+                found[press] = f"{simulation.status}: {simulation.message or simulation.status.remedy}"
+                break
+            as_measured = _as_measured(design, press, simulation)
+            restated = problem.restated([_term(design, press, as_measured)])
+            stated.append(_Stated(restated, _peaks(design, simulation.response)))
+        else:
+            found[press] = stated
+            if not stated[0].problem.terms[0].weights:
+                found[press] = f"it shows no channel of scenario '{design.scenario.name}'"
+    return found
+
+
+def _peaks(design: DesignProblem, response: Response) -> dict[str, float]:
+    """Largest ordinate of each channel, and of a limited one along the whole motion."""
+    channel_of_curve = {each.name: name for name, of in design.limited.items() for each in of}
+    found: dict[str, float] = {}
+    for name, curve in response.curves.items():
+        channel = channel_of_curve.get(name, name)
+        found[channel] = max(found.get(channel, 0.0), float(np.abs(curve.ordinate).max()))
+    return found
+
+
+def bare_problem(design: DesignProblem, press: Press) -> Problem:
+    """State the problem of a press without any measured curve."""
+    return design.problem.restated([_term(design, press, Response(curves={}))])
+
+
+def job_of(design: DesignProblem, problem: Problem, point: FloatArray) -> Job:
+    """Make the job of a problem of one term, at a point (n_parameters,) of the box of the fit."""
+    (term,) = problem.terms
+    inputs = problem.inputs(term.spot, point_in(design, problem, point))
+    return term.job(inputs, -1, slopes=design.study.solver.provides.slopes, fine=False)
+
+
+def point_in(design: DesignProblem, problem: Problem, point: FloatArray) -> FloatArray:
+    """Find a point of the box of the fit in that of another problem, by the names of the values."""
+    values = dict(zip(design.problem.names, design.problem.box.values(point).tolist(), strict=True))
+    return problem.point_of(values)
+
+
+def _term(design: DesignProblem, press: Press, measured: Response) -> SpotTerm:
+    like = design.term(press.spot)
+    weights = {n: w for n, w in design.scenario.weighed.items() if channel_of(n) in measured.curves}
+    corrections = {name: _as_of(like, name, curve) for name, curve in measured.curves.items()}
+    return replace(
+        like,
+        spot=press.spot,
+        protocol=press.protocol,
+        measured=measured,
+        weights=weights,
+        corrections={name: each for name, each in corrections.items() if each is not None},
+        channels=(*like.channels, *(each for of in design.limited.values() for each in of)),
+    )
+
+
+def _as_of(like: SpotTerm, channel: str, curve: Curve) -> Correction | None:
+    """Correction of a planned curve: that of the press so far, along the path and relative to its size."""
+    if channel not in like.corrections:
+        return None
+    known = like.corrections[channel]
+    there, here = (path_of(each.abscissa) for each in (like.measured[channel], curve))
+    added = np.interp(here / here[-1], there / there[-1], known.added)
+    there_size, here_size = (np.sqrt(np.nanmean(y**2)) for y in (known.coarse, curve.ordinate))
+    return Correction(added=added * here_size / there_size, coarse=curve.ordinate)
+
+
+def _as_measured(design: DesignProblem, press: Press, simulation: Simulation) -> Response:
+    """Simulated curves as they would be measured: with as many points as those of the spot have."""
+    assert simulation.response is not None
+    known = design.measured.get(press.spot) or next(iter(design.measured.values()), Response(curves={}))
+    curves, further = {}, {each.name for of in design.limited.values() for each in of}
+    for name, curve in simulation.response.curves.items():
+        if name in further:
+            continue
+        n = known[name].abscissa.size if name in known.curves else USUAL_POINTS
+        path = path_of(curve.abscissa)
+        along = np.linspace(0.0, path[-1], max(n, path.size))
+        curves[name] = Curve(
+            channel=name,
+            abscissa=np.interp(along, path, curve.abscissa),
+            ordinate=np.interp(along, path, curve.ordinate),
+        )
+    return Response(curves=curves, record=known.record)
+
+
+def slopes_of(asked: Sequence[tuple[Problem, FloatArray]]) -> list[Evaluation]:
+    """Evaluate a point of each problem with slopes; what all of them need is simulated side by side."""
+    jobs: list[Job] = []
+    finishing = [problem.begin([Trial(point=point, slopes=True)], jobs) for problem, point in asked]
+    ended = asked[0][0].simulate(jobs) if asked else []
+    return [finish(ended)[0] for finish in finishing]
+
+
+def _columns(design: DesignProblem, problem: Problem, evaluation: Evaluation) -> Columns:
+    measured = {term.spot: term.measured for term in problem.terms}
+    causes = causes_of(design.study, {**design.measured, **measured}, problem.names)
+    here = [cause for cause in causes if any(cause.is_at(term.spot) for term in problem.terms)]
+    channels = dict.fromkeys(name for response in measured.values() for name in response)
+    fit = Fit(problem, evaluation.point, best=evaluation)
+    columns, failures = columns_of(fit, here, [name for name in channels if design.scenario.fits(name)])
+    for cause, why in failures.items():
+        raise PalpateError(f"{cause.name}: {why}")
+    return columns
+
+
+def _evidence(
+    design: DesignProblem, press: Press, problem: Problem, evaluation: Evaluation, columns: Columns
+) -> Evidence:
+    (term,) = problem.terms
+    assert evaluation.residuals is not None
+    assert evaluation.jacobian is not None
+    n = term.n_points
+    box = problem.box
+    slopes = (evaluation.jacobian * (box.upper - box.lower) / box.rates(evaluation.point))[:n]
+    rows, channels = rows_of([term], n)
+    groups = groups_of(rows)
+    measured = {**design.measured, term.spot: term.measured}
+    found = known_errors(design.study, measured, [term], evaluation.residuals[:n], columns, design.meshes)
+    known = {
+        _shared_name(label, name, press): groups @ column
+        for label, of_label in found.items()
+        for name, column in of_label.items()
+        if column.any()
+    }
+    own = [i for i, name in enumerate(problem.names) if "@" in name]
+    kept = [i for i, name in enumerate(problem.names) if "@" not in name]
+    return evidence_of(
+        groups @ slopes[:, kept],
+        groups @ slopes[:, own],
+        grouped(rows, groups),
+        known,
+        design.errors,
+        channels=channels,
+        site=term.site,
+        is_gls=design.study.budget.is_gls,
+    )
+
+
+def _shared_name(label: str, name: str, press: Press) -> str:
+    """Name of a cause among all presses, with that of the press where no other shares it."""
+    return f"{label}: {name} of {press.name}" if label in OF_ONE_PRESS else f"{label}: {name}"

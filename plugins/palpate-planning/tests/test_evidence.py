@@ -1,0 +1,169 @@
+"""Evidence adds up to the covariance of the joint fit."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from palpate.domain import Curve
+from palpate.fit.spot_term import Correction
+from palpate_certainty.laplace import Laplace, laplace
+from palpate_certainty.rows import Rows
+from palpate_planning.evidence import ErrorSizes, FoptEvidence, evidence_of
+from palpate_planning.narrowing import Expected
+from palpate_planning.presses import _as_of
+
+ERRORS = ErrorSizes(
+    noise={"force": 0.01, "torque": 0.02},
+    discrepancy={"force": 0.005, "torque": 0.01},
+    correlations={(0.0, 0.35): 0.5, (1.0, 0.8): 0.5},
+)
+
+
+def _press(rng, n=24, span=1.0):
+    """Slopes, rows and causes of a press with two channels of n points each."""
+    slopes = rng.normal(size=(2 * n, 3)) + np.linspace(0.0, 3.0, 2 * n)[:, None]
+    rows = Rows(
+        spot=np.zeros(2 * n, dtype=int),
+        site=np.zeros(2 * n, dtype=int),
+        channel=np.repeat([0, 1], n),
+        point=np.tile(np.arange(n, dtype=float), 2),
+        path=np.tile(np.linspace(0.0, span, n), 2),
+        scale=np.full(2 * n, 0.3),
+        envelope=np.tile(np.linspace(0.0, 0.3, n), 2),
+    )
+    known = {
+        "gain: force": rng.normal(size=2 * n) * 0.01,
+        "onset: onset of p1": rng.normal(size=2 * n) * 0.01,
+    }
+    return slopes, rows, known
+
+
+def _evidence(press, site, is_gls):
+    slopes, rows, known = press
+    return evidence_of(
+        slopes,
+        np.zeros((len(slopes), 0)),
+        rows,
+        known,
+        ERRORS,
+        channels=("force", "torque"),
+        site=site,
+        is_gls=is_gls,
+    )
+
+
+@settings(max_examples=10)
+@given(seed=st.integers(0, 10_000), same=st.booleans())
+def test_rows_that_are_added_are_those_of_direct_inverse(seed, same):
+    rng = np.random.default_rng(seed)
+    sites = ["p1", "p1" if same else "p2", "p1"]
+    spans = [1.0, 1.0, 2.0]
+    each = [_evidence(_press(rng, span=span), site, True) for span, site in zip(spans, sites, strict=True)]
+    each[2] = each[2].again("p1", 1)
+    found = (each[0] + each[1] + each[2]).covariance(range_sd=1.0)
+    # Every cause as one more parameter, with a prior of variance 1: one inverse of all of them.
+    widths = {}
+    for press in each:
+        for name, part in press.causes[0].items():
+            widths[name] = max(widths.get(name, 0), part.shape[1])
+    rows = []
+    for press in each:
+        (causes,) = press.causes
+        n = len(press.root)
+        padded = [
+            np.pad(part, ((0, 0), (0, m - part.shape[1])))
+            for name, m in widths.items()
+            for part in [causes.get(name, np.zeros((n, 0)))]
+        ]
+        rows.append(np.concatenate([press.root @ press.scores, *padded], axis=1))
+    every = np.concatenate(rows)
+    expected = np.linalg.inv(every.T @ every + np.eye(every.shape[1]))[:3, :3]
+    assert found == pytest.approx(expected, rel=1e-6)
+
+
+def _of_joint_fit(presses, sites, is_gls):
+    """Covariance by the residuals of all presses together."""
+    slopes = np.concatenate([press[0] for press in presses])
+    rows = [press[1] for press in presses]
+    names = ("channel", "point", "path", "scale", "envelope")
+    joined = {name: np.concatenate([getattr(each, name) for each in rows]) for name in names}
+    number = np.repeat(np.arange(len(presses)), [len(press[0]) for press in presses])
+    place = np.array([sorted(set(sites)).index(site) for site in sites])[number]
+    together = Rows(spot=number, site=place, **joined)
+    covariance = np.zeros((len(slopes),) * 2)
+    for i, channel in enumerate(("force", "torque")):
+        for (points, length), probability in ERRORS.correlations.items():
+            covariance += probability * ERRORS.noise[channel] ** 2 * together.noise(i, points)
+            covariance += probability * ERRORS.discrepancy[channel] ** 2 * together.discrepancy(i, length)
+    values, vectors = np.linalg.eigh(covariance)
+    causes = {"errors": vectors * np.sqrt(np.maximum(values, 0.0))}
+    for name in presses[0][2]:
+        causes[name] = np.concatenate([press[2][name] for press in presses])[:, None]
+    return laplace(np.full(3, 0.5), np.zeros(len(slopes)), slopes, causes, is_gls=is_gls).covariance
+
+
+@given(
+    seed=st.integers(0, 10_000),
+    same=st.booleans(),
+    span=st.sampled_from([1.0, 2.0]),
+    is_gls=st.booleans(),
+)
+def test_sum_is_covariance_of_joint_fit(seed, same, span, is_gls):
+    rng = np.random.default_rng(seed)
+    presses = [_press(rng), _press(rng, span=span)]
+    sites = ["p1", "p1" if same else "p2"]
+    one, two = (_evidence(press, site, is_gls) for press, site in zip(presses, sites, strict=True))
+    found = (one + two).covariance(range_sd=1.0)
+    expected = _of_joint_fit(presses, sites, is_gls)
+    sizes = np.sqrt(np.diag(expected))
+    assert np.abs(found - expected).max() <= 0.02 * np.outer(sizes, sizes).max()
+    assert np.sqrt(np.diag(found)) == pytest.approx(sizes, rel=0.02)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_a_repeated_press_leaves_the_part_of_the_mesh_as_it_is(seed):
+    """Both err alike: a coarse mesh is too stiff, so that what the finer one adds is below zero."""
+    rng = np.random.default_rng(seed)
+    depths = np.linspace(0.5, 10.0, 20)
+    slopes = np.cumsum(rng.random((20, 3)), axis=0) ** [[1.0, 1.5, 2.0]]
+    coarse = slopes @ [1.0, 0.3, 0.1]
+    correction = Correction(added=-(0.03 + 0.01 * rng.random(20)) * coarse, coarse=coarse)
+    curve = Curve(channel="force", abscissa=depths, ordinate=1.02 * coarse)
+    term = SimpleNamespace(corrections={"force": correction}, measured={"force": curve})
+
+    def evidence(added):
+        return FoptEvidence(
+            information=slopes.T @ slopes,
+            noise=1e-9 * slopes.T @ slopes,  # next to nothing
+            causes={"mesh: ": (slopes.T @ added)[:, None]},
+        )
+
+    once = evidence(correction.at(curve.ordinate))
+    again = evidence(_as_of(term, "force", curve).at(curve.ordinate))
+    expected, found = once.covariance(1e6), (once + again).covariance(1e6)  # no prior
+    sizes = np.sqrt(np.diag(expected))
+    assert np.abs(found - expected).max() <= 1e-3 * np.outer(sizes, sizes).max()
+
+
+@given(seed=st.integers(0, 10_000), shrunk=st.floats(0.1, 1.0))
+def test_expected_density_begins_at_the_fit_and_leaves_what_is_of_one_spot(seed, shrunk):
+    """Given what all presses share, a further press tells nothing of another one's onset."""
+    rng, shared = np.random.default_rng(seed), [0, 2]
+    root = rng.normal(size=(3, 3)) + 3.0 * np.eye(3)
+    fit = Laplace(centre=rng.uniform(size=3), covariance=root @ root.T, parts={})
+    planned = fit.covariance[np.ix_(shared, shared)] + 0.1 * np.eye(2)
+    found = []
+    expected = Expected(
+        fit=fit, within=lambda each: found.append(each) or each.within(), shared=shared, before=planned
+    )
+    assert expected.after(planned).points.shape[1] == 2
+    expected.after(shrunk * planned)
+    now, later = (each.covariance for each in found)
+    np.testing.assert_allclose(now, fit.covariance, rtol=1e-9)
+    both = np.ix_(shared, shared)
+    np.testing.assert_allclose(later[both], shrunk * now[both], rtol=1e-9)
+    for each in (now, later):
+        own = each[1, 1] - each[1, shared] @ np.linalg.solve(each[both], each[shared, 1])
+        np.testing.assert_allclose(own, 1.0 / np.linalg.inv(fit.covariance)[1, 1], rtol=1e-6)

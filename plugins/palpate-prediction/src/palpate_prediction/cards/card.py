@@ -1,0 +1,165 @@
+"""What a card shows of a fitted material, whatever the program."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from palpate.domain import FloatArray, Parameter
+from palpate.errors import MaterialError
+from palpate.plugins.energy_form import EnergyForm, StandardMaterial
+from palpate.plugins.interfaces import Material
+from palpate_report.marks import explained, mark_of
+
+DENSITY_T_PER_MM3 = 1e-9
+"""Density of water, for programs that ask for one; nothing of it is fitted."""
+
+VOLUMES = (0.95, 1.05)
+"""Relative volumes at which pressures are compared where those of the experiment are unknown."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CardData:
+    """A fitted material of one region.
+
+    Parameters
+    ----------
+    title : str
+        Study, region, and where the values come from.
+    region : str
+    material : Material
+    theta : (n_parameters,) array
+        Textbook values.
+    intervals : mapping of parameter to (lower, upper)
+        95 % intervals of the parameters that have one, in their units.
+    strain : mapping
+        Ends of what the experiment reached: ``stretch_min``, ``stretch_max``, ``i1_max``, ``J_min`` and
+        ``J_max``; empty where that is not known.
+    origins : mapping of parameter to str
+        Where its value is from: ``fitted``, ``selected`` from a sweep, ``fixed`` or ``tied``.
+    verdicts : mapping of parameter to str
+        What may be read of its value, where that was searched.
+    failure : str
+        Why no parameters can be read from the run; empty where they can.
+    number : int
+        By which the parts of a model name the material: from 1, in the order of the study's regions.
+    """
+
+    title: str
+    region: str
+    material: Material
+    theta: FloatArray
+    intervals: Mapping[str, tuple[float, float]]
+    strain: Mapping[str, float]
+    origins: Mapping[str, str]
+    verdicts: Mapping[str, str]
+    failure: str = ""
+    number: int = 1
+
+    @property
+    def verdict(self) -> str:
+        """Sentence on what may be read of the card, in ASCII."""
+        if self.failure:
+            text = f"WARNING: {self.failure}"
+        else:
+            known = (f"{name} {verdict}" for name, verdict in self.verdicts.items())
+            marks = explained(map(mark_of, self.verdicts.values()))
+            text = f"verdict: {', '.join(known) or 'nothing was searched'}"
+            text += " (WARNING: not all are results)" if marks else ""
+        return text.replace("R²", "R2").encode("ascii", "replace").decode()
+
+
+def check_form(data: CardData, program: str) -> EnergyForm:
+    """Return the standard form of the energy.
+
+    Raises
+    ------
+    MaterialError
+        The material declares none.
+    """
+    if not isinstance(data.material, StandardMaterial):
+        raise MaterialError(
+            f"material '{data.material.name}' cannot be written for {program}: its class declares no "
+            "standard energy (method energy_form), such as powers of I1 - 3 or of the stretches; use "
+            "--for json, or fit ogden, yeoh or neo_hookean"
+        )
+    return data.material.energy_form(data.theta)
+
+
+def ranges_of(strains: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """Ends over the states and spots of the strains of one region; empty where there are none."""
+    found = {}
+    for name in strains[0] if strains else ():
+        values = [value for strain in strains for value in strain[name]]
+        if name.endswith(("_min", "_max")) and values:
+            found[name] = float(min(values) if name.endswith("_min") else max(values))
+    return found
+
+
+def head(data: CardData, form: EnergyForm | None = None) -> Iterator[str]:
+    """Lines that introduce a card: verdict, units, values with intervals, moduli and range."""
+    yield f"palpate: {data.title}"
+    yield data.verdict
+    yield "units: mm, N, MPa, tonne, s"
+    for parameter, value in zip(data.material.parameters, data.theta.tolist(), strict=True):
+        about = [_interval(data, parameter), data.verdicts.get(parameter.name, "")]
+        known = f" ({'; '.join(each for each in about if each)})" if any(about) else ""
+        yield f"{data.origins[parameter.name]}: {parameter.name} = {_with_unit(parameter, value)}{known}"
+    yield f"not fitted: density {DENSITY_T_PER_MM3:g} t/mm3, that of water"
+    if form is not None:
+        yield (
+            f"initial moduli: shear {form.shear_MPa:.6g} MPa, bulk {form.bulk_MPa:.6g} MPa, "
+            f"Poisson's ratio {form.poisson:.6g}"
+        )
+    yield _range(data.strain)
+
+
+def _with_unit(parameter: Parameter, value: float) -> str:
+    return f"{value:.6g} {parameter.unit}".strip()
+
+
+def _interval(data: CardData, parameter: Parameter) -> str:
+    if parameter.name not in data.intervals:
+        return ""
+    lower, upper = data.intervals[parameter.name]
+    return f"95 % interval {lower:.4g} to {upper:.4g}"
+
+
+def _range(strain: Mapping[str, float]) -> str:
+    if not strain:
+        return "valid: the strains of the experiment are not known; `palpate surface` computes them"
+    return (
+        f"valid: the experiment reached principal stretches from {strain['stretch_min']:.3f} to "
+        f"{strain['stretch_max']:.3f}, I1 up to {strain['i1_max']:.3f}, J from {strain['J_min']:.4f} to "
+        f"{strain['J_max']:.4f}"
+    )
+
+
+def differences(
+    data: CardData, form: EnergyForm, pressure: Callable[[FloatArray], FloatArray]
+) -> Iterator[str]:
+    """Lines on how the stresses of a program whose shape and volume are separate differ from palpate's.
+
+    Parameters
+    ----------
+    pressure : callable
+        Mean stress over the bulk modulus of the program, at relative volumes J (n,).
+    """
+    J = np.array([data.strain.get("J_min", VOLUMES[0]), data.strain.get("J_max", VOLUMES[1])])
+    mine = np.log(J) / J
+    if form.volume == "coupled":
+        share = form.shear_MPa / form.bulk_MPa
+        mine = (share * (J ** (2.0 / 3.0) - 1.0) + (1.0 - 2.0 / 3.0 * share) * np.log(J)) / J
+    shown = ", ".join(
+        f"{100.0 * (ratio - 1.0):+.2f} % at J = {at:.4g}"
+        for ratio, at in zip(pressure(J) / np.where(mine == 0.0, 1.0, mine), J.tolist(), strict=True)
+        if at != 1.0
+    )
+    yield f"mean stress of a pure dilation: differs from palpate's by {shown or 'nothing'}"
+    if form.volume == "coupled":
+        shown = ", ".join(f"{100.0 * (at ** (-2.0 / 3.0) - 1.0):+.2f} % at J = {at:.4g}" for at in J.tolist())
+        yield (
+            "deviatoric stress: of an energy that couples shape and volume in palpate; equal at J = 1, "
+            f"here it differs by {shown}, and palpate's mean stress depends on the shape too"
+        )

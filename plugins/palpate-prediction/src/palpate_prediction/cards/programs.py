@@ -1,0 +1,242 @@
+"""How each program writes its energies, and what it means by them.
+
+==========  ======================================================  ================================
+program     powers of Ĩ1 − 3 / of the stretches                     volume
+==========  ======================================================  ================================
+febio       Σ c_k/k (Ĩ1 − 3)^k (the k is missing in its stress);    K/2 (ln J)²; neo-Hookean coupled
+            Σ c_j/m_j² (Σ λ̃^m_j − 3)
+abaqus      Σ C_k0 (Ĩ1 − 3)^k; Σ 2 μ_j/α_j² (Σ λ̃^α_j − 3)           (J − 1)²/D1, D1 = 2/K
+ansys       Σ C_k0 (Ĩ1 − 3)^k; Σ μ_j/α_j (Σ λ̃^α_j − 3)              (J − 1)²/d1, d1 = 2/K
+ls-dyna     Σ C_k0 (Ĩ1 − 3)^k; Σ μ_j/α_j (Σ λ̃^α_j − 3)              K (J − 1 − ln J), K by ν (Ogden)
+==========  ======================================================  ================================
+"""
+
+import inspect
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from types import MappingProxyType
+
+import numpy as np
+
+from palpate.domain import FloatArray
+from palpate.errors import MaterialError
+from palpate.plugins.energy_form import EnergyForm
+from palpate_prediction.cards.card import DENSITY_T_PER_MM3, CardData, check_form, differences, head
+
+STRESS = (
+    "stress: Cauchy, sigma_a = lambda_a/J dW/dlambda_a; J = lambda1 lambda2 lambda3, "
+    "l_a = J^(-1/3) lambda_a, I1 = l1^2 + l2^2 + l3^2"
+)
+
+MOST_YEOH_LS_DYNA = 3
+"""Powers of I1 - 3 that *MAT_HYPERELASTIC_RUBBER takes."""
+
+
+def _quadratic(J: FloatArray) -> FloatArray:
+    return J - 1.0
+
+
+def _rational(J: FloatArray) -> FloatArray:
+    return 1.0 - 1.0 / J
+
+
+def _ogden_energy(mu: str, alpha: str, factor: str, n: int) -> str:
+    terms = (f"{factor}{mu}{j}/{alpha}{j}" for j in range(1, n + 1))
+    sums = (f"(l1^{alpha}{j} + l2^{alpha}{j} + l3^{alpha}{j} - 3)" for j in range(1, n + 1))
+    return " + ".join(f"{term} {each}" for term, each in zip(terms, sums, strict=True))
+
+
+def _power_energy(name: str, n: int) -> str:
+    return " + ".join(f"{name.format(k)} (I1 - 3)^{k}" for k in range(1, n + 1))
+
+
+def _numbers(values: Iterable[float], per_line: int = 8) -> list[str]:
+    texts = [f"{value:.12g}" for value in values]
+    return [", ".join(texts[i : i + per_line]) for i in range(0, len(texts), per_line)]
+
+
+# --------------------------------------------------------------------- programs
+
+
+def febio(data: CardData) -> str:
+    """Element ``<material>`` of a FEBio 4 file."""
+    form = check_form(data, "febio")
+    lines = [*head(data, form), *_febio_energy(form), STRESS]
+    kind, values = _febio_values(form)
+    body = "".join(f"    <{name}>{value:.12g}</{name}>\n" for name, value in values)
+    comment = "\n".join(f"  {line.replace('--', '- -')}" for line in lines)
+    density = f"    <density>{DENSITY_T_PER_MM3:g}</density>\n"
+    start = f'<material id="{data.number}" name="{data.region}" type="{kind}">'
+    return f"<!--\n{comment}\n-->\n{start}\n{density}{body}</material>\n"
+
+
+def _febio_values(form: EnergyForm) -> tuple[str, list[tuple[str, float]]]:
+    if form.volume == "coupled":
+        mu, nu = form.shear_MPa, form.poisson
+        return "neo-Hookean", [("E", 2.0 * mu * (1.0 + nu)), ("v", nu)]
+    bulk = [("k", form.bulk_MPa)]
+    if form.powers:
+        return "Yeoh", [(f"c{k}", k * c) for k, c in enumerate(form.powers, start=1)] + bulk
+    pairs = [
+        (f"{name}{j}", value)
+        for j, pair in enumerate(form.stretches, 1)
+        for name, value in zip("cm", pair, strict=True)
+    ]
+    return "Ogden", pairs + bulk
+
+
+def _febio_energy(form: EnergyForm) -> Iterator[str]:
+    if form.volume == "coupled":
+        yield "energy: W = mu/2 (lambda1^2 + lambda2^2 + lambda3^2 - 3) - mu ln J + lam/2 (ln J)^2"
+        yield "with mu = E / (2 (1 + v)) and lam = E v / ((1 + v) (1 - 2 v))"
+    elif form.powers:
+        terms = " + ".join(f"c{k}/{k} (I1 - 3)^{k}" for k in range(1, len(form.powers) + 1))
+        yield f"energy: W = {terms} + k/2 (ln J)^2"
+        yield "FEBio 4.4 to 4.11 was measured to have this stress: its c_k is k times the textbook's"
+    else:
+        n = len(form.stretches)
+        each = (f"c{j}/m{j}^2 (l1^m{j} + l2^m{j} + l3^m{j} - 3)" for j in range(1, n + 1))
+        yield f"energy: W = {' + '.join(each)} + k/2 (ln J)^2"
+
+
+def abaqus(data: CardData) -> str:
+    """``*Material`` of an Abaqus input file."""
+    form = check_form(data, "abaqus")
+    d1, n = 2.0 / form.bulk_MPa, len(form.powers) or len(form.stretches)
+    rest = [d1, *[0.0] * (n - 1)]
+    if form.stretches:
+        keyword = f"*Hyperelastic, ogden, n={n}"
+        values = [value for c, m in form.stretches for value in (0.5 * c, m)]
+        terms = " + ".join(
+            f"2 mu{j}/alpha{j}^2 (l1^alpha{j} + l2^alpha{j} + l3^alpha{j} - 3)" for j in range(1, n + 1)
+        )
+    else:
+        kind = {1: "neo hooke", 3: "yeoh"}.get(n, f"reduced polynomial, n={n}")
+        keyword, values, terms = f"*Hyperelastic, {kind}", list(form.powers), _power_energy("C{}0", n)
+    comments = [
+        *head(data, form),
+        f"energy: W = {terms} + 1/D1 (J - 1)^2, D1 = 2/K",
+        STRESS,
+        *differences(data, form, _quadratic),
+    ]
+    named = f"*Material, name={data.region}\n*Density\n{DENSITY_T_PER_MM3:g},\n{keyword}\n"
+    return "".join(f"** {line}\n" for line in comments) + named + "\n".join(_numbers([*values, *rest])) + "\n"
+
+
+def ansys(data: CardData) -> str:
+    """Commands ``TB`` of an Ansys Mechanical APDL file."""
+    form = check_form(data, "ansys")
+    d1, n = 2.0 / form.bulk_MPa, len(form.powers) or len(form.stretches)
+    if form.stretches:
+        table, values = "OGDEN", [value for c, m in form.stretches for value in (c / m, m)]
+        terms = _ogden_energy("mu", "alpha", "", n)
+    elif n == 1:
+        table, values, terms = "NEO", [2.0 * form.powers[0]], "mu/2 (I1 - 3)"
+    else:
+        table, values, terms = "YEOH", list(form.powers), _power_energy("C{}0", n)
+    comments = [
+        *head(data, form),
+        f"energy: W = {terms} + 1/d1 (J - 1)^2, d1 = 2/K",
+        STRESS,
+        *differences(data, form, _quadratic),
+    ]
+    rest = [d1, *[0.0] * (0 if table == "NEO" else n - 1)]
+    numbers = [*values, *rest]
+    option = "" if table == "NEO" else f"{n}"
+    lines = [
+        f"MP,DENS,{data.number},{DENSITY_T_PER_MM3:g}",
+        f"TB,HYPER,{data.number},1,{option},{table}",
+    ]
+    lines += [
+        f"TBDATA,{i + 1}," + ",".join(f"{value:.12g}" for value in numbers[i : i + 6])
+        for i in range(0, len(numbers), 6)
+    ]
+    return "".join(f"! {line}\n" for line in comments) + "\n".join(lines) + "\n"
+
+
+def ls_dyna(data: CardData) -> str:
+    """``*MAT_OGDEN_RUBBER`` or ``*MAT_HYPERELASTIC_RUBBER`` of LS-DYNA, in fields of 20 columns."""
+    form = check_form(data, "ls-dyna")
+    n = len(form.powers)
+    if n > MOST_YEOH_LS_DYNA:
+        raise MaterialError(
+            f"material '{data.material.name}' cannot be written for ls-dyna: *MAT_HYPERELASTIC_RUBBER takes "
+            f"powers of I1 - 3 up to {MOST_YEOH_LS_DYNA}, and it has {n}; fit fewer terms"
+        )
+    first = f"{data.number:>20}{DENSITY_T_PER_MM3:>20.12g}{form.poisson:>20.12g}{0:>20}"
+    if n > 1:
+        keyword = "*MAT_HYPERELASTIC_RUBBER"
+        c = [*form.powers, 0.0][:MOST_YEOH_LS_DYNA]
+        rows, names = [[c[0], 0.0, 0.0, c[1], 0.0, c[2]]], ["C10", "C01", "C11", "C20", "C02", "C30"]
+        energy = "energy: W = C10 (I1 - 3) + C20 (I1 - 3)^2 + C30 (I1 - 3)^3 + W_H(J), with K by PR"
+        comments = [
+            energy,
+            STRESS,
+            "mean stress of a pure dilation: K ln J / J in palpate; W_H is that of the program",
+        ]
+    else:
+        terms = form.stretches or ((4.0 * form.powers[0], 2.0),)
+        keyword, names = "*MAT_OGDEN_RUBBER", [f"{j}" for j in range(1, 9)]
+        rows = [[c / m for c, m in terms], [m for _, m in terms]]
+        energy = (
+            f"energy: W = {_ogden_energy('MU', 'ALPHA', '', len(terms))} + K (J - 1 - ln J), with K by PR"
+        )
+        comments = [energy, STRESS, *differences(data, form, _rational)]
+    bulk = "K = 2 G (1 + PR) / (3 (1 - 2 PR)), with G the initial shear modulus"
+    fields = "$#" + "".join(f"{name:>20}" for name in names[: len(rows[0])])[2:]
+    lines = [f"$ {line}" for line in (*head(data, form), *comments, bulk)]
+    lines += [f"{keyword} +", "$#" + "".join(f"{name:>20}" for name in ("mid", "ro", "pr", "n"))[2:], first]
+    lines += [fields, *("".join(f"{value:>20.12g}" for value in row) for row in rows)]
+    return "\n".join(lines) + "\n"
+
+
+def as_json(data: CardData) -> str:
+    """Everything, in palpate's own convention; every material has this card."""
+    from palpate.mechanics import moduli_at_rest
+
+    mu, kappa = map(float, moduli_at_rest(data.material, np.asarray(data.theta)))
+    parameters = {
+        p.name: {
+            "value": value,
+            "unit": p.unit,
+            "interval_95": list(data.intervals.get(p.name, ())) or None,
+            "origin": data.origins[p.name],
+            "verdict": data.verdicts.get(p.name),
+        }
+        for p, value in zip(data.material.parameters, data.theta.tolist(), strict=True)
+    }
+    content = {
+        "title": data.title,
+        "verdict": data.verdict,
+        "region": data.region,
+        "material": data.material.name,
+        "settings": data.material.settings.model_dump(mode="json"),
+        "energy": _formula(type(data.material).__doc__ or ""),
+        "stress": "Cauchy: sigma_a = lambda_a/J dW/dlambda_a",
+        "units": "mm, N, MPa",
+        "parameters": parameters,
+        "initial_shear_modulus_MPa": mu,
+        "initial_bulk_modulus_MPa": kappa,
+        "strain_of_experiment": dict(data.strain) or None,
+    }
+    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _formula(text: str) -> str:
+    """The paragraph of a material's docstring that has its energy; the first where none has."""
+    paragraphs = [" ".join(part.split()) for part in inspect.cleandoc(text).split("\n\n")]
+    return next((part for part in paragraphs if part.startswith(("Ψ =", "W ="))), paragraphs[0])
+
+
+def joined(program: str, cards: Mapping[str, str]) -> str:
+    """Cards by region as the text of one file; those in JSON become one object by region."""
+    if program != "json":
+        return "".join(cards.values())
+    content = {region: json.loads(card) for region, card in cards.items()}
+    return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+
+
+PROGRAMS: Mapping[str, Callable[[CardData], str]] = MappingProxyType(
+    {"febio": febio, "abaqus": abaqus, "ansys": ansys, "ls-dyna": ls_dyna, "json": as_json}
+)
+"""Writers of cards by program."""

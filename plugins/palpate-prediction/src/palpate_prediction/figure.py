@@ -1,0 +1,75 @@
+"""The figure of a prediction: each spot's curves with their bands, and maps of pressure and shear."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, cast
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.tri import Triangulation
+
+from palpate.domain import Channel
+from palpate_prediction.predict import Prediction, SpotPrediction
+from palpate_report.style import DOUBLE_MM, LINES, STYLE, save, sized
+
+ROW_MM = 48.0
+KPA = 1e3
+
+
+def draw(prediction: Prediction, channels: Mapping[str, Channel], folder: Path) -> list[Path]:
+    """Draw ``prediction.svg``, ``.pdf`` and ``.png``: a row for each spot."""
+    names = list(dict.fromkeys(c for each in prediction.spots.values() for c in _response(each)))
+    with matplotlib.rc_context(cast("Any", dict(STYLE))):
+        figure = sized(DOUBLE_MM, ROW_MM * len(prediction.spots))
+        axes = figure.subplots(len(prediction.spots), len(names) + 2, squeeze=False)
+        for row, (spot, each) in zip(axes, prediction.spots.items(), strict=True):
+            for axis, name in zip(row, names, strict=False):
+                _curve(axis, each, channels[name])
+            _maps(figure, row[-2:], each)
+            row[0].set_title(f"{prediction.tool.name} at {spot}", loc="left")
+        folder.mkdir(parents=True, exist_ok=True)
+        return save(figure, folder / "prediction")
+
+
+def _response(each: SpotPrediction) -> tuple[str, ...]:
+    assert each.simulation.response is not None
+    return tuple(each.simulation.response.curves)
+
+
+def _curve(axis: Axes, each: SpotPrediction, channel: Channel) -> None:
+    assert each.simulation.response is not None
+    curve = each.simulation.response.curves.get(channel.name)
+    axis.set_xlabel(channel.abscissa_label)
+    axis.set_ylabel(channel.ordinate_label)
+    if curve is None:
+        return
+    colour = LINES[0][0]
+    if (band := each.bands.get(channel.name)) is not None:
+        axis.fill_between(curve.abscissa, *band, color=colour, alpha=0.25, linewidth=0.0)
+    axis.plot(curve.abscissa, curve.ordinate, color=colour)
+
+
+def _maps(figure: Any, axes: Any, each: SpotPrediction) -> None:  # noqa: ANN401 - of matplotlib
+    """Pressure and shear on the deformed skin, seen along the axis of the tool."""
+    states, at = each.states, each.at
+    place = (states.points_mm + states.displacements_mm[at] - states.positions_mm[at]) @ states.rotations[at]
+    loaded = states.pressures_MPa[at] > 0.0
+    reach = 1.3 * np.abs(place[loaded, :2]).max(initial=1.0)
+    near = (np.abs(place[:, :2]) < reach).all(axis=1) & (
+        place[:, 2] > place[loaded, 2].min(initial=0.0) - reach
+    )
+    shown = states.triangles[near[states.triangles].all(axis=1)]
+    if not len(shown):
+        return
+    grid = Triangulation(place[:, 0], place[:, 1], shown)
+    shear = np.linalg.norm(states.shears_MPa[at], axis=1)
+    for axis, values, label in zip(
+        axes, (states.pressures_MPa[at], shear), ("pressure (kPa)", "shear (kPa)"), strict=True
+    ):
+        drawn = axis.tripcolor(grid, KPA * values, shading="gouraud", cmap="viridis")
+        figure.colorbar(drawn, ax=axis, label=label, orientation="horizontal")
+        axis.set_aspect("equal")
+        axis.grid(False)
+        axis.set_xlabel("x of the tool (mm)")
+        axis.set_ylabel("y (mm)")

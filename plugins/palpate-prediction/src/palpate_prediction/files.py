@@ -1,0 +1,127 @@
+"""A prediction as files: tables, VTU of the skin, a figure, and a page."""
+
+import base64
+from collections.abc import Mapping
+from pathlib import Path
+
+import polars as pl
+
+from palpate.domain import Channel
+from palpate.run.atomic_files import write_atomically
+from palpate.run.directory import file_name
+from palpate.run.result_files import parquet
+from palpate_prediction.predict import Prediction, SpotPrediction
+from palpate_prediction.summary import QUANTITIES
+from palpate_prediction.vtu import vtu
+
+TITLES = {
+    "summary": "Under the tool, at its largest force",
+    "strains": "Strains of the experiment and of the prediction",
+}
+
+
+def write_prediction(
+    prediction: Prediction, channels: Mapping[str, Channel], notice: str, folder: Path
+) -> tuple[Path, ...]:
+    """Write everything into a folder; the page comes last, as ``index.html``."""
+    from palpate_prediction.figure import draw
+    from palpate_report.page import comparison_page
+
+    tables = {"summary": prediction.summary, "strains": prediction.strains, "states": prediction.states}
+    files = []
+    for name, frame in (tables | {"curves": prediction.curves}).items():
+        if frame.is_empty():
+            continue
+        write_atomically(folder / f"{name}.parquet", parquet(frame))
+        write_atomically(folder / f"{name}.csv", frame.write_csv().encode())
+        files += [folder / f"{name}.parquet", folder / f"{name}.csv"]
+    for spot, each in prediction.spots.items():
+        files.append(folder / f"{file_name(spot)}.vtu")
+        write_atomically(files[-1], vtu(each.states, each.at))
+    figures = draw(prediction, channels, folder)
+    (svg,) = (path for path in figures if path.suffix == ".svg")
+    shown = {name: tables[name] for name in ("summary", "strains") if not tables[name].is_empty()}
+    page = comparison_page(
+        [prediction.tool.name],
+        {TITLES[name]: frame for name, frame in shown.items()},
+        notes(prediction, notice),
+        base64.b64encode(svg.read_bytes()).decode(),
+        [path.relative_to(folder) for path in (*files, *figures)],
+    )
+    write_atomically(folder / "index.html", page.encode())
+    return (*files, *figures, folder / "index.html")
+
+
+def notes(prediction: Prediction, notice: str) -> list[str]:
+    """What a reader must know of the numbers."""
+    found, tool = prediction.fitted, prediction.tool
+    indenter = tool.protocol.indenter
+    lines = [notice] if notice else []
+    lines.append(
+        f"Prediction of {indenter.name} ({indenter.settings}) with friction {tool.protocol.friction:g}, by "
+        f"the {found.source} of scenario {found.scenario} at {', '.join(found.spots)}."
+    )
+    if prediction.n_draws and any(each.bands for each in prediction.spots.values()):
+        lines.append(
+            f"Linear bands hold 90 % of {prediction.n_draws} draws of the fitted values, by the slopes of "
+            "one simulation, with the friction of the tool; pressures and shear are taken to change like the "
+            "force, the contact not at all."
+        )
+        lines += [
+            f"Errors of the mesh at {spot}: {_errors(each)}." for spot, each in prediction.spots.items()
+        ]
+        if not tool.fine_edge_mm:
+            lines.append(
+                "warning: these errors are what [budget] states, and under other tools than the experiment's "
+                "they may be far larger; add fine_edge to the tool file, which measures them."
+            )
+        else:
+            lines += [
+                f"warning: at {spot} these errors are what [budget] states: {each.mesh_unknown}."
+                for spot, each in prediction.spots.items()
+                if each.mesh_unknown
+            ]
+        if any(each.by_force for each in prediction.spots.values()):
+            lines.append(
+                "By force, a stiffer tissue is taken to have what this one has under less force; areas, mean "
+                "pressure and shear have no linear band then."
+            )
+    elif not prediction.n_draws:
+        lines.append("The run has no intervals, so nothing is known of how certain this is.")
+    lines += [_solved(spot, each) for spot, each in prediction.spots.items() if each.n_asked]
+    failed = [f"{s} ({p.simulation.message})" for s, p in prediction.spots.items() if p.simulation.message]
+    lines += [f"Not pressed to the end: {text}." for text in failed]
+    return [*lines, beyond(prediction.strains)]
+
+
+def _errors(each: SpotPrediction) -> str:
+    """Standard deviations by the mesh of what has a band."""
+    shown = (
+        q for q in QUANTITIES if (q.at_force and q.attribute != "force_N" if each.by_force else q.at_depth)
+    )
+    return ", ".join(f"{q.name} {100.0 * each.mesh[q.attribute]:.2g} %" for q in shown)
+
+
+def _solved(spot: str, each: SpotPrediction) -> str:
+    """How many simulated draws the solved bands of a spot hold."""
+    n_failed = each.n_asked - each.n_ended
+    if not each.n_ended:
+        return f"Solved bands at {spot}: none, since all {each.n_asked} simulated draws failed."
+    text = f"Solved bands at {spot} are those of {each.n_ended} draws, each simulated"
+    return text + (f"; {n_failed} of {each.n_asked} failed and are not in them." if n_failed else ".")
+
+
+def beyond(strains: pl.DataFrame) -> str:
+    """Where the prediction goes beyond the experiment, in a sentence."""
+    if strains.is_empty():
+        return "The solver reports no strains: it is not known whether the prediction extrapolates."
+    rows = strains.filter(pl.col("beyond")).to_dicts()
+    if not rows:
+        return "The tissue is nowhere deformed beyond what the experiment reached."
+    texts = (
+        f"{row['region']} at {row['spot']}: {row['strain']} {row['prediction']:.3g} against "
+        f"{row['experiment']:.3g}, from depth {row['from_depth_mm']:.3g} mm"
+        + (f", most at ({row['where_mm']}) mm" if row["where_mm"] else "")
+        for row in rows
+    )
+    return f"Extrapolation beyond the experiment: {'; '.join(texts)}."

@@ -1,0 +1,382 @@
+"""What the fitted limb feels under another tool: one simulation for each spot, and a band by its slopes."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import polars as pl
+
+from palpate.domain import (
+    Channel,
+    FloatArray,
+    Indentation,
+    Job,
+    Limb,
+    Simulation,
+    Status,
+    SurfaceStates,
+)
+from palpate.errors import SolverError, StudyError
+from palpate.mesh.contact_edge import contact_edge_mm
+from palpate.mesh.refinement import refined
+from palpate.plugins.catalogue import Plugins
+from palpate.progress import Progress
+from palpate.run.directory import RunDirectory
+from palpate.stages.fitted import Fitted, inputs_at
+from palpate.stages.limb import load_limbs
+from palpate.stages.simulation import check_jobs
+from palpate.stages.stage import Run, read_run
+from palpate.stages.sweep import Simulations
+from palpate.study.reading import Study
+from palpate.study.tool import Tool
+from palpate_certainty.causes import RELATIVE
+from palpate_certainty.mesh_error import FORCE, usual_error
+from palpate_prediction.bands import Thetas, check_shared, draws_of, ends, frame_rows, linear
+from palpate_prediction.exceedance import exceedances
+from palpate_prediction.summary import (
+    QUANTITIES,
+    PressStates,
+    curve_errors,
+    ends_by_force,
+    force_error,
+    mesh_errors,
+    press_states,
+    stiffer_by,
+    summary_rows,
+    with_mesh,
+)
+
+AS_IS = "/as is"
+"""Added to the name of a spot: its mesh without the refinement under the tool."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpotPrediction:
+    """The prediction at one spot.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        With the fitted values; partial where it has diverged.
+    pressed : PressStates
+        Depth, force and contact at the balanced states.
+    bands : mapping of channel to (2, n) array
+        Ends of the linear band of a curve; none without draws.
+    summary : list of dict
+        Rows of the table.
+    by_force : bool
+        Whether the largest force was to be reached, so that the depth is predicted.
+    mesh : mapping of quantity to float
+        Relative standard deviation of its error by the mesh.
+    mesh_unknown : str
+        Why this is what the study states, and not measured; empty where it is.
+    n_asked, n_ended : int
+        Draws that were to be simulated, and those whose simulation did not fail: the solved bands hold these.
+    """
+
+    simulation: Simulation
+    pressed: PressStates
+    bands: Mapping[str, FloatArray]
+    summary: list[dict[str, Any]]
+    by_force: bool
+    mesh: Mapping[str, float]
+    mesh_unknown: str
+    n_asked: int
+    n_ended: int
+
+    @property
+    def states(self) -> SurfaceStates:
+        """The skin at the balanced states."""
+        assert self.simulation.surface is not None
+        return self.simulation.surface
+
+    @property
+    def at(self) -> int:
+        """The state with the largest force."""
+        return self.pressed.at
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prediction:
+    """A tool on the fitted limb, at one spot or more."""
+
+    tool: Tool
+    fitted: Fitted
+    spots: Mapping[str, SpotPrediction]
+    strains: pl.DataFrame
+    n_draws: int
+
+    @property
+    def summary(self) -> pl.DataFrame:
+        """One row per spot and quantity: value, ends of the linear band, and those of the solved draws."""
+        return frame_rows([row for each in self.spots.values() for row in each.summary])
+
+    @property
+    def curves(self) -> pl.DataFrame:
+        """One row per spot, channel and point: abscissa, ordinate, lower and upper."""
+        return frame_rows([row for spot, each in self.spots.items() for row in _curve_rows(spot, each)])
+
+    @property
+    def states(self) -> pl.DataFrame:
+        """One row per spot and balanced state: its place, force and contact."""
+        return frame_rows([row for spot, each in self.spots.items() for row in _state_rows(spot, each)])
+
+
+def predict(
+    stored: Run,
+    tool: Tool,
+    n_solved: int = 0,
+) -> Prediction:
+    """Simulate a tool with what a run has found; the caller holds the lock on the folder.
+
+    Parameters
+    ----------
+    n_solved : int
+        Draws of the fitted values that are simulated too, for a band without the linear assumption.
+
+    Raises
+    ------
+    StudyError
+        The solver gives no surface, or no slopes where no draw is simulated, or the fitted values are not
+        those of the tool's spots.
+    SolverError
+        The tool could not be pressed at any depth.
+    """
+    study, found, run = stored.study, stored.fitted(), stored.directory
+    draws = draws_of(found, run.fit(), run.posterior())
+    _check(stored, len(draws), n_solved)
+    experiment = _experiment(stored)
+    pressed = tool.study(study)
+    limbs = refined_limbs(pressed, tool)
+    if tool.fine_edge_mm:
+        limbs |= {f"{name}{AS_IS}": limb for name, limb in load_limbs(pressed).items()}
+    observed = tuple(c for c in stored.channels.values() if c.columns <= set(study.solver.provides.columns))
+    with Simulations(pressed, run.folder, limbs, stored.progress, stored.check_lock) as simulations:
+        spots = {}
+        for spot in pressed.spot_names:
+            plan = _Plan(stored, tool, found, spot, observed)
+            spots[spot] = _at_spot(plan, simulations, draws, n_solved)
+    strains = exceedances(experiment, {spot: each.simulation for spot, each in spots.items()})
+    return Prediction(tool=tool, fitted=found, spots=spots, strains=strains, n_draws=len(draws))
+
+
+def _check(stored: Run, n_draws: int, n_solved: int) -> None:
+    study, provides = stored.study, stored.study.solver.provides
+    if not provides.surface:
+        raise StudyError(
+            f"{study.file}: solver '{study.solver.name}' does not give the states of the skin; use 'jax'"
+        )
+    if n_solved and not n_draws:
+        raise StudyError(
+            f"{stored.directory.folder}: has no draws of the fitted values; run `palpate fit` with a search"
+        )
+    if n_draws and not n_solved and not provides.slopes:
+        raise StudyError(
+            f"{study.file}: solver '{study.solver.name}' gives no slopes, so that a band needs simulations; "
+            "add --draws 20"
+        )
+
+
+def _experiment(stored: Run) -> dict[str, Any]:
+    """Strains of the experiment by spot and region; simulates what `palpate surface` would."""
+    if not stored.strains():
+        limbs = load_limbs(replace(stored.study, fine_runs=0))
+        with replace(stored, fresh=replace(stored.inputs, limbs=limbs)) as run:
+            run.make(run.stages["surface"])
+    return stored.strains()
+
+
+def refined_limbs(study: Study, tool: Tool) -> dict[str, Limb]:
+    """Limbs of a study of the tool, with edges as short as the tool file asks, where the tool may touch."""
+    limbs = load_limbs(study)
+    if not tool.fine_edge_mm:
+        return limbs
+    return {name: refined(limb, tool.refined_mm, tool.fine_edge_mm) for name, limb in limbs.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """How values become jobs of a tool at a spot."""
+
+    stored: Run
+    tool: Tool
+    found: Fitted
+    spot: str
+    channels: tuple[Channel, ...]
+
+    def thetas(self, values: Mapping[str, float]) -> Thetas:
+        """Textbook values of the materials; friction and offsets are the tool's own."""
+        study = self.stored.study
+        if self.spot in self.found.spots:
+            return inputs_at(study, self.spot, values, self.stored.inputs.measured).thetas
+        check_shared(values, study.space.names, self.spot)
+        row = np.array([values[name] for name in study.space.names])
+        return study.space.thetas(row)
+
+    @property
+    def friction_sd(self) -> float:
+        """Standard deviation of the tool's friction: relative to it, that of the experiment's."""
+        sd, protocol, friction = (
+            self.stored.study.budget.friction,
+            self.stored.study.protocol,
+            self.tool.protocol.friction,
+        )
+        if sd is None or not isinstance(protocol, Indentation) or not protocol.friction:
+            return RELATIVE * friction
+        return sd / protocol.friction * friction
+
+    def refinement(self, limbs: Mapping[str, Limb], depth_mm: float) -> float:
+        """Size of the elements under the tool at a depth over that on the refined mesh."""
+        near = self.tool.contact_mm(depth_mm)
+        sizes = [contact_edge_mm(limbs[name], near) for name in (f"{self.spot}{AS_IS}", self.spot)]
+        return sizes[0] / sizes[1]
+
+    def job(self, thetas: Thetas, *, slopes: bool, as_is: bool = False) -> Job:
+        study = self.stored.study
+        return Job(
+            spot=f"{self.spot}{AS_IS}" if as_is else self.spot,
+            set_id=-1,
+            materials={region.region: region.material for region in study.space.regions},
+            thetas=thetas,
+            protocol=self.tool.protocol,
+            slopes=slopes and study.solver.provides.slopes,
+            surface=True,
+            channels=self.channels,
+        )
+
+
+def _at_spot(
+    plan: _Plan,
+    simulations: Simulations,
+    draws: Sequence[Mapping[str, float]],
+    n_solved: int,
+) -> SpotPrediction:
+    best = plan.thetas(plan.found.values)
+    drawn = [plan.thetas(values) for values in draws]
+    jobs = [plan.job(best, slopes=True), *(plan.job(each, slopes=False) for each in _spread(drawn, n_solved))]
+    check_jobs(simulations.study, jobs[:1], simulations.limbs)
+    refined_too = f"{plan.spot}{AS_IS}" in simulations.limbs
+    jobs += [plan.job(best, slopes=False, as_is=True)] if refined_too else []
+    simulations.progress.begin(f"predict {plan.spot}", len(jobs))
+    simulation, *solved = simulations.of(jobs)
+    as_is = solved.pop() if refined_too else None
+    if simulation.response is None or simulation.surface is None or not len(simulation.surface.depth_mm):
+        raise SolverError(
+            f"spot '{plan.spot}': {plan.tool.name} cannot be pressed: "
+            f"{simulation.message or 'no balanced state'}"
+        )
+    threshold, space = plan.tool.threshold_MPa, plan.stored.study.space
+    curves = simulation.response.curves
+    lines = {n: linear(c, best, drawn, space, plan.friction_sd) for n, c in curves.items()}
+    ended = [s for s in solved if s.status is Status.OK and s.surface is not None]
+    pressed = press_states(simulation, threshold)
+    by_force = ends_by_force(plan.tool.protocol, simulation.status, pressed)
+    errors = _mesh_errors(plan, simulations.limbs, simulation, as_is, by_force=by_force)
+    stiffer = stiffer_by(curves.get("force"), lines.get("force"))
+    found = [press_states(each, threshold) for each in ended]
+    return SpotPrediction(
+        simulation=simulation,
+        pressed=pressed,
+        bands={
+            name: np.array(ends(with_mesh(lines[name], sd)))
+            for name, sd in errors.curves.items()
+            if len(lines[name])
+        },
+        summary=list(
+            summary_rows(
+                plan.spot,
+                pressed,
+                stiffer,
+                found,
+                by_force=by_force,
+                mesh=errors.quantities,
+                pressure_unit=plan.tool.pressure_unit,
+            )
+        ),
+        by_force=by_force,
+        mesh=errors.quantities,
+        mesh_unknown=errors.unknown,
+        n_asked=len(solved),
+        n_ended=len(ended),
+    )
+
+
+class _MeshErrors(NamedTuple):
+    """Relative standard deviations by the mesh, of quantities and curves; why they are not measured."""
+
+    quantities: Mapping[str, float]
+    curves: Mapping[str, float]
+    unknown: str
+
+
+def _mesh_errors(
+    plan: _Plan,
+    limbs: Mapping[str, Limb],
+    simulation: Simulation,
+    as_is: Simulation | None,
+    *,
+    by_force: bool,
+) -> _MeshErrors:
+    """Compare a simulation with that on the mesh as it is; what the study states where that shows nothing."""
+    stated, threshold = plan.stored.study.budget.mesh, plan.tool.threshold_MPa
+    pressed, refinement, unknown, coarser, others = press_states(simulation, threshold), 1.0, "", None, None
+    if as_is is None:
+        unknown = "the tool file has no fine_edge"
+    elif {simulation.status, as_is.status} != {Status.OK}:
+        unknown = "on the mesh as it is, or on the refined one, the press has not come to its end"
+    elif (refinement := plan.refinement(limbs, pressed.depth_mm[pressed.at])) <= 1.0:
+        unknown = f"fine_edge {plan.tool.fine_edge_mm:g} mm refines nothing under the tool"
+    else:
+        assert as_is.response is not None
+        coarser, others = press_states(as_is, threshold), as_is.response.curves
+    assert simulation.response is not None
+    quantities = mesh_errors(pressed, coarser, refinement, usual_error(FORCE, stated))
+    least = {name: usual_error(name, stated) for name in simulation.response.curves}
+    curves = curve_errors(simulation.response.curves, others, refinement, least)
+    if by_force and "force" in curves:
+        sd = force_error(pressed, quantities)
+        curves = {n: each for n, each in curves.items() if n != "force"} | (
+            {} if sd is None else {"force": sd}
+        )
+    return _MeshErrors(quantities, curves, unknown)
+
+
+def _spread(drawn: Sequence[Thetas], n: int) -> list[Thetas]:
+    """Some of the draws, spread over all of them."""
+    return [drawn[i] for i in np.linspace(0, len(drawn) - 1, min(n, len(drawn))).astype(int)] if n else []
+
+
+def _curve_rows(spot: str, each: SpotPrediction) -> Iterator[dict[str, Any]]:
+    assert each.simulation.response is not None
+    for name, curve in each.simulation.response.curves.items():
+        band = each.bands.get(name)
+        for i, (x, y) in enumerate(zip(curve.abscissa.tolist(), curve.ordinate.tolist(), strict=True)):
+            lower, upper = (None, None) if band is None else band[:, i].tolist()
+            yield {"spot": spot, "channel": name, "point": i, "abscissa": x, "ordinate": y,
+                   "lower": lower, "upper": upper}  # fmt: skip
+
+
+def _state_rows(spot: str, each: SpotPrediction) -> Iterator[dict[str, Any]]:
+    for i in range(len(each.pressed.force_N)):
+        row: dict[str, Any] = {
+            "spot": spot,
+            "state": i,
+            "rotation_deg": float(each.states.rotation_deg[i]),
+        }
+        values = ((q.attribute, each.pressed.along(q.attribute)) for q in QUANTITIES)
+        yield row | {name: float(of_states[i]) for name, of_states in values if of_states is not None}
+
+
+def run_prediction(
+    study: Study,
+    directory: RunDirectory,
+    tool: Tool,
+    plugins: Plugins,
+    progress: Progress,
+    n_solved: int = 0,
+) -> Prediction:
+    """Prediction of a run that is read by its own copy of the study, under its lock."""
+    with directory.locked(study, plugins.channels, adopt=True) as check_lock:
+        run = read_run(study, directory, plugins, progress, check_lock=check_lock)
+        return predict(run, tool, n_solved)

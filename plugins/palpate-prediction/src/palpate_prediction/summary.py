@@ -1,0 +1,239 @@
+"""Rows of the summary: quantities of the contact at the largest force, and how far draws spread them.
+
+Draws make the tissue stiffer or softer. With a factor s on all moduli, whatever the tool, the same depth
+needs s times the force and has s times the pressures. A tool that is pressed by force F then has s times
+what this tissue has at F/s, which the states along its path show.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from palpate.domain import Curve, FloatArray, Indentation, Simulation, Status
+from palpate.fit.tables import ORDER
+from palpate.units import convert
+from palpate.waypoints import DEPTH
+from palpate_prediction.bands import ends, scores
+from palpate_prediction.measures import Contact, contact_of
+
+
+class Quantity(NamedTuple):
+    """A row of the summary: name, unit and attribute, and where it has a linear band.
+
+    ``at_depth``: at one depth a stiffer tissue has more of it. ``at_force``: it is smooth enough along the
+    path for a band at one force; areas, and what is divided by them, change by whole faces.
+    """
+
+    name: str
+    unit: str
+    attribute: str
+    at_depth: bool
+    at_force: bool
+
+
+QUANTITIES = (
+    Quantity("depth", "mm", "depth_mm", False, True),
+    Quantity("normal force", "N", "force_N", True, True),
+    Quantity("contact area", "mm²", "area_mm2", False, False),
+    Quantity("peak pressure", "MPa", "peak_MPa", True, True),
+    Quantity("95th percentile of pressure", "MPa", "p95_MPa", True, True),
+    Quantity("mean pressure", "MPa", "mean_MPa", True, False),
+    Quantity("peak shear", "MPa", "shear_peak_MPa", True, False),
+    Quantity("area above the threshold", "mm²", "above_mm2", False, False),
+)
+"""Rows of the summary."""
+
+NO_ERRORS: Mapping[str, float] = MappingProxyType({})
+
+FROM_FORCE = 0.5
+"""Share of the largest force from which on states show how a quantity grows with the force."""
+
+LEAST_RANGE = 1.05
+"""Largest over least force of these states, below which they show no growth."""
+
+SAME_FORCE = 0.01
+"""Relative difference of two forces that count as one."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PressStates:
+    """A tool at its balanced states, (k,) each: depth, normal force and contact."""
+
+    depth_mm: FloatArray
+    force_N: FloatArray
+    contact: Contact
+
+    @property
+    def at(self) -> int:
+        """The state with the largest force."""
+        return int(np.argmax(self.force_N))
+
+    def along(self, attribute: str) -> FloatArray | None:
+        """A quantity (k,) at the states; None for an area without a threshold."""
+        if attribute in ("depth_mm", "force_N"):
+            return np.asarray(getattr(self, attribute))
+        found: FloatArray | None = getattr(self.contact, attribute)
+        return found
+
+    def value(self, attribute: str) -> float | None:
+        """The quantity at the largest force."""
+        found = self.along(attribute)
+        return None if found is None else float(found[self.at])
+
+    def growth(self, attribute: str) -> float | None:
+        """Power of the force with which a quantity grows along the path; None where it cannot be seen."""
+        values = self.along(attribute)
+        if values is None:
+            return None
+        most = self.force_N[self.at]
+        until = int(np.argmax(self.force_N >= (1.0 - SAME_FORCE) * most))  # from there on it may be held
+        seen = (self.force_N >= FROM_FORCE * most) & (values > 0.0) & (np.arange(len(values)) <= until)
+        forces, sizes = self.force_N[seen], values[seen]
+        if not forces.size or not forces.max() > LEAST_RANGE * forces.min():
+            return None
+        return float(np.polyfit(np.log(forces), np.log(sizes), 1)[0])
+
+
+def press_states(simulation: Simulation, threshold_MPa: float | None) -> PressStates:
+    """Measure a simulation with a surface, by the force along the axis of the tool as it first touches."""
+    states = simulation.surface
+    assert states is not None
+    force, _ = states.resultants(states.positions_mm[0])
+    return PressStates(
+        depth_mm=states.depth_mm,
+        force_N=np.asarray(-(force @ states.rotations[0][:, 2])),
+        contact=contact_of(states, threshold_MPa),
+    )
+
+
+def is_by_force(protocol: Indentation) -> bool:
+    """Whether a force is to be reached somewhere along the path."""
+    return protocol.loads is not None and bool(np.isfinite(protocol.loads[:, DEPTH]).any())
+
+
+def ends_by_force(protocol: Indentation, status: Status, pressed: PressStates) -> bool:
+    """Whether the largest force is one that was to be reached, so that its depth is predicted."""
+    if protocol.loads is None or status is not Status.OK:
+        return False
+    wanted = protocol.loads[:, DEPTH]
+    wanted = wanted[np.isfinite(wanted)]
+    return bool(np.isclose(wanted, pressed.force_N[pressed.at], rtol=SAME_FORCE, atol=0.0).any())
+
+
+def mesh_error(value: float | None, coarser: float | None, refinement: float, least: float) -> float:
+    """Relative standard deviation of a value by its mesh.
+
+    As of a fit: what finer meshes would change is as uncertain as the change from a coarser one, whose
+    elements are larger by ``refinement``, over refinement² − 1. ``least`` where that is less, or unknown.
+    """
+    if not value or coarser is None or not refinement > 1.0:
+        return least
+    return max(abs(1.0 - coarser / value) / float(refinement**ORDER - 1.0), least)
+
+
+def mesh_errors(
+    pressed: PressStates, coarser: PressStates | None, refinement: float, least: float
+) -> dict[str, float]:
+    """Relative standard deviation of each quantity by its mesh."""
+    names = [quantity.attribute for quantity in QUANTITIES]
+    others = {name: None if coarser is None else coarser.value(name) for name in names}
+    return {name: mesh_error(pressed.value(name), others[name], refinement, least) for name in names}
+
+
+def curve_errors(
+    curves: Mapping[str, Curve],
+    coarser: Mapping[str, Curve] | None,
+    refinement: float,
+    least: Mapping[str, float],
+) -> dict[str, float]:
+    """Relative standard deviation of each channel by its mesh: that of its largest ordinate."""
+    others = {} if coarser is None else {name: _largest(curve) for name, curve in coarser.items()}
+    return {n: mesh_error(_largest(c), others.get(n), refinement, least[n]) for n, c in curves.items()}
+
+
+def force_error(pressed: PressStates, mesh: Mapping[str, float]) -> float | None:
+    """Relative standard deviation, by the mesh, of the force at a depth where the force was given.
+
+    All meshes carry that force, each at a depth of its own. None where the growth with the force is unknown.
+    """
+    growth = pressed.growth("depth_mm")
+    return mesh["depth_mm"] / growth if growth else None
+
+
+def _largest(curve: Curve) -> float:
+    return float(curve.ordinate[np.argmax(np.abs(curve.ordinate))])
+
+
+def with_mesh(values: FloatArray, sd: float) -> FloatArray:
+    """Draws (n, ...) with an error by the mesh each, of a relative standard deviation."""
+    errors = scores(len(values), 1).reshape(-1, *(1 for _ in values.shape[1:]))
+    return np.asarray(values * (1.0 + sd * errors))
+
+
+def stiffer_by(curve: Curve | None, lines: FloatArray | None) -> FloatArray:
+    """Force of each draw (n,) over that of the fit, where this is largest; empty where none is known."""
+    if curve is None or lines is None or not len(lines) or not curve.ordinate.max() > 0.0:
+        return np.empty(0)
+    at = int(np.argmax(curve.ordinate))
+    return np.asarray(lines[:, at] / curve.ordinate[at])
+
+
+def spread(
+    pressed: PressStates,
+    quantity: Quantity,
+    stiffer: FloatArray,
+    *,
+    by_force: bool,
+    mesh: Mapping[str, float] = NO_ERRORS,
+) -> FloatArray | None:
+    """Values (n,) of a quantity for draws that are stiffer by factors (n,); None where none are known.
+
+    ``mesh`` has the relative standard deviation of its error by the mesh.
+    """
+    value = pressed.value(quantity.attribute)
+    if value is None or not len(stiffer) or not (quantity.at_force if by_force else quantity.at_depth):
+        return None
+    growth = pressed.growth(quantity.attribute) if by_force else 0.0
+    if growth is None:
+        return None
+    is_given = by_force and quantity.attribute == "force_N"
+    sd = 0.0 if is_given else mesh.get(quantity.attribute, 0.0)
+    return with_mesh(value * stiffer ** (float(quantity.at_depth) - growth), sd)
+
+
+def summary_rows(
+    spot: str,
+    pressed: PressStates,
+    stiffer: FloatArray,
+    solved: Sequence[PressStates],
+    *,
+    by_force: bool,
+    mesh: Mapping[str, float] = NO_ERRORS,
+    pressure_unit: str = "MPa",
+) -> Iterator[dict[str, Any]]:
+    """Value, ends of the linear band, and those of simulated draws, of each quantity at a spot."""
+    per_MPa = convert("1 MPa", pressure_unit)
+    for quantity in QUANTITIES:
+        unit, factor = (pressure_unit, per_MPa) if quantity.unit == "MPa" else (quantity.unit, 1.0)
+        value = pressed.value(quantity.attribute)
+        if value is None or (quantity.attribute == "depth_mm" and not by_force):
+            continue
+        row: dict[str, Any] = {
+            "spot": spot,
+            "quantity": quantity.name,
+            "unit": unit,
+            "value": factor * value,
+        }
+        drawn = spread(pressed, quantity, stiffer, by_force=by_force, mesh=mesh)
+        band = (None, None) if drawn is None else ends(drawn)
+        row |= {
+            f"linear_{end}": None if at is None else factor * float(at)
+            for end, at in zip(("lower", "upper"), band, strict=True)
+        }
+        if solved:
+            lower, upper = ends(np.array([[each.value(quantity.attribute)] for each in solved]))
+            row |= {"solved_lower": factor * float(lower[0]), "solved_upper": factor * float(upper[0])}
+        yield row

@@ -1,0 +1,472 @@
+"""Predictions: what is measured of the skin, how sure it is, and where it extrapolates."""
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+from pydantic import TypeAdapter
+
+from palpate.cli.output import PredictOutput
+from palpate.cli.predict import _output
+from palpate.domain import Curve, Indentation, Job, Limb, Response, Simulation, Status, SurfaceStates
+from palpate.errors import StudyError
+from palpate.fit.least_squares import LeastSquares
+from palpate.indenters import Sphere
+from palpate.plugins.interfaces import Solver
+from palpate.plugins.provides import Provides
+from palpate.progress import SILENT
+from palpate.run.directory import RunDirectory
+from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
+from palpate.specimens import block
+from palpate.stages.fitted import Fitted
+from palpate.stages.stage import Run, read_run
+from palpate.study.tool import read_tool
+from palpate.waypoints import Waypoints
+from palpate_prediction import predict, run_prediction, write_prediction
+from palpate_prediction.bands import draws_of, ends, linear
+from palpate_prediction.exceedance import exceedances
+from palpate_prediction.files import notes
+from palpate_prediction.measures import area_above, contact_of, weighted_quantile
+from palpate_prediction.predict import AS_IS
+from palpate_prediction.summary import (
+    QUANTITIES,
+    PressStates,
+    curve_errors,
+    ends_by_force,
+    force_error,
+    is_by_force,
+    mesh_errors,
+    spread,
+    stiffer_by,
+    summary_rows,
+)
+from palpate_prediction.vtu import vtu
+
+pytestmark = pytest.mark.usefixtures("one_figure")
+
+TOOL = """
+threshold = "50 kPa"
+
+[protocol]
+indenter = { shape = "sphere", radius = "20 mm" }
+depth = "5 mm"
+friction = 0.5
+"""
+TRUTH = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
+
+
+def skin(pressures, depths=(5.0,), touching=None):
+    """A square of 2 mm, of two triangles, under pressures (k, 4) along −z."""
+    p = np.atleast_2d(np.array(pressures, dtype=float))
+    k = len(p)
+    share = np.ones((k, 4)) if touching is None else np.atleast_2d(touching)
+    areas = np.tile([4 / 3, 2 / 3, 4 / 3, 2 / 3], (k, 1))  # a third of each triangle of 2 mm²
+    return SurfaceStates(
+        points_mm=[(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)],
+        triangles=[(0, 1, 2), (0, 2, 3)],
+        depth_mm=depths,
+        rotation_deg=np.zeros(k),
+        positions_mm=np.zeros((k, 3)),
+        rotations=np.tile(np.eye(3), (k, 1, 1)),
+        displacements_mm=np.zeros((k, 4, 3)),
+        areas_mm2=areas,
+        touching=share,
+        pressures_MPa=p,
+        shears_MPa=0.3 * p[..., None] * np.array([1.0, 0.0, 0.0]),
+        tractions_MPa=p[..., None] * np.array([0.3, 0.0, -1.0]),
+    )
+
+
+class Pressed(Solver):
+    """Force = stiffness · depth^1.5 over the skin of ``skin``; strains as deep as the press."""
+
+    name, summary = "pressed", "with a skin"
+    provides = Provides(body="layers", slopes=True, surface=True)
+    answer = None  # of the analytic tissue
+    fails = staticmethod(lambda job: False)
+
+    def simulate(self, job: Job, limb: Limb | None) -> Simulation:
+        (theta,) = job.thetas.values()
+        if self.fails(job):
+            return Simulation(job=job, status=Status.DIVERGED, response=None, message="step too small")
+        response, surface, found = type(self).answer(*theta), None, {}
+        if job.slopes:
+            given = {
+                name: response[name].ordinate / value
+                for name, value in zip(("force", "torque"), theta, strict=True)
+            }
+            zero = {name: 0.0 * values for name, values in given.items()}
+            curves = {
+                "force": {"soft_tissue.stiffness": given["force"], "soft_tissue.grip": zero["force"]},
+                "torque": {"soft_tissue.stiffness": zero["torque"], "soft_tissue.grip": given["torque"]},
+            }
+            response = Response(
+                curves={
+                    n: replace(c, slopes=curves[n] | {"friction": 0.0 * c.ordinate})
+                    for n, c in response.curves.items()
+                }
+            )
+        if job.surface:
+            depth = float(job.protocol.path[:, 0].max())
+            depths = np.array([0.5, 1.0]) * depth
+            size = 0.1 * theta[0] * (1.1 if job.spot.endswith(AS_IS) else 1.0)
+            surface = skin(size * np.ones((2, 4)) * np.array([[0.35], [1.0]]), depths)
+            strain = {name: [1.0, 1.0] for name in ("stretch_min", "J_min", "J_max")}
+            strain |= {
+                "stretch_max": [1.0 + 0.05 * d for d in depths],
+                "i1_max": [3.0 + 0.1 * d for d in depths],
+            }
+            found = {"strain": {"soft_tissue": strain | {"where_mm": [[1.0, 2.0, 3.0]] * 2}}}
+        return Simulation(job=job, status=Status.OK, response=response, surface=surface, diagnostics=found)
+
+
+@pytest.fixture
+def fitted(make_study, tissue, run_once, monkeypatch):
+    monkeypatch.setattr(Pressed, "answer", staticmethod(tissue.answer))
+    study = make_study(solver=Pressed(), n_sets=8, search=LeastSquares(), truth=TRUTH)
+    return study, RunDirectory(run_once(study))
+
+
+def tool_file(tmp_path, text=TOOL):
+    path = tmp_path / "ball.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_tool_is_predicted_with_its_band_and_what_extrapolates(fitted, plugins, tmp_path):
+    study, run = fitted
+    tool = read_tool(tool_file(tmp_path), study, plugins)
+    found = run_prediction(study, run, tool, plugins, SILENT, n_solved=5)
+    rows = {(row["spot"], row["quantity"]): row for row in found.summary.to_dicts()}
+    stiffness = found.fitted.values["soft_tissue.stiffness"]
+    peak = rows["p1", "peak pressure"]
+    assert (peak["unit"], peak["value"]) == ("kPa", pytest.approx(100.0 * stiffness, rel=1e-5))
+    assert peak["linear_lower"] <= peak["value"] <= peak["linear_upper"]
+    assert peak["solved_upper"] == pytest.approx(peak["linear_upper"], rel=0.1)
+    assert rows["p2", "area above the threshold"]["value"] == (4.0 if stiffness > 0.5 else 0.0)
+    (i1,) = found.strains.filter(spot="p1", strain="i1_max").to_dicts()
+    assert (i1["experiment"], i1["prediction"], i1["beyond"]) == (4.0, 3.5, False)
+    files = write_prediction(found, plugins.channels, "", tmp_path / "out")
+    assert {path.suffix for path in files} >= {".parquet", ".csv", ".vtu", ".html", ".svg"}
+    assert all(path.exists() for path in files)
+    assert pl.read_parquet(tmp_path / "out" / "summary.parquet").equals(found.summary)
+    again = run_prediction(study, run, tool, plugins, SILENT, n_solved=5)
+    assert again.summary.equals(found.summary)
+    printed = TypeAdapter(PredictOutput).validate_python(_output(found, "SIMULATED curves.", files))
+    assert (printed["source"], printed["n_draws"]) == ("fit", found.n_draws)
+    assert printed["notes"][0] == "SIMULATED curves."
+    assert "Solved bands at p2 are those of 5 draws, each simulated." in printed["notes"]
+    assert any("at p1: normal force 3 %, peak pressure 3 %" in note for note in printed["notes"])
+    assert any("add fine_edge to the tool file" in note for note in printed["notes"])
+
+
+@pytest.mark.slow
+def test_a_refined_mesh_shows_its_error_by_the_mesh_as_it_is(fitted, plugins, tmp_path, monkeypatch):
+    study, run = fitted
+    coarse, fine = ({spot: block("hex8", n_across=n, n_down=2) for spot in study.spot_names} for n in (6, 12))
+    monkeypatch.setattr(predict, "load_limbs", lambda study: coarse)
+    monkeypatch.setattr(predict, "refined_limbs", lambda study, tool: dict(fine))
+    tool = read_tool(tool_file(tmp_path, 'fine_edge = "3 mm"\n' + TOOL), study, plugins)
+    found = run_prediction(study, run, tool, plugins, SILENT)
+    for spot in found.spots.values():
+        assert spot.mesh["peak_MPa"] == pytest.approx(0.1 / 3.0, rel=1e-5)
+    row = found.summary.filter(spot="p1", quantity="peak pressure").row(0, named=True)
+    assert row["linear_upper"] > row["value"] * (1.0 + 0.9 * 1.645 * 0.1 / 3.0)
+    assert "peak pressure 3.3 %" in " ".join(notes(found, ""))
+    assert "add fine_edge" not in " ".join(notes(found, ""))
+    assert not any("[budget]" in text for text in notes(found, ""))
+    monkeypatch.setattr(predict, "refined_limbs", lambda study, tool: dict(coarse))
+    found = run_prediction(study, run, tool, plugins, SILENT)
+    assert (
+        "warning: at p2 these errors are what [budget] states: fine_edge 3 mm refines nothing under the tool."
+        in notes(found, "")
+    )
+
+
+@pytest.mark.slow
+def test_draws_that_fail_are_counted_and_reported(fitted, plugins, tmp_path, monkeypatch):
+    study, run = fitted
+    tool = read_tool(tool_file(tmp_path), study, plugins)
+    best = read_run(study, run, plugins).fitted().values["soft_tissue.stiffness"]
+
+    def soft(job):
+        is_draw = job.surface and not job.slopes and job.protocol.path[:, 0].max() == 5.0
+        return is_draw and job.thetas["soft_tissue"][0] < best
+
+    monkeypatch.setattr(Pressed, "fails", staticmethod(soft))
+    found = run_prediction(study, run, tool, plugins, SILENT, n_solved=6)
+    n_ended = found.spots["p1"].n_ended
+    assert 0 < n_ended < found.spots["p1"].n_asked == 6
+    assert (
+        f"Solved bands at p1 are those of {n_ended} draws, each simulated; {6 - n_ended} of 6 failed and are "
+        "not in them." in notes(found, "")
+    )
+
+
+@pytest.mark.slow
+def test_a_spot_that_the_joint_fit_leaves_out_has_the_shared_values_alone(
+    fitted, plugins, tmp_path, monkeypatch
+):
+    study, run = fitted
+    tool = read_tool(
+        tool_file(tmp_path, TOOL.replace("threshold", 'spots = ["p2"]\nthreshold')), study, plugins
+    )
+    whole = read_run(study, run, plugins).fitted()
+    alone = replace(whole, spots=("p1",))
+    monkeypatch.setattr(Run, "fitted", lambda self: alone)
+    found = run_prediction(study, run, tool, plugins, SILENT)
+    assert found.summary["value"][0] > 0.0
+    alone = replace(alone, values={f"{name}@p1": value for name, value in whole.values.items()})
+    with pytest.raises(
+        StudyError, match=r"spot 'p2': .*grip was fitted for each spot by itself, and not for"
+    ):
+        run_prediction(study, run, tool, plugins, SILENT)
+
+
+@pytest.mark.slow
+def test_a_band_by_slopes_needs_a_solver_that_gives_them(fitted, plugins, tmp_path):
+    study, run = fitted
+    tool = read_tool(tool_file(tmp_path), study, plugins)
+    plain = Pressed()
+    plain.provides = replace(Pressed.provides, slopes=False)
+    study = replace(study, solver=plain)
+    with pytest.raises(StudyError, match=r"'pressed' gives no slopes, so that .* add --draws 20"):
+        run_prediction(study, run, tool, plugins, SILENT)
+    found = run_prediction(study, run, tool, plugins, SILENT, n_solved=3)
+    assert found.summary["linear_lower"].null_count() == found.summary.height
+    assert not any("Linear bands" in text or "no intervals" in text for text in notes(found, ""))
+
+
+def test_draws_of_a_band_are_spread_over_all_that_there_are():
+    rows = pl.DataFrame({"k": np.arange(1000.0)}).with_columns(
+        fit=pl.lit("all spots"), scenario=pl.lit("both")
+    )
+    fit = FitResult(certainty=CertaintyResult(draws=rows))
+    found = Fitted(source="fit", fit="all spots", scenario="both", values={"k": 0.0}, spots=("p1",))
+    drawn = [row["k"] for row in draws_of(found, fit, PosteriorResult())]
+    assert (len(drawn), drawn[0], drawn[-1]) == (400, 0.0, 999.0)
+    assert np.mean(drawn) == pytest.approx(499.5, abs=1.0)
+
+
+def test_a_prediction_beyond_the_experiment_says_where_and_from_which_depth():
+    def strain(i1):
+        return {"r": {"stretch_min": [0.9, 0.8], "stretch_max": [1.1, 1.2], "i1_max": i1, "J_min": [1, 1],
+                      "J_max": [1, 1], "where_mm": [[0, 0, 0], [1.0, 2.0, 3.0]]}}  # fmt: skip
+
+    simulation = Simulation(
+        job=None, status=Status.OK, response=None, diagnostics={"strain": strain([3.1, 3.9])},
+        surface=skin(np.ones((2, 4)), depths=(1.0, 2.0)),
+    )  # fmt: skip
+    table = exceedances({"p1": strain([3.1, 3.4]), "p2": strain([3.0, 3.6])}, {"q": simulation})
+    assert table.filter(pl.col("beyond"))["strain"].to_list() == ["i1_max"]
+    row = table.row(2, named=True)
+    assert (row["experiment"], row["prediction"]) == (3.6, 3.9)
+    assert (row["from_depth_mm"], row["where_mm"]) == (2.0, "1.0, 2.0, 3.0")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('"50 kPa"', "50"), r"ball\.toml:2: threshold: .*has no unit"),
+        (('"50 kPa"', '"50 mm"'), r"ball\.toml:2: threshold"),
+        (('"sphere"', '"spoon"'), r"no indenter 'spoon'"),
+        (("threshold", 'spots = ["p9"]\nthreshold'), r"the run has no spot 'p9' \(it has p1, p2\)"),
+        (("threshold", "thresholt"), r"unknown key.*threshold"),
+        (("friction = 0.5", ""), r"friction: missing"),
+        (("friction = 0.5", "friction = 0.5\n" + 2 * '[[spot]]\nname = "p1"\n'), r"'p1' is listed twice"),
+    ],
+)
+def test_a_tool_file_that_is_wrong_is_refused_with_line_and_key(
+    make_study, plugins, tmp_path, change, message
+):
+    with pytest.raises(StudyError, match=message):
+        read_tool(tool_file(tmp_path, TOOL.replace(*change)), make_study(), plugins)
+
+
+def test_a_motion_that_the_solver_of_the_run_lacks_is_refused(make_study, plugins, tmp_path):
+    class Turning(Pressed):
+        provides = replace(Pressed.provides, motions=("rotation",))
+
+    with pytest.raises(
+        StudyError, match=r"protocol\.motion: solver 'pressed' simulates no motion with depth"
+    ):
+        read_tool(tool_file(tmp_path), make_study(solver=Turning()), plugins)
+
+
+def test_area_pressure_and_quantiles_of_a_contact():
+    contact = contact_of(skin([[0.0, 0.1, 0.2, 0.1]]), threshold_MPa=0.1)
+    assert contact.area_mm2[0] == pytest.approx(4.0, rel=1e-6)
+    assert contact.peak_MPa[0] == pytest.approx(0.2)
+    assert contact.mean_MPa[0] == pytest.approx(0.1)
+    assert contact.shear_peak_MPa[0] == pytest.approx(0.06)
+    assert contact.above_mm2[0] == pytest.approx(2.0, rel=1e-5)  # the half beyond the diagonal
+    for threshold, wanted in (
+        (0.05, 4.0 * (1 - 0.5 * 0.25)),
+        (0.15, 4.0 * 0.5 * 0.25),
+        (0.3, 0.0),
+        (1e-9, 4.0),
+    ):
+        found = area_above(skin([[0.0, 0.1, 0.2, 0.1]]), threshold)[0]
+        assert found == pytest.approx(wanted, rel=1e-4, abs=1e-9)
+
+
+def test_a_node_that_is_touched_in_part_counts_with_its_part():
+    touching = np.array([[1.0, 0.5, 0.0, 0.5]])
+    contact = contact_of(skin([[0.1, 0.05, 0.0, 0.05]], touching=touching), threshold_MPa=1e-9)
+    assert contact.area_mm2[0] == pytest.approx(2.0, rel=1e-6)
+    assert contact.mean_MPa[0] == pytest.approx((0.1 * 4 / 3 + 0.05 * 4 / 3) / 2.0, rel=1e-6)
+    assert contact.above_mm2[0] <= contact.area_mm2[0] * (1.0 + 1e-6)
+
+
+def test_a_quantile_counts_areas():
+    values, weights = np.arange(1000.0), np.ones(1000)
+    assert weighted_quantile(values, weights, 0.95) == pytest.approx(949.5, abs=0.6)
+    weights[:500] = 0.0
+    assert weighted_quantile(values, weights, 0.5) == pytest.approx(749.5, abs=0.6)
+    assert weighted_quantile(values, np.zeros(1000), 0.95) == 0.0
+
+
+def test_a_linear_band_follows_the_slopes(space):
+    curve = Curve(channel="force", abscissa=[0, 1, 2], ordinate=[0, 2, 4],
+                  slopes={"soft_tissue.stiffness": [0, 1, 2], "soft_tissue.grip": [0, 0, 1]})  # fmt: skip
+    best = {"soft_tissue": np.array([2.0, 1.0])}
+    drawn = [{"soft_tissue": np.array([2.0 + a, 1.0])} for a in np.linspace(-1, 1, 201)]
+    lower, upper = ends(linear(curve, best, drawn, space))
+    np.testing.assert_allclose(lower, [0, 1.1, 2.2], atol=1e-12)
+    np.testing.assert_allclose(upper, [0, 2.9, 5.8], atol=1e-12)
+    assert linear(replace(curve, slopes={}), best, drawn, space).shape == (0, 3)
+    slippery = replace(curve, slopes={**curve.slopes, "friction": [0, 0, 10]})
+    lower, upper = ends(linear(slippery, best, 201 * [best], space, friction_sd=0.05))
+    np.testing.assert_allclose(upper - lower, [0, 0, 2 * 1.645 * 0.5], rtol=0.02)
+
+
+def hertzian(stiffness=1.0):
+    """A press to 10 N, where force and pressure are those of a ball on elastic tissue."""
+    force = np.linspace(0.0, 10.0, 9)
+    contact = contact_of(
+        skin(np.outer(stiffness ** (2 / 3) * force ** (1 / 3), np.ones(4)), depths=force), None
+    )
+    return PressStates(depth_mm=(force / stiffness) ** (2 / 3), force_N=force, contact=contact)
+
+
+def test_draws_of_a_press_to_a_force_spread_its_depth_and_not_its_force():
+    softer, stiffer = hertzian(), hertzian(1.2)
+    for quantity in QUANTITIES:
+        found = spread(softer, quantity, np.array([1.2]), by_force=True)
+        assert (found is not None) == quantity.at_force
+        if found is not None:
+            assert found[0] == pytest.approx(stiffer.value(quantity.attribute), rel=1e-6), quantity.name
+    factors = np.linspace(0.9, 1.1, 201)
+    rows = {row["quantity"]: row for row in summary_rows("p1", softer, factors, [], by_force=True)}
+    ends_of_force = [rows["normal force"][f"linear_{end}"] for end in ("lower", "upper")]
+    assert ends_of_force == pytest.approx([10.0, 10.0])
+    assert rows["depth"]["linear_upper"] == pytest.approx(softer.value("depth_mm") * 0.91 ** (-2 / 3))
+    by_depth = {row["quantity"]: row for row in summary_rows("p1", softer, factors, [], by_force=False)}
+    assert "depth" not in by_depth
+    assert by_depth["normal force"]["linear_upper"] == pytest.approx(10.0 * 1.09)
+
+
+def test_errors_by_the_mesh_are_those_that_a_coarser_one_shows():
+    fine, coarse = hertzian(), hertzian(1.1)
+    errors = mesh_errors(fine, coarse, 2.0, 0.01)
+    assert errors["peak_MPa"] == pytest.approx((1.1 ** (2 / 3) - 1.0) / 3.0, rel=1e-5)
+    assert errors["force_N"] == 0.01, "no less than the study states"
+    assert set(mesh_errors(fine, None, 2.0, 0.02).values()) == {0.02}
+    assert mesh_errors(fine, coarse, 1.0, 0.02)["peak_MPa"] == 0.02, "a mesh of the same size shows nothing"
+    (peak,) = (q for q in QUANTITIES if q.attribute == "peak_MPa")
+    drawn = spread(fine, peak, np.ones(201), by_force=False, mesh={"peak_MPa": 0.1})
+    np.testing.assert_allclose(ends(drawn / fine.value("peak_MPa")), [1 - 0.1645, 1 + 0.1645], rtol=5e-3)
+    given = spread(fine, QUANTITIES[1], np.ones(201), by_force=True, mesh={"force_N": 0.1})
+    assert np.ptp(given) == pytest.approx(0.0, abs=1e-9), "a force that is given has no error"
+
+
+def test_a_press_that_shows_no_growth_with_the_force_has_no_band_at_a_force():
+    one = hertzian()
+    still = replace(one, force_N=np.where(one.force_N > 4.0, 10.0, 0.0))
+    assert spread(still, QUANTITIES[0], np.array([1.2]), by_force=True) is None
+
+
+def test_a_force_that_is_held_does_not_count_as_growth():
+    forces = np.array([0.0, 3.0, 10.0, 10.0 * (1.0 + 1e-7)])
+    pressed = replace(hertzian(), force_N=forces, depth_mm=np.array([0.0, 1.0, 2.0, 2.1]))
+    assert pressed.growth("depth_mm") is None
+    ramp = np.linspace(1.0, 10.0, 10)
+    pressed = replace(
+        pressed,
+        force_N=np.concatenate([ramp, 10.0 * (1.0 + 1e-7 * np.arange(3))]),
+        depth_mm=np.concatenate([ramp ** (2 / 3), [5.0, 5.5, 6.0]]),
+    )
+    assert pressed.growth("depth_mm") == pytest.approx(2 / 3)
+
+
+def test_a_draw_is_stiffer_by_the_ratio_at_the_largest_force():
+    there_and_back = Curve(channel="force", abscissa=[0, 2, 4, 2, 0], ordinate=[0, 3, 10, 2, 0])
+    lines = np.array([[0.0, 3.3, 12.0, 4.0, 0.0], [0.0, 2.7, 8.0, 1.0, 0.0]])
+    np.testing.assert_allclose(stiffer_by(there_and_back, lines), [1.2, 0.8])
+    assert stiffer_by(replace(there_and_back, ordinate=np.zeros(5)), lines).size == 0
+    assert stiffer_by(there_and_back, np.empty((0, 5))).size == 0
+
+
+def test_each_curve_has_the_error_that_its_own_largest_ordinate_shows():
+    def curves(force, torque):
+        x = np.linspace(0.0, 1.0, 4)
+        return {
+            name: Curve(channel=name, abscissa=x, ordinate=most * np.array([0.0, 0.4, 1.0, 0.2]))
+            for name, most in (("force", force), ("torque", torque))
+        }
+
+    errors = curve_errors(curves(10.0, -5.0), curves(10.0, -5.9), 2.0, {"force": 0.01, "torque": 0.01})
+    assert errors == pytest.approx({"force": 0.01, "torque": 0.06})
+    assert set(curve_errors(curves(10.0, -5.0), None, 2.0, {"force": 0.02, "torque": 0.02}).values()) == {
+        0.02
+    }
+
+
+def test_a_force_that_was_given_is_as_wrong_by_the_mesh_as_its_depth():
+    fine, softer = hertzian(), hertzian(0.97)
+    errors = mesh_errors(fine, softer, np.sqrt(2.0), 0.0)
+    assert errors["force_N"] == 0.0
+    assert force_error(fine, errors) == pytest.approx(0.03, rel=0.05), "that of the force at one depth"
+    still = replace(fine, force_N=np.where(fine.force_N > 4.0, 10.0, 0.0))
+    assert force_error(still, errors) is None
+
+
+def test_a_force_to_be_reached_makes_a_press_by_force():
+    pose, loads = np.zeros((3, 6)), np.full((3, 6), np.nan)
+    pose[1:, 0] = 9.0
+    ball = Sphere(radius_mm=20.0)
+    by_depth = Indentation.along(Waypoints(pose=pose), indenter=ball, friction=0.5)
+    loads[1, 0], loads[2, 0] = 3.0, np.inf  # then the depth stays where the force has left it
+    by_force = Indentation.along(Waypoints(pose=pose, loads=loads), indenter=ball, friction=0.5)
+    assert (is_by_force(by_depth), is_by_force(by_force)) == (False, True)
+    reached = replace(hertzian(), force_N=0.3 * hertzian().force_N)
+    assert ends_by_force(by_force, Status.OK, reached)
+    assert not ends_by_force(by_depth, Status.OK, reached)
+    assert not ends_by_force(by_force, Status.DIVERGED, reached)
+    assert not ends_by_force(by_force, Status.OK, hertzian()), "it goes on to a larger one"
+
+
+def test_the_skin_is_a_file_that_others_read():
+    tree = ET.fromstring(vtu(skin([[0.0, 0.1, 0.2, 0.1]]), 0))
+    arrays = {e.attrib["Name"]: np.array(e.text.split(), dtype=float) for e in tree.iter("DataArray")}
+    np.testing.assert_allclose(arrays["contact_pressure_MPa"], [0, 0.1, 0.2, 0.1], rtol=1e-6)
+    np.testing.assert_array_equal(arrays["connectivity"], [0, 1, 2, 0, 2, 3])
+
+
+def test_a_tool_file_may_refine_the_mesh_and_move_a_spot(make_study, plugins, tmp_path):
+    (tmp_path / "other.vtu").touch()
+    more = 'fine_edge = "3 mm"\nfine_reach = "20 mm"\n'
+    place = '\n[[spot]]\nname = "wrist"\nmesh = "other.vtu"\nposition = ["1 cm", "0 mm", "0 mm"]\n'
+    tool = read_tool(tool_file(tmp_path, more + TOOL + place), make_study(), plugins)
+    assert (tool.fine_edge_mm, tool.fine_reach_mm, tool.threshold_MPa) == (3.0, 20.0, pytest.approx(0.05))
+    assert (tool.refined_mm, tool.contact_mm(5.0)) == (20.0, 10.0)
+    assert replace(tool, fine_reach_mm=0.0).refined_mm == pytest.approx(11.0), "1.1 √(R d)"
+    assert replace(tool, fine_reach_mm=4.0).contact_mm(5.0) == 4.0
+    (spot,) = tool.spots
+    assert (spot.spot.name, spot.mesh) == ("wrist", tmp_path / "other.vtu")
+    assert spot.spot.position_mm.tolist() == [10.0, 0.0, 0.0]
+    missing = place.replace("other.vtu", "gone.vtu")
+    with pytest.raises(StudyError, match=r"spot 'wrist', mesh: no such file: .*gone\.vtu"):
+        read_tool(tool_file(tmp_path, TOOL + missing), make_study(), plugins)

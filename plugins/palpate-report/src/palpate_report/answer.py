@@ -1,0 +1,162 @@
+"""The first card of the page: what was found, how sure it is, and what it rests on."""
+
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from palpate_report.forest import Forest
+from palpate_report.headline import Headline, r2_by_spot
+from palpate_report.report_data import ReportData
+from palpate_report.report_warnings import GOOD_R2, NO_FIT_R2
+from palpate_report.verdict import Verdict
+
+CAUSES: Mapping[str, str] = MappingProxyType(
+    {
+        "noise": "noise",
+        "model": "misfit of the model",
+        "mesh": "mesh",
+        "zero": "drift",
+        "priors": "priors",
+        "range": "curves that hardly depend on it",
+        "gain": "calibration",
+        "onset": "onset of contact",
+        "indenter": "radius of the indenter",
+        "friction": "friction",
+        "tilt": "tilt",
+    }
+)
+"""Causes of intervals in words; others, such as fixed parameters, are named as they are."""
+
+MOST_CAUSES = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """The card: title, what it is of, values, facts by name, and whether intervals are of 95 %."""
+
+    title: str
+    about: str
+    lines: tuple[Headline, ...]
+    facts: tuple[tuple[str, str], ...]
+    is_sure: bool
+
+
+def answer(data: ReportData, verdict: Verdict, picture: Forest) -> Answer:
+    """Sum up what leads: the joint fit, the set for all spots, or the best set of the only spot."""
+    n_spots = len(data.spots)
+    material = " and ".join(
+        dict.fromkeys(
+            r.material.name for r in data.study.space.regions if data.study.space.columns_of(r.region)
+        )
+    )
+    where = f"all {n_spots} spots" if n_spots > 1 else f"spot {data.spots[0]}"
+    fitted = f"fitted to {' + '.join(data.generalising.weighed)} (scenario {data.generalising.name})"
+    start = "the sweep" if data.study.n_sets else "the middle of the ranges"
+    by = f"Searched from {start}" if data.is_fitted else "Best set of the sweep"
+    facts = {
+        "Fit": "; ".join(_quality(data, verdict)),
+        "Spots": _spots(data, verdict, picture),
+        "Certainty": _causes(data),
+        "NOT included": ", ".join(verdict.not_included),
+        "Known": _known(data, verdict),
+        "Rests on": verdict.spent or f"{sum(data.completeness.simulated.values())} simulations of the sweep.",
+    }
+    return Answer(
+        title="No parameters from this run"
+        if verdict.failure
+        else f"{material.capitalize()}, one for {where}",
+        about=f"{by}, {fitted}",
+        lines=(*verdict.estimates, *verdict.moduli),
+        facts=tuple((name, text) for name, text in facts.items() if text),
+        is_sure=any(value.is_sure for each in verdict.bests for value in each.values),
+    )
+
+
+def _known(data: ReportData, verdict: Verdict) -> str:
+    """Whether the intervals of simulated data hold the known answer."""
+    names = {parameter.name: name for name, parameter in data.searched.items()}
+    outside = []
+    for each in verdict.estimates:
+        truth = data.study.truth.get(names.get(each.parameter, ""))
+        if truth is None or each.lower is None or each.upper is None:
+            return ""
+        if not each.lower <= truth <= each.upper:
+            outside.append(f"{each.parameter} ({truth:.4g})")
+    if not verdict.estimates:
+        return ""
+    return (
+        f"the true value is outside for {', '.join(outside)}"
+        if outside
+        else "every interval holds the true value"
+    )
+
+
+def _quality(data: ReportData, verdict: Verdict) -> Iterator[str]:
+    rows = list(r2_by_spot(data, verdict.bests))
+    for channel in dict.fromkeys(name for name, _, _ in rows):
+        r2, spot = min((r2, spot) for name, spot, r2 in rows if name == channel)
+        word = "good" if r2 >= GOOD_R2 else "poor" if r2 >= NO_FIT_R2 else "no fit"
+        least = f" at {spot} (the least)" if len(data.spots) > 1 else ""
+        yield f"{channel}: {word}, R² {r2:.4g}{least}"
+
+
+def _spots(data: ReportData, verdict: Verdict, picture: Forest) -> str:
+    """Which spots are used, and which of them differs from the joint fit."""
+    used = f"{len(data.spots)} used ({', '.join(data.spots[:6])}{', …' if len(data.spots) > 6 else ''})"
+    if len(data.spots) == 1 or not data.is_fitted:
+        return used
+    if picture.apart:
+        apart = "; ".join(f"{spot} ({', '.join(names)})" for spot, names in picture.apart.items())
+        return f"{used}; intervals apart from the joint fit's: {apart}"
+    if verdict.failure or not any(each.level for each in verdict.estimates):
+        return used
+    return f"{used}; none differs from the joint fit by more than the intervals"
+
+
+def _causes(data: ReportData) -> str:
+    """What the widest interval is mostly due to."""
+    certainty = data.fit.certainty
+    if certainty.budget.is_empty():
+        return ""
+    main = {"fit": data.together, "scenario": data.generalising.name}
+    rows = certainty.intervals.filter(**main)
+    if rows.is_empty():
+        return ""
+    name = rows.sort("relative_width", descending=True)["parameter"][0]
+    known = certainty.budget.filter(**main, parameter=name).drop_nulls("share")
+    causes = known.sort("share", descending=True).head(MOST_CAUSES)
+    shares = " and ".join(
+        f"{CAUSES.get(row['cause'], row['cause'])} ({100.0 * row['share']:.0f} %)"
+        for row in causes.iter_rows(named=True)
+    )
+    brief = data.searched[name].name if name in data.searched else name
+    return f"widest for {brief}, mostly by {shares}"
+
+
+def colour_of(name: str) -> str:
+    """CSS colour of a cause, or of another share: the same for a name in every bar of every page."""
+    known = list(CAUSES.values())
+    if name in known:
+        return f"var(--cause{known.index(name)})"
+    return f"hsl({zlib.crc32(name.encode('utf-8', 'replace')) % 360} 40% 55%)"
+
+
+def budget_bars(data: ReportData) -> Iterator[tuple[str, list[tuple[str, float]]]]:
+    """Causes of each interval that leads, with their shares in percent, the largest first."""
+    budget = data.fit.certainty.budget
+    if budget.is_empty():
+        return
+    rows = budget.filter(fit=data.together, scenario=data.generalising.name).drop_nulls("share")
+    for (name,), causes in rows.group_by("parameter", maintain_order=True):
+        head, at, spot = str(name).partition("@")
+        brief = data.searched[head].name if head in data.searched else head
+        shares = causes.sort("share", descending=True).select("cause", "share").iter_rows()
+        yield (
+            f"{brief}{at}{spot}",
+            [
+                (CAUSES.get(cause, cause), round(100.0 * share, 1))
+                for cause, share in shares
+                if share >= 0.005
+            ],
+        )

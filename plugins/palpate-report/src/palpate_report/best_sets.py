@@ -1,0 +1,174 @@
+"""The best set of each spot and scenario, with how well its parameters are identified."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from palpate import mechanics
+from palpate.domain import FloatArray, Parameter, weighed_phases
+from palpate.errors import PalpateError
+from palpate.plugins.interfaces import IsotropicMaterial
+from palpate.run.result import ALL_SPOTS
+from palpate.stages.identifiability import UNCLEAR, share_of_range
+from palpate.units import convert
+from palpate_report.report_data import ReportData
+from palpate_report.tables import weighted_channels
+
+EDGE = 0.01
+"""Share of a range within which the best set of a sweep is at its end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """One parameter of a best set, with the optimum between the sets and its interval.
+
+    These are None where they are unknown, and the value where it differs from spot to spot. The interval
+    is the 95 % interval of a fit where ``is_sure``, else of the values that fit about as well; a set of
+    the sweep need not be in it.
+    """
+
+    value: float | None
+    optimum: float | None
+    lower: float | None
+    upper: float | None
+    identifiability: str
+    is_at_bound: bool = False
+    is_sure: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Best:
+    """The best set of one spot in one scenario, or of a joint fit.
+
+    Parameters
+    ----------
+    fitted_to : str
+        Channels that the scenario weights.
+    found : str
+        ``set 12`` of the sweep, or ``fit`` where a search went on from there.
+    fopt : float
+        Of a joint fit the mean over its spots.
+    values : tuple of Value
+        In the order of ``ReportData.searched``.
+    r2 : mapping of channel or phase to number or None
+        Of a joint fit the least of its spots.
+    moduli : mapping of region to (shear modulus, Young's modulus)
+        At rest, in ``ReportData.modulus_unit``; of those that are searched, where the material has them.
+    """
+
+    spot: str
+    scenario: str
+    fitted_to: str
+    found: str
+    fopt: float
+    values: tuple[Value, ...]
+    r2: Mapping[str, float | None]
+    moduli: Mapping[str, tuple[float, float]]
+
+    @property
+    def where(self) -> str:
+        """Spot and scenario."""
+        return f"{self.spot}, scenario {self.scenario}"
+
+
+def best_sets(data: ReportData) -> Iterator[Best]:
+    """Best set by spot and scenario, the fitted one where there is one; the joint fits come first."""
+    names = (*data.measured_channels, *weighed_phases(data.study.scenarios))
+    intervals = {
+        (r["spot"], r["scenario"], r["parameter"]): r for r in data.identifiability.iter_rows(named=True)
+    }
+    sure = {
+        (r["fit"], r["scenario"], r["parameter"].removesuffix(f"@{r['fit']}")): r | {"is_sure": True}
+        for r in data.fit.certainty.intervals.iter_rows(named=True)
+    }
+    chosen = (*data.selection.iter_rows(named=True), *data.fit.ends.iter_rows(named=True))
+    rows = {(row["spot"], row["scenario"]): row for row in chosen}
+    every = product((ALL_SPOTS, *data.spots), (s.name for s in data.study.scenarios))
+    for spot, scenario in every:
+        if (best := rows.get((spot, scenario))) is None:
+            continue
+        known = intervals | sure if "fit" in best else intervals
+        values = (
+            _value(data, best, i, name, known.get((spot, scenario, name), {}))
+            for i, name in enumerate(data.searched)
+        )
+        unfinished = ", unfinished" if best.get("partial") else ""
+        yield Best(
+            spot=spot,
+            scenario=scenario,
+            fitted_to=weighted_channels(data.scenario(scenario)),
+            found="fit" if "fit" in best else f"set {best['set_id']}{unfinished}",
+            fopt=best["fopt"],
+            values=tuple(values),
+            r2={name: best.get(f"r2_{name}") for name in names},
+            moduli=dict(initial_moduli(data, best)),
+        )
+
+
+def _value(
+    data: ReportData, best: Mapping[str, Any], i: int, name: str, interval: Mapping[str, Any]
+) -> Value:
+    word = interval.get("identifiability", UNCLEAR)
+    optimum = None if "fit" in best else interval.get("optimum")
+    at_bound = {each.partition("@")[0] for each in (best.get("at_bound") or "").split(", ")}
+    ends, is_sure = (interval.get("lower"), interval.get("upper")), "is_sure" in interval
+    found = Value(best.get(name), optimum, *ends, word, name in at_bound, is_sure)
+    if "fit" in best or name not in data.brief:
+        return found
+    return replace(found, is_at_bound=_at_end(data.brief[name], found, data.design.values[:, i]))
+
+
+def _at_end(parameter: Parameter, value: Value, drawn: FloatArray) -> bool:
+    """Whether a best set is the outermost of the design, or within a spacing of the range's end.
+
+    Not where the curves show that the optimum is inside, or do not depend on the parameter.
+    """
+    if value.identifiability == "not" or value.value is None:
+        return False
+    if value.lower is not None and value.upper is not None:
+        ends = [share_of_range(parameter, end) for end in (value.lower, value.upper)]
+        if ends[0] > EDGE and ends[1] < 1.0 - EDGE:
+            return False
+    spacing = max(EDGE, 1.0 / drawn.size)
+    return (
+        value.value in (drawn.min(), drawn.max())
+        or not spacing < share_of_range(parameter, value.value) < 1.0 - spacing
+    )
+
+
+def every_value(data: ReportData, row: Mapping[str, Any]) -> dict[str, float]:
+    """Values of all parameters in the units of their materials, from a row in those of the study."""
+    names = (name for name in data.study.space.names if row.get(name) is not None)
+    return data.study.space.complete({name: row[name] / data.factors.get(name, 1.0) for name in names})
+
+
+def initial_moduli(data: ReportData, best: Mapping[str, Any]) -> Iterator[tuple[str, tuple[float, float]]]:
+    """Initial shear and Young's modulus of each region that is searched, where its material has them.
+
+    A material with directions has none: it is not as stiff along its fibres as across. They are in
+    ``data.modulus_unit``.
+
+    Parameters
+    ----------
+    best : mapping
+        Searched values among others, by full name; None where it differs from spot to spot.
+    """
+    space, unit = data.study.space, convert(f"1 {data.modulus_unit}", "MPa")
+    every = every_value(data, best)
+    for region in (each for each in space.regions if isinstance(each.material, IsotropicMaterial)):
+        values = {p.name: every[f"{region.region}.{p.name}"] for p in region.material.parameters}
+        if space.columns_of(region.region) and np.isfinite(list(values.values())).all():
+            try:
+                mu, kappa = mechanics.initial_moduli(region.material, region.theta(values))
+            except PalpateError:
+                continue
+            yield region.region, (mu / unit, 9.0 * kappa * mu / (3.0 * kappa + mu) / unit)
+
+
+def leading(data: ReportData, bests: Sequence[Best]) -> Best | None:
+    """Return the joint fit, or the best of the only spot, in the scenario that generalises."""
+    main = data.generalising.name
+    return next((best for best in bests if (best.spot, best.scenario) == (data.together, main)), None)

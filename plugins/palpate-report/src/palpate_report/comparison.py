@@ -1,0 +1,232 @@
+"""Several runs side by side: materials of one limb, or limbs of one material."""
+
+import base64
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from palpate.domain import Curve, FloatArray, channel_of
+from palpate.run.atomic_files import write_atomically
+from palpate.run.ownership import keep_only
+from palpate_report.best_sets import best_sets, leading
+from palpate_report.headline import NO_PARAMETERS, failure_of, headlines, moduli
+from palpate_report.marks import explained, mark_of
+from palpate_report.paper_tables import materials_of, paper_tables
+from palpate_report.report_data import ReportData
+from palpate_report.table_files import write_tables
+from palpate_report.tables import EXACT, weighted_channels
+from palpate_report.written_units import in_written_units
+
+MEANINGS = ((2.0, "as good as the best"), (7.0, "less support"), (np.inf, "hardly any support"))
+"""What a difference of AICc up to each limit means (Burnham & Anderson, Model Selection, 2002, ch. 2.6)."""
+
+CLOSE = MEANINGS[0][0]
+"""Difference of a criterion up to which runs are as good as each other."""
+
+FEWEST_POINTS = 5
+"""Independent points of each parameter below which AICc decides nothing."""
+
+TOO_FEW = "too few independent points"
+
+CRITERIA = (
+    "AICc and BIC weigh how well the curves are described against the number of parameters; less is better, "
+    "and only differences mean anything. A weight is the probability that a model is the best of these. "
+    "Neighbouring points of a curve are counted as far as the residuals of the best run are independent. "
+    "A model with the least criterion need not be a good one: look at R² and the curves."
+)
+"""What the criteria are, for readers."""
+
+NOT_COMPARABLE = (
+    "No information criteria: they need a result of each run, the same measured curves in the same channels, "
+    "and more independent points than parameters."
+)
+
+
+def named(runs: Mapping[Path, ReportData]) -> dict[str, ReportData]:
+    """Runs under the names of their materials, or of their folders where these are the same."""
+    for name in (lambda _, data: materials_of(data), lambda path, _: path.name, lambda path, _: str(path)):
+        found = {name(path, data): in_written_units(data) for path, data in runs.items()}
+        if len(found) == len(runs):
+            return found
+    return found
+
+
+def comparison_tables(runs: Mapping[str, ReportData]) -> dict[str, pl.DataFrame]:
+    """Tables ``parameters``, ``errors`` and, for runs of the same curves, ``criteria``."""
+    tables = {
+        "parameters": [row for name, data in runs.items() for row in _parameters(name, data)],
+        "errors": [_errors(name, data) for name, data in runs.items()],
+        "criteria": _criteria(runs) if same_curves(runs) else [],
+    }
+    return {name: pl.DataFrame(rows, infer_schema_length=None) for name, rows in tables.items() if rows}
+
+
+def same_curves(runs: Mapping[str, ReportData]) -> bool:
+    """Whether all runs are fitted to the same measured curves in the same channels."""
+    first, *others = runs.values()
+    return all(
+        data.spots == first.spots
+        and data.generalising.weighed == first.generalising.weighed
+        and all(_is_same(data, first, spot) for spot in first.spots)
+        for data in others
+    )
+
+
+def _is_same(one: ReportData, other: ReportData, spot: str) -> bool:
+    a, b = one.measured[spot].curves, other.measured[spot].curves
+    return a.keys() == b.keys() and all(
+        np.array_equal(a[name].abscissa, b[name].abscissa)
+        and np.array_equal(a[name].ordinate, b[name].ordinate)
+        for name in a
+    )
+
+
+def _leading(data: ReportData) -> dict[str, Any]:
+    """Row of the fit of all spots, or of the only one; without a fit of the set for all; or nothing."""
+    scenario = data.generalising.name
+    if data.is_fitted:
+        return data.fit.ends.filter(fit=data.together, scenario=scenario).row(0, named=True)
+    if len(data.spots) > 1:
+        rows = data.generalisation.with_columns(fopt=pl.col("fopt_mean"))
+    else:
+        rows = data.selection.filter(scenario=scenario)
+    return next(rows.head(1).iter_rows(named=True), {})
+
+
+def _parameters(run: str, data: ReportData) -> Iterator[dict[str, Any]]:
+    bests = tuple(best_sets(data))
+    found, best = headlines(data, bests), leading(data, bests)
+    if best is not None:
+        found += moduli(data, best, is_refused=bool(failure_of(data, bests)))
+    for each in found:
+        lower, upper = (each.lower, each.upper) if each.level else (None, None)
+        yield {"run": run, "parameter": each.parameter, "value": each.value, "lower": lower, "upper": upper,
+               "unit": each.unit, "verdict": each.verdict}  # fmt: skip
+
+
+def _errors(run: str, data: ReportData) -> dict[str, Any]:
+    found = _leading(data)
+    return {
+        "run": run,
+        "fitted_to": weighted_channels(data.generalising),
+        "spots": len(data.spots),
+        "fopt": found.get("fopt"),
+        **{f"nmse_{name}": found.get(f"nmse_{name}") for name in data.measured_channels},
+        **{f"r2_{name}": found.get(f"r2_{name}") for name in data.measured_channels},
+    }
+
+
+# ---------------------------------------------------------- information criteria
+
+
+def _criteria(runs: Mapping[str, ReportData]) -> list[dict[str, Any]]:
+    """AICc and BIC of each run, with errors of a size to be estimated in each channel."""
+    left = {run: _residuals(data) for run, data in runs.items()}
+    if not all(left.values()):
+        return []
+    best = min(left.values(), key=lambda each: sum(map(_mean_square, each.values())))
+    n = {name: _independent(parts) for name, parts in best.items()}
+    total, rows = sum(n.values()), []
+    for run, data in runs.items():
+        fitted = data.study.parametrisation.parameters(data.study.space, data.spots)
+        k = len(fitted if data.is_fitted else data.design.parameters) + len(n)
+        fit = sum(n[name] * np.log(max(_mean_square(parts), EXACT)) for name, parts in left[run].items())
+        aicc = fit + 2.0 * k + 2.0 * k * (k + 1.0) / (total - k - 1.0) if total > k + 1.0 else None
+        rows.append({"run": run, "n_parameters": k - len(n), "n_independent_points": round(total, 1),
+                     "aicc": aicc, "bic": fit + k * np.log(total)})  # fmt: skip
+    if any(row["aicc"] is None for row in rows):
+        return []
+    least, least_bic = (min(row[name] for row in rows) for name in ("aicc", "bic"))
+    odds = {row["run"]: np.exp((least - row["aicc"]) / 2.0) for row in rows}
+    is_enough = all(total >= FEWEST_POINTS * row["n_parameters"] for row in rows)
+    for row in rows:
+        row["difference"] = row["aicc"] - least
+        row["difference_bic"] = row["bic"] - least_bic
+        row["weight"] = odds[row["run"]] / sum(odds.values()) if is_enough else None
+        row["meaning"] = TOO_FEW
+        if is_enough:
+            row["meaning"] = next(text for most, text in MEANINGS if row["difference"] <= most)
+    return sorted(rows, key=lambda row: row["difference"])
+
+
+def _notes(tables: Mapping[str, pl.DataFrame], runs: Mapping[str, ReportData]) -> Iterator[str]:
+    """What a reader must know of the tables: refused runs first."""
+    for name, data in runs.items():
+        if failure := failure_of(data, tuple(best_sets(data))):
+            yield f"{name}: {failure}"
+    if sentence := explained(map(mark_of, tables["parameters"]["verdict"])):
+        yield sentence
+    yield CRITERIA if "criteria" in tables else NOT_COMPARABLE
+    if "criteria" in tables:
+        table = tables["criteria"]
+        by_aicc, by_bic = (table.sort(name, maintain_order=True)["run"][0] for name in ("aicc", "bic"))
+        if TOO_FEW in table["meaning"]:
+            yield (
+                f"The criteria decide nothing here: there are fewer than {FEWEST_POINTS} independent points "
+                "for a parameter, and the term for few points outweighs the misfit."
+            )
+        far = table.filter((pl.col("difference") > CLOSE) != (pl.col("difference_bic") > CLOSE))["run"]
+        if by_aicc != by_bic or not far.is_empty():
+            of = f" on {', '.join(far)}" if by_aicc == by_bic else f": {by_aicc} by AICc, {by_bic} by BIC"
+            yield f"AICc and BIC disagree{of}. Read neither as a choice."
+    yield from dict.fromkeys(data.notice for data in runs.values() if data.notice)
+
+
+def _residuals(data: ReportData) -> dict[str, list[FloatArray]]:
+    """Residuals over the rms ordinate of each fitted channel by spot; empty where there is no result."""
+    from palpate_report.figures import residuals
+
+    found: dict[str, list[FloatArray]] = {}
+    channels = dict.fromkeys(map(channel_of, data.generalising.weighed))
+    for spot in data.spots:
+        simulated = fitted_curves(data, spot)
+        for name, curve in data.measured[spot].curves.items():
+            if name in channels and name in simulated:
+                size = float(np.sqrt(np.mean(curve.ordinate**2)))
+                found.setdefault(name, []).append(residuals(curve, simulated[name]) / size)
+    return found
+
+
+def fitted_curves(data: ReportData, spot: str) -> Mapping[str, Curve]:
+    """Curves at a spot of the fit of all, or of the only one."""
+    from palpate_report.figures import fit_of, for_all_spots
+
+    alone = len(data.spots) == 1
+    return (fit_of(data, spot, data.generalising.name) if alone else for_all_spots(data, spot))[1]
+
+
+def _mean_square(parts: list[FloatArray]) -> float:
+    return float(np.nanmean(np.concatenate(parts) ** 2))
+
+
+def _independent(parts: list[FloatArray]) -> float:
+    """Number of independent points on curves with these residuals, by the correlation of neighbours."""
+    finite = [part[np.isfinite(part)] for part in parts]
+    squares = sum(float(part @ part) for part in finite)
+    together = sum(float(part[1:] @ part[:-1]) for part in finite)
+    correlation = min(max(together / squares, 0.0), 0.99) if squares else 0.0
+    return sum(part.size for part in finite) * (1.0 - correlation) / (1.0 + correlation)
+
+
+# ------------------------------------------------------------------------- files
+
+
+def write_comparison(runs: Mapping[str, ReportData], folder: Path) -> dict[str, Any]:
+    """Write ``tables/``, ``figures/`` and ``index.html``; return tables, notes and files."""
+    from palpate_report.figures import write_comparison_figure
+    from palpate_report.page import comparison_page
+
+    tables = comparison_tables(runs)
+    notes = list(_notes(tables, runs))
+    failures = [note for note in notes if NO_PARAMETERS in note]
+    figures = write_comparison_figure(runs, folder / "figures")
+    files = (*write_tables(tables, folder / "tables", paper_tables(runs), failures), *figures)
+    (picture,) = (base64.b64encode(file.read_bytes()).decode() for file in figures if file.suffix == ".svg")
+    page = folder / "index.html"
+    links = [file.relative_to(folder) for file in files]
+    write_atomically(page, comparison_page(list(runs), tables, notes, picture, links).encode())
+    keep_only(folder, (*files, page))
+    return {"tables": tables, "notes": notes, "files": (*files, page)}

@@ -1,0 +1,374 @@
+"""The paper's figures, for any channels, spots, parameters and scenarios, and those of single presses."""
+
+import gc
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from itertools import cycle, product
+from pathlib import Path
+from typing import Any, cast
+
+import matplotlib as mpl
+import numpy as np
+import polars as pl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from palpate import _core
+from palpate.domain import Channel, Curve, FloatArray, Response
+from palpate.errors import CurveError
+from palpate.run.directory import file_name
+from palpate.run.result import ALL_SPOTS
+from palpate.stages.experiment import Presses
+from palpate.stages.selection import objectives
+from palpate_report import comparison
+from palpate_report.fit_path import least_of_sweep, paths
+from palpate_report.paper_tables import intervals
+from palpate_report.report_data import ReportData, label_of
+from palpate_report.space import parameter_space
+from palpate_report.style import (
+    DOUBLE_MM,
+    LEAST_COLOUR,
+    LINES,
+    MEASURED_COLOUR,
+    SINGLE_MM,
+    STYLE,
+    Dash,
+    entitle,
+    legend_below,
+    save,
+    set_log,
+    sized,
+)
+
+
+def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
+    """Draw every figure as SVG, PDF and PNG."""
+    folder.mkdir(parents=True, exist_ok=True)
+    drawings: dict[str, Callable[[], Figure]] = {}
+    if data.design.n_sets:
+        drawings["nmse_distribution"] = partial(nmse_distribution, data)
+    if not data.fit.trace.is_empty():
+        drawings["fit_trace"] = partial(fit_trace, data)
+    if not data.fit.certainty.intervals.is_empty():
+        drawings["intervals"] = partial(interval_plot, data)
+    if not data.design.n_sets:
+        drawings["parameter_space"] = partial(parameter_space, data, "")
+    for spot in data.spots:
+        if data.design.n_sets:
+            drawings[f"parameter_space_{file_name(spot)}"] = partial(parameter_space, data, spot)
+        drawings[f"response_{file_name(spot)}"] = partial(responses, data, spot)
+    if data.is_fitted or not data.generalisation.is_empty():
+        drawings["generalised"] = partial(generalised, data)
+    files: list[Path] = []
+    gc.freeze()  # else each collection while drawing goes through everything that was imported
+    try:
+        for name, draw in drawings.items():
+            files += _saved(draw, folder / name)
+    finally:
+        gc.unfreeze()
+    return tuple(files)
+
+
+def _saved(draw: Callable[[], Figure], stem: Path) -> list[Path]:
+    # The context is left before the next figure, so that nobody else's style changes.
+    with mpl.rc_context(cast("Any", dict(STYLE))):
+        return save(draw(), stem)
+
+
+# ------------------------------------------------------------ curves by scenario
+
+
+def responses(data: ReportData, spot: str) -> Figure:
+    """Measured curves of a spot, and the best simulated ones of each scenario; below, what these miss."""
+    measured = data.measured[spot].curves
+    figure = sized(DOUBLE_MM if len(measured) > 1 else SINGLE_MM, 90.0)
+    grid = figure.subplots(2, len(measured), squeeze=False, sharex="col", height_ratios=(3, 1))
+    fits = fits_at(data, spot)
+    for (axis, below), (channel, curve) in zip(grid.T, measured.items(), strict=True):
+        _draw_measured(axis, data, curve)
+        for (label, fit), (colour, dash) in zip(fits, cycle(LINES), strict=False):
+            if channel in fit:
+                _draw(axis, fit[channel], colour, dash, label)
+                below.plot(curve.abscissa, residuals(curve, fit[channel]), color=colour, linestyle=dash)
+        axis.set_xlabel("")
+        below.axhline(0.0, color="0.4", linewidth=0.6)
+        below.set(xlabel=data.channels[channel].abscissa_label, ylabel="sim. − exp.")
+    legend_below(figure, list(grid[0]))
+    entitle(figure, f"{data.study.name}, spot {spot}: least NMSE by scenario", data.notice)
+    return figure
+
+
+def residuals(measured: Curve, simulated: Curve) -> FloatArray:
+    """Simulated minus measured ordinates (n,) at the measured abscissae, NaN where there are none."""
+    try:
+        values, _ = _core.interpolate(simulated.abscissa, simulated.ordinate, measured.abscissa)
+    except CurveError:
+        return np.full(measured.abscissa.size, np.nan)
+    left: FloatArray = values - measured.ordinate
+    return left
+
+
+def fits_at(data: ReportData, spot: str) -> list[tuple[str, Mapping[str, Curve]]]:
+    """Label and curves at a spot: the best of each scenario, then those for all of several spots."""
+    fits = [fit_of(data, spot, scenario.name) for scenario in data.study.scenarios]
+    return [*fits, for_all_spots(data, spot)] if len(data.spots) > 1 else fits
+
+
+def for_all_spots(data: ReportData, spot: str) -> tuple[str, Mapping[str, Curve]]:
+    """Label and curves at a spot of the joint fit, else of the set for all spots."""
+    joint = data.fit.responses.get((ALL_SPOTS, data.generalising.name, spot))
+    if joint is not None:
+        return f"all spots, scenario {data.generalising.name}, fit", joint.curves
+    for set_id in data.generalisation["set_id"][:1]:
+        response = data.responses.get((spot, set_id))
+        return f"one set for all spots, set {set_id}", response.curves if response else {}
+    return "", {}
+
+
+def fit_of(data: ReportData, spot: str, scenario: str) -> tuple[str, Mapping[str, Curve]]:
+    """Label and curves of a scenario at a spot: the fitted ones, else those of the selected set."""
+    if (fitted := data.fit.responses.get((spot, scenario, spot))) is not None:
+        return f"scenario {scenario}, fit", fitted.curves
+    for set_id in data.selection.filter(spot=spot, scenario=scenario)["set_id"]:
+        if (response := data.responses.get((spot, set_id))) is not None:
+            return f"scenario {scenario}, set {set_id}", response.curves
+    return scenario, {}
+
+
+def _draw_measured(
+    axis: Axes, data: ReportData, curve: Curve, label: str = "experiment", colour: str = MEASURED_COLOUR
+) -> None:
+    few = curve.abscissa.size <= 80
+    _draw_band(axis, curve)
+    axis.plot(
+        curve.abscissa,
+        curve.ordinate,
+        color=colour,
+        marker="o",
+        markersize=2.6 if few else 2.0,
+        markevery=1 if few else max(1, curve.abscissa.size // 60),
+        markerfacecolor="none",
+        markeredgewidth=0.6,
+        linestyle="none",
+        zorder=4,
+        label=f"{label} (simulated)" if data.notice else label,
+    )
+    _label(axis, data.channels[curve.channel])
+
+
+def _label(axis: Axes, channel: Channel) -> None:
+    axis.set_xlabel(channel.abscissa_label)
+    axis.set_ylabel(channel.ordinate_label)
+
+
+def _draw(axis: Axes, curve: Curve, colour: str, dash: Dash, label: str) -> None:
+    axis.plot(curve.abscissa, curve.ordinate, color=colour, linestyle=dash, label=label)
+
+
+def _draw_band(axis: Axes, curve: Curve) -> None:
+    """Shade one standard deviation to each side of a curve that has it."""
+    if curve.std is None:
+        return
+    for start, stop in curve.branches:
+        axis.fill_between(
+            curve.abscissa[start:stop],
+            (curve.ordinate - curve.std)[start:stop],
+            (curve.ordinate + curve.std)[start:stop],
+            color=MEASURED_COLOUR,
+            alpha=0.2,
+            linewidth=0,
+            label="_" if start else "± one standard deviation",
+        )
+
+
+def generalised(data: ReportData) -> Figure:
+    """Show the joint fit, or the one set for all spots, on the measured curves of every spot."""
+    channels, spots = data.measured_channels, data.spots
+    figure = sized(DOUBLE_MM if len(spots) > 1 else SINGLE_MM, 46.0 * len(channels) + 22.0)
+    axes = figure.subplots(len(channels), len(spots), squeeze=False)
+    rows = data.fit.joint(data.generalising.name)
+    found = "one set for all spots" if rows.is_empty() else "one material for all spots"
+    rows = data.generalisation if rows.is_empty() else rows
+    fopt = {row["spot"]: float(row["fopt"]) for row in rows.iter_rows(named=True)}
+    colour, dash = LINES[0]
+    for j, spot in enumerate(spots):
+        label, simulated = for_all_spots(data, spot)
+        for i, channel in enumerate(channels):
+            axis = axes[i, j]
+            if channel in data.measured[spot].curves:
+                _draw_measured(axis, data, data.measured[spot][channel])
+            else:
+                axis.set_axis_off()
+            if channel in simulated:
+                _draw(axis, simulated[channel], colour, dash, label)
+        axes[0, j].set_title(f"spot {spot}: Fopt {fopt[spot]:.3g}" if spot in fopt else f"spot {spot}")
+    legend_below(figure, list(axes.flat))
+    spread = f" ± {np.std(list(fopt.values()), ddof=1):.2g}" if len(fopt) > 1 else ""
+    mean = f", mean Fopt {np.mean(list(fopt.values())):.4g}{spread}" if fopt else ""
+    title = f"{data.study.name}: {found}{mean}"
+    entitle(figure, title, data.notice)
+    return figure
+
+
+def write_comparison_figure(runs: Mapping[str, ReportData], folder: Path) -> list[Path]:
+    """Draw the measured and the fitted curves of several runs, spot by spot, as ``curves``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    return _saved(partial(_compared, runs), folder / "curves")
+
+
+def _compared(runs: Mapping[str, ReportData]) -> Figure:
+    spots = list(dict.fromkeys(spot for data in runs.values() for spot in data.spots))
+    channels = list(dict.fromkeys(name for data in runs.values() for name in data.measured_channels))
+    figure = sized(DOUBLE_MM if len(spots) > 1 else SINGLE_MM, 46.0 * len(channels) + 22.0)
+    axes = figure.subplots(len(channels), len(spots), squeeze=False)
+    same = comparison.same_curves(runs)
+    for k, ((name, data), (colour, dash)) in enumerate(zip(runs.items(), cycle(LINES), strict=False)):
+        for (i, channel), (j, spot) in product(enumerate(channels), enumerate(spots)):
+            if spot not in data.measured or channel not in data.measured[spot].curves:
+                continue
+            if k == 0 or not same:
+                whose = ("experiment", MEASURED_COLOUR) if same else (f"{name}: experiment", colour)
+                _draw_measured(axes[i, j], data, data.measured[spot][channel], *whose)
+            fitted = comparison.fitted_curves(data, spot)
+            if channel in fitted:
+                _draw(axes[i, j], fitted[channel], colour, dash, name)
+    for spot, axis in zip(spots, axes[0], strict=True):
+        axis.set_title(f"spot {spot}")
+    legend_below(figure, list(axes.flat))
+    notices = dict.fromkeys(data.notice for data in runs.values() if data.notice)
+    entitle(figure, "measured and fitted curves", "; ".join(notices))
+    return figure
+
+
+# ---------------------------------------------------------------- the searches
+
+
+def fit_trace(data: ReportData) -> Figure:
+    """Draw Fopt of the fits against the simulations that they spent, with the least of the sweep."""
+    figure = sized(SINGLE_MM, 75.0)
+    axis = figure.subplots()
+    scenario = data.generalising
+    for fit, (colour, dash) in zip(dict.fromkeys((data.together, *data.spots)), cycle(LINES), strict=False):
+        for k, path in enumerate(paths(data, fit, scenario.name, fit)):
+            label = "_" if k else fit
+            axis.plot(path["n_runs"], path["fopt"], color=colour, linestyle=dash, marker=".", label=label)
+    if (least := least_of_sweep(data, data.together, scenario)) is not None:
+        axis.axhline(
+            least, color=MEASURED_COLOUR, linestyle="--", label=f"{data.together}: least of the sweep"
+        )
+    set_log(axis, "y")
+    axis.set_xlabel("simulations of the fit")
+    axis.set_ylabel(f"Fopt (NMSE), scenario {scenario.name}")
+    legend_below(figure, [axis])
+    entitle(figure, f"{data.study.name}: searches", data.notice)
+    return figure
+
+
+def interval_plot(data: ReportData) -> Figure:
+    """Fitted parameters with their 95 % intervals by spot and scenario, the joint fit first."""
+    spots = [spot for spot in (ALL_SPOTS, *data.spots) if spot in data.fit.ends["fit"].to_list()]
+    names, ends = list(data.searched.items()), intervals(data)
+    figure = sized(DOUBLE_MM if len(names) > 1 else SINGLE_MM, 14.0 * len(spots) + 36.0)
+    axes = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
+    scenarios = [s.name for s in data.study.scenarios]
+    for axis, (name, parameter) in zip(axes, names, strict=True):
+        for row in data.fit.ends.iter_rows(named=True):
+            if row.get(name) is None:
+                continue
+            i = scenarios.index(row["scenario"])
+            at = spots.index(row["fit"]) + 0.6 * ((i + 0.5) / len(scenarios) - 0.5)
+            colour, dash = LINES[i % len(LINES)]
+            look = {"color": colour, "linestyle": dash, "label": f"scenario {row['scenario']}"}
+            span = ends.get((row["fit"], row["scenario"], name), (row[name],) * 2)
+            axis.plot(span, [at, at], linewidth=1.6, **look)
+            axis.plot(row[name], at, "o", markersize=3.0, color=colour)
+        if (truth := data.study.truth.get(name)) is not None:
+            axis.axvline(truth, color="black", linewidth=0.8, label="known answer")
+        if parameter.scale == "log":
+            set_log(axis, "x")
+        axis.set_xlabel(label_of(parameter))
+    axes[0].set_yticks(range(len(spots)), spots)
+    axes[0].invert_yaxis()
+    legend_below(figure, list(axes))
+    entitle(figure, f"{data.study.name}: parameters with 95 % intervals", data.notice)
+    return figure
+
+
+# ------------------------------------------------------------- NMSE over the sets
+
+
+def nmse_distribution(data: ReportData) -> Figure:
+    """Fopt of every set at each spot, on a log scale."""
+    rows = objectives(data.scores, [data.generalising])
+    figure = sized(SINGLE_MM if len(data.spots) <= 6 else DOUBLE_MM, 75.0)
+    axis = figure.subplots()
+    for place, spot in enumerate(data.spots):
+        fopt = rows.filter(pl.col("spot") == spot)["fopt"].to_numpy()
+        _draw_distribution(axis, place, fopt)
+    axis.set_xticks(range(len(data.spots)), data.spots)
+    axis.set_xlim(-0.6, len(data.spots) - 0.4)
+    set_log(axis, "y")
+    axis.set_xlabel("spot")
+    axis.set_ylabel(f"Fopt (NMSE), scenario {data.generalising.name}")
+    legend_below(figure, [axis])
+    found = data.completeness
+    sets = found.n_sets if found.is_complete else f"up to {max(found.simulated.values())} of {found.n_sets}"
+    entitle(figure, f"{data.study.name}: NMSE of {sets} sets per spot", data.notice)
+    return figure
+
+
+def _draw_distribution(axis: Axes, place: int, fopt: FloatArray) -> None:
+    if not fopt.size:
+        return
+    shown = np.sort(fopt)
+    # The golden ratio spreads neighbours evenly, and the same data always look the same.
+    spread = (np.arange(shown.size) * 0.6180339887 % 1.0 - 0.5) * 0.5
+    axis.scatter(place + spread, shown, s=7, color=MEASURED_COLOUR, alpha=0.5, linewidths=0, label="set")
+    axis.hlines(float(np.median(fopt)), place - 0.32, place + 0.32, color="black", linewidth=1.3,
+                label="median of all sets")  # fmt: skip
+    axis.scatter([place], shown[:1], marker="*", s=50, color=LEAST_COLOUR, zorder=4, clip_on=False,
+                 label="least")  # fmt: skip
+
+
+# ------------------------------------------------------------ presses of one spot
+
+
+def draw_presses(
+    presses: Presses, mean: Response, channels: Mapping[str, Channel], notice: str, folder: Path
+) -> tuple[Path, ...]:
+    """Draw ``curves.svg``, ``curves.pdf`` and ``curves.png``: each channel in its own panel.
+
+    Parameters
+    ----------
+    presses : Presses
+    mean : Response
+        What :func:`palpate.stages.experiment.mean` made of them.
+    channels : mapping of name to Channel
+        Axes and labels.
+    notice : str
+        What the picture must state of the data; empty for nothing.
+    folder : Path
+    """
+
+    def draw() -> Figure:
+        figure = sized(DOUBLE_MM if len(mean.curves) > 1 else SINGLE_MM, 75.0)
+        axes = figure.subplots(1, len(mean.curves), squeeze=False)[0]
+        for axis, (name, curve) in zip(axes, mean.curves.items(), strict=True):
+            _draw_channel(axis, list(presses.curves(name).values()), curve)
+            _label(axis, channels[name])
+        legend_below(figure, list(axes))
+        entitle(figure, f"spot {presses.spot.spot.name}: measured curves", notice)
+        return figure
+
+    return tuple(_saved(draw, folder / "curves"))
+
+
+def _draw_channel(axis: Axes, repeats: Sequence[Curve], mean: Curve) -> None:
+    label = "press"
+    if len(repeats) > 1:
+        label = f"mean of {len(repeats)} presses"
+        for k, curve in enumerate(repeats):
+            of_all = "_" if k else f"{len(repeats)} presses"
+            axis.plot(curve.abscissa, curve.ordinate, label=of_all, color="0.45", linewidth=0.8)
+    _draw_band(axis, mean)
+    axis.plot(mean.abscissa, mean.ordinate, color=MEASURED_COLOUR, label=label)

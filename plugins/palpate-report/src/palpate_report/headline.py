@@ -1,0 +1,313 @@
+"""Each value of a run as every output shows it: interval, unit, verdict and mark, made once.
+
+Page, tables, LaTeX, cards, comparison and terminal print a :class:`Headline`, or what :class:`Verdicts`
+states of a value of another fit; nothing else decides what may be read.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import polars as pl
+
+from palpate.run.result import ALL_SPOTS, FitResult
+from palpate.stages.identifiability import UNCLEAR
+from palpate_report.best_sets import Best, Value, best_sets, initial_moduli, leading
+from palpate_report.marks import NOT, REFUSED, TIED, mark_of, verdict_of
+from palpate_report.report_data import ReportData
+from palpate_report.report_warnings import CHECK, NO_FIT_R2, failed_checks
+from palpate_report.rounding import rounded
+
+NO_PARAMETERS = "No parameters can be read from this run"
+
+MODULI = ("initial shear modulus", "Young's modulus")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Headline:
+    """A value with what may be read of it.
+
+    Parameters
+    ----------
+    parameter : str
+        Brief name; ``<name>@<spot>`` where each spot has its own; or the name of a modulus.
+    unit : str
+    name : str
+        Full name of a parameter.
+    value, lower, upper : float or None
+        None where they are unknown, and the value where it differs from spot to spot.
+    identifiability : str
+        Word of :mod:`palpate.stages.identifiability`; empty where none is known.
+    level : float or None
+        0.95 where the interval is that of a fit; None where it is what fits about as well in the sweep.
+    at_bound, is_refused : bool
+        The value is at an end of its range; no parameters can be read from its run.
+    """
+
+    parameter: str
+    unit: str
+    value: float | None
+    name: str = ""
+    lower: float | None = None
+    upper: float | None = None
+    identifiability: str = ""
+    level: float | None = None
+    at_bound: bool = False
+    is_refused: bool = False
+
+    @property
+    def verdict(self) -> str:
+        """What may be read of the value, in words; empty where nothing is known."""
+        return verdict_of(self.identifiability, at_bound=self.at_bound, is_refused=self.is_refused)
+
+    @property
+    def label(self) -> str:
+        """Name with its unit."""
+        return self.parameter if self.unit in ("", "1") else f"{self.parameter} [{self.unit}]"
+
+    def __str__(self) -> str:
+        unit, ends, known = "" if self.unit == "1" else f" {self.unit}", (self.lower, self.upper), []
+        if self.lower is not None and self.upper is not None:
+            known = [f"{rounded(self.lower, *ends)} to {rounded(self.upper, *ends)}"]
+        known += [self.verdict] if self.verdict else []
+        value = "by spot" if self.value is None else f"= {rounded(self.value, *ends)}{unit}"
+        return f"{self.parameter} {value}" + (f" ({', '.join(known)})" if known else "")
+
+
+# -------------------------------------------------------------------- what leads
+
+
+def headlines(data: ReportData, bests: Sequence[Best]) -> list[Headline]:
+    """Parameters of what leads, with the intervals of the fit where it has them, else of the sweep."""
+    best, is_refused = leading(data, bests), bool(failure_of(data, bests))
+    at_bound = {
+        name: value.is_at_bound
+        for name, value in zip(data.searched, best.values if best else (), strict=False)
+    }
+    main = {"fit": data.together, "scenario": data.generalising.name}
+    rows = data.fit.certainty.intervals
+    rows = rows if rows.is_empty() else rows.filter(**main)
+    found = []
+    for row in rows.iter_rows(named=True):
+        head, at, spot = row["parameter"].partition("@")
+        name = data.searched[head].name if head in data.searched else head
+        found.append(
+            Headline(
+                parameter=f"{name}{at}{spot}",
+                name=row["parameter"],
+                level=0.95,
+                at_bound=at_bound.get(head, False),
+                is_refused=is_refused,
+                **{key: row[key] for key in ("unit", "value", "lower", "upper", "identifiability")},
+            )
+        )
+    if found:
+        return found
+    swept = data.identified(together=True)
+    chosen = next(data.generalisation.iter_rows(named=True), {})
+    for i, (name, parameter) in enumerate(data.searched.items()):
+        row = next(swept.filter(parameter=name).iter_rows(named=True), {})
+        found.append(
+            Headline(
+                parameter=parameter.name,
+                name=name,
+                unit=parameter.unit,
+                value=chosen.get(name) if best is None else best.values[i].value,
+                lower=row.get("lower"),
+                upper=row.get("upper"),
+                identifiability=row.get("identifiability", UNCLEAR),
+                at_bound=at_bound.get(name, False),
+                is_refused=is_refused,
+            )
+        )
+    return found
+
+
+def moduli(data: ReportData, best: Best, *, is_refused: bool = False) -> Iterator[Headline]:
+    """Initial shear modulus and Young's modulus of each region of a best set.
+
+    One that a single parameter changes has the interval and the word of that.
+    """
+    row = {name: each.value for name, each in zip(data.searched, best.values, strict=True)}
+    moved: dict[tuple[str, int], list[tuple[Value, float, float]]] = {}
+    for name, each in zip(data.searched, best.values, strict=True):
+        if each.lower is None or each.upper is None or not each.is_sure:
+            continue
+        ends = [dict(initial_moduli(data, row | {name: end})) for end in (each.lower, each.upper)]
+        for region, known in best.moduli.items():
+            for i, modulus in enumerate(known):
+                lower, upper = (end[region][i] if region in end else math.nan for end in ends)
+                if not (
+                    math.isclose(lower, modulus, rel_tol=1e-9) and math.isclose(upper, modulus, rel_tol=1e-9)
+                ):
+                    moved.setdefault((region, i), []).append((each, min(lower, upper), max(lower, upper)))
+    is_sure = all(each.is_sure for each in best.values)
+    for region, known in best.moduli.items():
+        of = f" of {region}" if len(data.study.space.regions) > 1 else ""
+        for i, (name, modulus) in enumerate(zip(MODULI, known, strict=True)):
+            by = moved.get((region, i), [])
+            of_one, *ends_of_one = by[0] if is_sure and len(by) == 1 else (None, None, None)
+            yield Headline(
+                parameter=f"{name}{of}",
+                unit=data.modulus_unit,
+                value=modulus,
+                lower=ends_of_one[0],
+                upper=ends_of_one[1],
+                identifiability=of_one.identifiability if of_one else "",
+                level=0.95 if of_one else None,
+                at_bound=of_one.is_at_bound if of_one else False,
+                is_refused=is_refused,
+            )
+
+
+# ----------------------------------------------------------------------- verdicts
+
+
+def failure_of(data: ReportData, bests: Sequence[Best]) -> str:
+    """Why no parameters can be read from a run, and what to check; empty where they can."""
+    wrong = [
+        f"{name} at {spot} (R² {r2:.3g})" for name, spot, r2 in r2_by_spot(data, bests) if r2 < NO_FIT_R2
+    ]
+    if wrong:
+        more = f" and {len(wrong) - 4} more" if len(wrong) > 4 else ""
+        why = f"the best set does not fit {', '.join(wrong[:4])}{more}"
+        return f"{NO_PARAMETERS}: {why}. {CHECK}"
+    main = (data.together, data.generalising.name)
+    found = {
+        message: remedy for fit, scenario, message, remedy in failed_checks(data) if (fit, scenario) == main
+    }
+    remedies = " ".join(dict.fromkeys(found.values()))
+    return f"{NO_PARAMETERS}: {'; '.join(found)}. {remedies}" if found else ""
+
+
+def r2_by_spot(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, str, float]]:
+    """R² of what leads in each fitted channel: its name, the spot, and R²."""
+    joint = data.fit.joint(data.generalising.name)
+    if len(data.spots) > 1:
+        of_all = data.generalisation if joint.is_empty() else joint
+        rows = [(row["spot"], row) for row in of_all.iter_rows(named=True)]
+    else:
+        own = (best for best in bests if best.scenario == data.generalising.name)
+        rows = [(best.spot, {f"r2_{name}": r2 for name, r2 in best.r2.items()}) for best in own]
+    for spot, row in rows:
+        for name in data.generalising.weighed:
+            if (r2 := row.get(f"r2_{name}")) is not None:
+                yield name, spot, r2
+
+
+@dataclass(frozen=True, slots=True)
+class Verdicts:
+    """What may be read of each value of a run, of any fit and of the sweep.
+
+    Parameters
+    ----------
+    data : ReportData
+    failure : str
+        As :func:`failure_of` returns it.
+    of_fit, of_sweep : mapping of (spot, scenario) to Best
+    refused : set of (fit, scenario)
+        Fits that do not describe their curves.
+    """
+
+    data: ReportData
+    failure: str
+    of_fit: Mapping[tuple[str, str], Best]
+    of_sweep: Mapping[tuple[str, str], Best]
+    refused: frozenset[tuple[str, str]]
+
+    @classmethod
+    def of(cls, data: ReportData) -> "Verdicts":
+        """Verdicts on the values of a run."""
+        bests = tuple(best_sets(data))
+        swept = tuple(best_sets(replace(data, fit=FitResult()))) if not data.fit.table.is_empty() else bests
+        return cls(
+            data=data,
+            failure=failure_of(data, bests),
+            of_fit={(b.spot, b.scenario): b for b in bests if b.found == "fit"},
+            of_sweep={(b.spot, b.scenario): b for b in swept},
+            refused=frozenset((fit, scenario) for fit, scenario, *_ in failed_checks(data)),
+        )
+
+    def at(self, spot: str, scenario: str, name: str, *, is_fit: bool, word: str | None = None) -> str:
+        """Verdict on a parameter (full name) by what was found at a spot.
+
+        Parameters
+        ----------
+        word : str, optional
+            Its identifiability where the best sets do not have it.
+        """
+        best = (self.of_fit if is_fit else self.of_sweep).get((spot, scenario))
+        if self.failure or self._is_refused(best, spot, scenario, is_fit=is_fit):
+            return REFUSED
+        head, searched = name.partition("@")[0], list(self.data.searched)
+        if head in self.data.study.space.ties and head not in searched:
+            return TIED
+        i = searched.index(head) if head in searched else -1
+        known = best is not None and 0 <= i < len(best.values)
+        value = best.values[i] if best is not None and known else None
+        if word is None:
+            word = value.identifiability if value else UNCLEAR
+        return verdict_of(word, at_bound=value is not None and value.is_at_bound)
+
+    def _is_refused(self, best: Best | None, spot: str, scenario: str, *, is_fit: bool) -> bool:
+        if is_fit and (spot, scenario) in self.refused:
+            return True
+        fitted = self.data.scenario(scenario).weighed
+        return best is not None and any(
+            r2 is not None and r2 < NO_FIT_R2 for name, r2 in best.r2.items() if name in fitted
+        )
+
+
+OF_FITS = ("table1_fit", "fit_mesh", "intervals", "posterior", "profile_ends", "fit")
+"""Tables of parameters whose values are of fits."""
+
+OF_SETS = ("table1_coefficients", "identifiability", "distance_to_truth", "generalised")
+"""Those whose values are of the sweep, but for rows that state a fit as their ``search``."""
+
+
+def with_verdicts(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
+    """Tables with a column ``verdict`` where they have values of parameters, and words in full."""
+    verdicts, in_full = Verdicts.of(data), pl.col("^identifiability$").replace("not", NOT)
+    return {
+        name: table.with_columns(in_full)
+        if name not in (*OF_FITS, *OF_SETS)
+        else table.with_columns(
+            in_full,
+            verdict=pl.Series(
+                [_verdict(verdicts, name, row) for row in table.iter_rows(named=True)], dtype=pl.String
+            ),
+        )
+        for name, table in tables.items()
+    }
+
+
+def _verdict(verdicts: Verdicts, table: str, row: Mapping[str, object]) -> str:
+    """Verdict on the value of a row, or on each of its values that is no result."""
+    data = verdicts.data
+    is_fit = table in OF_FITS or row.get("search") in ("fit", "joint fit")
+    spot = str(row.get("fit") or row.get("spot") or ALL_SPOTS)
+    scenario = str(row.get("scenario") or data.generalising.name)
+    if "parameter" in row:
+        region = f"{row['region']}." if "region" in row else ""
+        word = row.get("identifiability")
+        return verdicts.at(
+            spot,
+            scenario,
+            f"{region}{row['parameter']}",
+            is_fit=is_fit,
+            word=None if word is None else str(word),
+        )
+    if verdicts.failure:
+        return REFUSED
+    found = {p.name: verdicts.at(spot, scenario, name, is_fit=is_fit) for name, p in data.searched.items()}
+    return "; ".join(f"{name} {verdict}" for name, verdict in found.items() if mark_of(verdict))
+
+
+def draws_of(data: ReportData, scenario: str, most: int) -> pl.DataFrame:
+    """Draws of the fit that leads: those of its posterior, else those of its normal density; else none."""
+    for frame in (data.posterior.posterior_draws, data.fit.certainty.draws):
+        if not frame.is_empty():
+            rows = frame.filter(pl.col("fit").is_in([data.together, ALL_SPOTS]), scenario=scenario)
+            if not rows.is_empty():
+                return rows.gather_every(-(-rows.height // most))
+    return pl.DataFrame()

@@ -1,0 +1,188 @@
+"""What a report is made of."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+
+from palpate.domain import Channel, Design, Limb, Parameter, Response, Scenario, SurfaceStates
+from palpate.plugins.sections import Section
+from palpate.run.result import ALL_SPOTS, FitResult, PosteriorResult
+from palpate.stages.completeness import Completeness, completeness, without_result
+from palpate.stages.identifiability import Swept
+from palpate.stages.stage import Summary
+from palpate.study.reading import Study
+from palpate_report.convergence import Contact
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReportData:
+    """The results of a run, as the stages left them.
+
+    Parameters
+    ----------
+    study : Study
+    channels : mapping of name to Channel
+        Axes and labels.
+    measured : mapping of spot name to Response
+    design : Design
+    scores, selection, generalisation : DataFrame
+        As :mod:`palpate.stages.scoring`, :mod:`palpate.stages.selection` and
+        :mod:`palpate.stages.generalisation` return them.
+    fit : FitResult
+    responses : mapping of (spot, set_id) to Response
+        Simulated curves of every selected and of the generalised set.
+    swept : mapping of (spot, channel) to (n_sets, n_points) array
+        Every set's curves at the measured points, as :func:`palpate.stages.identifiability.at_measured`
+        returns them; empty where they are not to be shown.
+    identifiability : DataFrame
+    disagreements : DataFrame
+        Both as in :class:`palpate.stages.identifiability.Identifiability`.
+    convergence : DataFrame
+        As :func:`palpate_report.convergence.by_spot` returns it.
+    contact : mapping of (spot, set_id) to mapping
+        Contact along the path, as :func:`palpate_report.convergence.contact_along` collects it.
+    limbs : mapping of spot name to Limb
+        Empty where there is no mesh.
+    manifest : mapping
+        What the numbers depended on, as :func:`palpate.run.manifest.manifest` returns it.
+    verification : DataFrame
+        As :func:`palpate.stages.verification.verify` returns it; empty where the solver has none.
+    comparisons : mapping of file name to its content
+        What ``palpate certify`` has written to the run directory.
+    factors : mapping of full parameter name to number
+        From the material's unit to that of the values here, where they are not the same.
+    pictures : mapping of spot name to sequence of Path
+        Pictures that there are of its mesh, and of how its presses were processed, in that order.
+    sections : mapping of name to type of Section
+        Of the page.
+    unfinished : str
+        How far the run is where it has not ended.
+    surfaces : mapping of spot name to SurfaceStates
+        Skin under the press with what was found; empty where it was not simulated.
+    summaries : mapping of stage to (str, Summary)
+        What each stage of a plugin does, and what it has found.
+    """
+
+    study: Study
+    channels: Mapping[str, Channel]
+    measured: Mapping[str, Response]
+    design: Design
+    scores: pl.DataFrame
+    selection: pl.DataFrame
+    generalisation: pl.DataFrame
+    fit: FitResult
+    responses: Mapping[tuple[str, int], Response]
+    posterior: PosteriorResult = field(default_factory=PosteriorResult)
+    swept: Swept = field(default_factory=dict)
+    identifiability: pl.DataFrame = field(default_factory=pl.DataFrame)
+    disagreements: pl.DataFrame = field(default_factory=pl.DataFrame)
+    convergence: pl.DataFrame = field(default_factory=pl.DataFrame)
+    contact: Mapping[tuple[str, int], Contact] = field(default_factory=dict)
+    limbs: Mapping[str, Limb] = field(default_factory=dict)
+    manifest: Mapping[str, Any] = field(default_factory=dict)
+    verification: pl.DataFrame = field(default_factory=pl.DataFrame)
+    comparisons: Mapping[str, Any] = field(default_factory=dict)
+    factors: Mapping[str, float] = field(default_factory=dict)
+    pictures: Mapping[str, Sequence[Path]] = field(default_factory=dict)
+    sections: Mapping[str, type[Section]] = field(default_factory=dict)
+    unfinished: str = ""
+    surfaces: Mapping[str, SurfaceStates] = field(default_factory=dict)
+    summaries: Mapping[str, tuple[str, Summary]] = field(default_factory=dict)
+
+    @property
+    def spots(self) -> tuple[str, ...]:
+        """Names of the spots, in the study's order."""
+        return tuple(self.measured)
+
+    @property
+    def measured_channels(self) -> tuple[str, ...]:
+        """Channels that any spot has, in the order in which they come."""
+        return tuple(dict.fromkeys(name for response in self.measured.values() for name in response))
+
+    @property
+    def brief(self) -> dict[str, Parameter]:
+        """Parameters of the design by name, each under its brief name."""
+        names = (p.name for p in self.design.parameters)
+        return dict(zip(names, named_briefly(self.design.parameters), strict=True))
+
+    @property
+    def modulus_unit(self) -> str:
+        """Unit in which moduli are shown: that of the first one that the study writes in another."""
+        written = (p.unit for p in self.design.parameters if p.name in self.factors and p.kind == "modulus")
+        return next(written, "MPa")
+
+    @property
+    def searched(self) -> dict[str, Parameter]:
+        """:attr:`brief`, and what a fit has searched besides, such as friction."""
+        study, fitted = self.study, set(self.fit.table.columns)
+        every = study.parametrisation.parameters(study.space, self.spots) if fitted else ()
+        heads = {p.name.partition("@")[0]: p for p in every}
+        more = {name: replace(p, name=name) for name, p in heads.items() if name in fitted}
+        return self.brief | {name: p for name, p in more.items() if name not in self.brief}
+
+    @property
+    def together(self) -> str:
+        """What leads: all spots together, or the only one."""
+        return ALL_SPOTS if len(self.spots) > 1 else self.spots[0]
+
+    @property
+    def is_fitted(self) -> bool:
+        """Whether a fit of all spots together, or of the only one, has a result where it generalises."""
+        ends = self.fit.ends
+        return (
+            not ends.is_empty()
+            and not ends.filter(fit=self.together, scenario=self.generalising.name).is_empty()
+        )
+
+    def scenario(self, name: str) -> Scenario:
+        """Scenario of the study by its name."""
+        return next(s for s in self.study.scenarios if s.name == name)
+
+    @property
+    def generalising(self) -> Scenario:
+        """The scenario whose mean over the spots decides the generalised set."""
+        return self.scenario(self.study.generalise_by)
+
+    def identified(self, *, together: bool) -> pl.DataFrame:
+        """Rows of the identifiability in the scenario that generalises.
+
+        Parameters
+        ----------
+        together : bool
+            Those of all spots together, or of the only spot; else those spot by spot.
+        """
+        rows = self.identifiability.filter(pl.col("scenario") == self.generalising.name)
+        of_all = pl.col("spot") == ALL_SPOTS
+        if together:
+            return rows.filter(of_all) if len(self.spots) > 1 else rows
+        return rows.filter(~of_all)
+
+    @property
+    def completeness(self) -> Completeness:
+        """How much of the sweep was scored."""
+        return completeness(self.scores, self.spots, self.design)
+
+    @property
+    def without_result(self) -> dict[tuple[str, str], str]:
+        """Spots and scenarios without a selected set and without a fit, and why."""
+        return without_result(self.scores, self.selection, self.study.scenarios, self.spots, self.fit)
+
+    @property
+    def notice(self) -> str:
+        """What every picture of these data must state."""
+        return self.study.notice
+
+
+def named_briefly(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
+    """Parameters without the name of their region, where there is only one."""
+    if len({p.name.partition(".")[0] for p in parameters}) > 1:
+        return tuple(parameters)
+    return tuple(replace(p, name=p.name.partition(".")[2]) for p in parameters)
+
+
+def label_of(parameter: Parameter) -> str:
+    """Name of a parameter with its unit."""
+    return parameter.name if parameter.unit in ("", "1") else f"{parameter.name} [{parameter.unit}]"

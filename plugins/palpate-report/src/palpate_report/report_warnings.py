@@ -1,0 +1,438 @@
+"""What limits the result of a run, and why."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import polars as pl
+
+from palpate.run.result import UNSEEN, UNSETTLED
+from palpate.stages.completeness import described
+from palpate.stages.experiment import measured_warnings
+from palpate.stages.identifiability import UNCLEAR
+from palpate.stages.relaxation import REMEDY, relaxation_of
+from palpate.stages.selection import by_reason, failures, unranked
+from palpate_report.best_sets import Best
+from palpate_report.report_data import ReportData
+from palpate_report.tables import cost_of_one_set, finding
+
+GOOD_R2 = 0.95
+"""R² in a fitted channel below which a fit is called poor."""
+
+FEW_SETS = 10
+"""Sets per parameter below which a sweep is called thin."""
+
+NO_FIT_R2 = 0.5
+"""R² in a fitted channel below which a set is not called a fit."""
+
+CHECK = (
+    "Check the units, the signs and the columns of the measured curves, then [protocol] where there is one, "
+    "the ranges and the number of sets."
+)
+"""What to do about a set that does not fit."""
+
+INADEQUATE = {
+    "discrepancy": "Look at what the curves miss, then check depth offset, friction, bias and mesh; else the "
+    "material law does not describe the tissue.",
+    "specimen": "Look at what the curves miss: this material law does not describe them within the budget.",
+    "spots": "Check position, normal and mesh of the spot that differs; where the tissue differs, search its "
+    'parameters with `by = "spot"`.',
+    "ranges": "Widen the ranges, if the material law allows it; else it does not describe the tissue.",
+    "estimators": 'Use estimator = "fopt": errors of the model, such as those of its mesh, are not of the '
+    "kind that the budget assumes.",
+}
+"""What to do about a fit whose model does not describe the data, by check."""
+
+CAUSES = (
+    "an offset of the depth, compliance of the robot or the mount, bias of a sensor, a lag between motion "
+    "and force, a wrong friction, "
+)
+"""Why force and torque of a press may disagree."""
+
+MESH_SHARE = 0.05
+"""Change of a fitted value from finer meshes to meshes without error beyond which it is a warning."""
+
+FAILED_SHARE = 0.1
+"""Share of simulations without a rank from which it is a warning."""
+
+COSTLY = 3.0
+"""Times its own least Fopt at which the set for all spots is called poor for a spot."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReportWarning:
+    """A warning of the report: what is wrong, and why it matters or what to do."""
+
+    what: str
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.what}. {self.why}"
+
+
+def report_warnings(
+    data: ReportData, bests: Sequence[Best], tables: Mapping[str, pl.DataFrame]
+) -> Iterator[ReportWarning]:
+    """Every warning of a run, the most severe first."""
+    if data.unfinished:
+        why = f"So far: {data.unfinished}. What is shown is the best of the simulations so far."
+        yield ReportWarning("The run has not ended", why)
+    r2 = [
+        (f"{best.where}: {channel}", at)
+        for best in bests
+        for channel in data.scenario(best.scenario).weighed
+        if (at := best.r2.get(channel)) is not None
+    ]
+    wrong = [f"{fit} R² {at:.3g}" for fit, at in r2 if at < NO_FIT_R2]
+    yield from _listed(f"{len(wrong)} of the best sets do not fit", wrong, CHECK)
+    yield from _about_adequacy(data)
+    if sentence := apparent(data):
+        yield ReportWarning(sentence, REMEDY)
+    yield from _about_missing(data)
+    poor = [f"{fit} R² {at:.3f}" for fit, at in r2 if NO_FIT_R2 <= at < GOOD_R2]
+    yield from _listed(
+        f"{len(poor)} of the best fits {'is' if len(poor) == 1 else 'are'} poor",
+        poor,
+        "The material, the mesh or the contact may not be what was pressed.",
+    )
+    yield from _about_fits(data)
+    yield from _listed(
+        "A best set is of a simulation that did not finish",
+        [best.where for best in bests if "unfinished" in best.found],
+        "It is ranked by what its curves had reached.",
+    )
+    yield from _about_one_set(data)
+    yield from _about_failures(data)
+    yield from _about_disagreement(data)
+    main = (data.together, data.generalising.name)
+    leading = [best for best in bests if (best.spot, best.scenario) == main] or list(bests)
+    yield from _about_ends(data, leading, "Best")
+    yield from _about_identifiability(data)
+    yield from _about_posterior(data)
+    yield from _about_meshes(data)
+    yield from _about_ends(data, [best for best in bests if best not in leading], "Other")
+    yield from _about_searches(data)
+    yield from _about_comparisons(data)
+    yield from _about_sweep(data)
+    yield from _about_coarseness(data, bests)
+    yield from _about_measured(data)
+    yield from _about_trust(data)
+    if sentence := finding(tables):
+        what, _, why = sentence.partition(": ")
+        yield ReportWarning(what, why[:1].upper() + why[1:])
+    yield from _about_conventions(data)
+
+
+def _listed(what: str, texts: Iterable[str], why: str = "") -> Iterator[ReportWarning]:
+    """Warn where there is anything to list: the first of it, then why it matters or what to do."""
+    if texts := list(texts):
+        yield ReportWarning(what, f"{_some(texts)}. {why}".rstrip())
+
+
+def _some(texts: Sequence[str], most: int = 4) -> str:
+    more = f"; and {len(texts) - most} more" if len(texts) > most else ""
+    return "; ".join(texts[:most]) + more
+
+
+def failed_checks(data: ReportData) -> Iterator[tuple[str, str, str, str]]:
+    """Fit, scenario, what is wrong and what to do of each fit whose model does not describe the data."""
+    checks = data.fit.certainty.adequacy
+    if checks.is_empty():
+        return
+    # Apparent moduli are still a result; what else fails takes it away.
+    failed = checks.filter(pl.col("failed") & (pl.col("check") != "relaxation"))
+    for row in failed.iter_rows(named=True):
+        kind = row["check"] if row["check"] in INADEQUATE else "discrepancy"
+        is_specimen = kind == "discrepancy" and data.study.protocol is None
+        remedy = INADEQUATE["specimen" if is_specimen else kind]
+        yield row["fit"], row["scenario"], row["message"], remedy
+
+
+def left_out(data: ReportData) -> dict[str, str]:
+    """Causes that the intervals of what leads are without, since they could not be simulated, and why."""
+    budget = data.fit.certainty.budget
+    if budget.is_empty():
+        return {}
+    lost = budget.filter(pl.col("share").is_null(), fit=data.together, scenario=data.generalising.name)
+    # Tables of earlier runs have no status, and no row without a share.
+    return {row["cause"]: row["status"] for row in lost.iter_rows(named=True)}
+
+
+def apparent(data: ReportData) -> str:
+    """Sentence on moduli that are apparent ones, since the tissue relaxed; empty where they are not."""
+    found = relaxation_of(data.measured, data.study.budget.gain)
+    return found.sentence[:1].upper() + found.sentence[1:] if found and found.is_beyond else ""
+
+
+def _about_adequacy(data: ReportData) -> Iterator[ReportWarning]:
+    by_remedy: dict[str, list[str]] = {}
+    for fit, scenario, message, remedy in failed_checks(data):
+        by_remedy.setdefault(remedy, []).append(f"{fit}, scenario {scenario}: {message}")
+    for remedy, found in by_remedy.items():
+        yield from _listed("The model does not describe the data", found, remedy)
+
+
+def _about_missing(data: ReportData) -> Iterator[ReportWarning]:
+    found = data.completeness
+    if not found.is_complete:
+        yield ReportWarning(
+            "Incomplete sweep",
+            f"{found}. A set that was not simulated may fit better; run `palpate run` again to "
+            "simulate the rest.",
+        )
+    if missing := data.without_result:
+        n_pairs = len(data.spots) * len(data.study.scenarios)
+        what = f"No result for {len(missing)} of {n_pairs} spots and scenarios"
+        yield ReportWarning(what, f"{described(missing)}.")
+    yield from _listed(
+        "A measured channel could not be compared with any simulation",
+        (
+            f"{channel} at {spot}"
+            for (spot, channel), rows in data.scores.group_by("spot", "channel", maintain_order=True)
+            if rows["nmse"].is_null().all() and spot in data.selection["spot"]
+        ),
+        "The simulated curve is missing or does not reach far enough.",
+    )
+
+
+def _about_fits(data: ReportData) -> Iterator[ReportWarning]:
+    failed = [f"{fit}, scenario {scenario}: {why}" for (fit, scenario), why in data.fit.failures.items()]
+    yield from _listed(
+        f"{len(failed)} of the fits {'has' if len(failed) == 1 else 'have'} no result",
+        failed,
+        "What is shown there is the best set of the sweep, if there is one.",
+    )
+    yield from _listed(
+        "A fit has values that the curves do not decide",
+        (
+            f"{row['fit']}, scenario {row['scenario']}: {message}"
+            for row in data.fit.ends.iter_rows(named=True)
+            for message in row["message"].split("; ")
+            if message.startswith(UNSEEN)
+        ),
+    )
+
+
+def _about_meshes(data: ReportData) -> Iterator[ReportWarning]:
+    ends = list(data.fit.ends.iter_rows(named=True))
+    yield from _listed(
+        "The correction by finer meshes has not settled",
+        (f"{row['fit']}, scenario {row['scenario']}" for row in ends if UNSETTLED in row["message"]),
+        "The values there still have part of the mesh's error; raise fine_runs, or refine the meshes.",
+    )
+    if ends and data.study.solver.provides.mesh and data.fit.mesh.is_empty():
+        yield ReportWarning(
+            "How far the mesh moves the parameters is unknown",
+            "No finer mesh corrected the fit; make finer ones with `palpate limb --fine`.",
+        )
+    moved = []
+    for row in data.fit.mesh.iter_rows(named=True):
+        left = abs(row["extrapolated"] / row["fine"] - 1.0) if row["fine"] else 0.0
+        if (row["fit"], row["scenario"]) == (data.together, data.generalising.name) and left > MESH_SHARE:
+            name = data.searched[row["parameter"].partition("@")[0]].name
+            moved.append(
+                f"{name} from {row['coarse']:.4g} by the coarse meshes to {row['fine']:.4g} by the finer "
+                f"ones, extrapolated {row['extrapolated']:.4g}"
+            )
+    yield from _listed(
+        f"Finer meshes may move a parameter by more than {100 * MESH_SHARE:g} %",
+        moved,
+        "Refine the meshes before the value is read as the tissue's.",
+    )
+
+
+def _about_measured(data: ReportData) -> Iterator[ReportWarning]:
+    yield from _listed("Something is odd about the measured curves", measured_warnings(data.measured))
+    curves = [curve for response in data.measured.values() for curve in response.curves.values()]
+    if not data.notice and all(curve.std is None for curve in curves):
+        yield ReportWarning(
+            "No spread was measured",
+            "Without repeated presses nothing is known of how much another press would differ from these "
+            "curves; the intervals rest on the misfit alone.",
+        )
+
+
+def _about_disagreement(data: ReportData) -> Iterator[ReportWarning]:
+    if data.disagreements.is_empty():
+        return
+    causes = "" if data.study.protocol is None else CAUSES
+    for (first, second), rows in data.disagreements.group_by("first", "second", maintain_order=True):
+        values = [
+            f"{data.brief[row['parameter']].name} at {row['spot']}: {row['first_optimum']:.4g} by {first}, "
+            f"{row['second_optimum']:.4g} by {second}{'' if row['unit'] == '1' else ' ' + row['unit']}"
+            for row in rows.drop_nulls("parameter").iter_rows(named=True)
+        ]
+        yield from _listed(
+            f"{str(first).capitalize()} and {second} disagree",
+            values or [f"At {', '.join(rows['spot'].unique(maintain_order=True))}"],
+            "No set fits both about as well as each is fitted alone. "
+            f"Typical causes: {causes}a material law that cannot describe both.",
+        )
+
+
+def _about_ends(data: ReportData, bests: Sequence[Best], whose: str) -> Iterator[ReportWarning]:
+    return _listed(
+        f"{whose} values are at the end of their range",
+        [
+            f"{parameter.name} at {best.where}"
+            for best in bests
+            for parameter, value in zip(data.searched.values(), best.values, strict=True)
+            if value.is_at_bound
+        ],
+        "Widen the range: the minimum may be outside.",
+    )
+
+
+def _about_trust(data: ReportData) -> Iterator[ReportWarning]:
+    if names := list(data.manifest.get("trusted", {})):
+        yield ReportWarning(
+            f"Results of earlier code are accepted: {', '.join(names)}",
+            "Simulations of the sweep were made with other code than the local search and the verification. "
+            "Run in a new folder to have all of the same code.",
+        )
+
+
+def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
+    rows, together = (data.identified(together=together) for together in (False, True))
+    if not data.fit.certainty.intervals.is_empty():
+        main = {"fit": data.together, "scenario": data.generalising.name}
+        rows, together = rows.head(0), data.fit.certainty.intervals.filter(**main)
+    names = together.filter(identifiability="not")["parameter"].unique(maintain_order=True)
+    if not names.is_empty():
+        yield ReportWarning(
+            f"Not identifiable: {', '.join(_brief(data, name) for name in names)}",
+            "Values that fit about as well reach across most of the range, or are as large as the value; "
+            "do not read it as the tissue's.",
+        )
+    missing = [f"{cause}: {why}" for cause, why in left_out(data).items()]
+    yield from _listed(
+        "Intervals are without causes that could not be simulated",
+        missing,
+        "They are too narrow by an unknown amount.",
+    )
+    is_explained = bool(apparent(data)) or bool(missing) or any(failed_checks(data))
+    if UNCLEAR in [*rows["identifiability"], *together["identifiability"]] and not is_explained:
+        yield ReportWarning(
+            "How well some parameters are identified is unclear",
+            "Few sets were ranked, or their curves follow the parameters too unevenly. Run more sets."
+            if data.fit.certainty.intervals.is_empty()
+            else "The usual error of a mesh is the largest cause of their intervals. Correct the fit by a "
+            "finer mesh ([fit] fine_edge), or state the error of these meshes ([budget] mesh).",
+        )
+    apart = []
+    for parameter, brief in data.brief.items():
+        known = rows.filter(parameter=parameter).drop_nulls("lower")
+        if known.height > 1 and known["lower"].max() > known["upper"].min():  # type: ignore[operator]
+            lowest, highest = known.sort("upper")["spot"][0], known.sort("lower")["spot"][-1]
+            apart.append(f"{brief.name} at {lowest} and {highest} have intervals that do not meet")
+    yield from _listed("The spots disagree", apart, "One material may not explain them all.")
+
+
+def _about_posterior(data: ReportData) -> Iterator[ReportWarning]:
+    table = data.posterior.posterior
+    if table.is_empty():
+        return
+    worst = table.group_by("scenario", maintain_order=True).agg(
+        pl.col("converged").all(), pl.col("split_r", "autocorrelation").max()
+    )
+    yield from _listed(
+        "A posterior has not converged",
+        (
+            f"scenario {row['scenario']}: split-R̂ up to {row['split_r']:.4g}, autocorrelation time up to "
+            f"{row['autocorrelation']:.3g} steps"
+            for row in worst.filter(~pl.col("converged")).iter_rows(named=True)
+        ),
+        "Do not read its means and intervals as results; fix what the curves do not decide, or narrow its "
+        "range, and run palpate certainty again.",
+    )
+
+
+def _brief(data: ReportData, name: str) -> str:
+    head, at, spot = name.partition("@")
+    return f"{data.searched[head].name if head in data.searched else head}{at}{spot}"
+
+
+def _about_one_set(data: ReportData) -> Iterator[ReportWarning]:
+    if len(data.spots) < 2:
+        return
+    costs = cost_of_one_set(data)
+    if costs.is_empty() and not data.is_fitted:
+        yield ReportWarning("No set for all spots", "No set could be ranked at every spot.")
+        return
+    costly = [] if data.is_fitted else costs.filter(pl.col("times") >= COSTLY).select("spot", "times").rows()
+    if costly:
+        times = _some([f"{spot} ({times:.3g} times)" for spot, times in costly])
+        yield ReportWarning(
+            "The set for all spots fits some spots much worse than their best set",
+            f"Fopt of the one set, over the least there: {times}.",
+        )
+
+
+def _about_sweep(data: ReportData) -> Iterator[ReportWarning]:
+    n_parameters = len(data.design.parameters)
+    n_sets = min(data.completeness.simulated.values())
+    if n_sets < FEW_SETS * n_parameters and data.fit.table.is_empty():
+        yield ReportWarning(
+            f"A thin sweep: {n_sets} sets for {n_parameters} parameters",
+            "The best set is the best of few; raise n_sets, or name a search under [fit].",
+        )
+
+
+def _about_coarseness(data: ReportData, bests: Sequence[Best]) -> Iterator[ReportWarning]:
+    return _listed(
+        "The optimum is between the sampled sets",
+        (
+            f"{parameter.name} at {best.spot}: set {value.value:.4g}, optimum {value.optimum:.4g}"
+            for best in bests
+            if best.scenario == data.generalising.name and best.found != "fit"
+            for parameter, value in zip(data.brief.values(), best.values, strict=True)
+            if value.value is not None and value.optimum is not None
+            if value.lower is not None and value.upper is not None
+            if not value.lower <= value.value <= value.upper
+        ),
+        'Search from the best sets ([fit] search = "least_squares"), or raise n_sets.',
+    )
+
+
+def _about_failures(data: ReportData) -> Iterator[ReportWarning]:
+    n_jobs = data.scores.select("spot", "set_id").n_unique()
+    reasons = by_reason(failures(unranked(data.scores)))
+    n_failed = reasons["n"].sum()
+    if n_failed > FAILED_SHARE * n_jobs:
+        first = reasons.row(0, named=True)
+        yield ReportWarning(
+            f"{n_failed} of {n_jobs} simulations could not be ranked",
+            f"Most often ({first['n']}): {first['reason'] or first['status']}. "
+            f"What to try: {first['remedy']}.",
+        )
+
+
+def _about_searches(data: ReportData) -> Iterator[ReportWarning]:
+    messages = (part for row in data.fit.ends.iter_rows(named=True) for part in row["message"].split("; "))
+    known = (m for m in messages if m not in ("converged", UNSETTLED) and not m.startswith(UNSEEN))
+    yield from _listed("Not every search converged", dict.fromkeys(known))
+    failed = [row for row in data.verification.iter_rows(named=True) if not row["passed"]]
+    yield from _listed(
+        f"{len(failed)} of {len(data.verification)} selected sets failed verification",
+        [f"{row['spot']}, set {row['set_id']}: {row['message']}" for row in failed],
+    )
+
+
+def _about_comparisons(data: ReportData) -> Iterator[ReportWarning]:
+    for file, comparison in data.comparisons.items():
+        if not isinstance(comparison, Mapping) or comparison.get("passed") is not True:
+            why = f"See the rows of {file} under provenance."
+            yield ReportWarning("The solvers were not found to agree", why)
+
+
+def _about_conventions(data: ReportData) -> Iterator[ReportWarning]:
+    if data.study.scoring.normaliser.value == "mean":
+        yield ReportWarning(
+            "NMSE is over the mean of the measured curve",
+            "Over a path to both sides, such as a twist, that is close to zero, and inflates the error.",
+        )
+    for region in data.study.space.regions:
+        if region.convention != "textbook":
+            yield ReportWarning(
+                f"Coefficients of {region.region} are in the convention '{region.convention}'",
+                f"The textbook's {region.material.name} has other numbers for the same material.",
+            )

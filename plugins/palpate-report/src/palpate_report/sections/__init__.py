@@ -1,0 +1,30 @@
+"""The core's sections of the page, provided through the same hook as those of plugins."""
+
+from palpate.plugins.sections import Section
+from palpate_report.sections.certainty import Certainty, Identifiability
+from palpate_report.sections.deformed import Deformed
+from palpate_report.sections.fits import Curves, Fits, Values, Warnings
+from palpate_report.sections.material import MaterialItself
+from palpate_report.sections.origins import LimbAndContact, Provenance
+from palpate_report.sections.pictures import Pictures
+from palpate_report.sections.sweep import Convergence, Distribution, Generalisation, OtherChannels, Space
+
+SECTIONS: tuple[type[Section], ...] = (
+    Curves,
+    Warnings,
+    Certainty,
+    Values,
+    Fits,
+    Space,
+    MaterialItself,
+    Distribution,
+    OtherChannels,
+    Generalisation,
+    Identifiability,
+    Convergence,
+    LimbAndContact,
+    Deformed,
+    Pictures,
+    Provenance,
+)
+"""In the order of the page."""

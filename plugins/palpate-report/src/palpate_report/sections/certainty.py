@@ -1,0 +1,137 @@
+"""How sure the parameters are: by the intervals of the fit, and by the sets of the sweep."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from palpate.domain import Parameter
+from palpate.plugins.sections import Bar, Block, Fold, Listing, Paragraph, Section, Shares, Table, Word
+from palpate.stages.identifiability import share_of_range
+from palpate_report.answer import budget_bars
+from palpate_report.marks import verdict_of
+from palpate_report.report_data import ReportData
+from palpate_report.result import Report
+from palpate_report.sections.posterior import profiles, ribbons
+from palpate_report.sections.tables import table
+
+
+class Certainty(Section):
+    """Intervals of the fit and their causes."""
+
+    name, title, entry = "certainty", "What the intervals come from", "Certainty"
+    summary = "causes of the 95 % intervals, and combinations of parameters that are known better"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show the causes of what leads, then every interval."""
+        if "intervals" not in report.tables:
+            return
+        yield Paragraph(
+            "A 95 % interval holds the true value in 95 of 100 experiments, if what may be wrong is as "
+            "large as the study's error budget says. Shares of its causes:"
+        )
+        bars = list(budget_bars(data))
+        yield Table(
+            "Causes of the intervals that lead",
+            ["parameter", "causes"],
+            [[n, Shares(parts)] for n, parts in bars],
+        )
+        yield from table(report, "inadequate")
+        every = [t for name in ("intervals", "directions", "budget") for t in table(report, name)]
+        yield Fold("Every interval, combinations that are known better, and every cause", every)
+        if "posterior" in report.tables:
+            names = ("posterior", "profile_ends", "volumes", "emulator")
+            found = [t for name in names for t in table(report, name)]
+            yield from ribbons(data)
+            yield Fold(
+                "Posteriors of the joint fits, by an emulator of the curves", [*profiles(data), *found]
+            )
+
+    def is_open(self, data: ReportData, report: Report) -> bool:
+        """Where there are few parameters."""
+        return len(list(budget_bars(data))) < 6
+
+
+class Identifiability(Section):
+    """Which values the sets of the sweep allow."""
+
+    name, title, entry = "identifiability", "What the sweep allows", "Identifiability"
+    summary = "values with which sets of the sweep fit about as well as the best"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show the intervals of the scenario that generalises, then those of the others."""
+        rows = list(_intervals(data))
+        if not rows or not data.design.n_sets:
+            return
+        thin = ", the thin line the known answer" if data.study.truth else ""
+        yield Paragraph(
+            "The interval holds the values with which a set fits about as well as the best, the other "
+            "parameters adjusting themselves within their ranges: Fopt at most twice its fitted least, or "
+            "the least plus the effect of the measured spread or of the error of the fit, whichever is "
+            "more. Fopt is fitted to the sweep's own curves; the fitted optimum is where it is least. In a "
+            f"bar the thick line is the interval, the dot the best value{thin}."
+        )
+        is_sure = any(each.level for each in report.verdict.estimates)
+        if is_sure:
+            yield Paragraph(
+                "How well a parameter is identified is said by the 95 % intervals of the fit, which have "
+                "the whole error budget; these ranges do not."
+            )
+        else:
+            yield Paragraph(
+                "Up to 10 % of the range is called well identifiable, up to 30 % roughly, up to 80 % "
+                "poorly, beyond that not. Unclear: too few sets, or curves that the slopes do not predict."
+            )
+            yield Listing([("", sentence) for sentence in report.verdict.identifiability])
+        main = data.generalising.name
+        own = [row for row in rows if row["scenario"] == main]
+        yield _table(f"Intervals in scenario {main}", own, words=not is_sure)
+        if others := [row for row in rows if row["scenario"] != main]:
+            yield Fold(
+                "The other scenarios", [_table("Intervals in the other scenarios", others, words=not is_sure)]
+            )
+
+
+def _table(caption: str, rows: list[dict[str, Any]], *, words: bool) -> Table:
+    heads = ["parameter", "spot", "scenario", "within the range", "best set"]
+    heads += ["fitted optimum", "about as good", "most correlated with", "sets as good"]
+    cells = [_cells(row) for row in rows]
+    if words:
+        heads.append("identifiability")
+        cells = [
+            [*own, Word(verdict_of(row["identifiability"]))] for own, row in zip(cells, rows, strict=True)
+        ]
+    return Table(caption, heads, cells)
+
+
+def _cells(row: Mapping[str, Any]) -> list[Any]:
+    unit = "" if row["unit"] == "1" else f" {row['unit']}"
+    other, correlation = row["most_correlated_with"], row["correlation"]
+    return [
+        row["name"],
+        row["spot"],
+        row["scenario"],
+        row["bar"],
+        f"{row['value']:.4g}{unit}",
+        row["optimum"],
+        None if row["lower"] is None else f"{row['lower']:.4g} to {row['upper']:.4g}",
+        None if not other or correlation is None else f"{other} ({correlation:.2f})",
+        row["n_as_good"],
+    ]
+
+
+def _intervals(data: ReportData) -> Iterator[dict[str, Any]]:
+    """Rows of the identifiability under brief names, with places in percent of the range for their bars."""
+    for row in data.identifiability.iter_rows(named=True):
+        parameter, other = data.brief[row["parameter"]], data.brief.get(row["most_correlated_with"])
+        places = {end: row[end] for end in ("lower", "upper", "value")}
+        places["truth"] = data.study.truth.get(row["parameter"])
+        at = {end: _percent(parameter, value) for end, value in places.items() if value is not None}
+        width = row["relative_width"]
+        yield row | {
+            "name": parameter.name,
+            "most_correlated_with": other and other.name,
+            "bar": Bar(**at, text="" if width is None else f"{100.0 * width:.0f} %"),
+        }
+
+
+def _percent(parameter: Parameter, value: float) -> float:
+    return round(min(max(100.0 * share_of_range(parameter, value), 0.0), 100.0), 2)

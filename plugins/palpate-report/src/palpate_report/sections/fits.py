@@ -1,0 +1,261 @@
+"""What fits: curves, warnings, every value, and the ways of the searches."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from palpate.domain import FloatArray, Scenario
+from palpate.plugins.sections import (
+    Block,
+    Cell,
+    Drawing,
+    Figure,
+    Fold,
+    Lines,
+    Listing,
+    Paragraph,
+    Section,
+    Table,
+    Word,
+)
+from palpate.run.result import ALL_SPOTS
+from palpate_report.best_sets import Best, Value, initial_moduli
+from palpate_report.fit_path import least_of_sweep, paths
+from palpate_report.marks import verdict_of
+from palpate_report.report_data import ReportData
+from palpate_report.result import Report
+from palpate_report.sections.tables import table
+
+N_LINES = 6
+"""Colours of lines that the page has."""
+
+DASHES = ("solid", "dash", "dashdot", "dot", "longdash", "longdashdot")
+
+
+class Curves(Section):
+    """Small multiples of all spots."""
+
+    name, title, entry = "curves", "Measured and simulated curves", "Curves"
+    summary = "measured and simulated curves of all spots, and what the fits miss"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show curves with what they miss below."""
+        yield Paragraph(
+            "Below the curves is what each misses, simulated minus measured. Drag to zoom, double-click to "
+            "go back. The shaded band is one standard deviation of the measured presses to each side, "
+            "where there is one."
+        )
+        yield Drawing("curves")
+
+    def is_open(self, data: ReportData, report: Report) -> bool:
+        """Always."""
+        return True
+
+
+class Warnings(Section):
+    """All that limits the result."""
+
+    name, title = "warnings", "Warnings"
+    summary = "what limits the result, the most severe first"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """List the warnings."""
+        if found := report.verdict.warnings:
+            yield Listing([(f"{warning.what}.", warning.why) for warning in found])
+
+    def is_open(self, data: ReportData, report: Report) -> bool:
+        """Where there are few."""
+        return len(report.verdict.warnings) < 6
+
+
+class Values(Section):
+    """The numbers behind the first picture."""
+
+    name, title, entry = "values", "Every value, by spot and scenario", "Values"
+    summary = "every value with its interval, by spot and scenario"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show what leads, then every best set."""
+        verdict = report.verdict
+        if verdict.lead and not verdict.failure:
+            yield Paragraph(verdict.lead)
+        leading = [best for best in verdict.bests if best.scenario == data.generalising.name]
+        if any(best.found == "fit" for best in leading):
+            yield _leading(data, report, leading)
+            yield Paragraph(verdict.spent)
+            yield Fold("Every scenario", [_every(data, report)])
+        else:
+            yield _every(data, report)
+        if "distance_to_truth" in report.tables:
+            yield Fold("Distance to the known answer", list(table(report, "distance_to_truth")))
+
+
+class Fits(Section):
+    """Progress and ends of the searches."""
+
+    name, title, entry = "fit", "How the fit went", "Fit"
+    summary = "Fopt of the searches against the simulations that they spent, and every fit"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show the ways of the searches, what the meshes do, and every fit."""
+        if data.fit.table.is_empty():
+            return
+        swept = ", the dotted line the best set of the sweep" if data.design.n_sets else ""
+        yield Paragraph(
+            "Fopt of every step that was better than all before it, against the simulations that the fit "
+            "had spent; a line begins again where another search starts, or where answers of finer meshes "
+            f"correct the curves. A diamond is the end of a fit{swept}."
+        )
+        for spot in data.spots:
+            for scenario in data.study.scenarios:
+                yield from _trace(data, spot, scenario)
+        if "fit_mesh" in report.tables:
+            yield Paragraph(
+                "Each value by the coarse meshes alone, corrected by the finer ones, and extrapolated to "
+                "meshes without error. No interval of a parameter is narrower than these differ."
+            )
+            rows = report.tables["fit_mesh"].filter(scenario=data.generalising.name)
+            yield from table(report, "fit_mesh", rows)
+        yield from table(report, "table2_fit")
+        yield Fold("Every fit", list(table(report, "fit")))
+
+
+# ------------------------------------------------------------------- values
+
+
+def _cell(value: Value, report: Report) -> Lines:
+    lines: list[Any] = ["by spot" if value.value is None else value.value]
+    if value.lower is not None and value.upper is not None:
+        lines += [f"optimum {value.optimum:.4g}"] if value.optimum is not None else []
+        lines.append(f"{value.lower:.4g} to {value.upper:.4g}")
+    verdict = verdict_of(
+        value.identifiability, at_bound=value.is_at_bound, is_refused=bool(report.verdict.failure)
+    )
+    return Lines([*lines, *map(Word, verdict.split(", "))])
+
+
+def _below(bests: Sequence[Best]) -> str:
+    """What is below the values."""
+    if any(value.is_sure for best in bests for value in best.values):
+        return "its 95 % interval"
+    return "the fitted optimum, and what fits about as well as that"
+
+
+def _leading(data: ReportData, report: Report, bests: Sequence[Best]) -> Table:
+    """Show the joint fit with the spots beside it."""
+    truth = data.study.truth
+    known: list[Cell] = [None] if truth else []
+    rows: list[list[Cell]] = []
+    for i, (name, label) in enumerate(zip(data.searched, report.verdict.parameters, strict=True)):
+        rows.append(
+            [label, *(_cell(best.values[i], report) for best in bests), *([truth.get(name)] if truth else [])]
+        )
+    rows += [[label, *values] for label, values in _moduli(data, bests)]
+    mean, least = ("", "") if bests[0].spot != ALL_SPOTS else (" (all spots: mean)", " (all spots: least)")
+    rows.append([f"Fopt{mean}", *(best.fopt for best in bests), *known])
+    for channel in data.measured_channels:
+        rows.append([f"R² {channel}{least}", *(best.r2[channel] for best in bests), *known])
+    rows.append(["found", *(best.found for best in bests), *([""] if truth else [])])
+    return Table(
+        f"The fit to {bests[0].fitted_to} (scenario {data.generalising.name}); below each value "
+        f"{_below(bests)}",
+        ["parameter", *(best.spot for best in bests), *(["known answer"] if truth else [])],
+        rows,
+    )
+
+
+def _moduli(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, list[float | None]]]:
+    """Rows of the initial moduli of each best set, and of the known answer if there is one."""
+    columns = [best.moduli for best in bests]
+    if data.study.truth:
+        columns.append(dict(initial_moduli(data, data.study.truth)))
+    for region in dict.fromkeys(region for column in columns for region in column):
+        of = f" of {region}" if len(data.study.space.regions) > 1 else ""
+        for i, name in enumerate(("initial shear modulus", "Young's modulus")):
+            values = [column[region][i] if region in column else None for column in columns]
+            yield f"{name}{of} [{data.modulus_unit}]", values
+
+
+def _every(data: ReportData, report: Report) -> Table:
+    verdict, channels = report.verdict, data.measured_channels
+    return Table(
+        f"Best values by spot and scenario; below each {_below(verdict.bests)}",
+        [
+            "spot",
+            "scenario",
+            *verdict.parameters,
+            "Fopt",
+            *(f"R² {c}" for c in channels),
+            "fitted to",
+            "found",
+        ],
+        [
+            [
+                best.spot,
+                best.scenario,
+                *(_cell(value, report) for value in best.values),
+                best.fopt,
+                *(best.r2[channel] for channel in channels),
+                best.fitted_to,
+                best.found,
+            ]
+            for best in verdict.bests
+        ],
+        strong=frozenset(
+            k for k, best in enumerate(verdict.bests) if best.scenario == data.generalising.name
+        ),
+    )
+
+
+# ------------------------------------------------------------------- searches
+
+
+def _trace(data: ReportData, spot: str, scenario: Scenario) -> Iterator[Figure]:
+    """Draw the ways of the joint fit and of that of a spot, and the least Fopt of the sweep for each."""
+    scenarios, traces = data.study.scenarios, []
+    for k, fit in enumerate(dict.fromkeys((data.together, spot))):
+        if not (ways := paths(data, fit, scenario.name, spot)):
+            continue
+        # The colours of their curves: the joint fit comes after the scenarios.
+        n = scenarios.index(scenario) if k or len(data.spots) == 1 else len(scenarios)
+        colour, end = f"--line{n % N_LINES}", ways[-1][-1:]
+        runs = _joined([way["n_runs"].to_numpy() for way in ways])
+        fopt = _joined([way["fopt"].to_numpy() for way in ways])
+        traces += [
+            _line(f"{fit}: fit", runs, fopt, {"color": colour, "dash": DASHES[k], "width": 2}),
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "name": f"{fit}: fit, end",
+                "x": end["n_runs"].to_numpy(),
+                "y": end["fopt"].to_numpy(),
+                "marker": {"symbol": "diamond", "size": 11, "color": colour},
+            },
+        ]
+        if (least := least_of_sweep(data, fit, scenario)) is not None:
+            most = max(way["n_runs"][-1] for way in ways)
+            look = {"color": colour, "dash": "dot", "width": 1.4}
+            traces.append(_line(f"{fit}: least of the sweep", [0, most], [least, least], look))
+    if traces:
+        yield Figure(
+            label="Fopt of the fits against simulations; the ends are in the tables",
+            traces=traces,
+            layout={
+                "xaxis": {"title": "simulations of the fit"},
+                "yaxis": {"title": f"Fopt (NMSE), scenario {scenario.name}", "type": "log"},
+                "showlegend": True,
+            },
+            height=380,
+            spot=spot,
+            scenario=scenario.name,
+        )
+
+
+def _joined(parts: Sequence[FloatArray]) -> list[float | None]:
+    """One line of all ways, with gaps between them."""
+    return [value for part in parts for value in (*part.tolist(), None)]
+
+
+def _line(
+    name: str, x: Sequence[float | None], y: Sequence[float | None], look: dict[str, Any]
+) -> dict[str, Any]:
+    return {"type": "scatter", "mode": "lines", "name": name, "x": x, "y": y, "line": look}

@@ -1,0 +1,128 @@
+"""Where the numbers come from: the limb, its contact, and everything that they depended on."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from palpate.plugins.sections import (
+    Block,
+    Drawing,
+    Facts,
+    Figure,
+    Fold,
+    Heading,
+    Listing,
+    Paragraph,
+    Section,
+    Table,
+)
+from palpate_report.convergence import CONTACT, places_along
+from palpate_report.report_data import ReportData
+from palpate_report.result import Report
+from palpate_report.sections.tables import table
+from palpate_report.table_files import shown
+
+
+class LimbAndContact(Section):
+    """The mesh, and what touches it."""
+
+    name, title = "limb", "Limb and contact"
+    summary = "the mesh around the spot with the indenter, and the contact along its path"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show the mesh, and the contact of the set that each scenario selected."""
+        if not data.limbs:
+            return
+        yield Paragraph(
+            "The mesh around the spot, the indenter at rest on it, and the way that it presses against the "
+            "normal. Drag to turn; click a name to hide or show a part."
+        )
+        yield Drawing("limb")
+        if data.contact:
+            yield Heading("Contact along the path")
+            yield Paragraph("Of the set that the scenario selected, step by step along the path.")
+            yield from _contact(data)
+
+
+class Provenance(Section):
+    """What every number depended on."""
+
+    name, title = "provenance", "Provenance"
+    summary = "versions, hashes, settings and conventions, and comparisons of solvers"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show the manifest."""
+        yield Paragraph("What every number of this page depended on.")
+        if found := [t for name in ("table1_fit", "table1_coefficients") for t in table(report, name)]:
+            yield Fold("Coefficients, each in its convention", found)
+        for name, comparison in data.comparisons.items():
+            yield from _comparison(name, comparison if isinstance(comparison, Mapping) else {})
+        deep = {key: value for key, value in data.manifest.items() if isinstance(value, (Mapping, list))}
+        single = {key: value for key, value in data.manifest.items() if key not in deep}
+        for group, value in (("study", single), *deep.items()):
+            if rows := list(_leaves(value, "")):
+                yield Fold(group, [Facts(rows)])
+
+
+def _contact(data: ReportData) -> Iterator[Figure]:
+    """Draw the contact along the path by spot and scenario, where the solver reported it."""
+    numbers = {scenario.name: k for k, scenario in enumerate(data.study.scenarios)}
+    for row in data.selection.iter_rows(named=True):
+        path = data.contact.get((row["spot"], row["set_id"]), {})
+        for name, label in CONTACT.items():
+            if name not in path:
+                continue
+            yield Figure(
+                label=f"{label} at each step of the path",
+                traces=[
+                    {
+                        "type": "scatter",
+                        "mode": "lines+markers",
+                        "name": f"set {row['set_id']}",
+                        "x": list(range(1, len(path[name]) + 1)),
+                        "y": path[name],
+                        "text": places_along(path),
+                        "line": {"color": f"--line{numbers[row['scenario']] % 6}", "width": 2},
+                    }
+                ],
+                layout={
+                    "xaxis": {"title": "step of the path"},
+                    "yaxis": {"title": label, "rangemode": "tozero"},
+                },
+                height=260,
+                spot=row["spot"],
+                scenario=row["scenario"],
+            )
+
+
+def _comparison(name: str, found: Mapping[str, Any]) -> Iterator[Block]:
+    """Show a comparison of solvers as far as it has the form of one."""
+    yield Heading(name)
+    agree = "The solvers agree." if found.get("passed") is True else "The solvers were not found to agree."
+    solvers = found.get("solvers")
+    versions = solvers.items() if isinstance(solvers, Mapping) else ()
+    compared = ", ".join(f"{solver} {shown(version)}" for solver, version in versions)
+    yield Paragraph(f"{agree} Compared: {compared}." if compared else agree)
+    if missing := found.get("missing"):
+        yield Listing([("", shown(item)) for item in missing])
+    rows = [row for row in found.get("rows") or [] if isinstance(row, Mapping)]
+    columns = list(dict.fromkeys(str(key) for row in rows for key in row))
+    if rows:
+        heads = [column.replace("_", " ") for column in columns]
+        yield Table(
+            f"Solvers compared: {name}", heads, [[_plain(row.get(c)) for c in columns] for row in rows]
+        )
+
+
+def _plain(value: object) -> str | float | bool | None:
+    return value if isinstance(value, (str, int, float, bool)) or value is None else shown(value)
+
+
+def _leaves(value: object, path: str) -> Iterator[tuple[str, str]]:
+    """Every number and text within, under the keys that lead to it; lists of plain values are one."""
+    if isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
+        value = dict(enumerate(value, 1))
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _leaves(item, f"{path} · {key}" if path else str(key))
+    else:
+        yield path, ", ".join(map(shown, value)) if isinstance(value, list) else shown(value)

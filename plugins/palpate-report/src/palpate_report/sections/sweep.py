@@ -1,0 +1,102 @@
+"""What the sets of the sweep show."""
+
+from collections.abc import Iterator
+
+from palpate.plugins.sections import Block, Drawing, Paragraph, Section, Table
+from palpate_report.contours import planes_of
+from palpate_report.report_data import ReportData
+from palpate_report.result import Report
+from palpate_report.sections.tables import table
+from palpate_report.tables import TITLES
+
+
+class Space(Section):
+    """Every set in the planes of the parameters."""
+
+    name, title = "space", "Parameter space"
+    summary = "sets and fits in every plane of two parameters"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show the planes."""
+        if data.design.n_sets:
+            yield Paragraph(
+                "Each point is a set, coloured by its Fopt at the spot; crosses are above the scale, plus "
+                "signs failed or are missing, the star is the least. Drag over points, or click one, to "
+                "select sets here, in the distribution and in the curves."
+            )
+        if data.is_fitted:
+            yield Paragraph(
+                "Lines are the ways of the joint fit and of the spot's own, each to a diamond at its end. "
+                "The cloud of small points is what the curves allow: draws of the fit that leads, within "
+                "its error budget."
+            )
+        if not planes_of(data, data.generalising.name).is_empty():
+            yield Paragraph(
+                f"Contour lines: Fopt of the fit to {data.together}, the other parameters fitted again, by "
+                "an emulator of the simulated curves; there are none where it knows too little. A long "
+                "valley is a combination of parameters that the curves do not tell apart."
+            )
+        if data.study.truth:
+            yield Paragraph("Dotted lines: the known answer.")
+        yield Drawing("space")
+
+
+class Distribution(Section):
+    """Fopt of every set."""
+
+    name, title, entry = "distribution", "NMSE of all sets", "NMSE"
+    summary = "Fopt of every set by spot"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show the sets by spot, and the least of each."""
+        if data.design.n_sets:
+            yield Drawing("distribution")
+            yield from table(report, "table2_nmse")
+
+
+class OtherChannels(Section):
+    """Channels that a fit leaves out."""
+
+    name, title = "channels", "Across channels"
+    summary = "what a fit to some channels misses in the others"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show what each fit misses."""
+        yield Paragraph("What a fit to some channels misses in the others, such as a fit to force in torque.")
+        yield from table(report, "unfitted_channels")
+        yield from table(report, "cross_channel")
+
+
+class Generalisation(Section):
+    """One set for all spots."""
+
+    name, title = "generalisation", "Generalisation"
+    summary = "the set of the sweep for all spots, and what it costs at each"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show the set and its cost."""
+        if "generalised" not in report.tables or len(data.spots) < 2:
+            return
+        tick = "" if data.is_fitted else " Tick “one set for all spots” above to see its curves."
+        yield Paragraph(
+            "The set of the sweep with the least mean Fopt over all spots, and how much worse it fits each "
+            f"than the best set there.{tick}"
+        )
+        yield from table(report, "generalised")
+        yield from table(report, "cost_of_one_set")
+
+
+class Convergence(Section):
+    """How the simulations ended."""
+
+    name, title, entry = "convergence", "Convergence and failures", "Convergence"
+    summary = "how the simulations ended, by spot and reason"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show the ends of the simulations."""
+        if data.convergence.height:
+            yield Table.of(TITLES["convergence"], data.convergence)
+        if "failures" not in report.tables and data.design.n_sets:
+            yield Paragraph("All simulated sets could be ranked.")
+        for name in ("failures", "verification"):
+            yield from table(report, name)

@@ -1,0 +1,221 @@
+"""The space of the parameters, coloured by NMSE, as the paper shows it."""
+
+from collections.abc import Sequence
+from functools import partial
+from itertools import combinations
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import polars as pl
+from matplotlib.axes import Axes
+from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm
+from matplotlib.figure import Figure
+
+from palpate.domain import FloatArray, Parameter
+from palpate.stages.selection import objectives
+from palpate_report.contours import contours
+from palpate_report.fit_path import paths
+from palpate_report.report_data import ReportData, label_of
+from palpate_report.style import (
+    DOUBLE_MM,
+    LEAST_COLOUR,
+    LINES,
+    MEASURED_COLOUR,
+    SINGLE_MM,
+    PlainNumbers,
+    entitle,
+    legend_below,
+    set_log,
+    sized,
+)
+
+SMALLEST = 1e-6
+"""Least part of the largest Fopt that a log scale shows."""
+
+MOST_PAIRS = 15
+"""Most pairs of parameters that one figure shows."""
+
+_PANEL_MM = {1: 65.0, 2: 60.0, 4: 42.0}
+"""Height of a panel by the number of columns."""
+
+
+def colours() -> Colormap:
+    """Viridis without its dark end, next to which black marks would not be seen."""
+    viridis = mpl.colormaps["viridis"]
+    return LinearSegmentedColormap.from_list("nmse", viridis(np.linspace(0.25, 1.0, 256)))
+
+
+def parameter_space(data: ReportData, spot: str) -> Figure:
+    """Show sets in the space of their parameters: coloured by the logarithm of Fopt, red the least.
+
+    The ways of the joint fit and of the spot's own are drawn over them, each to a diamond at its end, and
+    below them contour lines of Fopt; without a spot, where there is no sweep, the ways of every spot. Three
+    parameters of a sweep are shown in space and in pairs, more in pairs (at most ``MOST_PAIRS``), one over
+    its own axis. Axes are logarithmic where the sweep is; space has none such.
+    """
+    values, fopt = _sets_at(data, spot)
+    parameters = tuple(data.brief.values())
+    n = len(parameters)
+    if n == 1:
+        figure, flat = _one_parameter(values[:, 0], fopt, parameters[0])
+        _set_scales(flat[0], parameters[:1])
+        set_log(flat[0], "y")
+        _draw_paths(data, spot, flat[0], [data.design.parameters[0].name, "fopt"])
+    else:
+        pairs = list(combinations(range(n), 2))[:MOST_PAIRS]
+        in_space = n == 3 and data.design.n_sets > 0 and not any(p.scale == "log" for p in parameters)
+        figure, flat = _pair_grid(len(pairs) + in_space)
+        if in_space:
+            _draw_space(figure, flat, values, fopt, parameters)
+            _draw_paths(data, spot, flat[0], [p.name for p in data.design.parameters])
+        for axis, (i, j) in zip(flat[in_space:], pairs, strict=True):
+            _draw_contours(data, axis, data.design.parameters[i].name, data.design.parameters[j].name)
+            _scatter(axis, (values[:, i], values[:, j]), fopt)
+            _draw_paths(data, spot, axis, [data.design.parameters[k].name for k in (i, j)])
+            axis.set_xlabel(label_of(parameters[i]))
+            axis.set_ylabel(label_of(parameters[j]))
+            _draw_truth(data, axis, [data.design.parameters[k].name for k in (i, j)])
+            _set_scales(axis, (parameters[i], parameters[j]))
+    if n > 1 and np.isfinite(fopt).any():
+        _colour_bar(figure, flat, data, fopt)
+    legend_below(figure, flat[-1:])
+    n_sets = int(np.isfinite(values[:, 0]).sum())
+    shown = f", spot {spot}: {n_sets} sets and their NMSE" if spot else ": the way of the fit"
+    entitle(figure, f"{data.study.name}{shown}", data.notice)
+    return figure
+
+
+def _sets_at(data: ReportData, spot: str) -> tuple[FloatArray, FloatArray]:
+    """Values of every set, NaN where it was not simulated, and its Fopt at a spot, NaN where it failed."""
+    rows = objectives(data.scores, [data.generalising]).filter(pl.col("spot") == spot)
+    fopt = np.full(data.design.n_sets, np.nan)
+    fopt[rows["set_id"].to_numpy()] = rows["fopt"].to_numpy()
+    simulated = np.isin(np.arange(fopt.size), data.scores.filter(pl.col("spot") == spot)["set_id"])
+    return np.where(simulated[:, None], data.design.values, np.nan), fopt
+
+
+def fopt_scale(fopt: FloatArray) -> LogNorm:
+    """Log scale over the finite errors, none of them too small to show."""
+    largest = max(float(np.nanmax(fopt)), np.finfo(float).tiny / SMALLEST)
+    return LogNorm(max(float(np.nanmin(fopt)), SMALLEST * largest), largest, clip=True)
+
+
+def _set_scales(axis: Axes, parameters: Sequence[Parameter]) -> None:
+    """Scale axes x and y as the sweep is."""
+    ticks: Any = axis
+    for name, parameter in zip("xy", parameters, strict=False):
+        if parameter.scale == "log":
+            set_log(axis, name)
+        else:
+            ticks.locator_params(axis=name, nbins=5)
+
+
+def _one_parameter(values: FloatArray, fopt: FloatArray, parameter: Parameter) -> tuple[Figure, list[Axes]]:
+    figure = sized(SINGLE_MM, 70.0)
+    axis = figure.subplots()
+    axis.scatter(values, fopt, s=7, color=MEASURED_COLOUR, linewidths=0, label="set")
+    if np.isfinite(fopt).any():
+        least = int(np.nanargmin(fopt))
+        axis.scatter(
+            [values[least]], [fopt[least]], marker="*", s=70, color=LEAST_COLOUR, label=f"least: set {least}"
+        )
+    axis.set_xlabel(label_of(parameter))
+    axis.set_ylabel("Fopt (NMSE)")
+    return figure, [axis]
+
+
+def _pair_grid(n_panels: int) -> tuple[Figure, list[Axes]]:
+    n_columns = min(n_panels, 2 if n_panels <= 4 else 4)
+    n_rows = -(-n_panels // n_columns)
+    figure = sized(DOUBLE_MM if n_columns > 1 else SINGLE_MM, _PANEL_MM[n_columns] * n_rows + 18.0)
+    axes = list(figure.subplots(n_rows, n_columns, squeeze=False).flat)
+    for empty in axes[n_panels:]:
+        empty.remove()
+    return figure, axes[:n_panels]
+
+
+def _draw_space(
+    figure: Figure, flat: list[Axes], values: FloatArray, fopt: FloatArray, parameters: Sequence[Parameter]
+) -> None:
+    """Put a view in space where the first panel was."""
+    place = flat[0].get_subplotspec()
+    flat[0].remove()
+    flat[0] = figure.add_subplot(place, projection="3d")
+    _scatter(flat[0], tuple(values.T), fopt)
+    axis: Any = flat[0]
+    for set_label, parameter in zip(
+        (axis.set_xlabel, axis.set_ylabel, axis.set_zlabel), parameters, strict=True
+    ):
+        set_label(label_of(parameter), fontsize=5.5)
+    axis.tick_params(labelsize=5, pad=-3)
+    axis.locator_params(nbins=4)
+    axis.set_box_aspect(None, zoom=0.78)
+    axis.computed_zorder = False  # the least stays on top
+    axis.zaxis.set_ticks_position("lower")
+    axis.zaxis.set_label_position("lower")
+
+
+def _scatter(axis: Axes, at: Sequence[FloatArray], fopt: FloatArray) -> None:
+    """Draw sets at coordinates (n_sets,) each: coloured, grey failed, red least."""
+    draw: Any = axis.scatter
+    scatter = partial(draw, depthshade=False) if axis.name == "3d" else draw
+    unranked = np.isnan(fopt)
+    failed = unranked & np.isfinite(at[0])
+    if failed.any():
+        look = {"color": "0.6", "marker": "+", "s": 14, "linewidths": 0.6}
+        scatter(*(x[failed] for x in at), label=f"failed: {failed.sum()} sets", **look)
+    if unranked.all():
+        return
+    order = np.argsort(-fopt)[: (~unranked).sum()]  # the best are on top
+    scatter(*(x[order] for x in at), c=fopt[order], cmap=colours(), norm=fopt_scale(fopt), s=14,
+            linewidths=0, alpha=1.0)  # fmt: skip
+    least = int(np.nanargmin(fopt))
+    scatter(*(x[least : least + 1] for x in at), color=LEAST_COLOUR, marker="*", s=70,
+            edgecolors="white", linewidths=0.4, zorder=5,
+            label=f"least: set {least}, {fopt[least]:.3g}")  # fmt: skip
+
+
+def _draw_contours(data: ReportData, axis: Axes, parameter: str, other: str) -> None:
+    """Draw Fopt of the fit that leads, with its levels, below everything else."""
+    label = f"Fopt of the fit to {data.together}"
+    for each in contours(data, data.generalising.name, parameter, other):
+        axis.plot(each.x, each.y, color="0.55", linewidth=0.5, zorder=1, label=label)
+        at = (each.x[each.label], each.y[each.label])
+        axis.text(*at, f"{each.level:g}", fontsize=4.5, color="0.35", ha="center", va="center", zorder=1)
+        label = "_"
+
+
+def _draw_truth(data: ReportData, axis: Axes, names: Sequence[str]) -> None:
+    """Draw the known answer across the panel."""
+    truth = data.study.truth
+    look: dict[str, Any] = {"color": LEAST_COLOUR, "linestyle": ":", "linewidth": 0.7, "zorder": 2}
+    if names[0] in truth:
+        axis.axvline(truth[names[0]], label="known answer", **look)
+    if names[1] in truth:
+        axis.axhline(truth[names[1]], **look)
+
+
+def _draw_paths(data: ReportData, spot: str, axis: Axes, names: Sequence[str]) -> None:
+    """Draw the ways of the joint fit and of that of a spot, or of each, along columns of these names."""
+    draw: Any = axis.plot
+    fits = dict.fromkeys((data.together, *((spot,) if spot else data.spots)))
+    for fit, (colour, dash) in zip(fits, LINES, strict=False):
+        ways = paths(data, fit, data.generalising.name, fit if fit in data.spots else spot or data.spots[0])
+        for way in ways:
+            draw(*(way[name] for name in names), color=colour, linestyle=dash, linewidth=0.9, zorder=4)
+        for way in ways[-1:]:
+            end, label = [way[name][-1:] for name in names], f"{fit}: fit, {way['fopt'][-1]:.3g}"
+            draw(*end, "D", color=colour, markersize=4, markeredgecolor="white", zorder=6, label=label)
+
+
+def _colour_bar(figure: Figure, axes: Sequence[Axes], data: ReportData, fopt: FloatArray) -> None:
+    bar = figure.colorbar(
+        mpl.cm.ScalarMappable(fopt_scale(fopt), colours()),
+        ax=list(axes),
+        label=f"Fopt (NMSE), scenario {data.generalising.name}",
+        shrink=0.8,
+        pad=0.02,
+        format=PlainNumbers(),
+    )
+    bar.ax.yaxis.set_minor_formatter(PlainNumbers())

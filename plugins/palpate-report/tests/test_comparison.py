@@ -1,0 +1,138 @@
+"""Runs side by side: their parameters, and criteria where they describe the same curves."""
+
+import html
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from hypothesis import given, strategies as st
+
+from palpate.domain import Response
+from palpate.fit.least_squares import LeastSquares
+from palpate.run.result import FitResult
+from palpate_report.comparison import (
+    TOO_FEW,
+    _independent,
+    _notes,
+    comparison_tables,
+    named,
+    same_curves,
+    write_comparison,
+)
+
+
+@pytest.fixture
+def fitted(content):
+    """A run with a fit, of noisy curves."""
+    made = content(search=LeastSquares(), n_sets=20)
+    noise = np.random.default_rng(1)
+    measured = {
+        spot: Response(
+            curves={
+                name: replace(c, ordinate=c.ordinate + noise.normal(0.0, np.ptp(c.ordinate), c.ordinate.size))
+                for name, c in response.curves.items()
+            }
+        )
+        for spot, response in made.measured.items()
+    }
+    return replace(made, measured=measured)
+
+
+@pytest.fixture
+def swept(content):
+    """A run of few sets without a fit."""
+    return content(n_sets=12)
+
+
+def without_fit(data):
+    return replace(data, fit=FitResult())
+
+
+def other_limb(data):
+    curves = {name: replace(c, ordinate=2.0 * c.ordinate) for name, c in data.measured["p1"].curves.items()}
+    return replace(data, measured={**data.measured, "p1": Response(curves=curves)})
+
+
+def test_runs_have_the_values_and_intervals_of_their_joint_fit(fitted):
+    table = comparison_tables({"fit": fitted, "sweep": without_fit(fitted)})["parameters"]
+    joint = fitted.fit.certainty.intervals.filter(fit="all spots", scenario="I", parameter="soft_tissue.grip")
+    row = table.filter(run="fit", parameter="grip").row(0, named=True)
+    assert (row["value"], row["lower"], row["upper"]) == joint.select("value", "lower", "upper").row(0)
+    row = table.filter(run="sweep", parameter="grip").row(0, named=True)
+    assert (row["value"], row["lower"]) == (fitted.generalisation["soft_tissue.grip"][0], None)
+
+
+def test_criteria_prefer_the_better_fit_and_share_the_weight_between_equals(fitted):
+    runs = {"sweep": without_fit(fitted), "fit": fitted}
+    table = comparison_tables(runs)["criteria"]
+    assert table["run"].to_list() == ["fit", "sweep"]
+    assert table["difference"][0] == 0.0 < table["difference"][1]
+    assert table["weight"].sum() == pytest.approx(1.0)
+    equals = comparison_tables({"one": fitted, "two": fitted})["criteria"]
+    assert equals["weight"].to_list() == [0.5, 0.5]
+    assert set(equals["meaning"]) == {"as good as the best"}
+
+
+def test_few_independent_points_decide_nothing(fitted, monkeypatch):
+    runs = {"sweep": without_fit(fitted), "fit": fitted}
+    enough = comparison_tables(runs)["criteria"]
+    assert TOO_FEW not in set(enough["meaning"])
+    monkeypatch.setattr("palpate_report.comparison.FEWEST_POINTS", 1e6)
+    tables = comparison_tables(runs)
+    assert set(tables["criteria"]["meaning"]) == {TOO_FEW}
+    assert tables["criteria"]["weight"].null_count() == 2
+    assert any("decide nothing here" in note for note in _notes(tables, runs))
+
+
+def test_criteria_that_disagree_are_reported(fitted):
+    runs = {"sweep": without_fit(fitted), "fit": fitted}
+    tables = comparison_tables(runs)
+    assert not any("AICc and BIC disagree" in note for note in _notes(tables, runs))
+    other = tables["criteria"].with_columns(bic=-pl.col("bic"), difference_bic=pl.lit(0.0))
+    notes = list(_notes(tables | {"criteria": other}, runs))
+    assert "AICc and BIC disagree: fit by AICc, sweep by BIC. Read neither as a choice." in notes
+
+
+def test_a_parameter_that_changes_no_curve_costs_something(fitted):
+    class OneMore:
+        def parameters(self, space, spots):
+            return (*space.parameters, *space.parameters[:1])
+
+    idle = replace(fitted, study=replace(fitted.study, parametrisation=OneMore()))
+    table = comparison_tables({"more": idle, "less": fitted})["criteria"]
+    assert table["run"].to_list() == ["less", "more"]
+    assert table["bic"][1] > table["bic"][0]
+
+
+def test_limbs_have_no_criteria(swept):
+    limbs = {"one": swept, "two": other_limb(swept)}
+    assert not same_curves(limbs)
+    assert set(comparison_tables(limbs)) == {"parameters", "errors"}
+
+
+@given(st.integers(3, 40), st.integers(1, 30))
+def test_a_point_that_is_repeated_counts_about_once(n, times):
+    once = [np.random.default_rng(n).normal(size=20 * n)]
+    again = [np.repeat(once[0], times)]
+    assert _independent(again) <= _independent(once) * 1.2
+
+
+def test_a_run_is_named_by_its_material_or_by_its_folder(swept):
+    assert list(named({Path("runs/a"): swept})) == ["spongy"]
+    assert list(named({Path("runs/a"): swept, Path("runs/b"): swept})) == ["a", "b"]
+    assert list(named({Path("x/a"): swept, Path("y/a"): swept})) == ["x/a", "y/a"]
+
+
+def test_the_page_holds_the_tables_and_the_figure_and_asks_no_network(swept, tmp_path):
+    made = write_comparison({"<b>one": swept, "two": other_limb(swept)}, tmp_path)
+    page = (tmp_path / "index.html").read_text()
+    policy = re.search('Policy" content="([^"]*)"', page)[1]
+    assert "&lt;b&gt;one" in page
+    assert "<b>one" not in page
+    assert html.unescape(policy).startswith("default-src 'none'")
+    assert "No information criteria" in page
+    assert all(path.is_file() for path in made["files"])
+    assert (tmp_path / "tables" / "paper_table1.tex").read_text().count("multicolumn{6}") == 2

@@ -1,0 +1,272 @@
+"""The first screen: the card, and the forest of intervals."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import polars as pl
+import pytest
+from hypothesis import given, strategies as st
+
+from palpate.cli.results import show_report
+from palpate.domain import Relaxation
+from palpate.fit.least_squares import LeastSquares
+from palpate.plugins.sections import Table, Word
+from palpate_report import answer as answer_module
+from palpate_report.answer import CAUSES, answer, budget_bars
+from palpate_report.forest import Axis, _percent, _widened, forest
+from palpate_report.layout import laid_out
+from palpate_report.page import render
+from palpate_report.result import Report
+from palpate_report.tables import printed
+from palpate_report.verdict import make_verdict
+from palpate_report.writing import make_tables
+
+TRUTH = {"soft_tissue.stiffness": 0.45, "soft_tissue.grip": 22.0}
+NUMBERS = st.floats(1e-6, 1e6)
+
+
+@pytest.fixture
+def fitted(content):
+    return content(search=LeastSquares(), truth=TRUTH)
+
+
+def passed(data):
+    """The same fit, its model taken to describe the data."""
+    certainty = data.fit.certainty
+    fine = certainty.adequacy.with_columns(failed=pl.lit(value=False), message=pl.lit(""))
+    known = certainty.intervals.with_columns(identifiability=pl.lit("well"))
+    return replace(data, fit=replace(data.fit, certainty=replace(certainty, adequacy=fine, intervals=known)))
+
+
+def card(data):
+    verdict = make_verdict(data, make_tables(data))
+    return answer(data, verdict, forest(data, verdict.bests))
+
+
+@given(st.lists(NUMBERS, min_size=1), st.booleans())
+def test_an_axis_holds_everything_in_its_order(known, is_log):
+    low, high = _widened(known, is_log=is_log)
+    axis = Axis(label="a", low=low, high=high, is_log=is_log)
+    places = [_percent(axis, value) for value in sorted(known)]
+    assert all(0.0 < place < 100.0 for place in places)
+    assert places == sorted(places)
+
+
+def test_the_card_has_intervals_moduli_and_causes_of_the_fit_that_leads(fitted):
+    data = passed(fitted)
+    found = card(data)
+    rows = data.fit.certainty.intervals.filter(fit="all spots", scenario="I").rows(named=True)
+    assert found.is_sure
+    assert [line.label for line in found.lines] == [
+        "stiffness [MPa]", "grip [MPa]", "initial shear modulus [MPa]", "Young's modulus [MPa]",
+    ]  # fmt: skip
+    for line, row in zip(found.lines, rows, strict=False):
+        assert (line.lower, line.value, line.upper) == (row["lower"], row["value"], row["upper"])
+    # Energy θ0 Σ(λ − 1)²: the stiffness alone moves the shear modulus, and is as large.
+    stiffness, modulus = found.lines[0], found.lines[2]
+    assert (modulus.lower, modulus.upper) == pytest.approx((stiffness.lower, stiffness.upper))
+    for _, causes in budget_bars(data):
+        shares = [share for _, share in causes]
+        assert shares == sorted(shares, reverse=True)
+        assert 95.0 < sum(shares) < 100.5
+
+
+def test_the_card_names_where_the_search_began(fitted):
+    assert card(fitted).about.startswith("Searched from the sweep")
+    bare = replace(fitted, study=replace(fitted.study, n_sets=0))
+    assert card(bare).about.startswith("Searched from the middle of the ranges")
+
+
+def test_a_spot_apart_from_the_joint_fit_is_named(fitted):
+    data = passed(fitted)
+    rows = data.fit.certainty.intervals
+    at = (pl.col("fit") == "p2") & (pl.col("scenario") == "I") & (pl.col("parameter") == "soft_tissue.grip")
+    far = [
+        pl.when(at).then(pl.col(end) + 1e3).otherwise(pl.col(end)).alias(end) for end in ("lower", "upper")
+    ]
+    for moved, apart in ((rows, {}), (rows.with_columns(far), {"p2": ("grip",)})):
+        certainty = replace(data.fit.certainty, intervals=_wide(moved))
+        changed = replace(data, fit=replace(data.fit, certainty=certainty))
+        assert forest(changed, make_verdict(changed, {}).bests).apart == apart
+        (spots,) = (text for name, text in card(changed).facts if name == "Spots")
+        assert ("p2 (grip)" if apart else "none differs") in spots
+
+
+def test_the_chart_names_what_fewer_channels_tell_better_and_why(fitted):
+    data = passed(fitted)
+    rows = data.fit.certainty.intervals.with_columns(
+        upper=pl.col("lower") + pl.when(pl.col("scenario") == "III").then(1.0).otherwise(2.0)
+    )
+    changed = replace(data, fit=replace(data.fit, certainty=replace(data.fit.certainty, intervals=rows)))
+    verdict = make_verdict(changed, make_tables(changed))
+    assert forest(changed, verdict.bests).narrower == ("stiffness by III", "grip by III")
+    assert "narrower than by I: stiffness by III, grip by III (Fopt counts channels alike" in render(
+        changed, make_tables(changed), verdict, []
+    )
+    same = rows.with_columns(upper=pl.col("lower") + 2.0)
+    changed = replace(data, fit=replace(data.fit, certainty=replace(data.fit.certainty, intervals=same)))
+    assert forest(changed, make_verdict(changed, {}).bests).narrower == ()
+
+
+def _wide(rows):
+    """Intervals that all meet, unless they were moved far."""
+    return rows.with_columns(lower=pl.col("lower") - 100.0, upper=pl.col("upper") + 100.0)
+
+
+def test_where_the_model_fails_a_banner_takes_the_place_of_parameters(fitted):
+    tables = make_tables(fitted)
+    verdict = make_verdict(fitted, tables)
+    assert verdict.failure.startswith(
+        "No parameters can be read from this run: the force differs from the model"
+    )
+    assert verdict.warnings[0].what == "The model does not describe the data"
+    page = render(fitted, tables, verdict, [])
+    assert f'<p class="banner" role="alert">{verdict.failure[:60]}' in page
+    assert 'class="answer"' not in page
+    data = passed(fitted)
+    page = render(data, make_tables(data), make_verdict(data, {}), [])
+    assert 'class="banner"' not in page
+    assert 'class="answer"' in page
+
+
+def relaxing(data, share):
+    """The same run, its first spot's force fallen by a share of its peak in a rest of 1 s."""
+    spot, response = next(iter(data.measured.items()))
+    peak = float(abs(response["force"].ordinate).max())
+    rest = Relaxation(
+        channel="force",
+        phase="dwell_1",
+        duration_s=1.0,
+        start_value=peak,
+        fall=share * peak,
+        fall_std=1e-3 * peak,
+    )
+    return replace(data, measured={**data.measured, spot: replace(response, relaxations=[rest])})
+
+
+def test_a_tissue_that_relaxed_has_apparent_moduli_below_a_banner(fitted):
+    sentence = "The tissue at p1 relaxed by 12 % in 1 s; these are apparent moduli of this rate"
+    data = relaxing(passed(fitted), 0.12)
+    verdict = make_verdict(data, make_tables(data))
+    assert verdict.failure == ""
+    assert f"{sentence}." in verdict.sentences
+    assert verdict.warnings[0].what == sentence
+    page = render(data, make_tables(data), verdict, [])
+    assert f'<p class="banner" role="alert">{sentence}.</p>' in page
+    assert 'class="answer"' in page
+    calm = relaxing(passed(fitted), 0.01)
+    verdict = make_verdict(calm, make_tables(calm))
+    assert not verdict.apparent
+    assert 'class="banner"' not in render(calm, make_tables(calm), verdict, [])
+
+
+def test_the_failed_check_of_a_tissue_that_relaxed_takes_no_parameters_away(fitted):
+    data = relaxing(passed(fitted), 0.12)
+    certainty = data.fit.certainty
+    row = certainty.adequacy.head(1).with_columns(check=pl.lit("relaxation"), failed=pl.lit(value=True))
+    checks = pl.concat([certainty.adequacy, row])
+    words = certainty.intervals.with_columns(identifiability=pl.lit("unclear"))
+    changed = replace(certainty, adequacy=checks, intervals=words)
+    data = replace(data, fit=replace(data.fit, certainty=changed))
+    verdict = make_verdict(data, make_tables(data))
+    assert verdict.failure == ""
+    assert {each.identifiability for each in verdict.estimates} == {"unclear"}
+    heads = [warning.what for warning in verdict.warnings]
+    assert heads[0].startswith("The tissue at p1 relaxed")
+    assert not [what for what in heads if "does not describe" in what or "is unclear" in what]
+    assert "relaxation" in make_tables(data)["inadequate"]["check"].to_list()
+
+
+def test_warnings_of_what_leads_come_before_those_of_other_fits(fitted):
+    data = passed(fitted)
+    table = data.fit.table.with_columns(at_bound=pl.lit("soft_tissue.grip"))
+    ends = [w.why for w in make_verdict(replace(data, fit=replace(data.fit, table=table)), {}).warnings
+            if "end of their range" in w.what]  # fmt: skip
+    assert ends[0].startswith("grip at all spots, scenario I.")
+    assert "grip at p1, scenario I" in ends[1]
+
+
+def test_one_set_of_words_is_on_the_page_of_a_fit(fitted):
+    data = passed(fitted)
+    tables = make_tables(data)
+    verdict = make_verdict(data, tables)
+    row = data.fit.certainty.intervals.row(0, named=True)
+    assert verdict.identifiability[0] == (
+        f"stiffness: {row['value']:.4g} MPa, 95 % interval {row['lower']:.4g} to {row['upper']:.4g} MPa; "
+        "well identifiable."
+    )
+    (sweep,) = (made for made in laid_out(data, Report(tables=tables, files=(), verdict=verdict))
+                if made.name == "identifiability")  # fmt: skip
+    cells = [cell for block in sweep.blocks if isinstance(block, Table) for row in block.rows for cell in row]
+    assert cells
+    assert not [cell for cell in cells if isinstance(cell, Word)]
+
+
+def test_a_cause_has_one_colour_whatever_its_rank(fitted):
+    data = passed(fitted)
+    page = render(data, make_tables(data), make_verdict(data, {}), [])
+    found = {}
+    for colour, name in re.findall(r'background:([^"]+)" aria-hidden="true"></i> ([^<]+?) \d+ %', page):
+        found.setdefault(name, set()).add(colour)
+    ranks = [[name for name, _ in causes] for _, causes in budget_bars(data)]
+    assert set(found) == {name for causes in ranks for name in causes[:5]}
+    assert len({causes[0] for causes in ranks} | {causes[1] for causes in ranks}) > 1
+    assert all(len(colours) == 1 for colours in found.values())
+    assert len(set.union(*found.values())) == len(found)
+    style = (Path(answer_module.__file__).parent / "page.css").read_text()
+    assert all(f"--cause{i}:" in style for i in range(len(CAUSES)))
+
+
+def test_causes_are_printed_side_by_side_in_percent(fitted):
+    shares = printed("budget", fitted.fit.certainty.budget)
+    assert shares.height == fitted.fit.certainty.intervals.height
+    causes = shares.select(pl.exclude("fit", "scenario", "parameter"))
+    assert causes.sum_horizontal().to_list() == pytest.approx([100.0] * shares.height, abs=0.5)
+
+
+def said(data):
+    """Lines of the terminal by their labels."""
+    lines = {}
+    session = SimpleNamespace(labelled=lines.__setitem__)
+    report = Report(verdict=make_verdict(data, {}), files=(), tables={})
+    show_report(session, data.study, report, SimpleNamespace(spent="1 s"), tables=False)
+    return lines
+
+
+def test_the_card_lists_what_no_interval_includes(fitted, monkeypatch):
+    data = passed(fitted)
+    study = data.study
+    assert "NOT included" not in dict(card(data).facts)
+    monkeypatch.setattr(type(study.solver), "provides", replace(study.solver.provides, body="mesh"))
+    assert dict(card(data).facts)["NOT included"] == "bone, position"
+    assert said(data)["Parameters"].endswith(". NOT included in intervals: bone, position")
+    (region,) = study.space.regions
+    layered = replace(study.space, regions=(region, replace(region, region="skin")))
+    assert make_verdict(replace(data, study=replace(study, space=layered)), {}).not_included[1] == "layers"
+    budget = study.budget.model_copy(update={"friction": 0.0, "parameters": {"soft_tissue.bulk": 0.0}})
+    stated = replace(data, study=replace(study, budget=budget))
+    assert make_verdict(stated, {}).not_included[2:] == (
+        "friction (stated as exact)",
+        "soft_tissue.bulk (stated as exact)",
+    )
+
+
+def test_a_cause_that_failed_is_on_the_card_and_a_warning(fitted):
+    data = passed(fitted)
+    certainty = data.fit.certainty
+    lost = certainty.budget.filter(cause="gain").with_columns(
+        cause=pl.lit("onset p1"),
+        status=pl.lit("p1: diverged: too deep"),
+        share=pl.lit(None, pl.Float64),
+        sd=pl.lit(None, pl.Float64),
+    )
+    failed = replace(certainty, budget=pl.concat([certainty.budget, lost]))
+    data = replace(data, fit=replace(data.fit, certainty=failed))
+    found = card(data)
+    assert dict(found.facts)["NOT included"] == "onset p1 (failed)"
+    warned = {each.what: each.why for each in make_verdict(data, make_tables(data)).warnings}
+    why = warned["Intervals are without causes that could not be simulated"]
+    assert why.startswith("onset p1: p1: diverged: too deep.")
+    assert all("onset p1" not in dict(causes) for _, causes in budget_bars(data))

@@ -1,0 +1,84 @@
+"""What is shown of a limb is its surface: closed, outward, in separate parts."""
+
+import json
+
+import numpy as np
+import pytest
+
+from palpate.domain import Limb, Mesh, Spot
+from palpate.indenters import Sphere
+from palpate.specimens import block
+from palpate_report.limb_view import ViewPart, limb_view
+
+
+def enclosed(parts: list[ViewPart]) -> float:
+    """Volume [mm³] by the divergence theorem, positive where triangles look outwards."""
+    corners = np.concatenate([part.points_mm[part.triangles] for part in parts])
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
+
+
+@pytest.mark.parametrize("kind", ["tet4", "tet10", "hex8"])
+def test_the_outer_parts_enclose_a_mesh_of_any_elements(kind: str) -> None:
+    limb = block(kind, n_across=4, n_down=3, layers_mm={"skin": 6.0})
+    view = limb_view(limb)
+    points = limb.mesh.points_mm
+    outer = [part for part in view.parts if part.role != "interface"]
+    assert enclosed(outer) == pytest.approx(np.prod(np.ptp(points, axis=0)))
+    assert {part.region for part in outer} == {"skin", "soft_tissue"}
+
+
+def test_the_spot_s_skin_and_what_is_fixed_are_separate() -> None:
+    limb = block("tet10", n_across=4, n_down=3, layers_mm={"skin": 6.0})
+    parts = {(part.name, part.region): part for part in limb_view(limb).parts}
+    contact, fixed = parts["contact", "skin"], parts["fixed", "soft_tissue"]
+    assert (contact.role, fixed.role) == ("contact", "fixed")
+    assert np.abs(contact.points_mm[:, 2]).max() == 0.0
+    assert fixed.points_mm[:, 2].max() == limb.mesh.points_mm[:, 2].min()
+    between = parts["skin | soft_tissue", "skin"]
+    assert between.role == "interface"
+    np.testing.assert_allclose(between.points_mm[:, 2], -6.0)
+
+
+def test_a_bone_is_named_by_its_node_set() -> None:
+    limb = block("tet4", n_across=4, n_down=3)
+    mesh = limb.mesh
+    low = np.flatnonzero(mesh.points_mm[:, 2] == mesh.points_mm[:, 2].min())
+    sides = np.flatnonzero(np.abs(mesh.points_mm[:, 0]) == mesh.points_mm[:, 0].max())
+    named = Mesh(
+        points_mm=mesh.points_mm,
+        cells=mesh.cells,
+        cell_regions=mesh.cell_regions,
+        regions=mesh.regions,
+        node_sets={**mesh.node_sets, "fixed": np.union1d(low, sides), "ulna": low, "cut": sides},
+    )
+    parts = {part.name: part for part in limb_view(Limb(spot=limb.spot, mesh=named)).parts}
+    assert parts["ulna"].role == parts["cut"].role == "fixed"
+    assert (parts["ulna"].points_mm[:, 2] == mesh.points_mm[:, 2].min()).all()
+    assert len(parts["ulna"].triangles) == 2 * 4 * 4
+    assert len(parts["cut"].triangles) == 2 * 2 * 4 * 3
+
+
+def test_the_sphere_rests_on_any_spot() -> None:
+    spot = Spot(name="p2", position_mm=np.array([3.0, -2.0, 1.0]), normal=np.array([0.6, 0.0, 0.8]))
+    mesh = block("tet4", n_across=2, n_down=2).mesh
+    view = limb_view(Limb(spot=spot, mesh=mesh), Sphere(radius_mm=7.5))
+    ball = next(part for part in view.parts if part.role == "indenter")
+    heights = (ball.points_mm - spot.position_mm) @ spot.normal
+    assert heights.min() == pytest.approx(0.0, abs=0.05)
+    assert enclosed([ball]) == pytest.approx(4.0 / 3.0 * np.pi * 7.5**3, rel=0.02)
+    np.testing.assert_allclose(view.normal_mm[1] - view.normal_mm[0], 22.5 * spot.normal)
+    np.testing.assert_array_equal(view.mark_mm, spot.position_mm)
+
+
+def test_traces_are_plain_values_that_name_points_that_exist() -> None:
+    view = limb_view(block("tet10", n_across=4, n_down=3, layers_mm={"skin": 6.0}), Sphere(radius_mm=7.5))
+    traces = json.loads(json.dumps(view.traces()))
+    assert [trace["type"] for trace in traces[-2:]] == ["scatter3d", "scatter3d"]
+    for trace in traces[:-2]:
+        corners = [*trace["i"], *trace["j"], *trace["k"]]
+        assert (min(corners), max(corners)) == (0, len(trace["x"]) - 1)
+    shown = {trace["name"]: trace.get("visible", True) for trace in traces}
+    assert shown["skin | soft_tissue (skin)"] == "legendonly"
+    assert shown["sphere"] is True
+    assert shown["mark block"] is True

@@ -1,0 +1,170 @@
+"""Nothing that a run refuses is printed bare: every file of its report, its cards, and a comparison."""
+
+import csv
+import io
+import json
+import math
+import re
+from dataclasses import replace
+
+import polars as pl
+import pytest
+
+from palpate.fit.least_squares import LeastSquares
+from palpate.stages.fitted import fitted
+from palpate_prediction.cards import PROGRAMS
+from palpate_prediction.cards.of_run import cards_of
+from palpate_report.best_sets import best_sets
+from palpate_report.comparison import write_comparison
+from palpate_report.headline import NO_PARAMETERS, Verdicts, failure_of, with_verdicts
+from palpate_report.marks import MARKS, explained, mark_of, verdict_of
+from palpate_report.paper_tables import paper_tables
+from palpate_report.tables import make_tables
+from palpate_report.writing import write_report
+
+pytestmark = pytest.mark.usefixtures("undrawn")
+
+
+@pytest.fixture
+def refused(content):
+    return content(search=LeastSquares())
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """A picture without the cost of drawing it."""
+
+    def save(runs, folder):
+        folder.mkdir(parents=True)
+        (folder / "curves.svg").write_text("<svg/>")
+        return (folder / "curves.svg",)
+
+    monkeypatch.setattr("palpate_report.figures.write_comparison_figure", save)
+
+
+def values_of(data):
+    """Every value of a parameter or modulus, with the ends of its interval."""
+    swept = replace(data, fit=type(data.fit)())
+    for best in (*best_sets(data), *best_sets(swept)):
+        for value in best.values:
+            yield from (each for each in (value.value, value.lower, value.upper) if each is not None)
+        yield from (each for pair in best.moduli.values() for each in pair)
+
+
+def has_a_value(text, values):
+    numbers = [float(each) for each in re.findall(r"[-+]?\d+\.\d+(?:e[-+]?\d+)?", text)]
+    return any(math.isclose(n, v, rel_tol=6e-4) for n in numbers for v in values)
+
+
+def bare(folder, values):
+    """Files, and rows of CSV files, with a value of a parameter and without mark or warning."""
+    for path in sorted(folder.rglob("*.*")):
+        if path.suffix == ".csv":
+            for row in csv.DictReader(io.StringIO(path.read_text())):
+                named = {"parameter", "verdict"} & row.keys() or re.search("tissue", " ".join(row))
+                for other in ("sd", "share"):  # of a cause, and no value
+                    row.pop(other, None)
+                if named and has_a_value(" ".join(row.values()), values) and "refused" not in row.values():
+                    yield path.name, row
+        elif path.suffix in (".tex", ".md", ".html"):
+            text = path.read_text()
+            if has_a_value(text, values) and NO_PARAMETERS not in text:
+                yield path.name, ""
+
+
+def test_no_output_of_a_refused_run_has_a_bare_value(refused, drawn, tmp_path):
+    assert failure_of(refused, tuple(best_sets(refused))).startswith(NO_PARAMETERS)
+    values = list(values_of(refused))
+    report = write_report(refused, tmp_path / "report")
+    made = write_comparison({"one": refused, "two": refused}, tmp_path / "comparison")
+    found = list(bare(tmp_path, values))
+    assert found == [], sorted({name for name, _ in found})
+    # The search for bare values finds them where they are.
+    plain = write_report_without_verdicts(refused, tmp_path / "plain")
+    assert {name for name, _ in bare(plain, values)} > {"table1_fit.csv", "intervals.csv", "fit.csv"}
+    assert all(row["verdict"] == "refused" for row in made["tables"]["parameters"].to_dicts())
+    assert any(NO_PARAMETERS in note for note in made["notes"])
+    assert NO_PARAMETERS in (tmp_path / "comparison" / "index.html").read_text()
+    tex = (tmp_path / "report" / "tables" / "paper_table1.tex").read_text()
+    assert tex.startswith(f"% WARNING: spongy: {NO_PARAMETERS}")
+    rows = [line for line in tex.splitlines() if re.match(r"p1 &|& I", line)]
+    assert rows
+    for row in rows:  # each value but R²
+        assert all(cell.endswith(r"$^{\dagger}$") for cell in row.removesuffix(r" \\").split(" & ")[2:-1])
+    assert set(report.tables["table1_fit"]["verdict"]) == {"refused"}
+
+
+def write_report_without_verdicts(data, folder):
+    from palpate_report.table_files import write_tables
+
+    write_tables(make_tables(data), folder)
+    return folder
+
+
+class Read:
+    """A run that is read back."""
+
+    def __init__(self, data):
+        self.study, self.measured, self.data = data.study, data.measured, data
+
+    def fitted(self):
+        return fitted(self.study, self.data.selection, self.data.generalisation, self.data.fit)
+
+    def fit(self):
+        return self.data.fit
+
+    def strains(self):
+        return {}
+
+
+def test_every_card_of_a_refused_run_warns(refused, plugins, monkeypatch):
+    monkeypatch.setattr("palpate_prediction.cards.of_run.report_data", lambda run, plugins: run.data)
+    (card,) = cards_of(Read(refused), plugins)
+    assert set(card.verdicts.values()) == {"refused"}
+    found = json.loads(PROGRAMS["json"](card))
+    assert found["verdict"].startswith(f"WARNING: {NO_PARAMETERS}")
+    assert {each["origin"] for each in found["parameters"].values()} == {"fitted"}
+
+
+def sound(data):
+    """The same fit, whose model describes its curves."""
+    certainty = data.fit.certainty
+    words = pl.Series(["well", "poorly", "not", "unclear"] * certainty.intervals.height)
+    known = certainty.intervals.with_columns(identifiability=words.head(certainty.intervals.height))
+    fine = certainty.adequacy.with_columns(failed=pl.lit(value=False), message=pl.lit(""))
+    table = data.fit.table.with_columns(at_bound=pl.lit("soft_tissue.grip"))
+    return replace(
+        data, fit=replace(data.fit, table=table, certainty=replace(certainty, intervals=known, adequacy=fine))
+    )
+
+
+def test_marks_are_those_of_the_verdict_and_are_explained_once(refused):
+    data = sound(refused)
+    tables = with_verdicts(data, make_tables(data))
+    intervals = tables["intervals"]
+    for row in intervals.iter_rows(named=True):
+        at_end = row["parameter"].startswith("soft_tissue.grip")
+        assert row["verdict"] == verdict_of(row["identifiability"], at_bound=at_end)
+    directions = data.fit.certainty.directions.with_columns(identifiability=pl.lit("not"))
+    (shown,) = with_verdicts(data, {"directions": directions}).values()
+    assert set(shown["identifiability"]) == {"not identified"}
+    assert "not" not in set(intervals["identifiability"])
+    tex = paper_tables({"spongy": data})["paper_table1"]
+    assert "WARNING" not in tex
+    assert tex.count(r"$^{\dagger}$ poorly or not identified") == 1
+    assert tex.count(r"$^{\ddagger}$ at an end of the range") == 1
+    assert r"$\mu_{0}$" in tex
+    assert "$R^2$" in tex
+    best = Verdicts.of(data).of_fit["p1", "I"]
+    assert f"{best.moduli['soft_tissue'][0]:.3f}" in tex
+
+
+@pytest.mark.parametrize(
+    ("word", "at_bound", "mark"),
+    [("well", False, ""), ("roughly", False, ""), ("poorly", False, "†"), ("not", False, "†"),
+     ("unclear", True, "†‡"), ("well", True, "‡"), ("", False, "")],
+)  # fmt: skip
+def test_a_mark_says_what_may_be_read(word, at_bound, mark):
+    assert mark_of(verdict_of(word, at_bound=at_bound)) == mark
+    assert mark_of(verdict_of(word, is_refused=True)) == "†"
+    assert [each in explained([mark]) for each in MARKS] == [each in mark for each in MARKS]

@@ -1,0 +1,408 @@
+"""The page in a browser: drawn without an error, linked, for keyboards, phones and dark rooms."""
+
+from dataclasses import replace
+
+import numpy as np
+import polars as pl
+import pytest
+
+from palpate.domain import Response
+from palpate.fit.least_squares import LeastSquares
+from palpate.plugins.sections import Bar, Figure, Paragraph, Picture, Section, Shares, Step, Table
+from palpate.specimens import block
+from palpate_report.page import render
+from palpate_report.verdict import make_verdict
+from palpate_report.writing import make_tables
+
+from .chromium import COMMAND, Chromium
+from .dimple import dimple
+from .hostile import ATTACK, NAMES, renamed
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(COMMAND is None, reason="no Chromium is installed"),
+]
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    with Chromium(tmp_path_factory.mktemp("chromium")) as chromium:
+        yield chromium
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("pages")
+
+
+def as_it_is(content):
+    return content
+
+
+@pytest.fixture
+def page(content, folder):
+    """Path of a page of two spots, with limbs; made once of each kind."""
+
+    def made(change=as_it_is, **changes):
+        path = folder / f"{change.__name__}{len(changes)}.html"
+        if not path.exists():
+            limb = block("tet4", n_across=4, n_down=3)
+            shown = change(replace(content(**changes), limbs={"p1": limb, "p2": limb}))
+            tables = make_tables(shown)
+            path.write_text(render(shown, tables, make_verdict(shown, tables), []))
+        return path
+
+    return made
+
+
+def count(browser, selector):
+    return browser.value(f"document.querySelectorAll({selector!r}).length")
+
+
+def unfolded(browser, path, *width, **how):
+    """Open a page with every section unfolded, and its figures drawn."""
+    browser.open(path, *width, **how)
+    browser.value("document.querySelectorAll('details').forEach(d => {d.open = true})")
+    browser.wait("document.getElementById('pairs').data")
+
+
+def rectangle(browser, selector):
+    found = f"document.querySelector({selector!r}).getBoundingClientRect()"
+    return browser.value(f"(b => [b.x, b.y, b.width, b.height])({found})")
+
+
+def test_it_is_drawn_at_every_width_in_light_and_dark_without_an_error_or_a_request(browser, page):
+    path = page()
+    for width, dark in ((1100, False), (400, False), (1100, True)):
+        browser.open(path, width, dark=dark)
+        # Folded as it comes, and drawn without a figure that cannot be seen.
+        assert browser.value("document.documentElement.scrollHeight") < 4000
+        assert count(browser, "#pairs .point") == 0
+        unfolded(browser, path, width, dark=dark)
+        assert browser.value("document.documentElement.dataset.ready") == "yes"
+        assert browser.complaints() == []
+        assert browser.requests() == [path.as_uri()]
+        assert browser.value("document.documentElement.scrollWidth") <= width
+        # Of the parameters' plane each set, and the least again.
+        assert count(browser, "#pairs .subplot.xy .point") >= 41
+        assert count(browser, "#curve-0 .xy .scatterlayer .js-line") == 3
+        ink = browser.value("getComputedStyle(document.querySelector('#curve-0 .xtitle')).fill")
+        assert ink == ("rgb(232, 235, 238)" if dark else "rgb(27, 31, 35)")
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_print_has_the_bars_on_white_and_heads_of_whole_words(browser, page, dark):
+    path = page(search=LeastSquares())
+    browser.print_media(path, dark=dark)
+    for bar in (".track i", ".track b", ".forest s", ".stack i", ".share i", ".legend b"):
+        style = f"getComputedStyle(document.querySelector({bar!r}))"
+        assert browser.value(f"{style}.printColorAdjust") == "exact", bar
+        assert browser.value(f"{style}.backgroundColor") != "rgba(0, 0, 0, 0)", bar
+    assert browser.value("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    heads = "[...document.querySelectorAll('thead th')]"
+    assert browser.value(f"{heads}.every(h => getComputedStyle(h).overflowWrap !== 'anywhere')")
+    # A line for each word at most: none is broken.
+    broken = (
+        f"{heads}.filter(h => h.textContent.trim()).filter(h => {{const r = document.createRange();"
+        "r.selectNodeContents(h); const lines = new Set([...r.getClientRects()].map(b => Math.round(b.top)));"
+        "return lines.size > h.textContent.trim().split(/[\\s_–-]+/).length}).map(h => h.textContent)"
+    )
+    assert browser.value(broken) == []
+
+
+def test_what_is_ticked_and_chosen_is_what_is_shown(browser, page):
+    browser.open(page())
+    lines = "#curve-0 .xy .scatterlayer .js-line"
+    browser.value("document.querySelector('[data-shown=\"1\"]').click()")
+    assert count(browser, lines) == 2
+    browser.value("document.querySelector('[data-shown=\"3\"]').click()")
+    assert count(browser, lines) == 3
+    # The spots are beside each other: one set for all, and what was measured at each.
+    ends = browser.value(
+        "['x', 'x2'].map(x => document.querySelector('#curve-0').data.filter(t => t.xaxis === x))"
+        ".map(ts => [ts[0].y.at(-1), ts.at(-2).y.at(-1)])"
+    )
+    assert ends[0][1] == ends[1][1]
+    assert [end for end, _ in ends] == pytest.approx([0.4 * 10**1.5, 0.5 * 10**1.5], rel=1e-4)
+    assert browser.complaints() == []
+
+
+@pytest.mark.parametrize("changes", [{}, {"n_sets": 0}])
+def test_a_fit_is_drawn_with_and_without_a_sweep(browser, page, changes):
+    path = page(search=LeastSquares(), **changes)
+    for width in (1100, 400):
+        unfolded(browser, path, width)
+        assert browser.complaints() == []
+        assert browser.value("document.documentElement.scrollWidth") <= width
+        # Three scenarios and the joint fit, and what each misses below.
+        for panel in ("xy", "xy2"):
+            assert count(browser, f"#curve-0 .{panel} .scatterlayer .js-line") == 4
+        # Ways of the joint fit and of the spot's own, their ends, and the least of the sweep for each.
+        trace = "document.querySelector('#section-fit .plot:not([hidden])')"
+        assert browser.value(f"{trace}.data.length") == (4 if changes else 6)
+        ends = "document.getElementById('pairs').data.filter(t => t.marker?.symbol === 'diamond')"
+        assert browser.value(f"{ends}.length") == 2 * 3
+        assert browser.value(f"{ends}[1].x[0]") == pytest.approx(0.4, rel=1e-3)
+        browser.value(
+            "(s => {s.value = '1'; s.dispatchEvent(new Event('change'))})(document.getElementById('spot'))"
+        )
+        assert "p2: fit" in browser.value(f"{trace}.data.map(t => t.name)")
+        assert count(browser, "#section-fit .plot:not([hidden])") == 1
+        browser.value("document.getElementById('reset').click()")
+        assert browser.complaints() == []
+    assert "NaN" not in attributes_of_pictures(browser)
+
+
+def attributes_of_pictures(browser):
+    return browser.value(
+        "[...document.querySelectorAll('svg *')].flatMap(e => [...e.attributes].map(a => a.value)).join(' ')"
+    )
+
+
+def banded(content):
+    """The same experiment with a standard deviation at each point."""
+    measured = {
+        spot: Response(
+            curves={n: replace(c, std=np.full(c.ordinate.size, 2.0)) for n, c in response.curves.items()}
+        )
+        for spot, response in content.measured.items()
+    }
+    return replace(content, measured=measured)
+
+
+def test_the_band_is_one_standard_deviation_to_each_side_branch_by_branch(browser, page):
+    browser.open(page(banded))
+    of_one = "t.fill === 'toself' && t.name && t.xaxis === 'x'"
+    bands = f"document.querySelector('#curve-{{}}').data.filter(t => {of_one})"
+    assert browser.value(f"{bands.format(0)}.length") == 1
+    assert browser.value(f"{bands.format(1)}.length") == 3  # to -22.5°, to 22.5°, and back
+    assert browser.value(
+        f"{bands.format(1)}.every(t => t.y.every((y, i) => Math.abs(Math.abs(y - t.y.at(-1 - i)) - 4) < 1e-3)"
+        ")"
+    )
+    assert count(browser, "#curve-1 .fills path, #curve-1 .js-fill") >= 3
+    browser.value("document.querySelector('[data-shown=measured]').click()")
+    assert browser.value(f"{bands.format(1)}.length") == 0
+
+
+def unranked(content):
+    """The same run, of which no torque could be compared: two of three scenarios have no set."""
+    unscored = pl.when(pl.col("channel") == "torque").then(None).otherwise(pl.col("nmse"))
+    third = pl.col("scenario") == "III"
+    return replace(
+        content,
+        scores=content.scores.with_columns(nmse=unscored),
+        selection=content.selection.filter(third),
+        generalisation=content.generalisation[:0],
+        identifiability=content.identifiability.filter(third),
+    )
+
+
+def test_a_scenario_without_a_ranked_set_is_drawn_without_an_error(browser, page):
+    path = page(unranked)
+    for width in (1100, 400):
+        unfolded(browser, path, width)
+        assert browser.complaints() == []
+        browser.value(
+            "(s => {s.value = '2'; s.dispatchEvent(new Event('change'))})"
+            "(document.getElementById('scenario'))"
+        )
+        assert browser.complaints() == []
+    assert "NaN" not in attributes_of_pictures(browser)
+
+
+def pressed(content):
+    """The same run, with the skin at one of its two spots."""
+    return replace(content, surfaces={"p1": dimple(turned=3)})
+
+
+INK = (
+    "(c => [...c.getContext('2d').getImageData(0, 0, c.width, c.height).data]"
+    ".filter((v, i) => i % 4 === 3 && v).length)(document.getElementById('skin'))"
+)
+
+
+def test_the_skin_moves_with_the_slider_turns_and_has_two_colours(browser, page):
+    path = page(pressed)
+    for width, dark in ((1100, False), (400, True)):
+        unfolded(browser, path, width, dark=dark)
+        label = "document.getElementById('skin-label').textContent"
+        assert browser.value(label).startswith("depth 8 mm, rotation 0°: largest displacement 6.64 mm")
+        picture, seen = "document.getElementById('skin').toDataURL()", []
+        seen.append(browser.value(picture))
+        assert browser.value(INK) > 5_000
+        for change in (
+            "(s => {s.value = 1; s.dispatchEvent(new Event('input'))})(document.getElementById('skin-step'))",
+            "(s => {s.value = 'pressure'; s.dispatchEvent(new Event('input'))})"
+            "(document.getElementById('skin-quantity'))",
+            "document.querySelector('[data-turn-skin=left]').click()",
+            "document.querySelector('[data-turn-skin=in]').click()",
+        ):
+            browser.value(change)
+            seen.append(browser.value(picture))
+        assert len(set(seen)) == 5
+        assert "largest contact pressure 0.00" in browser.value(label)
+        assert browser.value(label) in browser.value("document.getElementById('skin').ariaLabel")
+        browser.value(
+            "(s => {s.value = '1'; s.dispatchEvent(new Event('change'))})(document.getElementById('spot'))"
+        )
+        assert browser.value("document.getElementById('skin').hidden")
+        assert not browser.value("document.getElementById('skin-missing').hidden")
+        browser.value(
+            "(s => {s.value = '0'; s.dispatchEvent(new Event('change'))})(document.getElementById('spot'))"
+        )
+        assert not browser.value("document.getElementById('skin').hidden")
+        assert browser.complaints() == []
+        assert browser.value("document.documentElement.scrollWidth") <= width
+
+
+def test_zooming_and_resetting(browser, page):
+    browser.open(page())
+    browser.value("document.getElementById('curve-0').scrollIntoView({block: 'center'})")
+    x, y, width, height = rectangle(browser, "#curve-0 .nsewdrag")
+    across = "document.querySelector('#curve-0').layout.xaxis.range"
+    whole = browser.value(across)
+    browser.drag((x + 0.3 * width, y + 0.3 * height), (x + 0.6 * width, y + 0.7 * height))
+    browser.wait(f"{across}[1] - {across}[0] < {0.5 * (whole[1] - whole[0])}")
+    browser.value("document.getElementById('reset').click()")
+    assert browser.value(across) == pytest.approx(whole)
+
+
+def test_a_selection_is_the_same_everywhere(browser, page):
+    unfolded(browser, page())
+    assert count(browser, "#selected tr") == 0
+    browser.value(
+        "document.getElementById('most').value = '0.5'; document.getElementById('pick').requestSubmit()"
+    )
+    chosen = browser.value(
+        "document.getElementById('pairs').data.find(t => t.selectedpoints).selectedpoints.length"
+    )
+    assert 0 < chosen < 40
+    assert f"{chosen} of 40 sets are selected" in browser.value(
+        "document.getElementById('selected-count').textContent"
+    )
+    assert browser.value(
+        "[...document.getElementById('pairs').data, ...document.getElementById('strip').data]"
+        f".filter(t => t.selectedpoints).every(t => t.selectedpoints.length === {chosen})"
+    )
+    listed = min(chosen, 12)
+    assert count(browser, "#selected tbody tr") == listed
+    assert count(browser, "#curve-0 .xy .scatterlayer .js-line") == 3 + listed
+    browser.value("document.getElementById('clear').click()")
+    assert browser.value("document.getElementById('selected').hidden")
+    browser.value("document.getElementById('pairs').scrollIntoView()")
+    x, y, width, height = rectangle(browser, "#pairs .nsewdrag")
+    browser.drag((x + 0.02 * width, y + 0.02 * height), (x + 0.5 * width, y + 0.98 * height))
+    browser.wait("document.querySelectorAll('#selected tbody tr').length > 0")
+    assert browser.complaints() == []
+
+
+def test_the_keyboard_reaches_every_control_in_the_order_of_the_page(browser, page):
+    browser.open(page())
+    browser.press("Tab")
+    assert browser.value("document.activeElement.getAttribute('href')") == "#verdict"
+    assert browser.value("document.activeElement.getBoundingClientRect().x") >= 0.0
+    seen = []
+    for _ in range(200):
+        browser.press("Tab")
+        if browser.value("document.activeElement === document.body"):
+            break
+        seen.append(browser.value(
+            "[...document.querySelectorAll('*')].indexOf(document.activeElement)"
+        ))  # fmt: skip
+        assert browser.value("getComputedStyle(document.activeElement).outlineStyle") != "none"
+    assert seen == sorted(seen)
+    assert len(seen) == len(set(seen)) > 30
+    assert browser.value("[...document.querySelectorAll('.plot button')].every(b => b.ariaLabel)")
+    assert count(browser, ".plot .main-svg:not([aria-hidden=true])") == 0
+    browser.value("document.querySelector('[data-shown=\"0\"]').focus()")
+    browser.press(" ")
+    assert count(browser, "#curve-0 .xy .scatterlayer .js-line") == 2
+
+
+def test_the_limb_turns(browser, page):
+    unfolded(browser, page())
+    browser.value("document.getElementById('scene').scrollIntoView()")
+    browser.wait("document.querySelector('#scene canvas')")
+    eye = "JSON.stringify(document.getElementById('scene').layout.scene.camera.eye)"
+    before = browser.value(eye)
+    browser.value("document.querySelector('[data-turn=left]').click()")
+    assert browser.value(eye) != before
+    names = browser.value("document.getElementById('scene').data.map(t => t.name)")
+    assert {"sphere", "sphere at 10 mm", "normal"} <= set(names)
+    assert browser.complaints() == []
+
+
+def test_hostile_names_are_shown_as_they_are_and_do_nothing(browser, page):
+    unfolded(browser, page(renamed))
+    assert browser.value("document.documentElement.dataset.ready") == "yes"
+    assert browser.value("window.pwned") is None
+    assert count(browser, "marquee, img, b b, .plot a, iframe") == 0
+    assert browser.value("document.querySelector('h1').textContent") == ATTACK
+    axis = browser.value("document.querySelector('#strip .xtick text').textContent")
+    assert axis == NAMES[0]
+    title = browser.value("document.querySelector('#strip .ytitle').textContent")
+    assert title == f"Fopt (NMSE), scenario {NAMES[2]}"
+    browser.value(
+        "document.getElementById('most').value = '9'; document.getElementById('pick').requestSubmit()"
+    )
+    assert NAMES[0] in browser.value("document.getElementById('selected').textContent")
+    assert browser.value("window.pwned") is None
+    assert browser.complaints() == []
+
+
+class Sliding(Section):
+    name, title, summary = "sliding", "Sliding <b>x</b>", "a figure with a slider, and hostile texts"
+
+    def blocks(self, data, report):
+        return [
+            Paragraph(ATTACK),
+            Table(
+                ATTACK,
+                [ATTACK, "share"],
+                [[ATTACK, Bar(lower=1.0, upper=2.0, value=1.5)], ["b", Shares([("a", 9)])]],
+            ),
+            Figure(
+                label=ATTACK,
+                traces=[
+                    {
+                        "type": "scatter",
+                        "x": [0, 1],
+                        "y": [1.0, float("nan")],
+                        "name": ATTACK,
+                        "line": {"color": "--least"},
+                    }
+                ],
+                layout={"xaxis": {"title": ATTACK}, "images": [{"source": "https://example.org/a.png"}]},
+                steps=[
+                    Step(label=f"step {k} {ATTACK}", traces=[{"type": "scatter", "x": [0, 1], "y": [0, k]}])
+                    for k in range(3)
+                ],
+            ),
+            Picture(
+                label=ATTACK,
+                content=b"<svg xmlns='http://www.w3.org/2000/svg'><script>pwned = 1</script></svg>",
+            ),
+        ]
+
+
+def sliding(content):
+    return replace(content, sections={**content.sections, "sliding": Sliding})
+
+
+def test_a_figure_of_a_section_slides_and_no_text_of_it_does_anything(browser, page):
+    unfolded(browser, page(sliding))
+    figure = "document.querySelector('#section-sliding .plot')"
+    browser.wait(f"{figure}.data")
+    assert browser.value(f"{figure}.data[1].y") == [0, 2]
+    browser.value(
+        "(s => {s.value = '1'; s.dispatchEvent(new Event('input'))})(document.querySelector('[data-steps]'))"
+    )
+    assert browser.value(f"{figure}.data[1].y") == [0, 1]
+    assert browser.value("document.querySelector('.slider output').textContent") == f"step 1 {ATTACK}"
+    red = "getComputedStyle(document.documentElement).getPropertyValue('--least').trim()"
+    assert browser.value(f"{figure}.data[0].line.color === {red}")
+    assert count(browser, "#section-sliding .plot a, #section-sliding image, marquee") == 0
+    assert browser.value("window.pwned") is None
+    assert all(address.startswith(("file:", "data:")) for address in browser.requests())
+    assert browser.complaints() == []
