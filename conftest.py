@@ -20,7 +20,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate import pipeline
 from palpate.cli.app import main
 from palpate.domain import (
     Design,
@@ -35,11 +34,12 @@ from palpate.executors import InProcess
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.fit.searches import BestSet
 from palpate.fit.stage import FitStage
-from palpate.indenters import Sphere
 from palpate.plugins.catalogue import Plugins
+from palpate.plugins.indenter import Sphere
 from palpate.plugins.registry import load_file
 from palpate.run.result import CertaintyResult
-from palpate.stages.samplers import LatinHypercube
+from palpate.sampling.samplers import LatinHypercube
+from palpate.stages import pipeline
 from palpate.study.reading import Study, StudySpot
 
 # How long an example takes depends on the machine, not on the code. The fast set draws the same examples

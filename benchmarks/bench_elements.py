@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 from palpate.api import ElementBlock
-from palpate.specimens import block
+from palpate.mesh.specimens import block
 from palpate_jax.autodiff import AutodiffKernel
 from palpate_jax.body import blocks
 from palpate_jax.compiled import CompiledKernel

@@ -35,12 +35,12 @@ from palpate.domain import (
 from palpate.executors import Batch, Limits, Processes
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.fit.searches import BestSet
-from palpate.indenters import Sphere
 from palpate.plugins.execution import Executor
+from palpate.plugins.indenter import Sphere
 from palpate.plugins.registry import load_file
 from palpate.run.keys import JobKeys
-from palpate.stages import simulation
-from palpate.stages.samplers import LatinHypercube
+from palpate.sampling.samplers import LatinHypercube
+from palpate.simulation import jobs as simulation
 from palpate.study.reading import Study, StudySpot
 from palpate_dask.executor import DaskExecutor
 

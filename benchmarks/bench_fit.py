@@ -19,10 +19,10 @@ from pathlib import Path
 import numpy as np
 
 from palpate.domain import Job
-from palpate.pipeline import run_study
+from palpate.limb.loading import load_limbs
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
-from palpate.stages.limb import load_limbs
+from palpate.stages.pipeline import run_study
 from palpate.study.reading import Study, read_study
 
 N_SETS = 250

@@ -23,11 +23,11 @@ from palpate import Curve, Job, Limb, Material, Response
 from palpate.domain import Design, Indentation
 from palpate.executors import InProcess
 from palpate.fit.stage import FitStage
+from palpate.limb.loading import load_limbs
 from palpate.mesh.spot_frame import in_spot_frame
 from palpate.plugins.catalogue import Plugins
-from palpate.stages.limb import load_limbs
-from palpate.stages.sampling import accepted_by_all
-from palpate.stages.sweep import Simulations
+from palpate.sampling.drawing import accepted_by_all
+from palpate.simulation.sweep import Simulations
 from palpate.study.model import BudgetTable
 from palpate.study.reading import Study, read_study
 from palpate_certainty.stage import CertaintyStage

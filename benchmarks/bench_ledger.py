@@ -23,8 +23,8 @@ from kills import make_study
 
 from palpate.domain import Curve, Job, Response, Simulation, Status
 from palpate.run.ledger import Finished, Ledger, Writer
-from palpate.stages import simulation
-from palpate.stages.sampling import draw_design
+from palpate.sampling.drawing import draw_design
+from palpate.simulation import jobs as simulation
 
 DEPTHS, ANGLES = np.linspace(0.0, 10.0, 80), np.linspace(-22.5, 22.5, 80)
 

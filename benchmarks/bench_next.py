@@ -26,7 +26,7 @@ import polars as pl
 from palpate import Curve, Job, Response, Simulation
 from palpate.domain import Design, Indentation, Spot
 from palpate.fit.stage import Case, FitStage
-from palpate.indenters import Sphere
+from palpate.plugins.indenter import Sphere
 from palpate.run.result import ALL_SPOTS
 from palpate.study.reading import StudySpot
 from palpate.study.tool import Tool

@@ -15,7 +15,7 @@ import numpy as np
 from simulated_robot import RATE_HZ, REST_S, SPEED_MM_S, write_log
 
 from palpate.domain import Curve, FloatArray, Response
-from palpate.stages.relaxation import LargestRelaxation, relaxation_of
+from palpate.experiment.relaxation import LargestRelaxation, relaxation_of
 from palpate.study.model import BudgetTable
 from palpate_robot_log import RobotLogLoader, RobotLogSettings
 

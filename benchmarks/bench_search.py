@@ -20,19 +20,19 @@ import polars as pl
 from scipy.optimize import differential_evolution
 
 from palpate.domain import Design, Response
+from palpate.experiment.measured import load_measured
 from palpate.fit.least_squares import LeastSquares, LeastSquaresSettings
 from palpate.fit.problem import Problem
 from palpate.fit.running import Fit, run_searches
 from palpate.fit.searches import DifferentialEvolution
 from palpate.fit.stage import Case, FitStage
 from palpate.fit.starts import accepted_start
+from palpate.limb.loading import load_limbs
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.registry import load_file
 from palpate.plugins.search import Search, Trial
-from palpate.stages.experiment import load_measured
-from palpate.stages.limb import load_limbs
-from palpate.stages.sampling import draw_design
+from palpate.sampling.drawing import draw_design
 from palpate.study.reading import Study, read_study
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.ogden import Ogden

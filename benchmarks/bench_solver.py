@@ -78,7 +78,7 @@ def forearm(study: str, package: str = "palpate_forearm", folder: str = "meshes"
 def load(mesh: str) -> Any:
     """The limb of a mesh file, of ``block:across:down``, or of ``refined:near:edge``."""
     from palpate.domain import Spot
-    from palpate.specimens import block
+    from palpate.mesh.specimens import block
     from palpate_indentation.mesh_source import MeshioSource
 
     if mesh.startswith("refined:"):
@@ -94,7 +94,7 @@ def load(mesh: str) -> Any:
 def jobs(thetas: Any, limb: Any, path: Any = PATH) -> list[Any]:
     """A job for each set of parameters."""
     from palpate.domain import Indentation, Job
-    from palpate.indenters import Sphere
+    from palpate.plugins.indenter import Sphere
     from palpate_materials.ogden import Ogden
 
     protocol = Indentation(indenter=Sphere(radius_mm=RADIUS_MM), path=np.array(path), friction=1.0)

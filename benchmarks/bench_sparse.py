@@ -24,7 +24,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from palpate.domain import Limb, Spot
-from palpate.specimens import block
+from palpate.mesh.specimens import block
 
 THETA = np.array([0.061, 3.1, 1.3])
 DEPTH_MM, RADIUS_MM = 0.5, 7.5
@@ -44,7 +44,7 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_
 
 def tangent(limb: Limb, path: Path) -> int:
     """Write the tangents of a limb, dented by hand to the sphere's shape; the number of unknowns."""
-    from palpate.indenters import Sphere
+    from palpate.plugins.indenter import Sphere
     from palpate_jax.contact import ContactLaw, ContactState
     from palpate_jax.kinematics import pose
     from palpate_jax.model import Model

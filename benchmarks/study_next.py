@@ -27,9 +27,9 @@ from study_prediction import BUDGET, N_COARSE, N_FINE, RELATIVE, SPOTS, Channel,
 from palpate import Curve, Job, Response, Simulation, Status
 from palpate.domain import Indentation
 from palpate.executors import Processes
+from palpate.limb.loading import load_limbs
 from palpate.plugins.catalogue import Plugins
-from palpate.stages.limb import load_limbs
-from palpate.stages.sweep import Simulations
+from palpate.simulation.sweep import Simulations
 from palpate.study.reading import StudySpot
 from palpate.study.tool import read_tool
 from palpate_planning.presses import Press

@@ -17,7 +17,7 @@ import numpy as np
 import polars as pl
 from study_answer import call
 
-from palpate.specimens import block
+from palpate.mesh.specimens import block
 from palpate_indentation import CsvLoader
 from palpate_limb.limb_files import write_limb
 

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from palpate import pipeline
 from palpate.domain import Curve, Job, Protocol, Response, Status
 from palpate.errors import PalpateError
+from palpate.limb.loading import load_limbs
 from palpate.plugins.catalogue import Plugins
 from palpate.run.result import ALL_SPOTS
-from palpate.stages.limb import load_limbs
+from palpate.stages import pipeline
 from palpate.study.reading import Study, read_study
 from palpate_planning.extension import extended_study
 from palpate_planning.options import PlanOptions

@@ -47,19 +47,9 @@ if TYPE_CHECKING:
     )
     from palpate.errors import PalpateError as PalpateError
     from palpate.fit.problem import Problem as Problem
-    from palpate.indenters import Sphere as Sphere
-    from palpate.notebook import (
-        generalise as generalise,
-        measure as measure,
-        open_problem as open_problem,
-        sample as sample,
-        score as score,
-        select as select,
-        simulate as simulate,
-    )
-    from palpate.pipeline import run_study as run_study
     from palpate.plugins.catalogue import Plugins as Plugins
     from palpate.plugins.execution import Executor as Executor
+    from palpate.plugins.indenter import Sphere as Sphere
     from palpate.plugins.interfaces import (
         AnisotropicMaterial as AnisotropicMaterial,
         ExperimentLoader as ExperimentLoader,
@@ -72,6 +62,16 @@ if TYPE_CHECKING:
         Solver as Solver,
     )
     from palpate.plugins.provides import Provides as Provides
+    from palpate.stages.notebook import (
+        generalise as generalise,
+        measure as measure,
+        open_problem as open_problem,
+        sample as sample,
+        score as score,
+        select as select,
+        simulate as simulate,
+    )
+    from palpate.stages.pipeline import run_study as run_study
     from palpate.study.reading import Study as Study, read_study as read_study
     from palpate_report.result import RunResult as RunResult
 

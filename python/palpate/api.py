@@ -1,9 +1,9 @@
 """What a plugin may import: this module and those named below. Nothing else of palpate is public.
 
 Names are imported when they are first used: ``from palpate.api import Curve`` costs what ``Curve`` needs.
-Public too are :mod:`palpate.testing` (contracts), :mod:`palpate.mechanics`, :mod:`palpate.specimens`,
+Public too are :mod:`palpate.testing` (contracts), :mod:`palpate.mechanics`, :mod:`palpate.mesh.specimens`,
 :mod:`palpate.mesh` (the frame of a spot, the numbering of nodes, the shape functions),
-:mod:`palpate.delimited` (text files of columns) and :mod:`palpate.sandbox` (programs and functions
+:mod:`palpate.experiment.delimited` (text files of columns) and :mod:`palpate.executors.sandbox` (programs and functions
 within limits of time and memory).
 
 A plugin that needs this version or a newer one sets ``palpate_api = (1, 0)`` in its module; an older palpate
@@ -19,13 +19,13 @@ from palpate.plugins.versions import API_VERSION as API_VERSION
 # ruff: isort: off
 if TYPE_CHECKING:
     # ---- Values of a study
-    from palpate.balanced_states import (
+    from palpate.domain.balanced_states import (
         POSE as POSE,
         STATE_COLUMNS as STATE_COLUMNS,
         WRENCH as WRENCH,
         BalancedStates as BalancedStates,
     )
-    from palpate.channels import (
+    from palpate.domain.channels import (
         BALANCED as BALANCED,
         FORCE as FORCE,
         LATERAL_FORCE as LATERAL_FORCE,
@@ -63,9 +63,9 @@ if TYPE_CHECKING:
         Waypoints as Waypoints,
         moving_span as moving_span,
     )
-    from palpate.waypoints import MOST_TILT_DEG as MOST_TILT_DEG, MOST_WAYPOINTS as MOST_WAYPOINTS
+    from palpate.domain.waypoints import MOST_TILT_DEG as MOST_TILT_DEG, MOST_WAYPOINTS as MOST_WAYPOINTS
 
-    from palpate.indenters import Sphere as Sphere
+    from palpate.plugins.indenter import Sphere as Sphere
 
     # ---- Base classes, and what their methods return
     from palpate.plugins.execution import Executor as Executor
@@ -228,16 +228,16 @@ if TYPE_CHECKING:
         SILENT as SILENT,
         Progress as Progress,
     )
-    from palpate.stages.limb import (
+    from palpate.limb.loading import (
         check_limb as check_limb,
         load_limbs as load_limbs,
     )
-    from palpate.stages.simulation import (
+    from palpate.simulation.jobs import (
         job_for as job_for,
         jobs as jobs,
         stored as stored,
     )
-    from palpate.pipeline import (
+    from palpate.stages.pipeline import (
         check_study as check_study,
         run_study as run_study,
     )

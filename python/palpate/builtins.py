@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @hookimpl
 def palpate_indenters() -> "list[type[Indenter]]":
     """Provide the indenter of the paper."""
-    from palpate.indenters import Sphere
+    from palpate.plugins.indenter import Sphere
 
     return [Sphere]
 
@@ -26,7 +26,7 @@ def palpate_indenters() -> "list[type[Indenter]]":
 @hookimpl
 def palpate_motions() -> "list[type[Motion]]":
     """Provide the motion of the paper."""
-    from palpate.motions import PressAndTwist
+    from palpate.plugins.motion import PressAndTwist
 
     return [PressAndTwist]
 
@@ -34,7 +34,7 @@ def palpate_motions() -> "list[type[Motion]]":
 @hookimpl
 def palpate_samplers() -> "list[type[Sampler]]":
     """Provide the sampler of the paper and those that cover its box more evenly."""
-    from palpate.stages.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
+    from palpate.sampling.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
 
     return [LatinHypercube, OptimisedLatinHypercube, Sobol]
 
@@ -67,7 +67,7 @@ def palpate_searches() -> "list[type[Search]]":
 @hookimpl
 def palpate_stages() -> "list[type[Stage]]":
     """Provide the stages of the paper."""
-    from palpate.core_stages import STAGES
+    from palpate.stages.core_stages import STAGES
 
     return list(STAGES)
 

@@ -28,18 +28,18 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from conftest import PATH, SCENARIOS, TISSUE_FILE, TRUTH, write_curves
 
-from palpate import core_stages, pipeline
 from palpate.domain import Indentation, ParameterSpace, RegionMaterial, Spot
 from palpate.executors import InProcess
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation
-from palpate.indenters import Sphere
 from palpate.plugins.catalogue import Plugins
+from palpate.plugins.indenter import Sphere
 from palpate.plugins.registry import load_file
 from palpate.run import atomic_files
 from palpate.run.fit_state import FitState
 from palpate.run.ledger import Ledger, writer
-from palpate.stages.samplers import LatinHypercube
+from palpate.sampling.samplers import LatinHypercube
+from palpate.stages import core_stages, pipeline
 from palpate.study.reading import Study, StudySpot
 from palpate_report import figures, page  # noqa: F401 - forks inherit what is imported
 

@@ -75,7 +75,7 @@ def test_check_shows_what_a_run_would_do_and_writes_nothing(call: Call, study: P
 def test_check_tells_how_long_the_sweep_takes_and_offers_a_first_look(
     call: Call, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from palpate.stages import cost
+    from palpate.simulation import cost
 
     assert "20 simulations to do, about 0 s; then about" in call("check", study).out
     monkeypatch.setattr(cost, "timed", lambda *_: 90.0)
@@ -211,7 +211,7 @@ def test_no_set_that_works_ends_with_1_and_the_reason(call: Call, study: Path) -
 
 
 def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from palpate import pipeline
+    from palpate.stages import pipeline
 
     def buggy(*_: object, **__: object) -> None:
         raise ZeroDivisionError("a bug")
@@ -225,7 +225,7 @@ def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
 def test_ctrl_c_ends_with_130_and_names_the_command_to_continue(
     call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from palpate import pipeline
+    from palpate.stages import pipeline
 
     def stopped(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -359,7 +359,7 @@ def test_the_stages_one_by_one_choose_what_run_chooses(call: Call, study: Path) 
 def test_a_scenario_without_a_set_ends_with_1_after_the_results(
     call: Call, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from palpate import core_stages
+    from palpate.stages import core_stages
     from palpate_report import report_data
 
     missing = {("s1", "pull only"): "unreadable: a turn too many"}

@@ -9,10 +9,10 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from palpate import core_stages
 from palpate.cli.app import COMMANDS, STAGES
 from palpate.cli.listing import name_of
 from palpate.cli.output import OUTPUTS, VERSION, schema
+from palpate.stages import core_stages
 
 from .conftest import Call
 

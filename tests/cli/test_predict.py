@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-from palpate import pipeline
 from palpate.plugins.registry import load_file
+from palpate.stages import pipeline
 from palpate.testing.studies import StudyRunner
 
 PLUGIN = '''

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from palpate import pipeline
 from palpate.cli.session import Session
 from palpate.errors import StoppedError
 from palpate.executors import InProcess
 from palpate.progress import Silent
 from palpate.run.lock import locked
+from palpate.stages import pipeline
 
 from .conftest import PLUGIN
 
@@ -46,8 +46,8 @@ source = "block"
 @pytest.fixture
 def with_limb(study, monkeypatch):
     """Toy study whose solver wants a mesh at each of its two spots."""
-    monkeypatch.setattr("palpate.stages.limb.check_limb", lambda *_: None)
-    monkeypatch.setattr("palpate.stages.limb.check_depth", lambda *_: None)
+    monkeypatch.setattr("palpate.limb.loading.check_limb", lambda *_: None)
+    monkeypatch.setattr("palpate.limb.loading.check_depth", lambda *_: None)
     path = study / "study.toml"
     text = path.read_text().replace('"closed_form"', '"meshed"').replace("n_sets = 20", "n_sets = 4")
     for name in ("s1", "s2"):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.channels import BALANCED, FORCE, TORQUE
+from palpate.domain.channels import BALANCED, FORCE, TORQUE
 from palpate.errors import CurveError
 from palpate.testing import ChannelContract
 

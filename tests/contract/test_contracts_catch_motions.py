@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.domain import Waypoints
-from palpate.motions import PressAndTwist, PressAndTwistSettings
+from palpate.plugins.motion import PressAndTwist, PressAndTwistSettings
 from palpate.testing import MotionContract
 
 SETTINGS = PressAndTwistSettings(depth="5 mm", twist=["-20 deg", "20 deg", "0 deg"])

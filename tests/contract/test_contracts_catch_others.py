@@ -21,8 +21,8 @@ from palpate import (
 from palpate.domain import Limb, Mesh
 from palpate.errors import MeshError
 from palpate.executors import InProcess, Processes
+from palpate.mesh.specimens import block
 from palpate.plugins.interfaces import Settings
-from palpate.specimens import block
 from palpate.testing import (
     ExecutorContract,
     Expected,

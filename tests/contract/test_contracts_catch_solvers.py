@@ -21,7 +21,7 @@ from palpate import (
     mechanics,
 )
 from palpate.domain import SurfaceStates
-from palpate.specimens import block
+from palpate.mesh.specimens import block
 from palpate.testing import LinearMaterial, SolverContract
 
 PATH = [(0.0, 0.0), (5.0, 0.0), (5.0, -20.0), (5.0, 20.0), (5.0, 0.0)]

@@ -3,7 +3,7 @@
 import pytest
 
 from palpate.plugins.interfaces import Sampler
-from palpate.stages.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
+from palpate.sampling.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
 from palpate.testing import SamplerContract
 
 

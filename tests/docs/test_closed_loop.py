@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 import palpate_materials
-from palpate import pipeline
 from palpate.plugins.registry import load_file
+from palpate.stages import pipeline
 from palpate.testing.studies import StudyRunner
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "closed_loop.py"

@@ -16,10 +16,7 @@ from typer.main import get_command
 from palpate.cli.app import COMMANDS, STAGES, build_app, main
 from palpate.cli.listing import name_of
 from palpate.domain import Scenario, weighed_phases
-from palpate.plugins.catalogue import Plugins
-from palpate.plugins.registry import add_commands
-from palpate.specimens import block
-from palpate.stages.curve_checks import (
+from palpate.experiment.curve_checks import (
     BIAS,
     LARGEST_BIAS,
     LARGEST_GAP,
@@ -30,6 +27,9 @@ from palpate.stages.curve_checks import (
     ODD_LEVERS,
     SIZES,
 )
+from palpate.mesh.specimens import block
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.registry import add_commands
 from palpate.stages.identifiability import UNCLEAR, WORDS
 from palpate.study.reading import read_study
 from palpate_indentation import CsvLoader, CsvSettings

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from palpate.balanced_states import POSE, STATE_COLUMNS, WRENCH, BalancedStates
-from palpate.channels import BALANCED, FORCE, LATERAL_FORCE, TILT_MOMENT
-from palpate.curves import Channel
+from palpate.domain.balanced_states import POSE, STATE_COLUMNS, WRENCH, BalancedStates
+from palpate.domain.channels import BALANCED, FORCE, LATERAL_FORCE, TILT_MOMENT
+from palpate.domain.curves import Channel
 from palpate.errors import CurveError
 
 SEEDS = st.integers(0, 2**31 - 1)

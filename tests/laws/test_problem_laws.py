@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from palpate.channels import PRESS_AND_TWIST
 from palpate.domain import (
     Curve,
     HomogeneousTests,
@@ -23,13 +22,14 @@ from palpate.domain import (
     Simulation,
     Status,
 )
+from palpate.domain.channels import PRESS_AND_TWIST
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.fit.problem import Problem
 from palpate.fit.spot_term import term_of
 from palpate.plugins.interfaces import IsotropicMaterial, Solver
 from palpate.plugins.provides import Provides
-from palpate.stages.scoring import score
-from palpate.stages.selection import objectives
+from palpate.scoring.scores import score
+from palpate.scoring.selection import objectives
 
 SCENARIOS = [
     Scenario(name="I", weights={"force": 1.0, "torque": 1.0}),

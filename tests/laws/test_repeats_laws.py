@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 
 from palpate.domain import Curve
 from palpate.errors import CurveError
-from palpate.stages.repeats import POOLED_SHARE, average, described
+from palpate.experiment.repeats import POOLED_SHARE, average, described
 
 TURNS = st.lists(st.floats(0.5, 10.0), min_size=1, max_size=4)
 SHIFTS = st.lists(st.floats(-3.0, 3.0), min_size=2, max_size=5)

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, strategies as st
 
 from palpate.domain import Curve, Job, Normaliser, Response, Scenario, ScoringRules, Simulation, Status
-from palpate.stages.scoring import score
+from palpate.scoring.scores import score
 
 SCALED = [n for n in Normaliser if n is not Normaliser.UNIT]
 loops = st.lists(st.floats(1.0, 30.0), min_size=4, max_size=25).map(np.array)

@@ -6,9 +6,9 @@ from hypothesis import given, strategies as st
 
 from palpate.domain import Design, Parameter, Scenario
 from palpate.errors import NothingSelectableError
-from palpate.stages.generalisation import generalise
-from palpate.stages.scoring import SCHEMA
-from palpate.stages.selection import objectives, select
+from palpate.scoring.generalisation import generalise
+from palpate.scoring.scores import SCHEMA
+from palpate.scoring.selection import objectives, select
 
 SCENARIOS = (
     Scenario(name="I", weights={"force": 1.0, "torque": 1.0}),

@@ -6,8 +6,8 @@ from hypothesis import given, strategies as st
 from scipy.spatial.transform import Rotation
 
 from palpate.domain import Limb, Spot
+from palpate.mesh.specimens import block
 from palpate.mesh.spot_frame import SpotWrench, in_spot_frame, spot_axes
-from palpate.specimens import block
 
 normals = st.one_of(
     st.sampled_from([(0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]),

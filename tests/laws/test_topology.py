@@ -13,8 +13,8 @@ from palpate.mesh.shape_functions import (
     multilinear,
     quadratic_simplex,
 )
+from palpate.mesh.specimens import block
 from palpate.mesh.topology import CELLS, outer_faces
-from palpate.specimens import block
 
 TET_CORNERS = np.vstack([np.zeros(3), np.eye(3)])
 CORNERS = {"tet4": TET_CORNERS, "tet10": TET_CORNERS, "hex8": HEX_CORNERS}

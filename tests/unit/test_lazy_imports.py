@@ -13,7 +13,7 @@ from palpate.lazy_imports import deferred
 
 def test_names_are_the_re_exports_of_the_module():
     get = deferred("palpate.api")
-    assert get("Curve").__module__ == "palpate.curves"
+    assert get("Curve").__module__ == "palpate.domain.curves"
     assert {"Curve", "hookimpl", "API_VERSION"} <= set(dir(api))
     with pytest.raises(AttributeError, match=r"module 'palpate\.api' has no attribute 'Curv'"):
         get("Curv")

@@ -9,7 +9,6 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from palpate import pipeline
 from palpate.domain import Normaliser, Response, ScoringRules, Status
 from palpate.errors import (
     CurveError,
@@ -22,6 +21,7 @@ from palpate.errors import (
 from palpate.fit.least_squares import LeastSquares
 from palpate.run.directory import RunDirectory, file_name
 from palpate.run.ledger import Ledger
+from palpate.stages import pipeline
 
 TRUTH = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
 FRAMES = ("scores", "selection", "generalisation")

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate import sandbox
 from palpate.domain import Curve
 from palpate.errors import CurveError, PluginError
-from palpate.sandbox import Limits, run_function, run_program
+from palpate.executors import sandbox
+from palpate.executors.sandbox import Limits, run_function, run_program
 
 LIMITS = Limits(time_s=300.0, stall_s=300.0, grace_s=0.5)
 HANGS = "import os, time\nwith open('pid', 'w') as file: print(os.getpid(), file=file)\ntime.sleep(600)"
@@ -147,7 +147,7 @@ def test_an_exception_here_ends_it_there(tmp_path, monkeypatch, until, has_ended
 GUARDED = """
 import sys
 from pathlib import Path
-from palpate.sandbox import Limits, run_program
+from palpate.executors.sandbox import Limits, run_program
 run_program([sys.executable, "-c", sys.argv[2]], Path(sys.argv[1]), Limits(time_s=600.0), is_scratch=True)
 """
 

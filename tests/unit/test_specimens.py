@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from palpate.errors import MeshError
+from palpate.mesh.specimens import block, cylinder, half_space, layer, spacing
 from palpate.mesh.topology import CELLS
-from palpate.specimens import block, cylinder, half_space, layer, spacing
 
 KINDS = ("hex8", "tet10")
 SIX = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import palpate_jax
-from palpate import pipeline
+from palpate.experiment.measured import load_measured
 from palpate.plugins.registry import load_file
-from palpate.stages.experiment import load_measured
+from palpate.stages import pipeline
 from palpate.testing.studies import StudyRunner
 
 PLUGIN = Path(__file__).parents[1] / "data" / "plugins" / "third_of_each.py"

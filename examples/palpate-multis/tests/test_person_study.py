@@ -11,9 +11,9 @@ import pytest
 
 from palpate import read_study
 from palpate.errors import PalpateError
+from palpate.experiment.measured import load_measured
+from palpate.limb.loading import load_limbs
 from palpate.plugins.catalogue import Plugins
-from palpate.stages.experiment import load_measured
-from palpate.stages.limb import load_limbs
 from palpate_multis import write_study
 from palpate_multis.presses import of_multis
 

@@ -6,10 +6,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate import pipeline
-from palpate.core_stages import Posteriors
 from palpate.domain import ParameterSpace, RegionMaterial, Relaxation, Response, Simulation, Status
 from palpate.errors import StudyError
+from palpate.fit.fitted import Fitted
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
 from palpate.fit.spot_term import Correction, is_along_slopes, is_same_job, pieces
@@ -17,7 +16,8 @@ from palpate.plugins.interfaces import SetFilter
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
 from palpate.run.result import FitResult, PosteriorResult
-from palpate.stages.fitted import Fitted
+from palpate.stages import pipeline
+from palpate.stages.core_stages import Posteriors
 from palpate.stages.stage import Run
 from palpate.study.model import BudgetTable
 from palpate_certainty.causes import Cause, WithCauses, causes_of, columns_of, drift_of

@@ -32,15 +32,15 @@ from palpate.fit.parametrisation import StandardParametrisation
 from palpate.fit.searches import BestSet
 from palpate.fit.stage import FitStage
 from palpate.fit.tables import fit_result
-from palpate.indenters import Sphere
 from palpate.plugins.catalogue import Plugins
+from palpate.plugins.indenter import Sphere
 from palpate.plugins.registry import load_file
 from palpate.run.ledger import Ledger
-from palpate.stages import simulation
-from palpate.stages.samplers import LatinHypercube
-from palpate.stages.sampling import draw_design
-from palpate.stages.study_design import draw_study
-from palpate.stages.sweep import Simulations
+from palpate.sampling.drawing import draw_design
+from palpate.sampling.samplers import LatinHypercube
+from palpate.sampling.study_design import draw_study
+from palpate.simulation import jobs as simulation
+from palpate.simulation.sweep import Simulations
 from palpate.study.reading import Study, StudySpot
 from palpate_dask import cluster as dask_cluster, worker_runtime
 from palpate_dask.executor import DaskExecutor

@@ -8,7 +8,7 @@ import pytest
 
 from palpate.domain import Spot
 from palpate.errors import MeshError
-from palpate.specimens import block
+from palpate.mesh.specimens import block
 from palpate.testing import LimbSourceContract
 from palpate_febio.limb_source import FebioDeckSettings, FebioDeckSource, read_deck
 from palpate_indentation import MeshioSource

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from palpate.channels import PRESS_AND_TWIST
 from palpate.domain import Status
-from palpate.sandbox import Ended
+from palpate.domain.channels import PRESS_AND_TWIST
+from palpate.executors.sandbox import Ended
 from palpate_febio.log import BAD_BANNER, GOOD_BANNER, last_reason, read_log
 from palpate_febio.outcome import RecordError, as_rows, judge, read_record
 from palpate_febio.steps import Steps

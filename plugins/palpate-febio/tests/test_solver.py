@@ -8,10 +8,10 @@ import pytest
 
 from palpate.domain import BalancedStates, HomogeneousTests, Indentation, Job, Status
 from palpate.errors import MaterialError, MeshError, PluginError, StudyError
-from palpate.indenters import Sphere
+from palpate.mesh.specimens import block
 from palpate.mesh.spot_frame import pose_of
+from palpate.plugins.indenter import Sphere
 from palpate.run.keys import solver_key
-from palpate.specimens import block
 from palpate.testing import SolverContract
 from palpate_febio.conventions import Fit, remembered
 from palpate_febio.log import read_log

@@ -4,7 +4,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate.specimens import block
+from palpate.mesh.specimens import block
 
 STUDY = """
 [study]

@@ -11,7 +11,7 @@ import pytest
 from palpate import _core
 from palpate.domain import Normaliser, Parameter, ScoringRules
 from palpate.errors import ParameterError, ScoringError
-from palpate.stages.scoring import check_scorable
+from palpate.scoring.scores import check_scorable
 from palpate_materials.ogden import Ogden
 from palpate_materials.yeoh import Yeoh
 
@@ -76,7 +76,7 @@ def test_erratum_3_the_mean_of_a_twist_is_degenerate_and_the_default_is_not(make
 
 
 def test_erratum_3_is_refused_before_the_sweep(make_study, plugins):
-    from palpate.stages.experiment import load_measured
+    from palpate.experiment.measured import load_measured
 
     study = make_study(scoring=ScoringRules(normaliser=Normaliser.MEAN))
     with pytest.raises(ScoringError, match="spot 'p1', channel 'torque'"):

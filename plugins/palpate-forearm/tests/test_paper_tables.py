@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate import pipeline
+from palpate.stages import pipeline
 from palpate_materials.yeoh import Yeoh
 
 pytestmark = pytest.mark.usefixtures("one_figure")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.plugins.catalogue import Plugins
-from palpate.stages.simulation import job_for
+from palpate.simulation.jobs import job_for
 from palpate.study.reading import read_study
 from palpate.study.tool import read_tool
 from palpate_prediction.predict import refined_limbs

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from palpate.specimens import block
+from palpate.mesh.specimens import block
 from palpate_jax.body import Body, blocks
 from palpate_jax.elements import ELEMENTS
 from palpate_materials.neo_hookean import NeoHookean

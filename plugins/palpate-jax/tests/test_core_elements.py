@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from palpate import _core
-from palpate.specimens import block
+from palpate.mesh.specimens import block
 from palpate_jax.body import blocks
 
 MU, KAPPA = 0.07, 2.0

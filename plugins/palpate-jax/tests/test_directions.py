@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from palpate import AnisotropicMaterial, Parameter
 from palpate.domain import Limb, Spot
+from palpate.mesh.specimens import block
 from palpate.mesh.spot_frame import spot_axes
-from palpate.specimens import block
 from palpate_jax.body import Body, blocks
 from palpate_jax.model import Model
 

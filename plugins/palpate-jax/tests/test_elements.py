@@ -8,7 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from palpate.domain import Mesh
-from palpate.specimens import block
+from palpate.mesh.specimens import block
 from palpate_jax.body import Body, blocks
 from palpate_jax.elements import ELEMENTS, PLAIN_ELEMENTS
 from palpate_jax.patches import tetrahedron_patches

@@ -9,9 +9,9 @@ import pytest
 
 from palpate.domain import Indentation, Job, Limb, Mesh, Spot, Status
 from palpate.errors import StudyError
-from palpate.indenters import Sphere
 from palpate.mechanics import stress
-from palpate.specimens import block
+from palpate.mesh.specimens import block
+from palpate.plugins.indenter import Sphere
 from palpate_jax.body import Body, blocks, points_of_cells
 from palpate_jax.contact_surface import contact_surfaces
 from palpate_jax.fields import cell_fields

@@ -7,7 +7,7 @@ import pytest
 
 from palpate.domain import HomogeneousTests, Indentation, Job, Status
 from palpate.errors import CurveError, MaterialError, SolverError
-from palpate.indenters import Sphere
+from palpate.plugins.indenter import Sphere
 from palpate.plugins.interfaces import IsotropicMaterial
 from palpate.testing import SolverContract
 from palpate_jax.homogeneous import CHANNELS, MODES, HomogeneousSettings, HomogeneousSolver

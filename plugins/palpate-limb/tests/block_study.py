@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.api import NO_FIELDS
 from palpate.domain import FloatArray
-from palpate.specimens import block
+from palpate.mesh.specimens import block
 from palpate_limb.limb_files import write_limb
 
 SPOT = """

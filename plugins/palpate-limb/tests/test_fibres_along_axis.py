@@ -11,7 +11,7 @@ import palpate_indentation
 import palpate_jax
 from palpate import AnisotropicMaterial, Parameter, hookimpl, open_problem, read_study
 from palpate.api import NO_FIELDS, Array
-from palpate.stages.synthesis import synthesise
+from palpate.simulation.synthesis import synthesise
 from palpate.testing import plugins_with
 
 from .block_study import study_of, write_block

@@ -8,7 +8,7 @@ import palpate_indentation
 import palpate_jax
 import palpate_materials
 from palpate import open_problem, read_study
-from palpate.stages.synthesis import synthesise
+from palpate.simulation.synthesis import synthesise
 from palpate.testing import plugins_with
 
 from .block_study import study_of, write_block

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from palpate.api import Indentation, Job, MeshError, Sphere
-from palpate.specimens import block
+from palpate.mesh.specimens import block
 from palpate.study.model import IndenterTable
 from palpate.testing import IndenterContract
 from palpate_indentation import Box, BoxSettings

@@ -13,9 +13,9 @@ import pytest
 from palpate.cli.app import main
 from palpate.domain import Limb, Mesh, Spot
 from palpate.errors import MeshError, PluginError
+from palpate.limb.loading import check_fine, check_limb
+from palpate.mesh.specimens import block
 from palpate.mesh.topology import outer_faces
-from palpate.specimens import block
-from palpate.stages.limb import check_fine, check_limb
 from palpate_forearm import InkMark, Phantom, PhantomBone, Scanner, Section, write_phantom
 from palpate_indentation import MeshioSettings, MeshioSource
 from palpate_limb import from_scan

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 import palpate_materials
-from palpate import pipeline
+from palpate.stages import pipeline
 from palpate.study.reading import read_study
 from palpate.testing.studies import StudyRunner
 

@@ -4,11 +4,11 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate import pipeline
 from palpate.domain import Job
 from palpate.run.directory import RunDirectory
 from palpate.run.ledger import Ledger
 from palpate.run.result import ALL_SPOTS
+from palpate.stages import pipeline
 from palpate.study.reading import read_study
 from palpate_planning.candidates import Allowed
 from palpate_planning.extension import extended_study

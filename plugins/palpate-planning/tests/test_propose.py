@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from palpate import pipeline
 from palpate.cli.output import ProposalOutput
 from palpate.domain import Channel, Indentation, Job, Response, Status, SurfaceStates, Waypoints
 from palpate.errors import StudyError
-from palpate.specimens.blocks import block
+from palpate.mesh.specimens.blocks import block
+from palpate.stages import pipeline
 from palpate.study.reading import read_study
 from palpate.study.tool import read_tool
 from palpate_planning import stage

@@ -12,8 +12,8 @@ import pytest
 
 from palpate import mechanics
 from palpate.errors import MaterialError
+from palpate.fit.fitted import Fitted
 from palpate.run.result import CertaintyResult, FitResult
-from palpate.stages.fitted import Fitted
 from palpate_materials.demiray import Demiray
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.ogden import Ogden, OgdenSettings

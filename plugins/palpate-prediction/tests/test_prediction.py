@@ -11,19 +11,19 @@ from pydantic import TypeAdapter
 from palpate.cli.output import PredictOutput
 from palpate.cli.predict import _output
 from palpate.domain import Curve, Indentation, Job, Limb, Response, Simulation, Status, SurfaceStates
+from palpate.domain.waypoints import Waypoints
 from palpate.errors import StudyError
+from palpate.fit.fitted import Fitted
 from palpate.fit.least_squares import LeastSquares
-from palpate.indenters import Sphere
+from palpate.mesh.specimens import block
+from palpate.plugins.indenter import Sphere
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
 from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
-from palpate.specimens import block
-from palpate.stages.fitted import Fitted
 from palpate.stages.stage import Run, read_run
 from palpate.study.tool import read_tool
-from palpate.waypoints import Waypoints
 from palpate_prediction import predict, run_prediction, write_prediction
 from palpate_prediction.bands import draws_of, ends, linear
 from palpate_prediction.exceedance import exceedances

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import polars as pl
 
-from palpate.specimens import block
+from palpate.mesh.specimens import block
 from palpate_report.writing import ReportData
 
 ATTACK = '</script><script>window.pwned = 1</script><img src=x onerror="window.pwned = 1"><marquee>'

@@ -10,8 +10,8 @@ from dataclasses import replace
 import polars as pl
 import pytest
 
+from palpate.fit.fitted import fitted
 from palpate.fit.least_squares import LeastSquares
-from palpate.stages.fitted import fitted
 from palpate_prediction.cards import PROGRAMS
 from palpate_prediction.cards.of_run import cards_of
 from palpate_report.best_sets import best_sets

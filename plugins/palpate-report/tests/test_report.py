@@ -16,9 +16,9 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.provides import Provides
 from palpate.run.ownership import keep_only
 from palpate.run.result import FitResult
-from palpate.stages.scoring import score
-from palpate.stages.selection import select
-from palpate.stages.simulation import simulate
+from palpate.scoring.scores import score
+from palpate.scoring.selection import select
+from palpate.simulation.jobs import simulate
 from palpate_report import figures
 from palpate_report.figures import fit_trace, generalised, interval_plot, nmse_distribution, responses
 from palpate_report.fit_path import paths
@@ -335,8 +335,8 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
     )
     study = make_study(protocol=None, scenarios=scenarios, generalise_by="UT", data="measured")
     study.solver.provides = Provides(body="specimen")
-    from palpate.stages.generalisation import generalise
-    from palpate.stages.sampling import draw_design
+    from palpate.sampling.drawing import draw_design
+    from palpate.scoring.generalisation import generalise
 
     design = draw_design(study.space, study.sampler, 20, 1)
     swept = simulate(study, design, {}, measured, tmp_path / "run")
@@ -368,5 +368,5 @@ def test_two_regions_keep_their_names(space):
 
 def test_what_draws_is_imported_when_something_is_drawn():
     names = "('matplotlib', 'plotly', 'jinja2')"
-    code = f"import palpate.pipeline, sys; sys.exit(any(name in sys.modules for name in {names}))"
+    code = f"import palpate.stages.pipeline, sys; sys.exit(any(name in sys.modules for name in {names}))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -8,8 +8,8 @@ import pytest
 
 from palpate.domain import Response
 from palpate.fit.least_squares import LeastSquares
+from palpate.mesh.specimens import block
 from palpate.plugins.sections import Bar, Figure, Paragraph, Picture, Section, Shares, Step, Table
-from palpate.specimens import block
 from palpate_report.page import render
 from palpate_report.verdict import make_verdict
 from palpate_report.writing import make_tables

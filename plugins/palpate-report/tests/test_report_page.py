@@ -18,10 +18,10 @@ import palpate_report
 from palpate.domain import Indentation, Job, Simulation, Status
 from palpate.errors import MeshError
 from palpate.fit.least_squares import LeastSquares
-from palpate.indenters import Sphere
+from palpate.mesh.specimens import block
+from palpate.plugins.indenter import Sphere
 from palpate.plugins.sections import Drawing, Fold, Listing, Section, Table
 from palpate.run.result import FitResult, PosteriorResult
-from palpate.specimens import block
 from palpate_report.limb_view import limb_view
 from palpate_report.page import render
 from palpate_report.page_data import MOST_NUMBERS, MOST_SETS, page_data

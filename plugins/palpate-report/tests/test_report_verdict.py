@@ -10,7 +10,7 @@ import pytest
 from palpate.domain import Normaliser, Response, Scenario, ScoringRules
 from palpate.fit.least_squares import LeastSquares
 from palpate.run.result import UNSEEN, UNSETTLED
-from palpate.stages.selection import by_reason, failures, unranked
+from palpate.scoring.selection import by_reason, failures, unranked
 from palpate_report import report_warnings
 from palpate_report.style import DOUBLE_MM, SINGLE_MM, STYLE
 from palpate_report.tables import cost_of_one_set, weighted_channels

@@ -10,9 +10,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate.delimited import BASE_UNITS, UNITS, TextTable, factor_to_base, table as text_reader, unit_in
 from palpate.domain import FloatArray
 from palpate.errors import CurveError
+from palpate.experiment.delimited import (
+    BASE_UNITS,
+    UNITS,
+    TextTable,
+    factor_to_base,
+    table as text_reader,
+    unit_in,
+)
 from palpate_robot_log.reading.assembly import quaternions
 from palpate_robot_log.reading.formats import Request, read_here
 from palpate_robot_log.reading.proposal import propose

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.stages.relaxation import relaxation_of
+from palpate.experiment.relaxation import relaxation_of
 from palpate.study.model import BudgetTable
 from palpate_robot_log.processing.chain import process
 

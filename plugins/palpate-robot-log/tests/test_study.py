@@ -13,9 +13,9 @@ import pytest
 from palpate.cli.app import main
 from palpate.domain import Response
 from palpate.errors import CurveError
+from palpate.experiment.measured import load_measured, measured_warnings
+from palpate.limb.loading import load_limbs
 from palpate.plugins.catalogue import Plugins
-from palpate.stages.experiment import load_measured, measured_warnings
-from palpate.stages.limb import load_limbs
 from palpate.study.reading import Study, read_study
 from palpate_robot_log.processing.settings import Gravity
 

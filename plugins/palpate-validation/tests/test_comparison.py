@@ -6,14 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.balanced_states import STATE_COLUMNS, BalancedStates
-from palpate.channels import BALANCED
 from palpate.cli.app import main
 from palpate.domain import MOVES, Channel, Curve, Response, Simulation, Status
+from palpate.domain.balanced_states import STATE_COLUMNS, BalancedStates
+from palpate.domain.channels import BALANCED
 from palpate.errors import MaterialError
+from palpate.mesh.specimens import block
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
-from palpate.specimens import block
 from palpate_febio.binary import find_binary
 from palpate_materials import NeoHookean, Ogden, Yeoh
 from palpate_validation.comparison import Case, Row, SolverComparison, at, compared

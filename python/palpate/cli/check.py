@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from palpate.cli.output import CheckOutput, Searched
     from palpate.domain import Curve, Parameter
     from palpate.run.result import StudyInputs
-    from palpate.stages.cost import Cost
+    from palpate.simulation.cost import Cost
     from palpate.study.reading import Study
 
 
@@ -45,7 +45,7 @@ def check(
         return
     if study is None:
         raise StudyError("no study given; name a study.toml: palpate check STUDY")
-    from palpate import pipeline
+    from palpate.stages import pipeline
 
     with StageProgress(session, keeps=False) as progress:
         progress.begin("check", 1)
@@ -67,7 +67,7 @@ def _cost(
     study: "Study", checked: "StudyInputs", path: Path, progress: StageProgress, *, timing: bool
 ) -> "Cost":
     """What is left after the newest run of the study; one simulation is timed if no time is known."""
-    from palpate.stages import cost, simulation
+    from palpate.simulation import cost, jobs as simulation
 
     jobs = simulation.jobs(study, checked.design, checked.measured)
     keys = simulation.keys(study, jobs, checked.limbs)
@@ -167,7 +167,7 @@ def _where(parameter: "Parameter") -> str:
 
 def _meshes(study: "Study", checked: "StudyInputs", spot: str) -> str:
     """Nodes and edges of a spot's mesh, and of its finer one."""
-    from palpate.stages.limb import size_at_contact
+    from palpate.limb.loading import size_at_contact
 
     limbs = [checked.limbs[name] for name in (spot, f"{spot}/fine") if name in checked.limbs]
     return ", fine ".join(f"{limb.mesh.n_nodes} ({size_at_contact(study, limb):.2f} mm)" for limb in limbs)

@@ -25,7 +25,7 @@ def compare(
     as_json: AsJson = False,
 ) -> None:
     """Compare materials or limbs: parameters, intervals, curves, information criteria."""
-    from palpate import pipeline
+    from palpate.stages import pipeline
     from palpate_report import comparison
 
     session = Session.of(context)

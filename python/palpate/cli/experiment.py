@@ -21,7 +21,7 @@ def experiment(
     as_json: AsJson = False,
 ) -> None:
     """Read the measured curves into measured/<spot>.parquet."""
-    from palpate import pipeline
+    from palpate.stages import pipeline
 
     session, checked, folder = opened(context, study, out)
     with StageProgress(session) as progress:

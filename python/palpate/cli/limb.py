@@ -13,7 +13,7 @@ from palpate.errors import StudyError
 
 def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> None:
     """Read and check the mesh around every spot."""
-    from palpate import pipeline
+    from palpate.stages import pipeline
 
     session = Session.of(context)
     if study.is_file() and study.suffix.lower() != ".toml":

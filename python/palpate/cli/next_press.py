@@ -141,7 +141,7 @@ def _options(
 
 
 def _draw(study: "Study", found: "Proposal", folder: Path) -> Path:
-    from palpate.stages.limb import load_limbs
+    from palpate.limb.loading import load_limbs
     from palpate_planning.figure import draw
 
     return draw(found, load_limbs(study, to_show=True), folder)[0]

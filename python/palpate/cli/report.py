@@ -24,8 +24,8 @@ def report(
 
     A run directory needs nothing besides it. A study is compared with the run: its files must be there.
     """
-    from palpate import pipeline
     from palpate.run.ownership import is_run
+    from palpate.stages import pipeline
 
     session = Session.of(context)
     if as_run := run is None or (is_run(run) and out in (None, run)):

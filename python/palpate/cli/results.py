@@ -82,7 +82,7 @@ def _warnings(warnings: Sequence["ReportWarning"]) -> str:
 
 def check_results(missing: Mapping[tuple[str, str], str]) -> None:
     """Raise NothingSelectableError where a scenario of the study has no set at a spot."""
-    from palpate.stages.completeness import described
+    from palpate.scoring.completeness import described
 
     if missing:
         raise NothingSelectableError(f"no set could be selected at {described(missing)}")

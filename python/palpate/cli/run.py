@@ -111,7 +111,7 @@ def go(
     With ``adopt`` the folder may hold the run of another study file. The fit starts at ``fit_start``, if
     given, before its other starts.
     """
-    from palpate import pipeline
+    from palpate.stages import pipeline
 
     where = folder if fork is None else fork
     with StageProgress(session, where) as progress:

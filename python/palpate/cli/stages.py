@@ -37,7 +37,7 @@ def stage_command(name: str, help_text: str) -> Callable[..., None]:
     def command(
         context: typer.Context, study: StudyPath, out: OutFolder = None, as_json: AsJson = False
     ) -> None:
-        from palpate import pipeline
+        from palpate.stages import pipeline
 
         session, checked, folder = opened(context, study, out)
         with StageProgress(session) as progress:
@@ -84,7 +84,7 @@ def simulate(
     as_json: AsJson = False,
 ) -> None:
     """Simulate every set at every spot; each result is stored as it comes."""
-    from palpate import pipeline
+    from palpate.stages import pipeline
 
     session, checked, folder = opened(context, study, out)
     if only is not None:
@@ -111,8 +111,8 @@ def _simulate_one(
     session: Session, study: "Study", folder: Path, only: str, *, traceback: bool, as_json: bool
 ) -> None:
     """Simulate one job in this process, and exit with 1 where it failed."""
-    from palpate import pipeline
     from palpate.domain import Status
+    from palpate.stages import pipeline
 
     spot, slash, number = only.rpartition("/")
     if not slash or not number.isdecimal():

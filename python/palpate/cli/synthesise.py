@@ -34,7 +34,7 @@ def synthesise(
     parameters can be identified, not that the model is right. --noise makes it harder. Nothing
     is overwritten; origin.json next to the curves records how they were made.
     """
-    from palpate.stages.synthesis import synthesise as write_curves
+    from palpate.simulation.synthesis import synthesise as write_curves
 
     session = Session.of(context)
     planned = session.study(study, need_measured=False)

@@ -23,7 +23,7 @@ from palpate.fit.spot_term import (
 from palpate.plugins.guard import answering_for
 from palpate.plugins.parametrisation import Parametrisation, SpotInputs
 from palpate.plugins.search import Evaluation, Trial
-from palpate.stages.sampling import accepted_by_all
+from palpate.sampling.drawing import accepted_by_all
 from palpate.study.reading import Study
 
 Simulate = Callable[[Sequence[Job]], Sequence[Simulation]]

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from palpate.channels import PRESS_AND_TWIST
 from palpate.domain import (
     BoolArray,
     Channel,
@@ -25,10 +24,11 @@ from palpate.domain import (
     Simulation,
     channel_of,
 )
+from palpate.domain.channels import PRESS_AND_TWIST
 from palpate.plugins.interfaces import Material
 from palpate.plugins.parametrisation import SpotInputs
-from palpate.stages.scoring import compare, point_weights, residual_scale
-from palpate.stages.simulation import homogeneous_tests
+from palpate.scoring.scores import compare, point_weights, residual_scale
+from palpate.simulation.jobs import homogeneous_tests
 from palpate.study.reading import Study
 
 FRICTION = "friction"

@@ -24,8 +24,8 @@ from palpate.plugins.parametrisation import SpotInputs
 from palpate.progress import SILENT, Progress
 from palpate.run.fit_state import FitState
 from palpate.run.result import ALL_SPOTS
-from palpate.stages.selection import objectives
-from palpate.stages.sweep import Simulations
+from palpate.scoring.selection import objectives
+from palpate.simulation.sweep import Simulations
 from palpate.study.reading import Study
 
 MOST_STARTS = 3

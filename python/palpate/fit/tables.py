@@ -11,11 +11,11 @@ from palpate.domain import FloatArray, Response, channel_of, weighed_phases
 from palpate.fit.running import Fit
 from palpate.fit.spot_term import SpotTerm
 from palpate.fit.stage import Case
+from palpate.limb.loading import size_at_contact
 from palpate.plugins.parametrisation import at_spot
 from palpate.run.result import UNSETTLED, FitResult
-from palpate.stages.limb import size_at_contact
-from palpate.stages.scoring import relative_variance
-from palpate.stages.sweep import Simulations
+from palpate.scoring.scores import relative_variance
+from palpate.simulation.sweep import Simulations
 
 ORDER = 2.0
 """Power of the element size under the indenter with which the error of the curves falls."""

@@ -1,9 +1,15 @@
-"""Motions: where an indenter goes, or by which load, from the settings of a study's [protocol]."""
+"""Motions of an indenter, by place or by load, from the settings of a study's [protocol]; and the paper's."""
 
 from abc import abstractmethod
+from typing import Annotated
 
-from palpate.domain import Waypoints
-from palpate.plugins.interfaces import Component, SettingsT
+import numpy as np
+from pydantic import Field
+
+from palpate.domain import DEPTH, ROTATION, Waypoints
+from palpate.domain.waypoints import MOST_WAYPOINTS
+from palpate.plugins.interfaces import Component, Settings, SettingsT
+from palpate.units import Quantity
 
 
 class Motion(Component[SettingsT]):
@@ -21,3 +27,27 @@ class Motion(Component[SettingsT]):
         StudyError
             The settings make no motion.
         """
+
+
+class PressAndTwistSettings(Settings):
+    """Settings of the motion ``press_and_twist``."""
+
+    depth: Annotated[float, Quantity("mm")] = Field(gt=0.0, description="Indentation depth.")
+    twist: tuple[Annotated[float, Quantity("deg")], ...] = Field(
+        (), max_length=MOST_WAYPOINTS, description="Rotations travelled to, in order, at full depth."
+    )
+
+
+class PressAndTwist(Motion[PressAndTwistSettings]):
+    """Press along the normal, then twist about it."""
+
+    name = "press_and_twist"
+    summary = "press to a depth, then rotate there to each angle in turn"
+
+    def waypoints(self) -> Waypoints:
+        """Rest, the depth, and each rotation at that depth."""
+        rotations = [0.0, 0.0, *self.settings.twist]
+        pose = np.zeros((len(rotations), 6))
+        pose[1:, DEPTH] = self.settings.depth
+        pose[:, ROTATION] = rotations
+        return Waypoints(pose=pose)

@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from palpate.curves import Channel
 from palpate.domain import HomogeneousTests, Indentation, Job, Protocol
+from palpate.domain.curves import Channel
+from palpate.domain.waypoints import MOVES
 from palpate.errors import PluginError
 from palpate.plugins.guard import answering_for
-from palpate.waypoints import MOVES
 
 if TYPE_CHECKING:
     from palpate.plugins.interfaces import Material, Solver
@@ -39,7 +39,7 @@ class Provides:
     indenters : tuple of str, optional
         Names of indenters; None: all, by their distance.
     motions : tuple of str
-        Parts of a motion, among :data:`palpate.waypoints.MOVES`.
+        Parts of a motion, among :data:`palpate.domain.waypoints.MOVES`.
     slopes : bool
         Whether a job with ``slopes`` gets exact derivatives with its curves; else they are differenced.
     surface : bool

@@ -48,6 +48,7 @@ FIRST_PARTY = frozenset(
     f"palpate-{name}"
     for name in (
         "anatomy",
+        "certainty",
         "dask",
         "febio",
         "forearm",
@@ -55,6 +56,9 @@ FIRST_PARTY = frozenset(
         "jax",
         "limb",
         "materials",
+        "planning",
+        "prediction",
+        "report",
         "robot-log",
         "validation",
     )

@@ -14,13 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from palpate.channels import PRESS_AND_TWIST
 from palpate.domain import Channel, FloatArray, Job, Limb, Protocol, Simulation
+from palpate.domain.channels import PRESS_AND_TWIST
 from palpate.errors import PluginError
-from palpate.indenters import Sphere
 from palpate.plugins.fingerprints import CORE, code_fingerprint
 from palpate.plugins.guard import answering_for
-from palpate.plugins.indenter import Indenter
+from palpate.plugins.indenter import Indenter, Sphere
 from palpate.plugins.interfaces import Component, Material, Solver
 
 NOTHING_TRUSTED: Mapping[str, str] = {}

@@ -49,7 +49,7 @@ class SelectionResult:
         when no set succeeded at every spot.
     verification : DataFrame
         Which selected sets passed the solver's verification, as
-        :func:`palpate.stages.verification.verify` returns it; empty where the solver has none.
+        :func:`palpate.simulation.verification.verify` returns it; empty where the solver has none.
     without_result : mapping of (spot, scenario) to str
         Why no set could be selected there; empty where every scenario has a set at every spot.
     """

@@ -1,6 +1,6 @@
 """States of the skin as files: ``surface/<key>.npz`` of a simulation, which numpy reads.
 
-An array of each name of :class:`palpate.surface.SurfaceStates`. A file is written whole before the
+An array of each name of :class:`palpate.domain.surface.SurfaceStates`. A file is written whole before the
 ledger has the simulation's row, so a row without its file means that somebody removed it.
 """
 
@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
+from palpate.domain.surface import SurfaceStates
 from palpate.errors import MeshError
 from palpate.run.atomic_files import write_atomically
-from palpate.surface import SurfaceStates
 
 FOLDER = "surface"
 

@@ -18,8 +18,8 @@ import polars as pl
 from palpate import _core
 from palpate.domain import Design, FloatArray, IntArray, Parameter, Response, Scenario, Simulation, channel_of
 from palpate.run.result import ALL_SPOTS, FitResult
-from palpate.stages.scoring import compare, point_weights, residual_scale
-from palpate.stages.selection import objectives
+from palpate.scoring.scores import compare, point_weights, residual_scale
+from palpate.scoring.selection import objectives
 from palpate.stages.surrogate import LEAST_Q2, QuadraticForm, fit_slopes, together
 from palpate.study.reading import Study
 
@@ -145,8 +145,8 @@ def assess_identifiability(
     swept : mapping of (spot, channel) to (n_sets, n_points) array
         As :func:`at_measured` returns it.
     scores, selection, generalisation : DataFrame
-        As :mod:`~palpate.stages.scoring`, :mod:`~palpate.stages.selection` and
-        :mod:`~palpate.stages.generalisation` return them.
+        As :mod:`~palpate.scoring.scores`, :mod:`~palpate.scoring.selection` and
+        :mod:`~palpate.scoring.generalisation` return them.
     fit : FitResult
         Where it has a row for a spot, or for all of them together, that is the best set. No interval
         is narrower than what the mesh leaves open.

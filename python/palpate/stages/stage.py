@@ -13,6 +13,9 @@ import polars as pl
 
 from palpate.domain import Channel, Design, Limb, Response, Simulation, SurfaceStates
 from palpate.errors import PluginError, StudyError
+from palpate.fit.fitted import Fitted, fitted
+from palpate.fit.surfaces import stored_strains, stored_surfaces
+from palpate.limb.loading import load_limbs
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import Component, SettingsT
@@ -23,11 +26,8 @@ from palpate.run.keys import answers_key
 from palpate.run.result import FitResult, StudyInputs
 from palpate.run.result_files import Files
 from palpate.run.stage_records import described, fingerprint
-from palpate.stages import simulation
-from palpate.stages.fitted import Fitted, fitted
-from palpate.stages.limb import load_limbs
-from palpate.stages.surfaces import stored_strains, stored_surfaces
-from palpate.stages.sweep import Simulations
+from palpate.simulation import jobs as simulation
+from palpate.simulation.sweep import Simulations
 from palpate.study.reading import Study
 
 SWEEP = "simulate"

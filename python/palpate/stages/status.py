@@ -14,7 +14,7 @@ from palpate.run.fit_state import FitState, read_fit_state
 from palpate.run.ledger import Ledger
 from palpate.run.lock import Runner, living_runner_of
 from palpate.run.manifest import scoring_rules
-from palpate.stages import scoring, selection
+from palpate.scoring import scores as scoring, selection
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from palpate.channels import PRESS_AND_TWIST
 from palpate.domain import Channel, ParameterSpace, Protocol, Scenario, ScoringRules
+from palpate.domain.channels import PRESS_AND_TWIST
 from palpate.errors import PluginError, StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.execution import Executor

@@ -11,8 +11,8 @@ from itertools import product
 import numpy as np
 
 from palpate.domain import Parameter, ParameterSpace, Prior, Tie
+from palpate.domain.parameters import ratio_of
 from palpate.errors import PalpateError
-from palpate.parameters import ratio_of
 from palpate.study.model import ParameterTable, RegionTable
 from palpate.study.problems import Problems, choice
 from palpate.study.source_positions import Key

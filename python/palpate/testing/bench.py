@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from palpate import hookimpl, mechanics
-from palpate.balanced_states import STATE_COLUMNS, BalancedStates
 from palpate.domain import (
     Channel,
     Curve,
@@ -25,11 +24,12 @@ from palpate.domain import (
     Spot,
     Status,
 )
+from palpate.domain.balanced_states import STATE_COLUMNS, BalancedStates
 from palpate.errors import CurveError
+from palpate.mesh.specimens import block
 from palpate.mesh.spot_frame import pose_of
 from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Material, Solver
 from palpate.plugins.provides import Provides
-from palpate.specimens import block
 from palpate.testing.executors import LinearMaterial
 
 N_POINTS = 10

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.balanced_states import BalancedStates
-from palpate.curves import Channel, Curve, FloatArray
+from palpate.domain.balanced_states import BalancedStates
+from palpate.domain.curves import Channel, Curve, FloatArray
 from palpate.testing.components import missing
 
 UNITS = ("mm", "mm2", "mm3", "deg", "s", "N", "Nmm", "MPa", "1")

@@ -11,9 +11,9 @@ import pytest
 
 from palpate.domain import Spot
 from palpate.errors import CurveError, MeshError, PalpateError
+from palpate.limb.loading import check_limb
 from palpate.plugins.interfaces import Component, ExperimentLoader, LimbSource
 from palpate.plugins.optional import CurveWriter, LoadingDrawer
-from palpate.stages.limb import check_limb
 from palpate.testing.components import ComponentContract, missing
 
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from palpate.domain.waypoints import DEPTH, MOST_WAYPOINTS, Waypoints
 from palpate.plugins.interfaces import Component
 from palpate.plugins.motion import Motion
 from palpate.testing.components import ComponentContract, missing
-from palpate.waypoints import DEPTH, MOST_WAYPOINTS, Waypoints
 
 
 class MotionContract(ComponentContract):

@@ -7,7 +7,7 @@ import pytest
 
 from palpate.domain import FloatArray, Indentation, ParameterSpace, Protocol, RegionMaterial
 from palpate.fit.box import Box
-from palpate.indenters import Sphere
+from palpate.plugins.indenter import Sphere
 from palpate.plugins.interfaces import Component
 from palpate.plugins.parametrisation import Parametrisation, SpotInputs
 from palpate.testing.components import ComponentContract, missing

@@ -64,7 +64,7 @@ def small_run(folder: Path, plugins: Iterable[object], tables: Mapping[str, Any]
     tables : mapping
         Tables of the study, as :class:`palpate.testing.StudyRunner` takes them.
     """
-    from palpate import pipeline
+    from palpate.stages import pipeline
     from palpate.testing.studies import StudyRunner
 
     kept: list[ReportData] = []

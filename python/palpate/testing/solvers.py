@@ -7,7 +7,6 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 
-from palpate.balanced_states import POSE, WRENCH
 from palpate.domain import (
     Channel,
     Curve,
@@ -20,10 +19,11 @@ from palpate.domain import (
     Status,
     moving_span,
 )
+from palpate.domain.balanced_states import POSE, WRENCH
 from palpate.errors import PalpateError
-from palpate.indenters import Sphere
+from palpate.mesh.specimens import half_space
+from palpate.plugins.indenter import Sphere
 from palpate.plugins.interfaces import Component, IsotropicMaterial, Solver
-from palpate.specimens import half_space
 from palpate.testing.components import ComponentContract, missing
 from palpate.testing.moved_jobs import moved_values, neighbours
 from palpate.testing.references import (

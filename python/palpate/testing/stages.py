@@ -27,7 +27,7 @@ from palpate.testing.studies import StudyRunner
 @cache
 def _fitted() -> tuple[Study, Path, Plugins, tempfile.TemporaryDirectory[str]]:
     """Run of a small study with a fit; made once in a process, and removed with it."""
-    from palpate import pipeline
+    from palpate.stages import pipeline
 
     kept = tempfile.TemporaryDirectory()
     study, plugins = StudyRunner(Path(kept.name)).study(fit={"search": "least_squares"})

@@ -86,7 +86,8 @@ class StudyRunner:
         AssertionError
             palpate would leave a plugin out, or a simulation failed.
         """
-        from palpate import notebook as stages, sample, score, select, simulate
+        from palpate import sample, score, select, simulate
+        from palpate.stages import notebook as stages
 
         study, loaded = self.study(*plugins, mesh=mesh, **tables)
         measured, design = stages.measure(study, loaded), sample(study)
@@ -105,7 +106,7 @@ class StudyRunner:
 
     def study(self, *plugins: object, mesh: str = "", **tables: Mapping[str, Any]) -> tuple[Study, Plugins]:
         """Write a study with the curves of its own solver, and read it; the arguments are those of a call."""
-        from palpate.stages.synthesis import synthesise
+        from palpate.simulation.synthesis import synthesise
         from palpate.study.reading import read_study
 
         loaded = plugins_with(bench, *plugins)
@@ -117,7 +118,7 @@ class StudyRunner:
 
     def _fitted(self, study: Study, plugins: Plugins) -> pl.DataFrame:
         """Run a study in a run directory, to the end of its fit."""
-        from palpate import pipeline
+        from palpate.stages import pipeline
 
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(pipeline, "write_report", lambda content, folder: ())

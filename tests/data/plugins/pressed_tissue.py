@@ -19,11 +19,11 @@ from palpate.executors import InProcess
 from palpate.fit.box import Box
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation
-from palpate.indenters import Sphere
+from palpate.plugins.indenter import Sphere
 from palpate.plugins.interfaces import ExperimentLoader, SetFilter
 from palpate.plugins.provides import Provides
-from palpate.stages.samplers import LatinHypercube
-from palpate.stages.sampling import accepted_by_all
+from palpate.sampling.drawing import accepted_by_all
+from palpate.sampling.samplers import LatinHypercube
 from palpate.study.reading import Study, StudySpot
 
 DEPTHS = np.linspace(0.5, 10.0, 20)

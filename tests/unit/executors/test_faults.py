@@ -20,13 +20,14 @@ from palpate.domain import Curve, Response, Simulation, Status
 from palpate.errors import ExecutorError, PluginError, StudyError
 from palpate.executors import Batch, InProcess, JobResult, Limits, Processes, machine, pool
 from palpate.executors.attempts import LONGEST_TRACEBACK
+from palpate.experiment.measured import load_measured
 from palpate.plugins.execution import Executor
 from palpate.plugins.registry import load_file
 from palpate.run.ledger import Ledger
 from palpate.run.lock import Runner, locked
-from palpate.stages import simulation, status as run_status
-from palpate.stages.experiment import load_measured
-from palpate.stages.sampling import draw_design
+from palpate.sampling.drawing import draw_design
+from palpate.simulation import jobs as simulation
+from palpate.stages import status as run_status
 
 
 def sweep(study, folder):

@@ -11,7 +11,7 @@ from palpate.domain import Limb, Mesh, Spot, Status
 from palpate.errors import ExecutorError
 from palpate.executors import Batch, Limits, Pool, Processes, pool
 from palpate.plugins.registry import load_file
-from palpate.stages.simulation import jobs
+from palpate.simulation.jobs import jobs
 
 WEIGHING = """
 import os

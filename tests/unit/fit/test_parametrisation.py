@@ -26,7 +26,7 @@ from palpate.fit.problem import Problem
 from palpate.fit.running import Fit, run_searches
 from palpate.fit.spot_term import SpotTerm
 from palpate.fit.starts import scaled_start
-from palpate.indenters import Sphere
+from palpate.plugins.indenter import Sphere
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.testing import LinearMaterial

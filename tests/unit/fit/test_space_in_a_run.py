@@ -6,7 +6,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate import pipeline
 from palpate.domain import (
     Curve,
     Parameter,
@@ -21,10 +20,11 @@ from palpate.domain import (
 )
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
-from palpate.indenters import Sphere
+from palpate.plugins.indenter import Sphere
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
-from palpate.stages.cost import FitTime
+from palpate.simulation.cost import FitTime
+from palpate.stages import pipeline
 from palpate.testing import LinearMaterial
 from palpate_certainty import stage
 from palpate_certainty.emulated_curves import SimulatedCurves, runs_of_sets

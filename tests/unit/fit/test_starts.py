@@ -6,8 +6,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate.channels import TORQUE
 from palpate.domain import Design, Parameter, Response
+from palpate.domain.channels import TORQUE
 from palpate.fit.starts import WORST, basins, scaled_start
 from palpate_materials.yeoh import Yeoh
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from palpate import pipeline
 from palpate.domain import Response, Scenario
 from palpate.fit.least_squares import LeastSquares
+from palpate.stages import pipeline
 from palpate_materials.yeoh import Yeoh
 
 TRUTH = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}

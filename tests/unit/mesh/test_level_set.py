@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from palpate.indenters import Sphere
 from palpate.mesh.level_set import level_set_surface
+from palpate.plugins.indenter import Sphere
 
 
 def volume(points, triangles):

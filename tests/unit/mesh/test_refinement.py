@@ -9,14 +9,14 @@ from hypothesis import given, settings, strategies as st
 
 from palpate.domain import Indentation, Limb, Mesh, Spot
 from palpate.errors import MeshError
-from palpate.indenters import Sphere
+from palpate.limb.loading import check_depth, check_limb
 from palpate.mesh import refinement
 from palpate.mesh.contact_edge import contact_edge_mm
 from palpate.mesh.refinement import GROWTH, refined
 from palpate.mesh.shape_functions import linear_simplex, quadratic_simplex
+from palpate.mesh.specimens import block
 from palpate.mesh.topology import CELLS, outer_faces, with_midpoints
-from palpate.specimens import block
-from palpate.stages.limb import check_depth, check_limb
+from palpate.plugins.indenter import Sphere
 from palpate_limb.quality import scaled_jacobians
 
 HEIGHT = 12.0

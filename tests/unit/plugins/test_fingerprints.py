@@ -13,9 +13,8 @@ from pydantic import Field
 
 from palpate.domain import HomogeneousTests, Indentation, Job
 from palpate.errors import PluginError
-from palpate.indenters import Sphere, SphereSettings
 from palpate.plugins.fingerprints import code_hash
-from palpate.plugins.indenter import Indenter
+from palpate.plugins.indenter import Indenter, Sphere, SphereSettings
 from palpate.plugins.interfaces import Settings, Solver
 from palpate.plugins.registry import load_file
 from palpate.run import keys

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from palpate import AnisotropicMaterial, Parameter, Sphere
-from palpate.channels import FORCE, LATERAL_FORCE
 from palpate.domain import HomogeneousTests, Indentation, Job, Waypoints
+from palpate.domain.channels import FORCE, LATERAL_FORCE
+from palpate.domain.waypoints import MOVES
 from palpate.errors import PluginError
 from palpate.plugins.provides import Provides
 from palpate.testing import LinearMaterial
-from palpate.waypoints import MOVES
 
 
 class Fibred(AnisotropicMaterial):

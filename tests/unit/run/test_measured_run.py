@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate import pipeline
 from palpate.domain import Curve, Indentation, PointWeighting, Relaxation, Response, ScoringRules
 from palpate.errors import CurveError, PluginError, StudyError
+from palpate.experiment.measured import Presses
 from palpate.fit.least_squares import LeastSquares
-from palpate.indenters import Sphere
+from palpate.plugins.indenter import Sphere
 from palpate.run.atomic_files import write_atomically
 from palpate.run.directory import RunDirectory
 from palpate.run.keys import job_key
 from palpate.run.ownership import claim, keep_only
-from palpate.stages.experiment import Presses
-from palpate.stages.simulation import jobs
+from palpate.simulation.jobs import jobs
+from palpate.stages import pipeline
 from palpate_report.writing import draw_presses
 
 SMALL = Indentation(
@@ -193,7 +193,7 @@ def test_another_indenter_is_another_simulation(make_study):
     study = make_study()
     one, two = study.spots
     small = replace(study, spots=(one, replace(two, protocol=SMALL)))
-    from palpate.stages.sampling import draw_design
+    from palpate.sampling.drawing import draw_design
 
     design = draw_design(study.space, study.sampler, study.n_sets, study.seed)
     usual, other = (

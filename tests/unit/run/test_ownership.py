@@ -8,10 +8,10 @@ from functools import partial
 
 import pytest
 
-from palpate import pipeline
 from palpate.errors import LedgerError, StudyError
 from palpate.run.lock import locked, runner_of
 from palpate.run.ownership import keep_only, listed
+from palpate.stages import pipeline
 
 VERBS = ("run_study", "measure", "sample", "simulate", "score", "select", "report")
 

@@ -7,12 +7,12 @@ from functools import partial
 import numpy as np
 import pytest
 
-from palpate import pipeline
 from palpate.domain import Normaliser, Scenario, ScoringRules
 from palpate.errors import PalpateError, StoppedError, StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate.progress import Silent
 from palpate.run.fit_state import read_fit_state
+from palpate.stages import pipeline
 from palpate.stages.status import Watcher
 from palpate.study.model import BudgetTable
 

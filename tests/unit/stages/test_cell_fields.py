@@ -9,13 +9,13 @@ from scipy.spatial.transform import Rotation
 from palpate import AnisotropicMaterial, Parameter
 from palpate.domain import Job, RegionMaterial, Spot
 from palpate.errors import MeshError, StudyError
+from palpate.limb.cell_fields import check_frames, with_fields
+from palpate.limb.loading import load_limbs
+from palpate.mesh.specimens import block
 from palpate.plugins.interfaces import LimbSource
 from palpate.plugins.provides import Provides
 from palpate.run.keys import limb_key
-from palpate.specimens import block
-from palpate.stages.cell_fields import check_frames, with_fields
-from palpate.stages.limb import load_limbs
-from palpate.stages.simulation import check_jobs
+from palpate.simulation.jobs import check_jobs
 
 Q = Rotation.from_euler("xyz", [40.0, -70.0, 25.0], degrees=True).as_matrix()
 SMALL = {"n_across": 2, "n_down": 1, "width_mm": 4.0, "height_mm": 3.0}

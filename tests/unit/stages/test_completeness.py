@@ -5,12 +5,12 @@ from dataclasses import replace
 import polars as pl
 import pytest
 
-from palpate import pipeline
-from palpate.core_stages import selected
 from palpate.domain import Response
 from palpate.progress import SILENT
-from palpate.stages import simulation
-from palpate.stages.completeness import described
+from palpate.scoring.completeness import described
+from palpate.simulation import jobs as simulation
+from palpate.stages import pipeline
+from palpate.stages.core_stages import selected
 from palpate_report.figures import nmse_distribution, responses
 from palpate_report.space import parameter_space
 from palpate_report.verdict import make_verdict

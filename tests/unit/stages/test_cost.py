@@ -5,15 +5,15 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, strategies as st
 
-from palpate import pipeline
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.searches import BestSet, DifferentialEvolution
-from palpate.pipeline import check_study
+from palpate.mesh.specimens import block
 from palpate.progress import Silent
 from palpate.run.ledger.cache import ResultCache
-from palpate.specimens import block
-from palpate.stages import cost as stages_cost, simulation
-from palpate.stages.cost import Cost, FitTime, cost, timed
+from palpate.simulation import cost as stages_cost, jobs as simulation
+from palpate.simulation.cost import Cost, FitTime, cost, timed
+from palpate.stages import pipeline
+from palpate.stages.pipeline import check_study
 
 
 def jobs_of(study, plugins):

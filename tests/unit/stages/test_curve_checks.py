@@ -10,10 +10,10 @@ import pytest
 
 from palpate.domain import Channel, Curve
 from palpate.errors import CurveError
-from palpate.indenters import Sphere
+from palpate.experiment.curve_checks import check_curve, young_range
+from palpate.experiment.measured import load_measured, measured_warnings
 from palpate.plugins.catalogue import Plugins
-from palpate.stages.curve_checks import check_curve, young_range
-from palpate.stages.experiment import load_measured, measured_warnings
+from palpate.plugins.indenter import Sphere
 from palpate.study.checks import odd_settings
 from palpate.study.reading import Study, read_study
 
@@ -50,7 +50,7 @@ def read(tmp_path):
 
 
 def test_a_force_of_zero_is_left_to_scoring(read, monkeypatch):
-    monkeypatch.setattr("palpate.stages.curve_checks.young_range", lambda space: None)
+    monkeypatch.setattr("palpate.experiment.curve_checks.young_range", lambda space: None)
     read(times(FORCE, 0.0))
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from palpate.domain import Curve, Indentation, Response, Scenario
 from palpate.errors import CurveError, PluginError
-from palpate.indenters import Sphere
-from palpate.stages.experiment import check_covers, load_measured, measured_warnings
+from palpate.experiment.measured import check_covers, load_measured, measured_warnings
+from palpate.plugins.indenter import Sphere
 
 PROTOCOL = Indentation(
     indenter=Sphere(radius_mm=7.5),

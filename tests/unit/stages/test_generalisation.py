@@ -5,8 +5,8 @@ import polars as pl
 import pytest
 
 from palpate.domain import Design, Parameter, Scenario
-from palpate.stages.generalisation import generalise
-from palpate.stages.scoring import SCHEMA
+from palpate.scoring.generalisation import generalise
+from palpate.scoring.scores import SCHEMA
 
 BOTH = Scenario(name="I", weights={"force": 1.0})
 PARAMETER = Parameter(name="a.c1", unit="MPa", lower=0.0, upper=1.0, kind="modulus", description="")

@@ -7,14 +7,14 @@ import polars as pl
 import pytest
 
 from palpate.domain import Response, Status
+from palpate.experiment.measured import load_measured
 from palpate.run.result import FitResult
-from palpate.stages.experiment import load_measured
-from palpate.stages.generalisation import generalise
+from palpate.sampling.drawing import draw_design
+from palpate.scoring.generalisation import generalise
+from palpate.scoring.scores import score
+from palpate.scoring.selection import select
+from palpate.simulation.jobs import simulate
 from palpate.stages.identifiability import assess_identifiability, at_measured
-from palpate.stages.sampling import draw_design
-from palpate.stages.scoring import score
-from palpate.stages.selection import select
-from palpate.stages.simulation import simulate
 
 NO_FIT = FitResult()
 

@@ -7,14 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate import pipeline
 from palpate.domain import Indentation, Limb, Mesh, Spot
 from palpate.errors import MeshError, PluginError, StudyError
-from palpate.indenters import Sphere
-from palpate.plugins.interfaces import LimbSource, Solver
-from palpate.plugins.provides import Provides
-from palpate.specimens.blocks import block
-from palpate.stages.limb import (
+from palpate.limb.loading import (
     check_depth,
     check_fine,
     check_limb,
@@ -22,7 +17,12 @@ from palpate.stages.limb import (
     load_limbs,
     size_at_contact,
 )
-from palpate.stages.mesh_joints import holes
+from palpate.limb.mesh_joints import holes
+from palpate.mesh.specimens.blocks import block
+from palpate.plugins.indenter import Sphere
+from palpate.plugins.interfaces import LimbSource, Solver
+from palpate.plugins.provides import Provides
+from palpate.stages import pipeline
 
 CUBE = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float
@@ -78,7 +78,7 @@ def test_a_mirrored_limb_is_inverted(kind):
 
 
 def test_the_determinant_of_a_box_is_its_volume_ratio():
-    from palpate.stages.limb import _least_jacobian
+    from palpate.limb.loading import _least_jacobian
 
     box = CUBE * [2.0, 3.0, 4.0]
     least, _ = _least_jacobian("hex8", box[None])

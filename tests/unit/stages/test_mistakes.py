@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from palpate.errors import PalpateError
+from palpate.experiment.measured import load_measured, measured_warnings
+from palpate.limb.loading import limb_warnings, load_limbs
 from palpate.plugins.catalogue import Plugins
-from palpate.stages.experiment import load_measured, measured_warnings
-from palpate.stages.limb import limb_warnings, load_limbs
 from palpate.study.checks import odd_settings
 from palpate.study.reading import read_study
 

@@ -7,18 +7,18 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate import pipeline
 from palpate.domain import Curve, Response, Scenario, ScoringRules
 from palpate.errors import CurveError, ScoringError
+from palpate.experiment.measured import load_measured
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.spot_term import SpotTerm
 from palpate.plugins.parametrisation import SpotInputs
 from palpate.run.directory import RunDirectory
-from palpate.stages import simulation
-from palpate.stages.experiment import load_measured
-from palpate.stages.sampling import draw_design
-from palpate.stages.scoring import check_scorable, score
-from palpate.stages.selection import objectives
+from palpate.sampling.drawing import draw_design
+from palpate.scoring.scores import check_scorable, score
+from palpate.scoring.selection import objectives
+from palpate.simulation import jobs as simulation
+from palpate.stages import pipeline
 from palpate.stages.status import Watcher
 from palpate_report.tables import weighted_channels
 

@@ -3,7 +3,7 @@
 import pytest
 
 from palpate.domain import Curve, Relaxation, Response
-from palpate.stages.relaxation import relaxation_of
+from palpate.experiment.relaxation import relaxation_of
 from palpate.study.model import BudgetTable
 
 

@@ -11,8 +11,8 @@ from scipy.stats import qmc
 from palpate.domain import ParameterSpace
 from palpate.errors import ParameterError, SamplingError
 from palpate.plugins.interfaces import Sampler, SetFilter
-from palpate.stages.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
-from palpate.stages.sampling import draw_design, kept_sets
+from palpate.sampling.drawing import draw_design, kept_sets
+from palpate.sampling.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
 
 
 class Corners(Sampler):

@@ -7,7 +7,7 @@ import pytest
 
 from palpate.domain import Curve, Job, Normaliser, PointWeighting, Response, ScoringRules, Simulation, Status
 from palpate.errors import ScoringError
-from palpate.stages.scoring import LEAST_STD_SHARE, SCHEMA, check_scorable, point_weights, score
+from palpate.scoring.scores import LEAST_STD_SHARE, SCHEMA, check_scorable, point_weights, score
 
 
 def curve(channel, x, y):

@@ -6,8 +6,8 @@ import pytest
 
 from palpate.domain import Design, Parameter, Scenario, Status
 from palpate.errors import NothingSelectableError, ScoringError
-from palpate.stages.scoring import SCHEMA
-from palpate.stages.selection import failures, objectives, select, unranked
+from palpate.scoring.scores import SCHEMA
+from palpate.scoring.selection import failures, objectives, select, unranked
 
 BOTH = Scenario(name="I", weights={"force": 1.0, "torque": 1.0})
 TORQUE = Scenario(name="II", weights={"torque": 1.0, "force": 0.0})

@@ -8,13 +8,13 @@ import pytest
 
 from palpate.domain import HomogeneousTests, Indentation, Limb, Mesh, ParameterSpace, Spot, Status, Tie
 from palpate.errors import MeshError, ParameterError, PluginError, StudyError
+from palpate.experiment.measured import load_measured
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.run import keys
 from palpate.run.ledger import Entry, Ledger
-from palpate.stages import simulation
-from palpate.stages.experiment import load_measured
-from palpate.stages.sampling import draw_design
-from palpate.stages.sweep import is_final
+from palpate.sampling.drawing import draw_design
+from palpate.simulation import jobs as simulation
+from palpate.simulation.sweep import is_final
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ from types import SimpleNamespace
 import polars as pl
 import pytest
 
-from palpate import pipeline
 from palpate.errors import PluginError, StudyError
 from palpate.plugins.registry import load_file
 from palpate.progress import SILENT
+from palpate.stages import pipeline
 from palpate.stages.stage import Run, Stage, in_order
 from palpate.testing import StageContract
 

@@ -9,8 +9,8 @@ import pytest
 
 from palpate.domain import Curve
 from palpate.errors import CurveError
+from palpate.experiment.stress_checks import check_modes, check_stress, stresses_of_ranges
 from palpate.plugins.catalogue import Plugins
-from palpate.stages.stress_checks import check_modes, check_stress, stresses_of_ranges
 from palpate.study.reading import Study, read_study
 
 MODES = ("uniaxial", "equibiaxial", "pure_shear", "simple_shear", "confined_compression")

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate import pipeline
 from palpate.domain import Job, Limb, Simulation, Status, SurfaceStates
 from palpate.errors import MeshError, StudyError
 from palpate.executors import InProcess
@@ -17,6 +16,7 @@ from palpate.plugins.provides import Provides
 from palpate.progress import Silent
 from palpate.run.directory import RunDirectory
 from palpate.run.surface_files import read_surface, write_surface
+from palpate.stages import pipeline
 from palpate.stages.stage import read_run
 
 pytestmark = pytest.mark.usefixtures("one_figure")

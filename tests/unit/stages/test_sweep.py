@@ -6,17 +6,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from palpate import pipeline
 from palpate.domain import Limb, Mesh, Spot, Status
 from palpate.errors import StoppedError
 from palpate.executors import Batch, InProcess, Limits, Processes
+from palpate.experiment.measured import load_measured
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.registry import load_file
 from palpate.run.ledger import Ledger
-from palpate.stages import simulation
-from palpate.stages.experiment import load_measured
-from palpate.stages.sampling import draw_design
-from palpate.stages.sweep import Simulations
+from palpate.sampling.drawing import draw_design
+from palpate.simulation import jobs as simulation
+from palpate.simulation.sweep import Simulations
+from palpate.stages import pipeline
 
 
 class Following:

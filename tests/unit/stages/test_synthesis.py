@@ -14,10 +14,10 @@ import pytest
 from palpate import ExperimentLoader
 from palpate.domain import Curve, Response, Spot
 from palpate.errors import CurveError, PalpateError, StudyError
-from palpate.pipeline import run_study
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.provides import Provides
-from palpate.stages.synthesis import NOTE, synthesise
+from palpate.simulation.synthesis import NOTE, synthesise
+from palpate.stages.pipeline import run_study
 from palpate.study.reading import Study, StudySpot, read_study
 
 ANSWER = (0.4, 20.0)

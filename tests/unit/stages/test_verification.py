@@ -7,12 +7,12 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from palpate import pipeline
-from palpate.core_stages import selected
 from palpate.errors import StoppedError, StudyError
 from palpate.plugins.interfaces import Solver
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
+from palpate.stages import pipeline
+from palpate.stages.core_stages import selected
 from palpate_report.page import render
 from palpate_report.verdict import make_verdict
 from palpate_report.writing import make_tables

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from palpate.core_stages import Sample
 from palpate.domain import ParameterSpace, Prior, RegionMaterial, Tie
 from palpate.errors import StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.run.manifest import manifest
+from palpate.stages.core_stages import Sample
 from palpate.study.reading import read_study
 
 TOY = Path(__file__).parents[2] / "data" / "toy"

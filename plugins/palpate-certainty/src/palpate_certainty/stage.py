@@ -9,11 +9,11 @@ import polars as pl
 
 from palpate.domain import Design, FloatArray, Response, Simulation, channel_of
 from palpate.errors import PalpateError, StoppedError
+from palpate.experiment.relaxation import relaxation_of
 from palpate.fit.running import Fit
 from palpate.fit.stage import Case
 from palpate.progress import SILENT, Progress
 from palpate.run.result import CertaintyResult
-from palpate.stages.relaxation import relaxation_of
 from palpate.study.reading import Study
 from palpate_certainty.adequacy import Check, checks, misfits
 from palpate_certainty.causes import Cause, Columns, causes_of, columns_of

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate.api import PluginError
-from palpate.sandbox import Limits, run_program
+from palpate.executors.sandbox import Limits, run_program
 
 NAMES = ("febio4", "febio4.exe", "FEBio4")
 PLACES = (

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.api import FloatArray, IsotropicMaterial, Material, MaterialError
-from palpate.sandbox import Limits, run_program
+from palpate.executors.sandbox import Limits, run_program
 from palpate_febio.deck import DECK_NAME, LOG_NAME, control_of, leaf, leaves, to_bytes
 from palpate_febio.log import read_log
 from palpate_febio.outcome import RecordError, read_record

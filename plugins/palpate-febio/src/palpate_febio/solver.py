@@ -28,8 +28,8 @@ from palpate.api import (
     Status,
     StudyError,
 )
+from palpate.executors.sandbox import Ended, Limits, run_program
 from palpate.mesh.spot_frame import in_spot_frame, indentation_of
-from palpate.sandbox import Ended, Limits, run_program
 from palpate_febio import __version__
 from palpate_febio.binary import Binary, examine, find_binary
 from palpate_febio.contact_meshes import contact_faces

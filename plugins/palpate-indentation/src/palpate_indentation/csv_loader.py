@@ -8,7 +8,6 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from palpate import delimited
 from palpate.api import (
     Curve,
     CurveError,
@@ -19,7 +18,8 @@ from palpate.api import (
     Settings,
     moving_span,
 )
-from palpate.delimited import DELIMITERS, TextFormat, TextTable
+from palpate.experiment import delimited
+from palpate.experiment.delimited import DELIMITERS, TextFormat, TextTable
 
 _LARGEST = 1e150
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.api import MeshError
-from palpate.sandbox import Limits, run_function
+from palpate.executors.sandbox import Limits, run_function
 
 MOST_BYTES = 1_000_000_000
 MOST_MEMORY_MB = 4_000.0

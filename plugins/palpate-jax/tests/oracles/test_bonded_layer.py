@@ -8,7 +8,7 @@ incompressible layer is another problem: 4 to 5 % stiffer than κ at a/h = 0.8.
 import numpy as np
 import pytest
 
-from palpate.specimens import layer
+from palpate.mesh.specimens import layer
 from palpate_jax.contact import ContactLaw
 from palpate_jax.load_stepping import LoadStepping, Stop
 from palpate_jax.model import Model

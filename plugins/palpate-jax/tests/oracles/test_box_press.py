@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.domain import Indentation, Job, Status
-from palpate.specimens import block
+from palpate.mesh.specimens import block
 from palpate_indentation import Box, BoxSettings
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean

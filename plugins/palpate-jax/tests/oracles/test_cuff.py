@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.specimens import block
+from palpate.mesh.specimens import block
 from palpate_indentation import Cuff, CuffSettings
 from palpate_jax.contact import ContactLaw
 from palpate_jax.load_stepping import LoadStepping, Stop

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from palpate.specimens import half_space
+from palpate.mesh.specimens import half_space
 
 MODULUS = 3.0 / (27.0 * np.pi / 80.0)
 """B of a shear modulus of 1 MPa."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from palpate.specimens import half_space
+from palpate.mesh.specimens import half_space
 
 CONTACT = 0.05
 """Hertz's contact radius over that of the sphere: strains so small that the material is linear."""

@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipk
 
-from palpate.specimens import half_space
+from palpate.mesh.specimens import half_space
 
 FULL_SLIP = 3.0 * np.pi / 16.0
 

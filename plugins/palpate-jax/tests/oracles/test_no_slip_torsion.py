@@ -7,7 +7,7 @@ towards the edge do better. The torque depends neither on ν nor on how the cont
 import numpy as np
 import pytest
 
-from palpate.specimens import half_space
+from palpate.mesh.specimens import half_space
 
 EVEN = {
     4: {"n_radius": 4, "n_core": 4, "growth": 1.8},

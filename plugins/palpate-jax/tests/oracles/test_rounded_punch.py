@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.specimens import layer
+from palpate.mesh.specimens import layer
 from palpate_indentation import Punch, PunchSettings
 from palpate_jax.contact import ContactLaw
 from palpate_jax.load_stepping import LoadStepping, Stop

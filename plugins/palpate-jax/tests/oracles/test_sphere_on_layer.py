@@ -6,7 +6,7 @@ Force over that of Hertz, 16/3 G √R d^1.5, against χ = √(R d)/h.
 import numpy as np
 import pytest
 
-from palpate.specimens import layer
+from palpate.mesh.specimens import layer
 
 RATIO = {0.4172: 1.8571, 0.7479: 3.3711}
 

@@ -6,7 +6,6 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate import pipeline
 from palpate.domain import (
     FloatArray,
     Indentation,
@@ -20,11 +19,12 @@ from palpate.domain import (
 from palpate.executors import InProcess
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.fit.searches import BestSet
-from palpate.indenters import Sphere
+from palpate.mesh.specimens import block
 from palpate.plugins.catalogue import Plugins
+from palpate.plugins.indenter import Sphere
 from palpate.plugins.interfaces import LimbSource, Sampler
-from palpate.specimens import block
-from palpate.stages.synthesis import synthesise
+from palpate.simulation.synthesis import synthesise
+from palpate.stages import pipeline
 from palpate.study.reading import Study, StudySpot
 from palpate_indentation import CsvLoader
 from palpate_jax.solver import JaxSettings, JaxSolver

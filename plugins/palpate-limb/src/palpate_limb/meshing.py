@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.api import FloatArray, IntArray, MeshError, PluginError
-from palpate.sandbox import Limits, run_function
+from palpate.executors.sandbox import Limits, run_function
 
 P = ParamSpec("P")
 T = TypeVar("T")

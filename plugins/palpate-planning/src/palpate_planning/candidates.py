@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
-from palpate.balanced_states import POSE, TIME
 from palpate.domain import Channel
+from palpate.domain.balanced_states import POSE, TIME
 from palpate.errors import StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.study.reading import Study, read_study

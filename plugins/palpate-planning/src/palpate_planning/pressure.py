@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from palpate.channels import FORCE
 from palpate.domain import FloatArray, Job, Simulation, Status
+from palpate.domain.channels import FORCE
 from palpate_planning.candidates import PRESSURE
 from palpate_planning.presses import DesignProblem, SimulatedPress, bare_problem, job_of
 from palpate_prediction.measures import contact_of

@@ -2,15 +2,15 @@
 
 from pathlib import Path
 
-from palpate.core_stages import joint_assessed
-from palpate.curves import abscissae_of
+from palpate.domain.curves import abscissae_of
 from palpate.errors import StudyError
-from palpate.pipeline import open_run
+from palpate.limb.loading import load_limbs
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory
-from palpate.stages.limb import load_limbs
-from palpate.stages.sweep import Simulations
+from palpate.simulation.sweep import Simulations
+from palpate.stages.core_stages import joint_assessed
+from palpate.stages.pipeline import open_run
 from palpate.study.reading import Study
 from palpate_planning.candidates import candidates, limits_of
 from palpate_planning.options import PlanOptions

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.balanced_states import POSE
 from palpate.domain import Indentation, Limb
+from palpate.domain.balanced_states import POSE
 from palpate_planning.candidates import described
 from palpate_planning.narrowing import Narrowing
 from palpate_planning.presses import Press

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.channels import PRESS_AND_TWIST
 from palpate.domain import FloatArray, Limb, Parameter, ParameterSpace, Protocol, Response, Status
+from palpate.domain.channels import PRESS_AND_TWIST
 from palpate.errors import StudyError
 from palpate.fit.spot_term import pieces
 from palpate.plugins.parametrisation import Parametrisation, SpotInputs

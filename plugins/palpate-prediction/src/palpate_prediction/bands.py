@@ -8,9 +8,9 @@ from scipy.special import ndtri
 
 from palpate.domain import Curve, FloatArray, ParameterSpace
 from palpate.errors import StudyError
+from palpate.fit.fitted import Fitted
 from palpate.fit.parametrisation import FRICTION
 from palpate.run.result import FitResult, PosteriorResult
-from palpate.stages.fitted import Fitted
 
 LEVEL = 0.90
 """Probability of a band."""

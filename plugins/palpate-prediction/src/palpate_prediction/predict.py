@@ -18,16 +18,16 @@ from palpate.domain import (
     SurfaceStates,
 )
 from palpate.errors import SolverError, StudyError
+from palpate.fit.fitted import Fitted, inputs_at
+from palpate.limb.loading import load_limbs
 from palpate.mesh.contact_edge import contact_edge_mm
 from palpate.mesh.refinement import refined
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import Progress
 from palpate.run.directory import RunDirectory
-from palpate.stages.fitted import Fitted, inputs_at
-from palpate.stages.limb import load_limbs
-from palpate.stages.simulation import check_jobs
+from palpate.simulation.jobs import check_jobs
+from palpate.simulation.sweep import Simulations
 from palpate.stages.stage import Run, read_run
-from palpate.stages.sweep import Simulations
 from palpate.study.reading import Study
 from palpate.study.tool import Tool
 from palpate_certainty.causes import RELATIVE

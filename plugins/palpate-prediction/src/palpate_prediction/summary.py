@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.domain import Curve, FloatArray, Indentation, Simulation, Status
+from palpate.domain.waypoints import DEPTH
 from palpate.fit.tables import ORDER
 from palpate.units import convert
-from palpate.waypoints import DEPTH
 from palpate_prediction.bands import ends, scores
 from palpate_prediction.measures import Contact, contact_of
 

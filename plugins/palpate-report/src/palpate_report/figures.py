@@ -16,10 +16,10 @@ from matplotlib.figure import Figure
 from palpate import _core
 from palpate.domain import Channel, Curve, FloatArray, Response
 from palpate.errors import CurveError
+from palpate.experiment.measured import Presses
 from palpate.run.directory import file_name
 from palpate.run.result import ALL_SPOTS
-from palpate.stages.experiment import Presses
-from palpate.stages.selection import objectives
+from palpate.scoring.selection import objectives
 from palpate_report import comparison
 from palpate_report.fit_path import least_of_sweep, paths
 from palpate_report.paper_tables import intervals
@@ -342,7 +342,7 @@ def draw_presses(
     ----------
     presses : Presses
     mean : Response
-        What :func:`palpate.stages.experiment.mean` made of them.
+        What :func:`palpate.experiment.measured.mean` made of them.
     channels : mapping of name to Channel
         Axes and labels.
     notice : str

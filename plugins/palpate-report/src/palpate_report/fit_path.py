@@ -4,7 +4,7 @@ import polars as pl
 
 from palpate.domain import Scenario
 from palpate.run.result import ALL_SPOTS
-from palpate.stages.selection import objectives
+from palpate.scoring.selection import objectives
 from palpate_report.report_data import ReportData
 
 

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import polars as pl
 
-from palpate.core_stages import best_sets
 from palpate.errors import PluginError, StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.guard import answering_for
 from palpate.run.result import FitResult, PosteriorResult
-from palpate.stages import scoring
+from palpate.scoring import scores as scoring
+from palpate.stages.core_stages import best_sets
 from palpate.stages.identifiability import assess_identifiability, at_measured
 from palpate.stages.stage import Run, Summary
 from palpate.study.reading import StudySpot

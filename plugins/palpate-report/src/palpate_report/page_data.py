@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 
 from palpate.domain import Curve, FloatArray, Indentation, IntArray, Scenario
-from palpate.stages.selection import objectives
+from palpate.scoring.selection import objectives
 from palpate_report.contours import along, contours
 from palpate_report.figures import fits_at, residuals
 from palpate_report.fit_path import paths

@@ -10,7 +10,7 @@ import polars as pl
 from palpate.domain import Channel, Design, Limb, Parameter, Response, Scenario, SurfaceStates
 from palpate.plugins.sections import Section
 from palpate.run.result import ALL_SPOTS, FitResult, PosteriorResult
-from palpate.stages.completeness import Completeness, completeness, without_result
+from palpate.scoring.completeness import Completeness, completeness, without_result
 from palpate.stages.identifiability import Swept
 from palpate.stages.stage import Summary
 from palpate.study.reading import Study
@@ -29,8 +29,8 @@ class ReportData:
     measured : mapping of spot name to Response
     design : Design
     scores, selection, generalisation : DataFrame
-        As :mod:`palpate.stages.scoring`, :mod:`palpate.stages.selection` and
-        :mod:`palpate.stages.generalisation` return them.
+        As :mod:`palpate.scoring.scores`, :mod:`palpate.scoring.selection` and
+        :mod:`palpate.scoring.generalisation` return them.
     fit : FitResult
     responses : mapping of (spot, set_id) to Response
         Simulated curves of every selected and of the generalised set.
@@ -49,7 +49,7 @@ class ReportData:
     manifest : mapping
         What the numbers depended on, as :func:`palpate.run.manifest.manifest` returns it.
     verification : DataFrame
-        As :func:`palpate.stages.verification.verify` returns it; empty where the solver has none.
+        As :func:`palpate.simulation.verification.verify` returns it; empty where the solver has none.
     comparisons : mapping of file name to its content
         What ``palpate certify`` has written to the run directory.
     factors : mapping of full parameter name to number

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 import polars as pl
 
+from palpate.experiment.measured import measured_warnings
+from palpate.experiment.relaxation import REMEDY, relaxation_of
 from palpate.run.result import UNSEEN, UNSETTLED
-from palpate.stages.completeness import described
-from palpate.stages.experiment import measured_warnings
+from palpate.scoring.completeness import described
+from palpate.scoring.selection import by_reason, failures, unranked
 from palpate.stages.identifiability import UNCLEAR
-from palpate.stages.relaxation import REMEDY, relaxation_of
-from palpate.stages.selection import by_reason, failures, unranked
 from palpate_report.best_sets import Best
 from palpate_report.report_data import ReportData
 from palpate_report.tables import cost_of_one_set, finding

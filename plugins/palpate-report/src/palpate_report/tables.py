@@ -7,8 +7,8 @@ import polars as pl
 
 from palpate.domain import Scenario
 from palpate.run.result import ALL_SPOTS
-from palpate.stages.completeness import Completeness
-from palpate.stages.selection import by_reason, failures, unranked
+from palpate.scoring.completeness import Completeness
+from palpate.scoring.selection import by_reason, failures, unranked
 from palpate_report.marks import mark_of
 from palpate_report.report_data import ReportData
 

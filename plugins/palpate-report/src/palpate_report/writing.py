@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from palpate.domain import Channel, Response
+from palpate.experiment.measured import Presses
 from palpate.run.ownership import keep_only
-from palpate.stages.experiment import Presses
 from palpate_report.convergence import by_spot, contact_along
 from palpate_report.headline import with_verdicts
 from palpate_report.paper_tables import materials_of, paper_tables

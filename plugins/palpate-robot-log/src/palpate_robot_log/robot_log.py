@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field
 
 from palpate.api import CurveError, ExperimentLoader, Inspection, Response
-from palpate.delimited import TextFormat
+from palpate.experiment.delimited import TextFormat
 from palpate_robot_log.processing.settings import ProcessingSettings
 from palpate_robot_log.reading.channel_map import ChannelMap
 from palpate_robot_log.reading.formats import ReadingLimits

@@ -168,7 +168,7 @@ def _rows(
     contenders: Mapping[str, Any],
     febio: Any,  # noqa: ANN401
 ) -> Iterator[Any]:
-    from palpate.specimens import block
+    from palpate.mesh.specimens import block
     from palpate_febio.conventions import probe_theta
     from palpate_validation.pairwise import motion_rows, twist_rows
     from palpate_validation.recorded import NAMES, RECORDED_VALUES, block_rows, one_element

@@ -16,7 +16,7 @@ import numpy as np
 
 from palpate import mechanics
 from palpate.api import FloatArray, Limb, Material, PalpateError
-from palpate.specimens import block
+from palpate.mesh.specimens import block
 from palpate_febio.conventions import COMPONENTS, TOLERANCE
 from palpate_febio.solver import FebioSolver
 from palpate_validation.comparison import COUPLED, ENERGIES, RECORDED, Case, Contender, Row, compared

@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from palpate.domain import FloatArray, RegionMaterial
+from palpate.fit.fitted import Fitted, inputs_at
 from palpate.plugins.catalogue import Plugins
 from palpate.run.result import FitResult
-from palpate.stages.fitted import Fitted, inputs_at
 from palpate.stages.stage import Run
 from palpate_prediction.cards.card import CardData, ranges_of
 from palpate_report.best_sets import best_sets

@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
+from palpate.domain.surface import SurfaceStates
 from palpate.plugins.sections import Block, Drawing, Paragraph, Section, Table
-from palpate.surface import SurfaceStates
 from palpate.units import convert
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report

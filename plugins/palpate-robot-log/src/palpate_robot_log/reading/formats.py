@@ -8,8 +8,8 @@ from typing import Annotated
 from pydantic import Field
 
 from palpate.api import CurveError, Quantity, Settings
-from palpate.delimited import TextFormat, TextTable
-from palpate.sandbox import Limits, run_function
+from palpate.executors.sandbox import Limits, run_function
+from palpate.experiment.delimited import TextFormat, TextTable
 from palpate_robot_log.reading import array_files
 from palpate_robot_log.reading.raw import RawLog, Stream
 

@@ -1,0 +1,453 @@
+"""The values of a study: frozen, and passed from stage to stage.
+
+Units are mm, N, MPa, N·mm and degrees. Arrays are copied, checked once and made read-only, so every
+value is valid.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from palpate.domain.balanced_states import BalancedStates as BalancedStates, pose_columns
+from palpate.domain.channels import PRESS_AND_TWIST
+from palpate.domain.curves import (
+    PHASES as PHASES,
+    BoolArray as BoolArray,
+    Channel as Channel,
+    Curve as Curve,
+    FloatArray as FloatArray,
+    Relaxation as Relaxation,
+    Response as Response,
+    channel_of as channel_of,
+    frozen_floats,
+    moving_span as moving_span,
+)
+from palpate.domain.parameters import (
+    Parameter as Parameter,
+    ParameterSpace as ParameterSpace,
+    Prior as Prior,
+    RegionMaterial as RegionMaterial,
+    Tie as Tie,
+)
+from palpate.domain.scenarios import (
+    Normaliser as Normaliser,
+    PointWeighting as PointWeighting,
+    Scenario as Scenario,
+    weighed_channels as weighed_channels,
+    weighed_phases as weighed_phases,
+)
+from palpate.domain.surface import SurfaceStates as SurfaceStates
+from palpate.domain.waypoints import (
+    DEPTH as DEPTH,
+    MOST_TILT_DEG as MOST_TILT_DEG,
+    MOVES as MOVES,
+    ROTATION as ROTATION,
+    Waypoints as Waypoints,
+)
+from palpate.errors import (
+    MeshError,
+    SamplingError,
+    StudyError,
+)
+
+if TYPE_CHECKING:
+    from palpate.plugins.indenter import Indenter
+    from palpate.plugins.interfaces import Material
+
+IntArray = NDArray[np.int64]
+
+
+def _frozen_ints(values: ArrayLike) -> IntArray:
+    array = np.array(values, dtype=np.int64, copy=True)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Spot:
+    """A marked place on the limb: position [mm] and unit outward normal, in the frame of its mesh.
+
+    ``along`` is the direction (3,) of the x axis of the spot's frame, as far as it is tangential; by itself
+    that of :func:`palpate.mesh.spot_frame.spot_axes`.
+    """
+
+    name: str
+    position_mm: FloatArray = field(default_factory=lambda: np.zeros(3))
+    normal: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    along: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "position_mm", frozen_floats(self.position_mm))
+        normal = np.asarray(self.normal, dtype=np.float64)
+        length = float(np.linalg.norm(normal))
+        if self.position_mm.shape != (3,) or normal.shape != (3,) or not length > 0.0:
+            raise MeshError(f"spot '{self.name}': position and normal must be three numbers, normal not zero")
+        object.__setattr__(self, "normal", frozen_floats(normal / length))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Mesh:
+    """A limb's volume in elements, with named regions and named node sets.
+
+    Parameters
+    ----------
+    points_mm : (n_nodes, 3) array
+    cells : mapping of kind to (n_cells, n_nodes_of_kind) integer array
+        Kinds are the keys of :data:`palpate.mesh.topology.CELLS`, which numbers their nodes.
+    cell_regions : mapping of kind to (n_cells,) integer array
+        Index into ``regions``.
+    regions : tuple of str
+    node_sets : mapping of name to (n,) integer array
+        At least ``fixed`` (no displacement) and ``contact`` (the outer surface).
+    cell_fields : mapping of name and kind to (n_cells,) or (n_cells, 3) array
+        Data of each element for materials, such as the direction of its fibres. Vectors are in the
+        frame of the mesh.
+    """
+
+    points_mm: FloatArray
+    cells: Mapping[str, IntArray]
+    cell_regions: Mapping[str, IntArray]
+    regions: tuple[str, ...]
+    node_sets: Mapping[str, IntArray]
+    cell_fields: Mapping[str, Mapping[str, FloatArray]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points_mm", frozen_floats(self.points_mm))
+        object.__setattr__(self, "regions", tuple(self.regions))
+        fields = {
+            name: MappingProxyType({kind: frozen_floats(values) for kind, values in by_kind.items()})
+            for name, by_kind in self.cell_fields.items()
+        }
+        object.__setattr__(self, "cell_fields", MappingProxyType(fields))
+        for name in ("cells", "cell_regions", "node_sets"):
+            frozen = {key: _frozen_ints(values) for key, values in getattr(self, name).items()}
+            object.__setattr__(self, name, MappingProxyType(frozen))
+
+    @property
+    def n_nodes(self) -> int:
+        """Number of nodes."""
+        return int(self.points_mm.shape[0])
+
+    @property
+    def n_cells(self) -> int:
+        """Number of elements of all kinds."""
+        return sum(int(cells.shape[0]) for cells in self.cells.values())
+
+    @property
+    def used_regions(self) -> frozenset[str]:
+        """Regions that have elements."""
+        return frozenset(self.regions[i] for ids in self.cell_regions.values() for i in np.unique(ids))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limb:
+    """One spot and the mesh of the limb segment around it."""
+
+    spot: Spot
+    mesh: Mesh
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Indentation:
+    """Press a rigid indenter into the limb and move it: by itself along the normal, then about it.
+
+    Parameters
+    ----------
+    indenter : Indenter
+        Touches the spot at depth 0.
+    path : (n_waypoints, 2) array
+        Depth [mm] and rotation [degrees], in the order travelled, from rest at (0, 0).
+        Between waypoints both change linearly.
+    friction : float
+        Coulomb coefficient, ≥ 0.
+    tilt_deg : pair of float
+        Rotation vector of the axis of press and twist from the normal, along x and y of the spot's frame.
+    aside : (n_waypoints, 4) array, optional
+        Shifts and tilts, and ``loads`` (n_waypoints, 6) and ``time_s`` (n_waypoints,), as in
+        :class:`Waypoints`; where a load moves a component, its value is the farthest that it may move to.
+    """
+
+    indenter: "Indenter"
+    path: FloatArray
+    friction: float
+    tilt_deg: tuple[float, float] = field(default=(0.0, 0.0), metadata={"in_key": "unless default"})
+    aside: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
+    loads: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
+    time_s: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "path", frozen_floats(self.path))
+        path = self.path
+        if path.ndim != 2 or path.shape[1] != 2 or path.shape[0] < 2 or not np.isfinite(path).all():
+            raise StudyError("protocol: the path needs at least two finite rows of (depth_mm, rotation_deg)")
+        if path[0].any():
+            raise StudyError(f"protocol: the path starts at {tuple(path[0])}; start it at (0, 0)")
+        if (path[:, 0] < 0.0).any() and not path[:, 0].max() > 0.0:
+            raise StudyError(
+                f"protocol: depth {path[:, 0].min()} mm is outside the limb; press by depths > 0"
+            )
+        if not (np.isfinite(self.friction) and self.friction >= 0.0):
+            raise StudyError(f"protocol: friction {self.friction}; give a coefficient >= 0")
+        tilt_deg = tuple(map(float, self.tilt_deg))
+        if len(tilt_deg) != 2 or not np.hypot(*tilt_deg) < MOST_TILT_DEG:
+            raise StudyError(f"protocol: tilt {tilt_deg}; give two angles below {MOST_TILT_DEG:g}°")
+        object.__setattr__(self, "tilt_deg", tilt_deg)
+        if self.aside is not None and np.shape(self.aside) != (len(path), 4):
+            raise StudyError(f"protocol: shifts and tilts of shape {np.shape(self.aside)}; give four a row")
+        checked = self.waypoints
+        for name in ("aside", "loads", "time_s"):
+            if getattr(self, name) is not None:
+                values = checked.pose[:, 1:5] if name == "aside" else getattr(checked, name)
+                object.__setattr__(self, name, values)
+
+    @classmethod
+    def along(cls, waypoints: Waypoints, *, indenter: "Indenter", friction: float) -> "Indentation":
+        """Build the indentation that moves an indenter along waypoints."""
+        pose, loads = waypoints.pose, waypoints.loads
+        return cls(
+            indenter=indenter,
+            path=pose[:, [DEPTH, ROTATION]],
+            friction=friction,
+            aside=pose[:, 1:5] if pose[:, 1:5].any() else None,
+            loads=None if loads is None or np.isnan(loads).all() else loads,
+            time_s=waypoints.time_s,
+        )
+
+    @property
+    def waypoints(self) -> Waypoints:
+        """The whole motion."""
+        aside = np.zeros((len(self.path), 4)) if self.aside is None else self.aside
+        pose = np.column_stack([self.path[:, 0], aside, self.path[:, 1]])
+        return Waypoints(pose=pose, loads=self.loads, time_s=self.time_s)
+
+    @property
+    def moves(self) -> tuple[str, ...]:
+        """Parts of its motion, of :data:`palpate.domain.waypoints.MOVES`."""
+        pose = self.waypoints.pose
+        parts = (pose[:, DEPTH], pose[:, ROTATION], pose[:, 1:3], pose[:, 3:5])
+        are_moved = (*(values.any() for values in parts), self.loads is not None)
+        return tuple(name for name, is_moved in zip(MOVES, are_moved, strict=True) if is_moved)
+
+    @property
+    def columns(self) -> dict[str, FloatArray]:
+        """What the motion prescribes (n_waypoints,), by the column of balanced states."""
+        moved = self.waypoints
+        loaded = None if moved.loads is None else np.asarray(~np.isnan(moved.loads).all(axis=0))
+        return pose_columns(moved.pose, moved.time_s, loaded)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HomogeneousTests:
+    """Homogeneous deformations of one specimen: stretch paths by channel name.
+
+    The channel name selects the mode: ``uniaxial``, ``equibiaxial``,
+    ``pure_shear``, ``simple_shear`` (abscissa is the amount of shear) and
+    ``confined_compression``.
+    """
+
+    paths: Mapping[str, FloatArray]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(
+            self, "paths", MappingProxyType({k: frozen_floats(v) for k, v in self.paths.items()})
+        )
+
+
+Protocol = Indentation | HomogeneousTests
+"""Motion or deformation prescribed to the limb or specimen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Design:
+    """Parameter sets: row = ``set_id``, the same at every spot.
+
+    Parameters
+    ----------
+    parameters : tuple of Parameter
+        Full names, in column order.
+    values : (n_sets, n_parameters) array
+    seed : int
+    n_drawn : int
+        Sets drawn before the filters; ``n_sets`` of them were kept.
+    n_kept : int
+        Number of first sets that come from an earlier design with wider ranges.
+    earlier_first : (n, n_parameters) array, optional
+        First sets of that earlier design: its kept sets were simulated with these as pilots.
+    """
+
+    parameters: tuple[Parameter, ...]
+    values: FloatArray
+    seed: int
+    n_drawn: int
+    n_kept: int = 0
+    earlier_first: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", frozen_floats(self.values))
+        if self.values.ndim != 2 or self.values.shape[1] != len(self.parameters):
+            raise SamplingError(
+                f"design: values of shape {self.values.shape} for {len(self.parameters)} parameters"
+            )
+
+    def __repr__(self) -> str:
+        names = ", ".join(p.name for p in self.parameters)
+        return f"Design({self.n_sets} sets of {names}, seed {self.seed})"
+
+    @property
+    def n_sets(self) -> int:
+        """Number of sets that are simulated."""
+        return int(self.values.shape[0])
+
+    @property
+    def first_values(self) -> FloatArray:
+        """Sets (n, n_parameters) as first drawn, of which the pilots are the first."""
+        return self.values if self.earlier_first is None else self.earlier_first
+
+
+class Status(StrEnum):
+    """How a simulation ended."""
+
+    OK = "ok"
+    DIVERGED = "diverged"
+    TIMED_OUT = "timed_out"
+    UNREADABLE = "unreadable"
+    CRASHED = "crashed"
+
+    @property
+    def remedy(self) -> str:
+        """What a user can try."""
+        return {
+            Status.OK: "nothing to do",
+            Status.DIVERGED: "narrow the ranges, add a stability filter, or allow smaller steps",
+            Status.TIMED_OUT: "raise the solver's time limit or coarsen the mesh",
+            Status.UNREADABLE: "look at the solver's output for this job",
+            Status.CRASHED: "run it alone (palpate simulate STUDY --only SPOT/SET --traceback); check memory",
+        }[self]
+
+
+class SimulationId(NamedTuple):
+    """Which simulation of a study: the set ``set_id`` of its design at a spot."""
+
+    spot: str
+    set_id: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Job:
+    """One simulation to do: a parameter set at a spot.
+
+    Parameters
+    ----------
+    materials : mapping of region to Material
+    thetas : mapping of region to (n_parameters,) array
+        Textbook values in the order of the material's parameters.
+    slopes : bool
+        Whether to compute each curve's derivatives in the parameters and the friction too; only for a
+        solver that provides ``slopes``.
+    fine : bool
+        Whether to use the spot's finer mesh.
+    channels : tuple of Channel
+        What to observe of the balanced states, where the solver has them; by itself force and torque.
+    surface : bool
+        Whether the states of the skin are wanted too; only for a solver that provides ``surface``.
+    pilots : mapping of region to (n_pilots, n_parameters) array, optional
+        Sets that the solver may start this one from, with values as in ``thetas``.
+    is_pilot : bool
+        Whether other jobs start from this one; decides nothing of its result.
+    """
+
+    spot: str
+    set_id: int
+    materials: Mapping[str, "Material"]
+    thetas: Mapping[str, FloatArray]
+    protocol: Protocol
+    slopes: bool = False
+    fine: bool = False
+    channels: tuple[Channel, ...] = PRESS_AND_TWIST
+    surface: bool = False
+    pilots: Mapping[str, FloatArray] | None = None
+    is_pilot: bool = False
+
+    @property
+    def limb_name(self) -> str:
+        """Name of its limb in a batch: the spot's, or that of its finer mesh."""
+        return f"{self.spot}/fine" if self.fine else self.spot
+
+    @property
+    def id(self) -> SimulationId:
+        """Which simulation of its study this is."""
+        return SimulationId(self.spot, self.set_id)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Simulation:
+    """Result of a job. ``response`` and ``surface`` are partial if the status is ``diverged``."""
+
+    job: Job
+    status: Status
+    response: Response | None
+    message: str = ""
+    seconds: float = 0.0
+    diagnostics: Mapping[str, Any] = field(default_factory=dict)
+    surface: SurfaceStates | None = None
+
+    @property
+    def id(self) -> SimulationId:
+        """Which simulation of its study this is."""
+        return self.job.id
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class RecordedSimulation:
+    """A simulation without its job, as a ledger or a table holds it."""
+
+    id: SimulationId
+    status: Status
+    response: Response | None
+    message: str = ""
+    seconds: float = 0.0
+    diagnostics: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScoringRules:
+    """Rules that compare simulated with measured curves, and select which are ranked.
+
+    Parameters
+    ----------
+    normaliser : Normaliser
+    point_weighting : PointWeighting
+    minimum_coverage : float
+        Smallest share of measured points, each counted with its weight, that a simulated curve
+        must reach to be ranked.
+    rank_partial : bool
+        Whether the partial curve of a diverged simulation is ranked if its coverage suffices.
+    """
+
+    normaliser: Normaliser = Normaliser.MEAN_ABS
+    point_weighting: PointWeighting = PointWeighting.EQUAL
+    minimum_coverage: float = 0.95
+    rank_partial: bool = False
+
+    @property
+    def ranked_statuses(self) -> tuple[Status, ...]:
+        """Statuses of simulations whose curves are ranked."""
+        return (Status.OK, Status.DIVERGED) if self.rank_partial else (Status.OK,)
+
+    def is_enough(self, coverage: float) -> bool:
+        """Whether a coverage suffices, up to rounding."""
+        return coverage >= self.minimum_coverage - 1e-12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyTemplate:
+    """A ready study that ``palpate init`` copies: a directory with a study.toml and its data."""
+
+    name: str
+    summary: str
+    directory: str

@@ -1,0 +1,275 @@
+"""What is searched: parameters of the regions' materials, with ranges, priors and ties."""
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from palpate.domain.curves import FloatArray
+from palpate.errors import ParameterError, SamplingError
+
+if TYPE_CHECKING:
+    from palpate.plugins.interfaces import Material
+
+
+MOST_SD_OUTSIDE = 3.0
+"""Standard deviations from a range to a prior's value beyond which they contradict each other."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prior:
+    """What is known of a number before anything is fitted: a value and its standard deviation."""
+
+    value: float
+    sd: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.value) and np.isfinite(self.sd) and self.sd > 0.0):
+            raise ParameterError(f"a prior of {self.value} with sd {self.sd}; give a finite value and sd > 0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """One number that is searched, or that a material needs.
+
+    ``lower`` and ``upper`` are the default range of a sweep (region of interest);
+    ``physical_lower`` and ``physical_upper`` are the limits of physical meaning.
+    ``kind`` is ``modulus`` if it scales with stiffness and ``shape`` if it is
+    dimensionless. A sweep spreads the value evenly, or its logarithm (``scale``). ``prior`` is what
+    a fit knows of it before; with ``by_spot`` a fit of several spots finds one value for each.
+    """
+
+    name: str
+    unit: str
+    lower: float
+    upper: float
+    kind: Literal["modulus", "shape"]
+    description: str
+    physical_lower: float = -np.inf
+    physical_upper: float = np.inf
+    scale: Literal["linear", "log"] = "linear"
+    prior: Prior | None = None
+    by_spot: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.lower < self.upper:
+            raise ParameterError(
+                f"parameter '{self.name}': lower {self.lower} must be less than upper {self.upper} "
+                f"{self.unit}; swap them"
+            )
+        if self.scale == "log" and self.lower <= 0.0 <= self.upper:
+            raise ParameterError(
+                f"'{self.name}': log scale needs bounds > 0, got {self.lower:g} to {self.upper:g}"
+            )
+        for bound in (self.lower, self.upper):
+            self.check(bound)
+        if self.prior is not None:
+            self._check_prior(self.prior)
+
+    def _check_prior(self, prior: Prior) -> None:
+        outside = max(self.lower - prior.value, prior.value - self.upper) / prior.sd
+        if outside > MOST_SD_OUTSIDE:
+            raise ParameterError(
+                f"'{self.name}': a prior of {prior.value:g} with sd {prior.sd:g} {self.unit} is "
+                f"{outside:.3g} sd outside the range, {self.lower:g} to {self.upper:g}; correct either"
+            )
+
+    def check(self, value: float) -> None:
+        """Refuse a value outside the physical range, or one that is not finite.
+
+        Raises
+        ------
+        ParameterError
+        """
+        if not (np.isfinite(value) and self.physical_lower <= value <= self.physical_upper):
+            raise ParameterError(
+                f"parameter '{self.name}' = {value} {self.unit} is outside its physical range "
+                f"{self._physical_range}; give a value inside it"
+            )
+
+    @property
+    def _physical_range(self) -> str:
+        # The least positive number is how an open lower limit of zero is written.
+        if self.physical_lower == sys.float_info.min and self.physical_upper == np.inf:
+            return f"(> 0 {self.unit})"
+        return f"[{self.physical_lower}, {self.physical_upper}] {self.unit}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tie:
+    """How a parameter follows another: its value is ``factor`` times that of ``source``.
+
+    Parameters
+    ----------
+    source : str
+        Full name, ``region.parameter``.
+    factor : float or Parameter
+        Between the numbers as their regions write them, each in its unit. A ratio that is searched
+        is a parameter of the region, named after the one that follows: ``E_ratio``.
+    """
+
+    source: str
+    factor: float | Parameter
+
+    def __str__(self) -> str:
+        factor = self.plain["factor"]
+        return f"{factor if isinstance(factor, str) else f'{factor:g}'} * {self.source}"
+
+    @property
+    def plain(self) -> dict[str, str | float]:
+        """Source and factor, or name of the ratio, for records."""
+        factor = self.factor.name if isinstance(self.factor, Parameter) else self.factor
+        return {"source": self.source, "factor": factor}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RegionMaterial:
+    """The material of one region, with each parameter searched, fixed or tied to another one.
+
+    Parameters
+    ----------
+    searched : tuple of Parameter
+        With the study's ranges, in ``convention``.
+    fixed : mapping of parameter name to value
+        In ``convention``.
+    convention : str
+        Of the numbers: ``textbook``, or another key of
+        ``material.conventions``.
+    tied : mapping of parameter name to Tie
+    """
+
+    region: str
+    material: "Material"
+    searched: tuple[Parameter, ...]
+    fixed: Mapping[str, float]
+    convention: str = "textbook"
+    tied: Mapping[str, Tie] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "fixed", MappingProxyType(dict(self.fixed)))
+        object.__setattr__(self, "tied", MappingProxyType(dict(self.tied)))
+
+    @property
+    def columns(self) -> tuple[Parameter, ...]:
+        """What of the region a design has columns for: parameters and ratios of ties."""
+        ratios = (tie.factor for tie in self.tied.values() if isinstance(tie.factor, Parameter))
+        return (*self.searched, *ratios)
+
+    @property
+    def room(self) -> dict[str, float]:
+        """Relative distance of each fixed parameter that is not 0 to the nearer end of its physical range."""
+        numbers = np.array([self.fixed.get(p.name, np.nan) for p in self.material.parameters])
+        values = self.material.to_textbook(numbers, self.convention).tolist()
+        return {
+            p.name: min(value - p.physical_lower, p.physical_upper - value) / abs(value)
+            for p, value in zip(self.material.parameters, values, strict=True)
+            if p.name in self.fixed and value
+        }
+
+    def theta(self, values: Mapping[str, float]) -> FloatArray:
+        """Textbook parameters in the order of ``material.parameters``, shape (n_parameters,)."""
+        numbers = [
+            self.fixed[p.name] if p.name in self.fixed else values[p.name] for p in self.material.parameters
+        ]
+        return self.material.to_textbook(np.array(numbers), self.convention)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ParameterSpace:
+    """All searched parameters of all regions, under the names ``region.parameter``."""
+
+    regions: tuple[RegionMaterial, ...]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Searched parameters and ratios with their full names, in design column order."""
+        return tuple(replace(p, name=f"{r.region}.{p.name}") for r in self.regions for p in r.columns)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Full names of the parameters."""
+        return tuple(f"{r.region}.{p.name}" for r in self.regions for p in r.columns)
+
+    @property
+    def ties(self) -> dict[str, Tie]:
+        """Ties by the full name of the parameter that follows."""
+        return {f"{r.region}.{name}": tie for r in self.regions for name, tie in r.tied.items()}
+
+    def root(self, name: str) -> str:
+        """Full name at the end of the ties of a parameter: its own where it follows none."""
+        return self.roots(name)[0]
+
+    def roots(self, name: str) -> tuple[str, ...]:
+        """Full names that decide a parameter: the end of its ties, then the searched ratios on the way."""
+        ties, ratios = self.ties, []
+        while name in ties:
+            if isinstance(ties[name].factor, Parameter):
+                ratios.append(ratio_of(name))
+            name = ties[name].source
+        return (name, *ratios)
+
+    def columns_of(self, region: str) -> tuple[int, ...]:
+        """Design columns that the material of a region depends on."""
+        (material,) = (r.material for r in self.regions if r.region == region)
+        roots = {root for p in material.parameters for root in self.roots(f"{region}.{p.name}")}
+        return tuple(i for i, name in enumerate(self.names) if name in roots)
+
+    def complete(self, known: Mapping[str, float]) -> dict[str, float]:
+        """Values of all parameters by full name, from those of the searched ones at least.
+
+        What is not known is what the study fixes it to, or follows by its tie; NaN where neither gives it.
+        """
+        fixed = {f"{r.region}.{name}": value for r in self.regions for name, value in r.fixed.items()}
+        given, ties = {**fixed, **known}, self.ties
+
+        def value(name: str) -> float:
+            if name in given or name not in ties:
+                return given.get(name, np.nan)
+            factor = ties[name].factor
+            if isinstance(factor, Parameter):
+                factor = given.get(ratio_of(name), np.nan)
+            return factor * value(ties[name].source)
+
+        return {
+            name: value(name)
+            for r in self.regions
+            for name in (f"{r.region}.{p.name}" for p in r.material.parameters)
+        }
+
+    def thetas(self, row: FloatArray) -> dict[str, FloatArray]:
+        """Textbook parameters by region for one design row of shape (n_parameters,)."""
+        names = self.names
+        if len(row) != len(names):
+            raise SamplingError(f"a design row of {len(row)} values for {len(names)} searched parameters")
+        values = self.complete(dict(zip(names, row.tolist(), strict=True)))
+        return {
+            r.region: r.theta({p.name: values[f"{r.region}.{p.name}"] for p in r.material.parameters})
+            for r in self.regions
+        }
+
+    def written(self, thetas: Mapping[str, FloatArray]) -> dict[str, float]:
+        """Values of all parameters and ratios by full name, as regions write them; undoes :meth:`thetas`."""
+        values = {
+            f"{r.region}.{p.name}": float(value)
+            for r in self.regions
+            for p, value in zip(
+                r.material.parameters,
+                r.material.from_textbook(thetas[r.region], r.convention),
+                strict=True,
+            )
+        }
+        return values | self.ratios(values)
+
+    def ratios(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Searched ratios, by their full names, of the parameters whose values are known."""
+        pairs = {name: tie.source for name, tie in self.ties.items() if isinstance(tie.factor, Parameter)}
+        known = {name: source for name, source in pairs.items() if name in values and values.get(source)}
+        return {ratio_of(name): values[name] / values[source] for name, source in known.items()}
+
+
+def ratio_of(name: str) -> str:
+    """Name of the searched ratio of a tied parameter to the one that it follows."""
+    return f"{name}_ratio"

@@ -1,0 +1,1 @@
+"""Measured curves: reading, averaging and checking them."""

@@ -1,0 +1,367 @@
+"""Measured curves: read by the study's loader, and checked against its protocol."""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from palpate import _core
+from palpate.domain import (
+    Channel,
+    Curve,
+    FloatArray,
+    Indentation,
+    Response,
+    channel_of,
+    moving_span,
+    weighed_channels,
+    weighed_phases,
+)
+from palpate.domain.balanced_states import TIME
+from palpate.errors import CurveError, PalpateError, StudyError
+from palpate.experiment.curve_checks import check_curve, check_gaps, check_sizes
+from palpate.experiment.repeats import average, described
+from palpate.experiment.stress_checks import check_modes, check_stress
+from palpate.plugins.guard import answering_for
+from palpate.plugins.optional import LoadingDrawer
+from palpate.study.reading import Study, StudySpot, relative
+from palpate.units import convert
+
+COVERED_SHARE = 0.98
+"""Share of the protocol's travel that a measured curve must reach."""
+
+TURN_SLACK = 0.1
+"""Share of the protocol's travel by which a turning point may differ from the protocol's."""
+
+_UNITS = {"deg": "degrees"}
+"""Units of abscissae that messages spell otherwise than columns."""
+
+_OTHER_UNITS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {"mm": ("m", "cm", "inch", "µm"), "deg": ("rad",), "s": ("ms", "min")}
+)
+"""Units that an abscissa may be in by mistake, by the one that it must be in."""
+
+UNIT_SLACK = 0.03
+"""Relative difference of the protocol's travel over the measured one from a ratio of units, at most."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Presses:
+    """Curves of the files of one spot, each checked against the protocol.
+
+    Parameters
+    ----------
+    spot : StudySpot
+    responses : mapping of file name, as in messages and the manifest, to Response
+    warnings : tuple of str
+        What is odd about them.
+    """
+
+    spot: StudySpot
+    responses: Mapping[str, Response]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that any file has, in the order in which they come."""
+        return tuple(dict.fromkeys(name for response in self.responses.values() for name in response))
+
+    def curves(self, channel: str) -> dict[str, Curve]:
+        """Curves of one channel by file."""
+        return {file: r[channel] for file, r in self.responses.items() if channel in r.curves}
+
+
+def load_measured(study: Study, channels: Mapping[str, Channel]) -> dict[str, Response]:
+    """Measured response of each spot: the mean of its presses, where there are several.
+
+    Parameters
+    ----------
+    study : Study
+    channels : mapping of name to Channel
+        What each channel is measured over.
+
+    Raises
+    ------
+    CurveError
+        A file cannot be read, a channel that a scenario weights is missing at every spot, a curve
+        does not cover the protocol, or repeated presses differ in their path.
+    """
+    return {name: mean(presses) for name, presses in load_presses(study, channels).items()}
+
+
+def load_presses(study: Study, channels: Mapping[str, Channel]) -> dict[str, Presses]:
+    """Read every file of each spot; raises as :func:`load_measured`."""
+    every = {spot.spot.name: _load_spot(study, spot, channels) for spot in study.spots}
+    _check_parametrisation(study, every)
+    _check_phases(study, every, channels)
+    return _checked_weights(study, every)
+
+
+def mean(presses: Presses) -> Response:
+    """Average the presses of a spot channel by channel, with the rests and the record of each file.
+
+    Raises
+    ------
+    CurveError
+        The presses differ in their path.
+    """
+    curves: dict[str, Curve] = {}
+    averages: dict[str, object] = {}
+    for channel in presses.channels:
+        repeats = presses.curves(channel)
+        try:
+            curves[channel] = average(repeats)
+        except CurveError as error:
+            raise CurveError(f"spot '{presses.spot.spot.name}': {error}") from None
+        if len(repeats) > 1:
+            averages[channel] = described(curves[channel], repeats)
+    files = {file: response.record for file, response in presses.responses.items() if response.record}
+    record = {"files": files, "averages": averages, "warnings": list(presses.warnings)}
+    return Response(
+        curves=curves,
+        relaxations=[item for response in presses.responses.values() for item in response.relaxations],
+        record={key: what for key, what in record.items() if what},
+    )
+
+
+def measured_warnings(measured: Mapping[str, Response]) -> tuple[str, ...]:
+    """Warnings about the measured curves, spot by spot."""
+    return tuple(text for response in measured.values() for text in response.record.get("warnings", ()))
+
+
+def _load_spot(study: Study, spot: StudySpot, channels: Mapping[str, Channel]) -> Presses:
+    responses: dict[str, Response] = {}
+    read_from: dict[str, str | None] = {}
+    warnings: list[str] = []
+    for only, paths in spot.measured.items():
+        for path in paths:
+            response = _load_file(study, spot, path, only)
+            for name in response:
+                if read_from.setdefault(name, only) != only:
+                    raise CurveError(
+                        f"{path}: channel '{name}' of spot '{spot.spot.name}' is already read from "
+                        "another file; name each channel once"
+                    )
+            found = _check_response(study, spot, path, response, channels)
+            warnings += [f"{path.name}: spot '{spot.spot.name}': {text}" for text in found]
+            responses[_told(path, study, responses)] = response
+        _check_alike(spot, paths, responses)
+    if study.protocol_at(spot.spot.name) is None:
+        first = {name: curve for response in responses.values() for name, curve in response.curves.items()}
+        warnings += [f"spot '{spot.spot.name}': {text}" for text in check_modes(first, study.space)]
+    return Presses(spot=spot, responses=responses, warnings=tuple(warnings))
+
+
+def draw_files(study: Study, spot: StudySpot, folder: Path) -> tuple[Path, ...]:
+    """Let the loader draw its processing of each file of a spot, in one folder per file.
+
+    Parameters
+    ----------
+    study : Study
+    spot : StudySpot
+    folder : Path
+        Exists; gets a folder for each file, named after it.
+
+    Raises
+    ------
+    CurveError
+        A file cannot be loaded; the pictures up to there exist.
+    """
+    loader = study.loader_at(spot.spot.name)
+    drawn: list[Path] = []
+    if not isinstance(loader, LoadingDrawer):
+        return ()
+    for only, paths in spot.measured.items():
+        for path in paths:
+            own = _own_folder(folder, path.stem)
+            with answering_for(loader, f"drawing {path}"):
+                files = loader.draw(path, own, only)
+                if strays := [str(file) for file in files if not file.is_relative_to(own)]:
+                    raise ValueError(f"it wrote {', '.join(strays)} outside the folder {own}")
+            drawn += files
+    return tuple(drawn)
+
+
+def _own_folder(folder: Path, name: str) -> Path:
+    """Make a folder, with a number where files of two folders have one name."""
+    taken = sum(1 for each in folder.iterdir() if each.name.rpartition("~")[0] == name or each.name == name)
+    own = folder / (f"{name}~{taken + 1}" if taken else name)
+    own.mkdir()
+    return own
+
+
+def _load_file(study: Study, spot: StudySpot, path: Path, only: str | None) -> Response:
+    loader = study.loader_at(spot.spot.name)
+    with answering_for(loader, f"reading {path}"):
+        response = loader.load(path, only)
+        if not isinstance(response, Response):
+            raise TypeError(f"it returned a {type(response).__name__} and not a Response")
+    return response
+
+
+def _told(path: Path, study: Study, taken: Collection[str]) -> str:
+    """Path from the study's folder; the whole path of a file elsewhere whose name is taken."""
+    name = relative(path, study.folder)
+    return name if name not in taken else str(path)
+
+
+def _check_response(
+    study: Study, spot: StudySpot, path: Path, response: Response, channels: Mapping[str, Channel]
+) -> list[str]:
+    """Refuse impossible curves; return warnings, the loader's first."""
+    protocol = study.protocol_at(spot.spot.name)
+    found = [str(text) for text in response.record.get("warnings", ())]
+    try:
+        for name, curve in response.curves.items():
+            _check_known(name, channels)
+            if isinstance(protocol, Indentation):
+                check_covers(curve, channels[name], protocol, study.scoring.minimum_coverage)
+                if channels[name].abscissa in protocol.columns:
+                    check_gaps(curve)
+            else:
+                found += check_stress(curve, channels[name], study.space)
+            found += check_curve(curve, channels[name])
+        if isinstance(protocol, Indentation):
+            found += check_sizes(response, channels, protocol, study.space)
+    except PalpateError as error:
+        raise CurveError(f"{path}: spot '{spot.spot.name}': {error}") from error
+    return found
+
+
+def _check_alike(spot: StudySpot, paths: Sequence[Path], responses: Mapping[str, Response]) -> None:
+    """Refuse repeats of which one lacks a channel: its mean would be of fewer presses than reported."""
+    latest = list(responses.values())[-len(paths) :]
+    for path, response in zip(paths, latest, strict=True):
+        if missing := sorted(set(latest[0]) ^ set(response)):
+            raise CurveError(
+                f"{path}: spot '{spot.spot.name}': has channels {', '.join(response)}, and the first of its "
+                f"{len(paths)} presses {paths[0].name} has {', '.join(latest[0])}; "
+                f"measure '{missing[0]}' in each press or in none"
+            )
+
+
+def _check_known(name: str, channels: Mapping[str, Channel]) -> None:
+    if name not in channels:
+        raise CurveError(
+            f"channel '{name}' is not declared by any plugin (known: {', '.join(channels) or 'none'}); "
+            "declare it in a palpate_channels hook"
+        )
+
+
+def _check_parametrisation(study: Study, every: Mapping[str, Presses]) -> None:
+    """Refuse to search what no curve shows, such as the gain of a channel that is not measured."""
+    channels = weighed_channels(study.scenarios, (name for each in every.values() for name in each.channels))
+    with answering_for(study.parametrisation, "checking its settings"):
+        refused = list(study.parametrisation.unusable(channels, indents=study.protocol is not None))
+    for key, reason in refused:
+        raise StudyError(f"{study.place('fit', 'searched', *key)}: {reason}")
+
+
+def _check_phases(study: Study, every: Mapping[str, Presses], channels: Mapping[str, Channel]) -> None:
+    """Refuse phases of a compression: its stretch is 1 at rest, and phases go by the distance from 0."""
+    for name in weighed_phases(study.scenarios):
+        channel = channel_of(name)
+        curves = [curve for presses in every.values() for curve in presses.curves(channel).values()]
+        if channels[channel].abscissa == "stretch" and any(curve.abscissa.min() < 1.0 for curve in curves):
+            raise CurveError(
+                f"{study.place('selection', 'scenarios')}: a scenario weighs '{name}', but the stretch of "
+                f"'{channel}' is below 1, where it falls under load; weigh the whole channel"
+            )
+
+
+def _checked_weights(study: Study, every: Mapping[str, Presses]) -> dict[str, Presses]:
+    """Refuse a channel that a scenario weights and no spot measures; warn where one spot does not."""
+    checked = dict(every)
+    for scenario in study.scenarios:
+        weighted = list(dict.fromkeys(map(channel_of, scenario.weighed)))
+        for channel in weighted:
+            without = [spot for spot, presses in every.items() if channel not in presses.channels]
+            if len(without) == len(every):
+                found = dict.fromkeys(name for presses in every.values() for name in presses.channels)
+                raise CurveError(
+                    f"{study.place('selection', 'scenarios')}: no spot has a channel '{channel}', which "
+                    f"scenario '{scenario.name}' weights (found: {', '.join(found) or 'none'}); measure it "
+                    "or leave the scenario out"
+                )
+            for spot in without:
+                left = " + ".join(c for c in weighted if c in every[spot].channels) or "nothing"
+                warning = f"spot '{spot}' has no channel '{channel}': '{scenario.name}' weighs {left} there"
+                checked[spot] = replace(checked[spot], warnings=(*checked[spot].warnings, warning))
+    return checked
+
+
+def check_covers(
+    curve: Curve, channel: Channel, protocol: Indentation, minimum_coverage: float = 0.0
+) -> None:
+    """Refuse a measured curve that does not follow the protocol.
+
+    It must cover ``COVERED_SHARE`` of the protocol's travel, turn where the protocol
+    does and as often, and be within it for at least ``minimum_coverage`` of its points. Only
+    channels over what the protocol prescribes are checked.
+
+    Raises
+    ------
+    CurveError
+        With the covered and the required travel.
+    """
+    asked, unit = protocol.columns.get(channel.abscissa), channel.units[0]
+    if asked is None:
+        if channel.abscissa == TIME and protocol.time_s is None:
+            raise CurveError(
+                f"channel '{curve.channel}' is measured over time, and the protocol's motion has no times; "
+                "name a motion that has them, or leave the channel out"
+            )
+        return
+    if not np.ptp(asked) > 0.0:
+        raise CurveError(
+            f"channel '{curve.channel}' is measured over {channel.abscissa}, which the protocol does not "
+            "move; add it to the protocol's path or leave the channel out"
+        )
+    for problem in _departures(curve, asked, unit, minimum_coverage):
+        raise CurveError(f"channel '{curve.channel}' {problem}")
+
+
+def _departures(curve: Curve, asked: FloatArray, written_unit: str, minimum_coverage: float) -> Iterator[str]:
+    unit = _UNITS.get(written_unit, written_unit)
+    low, high = float(asked.min()), float(asked.max())
+    least, most = float(curve.abscissa.min()), float(curve.abscissa.max())
+    covered = f"covers {least:g} to {most:g} {unit} where the protocol runs from {low:g} to {high:g} {unit}"
+    slack = (1.0 - COVERED_SHARE) * (high - low)
+    times = float(np.abs(asked).max() / np.abs(curve.abscissa).max())
+    for other in _OTHER_UNITS.get(written_unit, ()):
+        factor = convert(f"1 {other}", written_unit)
+        if abs(times / factor - 1.0) < UNIT_SLACK:
+            yield (
+                f"{covered}, {times:.3g} times as far, as if the file were in {other}: with loader csv, set "
+                f"scale = {factor:g} in channels.{curve.channel}.abscissa of [experiment.settings], or check "
+                "the unit in [protocol]"
+            )
+    if least > low + slack or most < high - slack:
+        yield f"{covered}; measure the whole path or shorten the protocol"
+    outside = (curve.abscissa < low - slack) | (curve.abscissa > high + slack)
+    if 1.0 - outside.mean() < minimum_coverage:
+        yield f"{covered}; cut the curve or extend the protocol"
+    path = np.ascontiguousarray(asked[moving_span(asked)])
+    planned = [float(path[stop - 1]) for _, stop in _core.branches(path)]
+    travelled = [float(curve.abscissa[stop - 1]) for _, stop in curve.branches]
+    turns, allowed = len(travelled) - 1, len(planned) - 1
+    if turns > allowed:
+        turning_point = curve.branches[allowed + 1][0]
+        yield (
+            f"turns {turns} times where the protocol turns {allowed} times (first at row "
+            f"{turning_point}, {curve.abscissa[turning_point]:g} {unit}); smooth its abscissa"
+        )
+    for k, (end, goal) in enumerate(zip(travelled[:-1], planned[:-1], strict=False)):
+        if abs(end - goal) > TURN_SLACK * (high - low):
+            yield (
+                f"goes to {end:g} {unit} {'then' if k else 'first'} where the protocol goes to {goal:g} "
+                f"{unit}; give [protocol] the order and signs of the measured path, or turn the sign of "
+                "the column"
+            )
+    if turns < allowed:
+        yield (
+            f"turns {turns} times where the protocol turns {allowed} times; measure the whole path "
+            "or shorten the protocol"
+        )

@@ -1,0 +1,268 @@
+"""Checks of measured stresses of homogeneous tests, by the mode and the study's ranges.
+
+An isotropic material that keeps its volume has one stress in each mode, which follows from its energy. What
+the ranges of a study can give bounds what may have been measured.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from itertools import combinations
+from types import MappingProxyType
+
+import numpy as np
+
+from palpate.domain import Channel, Curve, FloatArray, IntArray, ParameterSpace
+from palpate.errors import CurveError
+from palpate.experiment.curve_checks import BIAS, LARGEST_BIAS, thetas_of_ranges
+from palpate.plugins.guard import answering_for
+from palpate.plugins.interfaces import IsotropicMaterial
+
+LARGEST_STRETCH = 20.0
+"""Stretch, or amount of shear, that no soft material reaches."""
+
+NEAR_REST = 0.25
+"""Distance from a value up to which a first point counts as being there."""
+
+ODD_STRESS = (1 / 10, 2.0)
+"""Outside these multiples of what the study's ranges can give a stress is a warning …"""
+
+LARGEST_STRESS = (1 / 30, 10.0)
+"""… and outside these it is refused."""
+
+EARLY = 0.3
+"""Logarithm of the stretch up to which stresses are compared with the least that the ranges give."""
+
+OTHER_RATIO = 0.1
+"""Relative difference of two tests' ratio from what the ranges give, above which they may be exchanged."""
+
+LEAST_TRAVEL = 0.01
+"""Share of the first branch up to which a stress may be noise, or the rest of an earlier test."""
+
+_MOST_POINTS = 50
+_STEP = 1e-5
+
+
+def _along(power: float, *, twice: bool = False) -> Callable[[FloatArray], FloatArray]:
+    return lambda t: np.stack([t, t if twice else t ** (-1.0 - power), t**power], axis=-1)
+
+
+def _sheared(amount: FloatArray) -> FloatArray:
+    long = np.hypot(1.0, amount / 2.0) + amount / 2.0
+    return np.stack([long, 1.0 / long, np.ones_like(long)], axis=-1)
+
+
+_MODES: Mapping[str, Callable[[FloatArray], FloatArray]] = MappingProxyType(
+    {
+        "uniaxial": _along(-0.5),
+        "equibiaxial": _along(-2.0, twice=True),
+        "pure_shear": _along(-1.0),
+        "simple_shear": _sheared,
+        "confined_compression": lambda t: np.stack([t, np.ones_like(t), np.ones_like(t)], axis=-1),
+    }
+)
+"""Principal stretches (n, 3) of what a test prescribes (n,), by its channel."""
+
+
+def check_stress(curve: Curve, channel: Channel, space: ParameterSpace) -> list[str]:
+    """Check one curve of a homogeneous test; one of another channel is passed over.
+
+    Returns
+    -------
+    list of str
+        What is odd.
+
+    Raises
+    ------
+    CurveError
+        What cannot be.
+    """
+    if curve.channel not in _MODES or not curve.ordinate.any():  # scoring refuses a curve of zeros
+        return []
+    _check_abscissa(curve, channel)
+    start, stop = curve.branches[0]
+    path = np.linspace(start, stop - 1, min(stop - start, _MOST_POINTS)).astype(np.int64)
+    stresses = stresses_of_ranges(space, curve.channel, curve.abscissa[path])
+    found = [*_start(curve, channel, stresses)]
+    found += [*_sign(curve, channel)] if not found else []
+    found += [*_size(curve, channel, path, stresses)]
+    return [f"channel '{curve.channel}': {each}" for each in found]
+
+
+def _at(curve: Curve, channel: Channel, row: int) -> str:
+    return f"{channel.ordinate} is {curve.ordinate[row]:.4g} at {channel.abscissa} {curve.abscissa[row]:.4g}"
+
+
+def _set(curve: Curve, axis: str, setting: str) -> str:
+    return f"with loader csv, set {setting} in channels.{curve.channel}.{axis} of [experiment.settings]"
+
+
+def _check_abscissa(curve: Curve, channel: Channel) -> None:
+    """Refuse a strain, or the stress, in place of the stretch."""
+    x, is_stretch = curve.abscissa, channel.abscissa == "stretch"
+    least, most = float(x.min()), float(x.max())
+    if np.abs(x).max() <= LARGEST_STRETCH and not (is_stretch and (least <= 0.0 or x[0] < NEAR_REST)):
+        return
+    found = f"channel '{curve.channel}': {channel.abscissa} goes from {x[0]:.4g} to {x[-1]:.4g}"
+    if is_stretch and abs(curve.ordinate[0] - 1.0) < NEAR_REST:
+        raise CurveError(
+            f"{found} and {channel.ordinate} begins at {curve.ordinate[0]:.4g}, where a stretch begins at 1 "
+            "and a stress at 0: the columns are swapped; exchange their names in the header line, or in "
+            f"channels.{curve.channel} of [experiment.settings]"
+        )
+    if max(-least, most) > LARGEST_STRETCH:
+        settings = "scale = 0.01, offset = 1" if is_stretch else "scale = 0.01"
+        raise CurveError(
+            f"{found}, which no soft material reaches, as of a strain in percent; "
+            f"{_set(curve, 'abscissa', settings)}"
+        )
+    raise CurveError(
+        f"{found}, where a stretch begins at 1 and is always positive: this is a strain; "
+        f"{_set(curve, 'abscissa', 'offset = 1')}"
+    )
+
+
+def _from_rest(values: FloatArray, channel: Channel) -> FloatArray:
+    return values - 1.0 if channel.abscissa == "stretch" else values
+
+
+def _sign(curve: Curve, channel: Channel) -> Iterator[str]:
+    """A stress that has another sign than its strain."""
+    along = np.sign(_from_rest(curve.abscissa, channel)) * curve.ordinate
+    row, peak = int(along.argmin()), float(np.abs(along).max())
+    if along[row] >= -BIAS * peak:
+        return
+    what = f"{_at(curve, channel, row)}, and a specimen resists: it is positive in tension, negative else"
+    if along.max() < 0.5 * peak:
+        raise CurveError(
+            f"channel '{curve.channel}': {what}; turn its sign: {_set(curve, 'ordinate', 'scale = -1')}"
+        )
+    if along[row] < -LARGEST_BIAS * peak:
+        raise CurveError(
+            f"channel '{curve.channel}': {what}; subtract the bias of the load cell, or check the columns"
+        )
+    yield f"{what}; subtract the bias of the load cell, or leave out what is measured of a slack specimen"
+
+
+def _start(curve: Curve, channel: Channel, stresses: FloatArray) -> Iterator[str]:
+    """A stress at the first point that is above what the ranges give there."""
+    peak, start = float(np.abs(curve.ordinate).max()), float(np.abs(curve.ordinate[0]))
+    near = abs(float(_from_rest(curve.abscissa[:1], channel)[0])) < NEAR_REST
+    excess = start - float(np.abs(stresses[:, 0]).max(initial=0.0)) * ODD_STRESS[1]
+    excess -= 0.0 if curve.std is None else 3.0 * float(curve.std[0])
+    if len(stresses) and near and excess > BIAS * peak:
+        yield (
+            f"{_at(curve, channel, 0)}, {start / peak:.0%} of its peak, where it must be next to 0; subtract "
+            f"the bias of the load cell: {_set(curve, 'ordinate', 'offset = minus its reading at rest')}"
+        )
+
+
+def _size(curve: Curve, channel: Channel, path: IntArray, stresses: FloatArray) -> Iterator[str]:
+    """A rise of the stress that no set of the ranges can give."""
+    if not len(stresses):
+        return
+    measured = np.abs(curve.ordinate[path] - curve.ordinate[path[0]])
+    travel = np.abs(curve.abscissa[path] - curve.abscissa[path[0]])
+    is_counted = (measured >= BIAS * np.abs(curve.ordinate).max()) & (travel >= LEAST_TRAVEL * travel[-1])
+    counted = np.flatnonzero(is_counted)
+    if not counted.size:
+        return
+    given = np.abs(stresses - stresses[:, :1])
+    least, most = (end(given, axis=0) for end in (np.min, np.max))
+    at = int(counted[(measured[counted] / most[counted]).argmax()])
+    times, factor = measured[at] / most[at], most[at]
+    if times <= ODD_STRESS[1]:
+        early = counted[np.abs(_from_rest(curve.abscissa[path[counted]], channel)) < np.expm1(EARLY)]
+        if not early.size or not least[early].all():
+            return
+        at = int(early[(measured[early] / least[early]).argmax()])
+        times, factor = measured[at] / least[at], least[at]
+        if times >= ODD_STRESS[0]:
+            return
+    text = (
+        f"{_at(curve, channel, int(path[at]))}, {times:.3g} times what the ranges of the study give "
+        f"{'at most' if times > 1.0 else 'at least'} ({factor:.3g} MPa from the first point); check the unit "
+        f"of the stress ({_set(curve, 'ordinate', 'scale = 0.001')} for kPa), of the ranges in "
+        "[region], and this row"
+    )
+    if not LARGEST_STRESS[0] <= times <= LARGEST_STRESS[1]:
+        raise CurveError(f"channel '{curve.channel}': {text}")
+    yield text
+
+
+def stresses_of_ranges(space: ParameterSpace, mode: str, amounts: FloatArray) -> FloatArray:
+    """Nominal stresses (n_sets, n) [MPa] of a mode at the ends and middles of the ranges.
+
+    No set where there are several regions, or the material has directions or too many parameters.
+    """
+    none = np.zeros((0, amounts.size))
+    thetas = thetas_of_ranges(space, space.regions[0], n_levels=3) if len(space.regions) == 1 else None
+    material, shapes = space.regions[0].material, _MODES[mode]
+    if not thetas or not isinstance(material, IsotropicMaterial):
+        return none
+    ends = np.concatenate([shapes(amounts + _STEP), shapes(amounts - _STEP)])
+    with answering_for(material, "energy at the ends of the ranges"), np.errstate(all="ignore"):
+        energies = np.stack([np.asarray(material.energy(ends, theta)) for theta in thetas])
+    slopes = (energies[:, : amounts.size] - energies[:, amounts.size :]) / (2.0 * _STEP)
+    stresses = slopes * (0.5 if mode == "equibiaxial" else 1.0)
+    return np.asarray(stresses[np.isfinite(stresses).all(axis=1)])
+
+
+# ------------------------------------------------------------------ two tests
+
+
+def check_modes(curves: Mapping[str, Curve], space: ParameterSpace) -> list[str]:
+    """Say which tests of one specimen are the same numbers, and which two seem to be exchanged."""
+    found, exchanged = [], []
+    for one, other in combinations([name for name in curves if name in _MODES], 2):
+        a, b = curves[one], curves[other]
+        if np.array_equal(a.abscissa, b.abscissa) and np.array_equal(a.ordinate, b.ordinate):
+            found.append(
+                f"'{one}' and '{other}' are the same numbers; give each test its own file under measured, or "
+                "leave one out"
+            )
+        elif "simple_shear" not in (one, other) and (off := _exchanged(a, b, space)):
+            exchanged.append((off, one, other))
+    # Two files that are exchanged disagree with the third as well, by less.
+    for _, one, other in sorted(exchanged)[-1:]:
+        found.append(
+            f"'{one}' and '{other}' have the ratio of stresses that the study's material has when they are "
+            "exchanged; check which file is which test, under measured"
+        )
+    return found
+
+
+def _exchanged(a: Curve, b: Curve, space: ParameterSpace) -> float:
+    """Distance of the logarithm of two stresses' ratio from what the ranges give, over stretch.
+
+    0 where it is small, or is no smaller the other way round. The stresses are those from the first stretch
+    that both have, so that a bias is no part of them.
+    """
+    firsts = [curve.cut(slice(*curve.branches[0])) for curve in (a, b)]
+    low = max(float(curve.abscissa.min()) for curve in firsts)
+    high = min(float(curve.abscissa.max()) for curve in firsts)
+    amounts = np.linspace(max(low, np.exp(-2.0 * EARLY)), min(high, np.exp(2.0 * EARLY)), 15)
+    if not abs(np.log(high / low)) > EARLY / 3.0 or amounts[-1] <= amounts[0]:
+        return 0.0
+    if abs(amounts[0] - 1.0) > abs(amounts[-1] - 1.0):
+        amounts = amounts[::-1]
+    given = [stresses_of_ranges(space, curve.channel, amounts) for curve in firsts]
+    if not all(len(each) for each in given):
+        return 0.0
+    orders = [np.argsort(curve.abscissa) for curve in firsts]
+    measured = [
+        np.interp(amounts, curve.abscissa[order], curve.ordinate[order])
+        for curve, order in zip(firsts, orders, strict=True)
+    ]
+    with np.errstate(all="ignore"):
+        ratio = np.log(_rise(measured[0]) / _rise(measured[1]))
+        ratios = np.log(_rise(given[0]) / _rise(given[1]))
+    ratios = ratios[np.isfinite(ratios).all(axis=1)]
+    if not len(ratios) or not np.isfinite(ratio).all():
+        return 0.0
+    ends = ratios.min(axis=0), ratios.max(axis=0)
+    off, off_exchanged = (float(np.median(np.abs(each - np.clip(each, *ends)))) for each in (ratio, -ratio))
+    return off if off > OTHER_RATIO and off_exchanged < 0.5 * off else 0.0
+
+
+def _rise(stresses: FloatArray) -> FloatArray:
+    """Stresses (..., n − 3) above the first one; the three next to it are mostly noise."""
+    return np.asarray(stresses[..., 3:] - stresses[..., :1])

@@ -1,0 +1,115 @@
+"""What a run has found, for all spots together: the values, and what they mean at each spot."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from palpate.domain import Job, Response
+from palpate.errors import StudyError
+from palpate.plugins.guard import answering_for
+from palpate.plugins.parametrisation import SpotInputs, at_spot
+from palpate.run.result import ALL_SPOTS, FitResult
+from palpate.simulation.jobs import homogeneous_tests
+from palpate.study.reading import Study
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fitted:
+    """The joint fit of a run, or else the best set of its sweep.
+
+    Parameters
+    ----------
+    source : str
+        ``fit``, or ``set 12`` of the sweep.
+    fit : str
+        Its label in the tables of the fit: ``all spots``, or the only spot.
+    scenario : str
+    values : mapping of name to float
+        What was searched, ``<name>@<spot>`` where each spot has its own, in the units of the materials.
+    spots : tuple of str
+        Whose curves it was fitted to.
+    """
+
+    source: str
+    fit: str
+    scenario: str
+    values: Mapping[str, float]
+    spots: tuple[str, ...]
+
+
+def fitted(study: Study, selection: pl.DataFrame, generalisation: pl.DataFrame, fit: FitResult) -> Fitted:
+    """Find what leads a run: the joint fit, the set for all spots, or the best set of the only spot.
+
+    Raises
+    ------
+    StudyError
+        Nothing was fitted or selected in the scenario that generalises.
+    """
+    main = study.generalise_by
+    for rows in _candidates(study, main, selection, generalisation, fit):
+        if rows.is_empty():
+            continue
+        by_spot = {row["spot"]: row for row in rows.iter_rows(named=True)}
+        spots = tuple(spot for spot in study.spot_names if spot in by_spot)
+        first = by_spot[spots[0]]
+        return Fitted(
+            source="fit" if "fit" in first else f"set {first['set_id']}",
+            fit=first.get("fit") or (ALL_SPOTS if len(study.spots) > 1 else spots[0]),
+            scenario=main,
+            values=dict(_values(study, by_spot, spots)),
+            spots=spots,
+        )
+    raise StudyError(
+        f"{study.file}: nothing is fitted or selected in scenario '{main}'; run `palpate run`, or see the "
+        "report for why every set failed"
+    )
+
+
+def _candidates(
+    study: Study, main: str, selection: pl.DataFrame, generalisation: pl.DataFrame, fit: FitResult
+) -> Iterator[pl.DataFrame]:
+    yield fit.joint(main)
+    alone = len(study.spots) == 1
+    for frame in (fit.of_each_spot, selection) if alone else ():
+        yield frame if frame.is_empty() else frame.filter(pl.col("scenario") == main)
+    yield generalisation
+
+
+def _values(
+    study: Study, by_spot: Mapping[str, Mapping[str, Any]], spots: Sequence[str]
+) -> Iterator[tuple[str, float]]:
+    is_fit = any("fit" in row for row in by_spot.values())
+    with answering_for(study.parametrisation, "asking what it searches"):
+        searched = study.parametrisation.parameters(study.space, spots)
+    for name in [p.name for p in searched] if is_fit else study.space.names:
+        head, _, spot = name.partition("@")
+        yield name, float(by_spot[spot or spots[0]][head])
+
+
+def inputs_at(
+    study: Study, spot: str, values: Mapping[str, float], measured: Mapping[str, Response]
+) -> SpotInputs:
+    """What is simulated at a spot for values by name; those of a sweep's set name the materials' alone."""
+    protocol = study.protocol_at(spot) or homogeneous_tests(measured[spot])
+    at = at_spot(values, spot)
+    searched = study.parametrisation.parameters(study.space, study.spot_names)
+    if not {p.name.partition("@")[0] for p in searched} <= at.keys():
+        row = np.array([at[name] for name in study.space.names])
+        return SpotInputs(thetas=study.space.thetas(row), protocol=protocol)
+    with answering_for(study.parametrisation, f"what it gives spot '{spot}'"):
+        return study.parametrisation.inputs(study.space, spot, protocol, values)
+
+
+def job_of(study: Study, spot: str, inputs: SpotInputs, *, surface: bool = False) -> Job:
+    """Make the job of these inputs, with the states of the skin or without."""
+    return Job(
+        spot=spot,
+        set_id=-1,  # of no row of the design
+        materials={region.region: region.material for region in study.space.regions},
+        thetas=inputs.thetas,
+        protocol=inputs.protocol,
+        surface=surface,
+    )

@@ -1,0 +1,1 @@
+"""Meshes of limbs: loading and checking them."""

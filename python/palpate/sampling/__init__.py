@@ -1,0 +1,1 @@
+"""Parameter sets: samplers, filters and the design of a study."""

@@ -1,0 +1,1 @@
+"""Scores of simulated against measured curves, and the sets that they select."""

@@ -1,0 +1,1 @@
+"""Simulations: jobs, the sweep, what they cost, and their verification."""

@@ -1,0 +1,306 @@
+"""Simulations of a run: from its ledger, from the cache, else through an executor, each key once.
+
+Only this process writes results. A job that crashed is tried again by the next run; one that is
+quarantined only with more attempts.
+"""
+
+import contextlib
+import functools
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from palpate.domain import Job, Limb, Simulation, Status
+from palpate.errors import PluginError, StoppedError
+from palpate.executors import Batch, JobResult, Limits, Processes
+from palpate.executors.attempts import job_result
+from palpate.plugins.execution import Executor
+from palpate.plugins.guard import answering_for
+from palpate.progress import SILENT, CountsRunning, Progress
+from palpate.run.keys import JobKeys
+from palpate.run.ledger import Entry, Finished, Ledger, Writer
+from palpate.run.ledger.cache import ResultCache
+from palpate.run.ledger.format import disk_errors
+from palpate.run.surface_files import read_surface, surface_path, write_surface
+from palpate.simulation.cost import cost
+from palpate.study.reading import Study
+
+USUAL_BYTES = 15_000
+"""Default size of a simulation on the disk: two curves of 300 points."""
+
+_Found = Iterator[tuple[str, Simulation]]
+"""Simulations with their keys."""
+
+
+def _no_check() -> None:
+    """Default check: no lock is held."""
+
+
+class Simulations:
+    """Simulations of all stages of a command, as a context: each key once, every result stored.
+
+    The stages use it in turn; the executor and the ledger stay open until the end.
+    A stage that is stopped and runs again gets the same results.
+
+    Parameters
+    ----------
+    study : Study
+    folder : Path
+        The run directory; nothing is written there before the first simulation.
+    limbs : mapping of limb name to Limb
+    progress : Progress
+    check : callable
+        Raises where the lock on the folder is lost.
+
+    Attributes
+    ----------
+    known : mapping of key to Simulation
+        Every one that was asked for so far.
+    """
+
+    def __init__(
+        self,
+        study: Study,
+        folder: Path,
+        limbs: Mapping[str, Limb],
+        progress: Progress = SILENT,
+        check: Callable[[], None] = _no_check,
+    ) -> None:
+        self.study = study
+        self.folder = folder
+        self.limbs = limbs
+        self.progress = progress
+        self._check = check
+        self._keys = JobKeys(study.solver, limbs, study.trusted)
+        self.known: dict[str, Simulation] = {}
+        self._opened = contextlib.ExitStack()
+
+    def __enter__(self) -> "Simulations":
+        self._executor = self._opened.enter_context(executor_of(self.study))
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self._opened.__exit__(*raised)  # type: ignore[arg-type]
+
+    def key(self, job: Job) -> str:
+        """Return the key under which a job is simulated once."""
+        return self._keys.key(job)
+
+    def plan(self, jobs: Sequence[Job]) -> None:
+        """Note the jobs of the sweep that begins, and begin its stage.
+
+        Raises
+        ------
+        LedgerError
+            The ledger cannot be written, or is damaged.
+        """
+        keys = list(map(self.key, jobs))
+        self._writer.plan(keys, jobs)
+        self.progress.begin("simulate", len(jobs))
+        left = cost(self.study, dict(zip(keys, jobs, strict=True)), self.folder, self.limbs)
+        if left.n_left and left.seconds_each is not None:
+            self.progress.note(str(left))
+        final, _ = self._kept
+        self._warn_of_full_disk(len(set(keys) - final - self.known.keys()))
+
+    def of(self, jobs: Sequence[Job]) -> list[Simulation]:
+        """Return the simulation of each job; each is a step of the running stage.
+
+        Raises
+        ------
+        LedgerError
+            The ledger cannot be written, or is damaged.
+        StoppedError
+            The caller requested a stop; finished results are kept.
+        """
+        keys = list(map(self.key, jobs))
+        n_jobs, writer = Counter(keys), self._writer
+        by_key: dict[str, Job] = {}
+        for key, job in zip(keys, jobs, strict=True):
+            by_key.setdefault(key, job)
+        for source in (self._in_memory, self._in_ledger, self._in_cache, self._simulated):
+            for key, simulation in source(by_key):
+                self.known[key] = simulation
+                for _ in range(n_jobs[key]):
+                    self.progress.step(simulation.status.value)
+            by_key = {key: job for key, job in by_key.items() if key not in self.known}
+        writer.flush()
+        if by_key:
+            raise StoppedError(
+                f"stopped with {len(n_jobs) - len(by_key)} of {len(n_jobs)} simulations finished and kept; "
+                f"`palpate run {self.folder}` continues the run"
+            )
+        return [of_job(self.known[key], job) for key, job in zip(keys, jobs, strict=True)]
+
+    # -------------------------------------------------------- where they come from
+
+    def _in_memory(self, by_key: Mapping[str, Job]) -> _Found:
+        return ((key, self.known[key]) for key in by_key if key in self.known)
+
+    def _in_ledger(self, by_key: Mapping[str, Job]) -> _Found:
+        final, gone = self._kept
+        if lost := len(gone & by_key.keys()):
+            self.progress.note(
+                f"curves of {lost} simulations are missing or incomplete; they are computed again"
+            )
+        kept = {key: job for key, job in by_key.items() if key in final}
+        if kept:
+            with Ledger(self.folder) as ledger:
+                for key, simulation in ledger.simulations(kept).items():
+                    if (whole := self._with_surface(key, simulation)) is not None:
+                        yield key, whole
+
+    def _in_cache(self, by_key: Mapping[str, Job]) -> _Found:
+        if self.study.cache is None:
+            return
+        cache = ResultCache(self.study.cache)
+        for key, job in by_key.items():
+            if (simulation := cache.load(key, job)) is not None:
+                self._keep_surface(key, simulation)
+                self._writer.store(Finished(key=key, simulation=simulation))
+                yield key, simulation
+
+    def _simulated(self, by_key: Mapping[str, Job]) -> _Found:
+        if not by_key or not self.progress.should_continue():
+            return
+        # Results of trusted code are not shared: they are for this run only.
+        shared = self.study.cache if not self.study.trusted else None
+        cache = ResultCache(shared) if shared else None
+        for batch in _pilots_first(by_key):
+            keys, jobs = list(batch), list(batch.values())
+            for result in results(self.study, self._executor, jobs, self.limbs, self.progress):
+                key, simulation = keys[result.index], result.simulation(jobs[result.index])
+                quarantined = self.study.n_attempts if result.quarantined else 0
+                self._keep_surface(key, simulation)
+                self._writer.store(Finished(key=key, simulation=simulation, quarantined=quarantined))
+                if cache is not None:
+                    cache.store(key, simulation)
+                yield key, simulation
+
+    def _keep_surface(self, key: str, simulation: Simulation) -> None:
+        """Write the states of the skin, before the ledger has the simulation."""
+        if simulation.surface is not None:
+            self._check()
+            with disk_errors(self.folder):
+                write_surface(surface_path(self.folder, key), simulation.surface)
+
+    def _with_surface(self, key: str, simulation: Simulation) -> Simulation | None:
+        """A stored simulation with its states of the skin; None where they are gone, to be done again."""
+        if not simulation.job.surface:
+            return simulation
+        states = read_surface(surface_path(self.folder, key))
+        is_gone = states is None and simulation.status is Status.OK
+        return None if is_gone else replace(simulation, surface=states)
+
+    # ------------------------------------------------------------------- the ledger
+
+    @functools.cached_property
+    def _writer(self) -> Writer:
+        writer = self._opened.enter_context(Writer(self.folder, self._check))
+        if writer.repaired:
+            self.progress.note(writer.repaired)
+        return writer
+
+    @functools.cached_property
+    def _kept(self) -> tuple[set[str], set[str]]:
+        """Keys that earlier commands have finished for good, and keys whose curves are gone."""
+        with Ledger(self.folder) as ledger:
+            entries, gone = ledger.entries(), ledger.without_curves()
+        final = {key for key, entry in entries.items() if is_final(entry, self.study)}
+        return final - gone, gone
+
+    def _warn_of_full_disk(self, n_left: int) -> None:
+        """Warn before the first simulation if the disk may become full."""
+        with Ledger(self.folder) as ledger:
+            wanted_MB = n_left * (ledger.bytes_each() or USUAL_BYTES) * 1e-6
+        free_MB = shutil.disk_usage(self.folder).free * 1e-6
+        if wanted_MB > free_MB:
+            self.progress.note(
+                f"{self.folder}: {free_MB:.1f} MB are free, but the {n_left} remaining simulations need "
+                f"about {wanted_MB:.1f} MB; free disk space or name another folder; a full disk stops a run "
+                "but loses nothing"
+            )
+
+
+def _pilots_first(by_key: Mapping[str, Job]) -> Iterator[dict[str, Job]]:
+    """Batches, those first that others start from: so no worker has to repeat them."""
+    batches: dict[int, dict[str, Job]] = {}
+    for key, job in by_key.items():
+        n_pilots = len(next(iter(job.pilots.values()))) if job.pilots else 0
+        batches.setdefault(n_pilots, {})[key] = job
+    return (batches[n_pilots] for n_pilots in sorted(batches))
+
+
+def is_final(entry: Entry, study: Study) -> bool:
+    """Whether a finished simulation stays as it is, rather than being tried again."""
+    match entry.status:
+        case Status.TIMED_OUT:
+            return study.time_limit_s <= entry.seconds
+        case Status.CRASHED:
+            return entry.quarantined >= study.n_attempts
+        case _:
+            return True
+
+
+def of_job(simulation: Simulation, job: Job) -> Simulation:
+    """Put the result under another name, where two jobs have one key."""
+    return simulation if simulation.job is job else replace(simulation, job=job)
+
+
+@contextlib.contextmanager
+def executor_of(study: Study) -> Iterator[Executor]:
+    """Where the study lets its jobs run; closed at the end."""
+    executor = study.executor or Processes()
+    try:
+        yield executor
+    finally:
+        with answering_for(executor, "closing it"):
+            executor.close()
+
+
+def results(
+    study: Study,
+    executor: Executor,
+    jobs: Sequence[Job],
+    limbs: Mapping[str, Limb],
+    progress: Progress = SILENT,
+) -> Iterator[JobResult]:
+    """Results of jobs, each as it comes; nothing is kept.
+
+    Raises
+    ------
+    ExecutorError, PluginError
+        They cannot be submitted, or the executor violates its contract.
+    """
+    limits = Limits(time_s=study.time_limit_s, memory_MB=study.memory_limit_MB, n_attempts=study.n_attempts)
+    batch = Batch(
+        solver=study.solver,
+        jobs=jobs,
+        limbs=limbs,
+        limits=limits,
+        n_workers=study.n_workers,
+        plugin_files=study.plugin_files,
+        should_continue=progress.should_continue,
+        running=progress.running if isinstance(progress, CountsRunning) else lambda n_running: None,
+    )
+    waiting = set(range(len(jobs)))
+    with answering_for(executor, "starting the simulations"):
+        found = iter(executor.results(batch))
+    while True:
+        with answering_for(executor, "running the simulations"):
+            result = next(found, None)
+            if result is None:
+                break
+            if not isinstance(result, JobResult) or result.index not in waiting:
+                raise ValueError(f"it yielded {result!r:.200}, not the JobResult of a job that was waiting")
+        waiting.discard(result.index)
+        job = jobs[result.index]
+        sound = job_result(result.index, job, result.simulation(job), result.seconds)
+        yield replace(sound, quarantined=result.quarantined)
+    if waiting and progress.should_continue():
+        raise PluginError(
+            f"executor '{executor.name}' ended without a result for {len(waiting)} of {len(jobs)} jobs; "
+            "finished results are kept; set executor.name = 'processes', or report it to the plugin's author"
+        )

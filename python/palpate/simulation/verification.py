@@ -1,0 +1,99 @@
+"""Verification of the selected sets by their solver, such as with halved steps.
+
+It may cost as much as a simulation, so only sets that were selected are verified.
+"""
+
+import contextlib
+import hashlib
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import polars as pl
+
+from palpate.domain import Design, Limb, Response, Simulation, SimulationId
+from palpate.errors import PalpateError, StoppedError, StudyError
+from palpate.executors.answers import plain
+from palpate.plugins.guard import answering_for
+from palpate.plugins.interfaces import Solver
+from palpate.plugins.optional import Verifier
+from palpate.progress import Progress
+from palpate.run.directory import RunDirectory
+from palpate.run.keys import job_key
+from palpate.simulation.jobs import stored
+from palpate.study.reading import Study
+
+
+def verify(
+    study: Study,
+    run: RunDirectory,
+    design: Design,
+    limbs: Mapping[str, Limb],
+    measured: Mapping[str, Response],
+    progress: Progress,
+) -> pl.DataFrame:
+    """Let the solver verify every selected set, and the generalised one; none is verified twice.
+
+    Returns
+    -------
+    DataFrame
+        One row per verified spot and set: spot, set_id, passed,
+        message, the solver's figures, and ``key``, by which a row is found again.
+
+    Raises
+    ------
+    StoppedError
+        ``progress`` requested a stop; finished verifications are kept.
+    """
+    if not isinstance(study.solver, Verifier):
+        return pl.DataFrame()
+    found = stored(study, design, limbs, measured, run.folder, set(_selected(run)))
+    known: dict[str, dict[str, Any]] = {}
+    with contextlib.suppress(StudyError):  # corrupt: all are verified again
+        known = {row["key"]: row for row in run.verification().iter_rows(named=True) if row["key"]}
+    rows: list[dict[str, Any]] = []
+    progress.begin("verify", len(found))
+    for simulation in found:
+        if not progress.should_continue():
+            raise StoppedError(
+                f"stopped while verifying the selected sets; `palpate run {run.folder}` continues"
+            )
+        limb = limbs.get(simulation.job.limb_name)
+        key = _key(study, simulation, limb)
+        row = known.get(key) or _row(study.solver, simulation, limb, key)
+        if row is not None:
+            if row["key"]:  # jobs that differ only in name have one result
+                known[key] = row
+            rows.append(row | simulation.id._asdict())
+            shown = {each["key"] for each in rows}
+            run.write_verification(_frame([*rows, *(each for k, each in known.items() if k not in shown)]))
+        progress.step("" if row is None or row["passed"] else row["message"])
+    return _frame(rows)
+
+
+def _selected(run: RunDirectory) -> Iterator[SimulationId]:
+    for frame in (run.table("selection"), run.table("generalisation")):
+        if not frame.is_empty():
+            yield from map(SimulationId._make, frame.select("spot", "set_id").iter_rows())
+
+
+def _key(study: Study, simulation: Simulation, limb: Limb | None) -> str:
+    """Inputs of a simulation and all settings, also those of the verification only."""
+    settings = repr(sorted(dict(study.solver.settings).items(), key=str))
+    key = job_key(simulation.job, limb, study.solver, study.trusted)
+    return hashlib.sha256(f"{key} {settings}".encode()).hexdigest()
+
+
+def _row(solver: Solver, simulation: Simulation, limb: Limb | None, key: str) -> dict[str, Any] | None:
+    about = simulation.id._asdict()
+    try:
+        with answering_for(solver, f"verifying set {simulation.id.set_id} at spot '{simulation.id.spot}'"):
+            figures = plain(
+                dict(solver.verify(simulation.job, limb, simulation)) if isinstance(solver, Verifier) else {}
+            )
+    except PalpateError as error:
+        return {**about, "passed": False, "message": str(error), "key": ""}  # no key: tried again
+    return {**about, **figures, "key": key} if figures else None
+
+
+def _frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
+    return pl.from_dicts(rows, infer_schema_length=None) if rows else pl.DataFrame()

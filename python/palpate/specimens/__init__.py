@@ -1,6 +1,0 @@
-"""Small generated limbs, for the tests and oracles of solvers."""
-
-from palpate.specimens.blocks import block
-from palpate.specimens.cylinders import cylinder, half_space, layer, spacing
-
-__all__ = ["block", "cylinder", "half_space", "layer", "spacing"]

@@ -1,0 +1,488 @@
+"""The core's stages, in the paper's order: what each reads, what decides it, and what it makes."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, fields, replace
+from types import MappingProxyType
+
+import polars as pl
+
+from palpate.domain import Design, Indentation, RegionMaterial, weighed_phases
+from palpate.domain.curves import abscissae_of
+from palpate.errors import StudyError
+from palpate.experiment.measured import load_measured
+from palpate.fit.searches import BestSet
+from palpate.fit.stage import Case, FitStage
+from palpate.fit.surfaces import simulate_surfaces
+from palpate.fit.tables import fit_result, refinement
+from palpate.limb.loading import size_at_contact
+from palpate.progress import Progress, ShowsPlace
+from palpate.run.directory import design_files, measured_files
+from palpate.run.fit_state import FitState, write_fit_state
+from palpate.run.result import CertaintyResult, PosteriorResult, SelectionResult
+from palpate.run.result_files import Files, frame_of
+from palpate.run.stage_records import described, sha256
+from palpate.run.surface_files import surface_path
+from palpate.sampling.study_design import draw_study
+from palpate.scoring import scores as scoring, selection
+from palpate.scoring.completeness import completeness, described as named, without_result
+from palpate.scoring.generalisation import generalise
+from palpate.simulation import jobs as simulation
+from palpate.simulation.cost import FitTime
+from palpate.simulation.verification import verify
+from palpate.stages.stage import Run, Stage, Summary
+from palpate.study.mesh_note import mesh_note
+from palpate.study.reading import Study
+from palpate_certainty.mesh_error import SpotMesh, noted_errors
+from palpate_certainty.posterior_stage import PosteriorStage
+from palpate_certainty.posterior_tables import posterior_result
+from palpate_certainty.stage import CertaintyStage
+from palpate_certainty.tables import Assessed, certainty_result
+
+
+class OfEveryRun(Stage):
+    """A stage without which there is no run."""
+
+    may_fail = False
+
+    def is_in_run(self, study: Study) -> bool:
+        """Always."""
+        return True
+
+
+class Experiment(OfEveryRun):
+    """Measured curves."""
+
+    name, summary = "experiment", "Read the measured curves."
+    tables = MappingProxyType({"measured": "Points of the measured curves of each spot."})
+
+    def decides(self, study: Study) -> Mapping[str, object]:
+        """Files and loader of each spot; None for files that are not there any more."""
+        found: dict[str, object] = {}
+        for spot in study.spots:
+            files = {
+                channel or "": [sha256(path.read_bytes()) if path.is_file() else "" for path in paths]
+                for channel, paths in spot.measured.items()
+            }
+            is_whole = all(each for sums in files.values() for each in sums)
+            found[f"files of spot '{spot.spot.name}'"] = files if is_whole else None
+            found[f"loader of spot '{spot.spot.name}'"] = described(study.loader_at(spot.spot.name))
+        return found
+
+    def run(self, inputs: Run, progress: Progress) -> Files:
+        """Points of each curve, and how they came about."""
+        return measured_files(
+            inputs.measured if inputs.fresh else load_measured(inputs.study, inputs.channels)
+        )
+
+
+class Sample(OfEveryRun):
+    """Parameter sets."""
+
+    name, summary = "sample", "Draw the parameter sets."
+    tables = MappingProxyType({"design": "Parameters of each set."})
+
+    def decides(self, study: Study) -> Mapping[str, object]:
+        """What decides the first ``n_sets`` sets of the design."""
+        regions = study.space.regions
+        return {
+            "ranges": [asdict(replace(p, prior=None, by_spot=False)) for p in study.space.parameters],
+            "materials": [
+                (r.region, described(r.material, study), r.convention, _not_searched(r)) for r in regions
+            ],
+            "sampler": described(study.sampler),
+            "filters": [described(keep) for keep in study.filters],
+            "n_sets, max_draws or seed": [study.n_sets, study.max_draws, study.seed],
+        }
+
+    def run(self, inputs: Run, progress: Progress) -> Files:
+        """Values of each set, and how they were drawn."""
+        return design_files(inputs.design if inputs.fresh else draw_study(inputs.study, inputs.directory))
+
+    def summarise(self, inputs: Run) -> Summary:
+        """How many sets the filters kept."""
+        design = inputs.directory.design()
+        kept = f"{design.n_drawn} sets drawn, {design.n_sets} kept by the filters (seed {design.seed})"
+        earlier = f"the first {design.n_kept} are of an earlier design with wider ranges"
+        return Summary(lines=(kept, earlier) if design.n_kept else (kept,))
+
+
+def _not_searched(region: RegionMaterial) -> dict[str, object]:
+    return {**region.fixed, **{name: tie.plain for name, tie in region.tied.items()}}
+
+
+class Simulate(OfEveryRun):
+    """Simulations of the sweep, which the ledger holds."""
+
+    name, summary = "simulate", "Simulate every set at every spot; each result is stored as it comes."
+    needs = ("experiment", "sample")
+
+    def run(self, inputs: Run, progress: Progress) -> Files:
+        """Simulate; the ledger has the results."""
+        study, design, measured = inputs.study, inputs.design, inputs.measured
+        if inputs.fresh is None:
+            simulation.check_jobs(study, simulation.jobs(study, design, measured), inputs.limbs)
+        inputs.shared[self.name] = simulation.run_sweep(inputs.simulations, design, measured)
+        return {}
+
+
+class Score(OfEveryRun):
+    """Distances of the simulated curves from the measured ones."""
+
+    name, summary = "score", "Compare simulated with measured curves."
+    needs = ("experiment", "sample", "simulate")
+    tables = MappingProxyType({"scores": "NMSE, R² and coverage of each set in each channel."})
+
+    def decides(self, study: Study) -> Mapping[str, object]:
+        """Rules of the comparison."""
+        rules = study.scoring
+        return {
+            "normaliser": rules.normaliser.value,
+            "point weighting": rules.point_weighting.value,
+            "coverage or partial": [rules.minimum_coverage, rules.rank_partial],
+            "phases": weighed_phases(study.scenarios),
+        }
+
+    def run(self, inputs: Run, progress: Progress) -> Files:
+        """Scores of every simulation that has ended."""
+        study, swept = inputs.study, inputs.swept()
+        if inputs.design.n_sets and not swept:
+            raise StudyError(
+                f"{inputs.directory.folder}: no simulation of this study; run `palpate simulate` first"
+            )
+        scores = scoring.score(swept, inputs.measured, study.scoring, study.scenarios)
+        _warn_of_missing(inputs, scores, progress)
+        return {"scores": scores}
+
+
+def _warn_of_missing(inputs: Run, scores: pl.DataFrame, progress: Progress) -> None:
+    """Warn of sets that have not been simulated."""
+    found = completeness(scores, inputs.study.spot_names, inputs.design)
+    if not found.is_complete:
+        progress.note(f"warning: incomplete sweep, {found}; `palpate simulate` runs the rest")
+
+
+class Select(OfEveryRun):
+    """Sets with the least Fopt."""
+
+    name, summary = "select", "Choose the best set by scenario and over all spots."
+    needs = ("score",)
+    tables = MappingProxyType(
+        {
+            "selection": "Set with the least Fopt by spot and scenario.",
+            "generalisation": "Set with the least mean Fopt over the spots.",
+        }
+    )
+
+    def decides(self, study: Study) -> Mapping[str, object]:
+        """Scenarios, and which generalises."""
+        return {
+            "scenarios": {scenario.name: dict(scenario.weights) for scenario in study.scenarios},
+            "generalise_by": study.generalise_by,
+        }
+
+    def run(self, inputs: Run, progress: Progress) -> Files:
+        """Best sets, with the parameters that are tied to those of the sets."""
+        scores = inputs.table("scores")
+        chosen, general = best_sets(inputs.study, inputs.design, scores)
+        _warn_of_missing(inputs, scores, progress)
+        return {"selection": chosen, "generalisation": general}
+
+    def summarise(self, inputs: Run) -> Summary:
+        """The tables, and what could not be selected."""
+        missing = selected(inputs).without_result
+        return Summary(
+            tables=super().summarise(inputs).tables,
+            missing=f"no set could be selected at {named(missing)}" if missing else "",
+        )
+
+
+class Verify(OfEveryRun):
+    """Verification of the selected sets by their solver."""
+
+    name, summary = "verify", "Verify the selected sets, such as with halved steps."
+    needs = ("select",)
+    tables = MappingProxyType({"verification": "Which selected sets passed, with the solver's figures."})
+
+    def run(self, inputs: Run, progress: Progress) -> Files:
+        """Verification of each selected set that was not verified before."""
+        study, stored = inputs.study, inputs.directory
+        found = verify(study, stored, inputs.design, inputs.limbs, inputs.measured, progress)
+        return {"verification": found}
+
+
+def best_sets(study: Study, design: Design, scores: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """Best set by spot and scenario, and that for all spots."""
+    chosen = selection.select(scores, study.scenarios, design)
+    for_all = next(s for s in study.scenarios if s.name == study.generalise_by)
+    general = generalise(scores, for_all, design, study.spot_names)
+    return selection.with_tied(chosen, study.space), selection.with_tied(general, study.space)
+
+
+def selected(run: Run) -> SelectionResult:
+    """What identification chose, and where it found nothing."""
+    study, scores, chosen = run.study, run.table("scores"), run.table("selection", "select")
+    return SelectionResult(
+        selection=chosen,
+        generalisation=run.table("generalisation", "select"),
+        verification=run.table("verification"),
+        without_result=without_result(scores, chosen, study.scenarios, study.spot_names)
+        if run.design.n_sets
+        else {},
+    )
+
+
+class SearchForBest(OfEveryRun):
+    """The fit."""
+
+    name, summary = "fit", "Search the parameters for which the curves fit best."
+    needs = ("select",)
+    tables = MappingProxyType(
+        {
+            "fit": "Where each search ended.",
+            "fit_trace": "Every evaluation of the searches.",
+            "fit_mesh": "What finer meshes changed.",
+            "fit_curves": "Curves where each search ended.",
+        }
+    )
+
+    def decides(self, study: Study) -> Mapping[str, object]:
+        """Search, what is searched, and how meshes are corrected."""
+        return {
+            "search": described(study.search),
+            "parametrisation": described(study.parametrisation),
+            "priors or values by spot": [asdict(p) for p in study.space.parameters],
+            "noise, fine_runs or fine_edge": [
+                study.noise,
+                study.fine_runs,
+                [spot.fine_edge_mm for spot in study.spots],
+            ],
+        }
+
+    def run(self, inputs: Run, progress: Progress) -> Files:
+        """Ends and traces of the searches; nothing where the selection has the answer already."""
+        if isinstance(inputs.study.search, BestSet):
+            return {}
+        look = fit_time(inputs).look
+        return fit_files(cases_of(inputs, look=look), inputs)
+
+
+class Intervals(OfEveryRun):
+    """Intervals of the fit."""
+
+    name, summary = "intervals", "Find how certain the fitted parameters are, and what from."
+    needs = ("fit",)
+    tables = MappingProxyType(
+        {
+            "intervals": "Value and 95 % interval of each parameter.",
+            "budget": "Share of each cause in the variance of each parameter.",
+            "directions": "Combinations of parameters, the best known first.",
+            "adequacy": "Checks of whether the model describes the data.",
+            "draws": "Draws from the density of each fit.",
+            "planes": "Fopt over the planes of two parameters.",
+        }
+    )
+
+    def decides(self, study: Study) -> Mapping[str, object]:
+        """What the curves and the model may be wrong by."""
+        return {"budget": study.budget.model_dump(mode="json")}
+
+    def run(self, inputs: Run, progress: Progress) -> Files:
+        """Intervals, their causes, checks and draws; nothing without a search."""
+        if isinstance(inputs.study.search, BestSet):
+            return {}
+        cases = cases_of(inputs)
+        stage = certainty_stage(inputs, cases)
+        assessed = stage.assessed(cases)
+        planes = stage.planes(assessed, inputs.design, inputs.swept())
+        found = replace(certainty_result(assessed, inputs.study), planes=planes)
+        return {each.name: getattr(found, each.name) for each in fields(CertaintyResult)}
+
+
+class Posteriors(Stage):
+    """Posteriors of the joint fits."""
+
+    name, summary = "certainty", "Draw the posteriors of the joint fits; simulates some more sets."
+    needs = ("intervals",)
+    tables = MappingProxyType(
+        {
+            "posterior": "Quantiles of each parameter.",
+            "posterior_draws": "Draws.",
+            "profiles": "Least Fopt along each parameter.",
+            "profile_ends": "Ends of the profiles.",
+            "ribbons": "What each parameter does to the curves.",
+            "volumes": "Volumes of the posteriors by scenario.",
+            "posterior_planes": "Densities over the planes of two parameters.",
+            "emulator": "Errors of the emulated curves.",
+        }
+    )
+
+    def run(self, inputs: Run, progress: Progress) -> Files:
+        """Draws of the posteriors, and what follows from them."""
+        study = inputs.study
+        if study.budget.is_gls:
+            raise StudyError(
+                f'{study.file}: posteriors are around the least Fopt, and the intervals of estimator = "gls" '
+                "are around the most likely values; leave [budget] estimator out to draw posteriors"
+            )
+        cases = cases_of(inputs)
+        assessed = certainty_stage(inputs, cases).assessed(cases)
+        stage = PosteriorStage(study=study, design=inputs.design, swept=inputs.swept(), progress=progress)
+        if (sampled := stage.run(cases, assessed)) is None:
+            raise no_intervals(inputs)
+        found = posterior_result(sampled, study.seed)
+        return {each.name: getattr(found, each.name) for each in fields(PosteriorResult)}
+
+    def summarise(self, inputs: Run) -> Summary:
+        """The short tables."""
+        titles = {
+            "Posterior": "posterior",
+            "Ends of profiles": "profile_ends",
+            "Volumes of posteriors": "volumes",
+            "Errors of emulated curves": "emulator",
+        }
+        return Summary(tables={title: inputs.table(name) for title, name in titles.items()})
+
+
+class Surface(Stage):
+    """The skin under the fitted press."""
+
+    name, summary = "surface", "Simulate the skin under the press with what was found."
+    needs = ("select", "fit")
+    tables = MappingProxyType({"surface": "Simulation that has the states of the skin, by spot."})
+
+    def is_in_run(self, study: Study) -> bool:
+        """True if the solver gives the states of the skin."""
+        return study.solver.provides.surface
+
+    def run(self, inputs: Run, progress: Progress) -> Files:
+        """Which simulations have states of the skin, and their files."""
+        table = simulate_surfaces(inputs.simulations, inputs.fitted(), inputs.measured)
+        files = {key: surface_path(inputs.directory.folder, key) for key in table["key"]}
+        return {"surface": table, **{f"surface/{key}.npz": p for key, p in files.items() if p.exists()}}
+
+
+STAGES: tuple[type[Stage], ...] = (
+    Experiment,
+    Sample,
+    Simulate,
+    Score,
+    Select,
+    Verify,
+    SearchForBest,
+    Intervals,
+    Posteriors,
+    Surface,
+)
+"""In the paper's order."""
+
+
+# ------------------------------------------------------------------ what the fit's stages share
+
+
+def cases_of(inputs: Run, *, look: Callable[[], None] = lambda: None) -> list[Case]:
+    """Fits of every case of a study; a fit that was made before has all its simulations at hand.
+
+    Parameters
+    ----------
+    inputs : Run
+    look : callable
+        Called before the searches and after each of their steps.
+    """
+    if "cases" in inputs.shared:
+        return list(inputs.shared["cases"])
+    if isinstance(inputs.study.search, BestSet):
+        return []
+    look()
+
+    def follow(state: FitState) -> None:
+        look()
+        write_fit_state(inputs.directory.folder, state)
+        if isinstance(inputs.progress, ShowsPlace):
+            inputs.progress.at(str(state))
+
+    stage = FitStage(
+        study=inputs.study,
+        design=inputs.design,
+        measured=inputs.measured,
+        scores=inputs.table("scores"),
+        simulations=inputs.simulations,
+        abscissae=abscissae_of(inputs.channels),
+        progress=inputs.progress,
+        follow=follow,
+        first_start=inputs.directory.fit_start,
+    )
+    inputs.shared["cases"] = stage.run()
+    return list(inputs.shared["cases"])
+
+
+def fit_files(cases: Sequence[Case], inputs: Run) -> Files:
+    """Tables of the fit, with the fitted curves by fit, scenario and spot."""
+    found, names = fit_result(cases, inputs.simulations), ("fit", "scenario", "spot")
+    curves = [
+        frame_of(response).select(
+            *(pl.lit(part).alias(name) for name, part in zip(names, key, strict=True)), pl.all()
+        )
+        for key, response in found.responses.items()
+    ]
+    return {
+        "fit": found.table,
+        "fit_trace": found.trace,
+        "fit_mesh": found.mesh,
+        "fit_curves": pl.concat(curves) if curves else pl.DataFrame(),
+    }
+
+
+def fit_time(inputs: Run) -> FitTime:
+    """Estimate of how long the fit of a run takes, whose searches have not been made before."""
+    swept = simulation.jobs(inputs.study, inputs.design, inputs.measured)
+    by_key = {inputs.simulations.key(job): job for job in swept}
+    return FitTime(inputs.study, inputs.directory.folder, inputs.limbs, by_key, inputs.progress)
+
+
+def certainty_stage(inputs: Run, cases: Sequence[Case]) -> CertaintyStage:
+    """What assesses the cases of a run."""
+    return CertaintyStage(
+        study=inputs.study,
+        measured=inputs.measured,
+        meshes=_meshes(inputs, is_refined=any(case.n_fine for case in cases)),
+        progress=inputs.progress,
+    )
+
+
+def joint_assessed(inputs: Run) -> tuple[CertaintyStage, Assessed]:
+    """Certainty of the joint fit of a run, for stages that go on from it.
+
+    Raises
+    ------
+    StudyError
+        There is no joint fit with intervals.
+    """
+    cases = cases_of(inputs)
+    stage = certainty_stage(inputs, cases)
+    if (assessed := next(iter(stage.assessed(cases, joint_only=True)), None)) is None:
+        raise no_intervals(inputs)
+    return stage, assessed
+
+
+def no_intervals(inputs: Run) -> StudyError:
+    """Error of a run without a joint fit with intervals."""
+    return StudyError(
+        f"{inputs.directory.folder}: no joint fit with intervals in scenario '{inputs.study.generalise_by}'; "
+        "set fit.search to a search, or see the warnings of `palpate fit`"
+    )
+
+
+def _meshes(inputs: Run, *, is_refined: bool) -> dict[str, SpotMesh]:
+    """Mesh of each spot that has one, as far as its error goes."""
+    study, limbs = inputs.study, inputs.simulations.limbs
+    ratios = refinement(inputs.simulations) if is_refined else {}
+    meshes = {}
+    for each in study.spots:
+        protocol, name = study.protocol_at(each.spot.name), each.spot.name
+        if each.mesh is not None and name in limbs and isinstance(protocol, Indentation):
+            meshes[name] = SpotMesh(
+                edge_over_radius=size_at_contact(study, limbs[name]) / protocol.indenter.radius_mm,
+                noted=noted_errors(mesh_note(each.mesh)),
+                refinement=ratios.get(name, 1.0),
+            )
+    return meshes

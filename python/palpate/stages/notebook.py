@@ -1,0 +1,320 @@
+"""The stages as functions of data frames, for notebooks: nothing stays on disk unless asked for.
+
+Each takes a study and the frames of the stages before it, and returns a polars frame that can be
+filtered, joined and plotted before it goes on. What the command line keeps in a run directory is
+the same tables (:mod:`palpate.stages.pipeline`).
+"""
+
+import contextlib
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from palpate.domain import Design, RecordedSimulation, Response, Simulation, SimulationId, Status
+from palpate.domain.curves import abscissae_of
+from palpate.errors import StudyError
+from palpate.experiment.measured import load_measured
+from palpate.fit.problem import Problem
+from palpate.fit.spot_term import term_of
+from palpate.limb.loading import load_limbs
+from palpate.plugins.catalogue import Plugins
+from palpate.progress import SILENT, Progress
+from palpate.run.lock import locked
+from palpate.run.ownership import claim, writing_in
+from palpate.run.result_files import frame_of, response_of
+from palpate.sampling.study_design import draw_study
+from palpate.scoring import scores as scoring, selection
+from palpate.scoring.generalisation import generalise as generalise_design
+from palpate.simulation import jobs as simulation
+from palpate.simulation.sweep import Simulations
+from palpate.study.reading import Study
+
+_SIMULATED = ("spot", "set_id", "status", "message", "seconds", "channel", "point", "abscissa", "ordinate")
+
+
+def measure(study: Study, plugins: Plugins | None = None) -> pl.DataFrame:
+    """Read the measured curves.
+
+    Parameters
+    ----------
+    study : Study
+    plugins : Plugins, optional
+        The installed ones when left out.
+
+    Returns
+    -------
+    DataFrame
+        A row for each point: spot, channel, point, abscissa, ordinate and, where known, std, in the
+        units of the channel.
+
+    Raises
+    ------
+    PalpateError
+    """
+    measured = load_measured(study, (plugins or Plugins.load(study.plugin_files)).channels)
+    scoring.check_scorable(measured, study.scoring, study.scenarios)
+    frames = [frame_of(response).with_columns(spot=pl.lit(spot)) for spot, response in measured.items()]
+    return pl.concat(frames, how="diagonal").select("spot", pl.exclude("spot"))
+
+
+def sample(study: Study) -> pl.DataFrame:
+    """Draw the parameter sets.
+
+    Returns
+    -------
+    DataFrame
+        A row for each set: set_id and a column <region.parameter> for each searched parameter, in the
+        convention of its region.
+
+    Raises
+    ------
+    SamplingError
+    """
+    design = draw_study(study)
+    columns = {p.name: design.values[:, k] for k, p in enumerate(design.parameters)}
+    return pl.DataFrame({"set_id": np.arange(design.n_sets), **columns})
+
+
+def simulate(
+    study: Study,
+    design: pl.DataFrame,
+    measured: pl.DataFrame,
+    *,
+    folder: Path | None = None,
+    progress: Progress = SILENT,
+) -> pl.DataFrame:
+    """Simulate every set of the design at every spot.
+
+    Parameters
+    ----------
+    study : Study
+    design : DataFrame
+        As :func:`sample` returns it, or any other sets: set_id and a column for each searched parameter.
+    measured : DataFrame
+        As :func:`measure` returns it; homogeneous tests run along its abscissae.
+    folder : Path, optional
+        Where results are kept, so that none is computed twice; nowhere when left out.
+    progress : Progress
+
+    Returns
+    -------
+    DataFrame
+        A row for each point of each curve: spot, set_id, status, message, seconds, channel, point,
+        abscissa, ordinate; one row without a curve for a simulation that has none.
+
+    Raises
+    ------
+    PalpateError
+        A job cannot be simulated at all.
+    """
+    drawn, responses = _design(study, design), _responses(measured)
+    limbs, ids = load_limbs(study), design["set_id"].to_list()
+    with _kept_in(folder) as kept:
+        done = simulation.simulate(study, drawn, limbs, responses, kept, progress)
+    return pl.concat([_frame_of(each, ids[each.job.set_id]) for each in done])
+
+
+def score(study: Study, simulated: pl.DataFrame, measured: pl.DataFrame) -> pl.DataFrame:
+    """Compare simulated with measured curves.
+
+    Parameters
+    ----------
+    study : Study
+    simulated, measured : DataFrame
+        As :func:`simulate` and :func:`measure` return them.
+
+    Returns
+    -------
+    DataFrame
+        As :func:`palpate.scoring.scores.score` returns it.
+
+    Raises
+    ------
+    ScoringError
+    """
+    _check_columns("simulated curves", simulated, _SIMULATED, "palpate.simulate")
+    return scoring.score(_simulations(simulated), _responses(measured), study.scoring, study.scenarios)
+
+
+def select(study: Study, scores: pl.DataFrame, design: pl.DataFrame) -> pl.DataFrame:
+    """Choose the set with the least Fopt for each spot and scenario.
+
+    Parameters
+    ----------
+    study : Study
+    scores, design : DataFrame
+        As :func:`score` and :func:`sample` return them.
+
+    Returns
+    -------
+    DataFrame
+        As :func:`palpate.scoring.selection.select` returns it.
+
+    Raises
+    ------
+    NothingSelectableError
+        Every simulation failed.
+    """
+    drawn, rows = _design(study, design), _by_row(scores, design)
+    return _by_id(selection.select(rows, study.scenarios, drawn), design)
+
+
+def generalise(study: Study, scores: pl.DataFrame, design: pl.DataFrame) -> pl.DataFrame:
+    """Find the set with the least mean Fopt over all spots, in the study's scenario for that.
+
+    Arguments as for :func:`select`; the frame is as :func:`palpate.scoring.generalisation.generalise`
+    returns it; empty unless a set has scores at every spot of the study.
+    """
+    scenario = next(s for s in study.scenarios if s.name == study.generalise_by)
+    drawn, rows = _design(study, design), _by_row(scores, design)
+    return _by_id(generalise_design(rows, scenario, drawn, study.spot_names), design)
+
+
+@contextlib.contextmanager
+def open_problem(
+    study: Study,
+    *,
+    scenario: str | None = None,
+    spots: Sequence[str] | None = None,
+    folder: Path | None = None,
+    plugins: Plugins | None = None,
+    progress: Progress = SILENT,
+) -> Iterator[Problem]:
+    """Open the study as residuals over its searched values, for an optimiser of your own.
+
+    Parameters
+    ----------
+    study : Study
+    scenario : str, optional
+        Whose Fopt is Σ r²; when left out the one that generalises.
+    spots : sequence of str, optional
+        Spots that are fitted together; all of the study when left out.
+    folder : Path, optional
+        Run directory where every simulation is kept, so that none is computed twice; nowhere when left out.
+    plugins : Plugins, optional
+        The installed ones when left out.
+    progress : Progress
+
+    Yields
+    ------
+    Problem
+        With ``names``, ``bounds``, ``start``, ``residuals(values)``, ``jacobian(values)`` and
+        ``fopt(values)``; it simulates until the context ends.
+
+    Raises
+    ------
+    PalpateError
+        The study has no such scenario or spot, or cannot be simulated.
+    """
+    plugins = plugins or Plugins.load(study.plugin_files)
+    scenarios = {each.name: each for each in study.scenarios}
+    chosen = study.spot_names if spots is None else tuple(spots)
+    for kind, given, known in (
+        ("scenario", [scenario or study.generalise_by], list(scenarios)),
+        ("spot", chosen, list(study.spot_names)),
+    ):
+        for name in given:
+            if name not in known:
+                raise StudyError(f"{study.file}: no {kind} '{name}'; name one of {', '.join(known)}")
+    measured, limbs = load_measured(study, plugins.channels), load_limbs(study)
+    scoring.check_scorable(measured, study.scoring)
+    simulation.check_jobs(study, simulation.middle_jobs(study, measured), limbs)
+    by = scenarios[scenario or study.generalise_by]
+    abscissae = abscissae_of(plugins.channels)
+    terms = [term_of(study, spot, by, measured[spot], abscissae) for spot in dict.fromkeys(chosen)]
+    if without := [term.spot for term in terms if not term.weights]:
+        raise StudyError(f"spot '{without[0]}' measures no channel of scenario '{by.name}'; leave it out")
+    with _kept_in(folder) as kept, Simulations(study, kept, limbs, progress) as simulations:
+        progress.begin("fit", 0)
+        yield Problem(study, terms, simulations.of, study.parametrisation, noise=study.noise)
+
+
+# ------------------------------------------------------------------ frames and values
+
+
+@contextlib.contextmanager
+def _kept_in(folder: Path | None) -> Iterator[Path]:
+    if folder is not None:
+        with writing_in(folder):
+            claim(folder)
+            with locked(folder):
+                yield folder
+        return
+    with tempfile.TemporaryDirectory(prefix="palpate-") as temporary:
+        yield Path(temporary)
+
+
+def _check_columns(what: str, frame: pl.DataFrame, needed: tuple[str, ...], maker: str) -> None:
+    if missing := [name for name in needed if name not in frame.columns]:
+        raise StudyError(
+            f"{what}: the frame lacks column '{missing[0]}' (has: {', '.join(frame.columns) or 'none'}); "
+            f"make it with {maker}"
+        )
+
+
+def _design(study: Study, frame: pl.DataFrame) -> Design:
+    """Sets of a frame, numbered by row."""
+    names = tuple(p.name for p in study.space.parameters)
+    _check_columns("design", frame, ("set_id", *names), "palpate.sample")
+    if frame.is_empty():
+        raise StudyError("design: the frame has no row; keep at least one set")
+    values = frame.select(names).to_numpy().astype(np.float64)
+    bad = np.argwhere(~np.isfinite(values))
+    if bad.size:
+        row, column = bad[0]
+        raise StudyError(
+            f"design: row {row}, column '{names[column]}' is not finite; fill it or drop the row"
+        )
+    if frame["set_id"].is_duplicated().any():
+        twice = frame["set_id"].filter(frame["set_id"].is_duplicated())[0]
+        raise StudyError(f"design: duplicate set_id {twice}; set_id must be unique")
+    return Design(parameters=study.space.parameters, values=values, seed=study.seed, n_drawn=len(values))
+
+
+def _by_row(scores: pl.DataFrame, design: pl.DataFrame) -> pl.DataFrame:
+    """Scores with a set's row in the design in place of its set_id; those of other sets are left out."""
+    _check_columns("scores", scores, ("spot", "set_id", "channel", "nmse"), "palpate.score")
+    rows = design.select("set_id", row=pl.int_range(pl.len()))
+    joined = scores.join(rows, on="set_id", how="inner", maintain_order="left")
+    return joined.with_columns(set_id="row").select(scores.columns)
+
+
+def _by_id(chosen: pl.DataFrame, design: pl.DataFrame) -> pl.DataFrame:
+    if chosen.is_empty():
+        return chosen
+    return chosen.with_columns(set_id=design["set_id"].gather(chosen["set_id"]))
+
+
+def _responses(measured: pl.DataFrame) -> dict[str, Response]:
+    needed = ("spot", "channel", "abscissa", "ordinate")
+    _check_columns("measured curves", measured, needed, "palpate.measure")
+    by_spot = measured.group_by("spot", maintain_order=True)
+    return {str(spot): response_of(rows.drop("spot")) for (spot,), rows in by_spot}
+
+
+def _frame_of(each: Simulation, set_id: int) -> pl.DataFrame:
+    no_curve = {"channel": pl.String, "point": pl.Int64, "abscissa": pl.Float64, "ordinate": pl.Float64}
+    curves = pl.DataFrame([[None] * 4], schema=no_curve, orient="row")
+    if each.response is not None and list(each.response):
+        curves = frame_of(each.response)
+    return curves.with_columns(
+        spot=pl.lit(each.job.spot),
+        set_id=pl.lit(set_id, pl.Int64),
+        status=pl.lit(each.status.value),
+        message=pl.lit(each.message),
+        seconds=pl.lit(each.seconds),
+    ).select(_SIMULATED)
+
+
+def _simulations(simulated: pl.DataFrame) -> Iterator[RecordedSimulation]:
+    for (spot, set_id), rows in simulated.group_by("spot", "set_id", maintain_order=True):
+        curves, first = rows.drop_nulls("channel"), rows.row(0, named=True)
+        yield RecordedSimulation(
+            id=SimulationId(str(spot), int(str(set_id))),
+            status=Status(first["status"]),
+            response=None if curves.is_empty() else response_of(curves),
+            message=first["message"],
+        )

@@ -1,0 +1,354 @@
+"""The pipeline: the stages of a study, one after the other or alone.
+
+Each stage reads the results of the stages before it from the run directory and writes
+its result there, so it can run alone; :func:`run_study` runs all of them. Inputs are
+checked before the first file is written.
+"""
+
+import contextlib
+from collections.abc import Callable, Collection, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from palpate.domain import Limb, Response, Simulation
+from palpate.domain.curves import abscissae_of
+from palpate.errors import PalpateError, StoppedError, StudyError
+from palpate.executors.attempts import simulate_alone
+from palpate.experiment.measured import draw_files, load_measured, load_presses, mean, measured_warnings
+from palpate.experiment.relaxation import relaxation_warnings
+from palpate.fit.checks import check_fit
+from palpate.fit.searches import BestSet
+from palpate.limb.loading import limb_warnings, load_limbs
+from palpate.plugins.catalogue import Plugins
+from palpate.progress import SILENT, Progress
+from palpate.run.directory import RunDirectory, measured_files
+from palpate.run.fit_state import read_fit_state, remove_fit_state
+from palpate.run.ledger import Ledger
+from palpate.run.lock import living_runner_of
+from palpate.run.manifest import manifest
+from palpate.run.ownership import drawing_in
+from palpate.run.result import StudyInputs
+from palpate.run.study_diff import Changed, changed
+from palpate.sampling.study_design import draw_study
+from palpate.scoring import scores as scoring
+from palpate.simulation import jobs as simulation
+from palpate.stages.core_stages import selected
+from palpate.stages.stage import Run, Stage, in_order, read_run, stages_of, stages_of_run
+from palpate.study.checks import odd_settings
+from palpate.study.reading import Study
+from palpate_report.from_run import report_data
+from palpate_report.result import Report, RunResult
+from palpate_report.writing import ReportData, draw_presses, write_report
+
+
+def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = None) -> StudyInputs:
+    """Read and check every input of the study without writing or simulating anything.
+
+    Parameters
+    ----------
+    study : Study
+    plugins : Plugins
+    earlier : RunDirectory, optional
+        If its ranges were wider, its finished sets are the first of the design.
+
+    Raises
+    ------
+    PalpateError
+    """
+    measured = load_measured(study, plugins.channels)
+    scoring.check_scorable(measured, study.scoring, study.scenarios)
+    limbs = load_limbs(study)
+    design = draw_study(study, earlier)
+    to_do = simulation.jobs(study, design, measured) or simulation.middle_jobs(study, measured)
+    simulation.check_jobs(study, to_do, limbs)
+    if not isinstance(study.search, BestSet):
+        check_fit(study, measured, abscissae_of(plugins.channels))
+    of_curves = _measured_warnings(study, measured)
+    warnings = (*odd_settings(study), *of_curves, *limb_warnings(study, limbs))
+    return StudyInputs(measured=measured, limbs=limbs, design=design, warnings=warnings)
+
+
+def _measured_warnings(study: Study, measured: Mapping[str, Response]) -> tuple[str, ...]:
+    return (*measured_warnings(measured), *relaxation_warnings(measured, study.budget.gain))
+
+
+def run_study(
+    study: Study,
+    run_folder: Path,
+    plugins: Plugins,
+    progress: Progress = SILENT,
+    *,
+    forked_from: Path | None = None,
+    trust: Collection[str] = (),
+    confirm: Callable[[Changed], None] = lambda changed: None,
+    adopt: bool = False,
+    fit_start: Mapping[str, float] | None = None,
+) -> RunResult:
+    """From measured curves to identified parameters.
+
+    Parameters
+    ----------
+    study : Study
+    run_folder : Path
+        Made where it is missing; simulations already in it are not computed again.
+    plugins : Plugins
+    progress : Progress
+    forked_from : Path, optional
+        A run directory whose finished simulations are copied to this one first.
+    trust : collection of str
+        Components whose results of earlier code are accepted: ``material:NAME``, ``solver:NAME``.
+    confirm : callable
+        Called with the difference between the study and the folder, before anything is written;
+        raises to stop.
+    adopt : bool
+        Whether the run of another study file may be continued with this one.
+    fit_start : mapping of parameter name to value, optional
+        Where the joint fit starts first; the run directory keeps it.
+
+    Raises
+    ------
+    PalpateError
+        Something in the input is wrong; nothing has been written.
+    NothingSelectableError
+        Every simulation failed.
+    """
+    directory, before = RunDirectory(run_folder), RunDirectory(forked_from or run_folder)
+    directory.refuse_other(study, adopt=adopt)
+    progress.begin("check", 1)
+    stages = stages_of(study, plugins)
+    wanted = list(stages_of_run(study, stages))
+    run = Run(study=study, directory=directory, stages=stages, channels=plugins.channels, progress=progress)
+    made_from = run.made_from(stages["experiment"])  # before the files are read: a later change is noticed
+    inputs = check_study(study, plugins, before)
+    progress.step()
+    for text in inputs.warnings:
+        progress.note(f"warning: {text}")
+    study = before.trusting(study, trust)
+    confirm(_changed(study, inputs, before, plugins))
+    with directory.locked(study, plugins.channels, adopt=adopt) as check_lock:
+        if forked_from is not None:
+            with Ledger(forked_from) as ledger:
+                ledger.copy_to(run_folder)
+        directory.initialise(study, plugins.channels, simulating=True, fit_start=fit_start)
+        if n_kept := inputs.design.n_kept:
+            progress.note(
+                f"the first {n_kept} sets of the design are those of an earlier one with wider ranges"
+            )
+        with replace(run, study=study, fresh=inputs, check_lock=check_lock) as run:
+            for stage in wanted:
+                _make(run, stage, made_from if stage.name == "experiment" else None)
+            remove_fit_state(run_folder)
+            return RunResult(
+                folder=run_folder,
+                measured=inputs.measured,
+                design=inputs.design,
+                simulations=run.swept(),
+                scores=run.table("scores"),
+                selected=selected(run),
+                fit=run.fit(),
+                report=_report(run, plugins, progress),
+            )
+
+
+def _make(run: Run, stage: Stage, made_from: Mapping[str, str] | None) -> None:
+    """Run a stage of a whole run; one that the run can do without may fail."""
+    try:
+        run.make(stage, made_from)
+    except StoppedError:
+        raise
+    except PalpateError as error:
+        if not stage.may_fail:
+            raise
+        run.progress.note(f"warning: no results of `palpate {stage.name}`: {error}")
+    if made_from is not None:
+        run.check(stage.name)
+        run.directory.write_measured_to_manifest(run.study)
+
+
+def _changed(study: Study, inputs: StudyInputs, run: RunDirectory, plugins: Plugins) -> Changed:
+    """How the study differs from the one that a folder was written for."""
+    if not run.exists:
+        return Changed(changes=(), n_finished=0, n_valid=0)
+    to_do = simulation.jobs(study, inputs.design, inputs.measured)
+    keys = simulation.keys(study, to_do, inputs.limbs)
+    with Ledger(run.folder) as ledger:
+        return changed(ledger, run.manifest(), manifest(study, plugins.channels), keys)
+
+
+# --------------------------------------------------------------- single stages
+
+
+@contextlib.contextmanager
+def open_run(
+    study: Study,
+    run_folder: Path,
+    plugins: Plugins,
+    progress: Progress = SILENT,
+    *,
+    needs: Collection[str] = (),
+    more_limbs: Mapping[str, Limb] | None = None,
+) -> Iterator[Run]:
+    """Lock a run directory and read it back, refused where what is needed is missing or stale.
+
+    Parameters
+    ----------
+    study : Study
+    run_folder : Path
+    plugins : Plugins
+    progress : Progress
+    needs : collection of str
+        Stages whose results are read.
+    more_limbs : mapping of limb name to Limb, optional
+        Those that are simulated besides the study's.
+    """
+    directory = RunDirectory(run_folder)
+    read_run(study, directory, plugins).require(*needs)  # before a folder is made
+    with (
+        directory.locked(study, plugins.channels) as check_lock,
+        read_run(
+            study,
+            directory,
+            plugins,
+            progress,
+            is_copy=False,
+            check_lock=check_lock,
+            more_limbs=more_limbs or {},
+        ) as run,
+    ):
+        run.check(*needs)
+        yield run
+        remove_fit_state(run_folder)
+
+
+def run_stage(
+    name: str, study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT
+) -> Run:
+    """Run directory after one stage alone, whose needed stages have been run.
+
+    Raises
+    ------
+    PluginError
+        There is no such stage.
+    StudyError
+        The results of a needed stage are missing or stale.
+    """
+    stages = stages_of(study, plugins)
+    stage = in_order(stages, [name])[-1]
+    with open_run(study, run_folder, plugins, progress, needs=stage.needs) as run:
+        run.directory.initialise(study, plugins.channels, simulating=name == "simulate")
+        progress.begin(name, 1)
+        run.make(stage)
+        progress.step()
+        return run
+
+
+def measure(
+    study: Study,
+    run_folder: Path,
+    plugins: Plugins,
+    progress: Progress = SILENT,
+    *,
+    plots: bool = False,
+) -> Mapping[str, Response]:
+    """Read the measured curves into ``measured/<spot>.parquet``.
+
+    With ``plots`` every step from file to curve is drawn into ``measured/plots/<spot>/``,
+    also for a refused file, up to the step that fails.
+    """
+    progress.begin("measure", 1)
+    directory, stages = RunDirectory(run_folder), stages_of(study, plugins)
+    with contextlib.ExitStack() as drawn:
+        folders: dict[str, Path] = {}
+        if plots:
+            drawn.enter_context(directory.locked(study, plugins.channels))
+            for name in study.spot_names:
+                folders[name] = drawn.enter_context(drawing_in(directory.plots(name)))
+        for spot in study.spots if plots else ():
+            draw_files(study, spot, folders[spot.spot.name])
+        run = Run(study=study, directory=directory, stages=stages, channels=plugins.channels)
+        made_from = run.made_from(
+            stages["experiment"]
+        )  # before the files are read: a later change is noticed
+        presses = load_presses(study, plugins.channels)
+        measured = {spot: mean(found) for spot, found in presses.items()}
+        scoring.check_scorable(measured, study.scoring, study.scenarios)
+        if not plots:  # a file that is refused leaves no folder behind
+            drawn.enter_context(directory.locked(study, plugins.channels))
+        directory.initialise(study, plugins.channels)
+        directory.write_stage("experiment", measured_files(measured), made_from)
+        directory.write_measured_to_manifest(study)
+        for name, folder in folders.items():
+            draw_presses(presses[name], measured[name], plugins.channels, study.notice, folder)
+    for text in _measured_warnings(study, measured):
+        progress.note(f"warning: {text}")
+    progress.step()
+    return measured
+
+
+def simulate_one(study: Study, run_folder: Path, plugins: Plugins, spot: str, set_id: int) -> Simulation:
+    """Simulate one set of the stored design at one spot, in this process; nothing is stored.
+
+    An exception of the solver is a status, with the whole traceback in the diagnostics.
+
+    Raises
+    ------
+    StudyError
+        The study has no such spot, or the design no such set.
+    """
+    run = read_run(study, RunDirectory(run_folder), plugins, is_copy=False)
+    spots, n_sets = study.spot_names, run.design.n_sets
+    if spot not in spots or not 0 <= set_id < n_sets:
+        raise StudyError(
+            f"{run_folder}: no job '{spot}/{set_id}'; name one of the spots {', '.join(spots)} and a set "
+            f"from 0 to {n_sets - 1}"
+        )
+    every = simulation.jobs(study, run.design, run.measured)
+    job = next(job for job in every if job.spot == spot and job.set_id == set_id)
+    return simulate_alone(study.solver, job, run.limbs.get(job.limb_name))
+
+
+# ------------------------------------------------------------------ reports
+
+
+def report(
+    study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT, *, as_run: bool = False
+) -> Report:
+    """Write tables and figures under ``report/``; recomputes nothing.
+
+    With ``as_run`` the study is the copy in the folder: neither its files nor its meshes need exist,
+    and the simulations are those of the folder's last sweep. Of a run that has not ended, the best sets
+    are those of the simulations so far.
+    """
+    directory = RunDirectory(run_folder)
+    read_run(study, directory, plugins).require("sample")  # before a folder is made
+    runs_now = as_run and living_runner_of(run_folder) is not None  # before this process is the one
+    with contextlib.nullcontext() if runs_now else directory.locked(study, plugins.channels):
+        run = read_run(study, directory, plugins, progress, is_copy=as_run)
+        unfinished = _unfinished(directory, runs_now=runs_now) if as_run else ""
+        return _report(run, plugins, progress, unfinished=unfinished)
+
+
+def read_results(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> ReportData:
+    """What a run found, by the copy of its study; writes nothing."""
+    run = read_run(study, RunDirectory(run_folder), plugins, progress)
+    run.require("sample")
+    runs_now = living_runner_of(run_folder) is not None
+    return report_data(run, plugins, unfinished=_unfinished(run.directory, runs_now=runs_now))
+
+
+def _unfinished(directory: RunDirectory, *, runs_now: bool) -> str:
+    """How far a run is that has not ended; empty where it has."""
+    with Ledger(directory.folder) as ledger:
+        counts = ledger.counts()
+    n_left, state = counts.get("left", 0), read_fit_state(directory.folder)
+    if not (runs_now or n_left or state):
+        return ""
+    sweep = f"{sum(counts.values()) - n_left} of {sum(counts.values())} simulations of the sweep"
+    return sweep if state is None else f"{sweep}; fit: {state}"
+
+
+def _report(run: Run, plugins: Plugins, progress: Progress, *, unfinished: str = "") -> Report:
+    progress.begin("report", 1)
+    made = write_report(report_data(run, plugins, unfinished=unfinished), run.directory.report)
+    progress.step()
+    return made
