@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from palpate.cli.output import ProposalOutput
 from palpate.domain import Channel, Indentation, Job, Response, Status, SurfaceStates, Waypoints
 from palpate.errors import StudyError
 from palpate.mesh.specimens.blocks import block
@@ -25,6 +24,7 @@ from palpate_planning.candidates import (
     read_allowed,
     usual,
 )
+from palpate_planning.commands import ProposalOutput
 from palpate_planning.figure import draw
 from palpate_planning.options import PlanOptions
 from palpate_planning.presses import simulated_presses

@@ -6,10 +6,7 @@ from dataclasses import replace
 import numpy as np
 import polars as pl
 import pytest
-from pydantic import TypeAdapter
 
-from palpate.cli.output import PredictOutput
-from palpate.cli.predict import _output
 from palpate.domain import Curve, Indentation, Job, Limb, Response, Simulation, Status, SurfaceStates
 from palpate.domain.waypoints import Waypoints
 from palpate.errors import StudyError
@@ -24,12 +21,11 @@ from palpate.run.directory import RunDirectory
 from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
 from palpate.stages.stage import Run, read_run
 from palpate.study.tool import read_tool
-from palpate_prediction import predict, run_prediction, write_prediction
 from palpate_prediction.bands import draws_of, ends, linear
 from palpate_prediction.exceedance import exceedances
-from palpate_prediction.files import notes
+from palpate_prediction.files import notes, write_prediction
 from palpate_prediction.measures import area_above, contact_of, weighted_quantile
-from palpate_prediction.predict import AS_IS
+from palpate_prediction.predict import AS_IS, predict, run_prediction
 from palpate_prediction.summary import (
     QUANTITIES,
     PressStates,
@@ -154,12 +150,12 @@ def test_a_tool_is_predicted_with_its_band_and_what_extrapolates(fitted, plugins
     assert pl.read_parquet(tmp_path / "out" / "summary.parquet").equals(found.summary)
     again = run_prediction(study, run, tool, plugins, SILENT, n_solved=5)
     assert again.summary.equals(found.summary)
-    printed = TypeAdapter(PredictOutput).validate_python(_output(found, "SIMULATED curves.", files))
-    assert (printed["source"], printed["n_draws"]) == ("fit", found.n_draws)
-    assert printed["notes"][0] == "SIMULATED curves."
-    assert "Solved bands at p2 are those of 5 draws, each simulated." in printed["notes"]
-    assert any("at p1: normal force 3 %, peak pressure 3 %" in note for note in printed["notes"])
-    assert any("add fine_edge to the tool file" in note for note in printed["notes"])
+    assert found.fitted.source == "fit"
+    texts = notes(found, "SIMULATED curves.")
+    assert texts[0] == "SIMULATED curves."
+    assert "Solved bands at p2 are those of 5 draws, each simulated." in texts
+    assert any("at p1: normal force 3 %, peak pressure 3 %" in text for text in texts)
+    assert any("add fine_edge to the tool file" in text for text in texts)
 
 
 @pytest.mark.slow

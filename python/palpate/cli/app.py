@@ -17,7 +17,6 @@ from typing import Annotated
 import typer
 
 from palpate import __version__
-from palpate.cli.card import card
 from palpate.cli.check import check
 from palpate.cli.compare import compare
 from palpate.cli.doctor import doctor
@@ -35,9 +34,7 @@ from palpate.cli.listing import (
     name_of,
 )
 from palpate.cli.new_plugin import new_plugin
-from palpate.cli.next_press import extend, next_, plan
 from palpate.cli.plugins import plugins
-from palpate.cli.predict import predict
 from palpate.cli.report import report
 from palpate.cli.run import run
 from palpate.cli.schema import schema
@@ -51,7 +48,7 @@ from palpate.plugins.guard import noting_interrupts
 PANELS: Mapping[str, tuple[Callable[..., object], ...]] = MappingProxyType(
     {
         START: (init, check, doctor, plugins, new_plugin, schema),
-        RUN: (run, status, compare, predict, plan, next_, extend, card, synthesise),
+        RUN: (run, status, compare, synthesise),
         STAGES_PANEL: (
             experiment,
             limb,

@@ -1,10 +1,12 @@
 """Help that teaches: commands in groups, and examples under each."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any
 
 from typer.core import TyperGroup
+
+from palpate.plugins.subcommands import name_of as name_of
 
 START, RUN, STAGES, MORE = "Start", "Run", "Stages, each from files to files", "More"
 
@@ -19,15 +21,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "palpate run arm --json > arm.json",
         ),
         "status": ("palpate status runs/arm", "palpate status runs/arm --watch"),
-        "predict": ("palpate predict runs/arm --tool cuff.toml",),
-        "card": ("palpate card runs/arm --for abaqus", "palpate card runs/arm --for febio --into arm.feb"),
         "compare": ("palpate compare runs/ogden runs/yeoh",),
-        "plan": ("palpate plan arm", "palpate plan arm --presses 4 --allowed allowed.toml"),
-        "next": (
-            "palpate next runs/arm",
-            "palpate next runs/arm --for soft_tissue.c1 --presses 3",
-        ),
-        "extend": ("palpate extend runs/arm --with p2-9.csv",),
         "plugins": ("palpate plugins", "palpate plugins materials yeoh"),
         "new-plugin": (
             "palpate new-plugin material my_tissue",
@@ -51,11 +45,6 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     }
 )
 """How each of the core's commands may be called, in the order in which help lists them."""
-
-
-def name_of(command: Callable[..., object]) -> str:
-    """Name of a command: its function's, with hyphens."""
-    return command.__name__.strip("_").replace("_", "-")
 
 
 def examples(*lines: str) -> str:

@@ -183,38 +183,6 @@ class LimbRow(Closed):
     node_sets: dict[str, int]
 
 
-class PredictOutput(Closed):
-    """A prediction: tables as rows, and its files; ``notes`` are the sentences of its page.
-
-    ``source`` is ``fit`` or the set whose values are used, ``n_draws`` those of the linear bands (0: none).
-    """
-
-    source: str
-    scenario: str
-    n_draws: int
-    notes: list[str]
-    summary: list[dict[str, Any]]
-    strains: list[dict[str, Any]]
-    files: list[str]
-
-
-class ProposalOutput(Closed):
-    """Which presses to make: ``presses`` has the poses and paths of those that are chosen.
-
-    ``ranking`` and ``intervals`` are tables as rows, ``protocols`` what a study says of each candidate.
-    """
-
-    goal: str
-    presses: list[dict[str, Any]]
-    intervals: list[Row]
-    ranking: list[Row]
-    protocols: dict[str, dict[str, Any]]
-    refused: list[Row]
-    failed_checks: list[str]
-    check_spot: str | None
-    warnings: list[str]
-
-
 class FindingOutput(Closed):
     """One thing that was looked at; ``level`` is fine, note or wrong."""
 
@@ -258,13 +226,8 @@ OUTPUTS: Mapping[str, Any] = MappingProxyType(
         "new-plugin": NewPluginOutput,
         "doctor": list[FindingOutput],
         "run": RunOutput,
-        "plan": ProposalOutput,
-        "next": ProposalOutput,
-        "extend": RunOutput,
         "status": StatusOutput,
         "compare": CompareOutput,
-        "predict": PredictOutput,
-        "card": dict[str, str],
         "synthesise": SynthesiseOutput,
         "experiment": list[ExperimentRow],
         "limb": list[LimbRow],
@@ -275,17 +238,22 @@ OUTPUTS: Mapping[str, Any] = MappingProxyType(
 """What each of the core's commands prints with ``--json``."""
 
 
-def output_of(command: str, stages: Mapping[str, type[Component]]) -> Any:  # noqa: ANN401 - a type
+NO_OTHERS: Mapping[str, Any] = MappingProxyType({})
+
+
+def output_of(command: str, stages: Mapping[str, type[Component]], others: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a type
     """Type of what a command prints with ``--json``: of a stage its tables, and warnings."""
-    if command in OUTPUTS:
-        return OUTPUTS[command]
+    if command in OUTPUTS or command in others:
+        return OUTPUTS.get(command) or others[command]
     tables: dict[str, Any] = dict.fromkeys(stages[command].tables, list[Row])  # type: ignore[attr-defined]
     named = TypedDict("StageOutput", tables | {"warnings": list[str]})  # type: ignore[misc]
     return with_config(ConfigDict(extra="forbid"))(named)
 
 
-def schema(command: str, stages: Mapping[str, type[Component]]) -> dict[str, Any]:
-    """JSON schema of what a command prints with ``--json``."""
-    made = TypeAdapter(output_of(command, stages)).json_schema()
+def schema(
+    command: str, stages: Mapping[str, type[Component]], others: Mapping[str, Any] = NO_OTHERS
+) -> dict[str, Any]:
+    """JSON schema of what a command prints with ``--json``; ``others`` has the types of plugins' commands."""
+    made = TypeAdapter(output_of(command, stages, others)).json_schema()
     dialect = "https://json-schema.org/draft/2020-12/schema"
     return {"$schema": dialect, "$id": f"urn:palpate:{command}:{VERSION}", **made}

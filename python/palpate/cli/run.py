@@ -20,7 +20,7 @@ from palpate.cli.options import (
 )
 from palpate.cli.progress import StageProgress
 from palpate.cli.results import show_run
-from palpate.cli.runs import plugins_of, session_of_run, study_file_of
+from palpate.cli.runs import original_study
 from palpate.cli.session import Session, run_folder
 from palpate.errors import StudyError
 
@@ -81,13 +81,9 @@ def _continued(
 ) -> "tuple[Session, Study]":
     """Session with the plugin files of a run, and its study with as many sets as the run has, or more."""
     from palpate.run.directory import RunDirectory
-    from palpate.study.reading import study_plugins
 
-    manifest = RunDirectory(folder).manifest()
-    file = moved or study_file_of(folder, manifest, f"name it: palpate run {folder} --study FILE")
-    named = [*plugins_of(folder, manifest), *([] if moved else study_plugins(file))]
-    session = session_of_run(session, folder, named, trust=trust_plugins)
-    study, n_before = session.study(file), manifest["n_total"]
+    session, file = original_study(session, folder, trust=trust_plugins, moved=moved)
+    study, n_before = session.study(file), RunDirectory(folder).manifest()["n_total"]
     if not n_before and n_sets is not None and n_sets <= study.n_sets:
         return session, study
     return session, replace(study, n_total=max(n_sets or 0, n_before))

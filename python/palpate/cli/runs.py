@@ -22,11 +22,9 @@ def find_run(given: Path | None) -> Path:
     StudyError
         There is none.
     """
-    from palpate.run.ownership import is_run
-
     if given is None:
         found, missing = _newest(_runs(FOLDER)), f"{FOLDER}/ holds no run; name one"
-    elif is_run(given) or not _study_file(given).is_file():
+    elif not is_study(given):
         return given
     else:
         found = newest_run(given)
@@ -41,6 +39,13 @@ def newest_run(study: Path) -> Path | None:
     file = _study_file(study)
     places = (file.parent / FOLDER, FOLDER)
     return _newest(run for place in places for run in _runs(place) if is_of(run, file))
+
+
+def is_study(given: Path) -> bool:
+    """Whether a study is given, as a file or its folder, and not a run directory."""
+    from palpate.run.ownership import is_run
+
+    return not is_run(given) and _study_file(given).is_file()
 
 
 def _study_file(given: Path) -> Path:
@@ -110,18 +115,28 @@ def study_of_run(session: Session, run: Path, *, trust: bool) -> tuple[Session, 
     return found, read_study(run / "study.toml", found.plugins, copy_of=original)
 
 
-def study_file_of(run: Path, manifest: dict[str, Any], remedy: str) -> Path:
-    """Study file that a run was made from; ``remedy`` ends the message where it is gone.
+def original_study(
+    session: Session, run: Path, *, trust: bool, moved: Path | None = None, command: str = "run"
+) -> tuple[Session, Path]:
+    """Session with the plugin files of a run, and the study file that it was made from.
 
     Raises
     ------
     StudyError
-        It is not there any more.
+        The study file or a plugin file is not there any more, or plugin files are not trusted.
     """
-    file = run.joinpath(manifest["study_file"])
+    from palpate.run.directory import RunDirectory
+    from palpate.study.reading import study_plugins
+
+    manifest = RunDirectory(run).manifest()
+    file = moved or run.joinpath(manifest["study_file"])
     if not file.is_file():
-        raise StudyError(f"{file}: the study file of this run is not there any more; {remedy}")
-    return file.resolve()
+        raise StudyError(
+            f"{file}: the study file of this run is not there any more; put it back, with its meshes, or "
+            f"name it once: palpate run {run} --study FILE"
+        )
+    named = [*plugins_of(run, manifest), *([] if moved else study_plugins(file))]
+    return session_of_run(session, run, named, trust=trust, command=command), file.resolve()
 
 
 def plugins_of(run: Path, manifest: Mapping[str, Any]) -> list[Path]:

@@ -25,8 +25,8 @@ def schema(
     from palpate.plugins.registry import suggestion
 
     session = Session.of(context)
-    stages = session.plugins.stages
-    known = list(dict.fromkeys([*OUTPUTS, *stages]))
+    stages, others = session.plugins.stages, session.plugins.outputs()
+    known = list(dict.fromkeys([*OUTPUTS, *stages, *others]))
     if command is None:
         session.table("Commands with a schema", ["command", "version"], [[name, VERSION] for name in known])
         session.next("schema COMMAND")
@@ -35,4 +35,4 @@ def schema(
         raise StudyError(
             f"no schema of '{command}'{suggestion(command, known)}; `palpate schema` lists the commands"
         )
-    session.json(schema(command, stages))
+    session.json(schema(command, stages, others))

@@ -171,6 +171,10 @@ class Plugins:
         """Let every plugin add its commands to ``app``; returns those that could not."""
         return self._registry.add_commands(app)
 
+    def outputs(self) -> dict[str, Any]:
+        """Types of what plugins' commands print with ``--json``, by the command's name."""
+        return self._registry.outputs()
+
     def commands(self, app: "typer.Typer") -> dict[str, str]:
         """Add the commands of every plugin to ``app``; returns the plugin of each by its name."""
         self._registry.add_commands(app)

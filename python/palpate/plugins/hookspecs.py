@@ -188,7 +188,8 @@ def palpate_commands(app: "typer.Typer") -> None:
 
 @hookspec
 def palpate_subcommands() -> "Iterable[SubCommand]":  # type: ignore[empty-body]
-    """Commands under the stages ``palpate experiment`` and ``palpate limb``.
+    """Commands of their own, with the type of what they print with ``--json``, or under a stage.
 
-    One that names suffixes is also called by a file alone: ``palpate limb arm.ply``.
+    Stages are ``palpate experiment`` and ``palpate limb``. One that names suffixes
+    is also called by a file alone: ``palpate limb arm.ply``.
     """

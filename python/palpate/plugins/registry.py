@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     import typer
 
     from palpate.plugins.interfaces import Component, Material
+    from palpate.plugins.subcommands import SubCommand
 
 DOMAIN, INTERFACES = "palpate.domain", "palpate.plugins.interfaces"
 
@@ -257,9 +258,8 @@ class Registry:
             try:
                 with guarded():
                     self._call(name, "palpate_commands")(app=app)
-                    for result in self._call(name, "palpate_subcommands")():
-                        for command in _as_items(result, "palpate_subcommands"):
-                            command.add_to(app)
+                    for command in self._subcommands(name):
+                        command.add_to(app)
                     if add_stage is not None:
                         for stage in self._stages(name):
                             add_stage(stage)
@@ -270,6 +270,18 @@ class Registry:
                     part.registered_commands[:], part.registered_groups[:] = commands, groups
                 broken.append(BrokenPlugin(name=name, source=source, reason=str(error)))
         return tuple(broken)
+
+    def outputs(self) -> dict[str, Any]:
+        """Types of what plugins' commands print with ``--json``, by the command's name."""
+        found = {}
+        for name in self.sources:
+            with guarded():
+                found |= {each.name: each.output_type for each in self._subcommands(name) if each.output}
+        return found
+
+    def _subcommands(self, plugin: str) -> "list[SubCommand]":
+        results = self._call(plugin, "palpate_subcommands")()
+        return [command for result in results for command in _as_items(result, "palpate_subcommands")]
 
     def _stages(self, plugin: str) -> "list[type[Component]]":
         """Stages of a plugin besides the core: through its hook, and as single components."""

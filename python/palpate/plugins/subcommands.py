@@ -1,8 +1,9 @@
-"""Commands that a plugin adds under a stage of the command line."""
+"""Commands that a plugin adds to the command line, of their own or under a stage."""
 
+import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from palpate.errors import PluginError
 
@@ -10,30 +11,51 @@ if TYPE_CHECKING:
     import typer
 
 
+def name_of(command: Callable[..., object]) -> str:
+    """Name of a command: its function's, with hyphens."""
+    return command.__name__.strip("_").replace("_", "-")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SubCommand:
-    """A command under a stage, such as ``palpate limb scan``.
+    """A command such as ``palpate predict``, or one under a stage, such as ``palpate limb scan``.
 
     Parameters
     ----------
-    stage : str
-        "experiment" or "limb".
     function : callable
         A Typer command; its name is that of the command.
+    stage : str
+        "experiment" or "limb"; empty for a command of its own.
+    panel : str
+        Heading in the list of commands, for a command of its own.
     suffixes : frozenset of str
         Files whose name alone calls the command: with ``.ply``, ``palpate limb arm.ply`` is
         ``palpate limb scan arm.ply``.
     epilog : str
         End of its help, such as examples.
+    output : str
+        ``module:name`` of the type of what it prints with ``--json``, for `palpate schema`; imported then.
     """
 
-    stage: str
     function: Callable[..., None]
+    stage: str = ""
+    panel: str = "More"
     suffixes: frozenset[str] = frozenset()
     epilog: str = ""
+    output: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name of the command."""
+        return name_of(self.function)
+
+    @property
+    def output_type(self) -> Any:  # noqa: ANN401 - a type
+        """Type of what it prints with ``--json``."""
+        return pkgutil.resolve_name(self.output)
 
     def add_to(self, app: "typer.Typer") -> None:
-        """Add it to its stage.
+        """Add it to the application, or to its stage.
 
         Raises
         ------
@@ -42,6 +64,9 @@ class SubCommand:
         """
         from typer.core import TyperCommand
 
+        if not self.stage:
+            app.command(self.name, rich_help_panel=self.panel, epilog=self.epilog)(self.function)
+            return
         groups = {group.name: group.typer_instance for group in app.registered_groups}
         if (group := groups.get(self.stage)) is None:
             raise PluginError(

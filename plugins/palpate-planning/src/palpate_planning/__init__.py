@@ -1,1 +1,34 @@
-"""What to measure next: how much a further press would narrow the intervals of a fit."""
+"""Which presses to make, first or next, so that intervals become narrow."""
+
+from typing import TYPE_CHECKING
+
+from palpate.api import hookimpl
+
+if TYPE_CHECKING:
+    from palpate.api import SubCommand
+
+
+@hookimpl
+def palpate_subcommands() -> "list[SubCommand]":
+    """``palpate next`` and ``palpate extend``."""
+    from palpate.api import RUN, SubCommand, examples
+    from palpate_planning.commands import extend, next_
+
+    return [
+        SubCommand(
+            function=next_,
+            panel=RUN,
+            output="palpate_planning.commands:ProposalOutput",
+            epilog=examples(
+                "palpate next runs/arm",
+                "palpate next runs/arm --for soft_tissue.c1 --presses 3",
+                "palpate next arm --presses 4 --allowed allowed.toml",
+            ),
+        ),
+        SubCommand(
+            function=extend,
+            panel=RUN,
+            output="palpate.cli.output:RunOutput",
+            epilog=examples("palpate extend runs/arm --with p2-9.csv"),
+        ),
+    ]

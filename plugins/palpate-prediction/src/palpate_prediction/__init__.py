@@ -1,4 +1,33 @@
-"""Prediction: what a fitted limb feels under another tool, motion or at another spot."""
+"""What a fitted limb feels under another tool, motion or at another spot; and cards of its materials."""
 
-from palpate_prediction.files import write_prediction as write_prediction
-from palpate_prediction.predict import Prediction as Prediction, run_prediction as run_prediction
+from typing import TYPE_CHECKING
+
+from palpate.api import hookimpl
+
+if TYPE_CHECKING:
+    from palpate.api import SubCommand
+
+
+@hookimpl
+def palpate_subcommands() -> "list[SubCommand]":
+    """``palpate predict`` and ``palpate card``."""
+    from palpate.api import RUN, SubCommand, examples
+    from palpate_prediction.commands import card, predict
+
+    home = "palpate_prediction.commands"
+    return [
+        SubCommand(
+            function=predict,
+            panel=RUN,
+            output=f"{home}:PredictOutput",
+            epilog=examples("palpate predict runs/arm --tool cuff.toml"),
+        ),
+        SubCommand(
+            function=card,
+            panel=RUN,
+            output=f"{home}:CardOutput",
+            epilog=examples(
+                "palpate card runs/arm --for abaqus", "palpate card runs/arm --for febio --into arm.feb"
+            ),
+        ),
+    ]

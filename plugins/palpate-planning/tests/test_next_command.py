@@ -1,5 +1,6 @@
-"""``palpate plan``, ``next`` and ``extend`` to their ends, where every point is weighed by its errors."""
+"""``palpate next`` and ``extend`` to their ends, where every point is weighed by its errors."""
 
+import jsonschema
 import numpy as np
 import pytest
 
@@ -9,8 +10,6 @@ from palpate.run.directory import RunDirectory
 from palpate.testing import bench
 from palpate.testing.studies import StudyRunner
 from palpate_planning.candidates import candidates, read_allowed
-
-from .test_json_output import valid
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
@@ -36,11 +35,12 @@ def weighed(tmp_path, soft_region):
 
 
 @pytest.mark.slow
-def test_presses_are_planned_over_the_ranges(call, weighed):
+def test_presses_are_planned_over_the_ranges(call, weighed, tmp_path):
     study, _ = weighed
-    made = call("plan", study.file, *CHOICE, "--json", plugin=bench.__file__)
+    made = call("next", study.file, *CHOICE, "--json", plugin=bench.__file__)
     assert made.code == 0, made.err
-    found = valid("plan", made.json)
+    found = valid(call, "next", made.json)
+    assert (tmp_path / "runs" / study.name / "next.json").exists()
     assert [press["press"] for press in found["presses"]] == ["p1-4", "p1-4"]
     _never_widens(found)
     (ratio,) = (row for row in found["intervals"] if (row["step"], row["parameter"]) == (0, "tissue.nu"))
@@ -53,7 +53,7 @@ def test_next_press_is_ranked_made_and_added(call, weighed, tmp_path):
     assert call("run", study.file, "--out", "run", plugin=bench.__file__).code == 0
     made = call("next", "run", *CHOICE, "--json", plugin=bench.__file__)
     assert made.code == 0, made.err
-    found = valid("next", made.json)
+    found = valid(call, "next", made.json)
     _never_widens(found)
     name = found["presses"][0]["press"]
     _measure(study, plugins, tmp_path, name)
@@ -61,7 +61,7 @@ def test_next_press_is_ranked_made_and_added(call, weighed, tmp_path):
         "extend", "run", "--press", name, "--with", f"{name}.txt", "--json", plugin=bench.__file__
     )
     assert extended.code == 0, extended.err
-    valid("extend", extended.json)
+    valid(call, "extend", extended.json)
     before, after = (RunDirectory(tmp_path / folder).fit() for folder in ("run", f"run-{name}"))
     for row in found["intervals"]:
         if row["step"] < 2:
@@ -71,6 +71,20 @@ def test_next_press_is_ranked_made_and_added(call, weighed, tmp_path):
     start = after.trace.row(0, named=True)
     answer = before.joint_values("both")
     assert {parameter: start[parameter] for parameter in answer} == answer
+
+
+def valid(call, command, value):
+    jsonschema.validate(value, call("schema", command).json)
+    return value
+
+
+def test_a_run_is_planned_in_its_own_folder(call, weighed):
+    study, _ = weighed
+    refused = call("next", "runs/none", "--out", "other")
+    assert refused.code == 2
+    assert "--out other: is for a study" in refused.err
+    unknown = call("next", study.file, "--for", "tissue.nu", "--tool", "none.toml", plugin=bench.__file__)
+    assert unknown.code == 2
 
 
 def _never_widens(found):

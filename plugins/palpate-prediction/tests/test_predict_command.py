@@ -2,6 +2,7 @@
 
 import json
 
+import jsonschema
 import pytest
 
 from palpate.plugins.registry import load_file
@@ -114,6 +115,14 @@ def test_a_tool_is_predicted_from_the_command_line(predict, made):
     assert {file.rsplit(".")[-1] for file in found["files"]} >= {"csv", "parquet", "vtu", "svg", "html"}
     assert (made[0].folder / "run" / "predictions" / "tool" / "index.html").is_file()
     assert not any(text.startswith("Not pressed to the end") for text in found["notes"])
+
+
+@pytest.mark.slow
+def test_what_it_prints_is_as_the_schema_says(predict, call):
+    _, found, _ = predict(TOOL)
+    jsonschema.validate(found, call("schema", "predict").json)
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate({**found, "more": 1}, call("schema", "predict").json)
 
 
 def test_a_threshold_without_its_unit_is_refused(predict):

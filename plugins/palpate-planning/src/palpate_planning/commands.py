@@ -1,0 +1,210 @@
+"""``palpate next`` and ``palpate extend``: which presses to make, and a run with one more."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from palpate.cli.options import AsJson, OutFolder, RunPath, Tables, TrustPlugins
+from palpate.cli.output import Closed, Row
+from palpate.cli.progress import StageProgress
+from palpate.cli.run import go
+from palpate.cli.runs import find_run, is_study, newest_run, original_study
+from palpate.cli.session import Session, run_folder
+from palpate.errors import StudyError
+
+if TYPE_CHECKING:
+    from palpate.study.reading import Study
+    from palpate_planning.stage import Proposal
+
+SHOWN = 8
+"""Candidates that are printed for each step."""
+
+FIRST_PRESSES, FURTHER_PRESSES = 3, 1
+"""Presses to choose where no number is given: for a study without a fit, and for a run."""
+
+
+class ProposalOutput(Closed):
+    """Which presses to make: ``presses`` has the poses and paths of those that are chosen.
+
+    ``ranking`` and ``intervals`` are tables as rows, ``protocols`` what a study says of each candidate.
+    """
+
+    goal: str
+    presses: list[dict[str, Any]]
+    intervals: list[Row]
+    ranking: list[Row]
+    protocols: dict[str, dict[str, Any]]
+    refused: list[Row]
+    failed_checks: list[str]
+    check_spot: str | None
+    warnings: list[str]
+
+
+def next_(  # named apart from the builtin
+    context: typer.Context,
+    run: RunPath = None,
+    out: OutFolder = None,
+    allowed: Annotated[
+        Path | None,
+        typer.Option(
+            "--allowed",
+            metavar="FILE",
+            help="Spots, protocols and limits to choose among; default: shares of the study's own.",
+            show_default=False,
+        ),
+    ] = None,
+    goal: Annotated[
+        str | None,
+        typer.Option(
+            "--for",
+            metavar="GOAL",
+            help="What to narrow: all, worst, one parameter, or with --tool the prediction; default: all.",
+            show_default=False,
+        ),
+    ] = None,
+    tool: Annotated[
+        Path | None,
+        typer.Option(
+            "--tool",
+            metavar="FILE",
+            help="Narrow the force of this tool, as `palpate predict` reports it.",
+            show_default=False,
+        ),
+    ] = None,
+    n_presses: Annotated[
+        int | None,
+        typer.Option(
+            "--presses",
+            min=1,
+            max=20,
+            help="Presses to choose, one after the other; default: 1, without a fit 3.",
+            show_default=False,
+        ),
+    ] = None,
+    n_points: Annotated[
+        int, typer.Option("--points", min=1, max=50, help="Likely parameters at which each is simulated.")
+    ] = 6,
+    trust_plugins: TrustPlugins = False,
+    as_json: AsJson = False,
+) -> None:
+    """Rank presses by how much each would narrow the intervals of a run, or those of a study without a fit.
+
+    Without a fit it is over the ranges of the study, and nothing needs to be measured.
+    """
+    from palpate.limb.loading import load_limbs
+    from palpate.run.directory import RunDirectory
+    from palpate.study.tool import read_tool
+    from palpate_planning.candidates import read_allowed
+    from palpate_planning.figure import draw
+    from palpate_planning.options import PlanOptions
+    from palpate_planning.propose import plan, propose
+
+    session, folder = Session.of(context), _run_to_narrow(run, out)
+    if folder is not None:
+        session, file = original_study(session, folder, trust=trust_plugins, command="next")
+        study = session.study(file)
+    else:
+        assert run is not None
+        study = session.study(run, need_measured=False)
+    options = PlanOptions(
+        allowed=read_allowed(allowed) if allowed else None,
+        tool=read_tool(tool, study, session.plugins) if tool else None,
+        goal=goal,
+        n_presses=n_presses or (FURTHER_PRESSES if folder else FIRST_PRESSES),
+        n_points=n_points,
+    )
+    where = folder or run_folder(study, out)
+    with StageProgress(session, where) as progress:
+        found = (propose if folder else plan)(study, where, session.plugins, progress, options)
+    picture = draw(found, load_limbs(study, to_show=True), where)[0]
+    if as_json:
+        session.json({**RunDirectory(where).proposal(), "warnings": progress.warnings})
+        return
+    _show(session, study, found)
+    session.labelled("Picture", picture.resolve().as_uri())
+    if folder is None:
+        session.note(f"no fit, so over the ranges of the study; poses and paths are in {where / 'next.json'}")
+        return
+    name = found.steps[0].chosen.press.press.name
+    session.next(
+        f"extend {folder} --press {name} --with {name}.csv",
+        f"poses and paths are in {folder / 'next.json'}; once the press is measured, ",
+    )
+
+
+def _run_to_narrow(given: Path | None, out: Path | None) -> Path | None:
+    """Run directory whose intervals are to become narrower; None for a study that has no fit yet."""
+    if given is not None and is_study(given):
+        found = newest_run(given) if out is None else None
+        return found if found and (found / "fit.parquet").exists() else None
+    if out is not None:
+        raise StudyError(f"--out {out}: is for a study; further presses of a run are planned in its folder")
+    return find_run(given)
+
+
+def _show(session: Session, study: "Study", found: "Proposal") -> None:
+    from palpate_planning.tables import proposal_tables
+    from palpate_report.written_units import rows_in_written_units
+
+    tables = proposal_tables(found)
+    if found.failed_checks:
+        failed = ", ".join(found.failed_checks)
+        session.paragraph(
+            f"The model does not describe the data ({failed}), so narrower intervals would mislead."
+            f" First repeat the press at {found.check} as it was: if its curves repeat, the model is "
+            "wrong, else the measurement. What would narrow the intervals if the model were right:"
+        )
+    for number, ranking in tables.ranking.group_by("step", maintain_order=True):
+        title = f"Press {number[0]}: width after it, over that before"
+        session.frame(title, ranking.drop("step").head(SHOWN))
+    intervals = rows_in_written_units(study, tables.intervals, ("value", "lower", "upper"))
+    session.frame("95 % intervals: now (step 0), and expected after each press", intervals)
+    if tables.refused.height:
+        session.frame("Refused", tables.refused)
+
+
+def extend(
+    context: typer.Context,
+    run: RunPath = None,
+    measured: Annotated[
+        Path | None, typer.Option("--with", metavar="FILE", help="Measured curves of the press.")
+    ] = None,
+    press: Annotated[
+        str | None, typer.Option("--press", metavar="NAME", help="Which press; default: the best.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FOLDER", help="Run directory; default: that of RUN with the press."),
+    ] = None,
+    trust_plugins: TrustPlugins = False,
+    tables: Tables = False,
+    as_json: AsJson = False,
+) -> None:
+    """Add a measured press to a run: a study with one more press, fitted in a copy of the run.
+
+    The fit starts at the answer of the run.
+    """
+    from palpate.run.directory import RunDirectory
+    from palpate_planning.extension import extended_study
+
+    if measured is None:
+        raise StudyError("name the measured curves of the press: --with FILE")
+    folder = find_run(run)
+    session, file = original_study(Session.of(context), folder, trust=trust_plugins, command="extend")
+    name, written = extended_study(folder, file, press, measured)
+    target = out or folder.with_name(f"{folder.name}-{name}")
+    session.note(f"study with the press '{name}': {written}")
+    study = session.study(written)
+    go(
+        session,
+        study,
+        folder,
+        go_on=True,
+        fork=target,
+        trust=(),
+        tables=tables,
+        as_json=as_json,
+        adopt=True,
+        fit_start=RunDirectory(folder).fit().joint_values(study.generalise_by),
+    )

@@ -1,0 +1,119 @@
+"""``palpate predict``, what the fitted limb feels under another tool; ``palpate card``, its materials."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from palpate.cli.options import AsJson, RunPath, TrustPlugins
+from palpate.cli.output import Closed
+from palpate.cli.progress import StageProgress
+from palpate.cli.runs import find_run, study_of_run
+from palpate.cli.session import Session
+from palpate.errors import StudyError
+
+
+class PredictOutput(Closed):
+    """A prediction: tables as rows, and its files; ``notes`` are the sentences of its page.
+
+    ``source`` is ``fit`` or the set whose values are used, ``n_draws`` those of the linear bands (0: none).
+    """
+
+    source: str
+    scenario: str
+    n_draws: int
+    notes: list[str]
+    summary: list[dict[str, Any]]
+    strains: list[dict[str, Any]]
+    files: list[str]
+
+
+CardOutput = dict[str, str]
+"""Text of each card, by region."""
+
+
+def predict(
+    context: typer.Context,
+    tool: Annotated[Path, typer.Option("--tool", metavar="FILE", help="Tool, motion and spots.")],
+    run: RunPath = None,
+    draws: Annotated[
+        int, typer.Option("--draws", min=0, help="Draws of the fitted values to simulate too, for a band.")
+    ] = 0,
+    trust_plugins: TrustPlugins = False,
+    as_json: AsJson = False,
+) -> None:
+    """Predict force, moment, pressure and shear under another tool, with a band and what extrapolates."""
+    from palpate.run.directory import RunDirectory
+    from palpate.study.tool import read_tool
+    from palpate_prediction.files import notes, write_prediction
+    from palpate_prediction.predict import run_prediction
+
+    folder = find_run(run)
+    session, study = study_of_run(Session.of(context), folder, trust=trust_plugins)
+    given = read_tool(tool, study, session.plugins)
+    with StageProgress(session, folder) as progress:
+        found = run_prediction(study, RunDirectory(folder), given, session.plugins, progress, n_solved=draws)
+    into = folder / "predictions" / given.name
+    notice = "SIMULATED curves, not a real experiment." if study.data == "simulated" else ""
+    files = write_prediction(found, session.plugins.channels, notice, into)
+    if as_json:
+        output: PredictOutput = {
+            "source": found.fitted.source,
+            "scenario": found.fitted.scenario,
+            "n_draws": found.n_draws,
+            "notes": notes(found, notice),
+            "summary": found.summary.to_dicts(),
+            "strains": found.strains.to_dicts(),
+            "files": [str(path) for path in files],
+        }
+        session.json(output)
+        return
+    session.frame("Prediction", found.summary)
+    for text in notes(found, notice):
+        session.say(text)
+    session.labelled("Page", files[-1].resolve().as_uri())
+
+
+def card(
+    context: typer.Context,
+    run: RunPath = None,
+    program: Annotated[
+        str, typer.Option("--for", metavar="PROGRAM", help="febio, abaqus, ansys, ls-dyna or json.")
+    ] = "json",
+    region: Annotated[
+        str | None, typer.Option("--region", help="One region of several.", show_default=False)
+    ] = None,
+    into: Annotated[
+        Path | None, typer.Option("--into", metavar="FILE", help="File to write; default: print it.")
+    ] = None,
+    trust_plugins: TrustPlugins = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write the fitted material for another program: values, formula of the stress, moduli, valid range."""
+    from palpate.run.atomic_files import write_atomically
+    from palpate.run.directory import RunDirectory
+    from palpate.stages.stage import read_run
+    from palpate_prediction.cards.of_run import cards_of
+    from palpate_prediction.cards.programs import PROGRAMS, joined
+
+    if program not in PROGRAMS:
+        raise StudyError(f"--for {program}: no such program; choose one of {', '.join(PROGRAMS)}")
+    folder = find_run(run)
+    session, study = study_of_run(Session.of(context), folder, trust=trust_plugins)
+    found = list(cards_of(read_run(study, RunDirectory(folder), session.plugins), session.plugins))
+    wanted = [data for data in found if region in (None, data.region)]
+    if not wanted:
+        known = ", ".join(data.region for data in found)
+        raise StudyError(f"--region {region}: not in the study; name one of {known}")
+    cards: CardOutput = {data.region: PROGRAMS[program](data) for data in wanted}
+    text = joined(program, cards)
+    if into is not None:
+        if into.exists():
+            raise StudyError(f"{into}: exists and is not overwritten; move it, or name another file")
+        write_atomically(into, text.encode())
+    if as_json:
+        session.json(cards)
+    elif into is None:
+        typer.echo(text, nl=False)
+    else:
+        session.say(f"written to {into}")
