@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.api import ElementBlock
+from palpate.api.mechanics import ElementBlock
 from palpate.mesh.specimens import block
 from palpate_jax.autodiff import AutodiffKernel
 from palpate_jax.body import blocks

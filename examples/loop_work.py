@@ -9,7 +9,8 @@ import numpy as np
 import polars as pl
 from pydantic import Field
 
-from palpate.api import Files, Progress, Run, Settings, Stage, StudyError, Summary, hookimpl
+from palpate.api import Progress, Run, Settings, Stage, StudyError, Summary, hookimpl
+from palpate.api.runs import Files
 
 
 class LoopWorkSettings(Settings):

@@ -15,9 +15,9 @@ import pytest
 from palpate.domain import Curve
 from palpate.errors import CurveError, PluginError
 from palpate.executors import sandbox
-from palpate.executors.sandbox import Limits, run_function, run_program
+from palpate.executors.sandbox import ProcessLimits, run_function, run_program
 
-LIMITS = Limits(time_s=300.0, stall_s=300.0, grace_s=0.5)
+LIMITS = ProcessLimits(time_s=300.0, stall_s=300.0, grace_s=0.5)
 HANGS = "import os, time\nwith open('pid', 'w') as file: print(os.getpid(), file=file)\ntime.sleep(600)"
 
 
@@ -49,13 +49,13 @@ def test_a_flood_is_drained_and_only_its_end_is_kept(tmp_path):
 
 
 def test_an_endless_flood_is_stopped(tmp_path):
-    limits = Limits(time_s=300.0, grace_s=0.5, output_bytes=1_000_000)
+    limits = ProcessLimits(time_s=300.0, grace_s=0.5, output_bytes=1_000_000)
     ended = python(tmp_path, "while True: print('x' * 10000)", limits)
     assert "bytes written" in ended.stopped
 
 
 def test_a_time_limit_ends_it(tmp_path):
-    limits = Limits(time_s=0.3, grace_s=600.0)
+    limits = ProcessLimits(time_s=0.3, grace_s=600.0)
     ended = run_program([sys.executable, "-S", "-c", "import time; time.sleep(600)"], tmp_path, limits)
     assert "time limit" in ended.stopped
     assert ended.exit_code == -15
@@ -66,7 +66,7 @@ def test_a_program_that_ignores_the_request_is_killed(tmp_path):
         "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN)\n"
         "print('x' * 10_000, flush=True); time.sleep(600)"
     )
-    ended = python(tmp_path, code, Limits(time_s=600.0, grace_s=0.2, output_bytes=1000))
+    ended = python(tmp_path, code, ProcessLimits(time_s=600.0, grace_s=0.2, output_bytes=1000))
     assert ended.exit_code == -9
 
 
@@ -92,9 +92,9 @@ class Program:
 @pytest.mark.parametrize(
     ("grows", "limits", "why"),
     [
-        (True, Limits(time_s=60.0, stall_s=3.0), ""),
-        (False, Limits(time_s=60.0, stall_s=3.0), "stopped: nothing written for 3 s"),
-        (True, Limits(time_s=6.0, stall_s=3.0), "stopped after 6 s, its time limit"),
+        (True, ProcessLimits(time_s=60.0, stall_s=3.0), ""),
+        (False, ProcessLimits(time_s=60.0, stall_s=3.0), "stopped: nothing written for 3 s"),
+        (True, ProcessLimits(time_s=6.0, stall_s=3.0), "stopped after 6 s, its time limit"),
     ],
 )
 def test_silence_is_no_progress_and_a_growing_file_is(tmp_path, monkeypatch, grows, limits, why):
@@ -147,8 +147,9 @@ def test_an_exception_here_ends_it_there(tmp_path, monkeypatch, until, has_ended
 GUARDED = """
 import sys
 from pathlib import Path
-from palpate.executors.sandbox import Limits, run_program
-run_program([sys.executable, "-c", sys.argv[2]], Path(sys.argv[1]), Limits(time_s=600.0), is_scratch=True)
+from palpate.executors.sandbox import ProcessLimits, run_program
+limits = ProcessLimits(time_s=600.0)
+run_program([sys.executable, "-c", sys.argv[2]], Path(sys.argv[1]), limits, is_scratch=True)
 """
 
 
@@ -188,7 +189,7 @@ def test_a_function_returns_its_value_and_raises_its_errors():
     ],
 )
 def test_a_function_that_hangs_or_ends_its_process_is_an_error(function, argument, message):
-    limits = Limits(time_s=1.5 if function is time.sleep else 300.0, grace_s=0.5)
+    limits = ProcessLimits(time_s=1.5 if function is time.sleep else 300.0, grace_s=0.5)
     with pytest.raises(ChildProcessError, match=message):
         run_function(limits, function, argument)
 
@@ -196,7 +197,7 @@ def test_a_function_that_hangs_or_ends_its_process_is_an_error(function, argumen
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are kept on Linux")
 def test_a_function_that_needs_more_memory_than_its_limit_is_an_error():
     with pytest.raises(MemoryError):
-        run_function(Limits(time_s=300.0, memory_mb=1000.0), bytearray, 2_000_000_000)
+        run_function(ProcessLimits(time_s=300.0, memory_mb=1000.0), bytearray, 2_000_000_000)
 
 
 def test_temporary_files_of_a_function_are_removed():

@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 import palpate_fibre
 from palpate import mechanics
 from palpate.api import HomogeneousTests, Job, Status
-from palpate.mesh.specimens import block
+from palpate.api.mesh import block
 from palpate.testing import MaterialContract, plugins_with
 from palpate_fibre import Reinforced, ReinforcedSettings
 from palpate_jax.body import Body

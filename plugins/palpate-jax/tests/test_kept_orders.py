@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.api import SparseFactor
+from palpate.api.mechanics import SparseFactor
 from palpate_jax import kept_orders
 from palpate_jax.sparse import LinearSolver, Pattern
 

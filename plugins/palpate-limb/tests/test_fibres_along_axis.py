@@ -10,7 +10,8 @@ import pytest
 import palpate_indentation
 import palpate_jax
 from palpate import AnisotropicMaterial, Parameter, hookimpl, open_problem, read_study
-from palpate.api import NO_FIELDS, Array
+from palpate.api import NO_FIELDS
+from palpate.api.mechanics import Array
 from palpate.simulation.synthesis import synthesise
 from palpate.testing import plugins_with
 

@@ -38,7 +38,7 @@ GUARD = ("/bin/sh", "-c", 'read -r _; kill -9 -"$0"; [ -z "$1" ] || /bin/rm -rf 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
+class ProcessLimits:
     """When a process is stopped.
 
     Parameters
@@ -86,7 +86,7 @@ class Ended:
 def run_program(
     command: Sequence[str],
     folder: Path,
-    limits: Limits,
+    limits: ProcessLimits,
     environment: Mapping[str, str] | None = None,
     *,
     is_scratch: bool = False,
@@ -101,7 +101,7 @@ def run_program(
     command : sequence of str
     folder : Path
         Growth of the files there counts as progress.
-    limits : Limits
+    limits : ProcessLimits
     environment : mapping, optional
         Added to this process's own.
     is_scratch : bool
@@ -131,12 +131,12 @@ def run_program(
     return Ended(exit_code=code, stopped=stopped, tail=tail, seconds=time.monotonic() - started)
 
 
-def run_function(limits: Limits, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+def run_function(limits: ProcessLimits, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
     """Call a function in a process of its own; its ``tempfile.gettempdir()`` is removed afterwards.
 
     Parameters
     ----------
-    limits : Limits
+    limits : ProcessLimits
     function : callable
         At the top level of a module. It, its arguments and what it returns are pickled.
 
@@ -189,7 +189,7 @@ def _started(
     command: Sequence[str],
     folder: Path,
     environment: Mapping[str, str] | None,
-    limits: Limits,
+    limits: ProcessLimits,
     printed: IO[bytes],
 ) -> Iterator[subprocess.Popen[bytes]]:
     variables = {**os.environ, **(environment or {})}
@@ -280,7 +280,9 @@ def end_group(process: "subprocess.Popen[bytes]", grace_s: float) -> None:
     process.wait()
 
 
-def _watched(process: "subprocess.Popen[bytes]", folder: Path, limits: Limits, printed: IO[bytes]) -> str:
+def _watched(
+    process: "subprocess.Popen[bytes]", folder: Path, limits: ProcessLimits, printed: IO[bytes]
+) -> str:
     """Wait for the end; returns why it has to be stopped, empty when it ended by itself."""
     started = grown = time.monotonic()
     size = -1

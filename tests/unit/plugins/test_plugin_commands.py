@@ -33,7 +33,8 @@ def test_a_plugin_with_broken_commands_adds_none(write: Write, name: str, then: 
 
 
 SUBCOMMAND = """
-from palpate.api import SubCommand, hookimpl
+from palpate.api import hookimpl
+from palpate.api.cli import SubCommand
 
 def {name}() -> None:
     pass

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import jax.numpy as jnp
 from pydantic import Field, field_validator
 
-from palpate.api import NO_FIELDS, AnisotropicMaterial, Array, Parameter, Settings
+from palpate.api import NO_FIELDS, AnisotropicMaterial, Parameter, Settings
+from palpate.api.mechanics import Array
 
 
 class ReinforcedSettings(Settings):

@@ -28,7 +28,7 @@ if not TYPE_CHECKING:
 @hookimpl
 def palpate_commands(app: "typer.Typer") -> None:
     """``predict-press``."""
-    from palpate.api import examples, name_of
+    from palpate.api.cli import examples, name_of
     from palpate_multis.command import predict_press
 
     lines = (

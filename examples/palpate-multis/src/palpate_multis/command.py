@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.api import AsJson, PalpateError, Session
+from palpate.api import PalpateError
+from palpate.api.cli import AsJson, Session
 
 if TYPE_CHECKING:
     from palpate_multis.population import Population

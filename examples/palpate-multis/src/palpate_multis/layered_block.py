@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 from scipy.sparse.linalg import spsolve
 
 from palpate.api import FloatArray, IntArray, MeshError
-from palpate.mesh.shape_functions import HEX_CORNERS
+from palpate.api.mesh import HEX_CORNERS
 
 LENGTH_MM = 45.0
 """Of the probe's face, along x."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from palpate.api import hookimpl
 
 if TYPE_CHECKING:
-    from palpate.api import Executor
+    from palpate.api.executors import Executor
 
 __version__ = "0.1.0"
 

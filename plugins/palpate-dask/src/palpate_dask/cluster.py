@@ -11,7 +11,7 @@ import dask
 from distributed import Client, LocalCluster
 from distributed.security import Security
 
-from palpate.api import ExecutorError
+from palpate.api.executors import ExecutorError
 from palpate_dask.settings import DaskSettings, JobQueueSettings
 
 _CLUSTERS = {

@@ -4,7 +4,7 @@ import weakref
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from palpate.api import Batch, Executor, JobResult, n_cores, packed_or_refused
+from palpate.api.executors import Batch, Executor, JobResult, n_cores, packed_or_refused
 from palpate_dask.settings import DaskSettings
 
 if TYPE_CHECKING:

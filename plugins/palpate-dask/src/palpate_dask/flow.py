@@ -11,7 +11,8 @@ from time import monotonic
 from distributed import Client, Future, as_completed
 from distributed.scheduler import KilledWorker
 
-from palpate.api import Batch, ExecutorError, JobResult, PalpateError, Status, packed
+from palpate.api import PalpateError, Status
+from palpate.api.executors import Batch, ExecutorError, JobResult, packed
 from palpate_dask.cluster import connected
 from palpate_dask.settings import DaskSettings
 from palpate_dask.worker_runtime import Shared, WorkerRuntime, run_tasks, shared_by

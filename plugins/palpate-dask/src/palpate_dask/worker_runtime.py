@@ -16,18 +16,9 @@ from typing import Any
 
 from distributed import Worker, WorkerPlugin, get_worker
 
-from palpate.api import (
-    Batch,
-    ExecutorError,
-    JobResult,
-    Limits,
-    Pool,
-    Solver,
-    installed_code,
-    load_file,
-    n_cores,
-    packed,
-)
+from palpate.api import Solver
+from palpate.api.executors import Batch, ExecutorError, JobResult, Limits, Pool, n_cores, packed
+from palpate.api.runs import installed_code, load_file
 
 IDLE_S = 300.0
 """Seconds after which idle processes are ended: their run may have ended."""

@@ -32,7 +32,7 @@ def palpate_solvers() -> "Iterable[type[Solver]]":
 @hookimpl
 def palpate_commands(app: "typer.Typer") -> None:
     """``febio-verify``."""
-    from palpate.api import examples, name_of
+    from palpate.api.cli import examples, name_of
     from palpate_febio.verify_command import febio_verify
 
     lines = ("palpate febio-verify arm", "palpate febio-verify arm --out /scratch/arm")

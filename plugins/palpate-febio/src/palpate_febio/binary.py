@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate.api import PluginError
-from palpate.executors.sandbox import Limits, run_program
+from palpate.api.files import ProcessLimits, run_program
 
 NAMES = ("febio4", "febio4.exe", "FEBio4")
 PLACES = (
@@ -106,7 +106,7 @@ def examine(path: Path) -> Binary:
         ended = run_program(
             [str(path), "-noconfig", "-nosplash", "-info", "-norun"],
             Path(folder),
-            Limits(time_s=60.0, stall_s=60.0),
+            ProcessLimits(time_s=60.0, stall_s=60.0),
             is_scratch=True,
         )
     found = _INFO.search(ended.tail)

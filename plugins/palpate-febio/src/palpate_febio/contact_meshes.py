@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, Mesh, MeshError
-from palpate.mesh.topology import outer_faces
+from palpate.api.mesh import outer_faces
 
 FEBIO_NAMES = {3: "tri3", 4: "quad4", 6: "tri6"}
 """Kinds of faces by their number of nodes."""

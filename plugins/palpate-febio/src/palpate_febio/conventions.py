@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.api import FloatArray, IsotropicMaterial, Material, MaterialError
-from palpate.executors.sandbox import Limits, run_program
+from palpate.api.files import ProcessLimits, run_program
 from palpate_febio.deck import DECK_NAME, LOG_NAME, control_of, leaf, leaves, to_bytes
 from palpate_febio.log import read_log
 from palpate_febio.outcome import RecordError, read_record
@@ -155,7 +155,7 @@ def fit(material: Material, sent: FloatArray, stress: FloatArray) -> Fit:
     MaterialError
         None fits; with the figures.
     """
-    from palpate.mechanics import cauchy_stress
+    from palpate.api.mechanics import cauchy_stress
 
     s = np.arange(1, N_STEPS + 1)[:, None, None] / N_STEPS
     F = np.eye(3) + GRADIENTS[:, None] * s
@@ -177,7 +177,7 @@ def fit(material: Material, sent: FloatArray, stress: FloatArray) -> Fit:
     return Fit(best, deviations)
 
 
-def run_probe(material: Material, command: list[str], limits: Limits) -> Fit:
+def run_probe(material: Material, command: list[str], limits: ProcessLimits) -> Fit:
     """Convention that a run of the probe shows; a temporary folder holds the run.
 
     Parameters

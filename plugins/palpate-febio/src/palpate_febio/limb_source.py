@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import Field
 
 from palpate.api import FloatArray, IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
-from palpate.mesh.topology import CELLS
+from palpate.api.mesh import CELLS
 
 LARGEST_FILE_BYTES = 2_000_000_000
 RIGID = "rigid body"

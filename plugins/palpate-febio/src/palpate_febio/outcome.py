@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from palpate.api import BalancedStates, FloatArray, PalpateError, Status
-from palpate.executors.sandbox import Ended
-from palpate.mesh.spot_frame import SpotWrench, pose_of
+from palpate.api import FloatArray, PalpateError, Status
+from palpate.api.experiment import BalancedStates
+from palpate.api.files import Ended
+from palpate.api.mesh import SpotWrench, pose_of
 from palpate_febio.deck import RECORD_DATA
 from palpate_febio.log import LogSummary, read_log
 from palpate_febio.steps import Steps, halved, up_to_first_turn, with_hold

@@ -14,7 +14,6 @@ from urllib.parse import quote
 import numpy as np
 
 from palpate.api import (
-    STATE_COLUMNS,
     AnisotropicMaterial,
     Job,
     Limb,
@@ -28,8 +27,9 @@ from palpate.api import (
     Status,
     StudyError,
 )
-from palpate.executors.sandbox import Ended, Limits, run_program
-from palpate.mesh.spot_frame import in_spot_frame, indentation_of
+from palpate.api.experiment import STATE_COLUMNS
+from palpate.api.files import Ended, ProcessLimits, run_program
+from palpate.api.mesh import in_spot_frame, indentation_of
 from palpate_febio import __version__
 from palpate_febio.binary import Binary, examine, find_binary
 from palpate_febio.contact_meshes import contact_faces
@@ -49,7 +49,7 @@ USABLE = (Status.OK, Status.DIVERGED)
 VERIFICATION_METHODS: tuple[Method, ...] = ("broyden", "newton")
 """Ways to solve the run that verifies another, whose steps are given."""
 
-PROBE_LIMITS = Limits(time_s=300.0, stall_s=300.0)
+PROBE_LIMITS = ProcessLimits(time_s=300.0, stall_s=300.0)
 
 
 class FebioWarning(UserWarning):
@@ -151,8 +151,8 @@ class FebioSolver(Solver[FebioSettings]):
         PluginError
             There is no FEBio.
         """
-        from palpate.api import check_limb
-        from palpate.mechanics import check_reference_state
+        from palpate.api.mechanics import check_reference_state
+        from palpate.api.runs import check_limb
 
         _, limb = indentation_of(job, limb, self.name)
         check_limb(limb, list(job.materials))
@@ -265,7 +265,7 @@ class FebioSolver(Solver[FebioSettings]):
             ended = run_program(
                 self.command(folder),
                 folder,
-                Limits(time_s=self.settings.time_limit, stall_s=self.settings.stall_limit),
+                ProcessLimits(time_s=self.settings.time_limit, stall_s=self.settings.stall_limit),
                 {"OMP_NUM_THREADS": n_threads, "MKL_NUM_THREADS": n_threads},
                 is_scratch=not self.settings.keep_folder,
             )

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from palpate.api import AsJson, OutFolder, Session, StudyError, StudyPath, run_folder
+from palpate.api import StudyError
+from palpate.api.cli import AsJson, OutFolder, Session, StudyPath, run_folder
 
 if TYPE_CHECKING:
-    from palpate.api import Simulation, Study
+    from palpate.api import Simulation
+    from palpate.api.runs import Study
 
 HEADS = ("spot", "set_id", "verdict", "halving", "hold", "force", "torque", "message")
 
@@ -56,7 +58,7 @@ def verified_sets(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
     StudyError
         The run has no selection yet, or its protocol has no torque to verify.
     """
-    from palpate.api import RunDirectory, job_for, load_limbs, stored
+    from palpate.api.runs import RunDirectory, job_for, load_limbs, stored
     from palpate_febio.solver import FebioSolver
 
     run = RunDirectory(folder)

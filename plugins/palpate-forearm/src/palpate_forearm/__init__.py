@@ -48,7 +48,7 @@ def palpate_studies() -> "list[StudyTemplate]":
 @hookimpl
 def palpate_commands(app: "typer.Typer") -> None:
     """Add the command that repeats the paper's study."""
-    from palpate.api import RUN, examples
+    from palpate.api.cli import RUN, examples
     from palpate_forearm.reproduce_command import reproduce
 
     calls = examples(

@@ -7,7 +7,7 @@ from typing import Any
 
 import polars as pl
 
-from palpate.api import RunResult, markdown
+from palpate.api.report import RunResult, markdown
 from palpate_forearm.errata import NOT_SHARED, Erratum, errata
 from palpate_forearm.paper_tables import side_by_side
 from palpate_forearm.reproduction import ReproductionResult

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.api import TEXT_WIDTH, AsJson, Session, StageProgress, StudyError
+from palpate.api import StudyError
+from palpate.api.cli import TEXT_WIDTH, AsJson, Session, StageProgress
 
 if TYPE_CHECKING:
     from palpate_forearm.errata import Erratum
@@ -96,7 +97,7 @@ def _size(
 
 def _fitting(session: Session, costs: "list[Cost]", minutes: float, begun: int) -> int:
     """Sets for a time, and no fewer than there are."""
-    from palpate.api import n_cores
+    from palpate.api.executors import n_cores
     from palpate_forearm.reproduction import sets_within
 
     size = max(begun, sets_within(minutes, costs, n_cores()))
@@ -105,7 +106,7 @@ def _fitting(session: Session, costs: "list[Cost]", minutes: float, begun: int) 
 
 
 def _asked(session: Session, costs: "list[Cost]") -> int | None:
-    from palpate.api import n_cores
+    from palpate.api.executors import n_cores
     from palpate_forearm.reproduction import FEWEST_SETS, PAPER_SETS, sets_within
 
     sizes = sorted({FEWEST_SETS, *(sets_within(m, costs, n_cores()) for m in (15.0, 60.0)), PAPER_SETS})
@@ -121,7 +122,7 @@ def _asked(session: Session, costs: "list[Cost]") -> int | None:
 
 
 def _minutes(costs: "list[Cost]", n_sets: int) -> str:
-    from palpate.api import n_cores
+    from palpate.api.executors import n_cores
 
     seconds = sum(c.seconds(n_cores()) * n_sets / c.n_drawn for c in costs)
     return f"{math.ceil(seconds / 60.0)} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"

@@ -23,21 +23,18 @@ from typing import Any
 
 import numpy as np
 
-from palpate.api import (
-    SILENT,
+from palpate.api import SILENT, Progress, StudyError
+from palpate.api.executors import StoppedError, simulate_alone
+from palpate.api.report import RunResult
+from palpate.api.runs import (
     NothingSelectableError,
     Plugins,
-    Progress,
     RunDirectory,
-    RunResult,
-    StoppedError,
     Study,
-    StudyError,
     check_study,
     jobs,
     read_study,
     run_study,
-    simulate_alone,
 )
 
 PAPER_SETS = 250

@@ -8,18 +8,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from palpate.api import (
-    Curve,
-    CurveError,
-    ExperimentLoader,
-    FloatArray,
-    IntArray,
-    Response,
-    Settings,
-    moving_span,
-)
-from palpate.experiment import delimited
-from palpate.experiment.delimited import DELIMITERS, TextFormat, TextTable
+from palpate.api import Curve, CurveError, ExperimentLoader, FloatArray, IntArray, Response, Settings, files
+from palpate.api.files import DELIMITERS, TextFormat, TextTable
+from palpate.api.runs import moving_span
 
 _LARGEST = 1e150
 
@@ -255,7 +246,7 @@ def _curve(path: Path, channel: str, columns: ChannelColumns, values: Mapping[Co
         ) from None
 
 
-def _values(path: Path, rows: IntArray, read: delimited.Column, column: Column) -> FloatArray:
+def _values(path: Path, rows: IntArray, read: files.Column, column: Column) -> FloatArray:
     """Numbers of a column in the channel's unit, all finite."""
     if read.unit:
         raise CurveError(

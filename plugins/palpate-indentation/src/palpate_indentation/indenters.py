@@ -9,7 +9,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from palpate.api import Array, FloatArray, Indenter, MeshError, Quantity, Settings
+from palpate.api import FloatArray, Indenter, MeshError, Quantity, Settings
+from palpate.api.mechanics import Array
 
 Length = Annotated[float, Quantity("mm")]
 Angle = Annotated[float, Quantity("deg")]

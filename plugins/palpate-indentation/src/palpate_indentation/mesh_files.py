@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.api import MeshError
-from palpate.executors.sandbox import Limits, run_function
+from palpate.api.files import ProcessLimits, run_function
 
 MOST_BYTES = 1_000_000_000
 MOST_MEMORY_MB = 4_000.0
@@ -61,7 +61,7 @@ def read_mesh_file(path: Path) -> MeshFile:
     if path.stat().st_size > MOST_BYTES:
         raise MeshError(f"{path}: larger than {MOST_BYTES / 1e9:g} GB; keep only the segment around the spot")
     try:
-        return run_function(Limits(time_s=LONGEST_S, memory_mb=MOST_MEMORY_MB), read_here, path)
+        return run_function(ProcessLimits(time_s=LONGEST_S, memory_mb=MOST_MEMORY_MB), read_here, path)
     except (ChildProcessError, MemoryError) as error:
         how = "too little memory" if isinstance(error, MemoryError) else error
         raise MeshError(

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from palpate.api import IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
-from palpate.mesh.topology import CELLS
+from palpate.api.mesh import CELLS
 from palpate_indentation.mesh_files import MeshFile, read_mesh_file
 from palpate_indentation.node_choices import Choice, check_whole, chosen
 
 LONGEST_MM = 3000.0
 
 KINDS: Mapping[str, str] = MappingProxyType({cell.meshio: kind for kind, cell in CELLS.items()})
-"""Volume elements: meshio's cell type to the kind of :class:`palpate.domain.Mesh`."""
+"""Volume elements: meshio's cell type to the kind of :class:`palpate.api.Mesh`."""
 
 IGNORED = frozenset(
     {
@@ -75,7 +75,7 @@ class MeshioSource(LimbSource[MeshioSettings]):
 
     Elements ``tetra``, ``tetra10`` and ``hexahedron`` become ``tet4``, ``tet10``
     and ``hex8`` with their nodes in the file's order as meshio gives it, that of
-    :mod:`palpate.mesh.topology`. Edges may be curved. Points, lines and faces are ignored; any
+    :mod:`palpate.api.mesh`. Edges may be curved. Points, lines and faces are ignored; any
     other element is refused. Cell data of one number or one vector for each element, such as the
     direction of fibres, are passed to the materials that name them.
     """

@@ -6,16 +6,8 @@ from typing import Annotated, NamedTuple, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from palpate.api import (
-    MOST_TILT_DEG,
-    MOST_WAYPOINTS,
-    FloatArray,
-    Motion,
-    Quantity,
-    Settings,
-    StudyError,
-    Waypoints,
-)
+from palpate.api import FloatArray, Motion, Quantity, Settings, StudyError, Waypoints
+from palpate.api.experiment import MOST_TILT_DEG, MOST_WAYPOINTS
 
 Length = Annotated[float, Quantity("mm")]
 Angle = Annotated[float, Quantity("deg")]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.api import NO_FIELDS, FloatArray, IntArray, Material
-from palpate.mechanics import stress, stress_and_tangent
+from palpate.api.mechanics import stress, stress_and_tangent
 
 Jax = Any
 T = TypeVar("T", bound=np.generic)

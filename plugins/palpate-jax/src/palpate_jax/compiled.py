@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from palpate.api import Array, Deformation, ElementBlock, FloatArray, IntArray, IsotropicMaterial, Material
-from palpate.mechanics import principal_derivatives
+from palpate.api import FloatArray, IntArray, IsotropicMaterial, Material
+from palpate.api.mechanics import Array, Deformation, ElementBlock, principal_derivatives
 
 POINTS = 4096
 """Quadrature points differentiated at a time: one size, so that every mesh shares the compilation."""

@@ -452,7 +452,7 @@ def _face_stiffness(surface: ContactSurface, faces: IntArray, jacobians: FloatAr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
-    """Force and moment of the contact, with the signs of :mod:`palpate.mesh.spot_frame`.
+    """Force and moment of the contact, with the signs of :mod:`palpate.api.mesh`.
 
     Parameters
     ----------

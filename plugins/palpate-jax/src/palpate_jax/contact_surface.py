@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, Mesh, MeshError
-from palpate.mesh.topology import outer_faces
+from palpate.api.mesh import outer_faces
 from palpate_jax.elements import ELEMENTS, Face
 
 

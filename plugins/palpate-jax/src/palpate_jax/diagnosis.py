@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from palpate.api import FloatArray, IsotropicMaterial, Material
-from palpate.mechanics import principal_derivatives
+from palpate.api.mechanics import principal_derivatives
 from palpate_jax.body import Block
 from palpate_jax.load_stepping import Stop
 from palpate_jax.model import Model

@@ -22,8 +22,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from palpate import mechanics
-from palpate.api import AnisotropicMaterial, Array, FloatArray
+from palpate.api import AnisotropicMaterial, FloatArray, mechanics
+from palpate.api.mechanics import Array
 
 STEP_LENGTHS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.1, 0.02, 0.0)
 """Tried shares of a Newton step; the one with the least energy is used."""

@@ -7,14 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from palpate.api import FloatArray
-from palpate.mesh.shape_functions import (
-    HEX_CORNERS,
-    barycentric,
-    linear_simplex,
-    multilinear,
-    quadratic_simplex,
-)
-from palpate.mesh.topology import CELLS
+from palpate.api.mesh import CELLS, HEX_CORNERS, barycentric, linear_simplex, multilinear, quadratic_simplex
 
 _TRI_EDGES = ((0, 1), (1, 2), (2, 0))
 
@@ -119,7 +112,7 @@ def _hex8() -> Element:
 ELEMENTS: Mapping[str, Element] = MappingProxyType(
     {"tet4": _tet4(), "tet10": _tet10(_tet_points()), "hex8": _hex8()}
 )
-"""Element kinds of a mesh, by the names of :data:`palpate.mesh.topology.CELLS`."""
+"""Element kinds of a mesh, by the names of :data:`palpate.api.mesh.CELLS`."""
 
 PLAIN_ELEMENTS: Mapping[str, Element] = MappingProxyType({**ELEMENTS, "tet10": _tet10(_tet_points_plain())})
 """The same without mean dilatation, where tet10 needs more points."""

@@ -24,9 +24,8 @@ import jax
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, Limb, Material, Mesh
-from palpate.mechanics import stress
-from palpate.mesh.spot_frame import in_spot_frame, spot_axes
-from palpate.mesh.topology import CELLS
+from palpate.api.mechanics import stress
+from palpate.api.mesh import CELLS, in_spot_frame, spot_axes
 from palpate_jax.body import Block, blocks, points_of_cells
 from palpate_jax.contact import Contact
 from palpate_jax.load_stepping import LoadStep

@@ -6,8 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from palpate.api import BoolArray, FloatArray, Indentation, IntArray, Limb, Mesh, MeshError, Waypoints
-from palpate.mesh.contact_edge import NEAR, contact_edge_mm
-from palpate.mesh.spot_frame import in_spot_frame
+from palpate.api.mesh import NEAR, contact_edge_mm, in_spot_frame
 from palpate_jax.contact_surface import contact_surfaces
 from palpate_jax.kinematics import pose
 

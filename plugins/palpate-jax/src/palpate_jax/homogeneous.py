@@ -32,9 +32,7 @@ import jax.numpy as jnp
 import numpy as np
 from pydantic import Field
 
-from palpate import mechanics
 from palpate.api import (
-    Array,
     Channel,
     Curve,
     CurveError,
@@ -53,7 +51,9 @@ from palpate.api import (
     SolverError,
     Status,
     __version__,
+    mechanics,
 )
+from palpate.api.mechanics import Array
 from palpate_jax import directional
 
 LONGEST_STEP = 0.3

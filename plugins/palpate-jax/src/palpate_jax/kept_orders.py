@@ -15,7 +15,8 @@ import numpy as np
 import platformdirs
 from numpy.typing import NDArray
 
-from palpate.api import SparseFactor, write_atomically
+from palpate.api.files import write_atomically
+from palpate.api.mechanics import SparseFactor
 
 Order = NDArray[np.uint32]
 

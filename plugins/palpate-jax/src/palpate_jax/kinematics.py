@@ -1,6 +1,6 @@
 """Poses of the rigid indenter, and the loads that do work as they change.
 
-A position is six numbers, as the columns of :data:`palpate.domain.balanced_states.POSE` [mm, degrees]: depth,
+A position is six numbers, as the columns of :data:`palpate.api.experiment.POSE` [mm, degrees]: depth,
 two shifts, the rotation vector of the axis from the normal, and the rotation about that axis. The loads
 are the columns of ``WRENCH``, of the indenter on the tissue, with moments about the indenter's origin.
 """

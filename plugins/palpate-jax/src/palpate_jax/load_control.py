@@ -12,7 +12,8 @@ from functools import partial
 
 import numpy as np
 
-from palpate.api import POSE, WRENCH, FloatArray, IntArray
+from palpate.api import FloatArray, IntArray
+from palpate.api.experiment import POSE, WRENCH
 from palpate_jax.contact import ContactLaw, ContactState, Memory
 from palpate_jax.kinematics import motion, pose, tip_at, wrench, wrench_rates
 from palpate_jax.model import Model

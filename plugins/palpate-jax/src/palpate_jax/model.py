@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, Limb, Material, Mesh, MeshError
-from palpate.mesh.spot_frame import in_spot_frame, spot_axes
+from palpate.api.mesh import in_spot_frame, spot_axes
 from palpate_jax.body import Body
 from palpate_jax.contact import Answer, Contact, ContactState, Motion, Pose
 from palpate_jax.sparse import LinearSolver, Pattern

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.api import BoolArray, FloatArray, IntArray
-from palpate.mesh.topology import CELLS
+from palpate.api.mesh import CELLS
 
 ROUNDS = 3
 """Pairings; each doubles the patches, to 8 tetrahedra after three."""

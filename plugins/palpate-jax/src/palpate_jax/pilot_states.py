@@ -15,7 +15,8 @@ import numpy as np
 import platformdirs
 from numpy.typing import NDArray
 
-from palpate.api import FloatArray, write_atomically
+from palpate.api import FloatArray
+from palpate.api.files import write_atomically
 
 MOST_BYTES = 8_000_000_000
 """Size of the folder beyond which the files that were used longest ago are deleted."""

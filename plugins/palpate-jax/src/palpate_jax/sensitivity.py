@@ -22,8 +22,8 @@ from functools import partial
 import jax
 import numpy as np
 
-from palpate.api import Array, FloatArray, IntArray, Material
-from palpate.mechanics import moduli_at_rest
+from palpate.api import FloatArray, IntArray, Material
+from palpate.api.mechanics import Array, moduli_at_rest
 from palpate_jax.contact import Change, ContactLaw, ContactState, Motion
 from palpate_jax.kinematics import motion, tip_at, wrench_rates
 from palpate_jax.model import Linearised, Model

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, Limb, Mesh, SurfaceStates
-from palpate.mesh.spot_frame import spot_axes
-from palpate.mesh.topology import outer_faces, triangles_of
+from palpate.api.mesh import outer_faces, spot_axes, triangles_of
 from palpate_jax.contact import Contact, Points
 from palpate_jax.load_stepping import LoadStep
 from palpate_jax.model import Model

@@ -14,8 +14,6 @@ from pydantic import Field
 
 from palpate.api import (
     PRESS_AND_TWIST,
-    STATE_COLUMNS,
-    BalancedStates,
     FloatArray,
     Indentation,
     Job,
@@ -29,10 +27,11 @@ from palpate.api import (
     Solver,
     Status,
     StudyError,
-    job_key,
 )
-from palpate.mechanics import check_reference_state, initial_moduli
-from palpate.mesh.spot_frame import SpotWrench, indentation_of
+from palpate.api.experiment import STATE_COLUMNS, BalancedStates
+from palpate.api.mechanics import check_reference_state, initial_moduli
+from palpate.api.mesh import SpotWrench, indentation_of
+from palpate.api.runs import job_key
 from palpate_jax.contact import ContactLaw
 from palpate_jax.diagnosis import explained
 from palpate_jax.footprint import check_footprint, check_touch

@@ -10,7 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from palpate.api import FloatArray, IntArray, SparseFactor
+from palpate.api import FloatArray, IntArray
+from palpate.api.mechanics import SparseFactor
 from palpate_jax.kept_orders import keep_order, kept_order, order_file
 
 PATIENCE = 60

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 from palpate.api import hookimpl
 
 if TYPE_CHECKING:
-    from palpate.api import Indenter, SubCommand
+    from palpate.api import Indenter
+    from palpate.api.cli import SubCommand
 
 
 @hookimpl
@@ -19,7 +20,7 @@ def palpate_indenters() -> "list[type[Indenter]]":
 @hookimpl
 def palpate_subcommands() -> "list[SubCommand]":
     """``palpate limb SCAN``."""
-    from palpate.api import SubCommand, examples
+    from palpate.api.cli import SubCommand, examples
     from palpate_limb.cli import SCAN_SUFFIXES, scan
 
     calls = examples(

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from palpate.api import AsJson, MeshError, Session, StageProgress
+from palpate.api import MeshError
+from palpate.api.cli import AsJson, Session, StageProgress
 from palpate_limb import cli_options as options
 
 if TYPE_CHECKING:
@@ -126,7 +127,7 @@ def _mesh_plan(
     radius_mm: float, size: str, layers_mm: dict[str, float], core: str, linear: bool, mesher: str
 ) -> "MeshPlan":
     """Fine under the indenter, coarse away from it."""
-    from palpate.mesh.contact_edge import NEAR
+    from palpate.api.mesh import NEAR
     from palpate_limb.meshing import SizeField
     from palpate_limb.volume import MeshPlan
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.api import FloatArray, Limb, MeshError, check_limb
+from palpate.api import FloatArray, Limb, MeshError
+from palpate.api.runs import check_limb
 from palpate_limb.bones import IN_PLACE, Placement, by_icp, covered, read_bones, read_landmarks, read_motion
 from palpate_limb.layers import layer_order
 from palpate_limb.marks import find_marks, name_marks

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from palpate.api import Limb
-from palpate.mesh.topology import CELLS
+from palpate.api.mesh import CELLS
 from palpate_limb.from_scan import ReadScan, ScannedLimb
 
 # ``benchmarks/study_mesh_size.py`` presses and twists the phantom's spot p2 on meshes of several sizes, and

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.api import FloatArray, IntArray, MeshError, PluginError
-from palpate.executors.sandbox import Limits, run_function
+from palpate.api.files import ProcessLimits, run_function
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -170,7 +170,7 @@ def _run_tool(
     what: str, time_limit_s: float, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs
 ) -> T:
     try:
-        return run_function(Limits(time_s=time_limit_s), function, *args, **kwargs)
+        return run_function(ProcessLimits(time_s=time_limit_s), function, *args, **kwargs)
     except ImportError as error:
         raise PluginError(f"{what}: {error}; install it, e.g. pip install 'palpate-limb[all]'") from None
     except (ChildProcessError, MemoryError) as error:

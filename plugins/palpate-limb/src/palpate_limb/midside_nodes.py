@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from palpate.api import BoolArray, FloatArray, IntArray
-from palpate.mesh.topology import CELLS
+from palpate.api.mesh import CELLS
 from palpate_limb.quality import scaled_jacobians
 from palpate_limb.segment import Segment
 from palpate_limb.surfaces import Surface

@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 
 from palpate.api import FloatArray, MeshError
-from palpate.mesh.spot_frame import spot_axes
+from palpate.api.mesh import spot_axes
 from palpate_limb.repair import extent
 from palpate_limb.surfaces import Surface, solid
 

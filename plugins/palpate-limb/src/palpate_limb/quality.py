@@ -10,9 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, Limb, MeshError
-from palpate.mesh.contact_edge import contact_edge_mm
-from palpate.mesh.shape_functions import quadratic_simplex
-from palpate.mesh.topology import CELLS
+from palpate.api.mesh import CELLS, contact_edge_mm, quadratic_simplex
 from palpate_limb.segment import Segment
 
 LEAST_SCALED_JACOBIAN = 0.02

@@ -1,6 +1,6 @@
 """The piece of limb around a spot, in the spot's frame.
 
-The x axis of the frame (:mod:`palpate.mesh.spot_frame`) is the limb's axis, as far as it is tangential.
+The x axis of the frame (:mod:`palpate.api.mesh`) is the limb's axis, as far as it is tangential.
 """
 
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from palpate.api import FloatArray, MeshError, Spot
-from palpate.mesh.spot_frame import spot_axes
+from palpate.api.mesh import spot_axes
 from palpate_limb.surfaces import Surface, joined, solid, surface_of
 
 LEAST_GAP_MM = 0.3

@@ -8,7 +8,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, PrivateAttr
 
-from palpate.api import Array, FloatArray, Indenter, InputFile, MeshError, Quantity, Settings
+from palpate.api import FloatArray, Indenter, InputFile, MeshError, Quantity, Settings
+from palpate.api.mechanics import Array
 from palpate_limb.rounded_solid import RoundedSolid, rounded_solid
 from palpate_limb.surface_files import read_surface
 

@@ -9,7 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, Limb, Mesh, MeshError, Spot
-from palpate.mesh.topology import CELLS, outer_faces, with_midpoints
+from palpate.api.mesh import CELLS, outer_faces, with_midpoints
 from palpate_limb.layers import below_skin, extruded
 from palpate_limb.meshing import AdaptTask, MeshingTask, SizeField, run_mesher, run_mmg
 from palpate_limb.midside_nodes import curved

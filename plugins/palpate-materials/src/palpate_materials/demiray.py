@@ -1,6 +1,6 @@
 """Demiray material."""
 
-from palpate.api import Array
+from palpate.api.mechanics import Array
 from palpate_materials.uncoupled import Uncoupled, bulk_modulus, first_invariant, modulus, shape
 
 

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from palpate import mechanics
-from palpate.api import AnisotropicMaterial, Array, IsotropicMaterial, Material
+from palpate.api import AnisotropicMaterial, IsotropicMaterial, Material, mechanics
+from palpate.api.mechanics import Array
 
 SETS_AT_ONCE = 256
 """Sets whose Hessians are in memory together."""

@@ -2,7 +2,8 @@
 
 import math
 
-from palpate.api import Array, EnergyForm, FloatArray, IsotropicMaterial, Parameter
+from palpate.api import FloatArray, IsotropicMaterial, Parameter
+from palpate.api.mechanics import Array, EnergyForm
 from palpate_materials.uncoupled import first_invariant, log_volume_ratio, modulus
 
 

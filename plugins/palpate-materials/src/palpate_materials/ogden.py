@@ -3,7 +3,8 @@
 import numpy as np
 from pydantic import Field
 
-from palpate.api import Array, EnergyForm, FloatArray, MaterialError, Settings
+from palpate.api import FloatArray, MaterialError, Settings
+from palpate.api.mechanics import Array, EnergyForm
 from palpate_materials.uncoupled import POSITIVE, Uncoupled, bulk_modulus, modulus, shape, total
 
 

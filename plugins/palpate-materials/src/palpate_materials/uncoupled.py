@@ -3,7 +3,8 @@
 import sys
 from abc import abstractmethod
 
-from palpate.api import Array, IsotropicMaterial, Parameter, SettingsT
+from palpate.api import IsotropicMaterial, Parameter, SettingsT
+from palpate.api.mechanics import Array
 
 POSITIVE = sys.float_info.min
 """Lower physical limit of a positive parameter."""

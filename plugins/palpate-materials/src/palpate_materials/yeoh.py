@@ -3,7 +3,8 @@
 import numpy as np
 from pydantic import Field
 
-from palpate.api import Array, EnergyForm, FloatArray, Parameter, Settings
+from palpate.api import FloatArray, Parameter, Settings
+from palpate.api.mechanics import Array, EnergyForm
 from palpate_materials.uncoupled import POSITIVE, Uncoupled, bulk_modulus, first_invariant, modulus
 
 # The paper's ranges, in FEBio 4's convention: its c_k is k times the textbook's.

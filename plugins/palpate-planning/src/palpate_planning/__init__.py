@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 from palpate.api import hookimpl
 
 if TYPE_CHECKING:
-    from palpate.api import SubCommand
+    from palpate.api.cli import SubCommand
 
 
 @hookimpl
 def palpate_subcommands() -> "list[SubCommand]":
     """``palpate next`` and ``palpate extend``."""
-    from palpate.api import RUN, SubCommand, examples
+    from palpate.api.cli import RUN, SubCommand, examples
     from palpate_planning.commands import extend, next_
 
     return [

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 from palpate.api import hookimpl
 
 if TYPE_CHECKING:
-    from palpate.api import SubCommand
+    from palpate.api.cli import SubCommand
 
 
 @hookimpl
 def palpate_subcommands() -> "list[SubCommand]":
     """``palpate predict`` and ``palpate card``."""
-    from palpate.api import RUN, SubCommand, examples
+    from palpate.api.cli import RUN, SubCommand, examples
     from palpate_prediction.commands import card, predict
 
     home = "palpate_prediction.commands"

@@ -12,7 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
-from palpate.api import STYLE, FloatArray, IntArray
+from palpate.api import FloatArray, IntArray
+from palpate.api.report import STYLE
 from palpate_robot_log.processing.processed import Processed
 from palpate_robot_log.recording import Recording
 

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field
 
-from palpate.api import CurveError, ExperimentLoader, Inspection, Response
-from palpate.experiment.delimited import TextFormat
+from palpate.api import CurveError, ExperimentLoader, Response
+from palpate.api.files import Inspection, TextFormat
 from palpate_robot_log.processing.settings import ProcessingSettings
 from palpate_robot_log.reading.channel_map import ChannelMap
 from palpate_robot_log.reading.formats import ReadingLimits

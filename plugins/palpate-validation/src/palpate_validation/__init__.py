@@ -13,7 +13,7 @@ __version__ = "0.1.0"
 @hookimpl
 def palpate_commands(app: "typer.Typer") -> None:
     """``certify``."""
-    from palpate.api import examples
+    from palpate.api.cli import examples
     from palpate_validation.certify import certify
 
     lines = (

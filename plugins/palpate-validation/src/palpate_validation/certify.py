@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.api import FIRST_PARTY, AsJson, PalpateError, PluginError, Session, StudyError, answering_for
+from palpate.api import PalpateError, PluginError, StudyError
+from palpate.api.cli import AsJson, Session
+from palpate.api.runs import FIRST_PARTY, answering_for
 
 if TYPE_CHECKING:
-    from palpate.api import Limb, Plugins, Solver
+    from palpate.api import Limb, Solver
+    from palpate.api.runs import Plugins
     from palpate_febio.solver import FebioSolver
     from palpate_validation.comparison import SolverComparison
 
@@ -48,7 +51,7 @@ def certify(
     as_json: AsJson = False,
 ) -> None:
     """Compare solvers with FEBio's recorded curves, and with FEBio where it is installed."""
-    from palpate.api import write_atomically
+    from palpate.api.files import write_atomically
 
     session = Session.of(context)
     comparison = _compare(session, material, mesh, solver or ())
@@ -139,7 +142,7 @@ def _is_febio(solver: type[Solver]) -> bool:
 
 def _takes_mesh(solver: type[Solver]) -> bool:
     """True if a solver simulates a mesh with its default settings."""
-    from palpate.api import provided_by_default
+    from palpate.api.runs import provided_by_default
 
     provides = provided_by_default(solver)
     return provides is not None and provides.mesh
@@ -168,7 +171,7 @@ def _rows(
     contenders: Mapping[str, Any],
     febio: Any,  # noqa: ANN401
 ) -> Iterator[Any]:
-    from palpate.mesh.specimens import block
+    from palpate.api.mesh import block
     from palpate_febio.conventions import probe_theta
     from palpate_validation.pairwise import motion_rows, twist_rows
     from palpate_validation.recorded import NAMES, RECORDED_VALUES, block_rows, one_element

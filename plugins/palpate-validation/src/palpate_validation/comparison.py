@@ -22,9 +22,9 @@ from palpate.api import (
     Sphere,
     Status,
     Waypoints,
-    answering_for,
-    simulate_alone,
 )
+from palpate.api.executors import simulate_alone
+from palpate.api.runs import answering_for
 
 RECORDED = "FEBio 4.11, recorded"
 

@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate import mechanics
-from palpate.api import FloatArray, Limb, Material, PalpateError
-from palpate.mesh.specimens import block
+from palpate.api import FloatArray, Limb, Material, PalpateError, mechanics
+from palpate.api.mesh import block
 from palpate_febio.conventions import COMPONENTS, TOLERANCE
 from palpate_febio.solver import FebioSolver
 from palpate_validation.comparison import COUPLED, ENERGIES, RECORDED, Case, Contender, Row, compared

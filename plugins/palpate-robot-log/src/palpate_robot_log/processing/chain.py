@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.api import Curve, FloatArray, IntArray
-from palpate.mesh.spot_frame import SpotWrench, spot_axes
+from palpate.api.mesh import SpotWrench, spot_axes
 from palpate_robot_log.processing.corrections import (
     Bias,
     Drift,

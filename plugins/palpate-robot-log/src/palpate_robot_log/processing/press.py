@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.api import FloatArray, IntArray
-from palpate.mesh.spot_frame import SpotWrench, spot_axes
+from palpate.api.mesh import SpotWrench, spot_axes
 from palpate_robot_log.processing.change_points import Transition
 from palpate_robot_log.processing.contact import (
     Contact,

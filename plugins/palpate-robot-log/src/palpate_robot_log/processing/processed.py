@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from palpate.api import Curve, FloatArray, IntArray, Relaxation, Response
-from palpate.mesh.spot_frame import SpotWrench
+from palpate.api.mesh import SpotWrench
 from palpate_robot_log.processing.contact import Motion, Normal, Onset
 from palpate_robot_log.processing.corrections import Bias, Drift, Lag, ToolLoad
 from palpate_robot_log.processing.curves import Signal, Smoothed

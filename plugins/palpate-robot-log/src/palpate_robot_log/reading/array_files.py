@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from palpate.api import CurveError, FloatArray
-from palpate.experiment.delimited import Column, unit_in
+from palpate.api.files import Column, unit_in
 from palpate_robot_log.reading.raw import RawLog, Stream, or_damaged
 
 MOST_COLUMNS = 64  # widest matrix that counts as columns side by side; a wider one is an image or a result

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from palpate.api import CurveError, FloatArray
-from palpate.experiment.delimited import BASE_UNITS, UNITS, Kind, TextFormat, factor_to_base, unit_in
+from palpate.api.files import BASE_UNITS, UNITS, Kind, TextFormat, factor_to_base, unit_in
 from palpate_robot_log.reading import checks
 from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, Orientation, Vector
 from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log

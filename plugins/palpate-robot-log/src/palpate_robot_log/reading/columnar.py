@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.api import CurveError, FloatArray
-from palpate.experiment.delimited import Column, close_to, listed
+from palpate.api.files import Column, close_to, listed
 from palpate_robot_log.reading.raw import RawLog, Stream, or_damaged
 
 if TYPE_CHECKING:

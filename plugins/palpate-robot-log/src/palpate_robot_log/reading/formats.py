@@ -8,8 +8,7 @@ from typing import Annotated
 from pydantic import Field
 
 from palpate.api import CurveError, Quantity, Settings
-from palpate.executors.sandbox import Limits, run_function
-from palpate.experiment.delimited import TextFormat, TextTable
+from palpate.api.files import ProcessLimits, TextFormat, TextTable, run_function
 from palpate_robot_log.reading import array_files
 from palpate_robot_log.reading.raw import RawLog, Stream
 
@@ -31,7 +30,7 @@ Megabytes = Annotated[float, Quantity("MB")]
 
 
 class ReadingLimits(Settings):
-    """Limits on reading one file. A log of an hour at 1 kHz needs a tenth of them."""
+    """ProcessLimits on reading one file. A log of an hour at 1 kHz needs a tenth of them."""
 
     file_size: Megabytes = Field(default=2000.0, gt=0.0, description="Largest file, or bag folder.")
     memory: Megabytes = Field(
@@ -61,7 +60,7 @@ def read_log(path: Path, request: Request) -> RawLog:
         It is missing, too large, damaged or of no known format, or reading exceeds the limits.
     """
     _check_size(path, request.limits)
-    limits = Limits(
+    limits = ProcessLimits(
         time_s=request.limits.time_limit, memory_mb=request.limits.memory, output_bytes=_MOST_OUTPUT_BYTES
     )
     try:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from palpate.api import CurveError, InspectedTable, Inspection
-from palpate.experiment.delimited import Column, kind_of
+from palpate.api import CurveError
+from palpate.api.files import Column, InspectedTable, Inspection, kind_of
 from palpate_robot_log.reading.assembly import assemble
 from palpate_robot_log.reading.channel_map import ChannelMap
 from palpate_robot_log.reading.checks import longest_step_s

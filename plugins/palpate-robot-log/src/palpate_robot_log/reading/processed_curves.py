@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from palpate.api import convert
-from palpate.experiment.delimited import Column, Kind, factor_to_base, kind_of
+from palpate.api.files import Column, Kind, factor_to_base, kind_of
 from palpate_indentation.csv_loader import FOREARM, HOMOGENEOUS
 from palpate_robot_log.reading.proposal import words_of
 from palpate_robot_log.reading.raw import RawLog

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from palpate.api import FloatArray
-from palpate.experiment.delimited import Column, Kind, kind_of, unit_in
+from palpate.api.files import Column, Kind, kind_of, unit_in
 from palpate_robot_log.reading.raw import RawLog, Stream
 
 QUANTITIES = ("position", "orientation", "force", "moment")

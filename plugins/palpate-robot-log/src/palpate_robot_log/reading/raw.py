@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from palpate.api import BoolArray, CurveError, FloatArray, IntArray
-from palpate.experiment.delimited import Column, close_to, listed
+from palpate.api.files import Column, close_to, listed
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from palpate.api import CurveError
-from palpate.experiment.delimited import Column, listed
+from palpate.api.files import Column, listed
 from palpate_robot_log.reading.raw import RawLog, Stream, or_damaged
 
 Fields = tuple[tuple[str, str], ...]

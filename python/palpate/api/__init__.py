@@ -1,0 +1,110 @@
+"""What a plugin may import: this module and those beside it. Nothing else of palpate is public.
+
+Here are the values of a study, the base classes of what a plugin provides, and errors. Beside it:
+:mod:`palpate.api.experiment`, :mod:`palpate.api.mesh`, :mod:`palpate.api.mechanics`,
+:mod:`palpate.api.executors`, :mod:`palpate.api.fit`, :mod:`palpate.api.runs`, :mod:`palpate.api.report`,
+:mod:`palpate.api.files` and :mod:`palpate.api.cli`; and :mod:`palpate.testing`, the contracts. Names are
+imported when they are first used: ``from palpate.api import Curve`` costs what ``Curve`` needs.
+
+A plugin that needs this version or a newer one sets ``palpate_api = (1, 0)`` in its module; an older palpate
+leaves it out with that reason.
+"""
+
+from typing import TYPE_CHECKING
+
+from palpate import __version__ as __version__, hookimpl as hookimpl
+from palpate.lazy_imports import deferred as deferred
+from palpate.plugins.versions import API_VERSION as API_VERSION
+
+if TYPE_CHECKING:
+    from palpate.domain import (
+        BoolArray as BoolArray,
+        Channel as Channel,
+        Curve as Curve,
+        Design as Design,
+        FloatArray as FloatArray,
+        HomogeneousTests as HomogeneousTests,
+        Indentation as Indentation,
+        IntArray as IntArray,
+        Job as Job,
+        Limb as Limb,
+        Mesh as Mesh,
+        Normaliser as Normaliser,
+        Parameter as Parameter,
+        ParameterSpace as ParameterSpace,
+        Prior as Prior,
+        Protocol as Protocol,
+        RegionMaterial as RegionMaterial,
+        Relaxation as Relaxation,
+        Response as Response,
+        Scenario as Scenario,
+        Simulation as Simulation,
+        Spot as Spot,
+        Status as Status,
+        StudyTemplate as StudyTemplate,
+        SurfaceStates as SurfaceStates,
+        Tie as Tie,
+        Waypoints as Waypoints,
+    )
+    from palpate.domain.channels import (
+        BALANCED as BALANCED,
+        FORCE as FORCE,
+        LATERAL_FORCE as LATERAL_FORCE,
+        PRESS_AND_TWIST as PRESS_AND_TWIST,
+        TILT_MOMENT as TILT_MOMENT,
+        TORQUE as TORQUE,
+    )
+    from palpate.errors import (
+        CurveError as CurveError,
+        MaterialError as MaterialError,
+        MeshError as MeshError,
+        PalpateError as PalpateError,
+        ParameterError as ParameterError,
+        PluginError as PluginError,
+        SolverError as SolverError,
+        StudyError as StudyError,
+    )
+    from palpate.plugins.indenter import (
+        Indenter as Indenter,
+        Sphere as Sphere,
+    )
+    from palpate.plugins.interfaces import (
+        NO_FIELDS as NO_FIELDS,
+        AnisotropicMaterial as AnisotropicMaterial,
+        Component as Component,
+        ExperimentLoader as ExperimentLoader,
+        InputFile as InputFile,
+        IsotropicMaterial as IsotropicMaterial,
+        LimbSource as LimbSource,
+        Material as Material,
+        Sampler as Sampler,
+        SetFilter as SetFilter,
+        Settings as Settings,
+        SettingsT as SettingsT,
+        Solver as Solver,
+    )
+    from palpate.plugins.motion import (
+        Motion as Motion,
+    )
+    from palpate.plugins.provides import (
+        Provides as Provides,
+    )
+    from palpate.progress import (
+        SILENT as SILENT,
+        Progress as Progress,
+    )
+    from palpate.stages.stage import (
+        Run as Run,
+        Stage as Stage,
+        Summary as Summary,
+    )
+    from palpate.units import (
+        Quantity as Quantity,
+        convert as convert,
+    )
+
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__getattr__("__all__")})

@@ -1,0 +1,23 @@
+"""Balanced states of a press, and the limits of a motion."""
+
+from typing import TYPE_CHECKING
+
+from palpate.lazy_imports import deferred
+
+if TYPE_CHECKING:
+    from palpate.domain.balanced_states import (
+        POSE as POSE,
+        STATE_COLUMNS as STATE_COLUMNS,
+        WRENCH as WRENCH,
+        BalancedStates as BalancedStates,
+    )
+    from palpate.domain.waypoints import (
+        MOST_TILT_DEG as MOST_TILT_DEG,
+        MOST_WAYPOINTS as MOST_WAYPOINTS,
+    )
+
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__getattr__("__all__")})

@@ -1,0 +1,44 @@
+"""Files: delimited text, writing whole, and programs and functions within limits of time and memory."""
+
+from typing import TYPE_CHECKING
+
+from palpate.lazy_imports import deferred
+
+if TYPE_CHECKING:
+    from palpate.executors.sandbox import (
+        Ended as Ended,
+        ProcessLimits as ProcessLimits,
+        run_function as run_function,
+        run_program as run_program,
+    )
+    from palpate.experiment.delimited import (
+        BASE_UNITS as BASE_UNITS,
+        DELIMITERS as DELIMITERS,
+        UNITS as UNITS,
+        Column as Column,
+        Kind as Kind,
+        TextFormat as TextFormat,
+        TextTable as TextTable,
+        close_to as close_to,
+        factor_to_base as factor_to_base,
+        kind_of as kind_of,
+        listed as listed,
+        unit_in as unit_in,
+    )
+    from palpate.plugins.inspection import (
+        InspectedTable as InspectedTable,
+        Inspection as Inspection,
+    )
+    from palpate.plugins.optional import (
+        CurveWriter as CurveWriter,
+        FileInspector as FileInspector,
+    )
+    from palpate.run.atomic_files import (
+        write_atomically as write_atomically,
+    )
+
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__getattr__("__all__")})

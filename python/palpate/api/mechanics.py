@@ -1,0 +1,34 @@
+"""Stress, tangent and initial moduli from an energy, and the kernels of finite elements."""
+
+from typing import TYPE_CHECKING
+
+from palpate.lazy_imports import deferred
+
+if TYPE_CHECKING:
+    from palpate._core import (
+        Deformation as Deformation,
+        ElementBlock as ElementBlock,
+        SparseFactor as SparseFactor,
+    )
+    from palpate.mechanics import (
+        cauchy_stress as cauchy_stress,
+        check_reference_state as check_reference_state,
+        initial_moduli as initial_moduli,
+        moduli_at_rest as moduli_at_rest,
+        principal_derivatives as principal_derivatives,
+        stress as stress,
+        stress_and_tangent as stress_and_tangent,
+    )
+    from palpate.plugins.energy_form import (
+        EnergyForm as EnergyForm,
+        StandardMaterial as StandardMaterial,
+    )
+    from palpate.plugins.interfaces import (
+        Array as Array,
+    )
+
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__getattr__("__all__")})

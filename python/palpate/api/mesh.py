@@ -1,0 +1,43 @@
+"""Meshes: topology, shape functions, the frame of a spot, and blocks for tests."""
+
+from typing import TYPE_CHECKING
+
+from palpate.lazy_imports import deferred
+
+if TYPE_CHECKING:
+    from palpate.mesh.contact_edge import (
+        NEAR as NEAR,
+        contact_edge_mm as contact_edge_mm,
+    )
+    from palpate.mesh.shape_functions import (
+        HEX_CORNERS as HEX_CORNERS,
+        barycentric as barycentric,
+        linear_simplex as linear_simplex,
+        multilinear as multilinear,
+        quadratic_simplex as quadratic_simplex,
+    )
+    from palpate.mesh.specimens import (
+        block as block,
+        cylinder as cylinder,
+        half_space as half_space,
+        layer as layer,
+    )
+    from palpate.mesh.spot_frame import (
+        SpotWrench as SpotWrench,
+        in_spot_frame as in_spot_frame,
+        indentation_of as indentation_of,
+        pose_of as pose_of,
+        spot_axes as spot_axes,
+    )
+    from palpate.mesh.topology import (
+        CELLS as CELLS,
+        outer_faces as outer_faces,
+        triangles_of as triangles_of,
+        with_midpoints as with_midpoints,
+    )
+
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__getattr__("__all__")})

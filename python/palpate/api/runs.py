@@ -1,0 +1,69 @@
+"""Studies and runs, for commands: reading, simulating, and the tables of a run."""
+
+from typing import TYPE_CHECKING
+
+from palpate.lazy_imports import deferred
+
+if TYPE_CHECKING:
+    from palpate.domain import (
+        moving_span as moving_span,
+    )
+    from palpate.errors import (
+        LedgerError as LedgerError,
+        NothingSelectableError as NothingSelectableError,
+        SamplingError as SamplingError,
+        ScoringError as ScoringError,
+    )
+    from palpate.limb.loading import (
+        check_limb as check_limb,
+        load_limbs as load_limbs,
+    )
+    from palpate.plugins.catalogue import (
+        Plugins as Plugins,
+    )
+    from palpate.plugins.fingerprints import (
+        installed_code as installed_code,
+    )
+    from palpate.plugins.guard import (
+        answering_for as answering_for,
+    )
+    from palpate.plugins.optional import (
+        LoadingDrawer as LoadingDrawer,
+        Verifier as Verifier,
+    )
+    from palpate.plugins.provides import (
+        provided_by_default as provided_by_default,
+    )
+    from palpate.plugins.registry import (
+        FIRST_PARTY as FIRST_PARTY,
+        load_file as load_file,
+    )
+    from palpate.run.directory import (
+        RunDirectory as RunDirectory,
+    )
+    from palpate.run.keys import (
+        job_key as job_key,
+    )
+    from palpate.run.result_files import (
+        Files as Files,
+    )
+    from palpate.simulation.jobs import (
+        job_for as job_for,
+        jobs as jobs,
+        stored as stored,
+    )
+    from palpate.stages.pipeline import (
+        check_study as check_study,
+        run_study as run_study,
+    )
+    from palpate.study.reading import (
+        Study as Study,
+        StudySpot as StudySpot,
+        read_study as read_study,
+    )
+
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__getattr__("__all__")})
