@@ -273,7 +273,7 @@ class Registry:
 
     def outputs(self) -> dict[str, Any]:
         """Types of what plugins' commands print with ``--json``, by the command's name."""
-        found = {}
+        found: dict[str, Any] = {}
         for name in self.sources:
             with guarded():
                 found |= {each.name: each.output_type for each in self._subcommands(name) if each.output}
