@@ -4,15 +4,15 @@ An isotropic material that keeps its volume has one stress in each mode, which f
 the ranges of a study can give bounds what may have been measured.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from itertools import combinations
-from types import MappingProxyType
 
 import numpy as np
 
 from palpate.domain import Channel, Curve, FloatArray, IntArray, ParameterSpace
 from palpate.errors import CurveError
 from palpate.experiment.curve_checks import BIAS, LARGEST_BIAS, thetas_of_ranges
+from palpate.mechanics.homogeneous import MODES, nominal_stress
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import IsotropicMaterial
 
@@ -38,28 +38,6 @@ LEAST_TRAVEL = 0.01
 """Share of the first branch up to which a stress may be noise, or the rest of an earlier test."""
 
 _MOST_POINTS = 50
-_STEP = 1e-5
-
-
-def _along(power: float, *, twice: bool = False) -> Callable[[FloatArray], FloatArray]:
-    return lambda t: np.stack([t, t if twice else t ** (-1.0 - power), t**power], axis=-1)
-
-
-def _sheared(amount: FloatArray) -> FloatArray:
-    long = np.hypot(1.0, amount / 2.0) + amount / 2.0
-    return np.stack([long, 1.0 / long, np.ones_like(long)], axis=-1)
-
-
-_MODES: Mapping[str, Callable[[FloatArray], FloatArray]] = MappingProxyType(
-    {
-        "uniaxial": _along(-0.5),
-        "equibiaxial": _along(-2.0, twice=True),
-        "pure_shear": _along(-1.0),
-        "simple_shear": _sheared,
-        "confined_compression": lambda t: np.stack([t, np.ones_like(t), np.ones_like(t)], axis=-1),
-    }
-)
-"""Principal stretches (n, 3) of what a test prescribes (n,), by its channel."""
 
 
 def check_stress(curve: Curve, channel: Channel, space: ParameterSpace) -> list[str]:
@@ -75,7 +53,7 @@ def check_stress(curve: Curve, channel: Channel, space: ParameterSpace) -> list[
     CurveError
         What cannot be.
     """
-    if curve.channel not in _MODES or not curve.ordinate.any():  # scoring refuses a curve of zeros
+    if curve.channel not in MODES or not curve.ordinate.any():  # scoring refuses a curve of zeros
         return []
     _check_abscissa(curve, channel)
     start, stop = curve.branches[0]
@@ -195,14 +173,11 @@ def stresses_of_ranges(space: ParameterSpace, mode: str, amounts: FloatArray) ->
     """
     none = np.zeros((0, amounts.size))
     thetas = thetas_of_ranges(space, space.regions[0], n_levels=3) if len(space.regions) == 1 else None
-    material, shapes = space.regions[0].material, _MODES[mode]
+    material = space.regions[0].material
     if not thetas or not isinstance(material, IsotropicMaterial):
         return none
-    ends = np.concatenate([shapes(amounts + _STEP), shapes(amounts - _STEP)])
     with answering_for(material, "energy at the ends of the ranges"), np.errstate(all="ignore"):
-        energies = np.stack([np.asarray(material.energy(ends, theta)) for theta in thetas])
-    slopes = (energies[:, : amounts.size] - energies[:, amounts.size :]) / (2.0 * _STEP)
-    stresses = slopes * (0.5 if mode == "equibiaxial" else 1.0)
+        stresses = np.stack([nominal_stress(material, theta, mode, amounts) for theta in thetas])
     return np.asarray(stresses[np.isfinite(stresses).all(axis=1)])
 
 
@@ -212,7 +187,7 @@ def stresses_of_ranges(space: ParameterSpace, mode: str, amounts: FloatArray) ->
 def check_modes(curves: Mapping[str, Curve], space: ParameterSpace) -> list[str]:
     """Say which tests of one specimen are the same numbers, and which two seem to be exchanged."""
     found, exchanged = [], []
-    for one, other in combinations([name for name in curves if name in _MODES], 2):
+    for one, other in combinations([name for name in curves if name in MODES], 2):
         a, b = curves[one], curves[other]
         if np.array_equal(a.abscissa, b.abscissa) and np.array_equal(a.ordinate, b.ordinate):
             found.append(

@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 
 from palpate.domain import FloatArray
+from palpate.mechanics.homogeneous import nominal_stress
 from palpate.plugins.interfaces import IsotropicMaterial
 from palpate.units import convert
 from palpate_report.best_sets import every_value
 from palpate_report.headline import draws_of
 from palpate_report.report_data import ReportData
-
-STEP = 1e-4
-"""Of the central difference of the energy, whose error is that squared."""
 
 BAND = (0.025, 0.975)
 """Quantiles of the band: 95 % of the draws."""
@@ -23,26 +21,19 @@ BAND = (0.025, 0.975)
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """A way to deform a body without a change of volume: its name, its axis, and its amounts (n,)."""
+    """A way to deform a body without a change of volume: label, axis, mode and its amounts (n,)."""
 
     label: str
     axis: str
+    mode: str
     amounts: FloatArray
-
-    def stretches(self, amounts: FloatArray) -> FloatArray:
-        """Principal stretches (n, 3)."""
-        if self.axis == "stretch":
-            lateral = amounts**-0.5
-            return np.stack([amounts, lateral, lateral], axis=-1)
-        largest = amounts / 2.0 + np.sqrt(1.0 + amounts**2 / 4.0)
-        return np.stack([largest, 1.0 / largest, np.ones_like(amounts)], axis=-1)
 
 
 MOST_DRAWS = 200
 
 PATHS = (
-    Path("uniaxial stress", "stretch", np.linspace(0.7, 1.3, 31)),
-    Path("shear stress", "amount of shear", np.linspace(0.0, 0.6, 25)),
+    Path("uniaxial stress", "stretch", "uniaxial", np.linspace(0.7, 1.3, 31)),
+    Path("shear stress", "amount of shear", "simple_shear", np.linspace(0.0, 0.6, 25)),
 )
 """What is drawn of a material."""
 
@@ -96,9 +87,4 @@ def _stress(data: ReportData, name: str, path: Path, row: Mapping[str, Any]) -> 
         return np.full(path.amounts.size, np.nan)
     every = every_value(data, row)
     theta = region.theta({p.name: every[f"{name}.{p.name}"] for p in region.material.parameters})
-    above, below = (
-        np.asarray(region.material.energy(path.stretches(path.amounts + step), theta))
-        for step in (STEP, -STEP)
-    )
-    stress: FloatArray = (above - below) / (2.0 * STEP)
-    return stress
+    return nominal_stress(region.material, theta, path.mode, path.amounts)
