@@ -8,6 +8,13 @@ The stages of a study as functions, for scripts and notebooks, with polars frame
     scores = palpate.score(study, simulated, measured)
     palpate.select(study, scores, design)
 
+and what a run has found, read back from its folder::
+
+    run = palpate.open_run("runs/arm")
+    run.intervals, run.curves
+    run.material("soft_tissue").stress(1.2, mode="uniaxial")
+    run.plot().savefig("curves.svg")
+
 Plugins mark their hooks with :data:`hookimpl`. Names are imported when they are
 first used, so that ``import palpate`` is fast.
 
@@ -72,6 +79,7 @@ if TYPE_CHECKING:
         simulate as simulate,
     )
     from palpate.stages.pipeline import run_study as run_study
+    from palpate.stages.saved_run import SavedRun as SavedRun, open_run as open_run
     from palpate.study.reading import Study as Study, read_study as read_study
     from palpate_report.result import RunResult as RunResult
 

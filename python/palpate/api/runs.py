@@ -56,6 +56,10 @@ if TYPE_CHECKING:
         check_study as check_study,
         run_study as run_study,
     )
+    from palpate.stages.saved_run import (
+        SavedRun as SavedRun,
+        open_run as open_run,
+    )
     from palpate.study.reading import (
         Study as Study,
         StudySpot as StudySpot,

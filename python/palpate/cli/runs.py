@@ -107,12 +107,11 @@ def study_of_run(session: Session, run: Path, *, trust: bool) -> tuple[Session, 
         The copy cannot be read, or its plugin files are missing or not trusted.
     """
     from palpate.run.directory import RunDirectory
-    from palpate.study.reading import read_study
+    from palpate.stages.saved_run import copied_study
 
-    manifest = RunDirectory(run).manifest()
-    found = session_of_run(session, run, plugins_of(run, manifest), trust=trust, command="report")
-    original = run.joinpath(manifest["study_file"])
-    return found, read_study(run / "study.toml", found.plugins, copy_of=original)
+    named = plugins_of(run, RunDirectory(run).manifest())
+    found = session_of_run(session, run, named, trust=trust, command="report")
+    return found, copied_study(run, found.plugins)
 
 
 def original_study(

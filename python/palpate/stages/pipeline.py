@@ -179,7 +179,7 @@ def _changed(study: Study, inputs: StudyInputs, run: RunDirectory, plugins: Plug
 
 
 @contextlib.contextmanager
-def open_run(
+def locked_run(
     study: Study,
     run_folder: Path,
     plugins: Plugins,
@@ -234,7 +234,7 @@ def run_stage(
     """
     stages = stages_of(study, plugins)
     stage = in_order(stages, [name])[-1]
-    with open_run(study, run_folder, plugins, progress, needs=stage.needs) as run:
+    with locked_run(study, run_folder, plugins, progress, needs=stage.needs) as run:
         run.directory.initialise(study, plugins.channels, simulating=name == "simulate")
         progress.begin(name, 1)
         run.make(stage)

@@ -10,7 +10,7 @@ from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory
 from palpate.simulation.sweep import Simulations
 from palpate.stages.core_stages import joint_assessed
-from palpate.stages.pipeline import open_run
+from palpate.stages.pipeline import locked_run
 from palpate.study.reading import Study
 from palpate_planning.candidates import candidates, limits_of
 from palpate_planning.options import PlanOptions
@@ -39,7 +39,7 @@ def propose(
     allowed = options.allowed
     limits, presses = limits_of(allowed, study, plugins.channels), candidates(study, plugins, allowed)
     tool = tool_limbs(study, options.tool)
-    with open_run(study, run_folder, plugins, progress, needs=["fit"], more_limbs=tool) as run:
+    with locked_run(study, run_folder, plugins, progress, needs=["fit"], more_limbs=tool) as run:
         certain, assessed = joint_assessed(run)
         stage = PlanningStage(
             study=run.study,

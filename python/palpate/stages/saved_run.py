@@ -1,0 +1,229 @@
+"""A run read back from its folder, for notebooks and scripts."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import polars as pl
+
+from palpate.domain import FloatArray, RegionMaterial
+from palpate.errors import MaterialError, PluginError, StudyError
+from palpate.fit.fitted import Fitted
+from palpate.mechanics.homogeneous import nominal_stress
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.interfaces import IsotropicMaterial
+from palpate.plugins.parametrisation import at_spot
+from palpate.run.directory import RunDirectory
+from palpate.run.result import FitResult
+from palpate.run.result_files import frame_of
+from palpate.stages.stage import Run, read_run
+from palpate.study.reading import Study, read_study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedMaterial:
+    """The material of one region, with the values that a run has found.
+
+    Parameters
+    ----------
+    region : RegionMaterial
+    values : mapping of name to float
+        All of the material's parameters in the units of the study's ``[region]``, fixed and tied ones too.
+    intervals : DataFrame
+        Rows of :attr:`SavedRun.intervals` on this region.
+    """
+
+    region: RegionMaterial
+    values: Mapping[str, float]
+    intervals: pl.DataFrame
+
+    def stress(self, stretch: float | FloatArray, mode: str = "uniaxial") -> FloatArray:
+        """Nominal stress of a homogeneous test, as if the material kept its volume.
+
+        Parameters
+        ----------
+        stretch : float or (n,) array
+            Stretch, or the amount of shear of ``simple_shear``.
+        mode : str
+            ``uniaxial``, ``equibiaxial``, ``pure_shear``, ``simple_shear`` or ``confined_compression``.
+
+        Returns
+        -------
+        () or (n,) array
+            Stress [MPa].
+
+        Raises
+        ------
+        MaterialError
+            The material has directions, or there is no such mode.
+        """
+        material = self.region.material
+        if not isinstance(material, IsotropicMaterial):
+            raise MaterialError(
+                f"material '{material.name}' of region '{self.region.region}' has directions: its stress "
+                "depends on them; simulate a test with a mesh"
+            )
+        amounts = np.asarray(stretch, dtype=np.float64)
+        theta = self.region.theta(dict(self.values))
+        return nominal_stress(material, theta, mode, np.atleast_1d(amounts)).reshape(amounts.shape)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SavedRun:
+    """A run as its folder has it: nothing is simulated, nothing is written.
+
+    Parameters
+    ----------
+    run : Run
+    """
+
+    run: Run
+
+    @property
+    def study(self) -> Study:
+        """The run's own copy of its study."""
+        return self.run.study
+
+    @cached_property
+    def _found(self) -> FitResult:
+        return self.run.fit()
+
+    @cached_property
+    def headline(self) -> Fitted:
+        """The joint fit, or else the best set for all spots."""
+        return self.run.fitted()
+
+    @property
+    def fit(self) -> pl.DataFrame:
+        """A row for each fit, scenario and spot, as in ``fit.parquet``; empty where nothing was fitted."""
+        return self._found.table
+
+    @property
+    def intervals(self) -> pl.DataFrame:
+        """A row for each fit, scenario and parameter with its 95 % interval and the word for it; or none."""
+        return self._found.certainty.intervals
+
+    @property
+    def scores(self) -> pl.DataFrame:
+        """A row for each spot, set and channel of the sweep."""
+        return self.run.table("scores")
+
+    @cached_property
+    def curves(self) -> pl.DataFrame:
+        """Measured and fitted curves.
+
+        A row for each point: spot, source (``measured`` or ``fitted``), scenario (null where measured),
+        channel, point, abscissa and ordinate, in the units of the channel. Fits to one spot alone are left
+        out where there is a joint one.
+        """
+        frames = [
+            frame_of(response).with_columns(spot=pl.lit(spot), source=pl.lit("measured"))
+            for spot, response in self.run.measured.items()
+        ]
+        joint = {scenario: fit for fit, scenario, spot in self._found.responses if fit != spot}
+        for (fit, scenario, spot), response in self._found.responses.items():
+            if joint.get(scenario, fit) == fit:
+                labels = {"spot": pl.lit(spot), "source": pl.lit("fitted"), "scenario": pl.lit(scenario)}
+                frames.append(frame_of(response).with_columns(**labels))
+        order = ["spot", "source", "scenario", "channel", "point", "abscissa", "ordinate"]
+        found = pl.concat(frames, how="diagonal")
+        if "scenario" not in found.columns:
+            found = found.with_columns(scenario=pl.lit(None, pl.String))
+        return found.select(order)
+
+    def material(self, region: str | None = None, *, spot: str | None = None) -> FittedMaterial:
+        """Material of a region with the values of :attr:`headline`.
+
+        Parameters
+        ----------
+        region : str, optional
+            May be left out where the study has one.
+        spot : str, optional
+            Whose own values count where a parameter differs from spot to spot; the first when left out.
+
+        Raises
+        ------
+        StudyError
+            There is no such region or spot, or nothing was found.
+        """
+        regions = {each.region: each for each in self.study.space.regions}
+        if (region is None and len(regions) > 1) or (region is not None and region not in regions):
+            given = f"no region '{region}'" if region else "several regions"
+            raise StudyError(f"{self.study.file}: {given}; name one of {', '.join(regions)}")
+        spots = self.headline.spots
+        if spot is not None and spot not in spots:
+            raise StudyError(f"{self.study.file}: no fitted spot '{spot}'; name one of {', '.join(spots)}")
+        chosen = regions[region or next(iter(regions))]
+        every = self.study.space.complete(
+            {
+                name: value
+                for name, value in at_spot(self.headline.values, spot or spots[0]).items()
+                if name in self.study.space.names
+            }
+        )
+        values = {p.name: every[f"{chosen.region}.{p.name}"] for p in chosen.material.parameters}
+        known = self.intervals
+        if not known.is_empty():
+            known = known.filter(pl.col("parameter").str.starts_with(f"{chosen.region}."))
+        return FittedMaterial(region=chosen, values=values, intervals=known)
+
+    def plot(self) -> "Figure":
+        """Figure of the measured and the fitted curves: a row for each spot, a column for each channel.
+
+        Raises
+        ------
+        PluginError
+            matplotlib is not installed.
+        """
+        try:
+            from matplotlib.figure import Figure
+        except ImportError:
+            raise PluginError("matplotlib is not installed: pip install 'palpate[standard]'") from None
+        curves, channels = self.curves, self.curves["channel"].unique(maintain_order=True).to_list()
+        spots = self.run.measured
+        figure = Figure(figsize=(4.0 * len(channels), 3.0 * len(spots)), layout="constrained")
+        for row, spot in enumerate(spots):
+            for column, name in enumerate(channels):
+                axes: Any = figure.add_subplot(len(spots), len(channels), row * len(channels) + column + 1)
+                here = curves.filter(spot=spot, channel=name)
+                for (source, scenario), rows in here.group_by("source", "scenario", maintain_order=True):
+                    style = "k." if source == "measured" else "-"
+                    label = source if source == "measured" else f"fitted, {scenario}"
+                    axes.plot(rows["abscissa"], rows["ordinate"], style, label=label)
+                channel = self.run.channels[name]
+                axes.set_xlabel(channel.abscissa_label)
+                axes.set_ylabel(channel.ordinate_label)
+                axes.set_title(spot)
+        figure.axes[0].legend()
+        return figure
+
+
+def open_run(folder: Path | str, plugins: Plugins | None = None) -> SavedRun:
+    """Read a run from its folder; neither the study's files nor its meshes need exist.
+
+    Parameters
+    ----------
+    folder : Path or str
+        Run directory.
+    plugins : Plugins, optional
+        The installed ones when left out; a run with plugin files needs ``Plugins.load([file])``.
+
+    Raises
+    ------
+    PalpateError
+        The folder is no run, or its study cannot be read.
+    """
+    plugins = plugins or Plugins.load()
+    return SavedRun(run=read_run(copied_study(Path(folder), plugins), RunDirectory(Path(folder)), plugins))
+
+
+def copied_study(folder: Path, plugins: Plugins) -> Study:
+    """A run's own copy of its study."""
+    original = folder.joinpath(RunDirectory(folder).manifest()["study_file"])
+    return read_study(folder / "study.toml", plugins, copy_of=original)
