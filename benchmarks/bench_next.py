@@ -32,9 +32,9 @@ from palpate.study.reading import StudySpot
 from palpate.study.tool import Tool
 from palpate_certainty.causes import ONSET_MM, RELATIVE
 from palpate_certainty.stage import CertaintyStage
-from palpate_planning.options import PlanOptions
-from palpate_planning.presses import Press, simulated_presses
-from palpate_planning.stage import PlanningStage
+from palpate_planning.extension import CandidatePress
+from palpate_planning.presses import simulated_presses
+from palpate_planning.propose import PlanningStage, PlanOptions
 
 THICKNESS = {"p1": 1.0, "p2": 0.8, "p3": 1.25, "p4": 1.5}
 """Strain of the strips of each spot, over that of the first."""
@@ -51,7 +51,9 @@ def protocol_of(depth: float, twist: tuple[float, ...]) -> Indentation:
 
 
 CANDIDATES = [
-    Press(name=f"{spot}-{depth:g}-{max(twist, default=0):g}", spot=spot, protocol=protocol_of(depth, twist))
+    CandidatePress(
+        name=f"{spot}-{depth:g}-{max(twist, default=0):g}", spot=spot, protocol=protocol_of(depth, twist)
+    )
     for spot in THICKNESS
     for depth in DEPTHS_MM
     for twist in TWISTS_DEG
@@ -269,7 +271,7 @@ def bound(seed: int) -> dict:
     for estimator in ("fopt", "gls"):
         budget = design.study.budget.model_copy(update={"estimator": estimator})
         by = replace(design, study=replace(design.study, budget=budget))
-        each = {s.press.name: s.at[0].evidence for s in simulated_presses(by, CANDIDATES, point) if s.at}
+        each = {s.press.name: s.at[0].information for s in simulated_presses(by, CANDIDATES, point) if s.at}
         alike = [each[f"{spot}-10-22.5"] for spot in THICKNESS]
         of = _sds(alike) if of is None else of
         pairs = [
@@ -283,8 +285,8 @@ def bound(seed: int) -> dict:
     return found
 
 
-def _sds(evidence: list) -> np.ndarray:
-    return np.sqrt(np.diag(functools.reduce(operator.add, evidence).covariance()))
+def _sds(information: list) -> np.ndarray:
+    return np.sqrt(np.diag(functools.reduce(operator.add, information).covariance()))
 
 
 def table(found: list[dict]) -> None:

@@ -32,7 +32,7 @@ from palpate.plugins.catalogue import Plugins
 from palpate.simulation.sweep import Simulations
 from palpate.study.reading import StudySpot
 from palpate.study.tool import read_tool
-from palpate_planning.presses import Press
+from palpate_planning.extension import CandidatePress
 
 DEPTHS_MM, TWISTS_DEG = (5.0, 10.0), (0.0, 22.5, 45.0)
 AT, TOOL_DEPTH_MM = "p1", 5.0
@@ -159,7 +159,7 @@ class World(sessions.World):
         friction = self.study.protocol_at(AT).friction
         self.changes = RELATIVE * rng.normal(size=2) * [bulk, friction]
         self.candidates = [
-            Press(
+            CandidatePress(
                 name=f"{spot}-{depth:g}-{twist:g}", spot=spot, protocol=phantom.protocol(spot, depth, twist)
             )
             for spot, depth, twist in product(SPOTS, DEPTHS_MM, TWISTS_DEG)

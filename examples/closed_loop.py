@@ -23,8 +23,7 @@ from palpate.run.result import ALL_SPOTS
 from palpate.stages import pipeline
 from palpate.study.reading import Study, read_study
 from palpate_planning.extension import extended_study
-from palpate_planning.options import PlanOptions
-from palpate_planning.propose import propose
+from palpate_planning.propose import PlanOptions, propose
 
 
 def loop(

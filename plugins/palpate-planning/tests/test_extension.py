@@ -12,8 +12,7 @@ from palpate.stages import pipeline
 from palpate.study.reading import read_study
 from palpate_planning.candidates import Allowed
 from palpate_planning.extension import extended_study
-from palpate_planning.options import PlanOptions
-from palpate_planning.propose import propose
+from palpate_planning.propose import PlanOptions, propose
 from palpate_planning.tables import proposal_tables
 
 ALLOWED = Allowed(protocol={"depth": ["2 mm", "4 mm"], "twist": [[], ["20 deg", "0 deg"]]})

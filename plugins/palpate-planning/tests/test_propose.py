@@ -14,7 +14,7 @@ from palpate.mesh.specimens.blocks import block
 from palpate.stages import pipeline
 from palpate.study.reading import read_study
 from palpate.study.tool import read_tool
-from palpate_planning import stage
+from palpate_planning import propose as planning
 from palpate_planning.candidates import (
     Allowed,
     Limit,
@@ -25,13 +25,10 @@ from palpate_planning.candidates import (
     usual,
 )
 from palpate_planning.commands import ProposalOutput
+from palpate_planning.extension import CandidatePress, with_presses
 from palpate_planning.figure import draw
-from palpate_planning.options import PlanOptions
-from palpate_planning.presses import simulated_presses
-from palpate_planning.pressure import with_pressures
-from palpate_planning.propose import plan, propose
-from palpate_planning.stage import before_any_press, choose_presses
-from palpate_planning.study_text import AddedPress, with_presses
+from palpate_planning.presses import simulated_presses, with_pressures
+from palpate_planning.propose import PlanOptions, before_any_press, choose_presses, plan, propose
 from palpate_planning.tables import for_robot, proposal_tables
 from palpate_planning.tool_force import tool_forces
 
@@ -123,12 +120,12 @@ def test_tool_is_pressed_where_there_is_a_material(run, tool, monkeypatch):
         asked.append((design, point))
         return tool_forces(design, tool, point) if len(asked) == 1 else ()  # the workers have ended then
 
-    monkeypatch.setattr(stage, "tool_forces", recorded)
+    monkeypatch.setattr(planning, "tool_forces", recorded)
     _proposed(run, tool=tool)
     ((design, point),) = asked
     refused = replace(design, estimate=design.problem.box.upper)
     monkeypatch.setattr(type(design.problem), "accepts", lambda self, points: np.zeros(len(points), bool))
-    goal = stage._goal(refused, PlanOptions(tool=tool), point)
+    goal = planning._goal(refused, PlanOptions(tool=tool), point)
     assert asked[1][1] is point
     assert np.array_equal(goal.values, refused.estimate)
 
@@ -146,7 +143,7 @@ def test_prediction_of_a_tool_is_narrowed(run, tool):
 
 
 def test_tool_that_is_pressed_by_force_is_refused_before_anything_is_simulated(run, tool, monkeypatch):
-    monkeypatch.setattr(stage, "presses_so_far", None)
+    monkeypatch.setattr(planning, "presses_so_far", None)
     path, loads = np.zeros((2, 6)), np.full((2, 6), np.nan)
     loads[1, 0], path[1, 0] = 3.0, 5.0
     by_force = Indentation.along(
@@ -409,7 +406,7 @@ def test_plan_leaves_a_fitted_run_alone(run):
 
 def test_study_keeps_what_was_written_by_hand(run):
     def press(name, spot="p1", protocol=None):
-        return AddedPress(name=name, spot=spot, protocol=protocol or {}, measured=f"more/{name}.csv")
+        return CandidatePress(name=name, spot=spot, keys=protocol or {}, measured=f"more/{name}.csv")
 
     text = run[0].file.read_text() + "# the end\n"
     added = with_presses(text, [press("p1-2", protocol={"depth": "3 mm", "twist": ["5 deg"]})])

@@ -276,7 +276,7 @@ class Registry:
         found: dict[str, Any] = {}
         for name in self.sources:
             with guarded():
-                found |= {each.name: each.output_type for each in self._subcommands(name) if each.output}
+                found |= {each.name: each.output for each in self._subcommands(name) if each.output}
         return found
 
     def _subcommands(self, plugin: str) -> "list[SubCommand]":

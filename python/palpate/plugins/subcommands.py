@@ -1,6 +1,5 @@
 """Commands that a plugin adds to the command line, of their own or under a stage."""
 
-import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -33,8 +32,8 @@ class SubCommand:
         ``palpate limb scan arm.ply``.
     epilog : str
         End of its help, such as examples.
-    output : str
-        ``module:name`` of the type of what it prints with ``--json``, for `palpate schema`; imported then.
+    output : type, optional
+        Type of what it prints with ``--json``, for `palpate schema`.
     """
 
     function: Callable[..., None]
@@ -42,17 +41,12 @@ class SubCommand:
     panel: str = "More"
     suffixes: frozenset[str] = frozenset()
     epilog: str = ""
-    output: str = ""
+    output: Any = None
 
     @property
     def name(self) -> str:
         """Name of the command."""
         return name_of(self.function)
-
-    @property
-    def output_type(self) -> Any:  # noqa: ANN401 - a type
-        """Type of what it prints with ``--json``."""
-        return pkgutil.resolve_name(self.output)
 
     def add_to(self, app: "typer.Typer") -> None:
         """Add it to the application, or to its stage.

@@ -12,13 +12,14 @@ if TYPE_CHECKING:
 def palpate_subcommands() -> "list[SubCommand]":
     """``palpate next`` and ``palpate extend``."""
     from palpate.api.cli import RUN, SubCommand, examples
-    from palpate_planning.commands import extend, next_
+    from palpate.cli.output import RunOutput
+    from palpate_planning.commands import ProposalOutput, extend, next_
 
     return [
         SubCommand(
             function=next_,
             panel=RUN,
-            output="palpate_planning.commands:ProposalOutput",
+            output=ProposalOutput,
             epilog=examples(
                 "palpate next runs/arm",
                 "palpate next runs/arm --for soft_tissue.c1 --presses 3",
@@ -28,7 +29,7 @@ def palpate_subcommands() -> "list[SubCommand]":
         SubCommand(
             function=extend,
             panel=RUN,
-            output="palpate.cli.output:RunOutput",
+            output=RunOutput,
             epilog=examples("palpate extend runs/arm --with p2-9.csv"),
         ),
     ]

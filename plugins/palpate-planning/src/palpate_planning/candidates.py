@@ -17,8 +17,7 @@ from palpate.errors import StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.study.reading import Study, read_study
 from palpate.units import convert
-from palpate_planning.presses import Press
-from palpate_planning.study_text import AddedPress, with_presses
+from palpate_planning.extension import CandidatePress, with_presses
 
 SHARES = (0.5, 0.75, 1.0)
 """Depths that are tried, over that of the study, where the user names none."""
@@ -151,7 +150,7 @@ def limited_curves(study: Study, limits: Mapping[str, Limit]) -> dict[str, tuple
     return found
 
 
-def candidates(study: Study, plugins: Plugins, allowed: Allowed | None) -> list[Press]:
+def candidates(study: Study, plugins: Plugins, allowed: Allowed | None) -> list[CandidatePress]:
     """Every press that is allowed, as the study would have it; by itself shares of its own.
 
     Raises
@@ -170,29 +169,19 @@ def candidates(study: Study, plugins: Plugins, allowed: Allowed | None) -> list[
         )
     names = _free_names(study, [spot for spot, _ in ways])
     added = [
-        AddedPress(name=name, spot=spot, protocol=keys, measured=f"{name}.csv")
+        CandidatePress(name=name, spot=spot, keys=keys)
         for name, (spot, keys) in zip(names, ways, strict=True)
     ]
-    text = study.file.read_text(encoding="utf-8-sig")
+    text = with_presses(study.file.read_text(encoding="utf-8-sig"), added)
     try:
-        extended = _read(with_presses(text, added), study, plugins)
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "study.toml"
+            file.write_text(text, encoding="utf-8")
+            extended = read_study(file, plugins, need_measured=False, copy_of=study.file)
     except StudyError as error:
         wrong = dict.fromkeys(re.findall(r"protocol(?:\.| ).*", str(error)))
         raise StudyError("\n".join(f"{place}{each}" for each in wrong or [str(error)])) from None
-    presses = []
-    for each in added:
-        protocol = extended.protocol_at(each.name)
-        assert protocol is not None
-        presses.append(Press(name=each.name, spot=each.spot, protocol=protocol, keys=each.protocol))
-    return presses
-
-
-def _read(text: str, study: Study, plugins: Plugins) -> Study:
-    """Read a study from a text, with the paths of another one."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "study.toml"
-        file.write_text(text, encoding="utf-8")
-        return read_study(file, plugins, need_measured=False, copy_of=study.file)
+    return [replace(each, protocol=extended.protocol_at(each.name)) for each in added]
 
 
 def _allowed_ways(study: Study, allowed: Allowed) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -203,7 +192,7 @@ def _allowed_ways(study: Study, allowed: Allowed) -> Iterator[tuple[str, dict[st
             yield spot, keys
 
 
-def described(press: Press) -> str:
+def described(press: CandidatePress) -> str:
     """What is done at a press, in words of the study file."""
     return ", ".join(f"{key} {_written(value)}" for key, value in press.keys.items()) or "as in the study"
 

@@ -15,7 +15,7 @@ from palpate.errors import StudyError
 
 if TYPE_CHECKING:
     from palpate.study.reading import Study
-    from palpate_planning.stage import Proposal
+    from palpate_planning.narrowing import Proposal
 
 SHOWN = 8
 """Candidates that are printed for each step."""
@@ -97,8 +97,7 @@ def next_(  # named apart from the builtin
     from palpate.study.tool import read_tool
     from palpate_planning.candidates import read_allowed
     from palpate_planning.figure import draw
-    from palpate_planning.options import PlanOptions
-    from palpate_planning.propose import plan, propose
+    from palpate_planning.propose import PlanOptions, plan, propose
 
     session, folder = Session.of(context), _run_to_narrow(run, out)
     if folder is not None:

@@ -1,12 +1,39 @@
-"""A study with one more press, from what was proposed and what was measured."""
+"""A study with one more press: what was written by hand stays as it is."""
 
 import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
+import tomlkit
+from tomlkit.items import AoT
+
+from palpate.domain import Protocol
 from palpate.errors import StudyError
 from palpate.run.atomic_files import write_atomically
 from palpate.run.directory import RunDirectory
-from palpate_planning.study_text import AddedPress, with_presses
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CandidatePress:
+    """A press that could be made: a spot of the study once more, under a name that no spot has.
+
+    Parameters
+    ----------
+    keys : mapping
+        Keys of ``[spot.protocol]`` that state it in a study: what is done otherwise than in ``[protocol]``.
+    protocol : Protocol, optional
+        As the study reads these keys.
+    measured : str
+        File of its measured curves, relative to the study file; default: its name.
+    """
+
+    name: str
+    spot: str
+    keys: Mapping[str, Any] = field(default_factory=dict)
+    protocol: Protocol | None = None
+    measured: str = ""
 
 
 def extended_study(run: Path, study: Path, press: str | None, measured: Path) -> tuple[str, Path]:
@@ -44,7 +71,47 @@ def extended_study(run: Path, study: Path, press: str | None, measured: Path) ->
     if file.exists():
         raise StudyError(f"{file}: exists and is not overwritten; move it, or run it as it is")
     path = Path(os.path.relpath(measured.resolve(), file.parent.resolve())).as_posix()
-    added = AddedPress(name=name, spot=spots[name], protocol=known["protocols"][name], measured=path)
+    added = CandidatePress(name=name, spot=spots[name], keys=known["protocols"][name], measured=path)
     text = with_presses(study.read_text(encoding="utf-8-sig"), [added])
     write_atomically(file, text.encode())
     return name, file
+
+
+def with_presses(text: str, presses: Iterable[CandidatePress]) -> str:
+    """Add presses to the text (TOML) of a study.
+
+    Raises
+    ------
+    StudyError
+        There is no such spot, or one of that name.
+    """
+    document = tomlkit.parse(text)
+    tables = document.get("spot", [])
+    known = {str(table.get("name")): table.unwrap() for table in tables}
+    names = set(known)
+    for press in presses:
+        if press.spot not in known:
+            raise StudyError(f"no spot '{press.spot}' (known: {', '.join(known)}); correct the name")
+        if press.name in names:
+            raise StudyError(f"a spot '{press.name}' already exists; give the press another name")
+        names.add(press.name)
+        like = known[press.spot]
+        own = {**like.get("protocol", {}), **press.keys}
+        measured = press.measured or f"{press.name}.csv"
+        added = {**like, "name": press.name, "measured": measured, **({"protocol": own} if own else {})}
+        tables.append(_table(added) if isinstance(tables, AoT) else tomlkit.item(added, _parent=tables))
+    return tomlkit.dumps(document)
+
+
+def _table(values: Mapping[str, Any]) -> tomlkit.items.Table:
+    table = tomlkit.table()
+    for key, value in values.items():
+        table.add(key, _inline(value) if isinstance(value, dict) else value)
+    return table
+
+
+def _inline(values: Mapping[str, Any]) -> tomlkit.items.InlineTable:
+    table = tomlkit.inline_table()
+    for key, value in values.items():
+        table.append(key, _inline(value) if isinstance(value, dict) else value)
+    return table

@@ -14,8 +14,7 @@ from matplotlib.colors import Normalize
 from palpate.domain import Limb
 from palpate.mesh.spot_frame import spot_axes
 from palpate_planning.candidates import described
-from palpate_planning.narrowing import Narrowing
-from palpate_planning.stage import Proposal
+from palpate_planning.narrowing import Narrowing, Proposal
 from palpate_report.limb_view import limb_view
 from palpate_report.scene import coarsened
 from palpate_report.style import DOUBLE_MM, STYLE, save, sized

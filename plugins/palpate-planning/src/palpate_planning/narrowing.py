@@ -2,7 +2,7 @@
 
 import functools
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from palpate.domain import FloatArray, Parameter
 from palpate.errors import StudyError
 from palpate.run.result import LEVEL
 from palpate_certainty.laplace import N_DRAWS, RANGE_SD, Density, Laplace
-from palpate_planning.evidence import Evidence
+from palpate_planning.information import FisherInformation
 from palpate_planning.presses import SimulatedPress
 from palpate_planning.tool_force import ToolForce
 
@@ -81,7 +81,6 @@ class Narrowing:
 
     Parameters
     ----------
-    press : SimulatedPress
     goal : float
         Width of the goal over that before the press, in the mean over the points.
     widths : (n_parameters,) array
@@ -101,18 +100,17 @@ class Plan:
 
     Parameters
     ----------
-    so_far : sequence of SimulatedPress
-    goal : Goal
-    known : Evidence
-        Of no press: what priors tell.
-    n_points : int
+    known : FisherInformation
+        Of no press: that of the priors.
     """
 
-    def __init__(self, so_far: Sequence[SimulatedPress], goal: Goal, known: Evidence, n_points: int) -> None:
+    def __init__(
+        self, so_far: Sequence[SimulatedPress], goal: Goal, known: FisherInformation, n_points: int
+    ) -> None:
         self.goal = goal
         self._times: dict[str, int] = {}
-        self._evidence = [
-            functools.reduce(operator.add, (each.at[k].evidence for each in so_far), known)
+        self._information = [
+            functools.reduce(operator.add, (each.at[k].information for each in so_far), known)
             for k in range(n_points)
         ]
 
@@ -122,31 +120,31 @@ class Plan:
 
         It knows little of the ranges, as that of a fit: :class:`Expected` cuts it off at them.
         """
-        return self._evidence[0].covariance(RANGE_SD)
+        return self._information[0].covariance(RANGE_SD)
 
     def ranked(self, presses: Sequence[SimulatedPress]) -> list[Narrowing]:
         """What each of these presses would do next, the best first; last those that widen an interval.
 
         Fopt weighs every press alike, so that one that shows a parameter badly may widen its interval.
         """
-        before = [evidence.covariance() for evidence in self._evidence]
+        before = [information.covariance() for information in self._information]
         found = [self._narrowing(each, before) for each in presses if each.at]
         return sorted(found, key=lambda each: (each.widths.max() > MOST_WIDER, each.goal))
 
     def add(self, press: SimulatedPress) -> None:
         """Make a press part of what is known."""
-        self._evidence = self._with(press)
+        self._information = self._with(press)
         self._times[press.press.name] = self._times.get(press.press.name, 0) + 1
 
-    def _with(self, press: SimulatedPress) -> list[Evidence]:
+    def _with(self, press: SimulatedPress) -> list[FisherInformation]:
         name = press.press.name
         times = self._times.get(name, 0)
-        added = [at.evidence.again(name, times) if times else at.evidence for at in press.at]
-        return [known + more for known, more in zip(self._evidence, added, strict=True)]
+        added = [at.information.again(name, times) if times else at.information for at in press.at]
+        return [known + more for known, more in zip(self._information, added, strict=True)]
 
     def _narrowing(self, press: SimulatedPress, before: Sequence[FloatArray]) -> Narrowing:
-        evidence = self._with(press)
-        after = [each.covariance() for each in evidence]
+        information = self._with(press)
+        after = [each.covariance() for each in information]
         pairs = list(zip(before, after, strict=True))
         widths = [np.sqrt(np.diag(new) / np.diag(old)) for old, new in pairs]
         goals = [self.goal.width(new) / self.goal.width(old) for old, new in pairs]
@@ -154,7 +152,7 @@ class Plan:
             press=press,
             goal=float(np.mean(goals)),
             widths=np.mean(widths, axis=0),
-            covariance=evidence[0].covariance(RANGE_SD),
+            covariance=information[0].covariance(RANGE_SD),
         )
 
 
@@ -192,6 +190,54 @@ class Expected:
         full = self.fit.covariance + given @ (change @ covariance @ change.T - known) @ given.T
         symmetric = (full + full.T) / 2.0
         return self.within(replace(self.fit, covariance=symmetric, parts={})).of(self.shared)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Step:
+    """One more press: every candidate as this step, the best first."""
+
+    ranked: tuple[Narrowing, ...]
+
+    @property
+    def chosen(self) -> Narrowing:
+        """The one that narrows most."""
+        return self.ranked[0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Proposal:
+    """What to measure next.
+
+    Parameters
+    ----------
+    steps : tuple of Step
+        One after the other.
+    refused : mapping of name to str
+        Candidates that cannot be simulated or are beyond a limit, and why.
+    failed_checks : tuple of str
+        What says that the model does not describe the data.
+    check : str
+        Spot whose press should be repeated first, where a check has failed; else empty.
+    """
+
+    goal: Goal
+    expected: Expected
+    steps: tuple[Step, ...]
+    refused: Mapping[str, str]
+    failed_checks: tuple[str, ...] = ()
+    check: str = ""
+
+    def intervals(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Ends (n_parameters,) of the 95 % intervals now, and after each step."""
+        return [interval(self.goal, density) for density in self._densities()]
+
+    def bands(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Ends (n_predicted,) of the 95 % bands of what is predicted now, and after each step."""
+        return [bands(self.goal, density) for density in self._densities()]
+
+    def _densities(self) -> Iterator[Density]:
+        for covariance in [self.expected.before, *(step.chosen.covariance for step in self.steps)]:
+            yield self.expected.after(covariance)
 
 
 def interval(goal: Goal, density: Density) -> tuple[FloatArray, FloatArray]:

@@ -11,13 +11,13 @@ from palpate.domain import (
     Curve,
     FloatArray,
     Job,
-    Protocol,
     Response,
     Scenario,
     Simulation,
     Status,
     channel_of,
 )
+from palpate.domain.channels import FORCE
 from palpate.errors import PalpateError
 from palpate.fit.problem import Problem
 from palpate.fit.running import Fit
@@ -29,7 +29,10 @@ from palpate_certainty.known_errors import known_errors
 from palpate_certainty.laplace import Laplace
 from palpate_certainty.mesh_error import SpotMesh
 from palpate_certainty.rows import grouped, groups_of, path_of, rows_of
-from palpate_planning.evidence import ErrorSizes, Evidence, evidence_of
+from palpate_planning.candidates import PRESSURE
+from palpate_planning.extension import CandidatePress
+from palpate_planning.information import ErrorSizes, FisherInformation, press_information
+from palpate_prediction.measures import contact_of
 
 USUAL_POINTS = 100
 """Points of a curve where no measured one shows how many there are."""
@@ -39,40 +42,15 @@ OF_ONE_PRESS = ("onset", "tilt", "zero")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Press:
-    """A press that could be made at a spot of a study.
-
-    Parameters
-    ----------
-    name : str
-    spot : str
-    protocol : Protocol
-    keys : mapping
-        Keys of ``[spot.protocol]`` that state it in a study.
-    """
-
-    name: str
-    spot: str
-    protocol: Protocol
-    keys: Mapping[str, object] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DesignProblem:
     """What is known before a further press.
 
     Parameters
     ----------
-    study : Study
-    scenario : Scenario
     problem : Problem
-        The joint fit of the presses so far in this scenario.
-    measured : mapping of spot name to Response
-    errors : ErrorSizes
+        The joint fit of the presses so far in the scenario.
     columns : Columns
-        What causes add to the presses so far.
-    refinement : mapping of spot name to float
-        As for :func:`~palpate_certainty.known_errors.known_errors`.
+        What error sources add to the presses so far.
     estimate : (n_parameters,) array, optional
         Values of the fit; by default those at the first point.
     laplace : Laplace, optional
@@ -106,14 +84,11 @@ class DesignProblem:
 class PressAtPoint:
     """A press at one point of the parameters.
 
-    Parameters
-    ----------
-    evidence : Evidence
-    peaks : mapping of channel to float
-        Largest ordinates, and the largest ``pressure`` [MPa] where it was asked for; of a candidate.
+    ``peaks`` are the largest ordinates of a candidate by channel, and its largest ``pressure`` [MPa] where it
+    is limited.
     """
 
-    evidence: Evidence
+    information: FisherInformation
     peaks: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -121,7 +96,7 @@ class PressAtPoint:
 class SimulatedPress:
     """A press at every point (``at``), or why it cannot be made (``failure``)."""
 
-    press: Press
+    press: CandidatePress
     at: tuple[PressAtPoint, ...] = ()
     failure: str = ""
 
@@ -163,15 +138,15 @@ def presses_so_far(design: DesignProblem, points: FloatArray) -> tuple[list[Simu
     used = np.flatnonzero(ended.all(axis=0))
     simulated = []
     for term, problem, row in zip(terms, problems, found, strict=True):
-        press = Press(name=term.spot, spot=term.spot, protocol=term.protocol)
-        found_at = [_evidence(design, press, problem, row[k], design.columns) for k in used]
-        at = tuple(PressAtPoint(evidence=evidence) for evidence in found_at)
+        press = CandidatePress(name=term.spot, spot=term.spot, protocol=term.protocol)
+        found_at = [_information(design, press, problem, row[k], design.columns) for k in used]
+        at = tuple(PressAtPoint(information=information) for information in found_at)
         simulated.append(SimulatedPress(press=press, at=at))
     return simulated, points[used]
 
 
 def simulated_presses(
-    design: DesignProblem, presses: Sequence[Press], points: FloatArray
+    design: DesignProblem, presses: Sequence[CandidatePress], points: FloatArray
 ) -> list[SimulatedPress]:
     """Simulate presses at points (n_points, n_parameters) of the box; causes are taken at the first."""
     problems = _stated(design, presses, points)
@@ -196,7 +171,7 @@ def simulated_presses(
 
 
 def _simulated(
-    design: DesignProblem, press: Press, stated: Sequence[_Stated], ended: Sequence[Evaluation]
+    design: DesignProblem, press: CandidatePress, stated: Sequence[_Stated], ended: Sequence[Evaluation]
 ) -> SimulatedPress:
     if failure := next((each.failure for each in ended if each.jacobian is None), ""):
         return SimulatedPress(press=press, failure=failure)
@@ -212,8 +187,8 @@ def _simulated(
             }
             for (spot, name), of in columns.items()
         }
-        evidence = _evidence(design, press, problem, each, scaled)
-        at.append(PressAtPoint(evidence=evidence, peaks=peaks))
+        information = _information(design, press, problem, each, scaled)
+        at.append(PressAtPoint(information=information, peaks=peaks))
     return SimulatedPress(press=press, at=tuple(at))
 
 
@@ -225,13 +200,13 @@ def _as_large(column: FloatArray, problem: Problem, first: Problem, channel: str
 
 
 def _stated(
-    design: DesignProblem, presses: Sequence[Press], points: FloatArray
-) -> dict[Press, list[_Stated] | str]:
+    design: DesignProblem, presses: Sequence[CandidatePress], points: FloatArray
+) -> dict[CandidatePress, list[_Stated] | str]:
     """State a problem for each press and point, its simulated curves as measured; or why there is none."""
     bare = {press: bare_problem(design, press) for press in presses}
     jobs = [job_of(design, problem, point) for problem in bare.values() for point in points]
     ended = iter(design.problem.simulate(jobs))
-    found: dict[Press, list[_Stated] | str] = {}
+    found: dict[CandidatePress, list[_Stated] | str] = {}
     for press, problem in bare.items():
         stated = []
         for simulation in [next(ended) for _ in points]:
@@ -259,7 +234,7 @@ def _peaks(design: DesignProblem, response: Response) -> dict[str, float]:
     return found
 
 
-def bare_problem(design: DesignProblem, press: Press) -> Problem:
+def bare_problem(design: DesignProblem, press: CandidatePress) -> Problem:
     """State the problem of a press without any measured curve."""
     return design.problem.restated([_term(design, press, Response(curves={}))])
 
@@ -277,8 +252,9 @@ def point_in(design: DesignProblem, problem: Problem, point: FloatArray) -> Floa
     return problem.point_of(values)
 
 
-def _term(design: DesignProblem, press: Press, measured: Response) -> SpotTerm:
+def _term(design: DesignProblem, press: CandidatePress, measured: Response) -> SpotTerm:
     like = design.term(press.spot)
+    assert press.protocol is not None
     weights = {n: w for n, w in design.scenario.weighed.items() if channel_of(n) in measured.curves}
     corrections = {name: _as_of(like, name, curve) for name, curve in measured.curves.items()}
     return replace(
@@ -303,7 +279,7 @@ def _as_of(like: SpotTerm, channel: str, curve: Curve) -> Correction | None:
     return Correction(added=added * here_size / there_size, coarse=curve.ordinate)
 
 
-def _as_measured(design: DesignProblem, press: Press, simulation: Simulation) -> Response:
+def _as_measured(design: DesignProblem, press: CandidatePress, simulation: Simulation) -> Response:
     """Simulated curves as they would be measured: with as many points as those of the spot have."""
     assert simulation.response is not None
     known = design.measured.get(press.spot) or next(iter(design.measured.values()), Response(curves={}))
@@ -342,9 +318,9 @@ def _columns(design: DesignProblem, problem: Problem, evaluation: Evaluation) ->
     return columns
 
 
-def _evidence(
-    design: DesignProblem, press: Press, problem: Problem, evaluation: Evaluation, columns: Columns
-) -> Evidence:
+def _information(
+    design: DesignProblem, press: CandidatePress, problem: Problem, evaluation: Evaluation, columns: Columns
+) -> FisherInformation:
     (term,) = problem.terms
     assert evaluation.residuals is not None
     assert evaluation.jacobian is not None
@@ -363,7 +339,7 @@ def _evidence(
     }
     own = [i for i, name in enumerate(problem.names) if "@" in name]
     kept = [i for i, name in enumerate(problem.names) if "@" not in name]
-    return evidence_of(
+    return press_information(
         groups @ slopes[:, kept],
         groups @ slopes[:, own],
         grouped(rows, groups),
@@ -375,6 +351,41 @@ def _evidence(
     )
 
 
-def _shared_name(label: str, name: str, press: Press) -> str:
+def _shared_name(label: str, name: str, press: CandidatePress) -> str:
     """Name of a cause among all presses, with that of the press where no other shares it."""
     return f"{label}: {name} of {press.name}" if label in OF_ONE_PRESS else f"{label}: {name}"
+
+
+def with_pressures(
+    design: DesignProblem, presses: Sequence[SimulatedPress], point: FloatArray
+) -> list[SimulatedPress]:
+    """Add the largest pressure [MPa] to the peaks of presses.
+
+    It is solved at the first point (n_parameters,) of the box; at the others it changes like the force, as
+    `palpate predict` takes it.
+    """
+    possible = [press for press in presses if press.at]
+    simulated = dict(zip(possible, design.problem.simulate(_jobs(design, possible, point)), strict=True))
+    return [_added(each, simulated[each]) if each in simulated else each for each in presses]
+
+
+def _jobs(design: DesignProblem, presses: Sequence[SimulatedPress], point: FloatArray) -> list[Job]:
+    jobs = [job_of(design, bare_problem(design, each.press), point) for each in presses]
+    return [replace(job, slopes=False, surface=True) for job in jobs]
+
+
+def _added(press: SimulatedPress, simulation: Simulation) -> SimulatedPress:
+    if simulation.surface is None or simulation.status is not Status.OK:
+        why = simulation.message or simulation.status.remedy
+        return replace(press, at=(), failure=f"its pressure is not known: {why}")
+    largest = float(contact_of(simulation.surface, None).peak_MPa.max(initial=0.0))
+    forces = [each.peaks.get(FORCE.name, 0.0) for each in press.at]
+    if not all(forces):
+        return replace(press, at=(), failure="its force is not known, which the pressure changes like")
+    return replace(
+        press,
+        at=tuple(
+            replace(each, peaks={**each.peaks, PRESSURE: largest * force / forces[0]})
+            for each, force in zip(press.at, forces, strict=True)
+        ),
+    )

@@ -1,9 +1,18 @@
-"""Propose further presses of a run."""
+"""Presses of a study, first or further: simulated through its run, ranked, and chosen one after the other."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
+import numpy as np
+from scipy.stats import qmc
+
+from palpate.domain import FloatArray, Parameter, Response, Scenario
 from palpate.domain.curves import abscissae_of
 from palpate.errors import StudyError
+from palpate.fit.problem import Problem, Simulate
+from palpate.fit.spot_term import term_of
 from palpate.limb.loading import load_limbs
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
@@ -12,11 +21,74 @@ from palpate.simulation.sweep import Simulations
 from palpate.stages.core_stages import joint_assessed
 from palpate.stages.pipeline import locked_run
 from palpate.study.reading import Study
-from palpate_planning.candidates import candidates, limits_of
-from palpate_planning.options import PlanOptions
-from palpate_planning.stage import PlanningStage, Proposal, before_any_press, check_options, choose_presses
+from palpate.study.tool import Tool
+from palpate_certainty.causes import Columns
+from palpate_certainty.laplace import Laplace
+from palpate_certainty.mesh_error import SpotMesh
+from palpate_certainty.tables import Assessed, density_of
+from palpate_planning.candidates import PRESSURE, Allowed, Limit, candidates, limited_curves, limits_of
+from palpate_planning.extension import CandidatePress
+from palpate_planning.information import ErrorSizes, FisherInformation, FoptInformation, GlsInformation
+from palpate_planning.narrowing import (
+    ALL,
+    PREDICTION,
+    Expected,
+    Goal,
+    Plan,
+    Proposal,
+    Step,
+    check_goal,
+    shares_of,
+)
+from palpate_planning.presses import (
+    DesignProblem,
+    SimulatedPress,
+    presses_so_far,
+    simulated_presses,
+    with_pressures,
+)
 from palpate_planning.tables import for_robot
-from palpate_planning.tool_force import tool_limbs
+from palpate_planning.tool_force import ToolForce, check_tool, tool_forces, tool_limbs
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanOptions:
+    """Options of :func:`propose` and :func:`plan`.
+
+    Parameters
+    ----------
+    goal : str, optional
+        What to narrow: ``all``, ``worst``, one parameter, or ``prediction``; by default the prediction where
+        a tool is given, else all.
+    tool : Tool, optional
+        Whose force is predicted.
+    allowed : Allowed, optional
+        Candidates; by default shares of the study's own presses.
+    n_presses : int
+        Presses to choose, one after the other.
+    n_points : int
+        Likely parameters at which each candidate is simulated.
+    """
+
+    goal: str | None = None
+    tool: Tool | None = None
+    allowed: Allowed | None = None
+    n_presses: int = 1
+    n_points: int = 6
+
+    def __post_init__(self) -> None:
+        if self.goal == PREDICTION and self.tool is None:
+            raise StudyError(f"goal '{PREDICTION}' needs a tool whose force is predicted: --tool FILE")
+        if self.tool is not None and self.goal not in (None, PREDICTION):
+            raise StudyError(
+                f"goal '{self.goal}' needs no tool; leave the tool out, or ask for '{PREDICTION}'"
+            )
+
+    @property
+    def narrowed(self) -> str:
+        """Name of the goal."""
+        return self.goal or (ALL if self.tool is None else PREDICTION)
+
 
 USUAL = PlanOptions()
 """Options where none are given."""
@@ -87,3 +159,221 @@ def plan(
             found = choose_presses(design, [], presses, points, options, limits)
         run.write_proposal(for_robot(found, limbs))
         return found
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanningStage:
+    """Ranks candidates for the next presses of a study.
+
+    Parameters
+    ----------
+    assessed : Assessed
+        The joint fit of the scenario that generalises.
+    columns : Columns
+        What error sources add to its curves.
+    """
+
+    study: Study
+    measured: Mapping[str, Response]
+    assessed: Assessed
+    columns: Columns
+    meshes: Mapping[str, SpotMesh]
+    progress: Progress = SILENT
+
+    def run(
+        self,
+        presses: Sequence[CandidatePress],
+        options: PlanOptions,
+        limits: Mapping[str, Limit],
+    ) -> Proposal:
+        """Simulate the presses at likely parameters, and choose one after the other.
+
+        Raises
+        ------
+        StudyError
+            There is no such goal, or no press can be made.
+        """
+        design = self.design()
+        best = self.assessed.end.best
+        assert best is not None
+        check_options(design, options)
+        self.progress.begin("next", 0)
+        so_far, points = presses_so_far(design, self._points(options.n_points))
+        found = choose_presses(design, so_far, presses, points, options, limits)
+        failed_checks = tuple(check.name for check in self.assessed.checks if check.is_failed)
+        return replace(found, failed_checks=failed_checks, check=self._worst_spot() if failed_checks else "")
+
+    def design(self) -> DesignProblem:
+        """What is known before the press."""
+        found, channels = self.assessed.errors, self.assessed.channels
+        box = self.assessed.end.problem.box
+        errors = ErrorSizes(
+            noise={channels[i]: size for i, size in found.noise.items()},
+            discrepancy={channels[i]: size for i, size in found.discrepancy.items()},
+            correlations=found.correlations,
+            usual=self.study.budget.discrepancy,
+        )
+        return DesignProblem(
+            study=self.study,
+            scenario=self.assessed.case.scenario,
+            problem=self.assessed.end.problem,
+            measured=self.measured,
+            errors=errors,
+            columns=self.columns,
+            meshes=self.meshes,
+            estimate=box.lower + (box.upper - box.lower) * self.assessed.point,
+            laplace=self.assessed.laplace,
+        )
+
+    def _points(self, n: int) -> FloatArray:
+        """Where the fit has ended, and draws (n, n_parameters) of its density, as points of the box."""
+        problem, best = self.assessed.end.problem, self.assessed.end.best
+        assert best is not None
+        box = problem.box
+        drawn = box.point(box.lower + (box.upper - box.lower) * self.assessed.density.draws(n - 1))
+        points = np.concatenate([best.point[None], drawn])
+        accepted: FloatArray = points[problem.accepts(points)]
+        return accepted
+
+    def _worst_spot(self) -> str:
+        """Spot whose curves the joint fit describes worst."""
+        problem, best = self.assessed.end.problem, self.assessed.end.best
+        assert best is not None
+        assert best.residuals is not None
+        sizes, at = {}, 0
+        for term in problem.terms:
+            sizes[term.spot] = float(np.sum(best.residuals[at : at + term.n_points] ** 2))
+            at += term.n_points
+        return max(sizes, key=lambda spot: sizes[spot])
+
+
+def check_options(design: DesignProblem, options: PlanOptions) -> None:
+    """Refuse a goal or a tool, before anything is simulated.
+
+    Raises
+    ------
+    StudyError
+        There is no such goal, or the tool's force is known, or not by what presses share.
+    """
+    check_goal(options.narrowed, shared_parameters(design))
+    if options.tool is not None:
+        check_tool(design, options.tool)
+
+
+def choose_presses(
+    design: DesignProblem,
+    so_far: Sequence[SimulatedPress],
+    presses: Sequence[CandidatePress],
+    points: FloatArray,
+    options: PlanOptions,
+    limits: Mapping[str, Limit],
+) -> Proposal:
+    """Simulate presses at points (n_points, n_parameters) of the box, and choose one after the other.
+
+    Raises
+    ------
+    StudyError
+        There is no such goal, or no press can be made.
+    """
+    goal = _goal(design, options, points[0])
+    design = replace(design, limited=limited_curves(design.study, limits))
+    simulated = simulated_presses(design, presses, points)
+    if PRESSURE in limits:
+        simulated = with_pressures(design, simulated, points[0])
+    refused = {each.press.name: why for each in simulated if (why := _refusal(each, limits))}
+    possible = [each for each in simulated if each.press.name not in refused]
+    if not possible:
+        name, why = next(iter(refused.items()))
+        raise StudyError(f"none of {len(simulated)} candidates is possible: {name}: {why}; allow others")
+    plan = Plan(so_far, goal, of_priors(design), len(points))
+    expected, steps = _expected(design, goal, plan.covariance), []
+    for _ in range(options.n_presses):
+        steps.append(Step(ranked=tuple(plan.ranked(possible))))
+        plan.add(steps[-1].chosen.press)
+    return Proposal(goal=goal, expected=expected, steps=tuple(steps), refused=refused)
+
+
+def shared_parameters(design: DesignProblem) -> tuple[Parameter, ...]:
+    """Parameters that all presses share.
+
+    Raises
+    ------
+    StudyError
+        Every searched value belongs to one spot.
+    """
+    if not design.shared:
+        raise StudyError(f"{design.study.file}: every searched value belongs to one spot; presses share none")
+    return tuple(design.problem.parameters[i] for i in design.shared)
+
+
+def _goal(design: DesignProblem, options: PlanOptions, point: FloatArray) -> Goal:
+    """Make the goal where the fit has ended, or at a point (n_parameters,) of the box where none is known."""
+    box, tool = design.problem.box, options.tool
+    values = box.values(point) if design.estimate is None else design.estimate
+    predicted: tuple[ToolForce, ...] = ()
+    if tool is not None:
+        at = box.point(values)
+        # The most likely values may be some that no material has.
+        predicted = tool_forces(design, tool, at if design.problem.accepts(at[None])[0] else point)
+    return Goal(
+        name=options.narrowed,
+        parameters=shared_parameters(design),
+        values=values[design.shared],
+        predicted=predicted,
+    )
+
+
+def _expected(design: DesignProblem, goal: Goal, before: FloatArray) -> Expected:
+    """State the density now: that of the fit, or around the goal's values before any press."""
+    if design.laplace is None:
+        usual = Laplace(centre=shares_of(goal), covariance=before, parts={})
+        return Expected(fit=usual, within=Laplace.within, shared=range(len(before)), before=before)
+    within = partial(density_of, problem=design.problem)
+    return Expected(fit=design.laplace, within=within, shared=design.shared, before=before)
+
+
+def before_any_press(
+    study: Study,
+    scenario: Scenario,
+    simulate: Simulate,
+    abscissae: Mapping[str, str],
+    n_points: int,
+) -> tuple[DesignProblem, FloatArray]:
+    """What a study knows before its first press, and points (n_points, n_parameters) over its ranges.
+
+    The first point is where a search would start.
+    """
+    nothing = Response(curves={})
+    terms = [replace(term_of(study, s, scenario, nothing, abscissae), weights={}) for s in study.spot_names]
+    problem = Problem(study, terms, simulate, study.parametrisation, noise=study.noise)
+    spread = qmc.Halton(len(problem.parameters), rng=study.seed).random(64 * n_points)
+    accepted = spread[problem.accepts(spread)][: n_points - 1]
+    errors = ErrorSizes(noise={}, discrepancy={}, usual=study.budget.discrepancy)
+    design = DesignProblem(study=study, scenario=scenario, problem=problem, measured={}, errors=errors)
+    return design, np.concatenate([problem.point_of({})[None], accepted])
+
+
+def of_priors(design: DesignProblem) -> FisherInformation:
+    """Information of the priors of a problem on the values that all presses share."""
+    problem, shared = design.problem, design.shared
+    rates = np.zeros(len(shared))
+    for i, number in enumerate(shared):
+        prior = problem.parameters[number].prior
+        if prior is not None:
+            rates[i] = (problem.box.upper - problem.box.lower)[number] / prior.sd
+    if design.study.budget.is_gls:
+        return GlsInformation.of(np.diag(rates), {"prior": np.zeros((len(shared), 0))})
+    size = problem.noise * np.sqrt(len(problem.terms))  # of a residual; slopes are as large
+    return FoptInformation(
+        information=np.diag((size * rates) ** 2), noise=np.diag((size**2 * rates) ** 2), causes={}
+    )
+
+
+def _refusal(press: SimulatedPress, limits: Mapping[str, Limit]) -> str:
+    """Why a press cannot be made; empty where it can."""
+    if press.failure:
+        return press.failure
+    for name, (most, unit) in limits.items():
+        if (peak := press.peaks.get(name, 0.0)) > most:
+            return f"the {name} reaches {peak:.3g} {unit}, over the limit of {most:.3g} {unit}"
+    return ""

@@ -10,9 +10,8 @@ import polars as pl
 from palpate.domain import Indentation, Limb
 from palpate.domain.balanced_states import POSE
 from palpate_planning.candidates import described
-from palpate_planning.narrowing import Narrowing
-from palpate_planning.presses import Press
-from palpate_planning.stage import Proposal
+from palpate_planning.extension import CandidatePress
+from palpate_planning.narrowing import Narrowing, Proposal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -104,7 +103,7 @@ def for_robot(proposal: Proposal, limbs: Mapping[str, Limb]) -> dict[str, Any]:
     }
 
 
-def _pose(press: Press, limbs: Mapping[str, Limb]) -> dict[str, Any]:
+def _pose(press: CandidatePress, limbs: Mapping[str, Limb]) -> dict[str, Any]:
     protocol = press.protocol
     assert isinstance(protocol, Indentation)
     spot = limbs[press.spot].spot if press.spot in limbs else None

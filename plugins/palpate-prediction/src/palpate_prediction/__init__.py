@@ -12,20 +12,19 @@ if TYPE_CHECKING:
 def palpate_subcommands() -> "list[SubCommand]":
     """``palpate predict`` and ``palpate card``."""
     from palpate.api.cli import RUN, SubCommand, examples
-    from palpate_prediction.commands import card, predict
+    from palpate_prediction.commands import CardOutput, PredictOutput, card, predict
 
-    home = "palpate_prediction.commands"
     return [
         SubCommand(
             function=predict,
             panel=RUN,
-            output=f"{home}:PredictOutput",
+            output=PredictOutput,
             epilog=examples("palpate predict runs/arm --tool cuff.toml"),
         ),
         SubCommand(
             function=card,
             panel=RUN,
-            output=f"{home}:CardOutput",
+            output=CardOutput,
             epilog=examples(
                 "palpate card runs/arm --for abaqus", "palpate card runs/arm --for febio --into arm.feb"
             ),

@@ -8,7 +8,7 @@ from palpate.domain import FloatArray, SurfaceStates
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Contact:
+class ContactMeasures:
     """Contact at the states of a simulation, (k,) each; pressures are means around a node.
 
     Parameters
@@ -30,14 +30,14 @@ class Contact:
     above_mm2: FloatArray | None
 
 
-def contact_of(states: SurfaceStates, threshold_MPa: float | None) -> Contact:
+def contact_of(states: SurfaceStates, threshold_MPa: float | None) -> ContactMeasures:
     """Measure the contact at every state."""
     touched = states.areas_mm2 * states.touching
     pressure = states.pressures_MPa  # the mean around a node: that of its touched part alone is all noise
     shear = np.linalg.norm(states.shears_MPa, axis=2)
     area = touched.sum(axis=1)
     load = (states.areas_mm2 * pressure).sum(axis=1)
-    return Contact(
+    return ContactMeasures(
         area_mm2=area,
         peak_MPa=pressure.max(axis=1, initial=0.0),
         p95_MPa=np.array([weighted_quantile(p, w, 0.95) for p, w in zip(pressure, touched, strict=True)]),

@@ -18,11 +18,12 @@ from palpate.domain import (
     SurfaceStates,
 )
 from palpate.errors import SolverError, StudyError
-from palpate.fit.fitted import Fitted, inputs_at
+from palpate.fit.fitted import Fitted, inputs_at, job_of
 from palpate.limb.loading import load_limbs
 from palpate.mesh.contact_edge import contact_edge_mm
 from palpate.mesh.refinement import refined
 from palpate.plugins.catalogue import Plugins
+from palpate.plugins.parametrisation import SpotInputs
 from palpate.progress import Progress
 from palpate.run.directory import RunDirectory
 from palpate.simulation.jobs import check_jobs
@@ -59,12 +60,8 @@ class SpotPrediction:
     ----------
     simulation : Simulation
         With the fitted values; partial where it has diverged.
-    pressed : PressStates
-        Depth, force and contact at the balanced states.
     bands : mapping of channel to (2, n) array
         Ends of the linear band of a curve; none without draws.
-    summary : list of dict
-        Rows of the table.
     by_force : bool
         Whether the largest force was to be reached, so that the depth is predicted.
     mesh : mapping of quantity to float
@@ -123,11 +120,7 @@ class Prediction:
         return frame_rows([row for spot, each in self.spots.items() for row in _state_rows(spot, each)])
 
 
-def predict(
-    stored: Run,
-    tool: Tool,
-    n_solved: int = 0,
-) -> Prediction:
+def predict(stored: Run, tool: Tool, n_solved: int = 0) -> Prediction:
     """Simulate a tool with what a run has found; the caller holds the lock on the folder.
 
     Parameters
@@ -232,18 +225,10 @@ class _Plan:
         sizes = [contact_edge_mm(limbs[name], near) for name in (f"{self.spot}{AS_IS}", self.spot)]
         return sizes[0] / sizes[1]
 
-    def job(self, thetas: Thetas, *, slopes: bool, as_is: bool = False) -> Job:
-        study = self.stored.study
-        return Job(
-            spot=f"{self.spot}{AS_IS}" if as_is else self.spot,
-            set_id=-1,
-            materials={region.region: region.material for region in study.space.regions},
-            thetas=thetas,
-            protocol=self.tool.protocol,
-            slopes=slopes and study.solver.provides.slopes,
-            surface=True,
-            channels=self.channels,
-        )
+    def job(self, thetas: Thetas, *, slopes: bool = False, as_is: bool = False) -> Job:
+        study, name = self.stored.study, f"{self.spot}{AS_IS}" if as_is else self.spot
+        made = job_of(study, name, SpotInputs(thetas=thetas, protocol=self.tool.protocol), surface=True)
+        return replace(made, slopes=slopes and study.solver.provides.slopes, channels=self.channels)
 
 
 def _at_spot(
@@ -254,10 +239,10 @@ def _at_spot(
 ) -> SpotPrediction:
     best = plan.thetas(plan.found.values)
     drawn = [plan.thetas(values) for values in draws]
-    jobs = [plan.job(best, slopes=True), *(plan.job(each, slopes=False) for each in _spread(drawn, n_solved))]
+    jobs = [plan.job(best, slopes=True), *map(plan.job, _spread(drawn, n_solved))]
     check_jobs(simulations.study, jobs[:1], simulations.limbs)
     refined_too = f"{plan.spot}{AS_IS}" in simulations.limbs
-    jobs += [plan.job(best, slopes=False, as_is=True)] if refined_too else []
+    jobs += [plan.job(best, as_is=True)] if refined_too else []
     simulations.progress.begin(f"predict {plan.spot}", len(jobs))
     simulation, *solved = simulations.of(jobs)
     as_is = solved.pop() if refined_too else None

@@ -17,7 +17,7 @@ from palpate.domain.waypoints import DEPTH
 from palpate.fit.tables import ORDER
 from palpate.units import convert
 from palpate_prediction.bands import ends, scores
-from palpate_prediction.measures import Contact, contact_of
+from palpate_prediction.measures import ContactMeasures, contact_of
 
 
 class Quantity(NamedTuple):
@@ -64,7 +64,7 @@ class PressStates:
 
     depth_mm: FloatArray
     force_N: FloatArray
-    contact: Contact
+    contact: ContactMeasures
 
     @property
     def at(self) -> int:

@@ -1,4 +1,4 @@
-"""The information of each press on the parameters, in sums that presses add to.
+"""Fisher information of each press on the parameters, in sums that presses add to.
 
 The covariance of a fit is that of :mod:`palpate_certainty.laplace`. With slopes J of the residuals and their
 covariance C a fit by Fopt needs no more than JᵀJ and JᵀCJ. Both are sums: the first over the presses, the
@@ -16,6 +16,7 @@ from typing import Self, TypeVar, final
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from typing_extensions import override
 
 from palpate.domain import FloatArray
 from palpate_certainty.rows import COMMON, Rows, matern
@@ -58,18 +59,17 @@ class ErrorSizes:
         return found
 
 
-class Evidence(ABC):
-    """Information of some presses on the parameters."""
+class FisherInformation(ABC):
+    """Information of some presses on the parameters; the sum of two is that of both."""
 
     __slots__ = ()
 
     @abstractmethod
-    def __add__(self, other: Self) -> Self:
-        """Information of both."""
+    def __add__(self, other: Self) -> Self: ...
 
     @abstractmethod
     def again(self, press: str, number: int) -> Self:
-        """Information of the same press when it is made once more: causes of one press are drawn again."""
+        """Information of the same press when it is made once more: its own error sources are drawn again."""
 
     @abstractmethod
     def covariance(self, range_sd: float = FLAT_SD) -> FloatArray:
@@ -78,8 +78,8 @@ class Evidence(ABC):
 
 @final
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FoptEvidence(Evidence):
-    """Of presses that are fitted by least Fopt.
+class FoptInformation(FisherInformation):
+    """Information of presses that are fitted by least Fopt.
 
     Parameters
     ----------
@@ -104,12 +104,13 @@ class FoptEvidence(Evidence):
             causes={name: _sum(self.causes.get(name), other.causes.get(name)) for name in names},
         )
 
+    @override
     def again(self, press: str, number: int) -> Self:
-        """Rename the causes of the press."""
         return replace(self, causes=_renamed(self.causes, press, number))
 
+    @override
     def covariance(self, range_sd: float = FLAT_SD) -> FloatArray:
-        """As :func:`~palpate_certainty.laplace.laplace` has it."""
+        # As palpate_certainty.laplace has it.
         scores = self.noise + sum(part @ part.T for part in self.causes.values())
         sizes, axes = np.linalg.eigh(self.information)
         seen = sizes > SEEN * sizes[-1]
@@ -133,15 +134,15 @@ Named = TypeVar("Named")
 
 
 def _renamed(causes: Mapping[str, Named], press: str, number: int) -> dict[str, Named]:
-    """Causes under other names where they are of this press alone."""
+    """Rename the error sources that act on one press only."""
     end = f" of {press}"
     return {f"{name} {number}" if name.endswith(end) else name: part for name, part in causes.items()}
 
 
 @final
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GlsEvidence(Evidence):
-    """Of presses that are fitted by generalised least squares.
+class GlsInformation(FisherInformation):
+    """Information of presses that are fitted by generalised least squares.
 
     With white noise and the columns F of all causes, residuals have the covariance LLᵀ = 1 + FFᵀ. A further
     press adds rows to L: only what it shares with the presses so far, and its own block, is factorised.
@@ -177,19 +178,19 @@ class GlsEvidence(Evidence):
             causes=(*self.causes, *other.causes),
         )
 
+    @override
     def again(self, press: str, number: int) -> Self:
-        """Rename the causes of the press."""
         return replace(self, causes=tuple(_renamed(each, press, number) for each in self.causes))
 
+    @override
     def covariance(self, range_sd: float = FLAT_SD) -> FloatArray:
-        """Invert the information on the parameters, with that of the ranges."""
         information = self.scores.T @ self.scores
         inverse = np.linalg.inv(information + np.eye(len(information)) / range_sd**2)
         covariance: FloatArray = inverse.astype(np.float64)
         return (covariance + covariance.T) / 2.0
 
     def _shared(self, other: Self) -> FloatArray:
-        """Covariance of the own rows with those of others, by the causes of both."""
+        """Covariance (n, n_other) of the rows with those of others, by the error sources of both."""
         blocks = [[_covariance(mine, theirs) for theirs in other.causes] for mine in self.causes]
         return np.block(blocks).astype(np.float64)
 
@@ -215,7 +216,7 @@ def _divided(root: FloatArray, columns: FloatArray) -> FloatArray:
     return solved
 
 
-def evidence_of(
+def press_information(
     slopes: FloatArray,
     free: FloatArray,
     rows: Rows,
@@ -225,7 +226,7 @@ def evidence_of(
     channels: tuple[str, ...],
     site: str,
     is_gls: bool = False,
-) -> Evidence:
+) -> FisherInformation:
     """Make the information of one press.
 
     Parameters
@@ -238,7 +239,6 @@ def evidence_of(
         Where each residual is on the curves.
     known : mapping of name to (n,) array
         What one standard deviation of each cause adds to the residuals.
-    errors : ErrorSizes
     channels : tuple of str
         By their numbers in ``rows``.
     site : str
@@ -252,7 +252,7 @@ def evidence_of(
     )
     if not is_gls:
         slopes = _without(free, slopes)
-        return FoptEvidence(
+        return FoptInformation(
             information=slopes.T @ slopes,
             noise=slopes.T @ noise @ slopes,
             causes={name: slopes.T @ part for name, part in causes.items()},
@@ -261,11 +261,11 @@ def evidence_of(
     white = [_divided(root, columns) for columns in (slopes, *causes.values())]
     fitted = _divided(root, free)
     own, *parts = (_without(fitted, columns) for columns in white)
-    return GlsEvidence.of(own, dict(zip(causes, parts, strict=True)))
+    return GlsInformation.of(own, dict(zip(causes, parts, strict=True)))
 
 
 def _without(free: FloatArray, columns: FloatArray) -> FloatArray:
-    """Columns (n, k) less what they share with free ones (n, m), as the fit of these takes it."""
+    """Project columns (n, k) onto the complement of the free ones (n, m)."""
     axes, sizes, _ = np.linalg.svd(free, full_matrices=False)
     taken = axes[:, sizes > SEEN * max(sizes.max(initial=0.0), 1e-300)]
     left: FloatArray = columns - taken @ (taken.T @ columns)
@@ -283,7 +283,7 @@ def _noise(rows: Rows, errors: ErrorSizes, channels: tuple[str, ...]) -> FloatAr
 
 
 def _left_out(rows: Rows, errors: ErrorSizes, channels: tuple[str, ...], site: str) -> dict[str, FloatArray]:
-    """What the model leaves out, as independent columns (n, m): common to all presses, and of this site."""
+    """Independent columns (n, m) of the discrepancy: common to all presses, and of this site."""
     found = {}
     for number in rows.channels:
         channel, inside = channels[number], rows.channel == number

@@ -1,4 +1,4 @@
-"""Evidence adds up to the covariance of the joint fit."""
+"""FisherInformation adds up to the covariance of the joint fit."""
 
 from types import SimpleNamespace
 
@@ -10,7 +10,7 @@ from palpate.domain import Curve
 from palpate.fit.spot_term import Correction
 from palpate_certainty.laplace import Laplace, laplace
 from palpate_certainty.rows import Rows
-from palpate_planning.evidence import ErrorSizes, FoptEvidence, evidence_of
+from palpate_planning.information import ErrorSizes, FoptInformation, press_information
 from palpate_planning.narrowing import Expected
 from palpate_planning.presses import _as_of
 
@@ -40,9 +40,9 @@ def _press(rng, n=24, span=1.0):
     return slopes, rows, known
 
 
-def _evidence(press, site, is_gls):
+def _information(press, site, is_gls):
     slopes, rows, known = press
-    return evidence_of(
+    return press_information(
         slopes,
         np.zeros((len(slopes), 0)),
         rows,
@@ -60,7 +60,7 @@ def test_rows_that_are_added_are_those_of_direct_inverse(seed, same):
     rng = np.random.default_rng(seed)
     sites = ["p1", "p1" if same else "p2", "p1"]
     spans = [1.0, 1.0, 2.0]
-    each = [_evidence(_press(rng, span=span), site, True) for span, site in zip(spans, sites, strict=True)]
+    each = [_information(_press(rng, span=span), site, True) for span, site in zip(spans, sites, strict=True)]
     each[2] = each[2].again("p1", 1)
     found = (each[0] + each[1] + each[2]).covariance(range_sd=1.0)
     # Every cause as one more parameter, with a prior of variance 1: one inverse of all of them.
@@ -114,7 +114,7 @@ def test_sum_is_covariance_of_joint_fit(seed, same, span, is_gls):
     rng = np.random.default_rng(seed)
     presses = [_press(rng), _press(rng, span=span)]
     sites = ["p1", "p1" if same else "p2"]
-    one, two = (_evidence(press, site, is_gls) for press, site in zip(presses, sites, strict=True))
+    one, two = (_information(press, site, is_gls) for press, site in zip(presses, sites, strict=True))
     found = (one + two).covariance(range_sd=1.0)
     expected = _of_joint_fit(presses, sites, is_gls)
     sizes = np.sqrt(np.diag(expected))
@@ -133,15 +133,15 @@ def test_a_repeated_press_leaves_the_part_of_the_mesh_as_it_is(seed):
     curve = Curve(channel="force", abscissa=depths, ordinate=1.02 * coarse)
     term = SimpleNamespace(corrections={"force": correction}, measured={"force": curve})
 
-    def evidence(added):
-        return FoptEvidence(
+    def information(added):
+        return FoptInformation(
             information=slopes.T @ slopes,
             noise=1e-9 * slopes.T @ slopes,  # next to nothing
             causes={"mesh: ": (slopes.T @ added)[:, None]},
         )
 
-    once = evidence(correction.at(curve.ordinate))
-    again = evidence(_as_of(term, "force", curve).at(curve.ordinate))
+    once = information(correction.at(curve.ordinate))
+    again = information(_as_of(term, "force", curve).at(curve.ordinate))
     expected, found = once.covariance(1e6), (once + again).covariance(1e6)  # no prior
     sizes = np.sqrt(np.diag(expected))
     assert np.abs(found - expected).max() <= 1e-3 * np.outer(sizes, sizes).max()
