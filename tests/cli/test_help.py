@@ -58,7 +58,7 @@ def be_called(group, line):
     command.make_context(name, rest, parent=context)
 
 
-@pytest.mark.parametrize("name", ["", *CORE, "reproduce", "certify", "febio-verify"])
+@pytest.mark.parametrize("name", ["", *CORE, "reproduce", "certify"])
 def test_help_fits_into_80_columns_and_ends_with_the_examples(name, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     assert main([*([name] if name else []), "--help"]) == 0
@@ -72,7 +72,7 @@ def test_help_fits_into_80_columns_and_ends_with_the_examples(name, capsys, monk
 def test_commands_are_under_headings_in_the_order_of_a_study(capsys):
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
-    places = [out.index(f"\n{heading}") for heading in ("Start:", "Run:", "Stages, each", "FEBio:")]
+    places = [out.index(f"\n{heading}") for heading in ("Start:", "Run:", "Stages, each", "Verification:")]
     assert places == sorted(places)
     stages = [out.index(f"\n  {name_of(stage)} ") for stage in STAGES]
     assert stages == sorted(stages)

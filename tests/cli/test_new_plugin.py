@@ -149,7 +149,7 @@ def test_the_command_reports_what_it_wrote_and_what_to_do_next(call: Call, tmp_p
         ("material", "yeoh", "material 'yeoh' is already provided; choose another"),
         ("study", "forearm_demo", "study 'forearm_demo' is already provided; choose another"),
         ("command", "run", "command 'run' is already provided; choose another"),
-        ("command", "febio_verify", "command 'febio_verify' is already provided; choose another"),
+        ("command", "certify", "command 'certify' is already provided; choose another"),
         ("limb", "materials", "plugin name 'materials' is taken by distribution palpate-materials"),
         ("limb", "palpate", "choose another name"),
     ],

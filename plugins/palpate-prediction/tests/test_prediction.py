@@ -21,11 +21,12 @@ from palpate.run.directory import RunDirectory
 from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
 from palpate.stages.stage import Run, read_run
 from palpate.study.tool import read_tool
+from palpate_prediction import predict
 from palpate_prediction.bands import draws_of, ends, linear
 from palpate_prediction.exceedance import exceedances
 from palpate_prediction.files import notes, write_prediction
 from palpate_prediction.measures import area_above, contact_of, weighted_quantile
-from palpate_prediction.predict import AS_IS, predict, run_prediction
+from palpate_prediction.predict import AS_IS, run_prediction
 from palpate_prediction.summary import (
     QUANTITIES,
     PressStates,

@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING
 from palpate.api import hookimpl
 
 if TYPE_CHECKING:
-    import typer
-
     from palpate.api import LimbSource, Solver
 
 __version__ = "0.1.0"
@@ -27,13 +25,3 @@ def palpate_solvers() -> "Iterable[type[Solver]]":
     from palpate_febio.solver import FebioSolver
 
     return [FebioSolver]
-
-
-@hookimpl
-def palpate_commands(app: "typer.Typer") -> None:
-    """``febio-verify``."""
-    from palpate.api.cli import examples, name_of
-    from palpate_febio.verify_command import febio_verify
-
-    lines = ("palpate febio-verify arm", "palpate febio-verify arm --out /scratch/arm")
-    app.command(name_of(febio_verify), rich_help_panel="FEBio", epilog=examples(*lines))(febio_verify)

@@ -20,5 +20,6 @@ def palpate_commands(app: "typer.Typer") -> None:
         "palpate certify",
         "palpate certify yeoh --mesh limb.vtu --into runs/arm/solver-comparison.json",
         "palpate certify --solver my_solver",
+        "palpate certify --study arm --out /scratch/arm",
     )
     app.command(rich_help_panel="Verification", epilog=examples(*lines))(certify)

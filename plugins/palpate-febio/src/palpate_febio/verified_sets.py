@@ -1,4 +1,4 @@
-"""``palpate febio-verify``: verify the selected sets of a run with FEBio."""
+"""The sets that a run selected with another solver, verified with FEBio."""
 
 from __future__ import annotations
 
@@ -6,42 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from palpate.api import StudyError
-from palpate.api.cli import AsJson, OutFolder, Session, StudyPath, run_folder
 
 if TYPE_CHECKING:
     from palpate.api import Simulation
     from palpate.api.runs import Study
-
-HEADS = ("spot", "set_id", "verdict", "halving", "hold", "force", "torque", "message")
-
-
-def febio_verify(
-    context: typer.Context, study: StudyPath, out: OutFolder = None, as_json: AsJson = False
-) -> None:
-    """Verify the selected sets of a run with FEBio: its torque checks, and agreement with the run."""
-    session = Session.of(context)
-    checked = session.study(study)
-    rows = []
-    for row in verified_sets(checked, run_folder(checked, out)):
-        session.note(f"{row['spot']}, set {row['set_id']}: {row['verdict']}")
-        rows.append(row)
-    if as_json:
-        session.json(rows)
-    else:
-        session.table(
-            "Selected sets verified with FEBio", list(HEADS), [[_cell(row[h]) for h in HEADS] for row in rows]
-        )
-    if any(row["verdict"] != "passed" for row in rows):
-        raise typer.Exit(1)
-
-
-def _cell(value: object) -> str:
-    if value is None:
-        return "–"
-    return f"{value:+.1%}" if isinstance(value, float) else str(value)
 
 
 def verified_sets(study: Study, folder: Path) -> Iterator[dict[str, Any]]:
