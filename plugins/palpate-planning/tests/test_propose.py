@@ -24,12 +24,11 @@ from palpate_planning.candidates import (
     read_allowed,
     usual,
 )
-from palpate_planning.commands import ProposalOutput
 from palpate_planning.extension import CandidatePress, with_presses
 from palpate_planning.figure import draw
 from palpate_planning.presses import simulated_presses, with_pressures
 from palpate_planning.propose import PlanOptions, before_any_press, choose_presses, plan, propose
-from palpate_planning.tables import for_robot, proposal_tables
+from palpate_planning.tables import ProposalOutput, for_robot, proposal_tables
 from palpate_planning.tool_force import tool_forces
 
 ALLOWED = Allowed(protocol={"depth": ["1 mm", "2 mm", "4 mm"], "twist": [[], ["20 deg", "0 deg"]]})

@@ -13,10 +13,28 @@ if TYPE_CHECKING:
     from palpate.cli.options import (
         AsJson as AsJson,
         OutFolder as OutFolder,
+        RunPath as RunPath,
         StudyPath as StudyPath,
+        Tables as Tables,
+        TrustPlugins as TrustPlugins,
+    )
+    from palpate.cli.output import (
+        Closed as Closed,
+        Row as Row,
+        RunOutput as RunOutput,
     )
     from palpate.cli.progress import (
         StageProgress as StageProgress,
+    )
+    from palpate.cli.run import (
+        run_and_show as run_and_show,
+    )
+    from palpate.cli.runs import (
+        find_run as find_run,
+        is_study as is_study,
+        newest_run as newest_run,
+        original_study as original_study,
+        study_of_run as study_of_run,
     )
     from palpate.cli.session import (
         TEXT_WIDTH as TEXT_WIDTH,

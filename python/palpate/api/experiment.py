@@ -8,10 +8,15 @@ if TYPE_CHECKING:
     from palpate.domain.balanced_states import (
         POSE as POSE,
         STATE_COLUMNS as STATE_COLUMNS,
+        TIME as TIME,
         WRENCH as WRENCH,
         BalancedStates as BalancedStates,
     )
+    from palpate.domain.curves import (
+        abscissae_of as abscissae_of,
+    )
     from palpate.domain.waypoints import (
+        DEPTH as DEPTH,
         MOST_TILT_DEG as MOST_TILT_DEG,
         MOST_WAYPOINTS as MOST_WAYPOINTS,
     )

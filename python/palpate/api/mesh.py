@@ -9,6 +9,9 @@ if TYPE_CHECKING:
         NEAR as NEAR,
         contact_edge_mm as contact_edge_mm,
     )
+    from palpate.mesh.refinement import (
+        refined as refined,
+    )
     from palpate.mesh.shape_functions import (
         HEX_CORNERS as HEX_CORNERS,
         barycentric as barycentric,

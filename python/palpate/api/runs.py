@@ -40,30 +40,44 @@ if TYPE_CHECKING:
     )
     from palpate.run.directory import (
         RunDirectory as RunDirectory,
+        file_name as file_name,
     )
     from palpate.run.keys import (
         job_key as job_key,
     )
     from palpate.run.result_files import (
         Files as Files,
+        parquet as parquet,
     )
     from palpate.simulation.jobs import (
+        check_jobs as check_jobs,
         job_for as job_for,
         jobs as jobs,
         stored as stored,
     )
+    from palpate.simulation.sweep import (
+        Simulations as Simulations,
+    )
     from palpate.stages.pipeline import (
         check_study as check_study,
+        locked_run as locked_run,
         run_study as run_study,
     )
     from palpate.stages.saved_run import (
         SavedRun as SavedRun,
         open_run as open_run,
     )
+    from palpate.stages.stage import (
+        read_run as read_run,
+    )
     from palpate.study.reading import (
         Study as Study,
         StudySpot as StudySpot,
         read_study as read_study,
+    )
+    from palpate.study.tool import (
+        Tool as Tool,
+        read_tool as read_tool,
     )
 
 if not TYPE_CHECKING:

@@ -63,7 +63,7 @@ def run(
     else:
         checked = replace(session.study(study), n_total=n_sets or 0)
         folder = run_folder(checked, out)
-    go(
+    run_and_show(
         session,
         checked,
         folder,
@@ -89,7 +89,7 @@ def _continued(
     return session, replace(study, n_total=max(n_sets or 0, n_before))
 
 
-def go(
+def run_and_show(
     session: Session,
     study: "Study",
     folder: Path,

@@ -10,6 +10,7 @@ import importlib.metadata
 import importlib.util
 import inspect
 import itertools
+import pkgutil
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -276,7 +277,8 @@ class Registry:
         found: dict[str, Any] = {}
         for name in self.sources:
             with guarded():
-                found |= {each.name: each.output for each in self._subcommands(name) if each.output}
+                commands = [each for each in self._subcommands(name) if each.output]
+                found |= {each.name: pkgutil.resolve_name(each.output) for each in commands}
         return found
 
     def _subcommands(self, plugin: str) -> "list[SubCommand]":

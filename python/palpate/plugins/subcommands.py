@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from palpate.errors import PluginError
 
@@ -32,8 +32,8 @@ class SubCommand:
         ``palpate limb scan arm.ply``.
     epilog : str
         End of its help, such as examples.
-    output : type, optional
-        Type of what it prints with ``--json``, for `palpate schema`.
+    output : str
+        ``module:name`` of the type of what it prints with ``--json``, imported for `palpate schema` alone.
     """
 
     function: Callable[..., None]
@@ -41,7 +41,7 @@ class SubCommand:
     panel: str = "More"
     suffixes: frozenset[str] = frozenset()
     epilog: str = ""
-    output: Any = None
+    output: str = ""
 
     @property
     def name(self) -> str:

@@ -12,14 +12,13 @@ if TYPE_CHECKING:
 def palpate_subcommands() -> "list[SubCommand]":
     """``palpate next`` and ``palpate extend``."""
     from palpate.api.cli import RUN, SubCommand, examples
-    from palpate.cli.output import RunOutput
-    from palpate_planning.commands import ProposalOutput, extend, next_
+    from palpate_planning.commands import extend, next_
 
     return [
         SubCommand(
             function=next_,
             panel=RUN,
-            output=ProposalOutput,
+            output="palpate_planning.tables:ProposalOutput",
             epilog=examples(
                 "palpate next runs/arm",
                 "palpate next runs/arm --for soft_tissue.c1 --presses 3",
@@ -29,7 +28,7 @@ def palpate_subcommands() -> "list[SubCommand]":
         SubCommand(
             function=extend,
             panel=RUN,
-            output=RunOutput,
+            output="palpate.api.cli:RunOutput",
             epilog=examples("palpate extend runs/arm --with p2-9.csv"),
         ),
     ]

@@ -11,12 +11,9 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
 
-from palpate.domain import Channel
-from palpate.domain.balanced_states import POSE, TIME
-from palpate.errors import StudyError
-from palpate.plugins.catalogue import Plugins
-from palpate.study.reading import Study, read_study
-from palpate.units import convert
+from palpate.api import Channel, StudyError, convert
+from palpate.api.experiment import POSE, TIME
+from palpate.api.runs import Plugins, Study, read_study
 from palpate_planning.extension import CandidatePress, with_presses
 
 SHARES = (0.5, 0.75, 1.0)

@@ -5,40 +5,33 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.cli.options import AsJson, OutFolder, RunPath, Tables, TrustPlugins
-from palpate.cli.output import Closed, Row
-from palpate.cli.progress import StageProgress
-from palpate.cli.run import go
-from palpate.cli.runs import find_run, is_study, newest_run, original_study
-from palpate.cli.session import Session, run_folder
-from palpate.errors import StudyError
+from palpate.api import StudyError
+from palpate.api.cli import (
+    AsJson,
+    OutFolder,
+    RunPath,
+    Session,
+    StageProgress,
+    Tables,
+    TrustPlugins,
+    find_run,
+    is_study,
+    newest_run,
+    original_study,
+    run_and_show,
+    run_folder,
+)
 
 if TYPE_CHECKING:
-    from palpate.study.reading import Study
+    from palpate.api.runs import Study
     from palpate_planning.narrowing import Proposal
+    from palpate_planning.tables import ProposalOutput
 
 SHOWN = 8
 """Candidates that are printed for each step."""
 
 FIRST_PRESSES, FURTHER_PRESSES = 3, 1
 """Presses to choose where no number is given: for a study without a fit, and for a run."""
-
-
-class ProposalOutput(Closed):
-    """Which presses to make: ``presses`` has the poses and paths of those that are chosen.
-
-    ``ranking`` and ``intervals`` are tables as rows, ``protocols`` what a study says of each candidate.
-    """
-
-    goal: str
-    presses: list[dict[str, Any]]
-    intervals: list[Row]
-    ranking: list[Row]
-    protocols: dict[str, dict[str, Any]]
-    refused: list[Row]
-    failed_checks: list[str]
-    check_spot: str | None
-    warnings: list[str]
 
 
 def next_(  # named apart from the builtin
@@ -92,9 +85,7 @@ def next_(  # named apart from the builtin
 
     Without a fit it is over the ranges of the study, and nothing needs to be measured.
     """
-    from palpate.limb.loading import load_limbs
-    from palpate.run.directory import RunDirectory
-    from palpate.study.tool import read_tool
+    from palpate.api.runs import RunDirectory, load_limbs, read_tool
     from palpate_planning.candidates import read_allowed
     from palpate_planning.figure import draw
     from palpate_planning.propose import PlanOptions, plan, propose
@@ -118,7 +109,9 @@ def next_(  # named apart from the builtin
         found = (propose if folder else plan)(study, where, session.plugins, progress, options)
     picture = draw(found, load_limbs(study, to_show=True), where)[0]
     if as_json:
-        session.json({**RunDirectory(where).proposal(), "warnings": progress.warnings})
+        content: Any = {**RunDirectory(where).proposal(), "warnings": progress.warnings}
+        printed: ProposalOutput = content
+        session.json(printed)
         return
     _show(session, study, found)
     session.labelled("Picture", picture.resolve().as_uri())
@@ -184,7 +177,7 @@ def extend(
 
     The fit starts at the answer of the run.
     """
-    from palpate.run.directory import RunDirectory
+    from palpate.api.runs import RunDirectory
     from palpate_planning.extension import extended_study
 
     if measured is None:
@@ -195,7 +188,7 @@ def extend(
     target = out or folder.with_name(f"{folder.name}-{name}")
     session.note(f"study with the press '{name}': {written}")
     study = session.study(written)
-    go(
+    run_and_show(
         session,
         study,
         folder,

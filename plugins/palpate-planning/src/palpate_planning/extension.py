@@ -9,10 +9,9 @@ from typing import Any
 import tomlkit
 from tomlkit.items import AoT
 
-from palpate.domain import Protocol
-from palpate.errors import StudyError
-from palpate.run.atomic_files import write_atomically
-from palpate.run.directory import RunDirectory
+from palpate.api import Protocol, StudyError
+from palpate.api.files import write_atomically
+from palpate.api.runs import RunDirectory
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

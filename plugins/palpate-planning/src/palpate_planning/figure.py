@@ -11,8 +11,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 
-from palpate.domain import Limb
-from palpate.mesh.spot_frame import spot_axes
+from palpate.api import Limb
+from palpate.api.mesh import spot_axes
 from palpate_planning.candidates import described
 from palpate_planning.narrowing import Narrowing, Proposal
 from palpate_report.limb_view import limb_view

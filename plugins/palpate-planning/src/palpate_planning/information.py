@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from typing_extensions import override
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate_certainty.rows import COMMON, Rows, matern
 
 SPACING = 0.1

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.domain import FloatArray, Parameter
-from palpate.errors import StudyError
-from palpate.run.result import LEVEL
+from palpate.api import FloatArray, Parameter, StudyError
+from palpate.api.fit import LEVEL
 from palpate_certainty.laplace import N_DRAWS, RANGE_SD, Density, Laplace
 from palpate_planning.information import FisherInformation
 from palpate_planning.presses import SimulatedPress

@@ -6,24 +6,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.domain import (
+from palpate.api import (
+    FORCE,
     Channel,
     Curve,
     FloatArray,
     Job,
+    PalpateError,
     Response,
     Scenario,
     Simulation,
     Status,
-    channel_of,
 )
-from palpate.domain.channels import FORCE
-from palpate.errors import PalpateError
-from palpate.fit.problem import Problem
-from palpate.fit.running import Fit
-from palpate.fit.spot_term import Correction, SpotTerm
-from palpate.plugins.search import Evaluation, Trial
-from palpate.study.reading import Study
+from palpate.api.fit import Correction, Evaluation, Fit, Problem, SpotTerm, Trial, channel_of
+from palpate.api.runs import Study
 from palpate_certainty.causes import Columns, causes_of, columns_of
 from palpate_certainty.known_errors import known_errors
 from palpate_certainty.laplace import Laplace

@@ -8,20 +8,19 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import qmc
 
-from palpate.domain import FloatArray, Parameter, Response, Scenario
-from palpate.domain.curves import abscissae_of
-from palpate.errors import StudyError
-from palpate.fit.problem import Problem, Simulate
-from palpate.fit.spot_term import term_of
-from palpate.limb.loading import load_limbs
-from palpate.plugins.catalogue import Plugins
-from palpate.progress import SILENT, Progress
-from palpate.run.directory import RunDirectory
-from palpate.simulation.sweep import Simulations
+from palpate.api import SILENT, FloatArray, Parameter, Progress, Response, Scenario, StudyError
+from palpate.api.experiment import abscissae_of
+from palpate.api.fit import Problem, Simulate, term_of
+from palpate.api.runs import (
+    Plugins,
+    RunDirectory,
+    Simulations,
+    Study,
+    Tool,
+    load_limbs,
+    locked_run,
+)
 from palpate.stages.core_stages import joint_assessed
-from palpate.stages.pipeline import locked_run
-from palpate.study.reading import Study
-from palpate.study.tool import Tool
 from palpate_certainty.causes import Columns
 from palpate_certainty.laplace import Laplace
 from palpate_certainty.mesh_error import SpotMesh

@@ -7,11 +7,29 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.domain import Indentation, Limb
-from palpate.domain.balanced_states import POSE
+from palpate.api import Indentation, Limb
+from palpate.api.cli import Closed, Row
+from palpate.api.experiment import POSE
 from palpate_planning.candidates import described
 from palpate_planning.extension import CandidatePress
 from palpate_planning.narrowing import Narrowing, Proposal
+
+
+class ProposalOutput(Closed):
+    """Which presses to make: ``presses`` has the poses and paths of those that are chosen.
+
+    ``ranking`` and ``intervals`` are tables as rows, ``protocols`` what a study says of each candidate.
+    """
+
+    goal: str
+    presses: list[dict[str, Any]]
+    intervals: list[Row]
+    ranking: list[Row]
+    protocols: dict[str, dict[str, Any]]
+    refused: list[Row]
+    failed_checks: list[str]
+    check_spot: str | None
+    warnings: list[str]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

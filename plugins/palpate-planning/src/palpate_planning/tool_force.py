@@ -9,13 +9,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.domain import FloatArray, Limb, Parameter, ParameterSpace, Protocol, Response, Status
-from palpate.domain.channels import PRESS_AND_TWIST
-from palpate.errors import StudyError
-from palpate.fit.spot_term import pieces
-from palpate.plugins.parametrisation import Parametrisation, SpotInputs
-from palpate.study.reading import Study
-from palpate.study.tool import Tool
+from palpate.api import (
+    PRESS_AND_TWIST,
+    FloatArray,
+    Limb,
+    Parameter,
+    ParameterSpace,
+    Protocol,
+    Response,
+    Status,
+    StudyError,
+)
+from palpate.api.fit import Parametrisation, SpotInputs, pieces
+from palpate.api.runs import Study, Tool
 from palpate_planning.presses import DesignProblem, job_of, point_in, slopes_of
 from palpate_prediction.predict import refined_limbs
 from palpate_prediction.summary import is_by_force

@@ -12,19 +12,19 @@ if TYPE_CHECKING:
 def palpate_subcommands() -> "list[SubCommand]":
     """``palpate predict`` and ``palpate card``."""
     from palpate.api.cli import RUN, SubCommand, examples
-    from palpate_prediction.commands import CardOutput, PredictOutput, card, predict
+    from palpate_prediction.commands import card, predict
 
     return [
         SubCommand(
             function=predict,
             panel=RUN,
-            output=PredictOutput,
+            output="palpate_prediction.files:PredictOutput",
             epilog=examples("palpate predict runs/arm --tool cuff.toml"),
         ),
         SubCommand(
             function=card,
             panel=RUN,
-            output=CardOutput,
+            output="palpate_prediction.files:CardOutput",
             epilog=examples(
                 "palpate card runs/arm --for abaqus", "palpate card runs/arm --for febio --into arm.feb"
             ),

@@ -6,11 +6,8 @@ import numpy as np
 import polars as pl
 from scipy.special import ndtri
 
-from palpate.domain import Curve, FloatArray, ParameterSpace
-from palpate.errors import StudyError
-from palpate.fit.fitted import Fitted
-from palpate.fit.parametrisation import FRICTION
-from palpate.run.result import FitResult, PosteriorResult
+from palpate.api import Curve, FloatArray, ParameterSpace, StudyError
+from palpate.api.fit import FRICTION, FitResult, Fitted, PosteriorResult
 
 LEVEL = 0.90
 """Probability of a band."""

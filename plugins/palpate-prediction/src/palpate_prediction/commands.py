@@ -1,35 +1,23 @@
 """``palpate predict``, what the fitted limb feels under another tool; ``palpate card``, its materials."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.options import AsJson, RunPath, TrustPlugins
-from palpate.cli.output import Closed
-from palpate.cli.progress import StageProgress
-from palpate.cli.runs import find_run, study_of_run
-from palpate.cli.session import Session
-from palpate.errors import StudyError
+from palpate.api import StudyError
+from palpate.api.cli import (
+    AsJson,
+    RunPath,
+    Session,
+    StageProgress,
+    TrustPlugins,
+    find_run,
+    study_of_run,
+)
 
-
-class PredictOutput(Closed):
-    """A prediction: tables as rows, and its files; ``notes`` are the sentences of its page.
-
-    ``source`` is ``fit`` or the set whose values are used, ``n_draws`` those of the linear bands (0: none).
-    """
-
-    source: str
-    scenario: str
-    n_draws: int
-    notes: list[str]
-    summary: list[dict[str, Any]]
-    strains: list[dict[str, Any]]
-    files: list[str]
-
-
-CardOutput = dict[str, str]
-"""Text of each card, by region."""
+if TYPE_CHECKING:
+    from palpate_prediction.files import CardOutput, PredictOutput
 
 
 def predict(
@@ -43,8 +31,7 @@ def predict(
     as_json: AsJson = False,
 ) -> None:
     """Predict force, moment, pressure and shear under another tool, with a band and what extrapolates."""
-    from palpate.run.directory import RunDirectory
-    from palpate.study.tool import read_tool
+    from palpate.api.runs import RunDirectory, read_tool
     from palpate_prediction.files import notes, write_prediction
     from palpate_prediction.predict import run_prediction
 
@@ -90,9 +77,8 @@ def card(
     as_json: AsJson = False,
 ) -> None:
     """Write the fitted material for another program: values, formula of the stress, moduli, valid range."""
-    from palpate.run.atomic_files import write_atomically
-    from palpate.run.directory import RunDirectory
-    from palpate.stages.stage import read_run
+    from palpate.api.files import write_atomically
+    from palpate.api.runs import RunDirectory, read_run
     from palpate_prediction.cards.of_run import cards_of
     from palpate_prediction.cards.programs import PROGRAMS, joined
 

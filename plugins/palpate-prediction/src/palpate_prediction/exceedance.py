@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.domain import Simulation
+from palpate.api import Simulation
 from palpate_prediction.bands import frame_rows
 
 ENDS = ("stretch_min", "stretch_max", "i1_max", "J_min", "J_max")

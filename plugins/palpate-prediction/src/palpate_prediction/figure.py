@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.tri import Triangulation
 
-from palpate.domain import Channel
+from palpate.api import Channel
 from palpate_prediction.predict import Prediction, SpotPrediction
 from palpate_report.style import DOUBLE_MM, LINES, STYLE, save, sized
 

@@ -3,16 +3,37 @@
 import base64
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
-from palpate.domain import Channel
-from palpate.run.atomic_files import write_atomically
-from palpate.run.directory import file_name
-from palpate.run.result_files import parquet
+from palpate.api import Channel
+from palpate.api.cli import Closed
+from palpate.api.files import write_atomically
+from palpate.api.runs import file_name, parquet
 from palpate_prediction.predict import Prediction, SpotPrediction
 from palpate_prediction.summary import QUANTITIES
 from palpate_prediction.vtu import vtu
+
+
+class PredictOutput(Closed):
+    """A prediction: tables as rows, and its files; ``notes`` are the sentences of its page.
+
+    ``source`` is ``fit`` or the set whose values are used, ``n_draws`` those of the linear bands (0: none).
+    """
+
+    source: str
+    scenario: str
+    n_draws: int
+    notes: list[str]
+    summary: list[dict[str, Any]]
+    strains: list[dict[str, Any]]
+    files: list[str]
+
+
+CardOutput = dict[str, str]
+"""Text of each card, by region."""
+
 
 TITLES = {
     "summary": "Under the tool, at its largest force",

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import FloatArray, SurfaceStates
+from palpate.api import FloatArray, SurfaceStates
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -7,30 +7,23 @@ from typing import Any, NamedTuple
 import numpy as np
 import polars as pl
 
-from palpate.domain import (
+from palpate.api import (
     Channel,
     FloatArray,
     Indentation,
     Job,
     Limb,
+    Progress,
+    Run,
     Simulation,
+    SolverError,
     Status,
+    StudyError,
     SurfaceStates,
 )
-from palpate.errors import SolverError, StudyError
-from palpate.fit.fitted import Fitted, inputs_at, job_of
-from palpate.limb.loading import load_limbs
-from palpate.mesh.contact_edge import contact_edge_mm
-from palpate.mesh.refinement import refined
-from palpate.plugins.catalogue import Plugins
-from palpate.plugins.parametrisation import SpotInputs
-from palpate.progress import Progress
-from palpate.run.directory import RunDirectory
-from palpate.simulation.jobs import check_jobs
-from palpate.simulation.sweep import Simulations
-from palpate.stages.stage import Run, read_run
-from palpate.study.reading import Study
-from palpate.study.tool import Tool
+from palpate.api.fit import Fitted, SpotInputs, inputs_at, job_of
+from palpate.api.mesh import contact_edge_mm, refined
+from palpate.api.runs import Plugins, RunDirectory, Simulations, Study, Tool, check_jobs, load_limbs, read_run
 from palpate_certainty.causes import RELATIVE
 from palpate_certainty.mesh_error import FORCE, usual_error
 from palpate_prediction.bands import Thetas, check_shared, draws_of, ends, frame_rows, linear

@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from palpate.domain import Curve, FloatArray, Indentation, Simulation, Status
-from palpate.domain.waypoints import DEPTH
-from palpate.fit.tables import ORDER
-from palpate.units import convert
+from palpate.api import Curve, FloatArray, Indentation, Simulation, Status, convert
+from palpate.api.experiment import DEPTH
+from palpate.api.fit import ORDER
 from palpate_prediction.bands import ends, scores
 from palpate_prediction.measures import ContactMeasures, contact_of
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray, SurfaceStates
+from palpate.api import FloatArray, IntArray, SurfaceStates
 
 _TRIANGLE = 5
 """VTK's number of a triangle."""

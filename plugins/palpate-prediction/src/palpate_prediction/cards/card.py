@@ -6,10 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import FloatArray, Parameter
-from palpate.errors import MaterialError
-from palpate.plugins.energy_form import EnergyForm, StandardMaterial
-from palpate.plugins.interfaces import Material
+from palpate.api import FloatArray, Material, MaterialError, Parameter
+from palpate.api.mechanics import EnergyForm, StandardMaterial
 from palpate_report.marks import explained, mark_of
 
 DENSITY_T_PER_MM3 = 1e-9

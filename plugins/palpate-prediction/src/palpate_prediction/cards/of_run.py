@@ -4,11 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from palpate.domain import FloatArray, RegionMaterial
-from palpate.fit.fitted import Fitted, inputs_at
-from palpate.plugins.catalogue import Plugins
-from palpate.run.result import FitResult
-from palpate.stages.stage import Run
+from palpate.api import FloatArray, RegionMaterial, Run
+from palpate.api.fit import FitResult, Fitted, inputs_at
+from palpate.api.runs import Plugins
 from palpate_prediction.cards.card import CardData, ranges_of
 from palpate_report.best_sets import best_sets
 from palpate_report.from_run import report_data

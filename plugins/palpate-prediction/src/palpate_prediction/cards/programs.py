@@ -18,9 +18,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from palpate.domain import FloatArray
-from palpate.errors import MaterialError
-from palpate.plugins.energy_form import EnergyForm
+from palpate.api import FloatArray, MaterialError
+from palpate.api.mechanics import EnergyForm
 from palpate_prediction.cards.card import DENSITY_T_PER_MM3, CardData, check_form, differences, head
 
 STRESS = (
@@ -192,7 +191,7 @@ def ls_dyna(data: CardData) -> str:
 
 def as_json(data: CardData) -> str:
     """Everything, in palpate's own convention; every material has this card."""
-    from palpate.mechanics import moduli_at_rest
+    from palpate.api.mechanics import moduli_at_rest
 
     mu, kappa = map(float, moduli_at_rest(data.material, np.asarray(data.theta)))
     parameters = {
