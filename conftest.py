@@ -30,12 +30,12 @@ from palpate.domain import (
     Scenario,
     Spot,
 )
+from palpate.domain.indenter import Sphere
 from palpate.executors import InProcess
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.fit.searches import BestSet
 from palpate.fit.stage import FitStage
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.indenter import Sphere
 from palpate.plugins.registry import load_file
 from palpate.run.result import CertaintyResult
 from palpate.sampling.samplers import LatinHypercube

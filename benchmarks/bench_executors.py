@@ -32,11 +32,11 @@ from palpate.domain import (
     Scenario,
     Spot,
 )
+from palpate.domain.indenter import Sphere
 from palpate.executors import Batch, Limits, Processes
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.fit.searches import BestSet
 from palpate.plugins.execution import Executor
-from palpate.plugins.indenter import Sphere
 from palpate.plugins.registry import load_file
 from palpate.run.keys import JobKeys
 from palpate.sampling.samplers import LatinHypercube

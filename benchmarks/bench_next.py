@@ -25,8 +25,8 @@ import polars as pl
 
 from palpate import Curve, Job, Response, Simulation
 from palpate.domain import Design, Indentation, Spot
+from palpate.domain.indenter import Sphere
 from palpate.fit.stage import Case, FitStage
-from palpate.plugins.indenter import Sphere
 from palpate.run.result import ALL_SPOTS
 from palpate.study.reading import StudySpot
 from palpate.study.tool import Tool

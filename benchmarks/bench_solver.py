@@ -94,7 +94,7 @@ def load(mesh: str) -> Any:
 def jobs(thetas: Any, limb: Any, path: Any = PATH) -> list[Any]:
     """A job for each set of parameters."""
     from palpate.domain import Indentation, Job
-    from palpate.plugins.indenter import Sphere
+    from palpate.domain.indenter import Sphere
     from palpate_materials.ogden import Ogden
 
     protocol = Indentation(indenter=Sphere(radius_mm=RADIUS_MM), path=np.array(path), friction=1.0)

@@ -44,7 +44,7 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_
 
 def tangent(limb: Limb, path: Path) -> int:
     """Write the tangents of a limb, dented by hand to the sphere's shape; the number of unknowns."""
-    from palpate.plugins.indenter import Sphere
+    from palpate.domain.indenter import Sphere
     from palpate_jax.contact import ContactLaw, ContactState
     from palpate_jax.kinematics import pose
     from palpate_jax.model import Model

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from palpate.domain import Indentation, Job, Limb, Response, Spot
-from palpate.plugins.indenter import Sphere
+from palpate.domain.indenter import Sphere
 from palpate_forearm import Phantom
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_limb.meshing import SizeField

@@ -18,9 +18,9 @@ from bench_limbs import SIZE, VIRTUAL, arm, cpu_s, leg
 from study_mesh_size import PATH, RADIUS_MM, THETA, extrapolated, peaks, plan
 
 from palpate.domain import Indentation, Job, Limb, Response
+from palpate.domain.indenter import Sphere
 from palpate.mesh.contact_edge import NEAR, contact_edge_mm
 from palpate.mesh.refinement import refined
-from palpate.plugins.indenter import Sphere
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_limb.from_scan import ReadScan, ScanPlan, sound_mesh
 from palpate_limb.quality import assess

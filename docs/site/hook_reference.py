@@ -12,9 +12,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from palpate.domain.component import Component
 from palpate.errors import PluginError
 from palpate.plugins import hookspecs
-from palpate.plugins.interfaces import Component, ExperimentLoader, Solver
+from palpate.plugins.interfaces import ExperimentLoader, Solver
 from palpate.plugins.optional import CurveWriter, FileInspector, LoadingDrawer, Verifier
 from palpate.plugins.registry import KINDS
 from palpate.plugins.scaffold import KITS

@@ -52,20 +52,22 @@ if TYPE_CHECKING:
         Status as Status,
         StudyTemplate as StudyTemplate,
     )
+    from palpate.domain.component import Settings as Settings
+    from palpate.domain.indenter import Sphere as Sphere
+    from palpate.domain.material import (
+        AnisotropicMaterial as AnisotropicMaterial,
+        IsotropicMaterial as IsotropicMaterial,
+        Material as Material,
+    )
     from palpate.errors import PalpateError as PalpateError
     from palpate.fit.problem import Problem as Problem
     from palpate.plugins.catalogue import Plugins as Plugins
     from palpate.plugins.execution import Executor as Executor
-    from palpate.plugins.indenter import Sphere as Sphere
     from palpate.plugins.interfaces import (
-        AnisotropicMaterial as AnisotropicMaterial,
         ExperimentLoader as ExperimentLoader,
-        IsotropicMaterial as IsotropicMaterial,
         LimbSource as LimbSource,
-        Material as Material,
         Sampler as Sampler,
         SetFilter as SetFilter,
-        Settings as Settings,
         Solver as Solver,
     )
     from palpate.plugins.provides import Provides as Provides

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 from palpate import hookimpl
 
 if TYPE_CHECKING:
+    from palpate.domain.indenter import Indenter
     from palpate.plugins.execution import Executor
-    from palpate.plugins.indenter import Indenter
     from palpate.plugins.interfaces import Sampler
     from palpate.plugins.motion import Motion
     from palpate.plugins.parametrisation import Parametrisation
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @hookimpl
 def palpate_indenters() -> "list[type[Indenter]]":
     """Provide the indenter of the paper."""
-    from palpate.plugins.indenter import Sphere
+    from palpate.domain.indenter import Sphere
 
     return [Sphere]
 

@@ -29,11 +29,11 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from conftest import PATH, SCENARIOS, TISSUE_FILE, TRUTH, write_curves
 
 from palpate.domain import Indentation, ParameterSpace, RegionMaterial, Spot
+from palpate.domain.indenter import Sphere
 from palpate.executors import InProcess
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.indenter import Sphere
 from palpate.plugins.registry import load_file
 from palpate.run import atomic_files
 from palpate.run.fit_state import FitState

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.plugins.indenter import Sphere, SphereSettings
+from palpate.domain.indenter import Sphere, SphereSettings
 from palpate.testing import IndenterContract
 
 

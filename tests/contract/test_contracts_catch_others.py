@@ -19,10 +19,10 @@ from palpate import (
     Status,
 )
 from palpate.domain import Limb, Mesh
+from palpate.domain.component import Settings
 from palpate.errors import MeshError
 from palpate.executors import InProcess, Processes
 from palpate.mesh.specimens import block
-from palpate.plugins.interfaces import Settings
 from palpate.testing import (
     ExecutorContract,
     Expected,

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from palpate.domain.indenter import SphereSettings
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.indenter import SphereSettings
 from palpate.study.model import ScoringTable, SpotTable
 from palpate_robot_log import RobotLogLoader, RobotLogSettings
 

@@ -23,10 +23,11 @@ from palpate.domain import (
     Status,
 )
 from palpate.domain.channels import PRESS_AND_TWIST
+from palpate.domain.material import IsotropicMaterial
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.fit.problem import Problem
 from palpate.fit.spot_term import term_of
-from palpate.plugins.interfaces import IsotropicMaterial, Solver
+from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.scoring.scores import score
 from palpate.scoring.selection import objectives

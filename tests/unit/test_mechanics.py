@@ -7,9 +7,9 @@ import pytest
 
 from palpate import mechanics
 from palpate.domain import Parameter
+from palpate.domain.material import AnisotropicMaterial, IsotropicMaterial
 from palpate.errors import MaterialError, PluginError
 from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import AnisotropicMaterial, IsotropicMaterial
 
 THETA = np.array([0.061, 3.1, 1.3])
 stress = jax.jit(mechanics.stress, static_argnums=0)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from palpate.domain import Indentation, Waypoints
+from palpate.domain.indenter import Sphere
 from palpate.errors import StudyError
-from palpate.plugins.indenter import Sphere
 
 POSE = np.array([[0.0] * 6, [3.0, 0, 0, 0, 0, 0], [3.0, 1.0, 0, 0, 2.0, 10.0]])
 NO_LOADS = np.full((3, 6), np.nan)

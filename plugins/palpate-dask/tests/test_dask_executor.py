@@ -25,6 +25,7 @@ from palpate.domain import (
     Spot,
     Status,
 )
+from palpate.domain.indenter import Sphere
 from palpate.errors import ExecutorError, PluginError
 from palpate.executors import Batch, InProcess, Limits, Processes
 from palpate.fit.least_squares import LeastSquares
@@ -33,7 +34,6 @@ from palpate.fit.searches import BestSet
 from palpate.fit.stage import FitStage
 from palpate.fit.tables import fit_result
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.indenter import Sphere
 from palpate.plugins.registry import load_file
 from palpate.run.ledger import Ledger
 from palpate.sampling.drawing import draw_design

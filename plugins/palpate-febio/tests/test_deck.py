@@ -12,10 +12,10 @@ import pytest
 
 from palpate import AnisotropicMaterial
 from palpate.domain import Indentation, Job, Limb, Mesh, Spot
+from palpate.domain.indenter import Sphere
 from palpate.errors import MaterialError, MeshError, SolverError
 from palpate.mesh.specimens import block
 from palpate.mesh.spot_frame import in_spot_frame
-from palpate.plugins.indenter import Sphere
 from palpate_febio.deck import rigid_id
 from palpate_febio.limb_source import read_deck
 from palpate_febio.settings import FebioSettings

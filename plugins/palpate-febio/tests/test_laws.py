@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, strategies as st
 
 from palpate.domain import Indentation, Status
+from palpate.domain.indenter import Sphere
 from palpate.executors.sandbox import Ended
-from palpate.plugins.indenter import Sphere
 from palpate_febio.log import GOOD_BANNER
 from palpate_febio.outcome import judge
 from palpate_febio.steps import halved, steps_of, up_to_first_turn

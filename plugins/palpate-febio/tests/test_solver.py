@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from palpate.domain import BalancedStates, HomogeneousTests, Indentation, Job, Status
+from palpate.domain.indenter import Sphere
 from palpate.errors import MaterialError, MeshError, PluginError, StudyError
 from palpate.mesh.specimens import block
 from palpate.mesh.spot_frame import pose_of
-from palpate.plugins.indenter import Sphere
 from palpate.run.keys import solver_key
 from palpate.testing import SolverContract
 from palpate_febio.conventions import Fit, remembered

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from palpate.domain import Indentation, Job, Limb, Simulation, Status
+from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
-from palpate.plugins.indenter import Sphere
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.yeoh import Yeoh
 

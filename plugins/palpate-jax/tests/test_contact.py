@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
-from palpate.plugins.indenter import Sphere
 from palpate_indentation import (
     Box,
     BoxSettings,

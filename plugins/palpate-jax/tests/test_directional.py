@@ -7,7 +7,7 @@ from scipy.optimize import brentq
 
 from palpate import AnisotropicMaterial, Parameter
 from palpate.domain import HomogeneousTests, Job, Status
-from palpate.plugins.interfaces import IsotropicMaterial
+from palpate.domain.material import IsotropicMaterial
 from palpate_jax.homogeneous import HomogeneousSettings, HomogeneousSolver
 
 MU, K, KAPPA = 0.02, 0.05, 1.0

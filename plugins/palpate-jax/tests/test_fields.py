@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from palpate.domain import Indentation, Job, Limb, Mesh, Spot, Status
+from palpate.domain.indenter import Sphere
 from palpate.errors import StudyError
 from palpate.mechanics import stress
 from palpate.mesh.specimens import block
-from palpate.plugins.indenter import Sphere
 from palpate_jax.body import Body, blocks, points_of_cells
 from palpate_jax.contact_surface import contact_surfaces
 from palpate_jax.fields import cell_fields

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from palpate.domain import HomogeneousTests, Indentation, Job, Status
+from palpate.domain.indenter import Sphere
+from palpate.domain.material import IsotropicMaterial
 from palpate.errors import CurveError, MaterialError, SolverError
-from palpate.plugins.indenter import Sphere
-from palpate.plugins.interfaces import IsotropicMaterial
 from palpate.testing import SolverContract
 from palpate_jax.homogeneous import CHANNELS, MODES, HomogeneousSettings, HomogeneousSolver
 from palpate_materials import Demiray, MooneyRivlin, NeoHookean, Ogden, Yeoh

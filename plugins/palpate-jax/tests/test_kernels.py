@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from palpate.domain.material import AnisotropicMaterial
 from palpate.mesh.specimens import block
-from palpate.plugins.interfaces import AnisotropicMaterial
 from palpate_jax.autodiff import AutodiffKernel
 from palpate_jax.body import Body, blocks
 from palpate_jax.compiled import POINTS, CompiledKernel, serves

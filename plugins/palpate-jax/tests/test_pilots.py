@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.domain import Indentation, Job, Status
+from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
-from palpate.plugins.indenter import Sphere
 from palpate_jax import solver as solver_module
 from palpate_jax.initial_guess import InitialGuess
 from palpate_jax.pilot_states import PilotStates

@@ -6,8 +6,8 @@ from hypothesis import given, strategies as st
 
 from palpate.api import MeshError
 from palpate.domain import Indentation
+from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
-from palpate.plugins.indenter import Sphere
 from palpate_indentation import Moves, MovesSettings
 from palpate_jax.footprint import check_footprint
 from palpate_jax.schedule import schedule

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.domain import Indentation, Job, Status
+from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
-from palpate.plugins.indenter import Sphere
 from palpate_jax import load_stepping, sparse
 from palpate_jax.newton import Balance, equilibrium
 from palpate_jax.solver import JaxSettings, JaxSolver

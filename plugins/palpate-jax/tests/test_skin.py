@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from palpate.domain import Indentation, Job, Limb, Spot, Status
+from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
 from palpate.mesh.spot_frame import spot_axes
-from palpate.plugins.indenter import Sphere
 from palpate_jax.model import Model
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_jax.strains import strain_ranges

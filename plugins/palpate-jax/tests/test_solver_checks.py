@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from palpate.domain import HomogeneousTests, Indentation, Job, Limb, Spot
+from palpate.domain.indenter import Sphere
 from palpate.errors import MaterialError, MeshError, StudyError
 from palpate.mesh.specimens import block
-from palpate.plugins.indenter import Sphere
 from palpate_indentation import Box, BoxSettings, Ring, RingSettings
 from palpate_jax.schedule import schedule
 from palpate_jax.solver import JaxSettings, JaxSolver

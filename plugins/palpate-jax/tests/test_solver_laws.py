@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.domain import Indentation, Job, Limb, Spot, Status
+from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
-from palpate.plugins.indenter import Sphere
 from palpate_indentation.mesh_source import MeshioSource
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from palpate.domain import Indentation, Job
+from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
-from palpate.plugins.indenter import Sphere
 from palpate.testing import SolverContract
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials import NeoHookean

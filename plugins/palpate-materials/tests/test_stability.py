@@ -6,7 +6,7 @@ from pydantic import ValidationError
 
 from palpate import _core
 from palpate.domain import ParameterSpace, RegionMaterial
-from palpate.plugins.interfaces import AnisotropicMaterial
+from palpate.domain.material import AnisotropicMaterial
 from palpate_materials import Drucker, MooneyRivlin, NeoHookean, Ogden, Yeoh
 from palpate_materials.stability import DruckerSettings
 from palpate_materials.uncoupled import modulus

@@ -8,12 +8,12 @@ import polars as pl
 import pytest
 
 from palpate.domain import Curve, Indentation, Job, Limb, Response, Simulation, Status, SurfaceStates
+from palpate.domain.indenter import Sphere
 from palpate.domain.waypoints import Waypoints
 from palpate.errors import StudyError
 from palpate.fit.fitted import Fitted
 from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
-from palpate.plugins.indenter import Sphere
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.progress import SILENT

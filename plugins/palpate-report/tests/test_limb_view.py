@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.domain import Limb, Mesh, Spot
+from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
-from palpate.plugins.indenter import Sphere
 from palpate_report.limb_view import ViewPart, limb_view
 
 

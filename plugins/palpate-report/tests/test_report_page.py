@@ -16,10 +16,10 @@ import pytest
 
 import palpate_report
 from palpate.domain import Indentation, Job, Simulation, Status
+from palpate.domain.indenter import Sphere
 from palpate.errors import MeshError
 from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
-from palpate.plugins.indenter import Sphere
 from palpate.plugins.sections import Drawing, Fold, Listing, Section, Table
 from palpate.run.result import FitResult, PosteriorResult
 from palpate_report.limb_view import limb_view

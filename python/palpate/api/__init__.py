@@ -54,6 +54,22 @@ if TYPE_CHECKING:
         TILT_MOMENT as TILT_MOMENT,
         TORQUE as TORQUE,
     )
+    from palpate.domain.component import (
+        NO_FIELDS as NO_FIELDS,
+        Component as Component,
+        InputFile as InputFile,
+        Settings as Settings,
+        SettingsT as SettingsT,
+    )
+    from palpate.domain.indenter import (
+        Indenter as Indenter,
+        Sphere as Sphere,
+    )
+    from palpate.domain.material import (
+        AnisotropicMaterial as AnisotropicMaterial,
+        IsotropicMaterial as IsotropicMaterial,
+        Material as Material,
+    )
     from palpate.errors import (
         CurveError as CurveError,
         MaterialError as MaterialError,
@@ -64,23 +80,11 @@ if TYPE_CHECKING:
         SolverError as SolverError,
         StudyError as StudyError,
     )
-    from palpate.plugins.indenter import (
-        Indenter as Indenter,
-        Sphere as Sphere,
-    )
     from palpate.plugins.interfaces import (
-        NO_FIELDS as NO_FIELDS,
-        AnisotropicMaterial as AnisotropicMaterial,
-        Component as Component,
         ExperimentLoader as ExperimentLoader,
-        InputFile as InputFile,
-        IsotropicMaterial as IsotropicMaterial,
         LimbSource as LimbSource,
-        Material as Material,
         Sampler as Sampler,
         SetFilter as SetFilter,
-        Settings as Settings,
-        SettingsT as SettingsT,
         Solver as Solver,
     )
     from palpate.plugins.motion import (

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
         ElementBlock as ElementBlock,
         SparseFactor as SparseFactor,
     )
+    from palpate.domain.component import Array as Array
     from palpate.mechanics import (
         cauchy_stress as cauchy_stress,
         check_reference_state as check_reference_state,
@@ -22,9 +23,6 @@ if TYPE_CHECKING:
     from palpate.plugins.energy_form import (
         EnergyForm as EnergyForm,
         StandardMaterial as StandardMaterial,
-    )
-    from palpate.plugins.interfaces import (
-        Array as Array,
     )
 
 if not TYPE_CHECKING:

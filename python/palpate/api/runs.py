@@ -14,15 +14,15 @@ if TYPE_CHECKING:
         SamplingError as SamplingError,
         ScoringError as ScoringError,
     )
+    from palpate.fingerprints import (
+        installed_code as installed_code,
+    )
     from palpate.limb.loading import (
         check_limb as check_limb,
         load_limbs as load_limbs,
     )
     from palpate.plugins.catalogue import (
         Plugins as Plugins,
-    )
-    from palpate.plugins.fingerprints import (
-        installed_code as installed_code,
     )
     from palpate.plugins.guard import (
         answering_for as answering_for,

@@ -11,7 +11,7 @@ from typing import Any
 from pydantic import ConfigDict, TypeAdapter, with_config
 from typing_extensions import TypedDict
 
-from palpate.plugins.interfaces import Component
+from palpate.domain.component import Component
 
 VERSION = 3
 """Version of all that is described here."""

@@ -73,7 +73,9 @@ def _entries(session: Session, kind: str, name: str | None) -> list[dict[str, An
 def describe(loaded: "Plugins", kind: str, name: str) -> dict[str, Any]:
     """Everything there is to know about one entry, in plain values."""
     from palpate.cli.settings import settings_rows
-    from palpate.plugins.interfaces import Component, Material, Solver
+    from palpate.domain.component import Component
+    from palpate.domain.material import Material
+    from palpate.plugins.interfaces import Solver
 
     catalogue = loaded.catalogue(kind)
     entry = catalogue[name]

@@ -14,7 +14,7 @@ from palpate.cli.session import Session, opened
 from palpate.errors import NothingSelectableError, StudyError
 
 if TYPE_CHECKING:
-    from palpate.plugins.interfaces import Component
+    from palpate.domain.component import Component
     from palpate.stages.stage import Run
     from palpate.study.reading import Study
 

@@ -8,10 +8,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from palpate.domain.balanced_states import BalancedStates as BalancedStates, pose_columns
 from palpate.domain.channels import PRESS_AND_TWIST
@@ -21,16 +21,18 @@ from palpate.domain.curves import (
     Channel as Channel,
     Curve as Curve,
     FloatArray as FloatArray,
+    IntArray as IntArray,
     Relaxation as Relaxation,
     Response as Response,
     channel_of as channel_of,
     frozen_floats,
     moving_span as moving_span,
 )
+from palpate.domain.indenter import Indenter
+from palpate.domain.material import Material
+from palpate.domain.parameter import Parameter as Parameter, Prior as Prior
 from palpate.domain.parameters import (
-    Parameter as Parameter,
     ParameterSpace as ParameterSpace,
-    Prior as Prior,
     RegionMaterial as RegionMaterial,
     Tie as Tie,
 )
@@ -54,12 +56,6 @@ from palpate.errors import (
     SamplingError,
     StudyError,
 )
-
-if TYPE_CHECKING:
-    from palpate.plugins.indenter import Indenter
-    from palpate.plugins.interfaces import Material
-
-IntArray = NDArray[np.int64]
 
 
 def _frozen_ints(values: ArrayLike) -> IntArray:
@@ -172,7 +168,7 @@ class Indentation:
         :class:`Waypoints`; where a load moves a component, its value is the farthest that it may move to.
     """
 
-    indenter: "Indenter"
+    indenter: Indenter
     path: FloatArray
     friction: float
     tilt_deg: tuple[float, float] = field(default=(0.0, 0.0), metadata={"in_key": "unless default"})
@@ -206,7 +202,7 @@ class Indentation:
                 object.__setattr__(self, name, values)
 
     @classmethod
-    def along(cls, waypoints: Waypoints, *, indenter: "Indenter", friction: float) -> "Indentation":
+    def along(cls, waypoints: Waypoints, *, indenter: Indenter, friction: float) -> "Indentation":
         """Build the indentation that moves an indenter along waypoints."""
         pose, loads = waypoints.pose, waypoints.loads
         return cls(
@@ -363,7 +359,7 @@ class Job:
 
     spot: str
     set_id: int
-    materials: Mapping[str, "Material"]
+    materials: Mapping[str, Material]
     thetas: Mapping[str, FloatArray]
     protocol: Protocol
     slopes: bool = False

@@ -14,6 +14,7 @@ from palpate import _core
 from palpate.errors import CurveError, ScoringError
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 PHASES = ("load", "unload")

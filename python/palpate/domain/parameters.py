@@ -1,101 +1,15 @@
 """What is searched: parameters of the regions' materials, with ranges, priors and ties."""
 
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from palpate.domain.curves import FloatArray
-from palpate.errors import ParameterError, SamplingError
-
-if TYPE_CHECKING:
-    from palpate.plugins.interfaces import Material
-
-
-MOST_SD_OUTSIDE = 3.0
-"""Standard deviations from a range to a prior's value beyond which they contradict each other."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Prior:
-    """What is known of a number before anything is fitted: a value and its standard deviation."""
-
-    value: float
-    sd: float
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.value) and np.isfinite(self.sd) and self.sd > 0.0):
-            raise ParameterError(f"a prior of {self.value} with sd {self.sd}; give a finite value and sd > 0")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Parameter:
-    """One number that is searched, or that a material needs.
-
-    ``lower`` and ``upper`` are the default range of a sweep (region of interest);
-    ``physical_lower`` and ``physical_upper`` are the limits of physical meaning.
-    ``kind`` is ``modulus`` if it scales with stiffness and ``shape`` if it is
-    dimensionless. A sweep spreads the value evenly, or its logarithm (``scale``). ``prior`` is what
-    a fit knows of it before; with ``by_spot`` a fit of several spots finds one value for each.
-    """
-
-    name: str
-    unit: str
-    lower: float
-    upper: float
-    kind: Literal["modulus", "shape"]
-    description: str
-    physical_lower: float = -np.inf
-    physical_upper: float = np.inf
-    scale: Literal["linear", "log"] = "linear"
-    prior: Prior | None = None
-    by_spot: bool = False
-
-    def __post_init__(self) -> None:
-        if not self.lower < self.upper:
-            raise ParameterError(
-                f"parameter '{self.name}': lower {self.lower} must be less than upper {self.upper} "
-                f"{self.unit}; swap them"
-            )
-        if self.scale == "log" and self.lower <= 0.0 <= self.upper:
-            raise ParameterError(
-                f"'{self.name}': log scale needs bounds > 0, got {self.lower:g} to {self.upper:g}"
-            )
-        for bound in (self.lower, self.upper):
-            self.check(bound)
-        if self.prior is not None:
-            self._check_prior(self.prior)
-
-    def _check_prior(self, prior: Prior) -> None:
-        outside = max(self.lower - prior.value, prior.value - self.upper) / prior.sd
-        if outside > MOST_SD_OUTSIDE:
-            raise ParameterError(
-                f"'{self.name}': a prior of {prior.value:g} with sd {prior.sd:g} {self.unit} is "
-                f"{outside:.3g} sd outside the range, {self.lower:g} to {self.upper:g}; correct either"
-            )
-
-    def check(self, value: float) -> None:
-        """Refuse a value outside the physical range, or one that is not finite.
-
-        Raises
-        ------
-        ParameterError
-        """
-        if not (np.isfinite(value) and self.physical_lower <= value <= self.physical_upper):
-            raise ParameterError(
-                f"parameter '{self.name}' = {value} {self.unit} is outside its physical range "
-                f"{self._physical_range}; give a value inside it"
-            )
-
-    @property
-    def _physical_range(self) -> str:
-        # The least positive number is how an open lower limit of zero is written.
-        if self.physical_lower == sys.float_info.min and self.physical_upper == np.inf:
-            return f"(> 0 {self.unit})"
-        return f"[{self.physical_lower}, {self.physical_upper}] {self.unit}"
+from palpate.domain.material import Material
+from palpate.domain.parameter import Parameter
+from palpate.errors import SamplingError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,7 +56,7 @@ class RegionMaterial:
     """
 
     region: str
-    material: "Material"
+    material: Material
     searched: tuple[Parameter, ...]
     fixed: Mapping[str, float]
     convention: str = "textbook"

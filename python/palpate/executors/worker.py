@@ -20,8 +20,8 @@ from types import MappingProxyType
 from typing import IO, Any
 
 from palpate.domain import Limb
+from palpate.domain.component import Component
 from palpate.executors.attempts import attempt
-from palpate.plugins.interfaces import Component
 from palpate.plugins.registry import load_file
 
 _LENGTH = struct.Struct("<Q")

@@ -20,9 +20,9 @@ from palpate.domain import (
     RegionMaterial,
     Response,
 )
+from palpate.domain.material import IsotropicMaterial
 from palpate.errors import CurveError
 from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import IsotropicMaterial
 
 LARGEST = 1e150
 """Ordinate beyond which a square, and with it every score, is no number."""

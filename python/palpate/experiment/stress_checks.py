@@ -10,11 +10,11 @@ from itertools import combinations
 import numpy as np
 
 from palpate.domain import Channel, Curve, FloatArray, IntArray, ParameterSpace
+from palpate.domain.material import IsotropicMaterial
 from palpate.errors import CurveError
 from palpate.experiment.curve_checks import BIAS, LARGEST_BIAS, thetas_of_ranges
 from palpate.mechanics.homogeneous import MODES, nominal_stress
 from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import IsotropicMaterial
 
 LARGEST_STRETCH = 20.0
 """Stretch, or amount of shear, that no soft material reaches."""

@@ -8,7 +8,7 @@ from scipy.optimize import lsq_linear
 from scipy.stats import qmc
 
 from palpate.domain import BoolArray, FloatArray
-from palpate.plugins.interfaces import Settings
+from palpate.domain.component import Settings
 from palpate.plugins.search import Asking, Evaluation, Search, SearchSpace, Trial
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from palpate.domain import Indentation, Parameter, ParameterSpace, Prior, Protocol
+from palpate.domain.component import Settings
 from palpate.errors import PalpateError
-from palpate.plugins.interfaces import Settings
 from palpate.plugins.parametrisation import Parametrisation, SpotInputs, at_spot, for_each_spot
 from palpate.units import Quantity
 

@@ -4,7 +4,7 @@ import numpy as np
 from pydantic import Field
 from scipy.stats import qmc
 
-from palpate.plugins.interfaces import Settings
+from palpate.domain.component import Settings
 from palpate.plugins.search import Asking, Search, SearchSpace, Trial
 
 

@@ -25,7 +25,7 @@ from palpate.domain import (
     channel_of,
 )
 from palpate.domain.channels import PRESS_AND_TWIST
-from palpate.plugins.interfaces import Material
+from palpate.domain.material import Material
 from palpate.plugins.parametrisation import SpotInputs
 from palpate.scoring.scores import compare, point_weights, residual_scale
 from palpate.simulation.jobs import homogeneous_tests

@@ -7,6 +7,7 @@ from types import MappingProxyType
 import numpy as np
 
 from palpate.domain import FloatArray, Indentation, IntArray, Limb, Mesh, Spot
+from palpate.domain.material import AnisotropicMaterial
 from palpate.errors import MeshError, StudyError
 from palpate.limb.cell_fields import check_frames, with_fields
 from palpate.limb.mesh_joints import check_joints, holes
@@ -16,7 +17,6 @@ from palpate.mesh.shape_functions import HEX_CORNERS, linear_simplex, multilinea
 from palpate.mesh.spot_frame import spot_axes
 from palpate.mesh.topology import CELLS, Cell
 from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import AnisotropicMaterial
 from palpate.study.mesh_note import mesh_note
 from palpate.study.reading import Study, StudySpot
 

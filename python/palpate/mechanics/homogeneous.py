@@ -6,8 +6,8 @@ from types import MappingProxyType
 import numpy as np
 
 from palpate.domain import FloatArray
+from palpate.domain.material import IsotropicMaterial
 from palpate.errors import MaterialError
-from palpate.plugins.interfaces import IsotropicMaterial
 
 _STEP = 1e-5
 

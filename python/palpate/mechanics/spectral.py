@@ -28,9 +28,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from palpate.domain import FloatArray
+from palpate.domain.component import NO_FIELDS, Array
+from palpate.domain.material import IsotropicMaterial, Material
 from palpate.errors import NUMPY_IN_ENERGY, MaterialError
 from palpate.mechanics.compilation_cache import keep_compilations
-from palpate.plugins.interfaces import NO_FIELDS, Array, IsotropicMaterial, Material
 
 jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
 keep_compilations()

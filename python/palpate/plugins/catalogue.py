@@ -15,10 +15,11 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from palpate.domain import Channel, Scenario, StudyTemplate
+from palpate.domain.indenter import Indenter
+from palpate.domain.material import Material
 from palpate.errors import PluginError
 from palpate.plugins.execution import Executor
-from palpate.plugins.indenter import Indenter
-from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Material, Sampler, SetFilter, Solver
+from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins.motion import Motion
 from palpate.plugins.parametrisation import Parametrisation
 from palpate.plugins.registry import KINDS, BrokenPlugin, Registry, registered, suggestion

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from palpate.domain import Job, Limb, Response, Simulation, Status, SurfaceStates
-from palpate.plugins.interfaces import Component, SettingsT, Solver
+from palpate.domain.component import Component, SettingsT
+from palpate.plugins.interfaces import Solver
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

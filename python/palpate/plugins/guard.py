@@ -12,7 +12,7 @@ from palpate.errors import NUMPY_IN_ENERGY, PalpateError, PluginError
 from palpate.plugins.versions import THIS_VERSION
 
 if TYPE_CHECKING:
-    from palpate.plugins.interfaces import Component
+    from palpate.domain.component import Component
 
 
 @contextlib.contextmanager

@@ -15,17 +15,11 @@ if TYPE_CHECKING:
     import typer
 
     from palpate.domain import Channel, Scenario, StudyTemplate
+    from palpate.domain.component import Component
+    from palpate.domain.indenter import Indenter
+    from palpate.domain.material import Material
     from palpate.plugins.execution import Executor
-    from palpate.plugins.indenter import Indenter
-    from palpate.plugins.interfaces import (
-        Component,
-        ExperimentLoader,
-        LimbSource,
-        Material,
-        Sampler,
-        SetFilter,
-        Solver,
-    )
+    from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
     from palpate.plugins.motion import Motion
     from palpate.plugins.parametrisation import Parametrisation
     from palpate.plugins.search import Search

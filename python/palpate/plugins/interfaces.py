@@ -1,247 +1,36 @@
-"""What plugins subclass. Abstract or final, nothing between.
+"""What plugins subclass, besides materials, indenters and motions. Abstract or final, nothing between."""
 
-A component is built from its checked settings; the class attributes ``name``
-and ``summary`` are what ``palpate plugins`` shows. A study names components by
-``name`` and passes their ``settings`` table, which the model of settings checks:
-``class Grid(Sampler[GridSettings])``. Every field there needs a description.
-"""
-
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
-from importlib import metadata
+from abc import abstractmethod
+from collections.abc import Iterable, Iterator
 from pathlib import Path
-from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, Generic, cast, get_args, get_origin
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, PlainSerializer, ValidationInfo
-from typing_extensions import TypeVar, get_original_bases
 
 from palpate.domain import (
     BoolArray,
     FloatArray,
     Job,
     Limb,
-    Parameter,
     ParameterSpace,
     Response,
     Simulation,
     Spot,
 )
-from palpate.errors import MaterialError, ParameterError
-from palpate.plugins.fingerprints import CORE, code_fingerprint
+from palpate.domain.component import (
+    NO_FIELDS as NO_FIELDS,
+    Array as Array,
+    Component as Component,
+    InputFile as InputFile,
+    Settings as Settings,
+    SettingsT as SettingsT,
+)
+from palpate.domain.material import (
+    AnisotropicMaterial as AnisotropicMaterial,
+    HyperelasticMaterial as HyperelasticMaterial,
+    IsotropicMaterial as IsotropicMaterial,
+    Material as Material,
+)
 from palpate.plugins.provides import Provides
-
-Array = Any
-"""An array of the array API: numpy in checks, JAX under differentiation."""
-
-NO_FIELDS: Mapping[str, Array] = MappingProxyType({})
-"""Where there is no mesh, or a material that takes nothing from it."""
-
-
-def _in_folder(given: Path, info: ValidationInfo) -> Path:
-    """A path from the study's folder; from the current one outside of a study."""
-    context = info.context or {}
-    path: Path = context.get("folder", Path()) / given
-    if context.get("must_exist", True) and not path.is_file():
-        raise ValueError(f"'{given}': no such file (looked for {path}); paths are relative to study.toml")
-    return path
-
-
-InputFile = Annotated[
-    Path, AfterValidator(_in_folder), PlainSerializer(lambda path: path.name, return_type=str)
-]
-"""Type of a setting that names a file. Only its name is in keys and manifests: a component with such a
-setting adds the content to its ``fingerprint()``."""
-
-
-class Settings(BaseModel):
-    """Base of every component's settings: frozen, and unknown keys are refused."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-SettingsT = TypeVar("SettingsT", bound=Settings, default=Settings, covariant=True)
-"""Settings of a component."""
-
-
-class Component(ABC, Generic[SettingsT]):
-    """Something that a plugin provides under a name.
-
-    Parameters
-    ----------
-    settings : Settings, optional
-        Of the class in brackets, as in ``Sampler[GridSettings]``, which is also the attribute
-        ``Settings``; its defaults when left out.
-    """
-
-    name: ClassVar[str]
-    summary: ClassVar[str]
-    Settings: ClassVar[type[Settings]] = Settings
-
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        bases = [
-            base for base in get_original_bases(cls) if issubclass(get_origin(base) or object, Component)
-        ]
-        for argument in (each for base in bases for each in get_args(base)):
-            if isinstance(argument, type) and issubclass(argument, Settings):
-                cls.Settings = argument
-            elif not isinstance(argument, TypeVar):
-                raise TypeError(f"class {cls.__name__}[{argument}]: name a subclass of palpate.api.Settings")
-
-    def __init__(self, settings: SettingsT | None = None) -> None:
-        self.settings = cast("SettingsT", self.Settings()) if settings is None else settings
-
-    def __repr__(self) -> str:
-        return f"{type(self).__name__}({self.settings})"
-
-    def fingerprint(self) -> str:
-        """Identity of the code that computes, to which results belong; name and settings count anyway.
-
-        By itself distribution, version and a hash of the code of the class and its bases outside
-        palpate: of their whole packages, or of the file of a module outside a package. Override it
-        to state by hand which versions give the same results, or to add what else they
-        depend on, such as a data file.
-
-        Raises
-        ------
-        PluginError
-            The class is defined in no file, as in a notebook.
-        """
-        return code_fingerprint(type(self)) or f"{CORE} {metadata.version(CORE)}"
-
-
-class HyperelasticMaterial(Component[SettingsT]):
-    """What isotropic and anisotropic materials share; subclass one of them.
-
-    A material is given by its energy alone: stress, tangent, initial moduli and stability follow
-    in :mod:`palpate.mechanics`. ``parameters`` may be a class attribute, or be set in ``__init__``
-    where the settings decide how many there are.
-    """
-
-    parameters: tuple[Parameter, ...]
-
-    conventions: Mapping[str, tuple[float, ...]] = MappingProxyType({})
-    """Other ways to write the coefficients: textbook value = number × factor, by parameter."""
-
-    fields: tuple[str, ...] = ()
-    """Cell fields of the mesh that the energy takes: see :class:`AnisotropicMaterial`."""
-
-    def __eq__(self, other: object) -> bool:
-        """Whether both have one class and equal settings, and so one energy: what is compiled is shared."""
-        if self is other or not isinstance(other, HyperelasticMaterial):
-            return self is other
-        return type(self) is type(other) and bool(self.settings == other.settings)
-
-    def __hash__(self) -> int:
-        return hash(type(self))
-
-    def to_textbook(self, values: FloatArray, convention: str) -> FloatArray:
-        """Convert coefficients (n_parameters,) written in ``convention`` to textbook values.
-
-        Raises
-        ------
-        MaterialError
-            The convention is unknown to this material.
-        """
-        theta: FloatArray = values * np.array(self._factors(convention))
-        return theta
-
-    def from_textbook(self, theta: FloatArray, convention: str) -> FloatArray:
-        """Convert textbook values (n_parameters,) to ``convention``."""
-        values: FloatArray = theta / np.array(self._factors(convention))
-        return values
-
-    def _factors(self, convention: str) -> tuple[float, ...]:
-        if convention == "textbook":
-            return (1.0,) * len(self.parameters)
-        if convention not in self.conventions:
-            known = ", ".join(["textbook", *self.conventions])
-            raise MaterialError(
-                f"material '{self.name}' knows no convention '{convention}'; choose one of: {known}"
-            )
-        return self.conventions[convention]
-
-    def check(self, theta: FloatArray) -> None:
-        """Refuse textbook values outside the physical range of their parameter.
-
-        Raises
-        ------
-        ParameterError
-        """
-        if len(theta) != len(self.parameters):
-            raise ParameterError(
-                f"material '{self.name}' takes {len(self.parameters)} parameters, got {len(theta)}"
-            )
-        for parameter, value in zip(self.parameters, theta, strict=True):
-            parameter.check(float(value))
-
-
-class IsotropicMaterial(HyperelasticMaterial[SettingsT]):
-    """A hyperelastic material without directions: its energy is a function of the principal stretches."""
-
-    @abstractmethod
-    def energy(self, stretches: Array, theta: Array) -> Array:
-        """Strain energy per reference volume.
-
-        Parameters
-        ----------
-        stretches : (..., 3) array
-            Principal stretches λ1, λ2, λ3; the energy is symmetric in them and zero at rest.
-        theta : (n_parameters,) array
-            Textbook values in the order of ``parameters``.
-
-        Returns
-        -------
-        (...,) array
-            Energy in MPa. Write it with the array's own namespace
-            (``xp = stretches.__array_namespace__()``), so that numpy can check it and
-            JAX can differentiate it.
-        """
-
-
-class AnisotropicMaterial(HyperelasticMaterial[SettingsT]):
-    """A hyperelastic material with directions of its own, such as fibres.
-
-    Its energy depends on more than the principal stretches, so it is given by the deformation
-    gradient: through C = FᵀF and its invariants, I4 = a · C a for a fibre along the unit vector
-    a of the undeformed body, all in the frame of the mesh. Everything else follows as for any
-    material, by JAX alone.
-
-    A direction that differs from element to element comes with the mesh, as a cell field: name it
-    in ``fields``, as a class attribute or in ``__init__``. A study of several spots needs that,
-    since each spot's mesh may be in a frame of its own; one direction in the settings is refused
-    there, unless the study says that all meshes share a frame.
-    """
-
-    @abstractmethod
-    def energy_from_F(  # noqa: N802
-        self, F: Array, theta: Array, fields: Mapping[str, Array] = NO_FIELDS
-    ) -> Array:
-        """Strain energy per reference volume.
-
-        Parameters
-        ----------
-        F : (3, 3) array
-            Deformation gradient; the energy is zero at rest and does not change when a
-            rotation follows.
-        theta : (n_parameters,) array
-            Textbook values in the order of ``parameters``.
-        fields : mapping of name to () or (3,) array
-            Values of this element, vectors in the frame of the mesh, for each name in
-            ``self.fields``. Empty where there is no mesh, as when the moduli at rest are checked; a
-            material without fields need not take the argument.
-
-        Returns
-        -------
-        () array
-            Energy in MPa, written in ``jax.numpy``.
-        """
-
-
-Material = IsotropicMaterial | AnisotropicMaterial
-"""A material of either kind."""
 
 
 class ExperimentLoader(Component[SettingsT]):

@@ -7,8 +7,8 @@ import numpy as np
 from pydantic import Field
 
 from palpate.domain import DEPTH, ROTATION, Waypoints
+from palpate.domain.component import Component, Settings, SettingsT
 from palpate.domain.waypoints import MOST_WAYPOINTS
-from palpate.plugins.interfaces import Component, Settings, SettingsT
 from palpate.units import Quantity
 
 

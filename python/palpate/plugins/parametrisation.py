@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from palpate.domain import FloatArray, Parameter, ParameterSpace, Protocol
-from palpate.plugins.interfaces import Component, SettingsT
+from palpate.domain.component import Component, SettingsT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from palpate.domain import HomogeneousTests, Indentation, Job, Protocol
 from palpate.domain.curves import Channel
+from palpate.domain.material import AnisotropicMaterial, Material
 from palpate.domain.waypoints import MOVES
 from palpate.errors import PluginError
 from palpate.plugins.guard import answering_for
 
 if TYPE_CHECKING:
-    from palpate.plugins.interfaces import Material, Solver
+    from palpate.plugins.interfaces import Solver
 
 BODIES = ("mesh", "layers", "specimen")
 
@@ -126,8 +127,6 @@ class Provides:
 
 
 def _is_anisotropic(material: "Material") -> bool:
-    from palpate.plugins.interfaces import AnisotropicMaterial  # here: that imports this module
-
     return isinstance(material, AnisotropicMaterial)
 
 

@@ -21,15 +21,16 @@ from typing import TYPE_CHECKING, Any
 import pluggy
 
 from palpate.errors import PluginError
+from palpate.fingerprints import CONTENT_HASH, content_hash
 from palpate.plugins import hookspecs
-from palpate.plugins.fingerprints import CONTENT_HASH, content_hash
 from palpate.plugins.guard import guarded
 from palpate.plugins.versions import API_VERSION, THIS_VERSION
 
 if TYPE_CHECKING:
     import typer
 
-    from palpate.plugins.interfaces import Component, Material
+    from palpate.domain.component import Component
+    from palpate.domain.material import Material
     from palpate.plugins.subcommands import SubCommand
 
 DOMAIN, INTERFACES = "palpate.domain", "palpate.plugins.interfaces"
@@ -85,7 +86,7 @@ class Kind:
     @property
     def holds_components(self) -> bool:
         """Whether the hook returns classes, and not values."""
-        from palpate.plugins.interfaces import Component
+        from palpate.domain.component import Component
 
         return issubclass(self.bases[0], Component)
 
@@ -96,7 +97,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "channels": Kind("palpate_channels", "channel", DOMAIN, "Channel"),
         "loaders": Kind("palpate_experiment_loaders", "experiment loader", INTERFACES, "ExperimentLoader"),
         "limb_sources": Kind("palpate_limb_sources", "limb source", INTERFACES, "LimbSource"),
-        "indenters": Kind("palpate_indenters", "indenter", "palpate.plugins.indenter", "Indenter"),
+        "indenters": Kind("palpate_indenters", "indenter", "palpate.domain.indenter", "Indenter"),
         "motions": Kind("palpate_motions", "motion", "palpate.plugins.motion", "Motion"),
         "materials": Kind(
             "palpate_materials", "material", INTERFACES, "IsotropicMaterial or AnisotropicMaterial"
@@ -445,7 +446,7 @@ def _check_item(item: object, kind: Kind, hook: str) -> None:
 
 
 def _check_component(component: "type[Component]", hook: str) -> None:
-    from palpate.plugins.interfaces import Material
+    from palpate.domain.material import Material
     from palpate.plugins.sections import Section
 
     if inspect.isabstract(component):

@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from palpate.domain import BoolArray, FloatArray, Parameter
-from palpate.plugins.interfaces import Component, SettingsT
+from palpate.domain.component import Component, SettingsT
 
 
 def _all(points: FloatArray) -> BoolArray:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import polars as pl
 
-from palpate.plugins.interfaces import Component, SettingsT
+from palpate.domain.component import Component, SettingsT
 
 if TYPE_CHECKING:
     from palpate_report.report_data import ReportData

@@ -16,11 +16,13 @@ import numpy as np
 
 from palpate.domain import Channel, FloatArray, Job, Limb, Protocol, Simulation
 from palpate.domain.channels import PRESS_AND_TWIST
+from palpate.domain.component import Component
+from palpate.domain.indenter import Indenter, Sphere
+from palpate.domain.material import Material
 from palpate.errors import PluginError
-from palpate.plugins.fingerprints import CORE, code_fingerprint
+from palpate.fingerprints import CORE, code_fingerprint
 from palpate.plugins.guard import answering_for
-from palpate.plugins.indenter import Indenter, Sphere
-from palpate.plugins.interfaces import Component, Material, Solver
+from palpate.plugins.interfaces import Solver
 
 NOTHING_TRUSTED: Mapping[str, str] = {}
 """Every component's results are those of its code as it is."""

@@ -14,10 +14,10 @@ from pydantic import TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
 from palpate.domain import Channel, HomogeneousTests, Indentation, Protocol, ScoringRules, channel_of
+from palpate.domain.component import Component
 from palpate.executors.answers import plain
-from palpate.plugins.fingerprints import distributions
+from palpate.fingerprints import distributions
 from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import Component
 from palpate.run.trust import fingerprints
 from palpate.study.mesh_note import mesh_note
 from palpate.study.reading import Study, StudySpot, relative

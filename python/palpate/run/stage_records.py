@@ -17,9 +17,9 @@ from typing import Any, TypeVar
 
 import polars as pl
 
+from palpate.domain.component import Component
 from palpate.errors import StudyError
 from palpate.executors.answers import plain
-from palpate.plugins.interfaces import Component
 from palpate.run.atomic_files import write_atomically
 from palpate.run.keys import identity
 from palpate.study.reading import Study

@@ -9,8 +9,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
+from palpate.domain.component import Component
 from palpate.errors import StudyError
-from palpate.plugins.interfaces import Component
 from palpate.plugins.registry import suggestion
 from palpate.run.keys import identity
 from palpate.study.reading import Study

@@ -7,7 +7,8 @@ from pydantic import Field
 
 from palpate import _core
 from palpate.domain import FloatArray
-from palpate.plugins.interfaces import Sampler, Settings
+from palpate.domain.component import Settings
+from palpate.plugins.interfaces import Sampler
 
 
 class LatinHypercubeSettings(Settings):

@@ -10,11 +10,11 @@ import numpy as np
 import polars as pl
 
 from palpate.domain import FloatArray, RegionMaterial
+from palpate.domain.material import IsotropicMaterial
 from palpate.errors import MaterialError, PluginError, StudyError
 from palpate.fit.fitted import Fitted
 from palpate.mechanics.homogeneous import nominal_stress
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.interfaces import IsotropicMaterial
 from palpate.plugins.parametrisation import at_spot
 from palpate.run.directory import RunDirectory
 from palpate.run.result import FitResult

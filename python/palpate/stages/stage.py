@@ -12,13 +12,13 @@ from typing import Any, ClassVar, Self, cast
 import polars as pl
 
 from palpate.domain import Channel, Design, Limb, Response, Simulation, SurfaceStates
+from palpate.domain.component import Component, SettingsT
 from palpate.errors import PluginError, StudyError
 from palpate.fit.fitted import Fitted, fitted
 from palpate.fit.surfaces import stored_strains, stored_surfaces
 from palpate.limb.loading import load_limbs
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import Component, SettingsT
 from palpate.plugins.registry import suggestion
 from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory

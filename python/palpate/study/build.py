@@ -9,18 +9,12 @@ import numpy as np
 from pydantic import ValidationError
 
 from palpate.domain import Indentation, ParameterSpace, Protocol, Scenario, channel_of, weighed_channels
+from palpate.domain.component import Component
 from palpate.errors import PalpateError
 from palpate.plugins.catalogue import Catalogue, Plugins
 from palpate.plugins.execution import Executor
 from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import (
-    Component,
-    ExperimentLoader,
-    LimbSource,
-    Sampler,
-    SetFilter,
-    Solver,
-)
+from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins.parametrisation import Parametrisation
 from palpate.plugins.search import Search
 from palpate.study.model import (

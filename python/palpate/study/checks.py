@@ -5,8 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from palpate.domain import Indentation, Parameter, ParameterSpace, RegionMaterial
+from palpate.domain.material import IsotropicMaterial
 from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import IsotropicMaterial
 from palpate.study.reading import Study
 
 LARGEST_RATIO = 100.0

@@ -9,10 +9,11 @@ from typing import Any, Literal
 
 from palpate.domain import Channel, ParameterSpace, Protocol, Scenario, ScoringRules
 from palpate.domain.channels import PRESS_AND_TWIST
+from palpate.domain.component import Component
 from palpate.errors import PluginError, StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.execution import Executor
-from palpate.plugins.interfaces import Component, ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
+from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins.parametrisation import Parametrisation
 from palpate.plugins.search import Search
 from palpate.study.build import (

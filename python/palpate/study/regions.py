@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.domain import FloatArray, Parameter, ParameterSpace, Prior, RegionMaterial
-from palpate.plugins.interfaces import Material
+from palpate.domain.material import Material
 from palpate.study.build import Context, build_component
 from palpate.study.model import ParameterTable, RegionTable, Tables
 from palpate.study.problems import Problems, choice

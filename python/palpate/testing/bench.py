@@ -25,10 +25,11 @@ from palpate.domain import (
     Status,
 )
 from palpate.domain.balanced_states import STATE_COLUMNS, BalancedStates
+from palpate.domain.material import Material
 from palpate.errors import CurveError
 from palpate.mesh.specimens import block
 from palpate.mesh.spot_frame import pose_of
-from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Material, Solver
+from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Solver
 from palpate.plugins.provides import Provides
 from palpate.testing.executors import LinearMaterial
 

@@ -6,7 +6,7 @@ from typing import Never
 
 import pytest
 
-from palpate.plugins.interfaces import Component
+from palpate.domain.component import Component
 from palpate.units import Quantity
 
 DIMENSIONAL = re.compile(

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from palpate.domain import BoolArray, FloatArray, ParameterSpace
-from palpate.plugins.interfaces import Component, Sampler, SetFilter
+from palpate.domain.component import Component
+from palpate.plugins.interfaces import Sampler, SetFilter
 from palpate.testing.components import ComponentContract, missing
 
 

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from palpate.domain import Curve, HomogeneousTests, Job, Limb, Parameter, Response, Simulation, Status
+from palpate.domain.component import Array, Component
+from palpate.domain.material import IsotropicMaterial
 from palpate.plugins.execution import Batch, Executor, JobResult, Limits
-from palpate.plugins.interfaces import Array, Component, IsotropicMaterial, Solver
+from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.testing.components import ComponentContract, missing
 

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from palpate.domain import Spot
+from palpate.domain.component import Component
 from palpate.errors import CurveError, MeshError, PalpateError
 from palpate.limb.loading import check_limb
-from palpate.plugins.interfaces import Component, ExperimentLoader, LimbSource
+from palpate.plugins.interfaces import ExperimentLoader, LimbSource
 from palpate.plugins.optional import CurveWriter, LoadingDrawer
 from palpate.testing.components import ComponentContract, missing
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from palpate.domain import FloatArray
-from palpate.plugins.indenter import Indenter
-from palpate.plugins.interfaces import Component
+from palpate.domain.component import Component
+from palpate.domain.indenter import Indenter
 from palpate.testing.components import ComponentContract, missing
 
 STEP_MM = 1e-5

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from palpate import mechanics
 from palpate.domain import FloatArray
+from palpate.domain.component import Array, Component
+from palpate.domain.material import AnisotropicMaterial, IsotropicMaterial, Material
 from palpate.errors import MaterialError
-from palpate.plugins.interfaces import AnisotropicMaterial, Array, Component, IsotropicMaterial, Material
 from palpate.testing.components import ComponentContract, missing
 
 

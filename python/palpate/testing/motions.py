@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from palpate.domain.component import Component
 from palpate.domain.waypoints import DEPTH, MOST_WAYPOINTS, Waypoints
-from palpate.plugins.interfaces import Component
 from palpate.plugins.motion import Motion
 from palpate.testing.components import ComponentContract, missing
 

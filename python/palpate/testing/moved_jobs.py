@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.domain import FloatArray, Indentation, Job
+from palpate.domain.material import Material
 from palpate.errors import MaterialError
-from palpate.plugins.interfaces import Material
 
 SLOPE_STEP = 1e-3
 """Step of the central differences that slopes are compared with, relative to the value."""

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from palpate.domain import FloatArray, Indentation, ParameterSpace, Protocol, RegionMaterial
+from palpate.domain.component import Component
+from palpate.domain.indenter import Sphere
 from palpate.fit.box import Box
-from palpate.plugins.indenter import Sphere
-from palpate.plugins.interfaces import Component
 from palpate.plugins.parametrisation import Parametrisation, SpotInputs
 from palpate.testing.components import ComponentContract, missing
 from palpate.testing.executors import LinearMaterial

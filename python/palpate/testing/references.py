@@ -4,7 +4,7 @@ import numpy as np
 
 from palpate import mechanics
 from palpate.domain import FloatArray
-from palpate.plugins.interfaces import Material
+from palpate.domain.material import Material
 
 RADIUS_MM = 7.5
 """Of the sphere on the half-space."""

@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from palpate.domain import FloatArray, Parameter
-from palpate.plugins.interfaces import Component
+from palpate.domain.component import Component
 from palpate.plugins.search import Evaluation, Search, SearchSpace, Trial
 from palpate.testing.components import ComponentContract, missing
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import polars as pl
 import pytest
 
-from palpate.plugins.interfaces import Component
+from palpate.domain.component import Component
 from palpate.plugins.sections import (
     Block,
     Facts,

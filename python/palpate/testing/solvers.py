@@ -20,10 +20,12 @@ from palpate.domain import (
     moving_span,
 )
 from palpate.domain.balanced_states import POSE, WRENCH
+from palpate.domain.component import Component
+from palpate.domain.indenter import Sphere
+from palpate.domain.material import IsotropicMaterial
 from palpate.errors import PalpateError
 from palpate.mesh.specimens import half_space
-from palpate.plugins.indenter import Sphere
-from palpate.plugins.interfaces import Component, IsotropicMaterial, Solver
+from palpate.plugins.interfaces import Solver
 from palpate.testing.components import ComponentContract, missing
 from palpate.testing.moved_jobs import moved_values, neighbours
 from palpate.testing.references import (

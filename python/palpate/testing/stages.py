@@ -12,10 +12,10 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
+from palpate.domain.component import Component
 from palpate.errors import StudyError
 from palpate.executors.answers import plain
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.interfaces import Component
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
 from palpate.stages.stage import Run, Stage, Summary, in_order, read_run

@@ -15,11 +15,11 @@ from pydantic import Field
 
 from palpate import Curve, Indentation, Job, Limb, Response, Settings, Simulation, Solver, Status
 from palpate.domain import ParameterSpace, RegionMaterial, Scenario, Spot
+from palpate.domain.indenter import Sphere
 from palpate.executors import InProcess
 from palpate.fit.box import Box
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation
-from palpate.plugins.indenter import Sphere
 from palpate.plugins.interfaces import ExperimentLoader, SetFilter
 from palpate.plugins.provides import Provides
 from palpate.sampling.drawing import accepted_by_all

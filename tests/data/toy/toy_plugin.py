@@ -23,16 +23,10 @@ from palpate.domain import (
     Status,
     StudyTemplate,
 )
+from palpate.domain.component import Settings
+from palpate.domain.material import IsotropicMaterial
 from palpate.errors import CurveError
-from palpate.plugins.interfaces import (
-    ExperimentLoader,
-    IsotropicMaterial,
-    LimbSource,
-    Sampler,
-    SetFilter,
-    Settings,
-    Solver,
-)
+from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins.provides import Provides
 
 

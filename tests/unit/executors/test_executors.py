@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from palpate.domain import Status
+from palpate.domain.component import Settings
 from palpate.errors import PluginError
 from palpate.executors import Batch, InProcess, Limits, Processes, n_cores, thread_limits
-from palpate.plugins.interfaces import Settings, Solver
+from palpate.plugins.interfaces import Solver
 from palpate.simulation.jobs import jobs
 
 HOW = {1: Status.CRASHED, 2: Status.TIMED_OUT, 3: Status.CRASHED, 4: Status.DIVERGED, 5: Status.UNREADABLE}

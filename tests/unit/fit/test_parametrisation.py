@@ -20,13 +20,13 @@ from palpate.domain import (
     Status,
     Tie,
 )
+from palpate.domain.indenter import Sphere
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
 from palpate.fit.problem import Problem
 from palpate.fit.running import Fit, run_searches
 from palpate.fit.spot_term import SpotTerm
 from palpate.fit.starts import scaled_start
-from palpate.plugins.indenter import Sphere
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.testing import LinearMaterial

@@ -18,9 +18,9 @@ from palpate.domain import (
     Status,
     Tie,
 )
+from palpate.domain.indenter import Sphere
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
-from palpate.plugins.indenter import Sphere
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.simulation.cost import FitTime

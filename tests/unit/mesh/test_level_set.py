@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from palpate.mesh.level_set import level_set_surface
-from palpate.plugins.indenter import Sphere
+from palpate.domain.indenter import Sphere
+from palpate.domain.level_set import level_set_surface
 
 
 def volume(points, triangles):

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from palpate.domain import Indentation, Limb, Mesh, Spot
+from palpate.domain.indenter import Sphere
 from palpate.errors import MeshError
 from palpate.limb.loading import check_depth, check_limb
 from palpate.mesh import refinement
@@ -16,7 +17,6 @@ from palpate.mesh.refinement import GROWTH, refined
 from palpate.mesh.shape_functions import linear_simplex, quadratic_simplex
 from palpate.mesh.specimens import block
 from palpate.mesh.topology import CELLS, outer_faces, with_midpoints
-from palpate.plugins.indenter import Sphere
 from palpate_limb.quality import scaled_jacobians
 
 HEIGHT = 12.0

@@ -9,10 +9,10 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from palpate.domain import Indentation, Job, Limb, Mesh, Spot
+from palpate.domain.indenter import Sphere
 from palpate.errors import StudyError
 from palpate.mesh.specimens import block
 from palpate.mesh.spot_frame import in_spot_frame, indentation_of, spot_axes
-from palpate.plugins.indenter import Sphere
 
 PROTOCOL = Indentation(indenter=Sphere(radius_mm=5.0), path=[(0, 0), (3, 0)], friction=1.0)
 LIMB = Limb(

@@ -12,17 +12,18 @@ from hypothesis import given, strategies as st
 from pydantic import Field
 
 from palpate.domain import HomogeneousTests, Indentation, Job
+from palpate.domain.component import Settings
+from palpate.domain.indenter import Indenter, Sphere, SphereSettings
 from palpate.errors import PluginError
-from palpate.plugins.fingerprints import code_hash
-from palpate.plugins.indenter import Indenter, Sphere, SphereSettings
-from palpate.plugins.interfaces import Settings, Solver
+from palpate.fingerprints import code_hash
+from palpate.plugins.interfaces import Solver
 from palpate.plugins.registry import load_file
 from palpate.run import keys
 from palpate.run.keys import identity, job_key
 
 MATERIAL = """
 from palpate.domain import Parameter
-from palpate.plugins.interfaces import IsotropicMaterial
+from palpate.domain.material import IsotropicMaterial
 {imports}
 
 class Fat(IsotropicMaterial):

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from palpate.domain import Curve, Indentation, PointWeighting, Relaxation, Response, ScoringRules
+from palpate.domain.indenter import Sphere
 from palpate.errors import CurveError, PluginError, StudyError
 from palpate.experiment.measured import Presses
 from palpate.fit.least_squares import LeastSquares
-from palpate.plugins.indenter import Sphere
 from palpate.run.atomic_files import write_atomically
 from palpate.run.directory import RunDirectory
 from palpate.run.keys import job_key

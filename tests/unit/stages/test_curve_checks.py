@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from palpate.domain import Channel, Curve
+from palpate.domain.indenter import Sphere
 from palpate.errors import CurveError
 from palpate.experiment.curve_checks import check_curve, young_range
 from palpate.experiment.measured import load_measured, measured_warnings
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.indenter import Sphere
 from palpate.study.checks import odd_settings
 from palpate.study.reading import Study, read_study
 

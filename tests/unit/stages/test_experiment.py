@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from palpate.domain import Curve, Indentation, Response, Scenario
+from palpate.domain.indenter import Sphere
 from palpate.errors import CurveError, PluginError
 from palpate.experiment.measured import check_covers, load_measured, measured_warnings
-from palpate.plugins.indenter import Sphere
 
 PROTOCOL = Indentation(
     indenter=Sphere(radius_mm=7.5),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.domain import Indentation, Limb, Mesh, Spot
+from palpate.domain.indenter import Sphere
 from palpate.errors import MeshError, PluginError, StudyError
 from palpate.limb.loading import (
     check_depth,
@@ -19,7 +20,6 @@ from palpate.limb.loading import (
 )
 from palpate.limb.mesh_joints import holes
 from palpate.mesh.specimens.blocks import block
-from palpate.plugins.indenter import Sphere
 from palpate.plugins.interfaces import LimbSource, Solver
 from palpate.plugins.provides import Provides
 from palpate.stages import pipeline

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from palpate.domain import Job, Limb, Simulation, Status, SurfaceStates
+from palpate.domain.component import Settings
 from palpate.errors import MeshError, StudyError
 from palpate.executors import InProcess
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.interfaces import Settings, Solver
+from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.progress import Silent
 from palpate.run.directory import RunDirectory

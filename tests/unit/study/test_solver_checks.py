@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from palpate.plugins import interfaces
+from palpate.plugins import provides
 from palpate.plugins.catalogue import Plugins
 
 from .toy_study import TEXT, line_of, messages, read_text
@@ -122,7 +122,7 @@ def test_a_solver_refuses_regions_and_materials_that_it_does_not_simulate(
     monkeypatch.setattr(plugins.materials["spring"], "fields", ("fibre",))
     (message,) = messages(tmp_path, plugins, TEXT)
     assert "region.rubber.material: material 'spring' takes cell data fibre, which solver" in message
-    monkeypatch.setattr(interfaces, "AnisotropicMaterial", plugins.materials["spring"])
+    monkeypatch.setattr(provides, "AnisotropicMaterial", plugins.materials["spring"])
     (message,) = messages(tmp_path, plugins, TEXT)
     assert "region.rubber.material: solver 'closed_form' simulates no anisotropic material such as" in message
     provide(plugins, monkeypatch, "closed_form", anisotropic=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.domain import Indentation, Job, Status
-from palpate.plugins.indenter import Sphere
+from palpate.domain.indenter import Sphere
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
 

@@ -14,8 +14,8 @@ import polars as pl
 import pytest
 
 from palpate.domain import Indentation, Job, Limb, Mesh, Spot, Status
+from palpate.domain.indenter import Sphere
 from palpate.mesh.topology import CELLS
-from palpate.plugins.indenter import Sphere
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.ogden import Ogden

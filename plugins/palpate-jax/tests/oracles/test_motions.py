@@ -9,8 +9,8 @@ from hypothesis import given, strategies as st
 
 from palpate.api import MeshError
 from palpate.domain import Indentation, Job, Limb, Spot, Status
+from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
-from palpate.plugins.indenter import Sphere
 from palpate_indentation import Moves, MovesSettings, Punch, PunchSettings
 from palpate_jax.kinematics import motion, pose
 from palpate_jax.solver import JaxSettings, JaxSolver, balanced_states

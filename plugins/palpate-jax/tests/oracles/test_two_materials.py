@@ -16,12 +16,12 @@ from palpate.domain import (
     Scenario,
     Spot,
 )
+from palpate.domain.indenter import Sphere
 from palpate.executors import InProcess
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.fit.searches import BestSet
 from palpate.mesh.specimens import block
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.indenter import Sphere
 from palpate.plugins.interfaces import LimbSource, Sampler
 from palpate.simulation.synthesis import synthesise
 from palpate.stages import pipeline

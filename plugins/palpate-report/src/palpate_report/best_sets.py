@@ -9,8 +9,8 @@ import numpy as np
 
 from palpate import mechanics
 from palpate.domain import FloatArray, Parameter, weighed_phases
+from palpate.domain.material import IsotropicMaterial
 from palpate.errors import PalpateError
-from palpate.plugins.interfaces import IsotropicMaterial
 from palpate.run.result import ALL_SPOTS
 from palpate.stages.identifiability import UNCLEAR, share_of_range
 from palpate.units import convert

@@ -13,10 +13,10 @@ from typing import Any, Literal
 import numpy as np
 
 from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
+from palpate.domain.indenter import Indenter
 from palpate.errors import MeshError
 from palpate.mesh.spot_frame import spot_axes
 from palpate.mesh.topology import CELLS
-from palpate.plugins.indenter import Indenter
 
 Role = Literal["contact", "fixed", "free", "interface", "indenter"]
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from palpate.domain import FloatArray
+from palpate.domain.material import IsotropicMaterial
 from palpate.mechanics.homogeneous import nominal_stress
-from palpate.plugins.interfaces import IsotropicMaterial
 from palpate.units import convert
 from palpate_report.best_sets import every_value
 from palpate_report.headline import draws_of

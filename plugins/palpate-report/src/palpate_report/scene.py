@@ -7,9 +7,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from palpate.domain import FloatArray, Indentation, Limb, Protocol
+from palpate.domain.indenter import Indenter
 from palpate.errors import MeshError
 from palpate.mesh.spot_frame import spot_axes
-from palpate.plugins.indenter import Indenter
 from palpate_report.convergence import Contact
 from palpate_report.limb_view import LimbView, ViewPart, limb_view, scatter_trace
 

@@ -9,9 +9,9 @@ from typing import Literal
 
 from pydantic import Field
 
+from palpate.domain.component import Settings
 from palpate.errors import CurveError
 from palpate.experiment.delimited.header_units import UNITS
-from palpate.plugins.interfaces import Settings
 
 BLANKS = "blanks"
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?")

@@ -6,10 +6,10 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field
 
-from palpate.domain import FloatArray, IntArray
+from palpate.domain.component import Array, Component, Settings, SettingsT
+from palpate.domain.curves import FloatArray, IntArray
+from palpate.domain.level_set import level_set_surface
 from palpate.errors import MeshError
-from palpate.mesh.level_set import level_set_surface
-from palpate.plugins.interfaces import Array, Component, Settings, SettingsT
 from palpate.units import Quantity
 
 RAY_STEPS = 100
@@ -75,7 +75,7 @@ class Indenter(Component[SettingsT]):
         curvature : (n, 3, 3) array
             In 1/mm.
         """
-        from palpate.mesh.distances import distance_derivatives
+        from palpate.domain.distances import distance_derivatives
 
         return distance_derivatives(self, points)
 

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from palpate.domain import FloatArray
+from palpate.domain.curves import FloatArray
 
 jax.config.update("jax_enable_x64", True)  # type: ignore[no-untyped-call]
 

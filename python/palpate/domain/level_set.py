@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray
+from palpate.domain.curves import FloatArray, IntArray
 
 _TETS = np.array([[0, 3, 1, 7], [0, 2, 3, 7], [0, 6, 2, 7], [0, 4, 6, 7], [0, 5, 4, 7], [0, 1, 5, 7]])
 """Six tetrahedra of a cube around its diagonal, of positive volume; corner 4 i + 2 j + k is at (i, j, k)."""
