@@ -24,6 +24,13 @@ def test_a_command_of_a_plugin_runs(call: Call) -> None:
     assert call("toy-hello").out == "hello from a plugin\n"
 
 
+def test_a_command_whose_plugin_is_not_there_is_refused_with_where_it_is_from(call: Call) -> None:
+    outcome = call("--no-plugin", "prediction", "predict", plugin=None)
+    assert outcome.code == 2
+    assert "no command 'predict'" in outcome.err
+    assert "pip install 'palpate[standard]'" in outcome.err
+
+
 @pytest.mark.parametrize(
     ("given", "rest", "files"),
     [

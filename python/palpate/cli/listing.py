@@ -56,6 +56,18 @@ def examples(*lines: str) -> str:
 class GroupedCommands(TyperGroup):
     """Lists its commands under the headings that they were added with."""
 
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - of the library's own click
+        """Refuse an unknown command, with where more commands are from."""
+        from palpate.plugins.registry import suggestion
+
+        if args and not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
+            close = suggestion(args[0], self.list_commands(ctx))
+            ctx.fail(
+                f"no command '{args[0]}'{close}; `palpate plugins` lists the plugins that are installed, and "
+                "pip install 'palpate[standard]' brings those of palpate"
+            )
+        return super().resolve_command(ctx, args)
+
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401 - of the library's own click
         """Write one list of commands for each heading, in the order of the first of them."""
         lists: dict[str, list[tuple[str, str]]] = {START: [], RUN: [], STAGES: []}
