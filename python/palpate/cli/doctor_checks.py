@@ -55,7 +55,6 @@ class Finding:
     ----------
     topic : str
         "versions", "plugins", "solvers", "machine" or "speed".
-    what, found : str
     level : {"fine", "note", "wrong"}
         A note does not stop anybody; what is wrong leaves something out.
     advice : str
@@ -74,7 +73,6 @@ def examine(plugins: Plugins, folder: Path, plugins_s: float) -> list[Finding]:
 
     Parameters
     ----------
-    plugins : Plugins
     folder : Path
         Where runs are kept, or will be: its disk is tried with a small file that is removed.
     plugins_s : float

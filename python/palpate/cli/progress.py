@@ -40,7 +40,6 @@ class StageProgress:
 
     Parameters
     ----------
-    session : Session
     folder : Path, optional
         The run directory, where the best sets so far are to be shown too.
     keeps : bool

@@ -97,7 +97,6 @@ class Mesh:
         Kinds are the keys of :data:`palpate.mesh.topology.CELLS`, which numbers their nodes.
     cell_regions : mapping of kind to (n_cells,) integer array
         Index into ``regions``.
-    regions : tuple of str
     node_sets : mapping of name to (n,) integer array
         At least ``fixed`` (no displacement) and ``contact`` (the outer surface).
     cell_fields : mapping of name and kind to (n_cells,) or (n_cells, 3) array
@@ -267,7 +266,6 @@ class Design:
     parameters : tuple of Parameter
         Full names, in column order.
     values : (n_sets, n_parameters) array
-    seed : int
     n_drawn : int
         Sets drawn before the filters; ``n_sets`` of them were kept.
     n_kept : int
@@ -339,7 +337,6 @@ class Job:
 
     Parameters
     ----------
-    materials : mapping of region to Material
     thetas : mapping of region to (n_parameters,) array
         Textbook values in the order of the material's parameters.
     slopes : bool
@@ -416,8 +413,6 @@ class ScoringRules:
 
     Parameters
     ----------
-    normaliser : Normaliser
-    point_weighting : PointWeighting
     minimum_coverage : float
         Smallest share of measured points, each counted with its weight, that a simulated curve
         must reach to be ranked.

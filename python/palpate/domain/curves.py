@@ -296,7 +296,6 @@ class Relaxation:
 
     Parameters
     ----------
-    channel : str
     phase : str
         Name of the rest, such as ``dwell_1``.
     duration_s : float
@@ -354,7 +353,6 @@ class Response:
 
     Parameters
     ----------
-    curves : mapping of channel name to Curve
     relaxations : sequence of Relaxation, optional
         Of a measured response: what a loader has found in the rests of its presses.
     record : mapping, optional

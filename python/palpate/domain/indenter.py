@@ -159,7 +159,6 @@ class Sphere(Indenter[SphereSettings]):
 
     Parameters
     ----------
-    settings : SphereSettings
     radius_mm : float
         In place of ``settings``.
 

@@ -52,7 +52,6 @@ class RegionMaterial:
     convention : str
         Of the numbers: ``textbook``, or another key of
         ``material.conventions``.
-    tied : mapping of parameter name to Tie
     """
 
     region: str

@@ -72,7 +72,6 @@ def attempt(
 
     Parameters
     ----------
-    tasks : sequence of (index, Job)
     started : callable
         Called with the index of a job when the solver takes it.
     should_continue : callable

@@ -43,7 +43,6 @@ class ProcessLimits:
 
     Parameters
     ----------
-    time_s : float
     stall_s : float
         Longest time in which it writes nothing.
     memory_mb : float
@@ -98,10 +97,8 @@ def run_program(
 
     Parameters
     ----------
-    command : sequence of str
     folder : Path
         Growth of the files there counts as progress.
-    limits : ProcessLimits
     environment : mapping, optional
         Added to this process's own.
     is_scratch : bool
@@ -136,7 +133,6 @@ def run_function(limits: ProcessLimits, function: Callable[P, T], *args: P.args,
 
     Parameters
     ----------
-    limits : ProcessLimits
     function : callable
         At the top level of a module. It, its arguments and what it returns are pickled.
 

@@ -53,8 +53,6 @@ class Presses:
 
     Parameters
     ----------
-    spot : StudySpot
-    responses : mapping of file name, as in messages and the manifest, to Response
     warnings : tuple of str
         What is odd about them.
     """
@@ -78,7 +76,6 @@ def load_measured(study: Study, channels: Mapping[str, Channel]) -> dict[str, Re
 
     Parameters
     ----------
-    study : Study
     channels : mapping of name to Channel
         What each channel is measured over.
 
@@ -159,8 +156,6 @@ def draw_files(study: Study, spot: StudySpot, folder: Path) -> tuple[Path, ...]:
 
     Parameters
     ----------
-    study : Study
-    spot : StudySpot
     folder : Path
         Exists; gets a folder for each file, named after it.
 

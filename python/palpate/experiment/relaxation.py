@@ -24,7 +24,6 @@ class LargestRelaxation:
 
     Parameters
     ----------
-    rest : Relaxation
     share : float
         Fall over the peak of the channel's curve.
     place : str
@@ -60,7 +59,6 @@ def relaxation_of(measured: Mapping[str, Response], gain: float) -> LargestRelax
 
     Parameters
     ----------
-    measured : mapping of spot name to Response
     gain : float
         Standard deviation of a channel's calibration in the budget, relative.
     """

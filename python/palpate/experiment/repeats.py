@@ -69,7 +69,6 @@ def described(mean: Curve, repeats: Mapping[str, Curve]) -> dict[str, Any]:
     ----------
     mean : Curve
         What :func:`average` made of ``repeats``.
-    repeats : mapping of file name to Curve
 
     Returns
     -------

@@ -66,8 +66,6 @@ def check_frames(
     ----------
     region : RegionMaterial
         With directions in its settings.
-    meshes : mapping of spot name to file of the mesh
-    notes : iterable of the note on each mesh
     one_frame : bool
         Whether the study declares that all meshes are in one frame.
 

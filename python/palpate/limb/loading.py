@@ -225,7 +225,6 @@ def check_limb(limb: Limb, regions: Sequence[str]) -> None:
 
     Parameters
     ----------
-    limb : Limb
     regions : sequence of str
         Regions that have a material; a limb may lack some.
 

@@ -40,7 +40,6 @@ def nominal_stress(
 
     Parameters
     ----------
-    material : IsotropicMaterial
     theta : (n_parameters,) array
         Textbook values.
     mode : str

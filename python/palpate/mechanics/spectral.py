@@ -116,7 +116,6 @@ def principal_derivatives(material: IsotropicMaterial, stretches: Array, theta: 
 
     Parameters
     ----------
-    material : IsotropicMaterial
     stretches : (..., 3) array
     theta : (n_parameters,) array
         Textbook values.
@@ -228,7 +227,6 @@ def stress_and_tangent(
 
     Parameters
     ----------
-    material : Material
     F : (..., 3, 3) array
         Deformation gradient. Where det F <= 0 the results are NaN.
     theta : (n_parameters,) array
@@ -287,7 +285,6 @@ def stress(material: Material, F: Array, theta: Array, fields: Fields = NO_FIELD
 
     Parameters
     ----------
-    material : Material
     F : (..., 3, 3) array
         Where det F <= 0 the stress is NaN.
     theta : (n_parameters,) array
@@ -351,7 +348,6 @@ def initial_moduli(material: Material, theta: FloatArray) -> tuple[float, float]
 
     Parameters
     ----------
-    material : Material
     theta : (n_parameters,) array
         Textbook values.
 

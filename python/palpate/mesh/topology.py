@@ -22,7 +22,6 @@ class Cell:
     ----------
     meshio : str
         Its name in meshio.
-    n_corners : int
     corner_faces : tuple of tuple of int
         Corners of each face, counter-clockwise seen from outside.
     edges : tuple of (int, int)
@@ -79,7 +78,6 @@ def outer_faces(kind: str, cells: IntArray, *, febio: bool = False) -> IntArray:
 
     Parameters
     ----------
-    kind : str
     cells : (n_cells, n_nodes) integer array
     febio : bool
         As FEBio lists them instead: in the order of the elements, the last face of a tetrahedron

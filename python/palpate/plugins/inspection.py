@@ -7,14 +7,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InspectedTable:
-    """A table of text, to be shown.
-
-    Parameters
-    ----------
-    title : str
-    columns : tuple of str
-    rows : tuple of tuple of str
-    """
+    """A table of text, to be shown."""
 
     title: str
     columns: tuple[str, ...]

@@ -42,7 +42,6 @@ class ExperimentLoader(Component[SettingsT]):
 
         Parameters
         ----------
-        path : Path
         channel : str, optional
             The study says that this file holds this one channel; otherwise the
             loader's settings say which columns make which channels.
@@ -63,7 +62,6 @@ class LimbSource(Component[SettingsT]):
 
         Parameters
         ----------
-        path : Path
         spot : Spot
             As the study has it; a source that finds the spot in the file may ignore its position and normal.
 
@@ -107,7 +105,6 @@ class Sampler(Component[SettingsT]):
             What ``draw``, or this method, returned for the same ``seed``.
         n_total : int
             A multiple of n, at least 2 n.
-        seed : int
 
         Returns
         -------

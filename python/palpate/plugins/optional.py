@@ -19,7 +19,6 @@ class CurveWriter(Protocol):
         ----------
         path : Path
             In a folder that exists.
-        response : Response
         channel : str, optional
             As for :meth:`load`.
 
@@ -37,10 +36,6 @@ class FileInspector(Protocol):
     @classmethod
     def inspect(cls, path: Path) -> Inspection:
         """Look into a file that no study describes yet, for ``palpate experiment inspect``.
-
-        Parameters
-        ----------
-        path : Path
 
         Raises
         ------
@@ -61,7 +56,6 @@ class LoadingDrawer(Protocol):
 
         Parameters
         ----------
-        path : Path
         folder : Path
             Exists, is empty, and is for the pictures of this file alone.
         channel : str, optional
@@ -90,8 +84,6 @@ class Verifier(Protocol):
 
         Parameters
         ----------
-        job : Job
-        limb : Limb or None
         simulation : Simulation
             The answer, as it was kept.
 

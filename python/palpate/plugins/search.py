@@ -30,14 +30,12 @@ class SearchSpace:
     parameters : tuple of Parameter
         What is searched, in the order of a point's coordinates: each goes from 0 at its lower bound
         to 1 at its upper one, evenly in its logarithm where ``log`` says so.
-    log : tuple of bool
     start : (n_parameters,) array
         Point to start from.
     exact_slopes : bool
         Whether slopes come with a simulation; otherwise each costs two more for each parameter.
     accuracy : float
         Scatter of simulated curves, relative to their size: smaller differences mean nothing.
-    seed : int
     accepts : callable
         Which points (n, n_parameters) no filter of the study refuses, as (n,) booleans; costs no simulation.
     """
@@ -105,10 +103,6 @@ class Search(Component[SettingsT]):
 
         The best evaluation of all is the result, so a search has only to return why it ended, such as
         ``"converged"``. Trials that are yielded together are simulated side by side.
-
-        Parameters
-        ----------
-        space : SearchSpace
 
         Yields
         ------

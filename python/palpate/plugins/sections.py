@@ -91,9 +91,6 @@ class Table:
 
     Parameters
     ----------
-    caption : str
-    columns : sequence of str
-    rows : sequence of sequence of Cell
     strong : collection of int
         Numbers of the rows that are set off.
     """

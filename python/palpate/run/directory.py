@@ -181,7 +181,6 @@ class RunDirectory:
 
         Parameters
         ----------
-        name : str
         stage : str
             Stage that must have made it; empty: there may be none.
 

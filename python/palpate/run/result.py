@@ -24,7 +24,6 @@ class StudyInputs:
     ----------
     measured, limbs : mapping of spot name to Response, Limb
         ``limbs`` is empty where the solver needs none.
-    design : Design
     warnings : tuple of str
         What is odd about the study or its curves, and stops nothing.
     """
@@ -181,7 +180,6 @@ class FitResult:
         alone), fine (corrected by the finer ones) and extrapolated to meshes without error.
     responses : mapping of (fit, scenario, spot) to Response
         Fitted curves at the measured abscissae.
-    certainty : CertaintyResult
     """
 
     table: pl.DataFrame = field(default_factory=pl.DataFrame)

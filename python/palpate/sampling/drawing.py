@@ -43,11 +43,8 @@ def draw_design(
 
     Parameters
     ----------
-    space : ParameterSpace
-    sampler : Sampler
     n_sets : int
         Accepted sets; 0 draws none, or just ``n_total``, of which the first ``FIRST_LOOK`` are one design.
-    seed : int
     filters : sequence of SetFilter
         Applied in order, each to what the ones before it kept.
     max_draws : int
@@ -95,10 +92,8 @@ def kept_sets(
 
     Parameters
     ----------
-    space : ParameterSpace
     seed : int
         With another seed than the earlier one no sets are kept.
-    earlier : Design
     finished : collection of int
         ``set_id`` of the sets whose simulations are finished.
     """

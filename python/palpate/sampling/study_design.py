@@ -18,7 +18,6 @@ def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:
 
     Parameters
     ----------
-    study : Study
     earlier : RunDirectory, optional
         If its ranges were wider, its finished sets are the first of the design.
 

@@ -109,12 +109,10 @@ def cost(study: Study, jobs: Mapping[str, Job], folder: Path | None, limbs: Mapp
 
     Parameters
     ----------
-    study : Study
     jobs : mapping of key to Job
         Without those in a run directory and in the study's cache something is left of the sweep.
     folder : Path, optional
         A run directory.
-    limbs : mapping of limb name to Limb
     """
     with_times: dict[str, float] = {}
     others: list[float] = []
@@ -188,13 +186,10 @@ class FitTime:
 
     Parameters
     ----------
-    study : Study
     folder : Path
         The run directory.
-    limbs : mapping of limb name to Limb
     swept : mapping of key to Job
         Jobs of the sweep.
-    progress : Progress
     """
 
     def __init__(

@@ -46,11 +46,8 @@ class Simulations:
 
     Parameters
     ----------
-    study : Study
     folder : Path
         The run directory; nothing is written there before the first simulation.
-    limbs : mapping of limb name to Limb
-    progress : Progress
     check : callable
         Raises where the lock on the folder is lost.
 

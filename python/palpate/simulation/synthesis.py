@@ -82,7 +82,6 @@ def synthesise(
     study : Study
         Read with ``need_measured=False``. The truth gives every searched parameter; one
         that it also gives for a fixed parameter replaces the fixed value.
-    channels : mapping of name to Channel
     out : Path, optional
         Replaces the study's folder; the files keep their names.
     noise : float

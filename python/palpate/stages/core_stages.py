@@ -384,7 +384,6 @@ def cases_of(inputs: Run, *, look: Callable[[], None] = lambda: None) -> list[Ca
 
     Parameters
     ----------
-    inputs : Run
     look : callable
         Called before the searches and after each of their steps.
     """

@@ -83,7 +83,6 @@ def at_measured(simulations: Iterable[Simulation], measured: Mapping[str, Respon
     ----------
     simulations : iterable of Simulation
         Of the sweep; points that they did not reach are NaN.
-    measured : mapping of spot name to Response
     n_sets : int
         Rows of the design.
     """
@@ -139,9 +138,6 @@ def assess_identifiability(
 
     Parameters
     ----------
-    study : Study
-    design : Design
-    measured : mapping of spot name to Response
     swept : mapping of (spot, channel) to (n_sets, n_points) array
         As :func:`at_measured` returns it.
     scores, selection, generalisation : DataFrame

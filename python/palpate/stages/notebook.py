@@ -40,7 +40,6 @@ def measure(study: Study, plugins: Plugins | None = None) -> pl.DataFrame:
 
     Parameters
     ----------
-    study : Study
     plugins : Plugins, optional
         The installed ones when left out.
 
@@ -90,14 +89,12 @@ def simulate(
 
     Parameters
     ----------
-    study : Study
     design : DataFrame
         As :func:`sample` returns it, or any other sets: set_id and a column for each searched parameter.
     measured : DataFrame
         As :func:`measure` returns it; homogeneous tests run along its abscissae.
     folder : Path, optional
         Where results are kept, so that none is computed twice; nowhere when left out.
-    progress : Progress
 
     Returns
     -------
@@ -122,7 +119,6 @@ def score(study: Study, simulated: pl.DataFrame, measured: pl.DataFrame) -> pl.D
 
     Parameters
     ----------
-    study : Study
     simulated, measured : DataFrame
         As :func:`simulate` and :func:`measure` return them.
 
@@ -144,7 +140,6 @@ def select(study: Study, scores: pl.DataFrame, design: pl.DataFrame) -> pl.DataF
 
     Parameters
     ----------
-    study : Study
     scores, design : DataFrame
         As :func:`score` and :func:`sample` return them.
 
@@ -187,7 +182,6 @@ def open_problem(
 
     Parameters
     ----------
-    study : Study
     scenario : str, optional
         Whose Fopt is Σ r²; when left out the one that generalises.
     spots : sequence of str, optional
@@ -196,7 +190,6 @@ def open_problem(
         Run directory where every simulation is kept, so that none is computed twice; nowhere when left out.
     plugins : Plugins, optional
         The installed ones when left out.
-    progress : Progress
 
     Yields
     ------

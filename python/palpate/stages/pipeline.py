@@ -46,8 +46,6 @@ def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = N
 
     Parameters
     ----------
-    study : Study
-    plugins : Plugins
     earlier : RunDirectory, optional
         If its ranges were wider, its finished sets are the first of the design.
 
@@ -88,11 +86,8 @@ def run_study(
 
     Parameters
     ----------
-    study : Study
     run_folder : Path
         Made where it is missing; simulations already in it are not computed again.
-    plugins : Plugins
-    progress : Progress
     forked_from : Path, optional
         A run directory whose finished simulations are copied to this one first.
     trust : collection of str
@@ -192,10 +187,6 @@ def locked_run(
 
     Parameters
     ----------
-    study : Study
-    run_folder : Path
-    plugins : Plugins
-    progress : Progress
     needs : collection of str
         Stages whose results are read.
     more_limbs : mapping of limb name to Limb, optional

@@ -32,7 +32,6 @@ class FittedMaterial:
 
     Parameters
     ----------
-    region : RegionMaterial
     values : mapping of name to float
         All of the material's parameters in the units of the study's ``[region]``, fixed and tied ones too.
     intervals : DataFrame
@@ -76,12 +75,7 @@ class FittedMaterial:
 
 @dataclass(frozen=True, kw_only=True)
 class SavedRun:
-    """A run as its folder has it: nothing is simulated, nothing is written.
-
-    Parameters
-    ----------
-    run : Run
-    """
+    """A run as its folder has it: nothing is simulated, nothing is written."""
 
     run: Run
 

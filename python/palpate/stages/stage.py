@@ -42,7 +42,6 @@ class Summary:
     ----------
     lines : sequence of str
         Sentences.
-    tables : mapping of title to DataFrame
     missing : str
         What could not be found; the command then ends with exit code 1.
     """
@@ -90,7 +89,6 @@ class Stage(Component[SettingsT]):
         inputs : Run
             Study, measured curves, design and limbs; ``inputs.table(name)`` is a table of a needed stage,
             ``inputs.simulations.of(jobs)`` simulates, or finds what has been simulated already.
-        progress : Progress
 
         Raises
         ------
@@ -113,11 +111,8 @@ class Run:
     ----------
     study : Study
         With the answers of earlier code that the run trusts.
-    directory : RunDirectory
-    stages : mapping of name to Stage
     channels : mapping of name to Channel
         Those that plugins declare.
-    progress : Progress
     check_lock : callable
         Raises where the lock on the folder, which the caller holds, is lost.
     fresh : StudyInputs, optional
@@ -301,7 +296,6 @@ class Run:
 
         Parameters
         ----------
-        stage : Stage
         made_from : mapping, optional
             As :meth:`made_from` returned it before the files of the study were read.
 

@@ -61,12 +61,7 @@ class RunStatus:
 
 @dataclass
 class Watcher:
-    """Watches a run directory, and scores each simulation once.
-
-    Parameters
-    ----------
-    folder : Path
-    """
+    """Watches a run directory, and scores each simulation once."""
 
     folder: Path
     _scores: list[pl.DataFrame] = field(default_factory=list)

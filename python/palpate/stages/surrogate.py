@@ -26,7 +26,6 @@ class QuadraticForm:
     ----------
     matrix : (p, p) array
     offset : (p,) array
-    rest : float
     """
 
     matrix: FloatArray

@@ -20,7 +20,6 @@ class StudySpot:
 
     Parameters
     ----------
-    spot : Spot
     measured : mapping of channel name, or None for files that hold several channels, to paths
         More than one path: repeated presses, which are averaged.
     mesh : Path or None

@@ -63,9 +63,6 @@ class Tool:
     ----------
     name : str
         Of its file.
-    protocol : Indentation
-    spots : tuple of StudySpot
-    threshold_MPa : float or None
     pressure_unit : str
         In which pressures are reported: that of the threshold, else of the study's first modulus.
     fine_edge_mm : float

@@ -28,7 +28,6 @@ def half_space_peaks(material: Material, theta: FloatArray) -> dict[str, float]:
 
     Parameters
     ----------
-    material : Material
     theta : (n_parameters,) array
         Textbook values.
     """

@@ -44,13 +44,10 @@ class Rehearsal:
 
     Parameters
     ----------
-    search : Search
     matrix : (n, n) array
     least : (n,) array
         Where r is least; perhaps outside the box.
     start : (n,) array
-    exact_slopes : bool
-    fails : callable
     has_slopes : bool
         False: no slopes can be had, although the residuals can.
     most : int

@@ -58,7 +58,6 @@ def small_run(folder: Path, plugins: Iterable[object], tables: Mapping[str, Any]
 
     Parameters
     ----------
-    folder : Path
     plugins : iterable of module or object
         Besides those of :mod:`palpate.testing.bench`.
     tables : mapping

@@ -57,10 +57,6 @@ class StudyRunner:
     """Makes a study of one spot in a folder, and runs its stages in this process.
 
     Its measured curves are those of the study's own solver, in the middle of every range.
-
-    Parameters
-    ----------
-    folder : Path
     """
 
     def __init__(self, folder: Path) -> None:

@@ -37,7 +37,6 @@ def connected(settings: DaskSettings, n_workers: int) -> Iterator[Client]:
 
     Parameters
     ----------
-    settings : DaskSettings
     n_workers : int
         Workers of a cluster on this machine.
 

@@ -29,7 +29,6 @@ class Connection:
 
     Parameters
     ----------
-    settings : DaskSettings
     n_workers : int
         Workers of a cluster on this machine.
 

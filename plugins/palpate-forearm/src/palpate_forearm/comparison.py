@@ -28,10 +28,8 @@ class Comparison:
     ----------
     tables : mapping of name to DataFrame
         As :func:`palpate_forearm.paper_tables.side_by_side` returns them.
-    errata : tuple of Erratum
     failed : mapping of material name to str
         Materials without a row, and why.
-    not_shared : tuple of str
     """
 
     tables: Mapping[str, pl.DataFrame]

@@ -27,7 +27,6 @@ class Erratum:
 
     Parameters
     ----------
-    where : str
     paper : str
         What it says.
     found : str

@@ -100,7 +100,6 @@ class Phantom:
     ----------
     sections : tuple of Section
         At least two, by rising station. The limb ends at the first and the last.
-    bones : tuple of PhantomBone
     marks : tuple of InkMark
         Between the first section and the last.
     """
@@ -244,7 +243,6 @@ class Scanner:
         Of the ink.
     skin_colour : tuple of float
         sRGB, 0 to 1.
-    seed : int
     """
 
     spacing_mm: float = 1.2

@@ -15,8 +15,6 @@ def write_phantom(folder: Path, phantom: Phantom | None = None, scanner: Scanner
     ----------
     folder : Path
         Made if it is missing.
-    phantom : Phantom, optional
-    scanner : Scanner, optional
     """
     phantom = phantom or Phantom()
     folder.mkdir(parents=True, exist_ok=True)

@@ -63,13 +63,7 @@ def study_text(material: str, n_sets: int) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reproduction:
-    """The paper's study in a folder.
-
-    Parameters
-    ----------
-    folder : Path
-    studies : mapping of material name to Study
-    """
+    """The paper's study in a folder."""
 
     folder: Path
     studies: Mapping[str, Study]
@@ -105,12 +99,10 @@ def prepare(
     ----------
     folder : Path
         New, empty, or that of an earlier reproduction, whose studies stay as they are.
-    plugins : Plugins
     materials : sequence of str
         Of "ogden", "yeoh", "neo_hookean".
     n_sets : int
         Sets to draw of each material, written into new study files.
-    phantom : {"coarse", "fine"}
 
     Raises
     ------
@@ -197,7 +189,6 @@ class Cost:
     ----------
     n_drawn, n_kept : int
         Sets before and after the filters.
-    n_spots : int
     seconds_each : float
         Of one simulation on one worker.
     """
@@ -253,7 +244,6 @@ class ReproductionResult:
 
     Parameters
     ----------
-    results : mapping of material name to RunResult
     failed : mapping of material name to str
         Why nothing could be selected.
     """
@@ -273,9 +263,6 @@ def run(
 
     Parameters
     ----------
-    reproduction : Reproduction
-    plugins : Plugins
-    progress : Progress
     announce : callable
         Called with the material that is next, and with each that failed.
 

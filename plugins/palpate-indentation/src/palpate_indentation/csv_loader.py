@@ -110,7 +110,6 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
 
         Parameters
         ----------
-        path : Path
         channel : str, optional
             The only channel of the file; all channels of the settings by default.
 
@@ -131,8 +130,6 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
 
         Parameters
         ----------
-        path : Path
-        response : Response
         channel : str, optional
             The only channel of the file.
 

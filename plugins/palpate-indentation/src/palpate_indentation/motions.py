@@ -98,12 +98,7 @@ class MovesSettings(Settings):
 
 
 class Moves(Motion[MovesSettings]):
-    """Moves to places or until loads are reached, one after the other.
-
-    Parameters
-    ----------
-    settings : MovesSettings
-    """
+    """Moves to places or until loads are reached, one after the other."""
 
     name = "moves"
     summary = "any sequence of depth, slide, tilt, twist, and of forces and moments to be reached"

@@ -38,9 +38,7 @@ def chosen(path: Path, content: MeshFile, points_mm: FloatArray, choices: list[C
     ----------
     path : Path
         Of the mesh file.
-    content : MeshFile
     points_mm : (n_nodes, 3) array
-    choices : list of str, InPlane or NearSurface
 
     Raises
     ------

@@ -182,13 +182,11 @@ class AutodiffKernel:
 
     Parameters
     ----------
-    material : Material
     nodes : (e, n) array
     gradients : (e, q, n, 3) array
         [1/mm]
     volumes : (e, q) array
         [mm³]
-    mean_dilatation : bool
     axes : (3, 3) array, optional
         Axes of the spatial frame, as columns in the frame that the material's directions are in; F then
         goes from that frame to this one, which changes no energy.

@@ -26,7 +26,6 @@ class Block:
 
     Parameters
     ----------
-    region : str
     nodes : (n_elements, n) array
         An element of tet4 may be a patch; a node may then occur twice, the second time without gradient.
     gradients : (n_elements, q, n, 3) array
@@ -132,9 +131,6 @@ class Body:
 
     Parameters
     ----------
-    mesh : Mesh
-    materials : mapping of region to Material
-    mean_dilatation : bool, or the regions that have it
     axes : (3, 3) array, optional
         Axes of the frame of ``mesh.points_mm``, as columns in the frame that directions and fields are in.
     """
@@ -167,7 +163,6 @@ class Body:
         places : sequence of (e, 3n, 3n) integer arrays
             By block, the place of each entry in the values of a sparse matrix; ``n_entries`` where
             it has none.
-        n_entries : int
         """
         for kernel, own in zip(self._kernels, places, strict=True):
             kernel.bind(own)

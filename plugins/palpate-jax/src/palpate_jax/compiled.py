@@ -59,13 +59,11 @@ class CompiledKernel:
 
     Parameters
     ----------
-    material : IsotropicMaterial
     nodes : (e, n) array
     gradients : (e, q, n, 3) array
         [1/mm]
     volumes : (e, q) array
         [mm³]
-    mean_dilatation : bool
     """
 
     def __init__(

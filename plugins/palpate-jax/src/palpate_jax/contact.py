@@ -111,7 +111,6 @@ class Change:
     ----------
     positions, anchors : (k, 3) array
         In the indenter's frame.
-    penalty, friction : float
     """
 
     positions: FloatArray
@@ -144,7 +143,6 @@ class Points:
     ----------
     positions, anchors : (k, 3) array
     anchored : (k,) array
-    law : ContactLaw
     limits : (k,) array, optional
         As in :class:`ContactState`.
     """

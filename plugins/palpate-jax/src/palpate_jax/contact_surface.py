@@ -16,7 +16,6 @@ class ContactSurface:
     Parameters
     ----------
     nodes : (f, n) array
-    face : Face
     areas : (f, q) array
         Reference area of each quadrature point [mm²].
     """

@@ -138,8 +138,6 @@ def nominal_stress(
     ----------
     material : AnisotropicMaterial
         Its directions are in the frame e1, e2, e3 of the specimen.
-    mode : str
-    incompressible : bool
     theta : (n_parameters,) array
         Textbook values.
     path : (n,) array

@@ -39,8 +39,6 @@ class FieldWriter:
 
     Parameters
     ----------
-    limb : Limb
-    materials : mapping of region to Material
     mean_dilatation : bool, or the regions that have it
         As the simulation had it.
     """
@@ -61,8 +59,6 @@ class FieldWriter:
         ----------
         folder : Path
             Made if it is not there.
-        thetas : mapping of region to parameters
-        states : sequence of LoadStep
 
         Returns
         -------

@@ -188,10 +188,8 @@ def nominal_stress(material: Material, mode: str, incompressible: bool, theta: A
 
     Parameters
     ----------
-    material : Material
     mode : str
         One of ``MODES``.
-    incompressible : bool
     theta : (n_parameters,) array
         Textbook values.
     path : (n,) array

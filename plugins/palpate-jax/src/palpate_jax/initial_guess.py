@@ -83,13 +83,7 @@ class Pilot:
 
 
 class Pilots:
-    """Pilots of one limb, path and choice of materials.
-
-    Parameters
-    ----------
-    materials : mapping of region to Material
-    pilots : sequence of Pilot
-    """
+    """Pilots of one limb, path and choice of materials."""
 
     def __init__(self, materials: Mapping[str, Material], pilots: Sequence[Pilot]) -> None:
         parameters = [(region, p) for region, m in materials.items() for p in m.parameters]

@@ -77,9 +77,6 @@ class LoadControl:
 
     Parameters
     ----------
-    model : Model
-    thetas : mapping of region to parameters
-    law : ContactLaw
     tolerance : float
         As of load stepping.
     steps : (6,) array

@@ -83,9 +83,6 @@ class LoadStepping:
 
     Parameters
     ----------
-    model : Model
-    thetas : mapping of region to parameters
-    law : ContactLaw
     tolerance : float
         Imbalance relative to the forces at which a point counts as balanced.
     initial_guess : InitialGuess, optional

@@ -41,12 +41,6 @@ class Model:
 
     Nodes of the set ``fixed`` never move; nodes of the set ``bonded``, if the mesh
     has one, are glued to the indenter and move with it.
-
-    Parameters
-    ----------
-    limb : Limb
-    materials : mapping of region to Material
-    mean_dilatation : bool, or the regions that have it
     """
 
     def __init__(

@@ -72,7 +72,6 @@ def equilibrium(
 
     Parameters
     ----------
-    start : Start
     tolerance : float
         Imbalance relative to the forces.
     """

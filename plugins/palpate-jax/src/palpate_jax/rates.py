@@ -17,9 +17,7 @@ class Rates:
 
     Parameters
     ----------
-    model : Model
     displacements : (n_nodes, 3) array
-    load : ContactState
     """
 
     def __init__(self, model: Model, displacements: FloatArray, load: ContactState) -> None:

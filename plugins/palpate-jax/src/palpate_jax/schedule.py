@@ -28,7 +28,6 @@ class Target:
         NaN where the position is prescribed; loads to be reached at ``end``; infinite for what stays.
     load_share : float
         Share of the way to the loads.
-    time_s : float
     """
 
     end: FloatArray
@@ -72,7 +71,6 @@ class Schedule:
 
     Parameters
     ----------
-    targets : tuple of Target
     steps : (6,) array
         Largest step of each component of the position [mm, degrees].
     """

@@ -102,10 +102,6 @@ class Sensitivity:
 
     Parameters
     ----------
-    model : Model
-    materials : mapping of region to Material
-    thetas : mapping of region to parameters
-    law : ContactLaw
     tolerance : float
         Imbalance relative to the forces at which a point counts as balanced.
 

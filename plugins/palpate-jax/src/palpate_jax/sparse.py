@@ -43,7 +43,6 @@ class Pattern:
     groups : sequence of (e, 3n) integer arrays
         Unknown of each element degree of freedom, −1 if it is fixed. Those of a node are three numbers
         in sequence that start at a multiple of three, or are all fixed.
-    n_unknowns : int
     """
 
     def __init__(self, groups: Sequence[IntArray], n_unknowns: int) -> None:
@@ -101,10 +100,6 @@ class LinearSolver:
     Symmetric factors cost a fifth of unsymmetric ones, and older ones are
     reused until the extra iterations cost more.
 
-    Parameters
-    ----------
-    pattern : Pattern
-
     Attributes
     ----------
     n_factorisations : int
@@ -149,7 +144,6 @@ class LinearSolver:
         preconditioner : callable
             Returns the values of a symmetric matrix close to it, for new factors.
         rhs : (n,) array
-        tolerance : float
 
         Raises
         ------

@@ -20,7 +20,6 @@ def least_stiffness(material: Material, stretches: Array, thetas: Array) -> Arra
 
     Parameters
     ----------
-    material : Material
     stretches : (n_states, 3) array
         Principal stretches.
     thetas : (n_sets, n_parameters) array

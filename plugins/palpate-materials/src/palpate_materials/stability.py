@@ -68,7 +68,6 @@ class Drucker(SetFilter[DruckerSettings]):
 
         Parameters
         ----------
-        space : ParameterSpace
         values : (n_sets, n_parameters) array
             In design columns and in each region's convention.
 

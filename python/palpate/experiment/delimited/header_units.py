@@ -94,7 +94,6 @@ def factor_to_base(unit: str, kind: Kind, where: str) -> float:
     ----------
     unit : str
         A spelling of ``UNITS``, or anything that a quantity in study.toml may have.
-    kind : Kind
     where : str
         File and column, for messages.
 

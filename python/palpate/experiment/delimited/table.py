@@ -70,7 +70,6 @@ class TextTable:
 
     Parameters
     ----------
-    path : Path
     text_format : TextFormat, optional
         Guessed when left out.
 

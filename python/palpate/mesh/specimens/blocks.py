@@ -33,7 +33,6 @@ def block(
 
     Parameters
     ----------
-    kind : {"hex8", "tet10", "tet4"}
     width_mm, height_mm : float
         The block spans ±width/2 in x and y, and −height to 0 in z.
     n_across, n_down : int

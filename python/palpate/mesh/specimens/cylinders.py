@@ -78,7 +78,6 @@ def cylinder(kind: Kind, rings_mm: FloatArray, depths_mm: FloatArray, *, n_core:
 
     Parameters
     ----------
-    kind : {"hex8", "tet10"}
     rings_mm : (n + 1,) array
         Radii of the rings, rising from 0; n > ``n_core``/2.
     depths_mm : (m + 1,) array
@@ -118,7 +117,6 @@ def half_space(
 
     Parameters
     ----------
-    kind : {"hex8", "tet10"}
     contact_radius_mm : float
         Expected radius of the contact; a ring of nodes is there.
     n_radius : int
@@ -162,8 +160,6 @@ def layer(
 
     Parameters
     ----------
-    kind : {"hex8", "tet10"}
-    thickness_mm, contact_radius_mm : float
     extent : float
         Radius beyond the contact in thicknesses; what the wall changes falls off exponentially with it.
     n_radius, n_core, growth, crowding
