@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.domain.channels import BALANCED, FORCE, TORQUE
+from palpate.domain.channels import EQUILIBRIUM_CHANNELS, FORCE, TORQUE
 from palpate.errors import CurveError
 from palpate.testing import ChannelContract
 
@@ -13,7 +13,7 @@ CONTRACT = ChannelContract()
 STATES = ChannelContract.states.__wrapped__(CONTRACT)
 
 
-@pytest.mark.parametrize("given", BALANCED, ids=lambda channel: channel.name)
+@pytest.mark.parametrize("given", EQUILIBRIUM_CHANNELS, ids=lambda channel: channel.name)
 class TestBalanced(ChannelContract):
     @pytest.fixture
     def channel(self, given):
@@ -49,7 +49,7 @@ class TestLever(ChannelContract):
         ("its_columns_end_in_their_units", replace(FORCE, ordinate="force_kN"), "does not end in its unit"),
         ("it_has_labels", replace(FORCE, ordinate_label=" "), "ordinate_label is empty"),
         ("it_can_be_sent_to_a_worker", replace(LEVER, observe=lambda c: c["force_N"]), "top of a module"),
-        ("it_is_finite", replace(LEVER, needs=("force_N", "torque_Nm")), "which no balanced states have"),
+        ("it_is_finite", replace(LEVER, needs=("force_N", "torque_Nm")), "which no equilibrium states have"),
         ("its_degree_is_that_in_the_moduli", replace(FORCE, degree=0), "not 1 times itself"),
         ("its_degree_is_that_in_the_moduli", replace(LEVER, degree=1), "not 2 times itself"),
         ("its_sign_follows_the_motion", replace(TORQUE, mirrored=1), "not 1 times itself"),

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.domain import BalancedStates, HomogeneousTests, Indentation, Job, Status
+from palpate.domain import EquilibriumStates, HomogeneousTests, Indentation, Job, Status
 from palpate.domain.indenter import Sphere
 from palpate.errors import MaterialError, MeshError, PluginError, StudyError
 from palpate.mesh.specimens import block
@@ -197,7 +197,7 @@ def test_an_unfinished_finer_run_verifies_nothing_and_reports_what_it_has(n_rows
 
     def run(finer):
         wrench = pose_of(finer.depth_mm, finer.rotation_deg / 10)
-        states = BalancedStates(pose=pose_of(finer.depth_mm, finer.rotation_deg), wrench=wrench)
+        states = EquilibriumStates(pose=pose_of(finer.depth_mm, finer.rotation_deg), wrench=wrench)
         status, reached = Status.DIVERGED, states.cut(slice(n_rows))
         return Verdict(status=status, message="no balance", states=reached, log=read_log(""))
 

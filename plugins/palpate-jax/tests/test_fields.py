@@ -1,4 +1,4 @@
-"""Fields of balanced states, as files that other programs read."""
+"""Fields of equilibrium states, as files that other programs read."""
 
 import xml.etree.ElementTree as ET
 from types import SimpleNamespace

@@ -8,8 +8,8 @@ import pytest
 
 from palpate.cli.app import main
 from palpate.domain import MOVES, Channel, Curve, Response, Simulation, Status
-from palpate.domain.balanced_states import STATE_COLUMNS, BalancedStates
-from palpate.domain.channels import BALANCED
+from palpate.domain.channels import EQUILIBRIUM_CHANNELS
+from palpate.domain.equilibrium_states import STATE_COLUMNS, EquilibriumStates
 from palpate.errors import MaterialError
 from palpate.mesh.specimens import block
 from palpate.plugins.interfaces import Solver
@@ -187,12 +187,12 @@ def test_others_are_compared_with_references_and_not_the_other_way_round():
 
 
 def wrench(factor):
-    """Balanced states whose loads are in proportion to the pose; a moment of its own solver alone."""
+    """Equilibrium states whose loads are in proportion to the pose; a moment of its own solver alone."""
 
     def respond(job):
         pose = job.protocol.waypoints.pose
         loads = pose * np.array([2.0, factor, 1.0, 3.0, 1.0, 5.0])
-        states = BalancedStates(pose=pose, wrench=loads)
+        states = EquilibriumStates(pose=pose, wrench=loads)
         return Simulation(job=job, status=Status.OK, response=states.observed(job.channels))
 
     return lambda _: Sliding(respond)
@@ -205,7 +205,7 @@ class Sliding(Echo):
 PUSH = Channel(
     name="push", abscissa="depth_mm", ordinate="lateral_x_N", abscissa_label="mm", ordinate_label="N"
 )
-CHANNELS = {channel.name: channel for channel in (*BALANCED, PUSH)}
+CHANNELS = {channel.name: channel for channel in (*EQUILIBRIUM_CHANNELS, PUSH)}
 
 
 def test_solvers_are_compared_in_every_channel_that_both_provide():
@@ -238,13 +238,13 @@ def test_a_failed_slide_is_no_agreement():
 def test_what_is_not_shared_is_said():
     able = Provides(columns=STATE_COLUMNS, indenters=None, motions=MOVES, slopes=True, fields=True)
     plain = Provides(indenters=("sphere", "cone"), max_regions=1)
-    assert not_shared({"able": able, "plain": plain}, list(BALANCED)) == [
+    assert not_shared({"able": able, "plain": plain}, list(EQUILIBRIUM_CHANNELS)) == [
         "not compared, 'able' alone and not 'plain': channels lateral_force, tilt_moment, motions with "
         "shift, tilt, load, indenters other than sphere, cone, more than 1 region, cell fields, slopes"
     ]
     (line,) = not_shared({"one": Provides(), "two": replace(Provides(), indenters=("cone",))}, [])[:1]
     assert line == "not compared, 'one' alone and not 'two': indenters sphere"
-    assert not_shared({"one": able, "two": able}, list(BALANCED)) == []
+    assert not_shared({"one": able, "two": able}, list(EQUILIBRIUM_CHANNELS)) == []
 
 
 def test_a_solver_is_compared_in_what_it_provides_alone():

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
         Waypoints as Waypoints,
     )
     from palpate.domain.channels import (
-        BALANCED as BALANCED,
+        EQUILIBRIUM_CHANNELS as EQUILIBRIUM_CHANNELS,
         FORCE as FORCE,
         LATERAL_FORCE as LATERAL_FORCE,
         PRESS_AND_TWIST as PRESS_AND_TWIST,

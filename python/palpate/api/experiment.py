@@ -1,19 +1,19 @@
-"""Balanced states of a press, and the limits of a motion."""
+"""Equilibrium states of a press, and the limits of a motion."""
 
 from typing import TYPE_CHECKING
 
 from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
-    from palpate.domain.balanced_states import (
+    from palpate.domain.curves import (
+        abscissae_of as abscissae_of,
+    )
+    from palpate.domain.equilibrium_states import (
         POSE as POSE,
         STATE_COLUMNS as STATE_COLUMNS,
         TIME as TIME,
         WRENCH as WRENCH,
-        BalancedStates as BalancedStates,
-    )
-    from palpate.domain.curves import (
-        abscissae_of as abscissae_of,
+        EquilibriumStates as EquilibriumStates,
     )
     from palpate.domain.waypoints import (
         DEPTH as DEPTH,

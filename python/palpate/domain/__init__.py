@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.domain.balanced_states import BalancedStates as BalancedStates, pose_columns
 from palpate.domain.channels import PRESS_AND_TWIST
 from palpate.domain.curves import (
     PHASES as PHASES,
@@ -28,6 +27,7 @@ from palpate.domain.curves import (
     frozen_floats,
     moving_span as moving_span,
 )
+from palpate.domain.equilibrium_states import EquilibriumStates as EquilibriumStates, pose_columns
 from palpate.domain.indenter import Indenter
 from palpate.domain.material import Material
 from palpate.domain.parameter import Parameter as Parameter, Prior as Prior
@@ -230,7 +230,7 @@ class Indentation:
 
     @property
     def columns(self) -> dict[str, FloatArray]:
-        """What the motion prescribes (n_waypoints,), by the column of balanced states."""
+        """What the motion prescribes (n_waypoints,), by the column of equilibrium states."""
         moved = self.waypoints
         loaded = None if moved.loads is None else np.asarray(~np.isnan(moved.loads).all(axis=0))
         return pose_columns(moved.pose, moved.time_s, loaded)
@@ -345,7 +345,7 @@ class Job:
     fine : bool
         Whether to use the spot's finer mesh.
     channels : tuple of Channel
-        What to observe of the balanced states, where the solver has them; by itself force and torque.
+        What to observe of the equilibrium states, where the solver has them; by itself force and torque.
     surface : bool
         Whether the states of the skin are wanted too; only for a solver that provides ``surface``.
     pilots : mapping of region to (n_pilots, n_parameters) array, optional

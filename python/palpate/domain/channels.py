@@ -1,4 +1,4 @@
-"""The channels of an indenter's balanced states: what does work along each part of its motion."""
+"""The channels of an indenter's equilibrium states: what does work along each part of its motion."""
 
 from palpate.domain.curves import Channel
 
@@ -54,5 +54,5 @@ TILT_MOMENT = Channel(
 PRESS_AND_TWIST = (FORCE, TORQUE)
 """Channels that a job asks for by itself."""
 
-BALANCED = (*PRESS_AND_TWIST, LATERAL_FORCE, TILT_MOMENT)
+EQUILIBRIUM_CHANNELS = (*PRESS_AND_TWIST, LATERAL_FORCE, TILT_MOMENT)
 """Channels that palpate declares."""

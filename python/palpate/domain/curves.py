@@ -71,7 +71,7 @@ class Channel:
     more work (integral of the ordinate over the abscissa) than was put in; and ``length_power``:
     the peak is compared with modulus × length^n, 2 for a force and 3 for a moment.
 
-    A solver that gives balanced states (:class:`palpate.api.experiment.BalancedStates`) computes every
+    A solver that gives equilibrium states (:class:`palpate.api.experiment.EquilibriumStates`) computes every
     channel whose ``abscissa`` and ``ordinate`` are columns of theirs. For another ordinate, ``observe``
     makes it (k,) of the columns (k,) by name that ``needs`` lists, such as the quotient of two. Write it
     with the arrays' own namespace, so that JAX differentiates it: slopes follow. ``mirrored`` is by what
@@ -110,7 +110,7 @@ class Channel:
 
     @property
     def columns(self) -> frozenset[str]:
-        """Columns of balanced states that it is made of."""
+        """Columns of equilibrium states that it is made of."""
         return frozenset({self.abscissa, *(self.needs or (self.ordinate,))})
 
     @property

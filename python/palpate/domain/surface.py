@@ -1,4 +1,4 @@
-"""The skin at the balanced states of a simulation: where it is, and what the tool does to it."""
+"""The skin at the equilibrium states of a simulation: where it is, and what the tool does to it."""
 
 from dataclasses import dataclass, fields
 from typing import Any
@@ -12,7 +12,7 @@ from palpate.errors import MeshError
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SurfaceStates:
-    """The contact surface of a limb at k balanced states, in the order travelled.
+    """The contact surface of a limb at k equilibrium states, in the order travelled.
 
     All vectors are in the frame of the limb's mesh. Contact quantities are means around a node, per
     deformed area, such that the sum of area × traction is the force of the contact.

@@ -19,7 +19,7 @@ from palpate.domain import (
     weighed_channels,
     weighed_phases,
 )
-from palpate.domain.balanced_states import TIME
+from palpate.domain.equilibrium_states import TIME
 from palpate.errors import CurveError, PalpateError, StudyError
 from palpate.experiment.curve_checks import check_curve, check_gaps, check_sizes
 from palpate.experiment.repeats import average, described

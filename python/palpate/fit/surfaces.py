@@ -31,7 +31,7 @@ def simulate_surfaces(
     StudyError
         The solver gives no surface.
     SolverError
-        No simulation has ended with a balanced state.
+        No simulation has ended with an equilibrium state.
     """
     study = simulations.study
     if not study.solver.provides.surface:
@@ -43,7 +43,7 @@ def simulate_surfaces(
     simulations.progress.begin("surface", len(jobs))
     ended = simulations.of(jobs)
     if all(each.surface is None for each in ended):
-        why = next((each.message for each in ended if each.status is not Status.OK), "no balanced state")
+        why = next((each.message for each in ended if each.status is not Status.OK), "no equilibrium state")
         raise SolverError(f"{study.file}: no press with the fitted material can be shown: {why}")
     return pl.DataFrame(
         {

@@ -8,7 +8,7 @@ The spot is the origin and z its outward normal. The three signs depend on z alo
 
 No force along z and no moment about it depends on x and y, but by the turn of an indenter that is not
 round, and the direction of a tilt. All six components of pose and wrench are those of
-:mod:`palpate.domain.balanced_states`.
+:mod:`palpate.domain.equilibrium_states`.
 """
 
 from dataclasses import dataclass, replace
@@ -73,7 +73,7 @@ class SpotWrench:
         return torque
 
     def on_tissue(self, from_tip_mm: FloatArray) -> FloatArray:
-        """Wrench (n, 6) of :class:`palpate.domain.balanced_states.BalancedStates`.
+        """Wrench (n, 6) of :class:`palpate.domain.equilibrium_states.EquilibriumStates`.
 
         Parameters
         ----------

@@ -44,7 +44,7 @@ def palpate_channels() -> "Iterable[Channel]":  # type: ignore[empty-body]
 
     A study may hold only curves of declared channels. The names of abscissa and ordinate end in
     the unit that loaders and solvers keep to: ``depth_mm``, ``force_N``. Where both are columns of a
-    solver's balanced states, or ``observe`` makes the ordinate of such columns, the solver computes it.
+    solver's equilibrium states, or ``observe`` makes the ordinate of such columns, the solver computes it.
     What a channel declares beyond its names is checked on every measured curve, whichever loader has read it.
     """
 

@@ -35,7 +35,7 @@ class Provides:
     channels : tuple of str
         Channels that it computes, whatever a job asks for.
     columns : tuple of str
-        Columns of its balanced states: it also computes each channel of these that a job asks for, as
+        Columns of its equilibrium states: it also computes each channel of these that a job asks for, as
         ``states.observed(job.channels)``.
     indenters : tuple of str, optional
         Names of indenters; None: all, by their distance.
@@ -78,7 +78,7 @@ class Provides:
         return self.body == "mesh"
 
     def computes(self, channel: Channel) -> bool:
-        """Whether it computes a channel, by name or from the columns of its balanced states."""
+        """Whether it computes a channel, by name or from the columns of its equilibrium states."""
         return channel.name in self.channels or channel.columns <= set(self.columns)
 
     def simulates(self, indenter: str) -> bool:

@@ -163,7 +163,7 @@ class Study:
         return self.channels[channel].degree if channel in self.channels else 1
 
     def observed(self, channels: Iterable[str]) -> tuple[Channel, ...]:
-        """What a job asks of the balanced states, so that it answers these channels.
+        """What a job asks of the equilibrium states, so that it answers these channels.
 
         These are force and torque, and each of ``channels`` that the solver does not declare by name and
         has the columns of.

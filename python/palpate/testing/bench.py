@@ -24,7 +24,7 @@ from palpate.domain import (
     Spot,
     Status,
 )
-from palpate.domain.balanced_states import STATE_COLUMNS, BalancedStates
+from palpate.domain.equilibrium_states import STATE_COLUMNS, EquilibriumStates
 from palpate.domain.material import Material
 from palpate.errors import CurveError
 from palpate.mesh.specimens import block
@@ -98,7 +98,7 @@ class HalfSpaceOnMesh(HalfSpace):
     provides = replace(HalfSpace.provides, body="mesh")
 
 
-def _states(mu: float, kappa: float, press: Indentation, thickness_mm: float) -> BalancedStates:
+def _states(mu: float, kappa: float, press: Indentation, thickness_mm: float) -> EquilibriumStates:
     steps = np.linspace(0.0, 1.0, N_POINTS + 1)[1:, None]
     ways = [start + steps * (end - start) for start, end in pairwise(press.path)]
     walk: FloatArray = np.concatenate([press.path[:1], *ways])
@@ -108,7 +108,7 @@ def _states(mu: float, kappa: float, press: Indentation, thickness_mm: float) ->
     force = 4.0 / 3.0 * plane * contact * depth * (1.0 + contact / thickness_mm)
     grip = 0.9 + 0.1 * press.friction / (1.0 + press.friction)
     torque = 16.0 / 3.0 * mu * contact**3 * grip * np.radians(rotation)
-    return BalancedStates(pose=pose_of(depth, rotation), wrench=pose_of(force, torque))
+    return EquilibriumStates(pose=pose_of(depth, rotation), wrench=pose_of(force, torque))
 
 
 @hookimpl

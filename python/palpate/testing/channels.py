@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.domain.balanced_states import BalancedStates
 from palpate.domain.curves import Channel, Curve, FloatArray
+from palpate.domain.equilibrium_states import EquilibriumStates
 from palpate.testing.components import missing
 
 UNITS = ("mm", "mm2", "mm3", "deg", "s", "N", "Nmm", "MPa", "1")
@@ -35,7 +35,7 @@ class ChannelContract:
         missing("channel", type(self).__name__)
 
     @pytest.fixture
-    def states(self) -> BalancedStates:
+    def states(self) -> EquilibriumStates:
         """Provide states, from rest on, in which every column moves; with ``others``, those of its solver.
 
         The second is pressed only: a channel over a shift, tilt or rotation starts there.
@@ -46,7 +46,7 @@ class ChannelContract:
         wrench = way * [4.0, 1.0, 0.7, 5.0, -3.0, 20.0] * random.uniform(0.8, 1.2, (9, 6))
         pose[1, 1:] = wrench[1, 1:] = 0.0
         slopes = {"tissue.c1": way * random.standard_normal((9, 6))}
-        return BalancedStates(pose=pose, wrench=wrench, time_s=np.arange(9.0), slopes=slopes)
+        return EquilibriumStates(pose=pose, wrench=wrench, time_s=np.arange(9.0), slopes=slopes)
 
     def test_its_columns_end_in_their_units(self, channel: Channel) -> None:
         for column, unit in zip((channel.abscissa, channel.ordinate), channel.units, strict=True):
@@ -66,11 +66,11 @@ class ChannelContract:
             pytest.fail(f"`observe` cannot be sent to a worker ({error}); define it at the top of a module")
         assert sent == channel
 
-    def test_it_is_finite(self, channel: Channel, states: BalancedStates) -> None:
+    def test_it_is_finite(self, channel: Channel, states: EquilibriumStates) -> None:
         curve = self.curve(channel, states)
         assert curve.ordinate.shape == curve.abscissa.shape
 
-    def test_its_degree_is_that_in_the_moduli(self, channel: Channel, states: BalancedStates) -> None:
+    def test_its_degree_is_that_in_the_moduli(self, channel: Channel, states: EquilibriumStates) -> None:
         doubled = replace(states, wrench=2.0 * states.wrench, slopes={})
         factor = 2.0**channel.degree
         found, one = self.curve(channel, doubled).ordinate, self.curve(channel, states).ordinate
@@ -78,7 +78,7 @@ class ChannelContract:
             f"degree {channel.degree}: with all moduli doubled the ordinate is not {factor:g} times itself"
         )
 
-    def test_its_sign_follows_the_motion(self, channel: Channel, states: BalancedStates) -> None:
+    def test_its_sign_follows_the_motion(self, channel: Channel, states: EquilibriumStates) -> None:
         if channel.mirrored is None:
             return
         other = replace(states, pose=states.pose * MIRRORED, wrench=states.wrench * MIRRORED, slopes={})
@@ -88,14 +88,14 @@ class ChannelContract:
             f"is not {channel.mirrored} times itself"
         )
 
-    def test_it_is_zero_where_nothing_acts(self, channel: Channel, states: BalancedStates) -> None:
+    def test_it_is_zero_where_nothing_acts(self, channel: Channel, states: EquilibriumStates) -> None:
         if not channel.zero_at_start:
             return
         released = replace(states, wrench=np.zeros_like(states.wrench), slopes={})
         assert not self.curve(channel, released).ordinate.any(), "zero_at_start, and not zero without a load"
 
     def test_its_slopes_are_those_of_central_differences(
-        self, channel: Channel, states: BalancedStates
+        self, channel: Channel, states: EquilibriumStates
     ) -> None:
         for name, slope in states.slopes.items() if not channel.columns & states.others.keys() else ():
             step = STEP * float(np.abs(states.wrench).max())
@@ -110,12 +110,12 @@ class ChannelContract:
                 "namespace, without numpy"
             )
 
-    def curve(self, channel: Channel, states: BalancedStates) -> Curve:
+    def curve(self, channel: Channel, states: EquilibriumStates) -> Curve:
         """Observe the channel, or skip the law where a solver makes its curve itself."""
         lacking = channel.columns - states.columns.keys()
         if lacking and not channel.needs:
             pytest.skip(f"its solver makes {', '.join(sorted(lacking))}: no law of states holds")
-        assert not lacking, f"`needs` names {', '.join(sorted(lacking))}, which no balanced states have"
+        assert not lacking, f"`needs` names {', '.join(sorted(lacking))}, which no equilibrium states have"
         return states.observed([channel])[channel.name]
 
     def alike(self, found: FloatArray, expected: FloatArray) -> bool:

@@ -19,8 +19,8 @@ from palpate.domain import (
     Status,
     moving_span,
 )
-from palpate.domain.balanced_states import POSE, WRENCH
 from palpate.domain.component import Component
+from palpate.domain.equilibrium_states import POSE, WRENCH
 from palpate.domain.indenter import Sphere
 from palpate.domain.material import IsotropicMaterial
 from palpate.errors import PalpateError

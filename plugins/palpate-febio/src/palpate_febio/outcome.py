@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from palpate.api import FloatArray, PalpateError, Status
-from palpate.api.experiment import BalancedStates
+from palpate.api.experiment import EquilibriumStates
 from palpate.api.files import Ended
 from palpate.api.mesh import SpotWrench, pose_of
 from palpate_febio.deck import RECORD_DATA
@@ -101,13 +101,13 @@ class Verdict:
     ----------
     message : str
         Empty when all is well.
-    states : BalancedStates
+    states : EquilibriumStates
         At rest and at the first k − 1 steps.
     """
 
     status: Status
     message: str
-    states: BalancedStates
+    states: EquilibriumStates
     log: LogSummary
 
     @property
@@ -141,7 +141,7 @@ def judge(ended: Ended, log: str | None, record: str | None, steps: Steps, radiu
         said = replace(said, version=said.version or printed.version, reason=printed.reason)
     failure = _failure(ended, said)
     status, message = failure or Status.UNREADABLE, ""
-    states = BalancedStates(pose=np.zeros((0, 6)), wrench=np.zeros((0, 6)))
+    states = EquilibriumStates(pose=np.zeros((0, 6)), wrench=np.zeros((0, 6)))
     try:
         if record is None:
             raise RecordError("there is none")
@@ -187,7 +187,7 @@ def _message(ended: Ended, said: LogSummary, record: str) -> str:
     return " · ".join([*parts, record] if record else parts)
 
 
-def _matched(record: Record, steps: Steps, radius_mm: float) -> BalancedStates:
+def _matched(record: Record, steps: Steps, radius_mm: float) -> EquilibriumStates:
     """States of the steps from rest up to the first that is missing.
 
     Raises
@@ -216,10 +216,10 @@ def _matched(record: Record, steps: Steps, radius_mm: float) -> BalancedStates:
     # FEBio prints force and moment, about the centre, that move the indenter: the opposite of the tissue's.
     wrench = SpotWrench(force_N=-values[:, 2:5] + 0.0, moment_Nmm=-values[:, 5:8])
     centre = np.tile([0.0, 0.0, radius_mm], (n, 1))
-    return BalancedStates(pose=pose_of(depth, steps.rotation_deg[:n]), wrench=wrench.on_tissue(centre))
+    return EquilibriumStates(pose=pose_of(depth, steps.rotation_deg[:n]), wrench=wrench.on_tissue(centre))
 
 
-def as_rows(states: BalancedStates) -> Mapping[str, Any]:
+def as_rows(states: EquilibriumStates) -> Mapping[str, Any]:
     """The columns of a press and twist, for the diagnostics."""
     names = ("depth_mm", "rotation_deg", "force_N", "torque_Nmm")
     return {name: states.columns[name].tolist() for name in names}

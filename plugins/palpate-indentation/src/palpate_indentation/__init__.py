@@ -32,9 +32,9 @@ if not TYPE_CHECKING:
 @hookimpl
 def palpate_channels() -> "list[Channel]":
     """Provide the paper's two variables, and those of a slide and of a tilt."""
-    from palpate.api import BALANCED
+    from palpate.api import EQUILIBRIUM_CHANNELS
 
-    return list(BALANCED)
+    return list(EQUILIBRIUM_CHANNELS)
 
 
 @hookimpl

@@ -1,4 +1,4 @@
-"""Reason why load stepping ended early, from the material and the elements of its last balanced state."""
+"""Reason why load stepping ended early, from the material and the elements of its last equilibrium state."""
 
 from collections.abc import Mapping
 
@@ -20,7 +20,7 @@ def explained(
     """The stop in words: the symptom, where on the path, and the likely cause.
 
     A material is unstable where ∂²Ψ/∂ε_i∂ε_j in the logarithmic principal strains is not positive
-    definite (Drucker), which is checked at every quadrature point of the last balanced state.
+    definite (Drucker), which is checked at every quadrature point of the last equilibrium state.
     Materials that are not isotropic are not examined.
     """
     where = f"beyond {_place(stop.position)}"

@@ -1,4 +1,4 @@
-"""Fields of balanced states as VTU files, one per load step, and a PVD that lists them.
+"""Fields of equilibrium states as VTU files, one per load step, and a PVD that lists them.
 
 All vectors and tensors are in the coordinates of the limb's own mesh.
 

@@ -96,7 +96,7 @@ class LoadControl:
         self._largest = np.zeros(6)
 
     def loads(self, displacements: FloatArray, position: FloatArray, load: ContactState) -> FloatArray:
-        """Loads (6,) at a balanced state."""
+        """Loads (6,) at an equilibrium state."""
         found = wrench(self._model.answer(displacements, self._thetas, load), tip_at(position))
         self._largest = np.maximum(self._largest, np.abs(found))
         return found
@@ -108,7 +108,7 @@ class LoadControl:
         aim: Aim,
         begin: Callable[[FloatArray, ContactState], Start],
     ) -> Trial:
-        """Go from a balanced state to an aim.
+        """Go from an equilibrium state to an aim.
 
         Parameters
         ----------

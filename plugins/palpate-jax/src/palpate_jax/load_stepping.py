@@ -23,12 +23,12 @@ GOOD_GUESS = 0.03
 """Imbalance below which an initial guess serves without the linear prediction, which costs an iteration."""
 
 PROBE = 1e-4
-"""Distance ahead of a balanced state, as a share of the step, at which the predictor is evaluated."""
+"""Distance ahead of an equilibrium state, as a share of the step, at which the predictor is evaluated."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadStep:
-    """The balanced state at one point of the path; displacements (n_nodes, 3) in mm balance the load.
+    """The equilibrium state at one point of the path; displacements (n_nodes, 3) in mm balance the load.
 
     ``position`` (6,) is as in :mod:`palpate_jax.kinematics`.
     """
@@ -53,7 +53,7 @@ class LoadStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stop:
-    """Why load stepping ended early, at the position (6,) and displacements of the last balanced state.
+    """Why load stepping ended early, at the position (6,) and displacements of the last equilibrium state.
 
     With ``is_limit`` the reason is a load that is not reached, and no material or mesh is to blame.
     """
@@ -66,7 +66,7 @@ class Stop:
 
 @dataclass(slots=True, eq=False)
 class _State:
-    """The last balanced state; ``felt`` is the history that it was balanced with.
+    """The last equilibrium state; ``felt`` is the history that it was balanced with.
 
     Its ``loads`` (6,) are known where a load is prescribed.
     """
@@ -88,7 +88,7 @@ class LoadStepping:
     initial_guess : InitialGuess, optional
         Of the same model and path.
     sensitivity : Sensitivity, optional
-        Follows every balanced state, also between points.
+        Follows every equilibrium state, also between points.
     """
 
     def __init__(

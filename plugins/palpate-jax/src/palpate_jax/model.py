@@ -97,7 +97,7 @@ class Model:
     def answer(
         self, displacements: FloatArray, thetas: Mapping[str, FloatArray], load: ContactState
     ) -> Answer:
-        """Load on the indenter at a balanced state: contact tractions and forces of the bonded nodes."""
+        """Load on the indenter at an equilibrium state: contact tractions and forces of the bonded nodes."""
         answer = self.contact.answer(displacements, load)
         if not self.bonded.size:
             return answer

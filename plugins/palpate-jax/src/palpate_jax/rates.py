@@ -1,4 +1,4 @@
-"""Rates of the tractions at a balanced state, as nodes, history, law and indenter change."""
+"""Rates of the tractions at an equilibrium state, as nodes, history, law and indenter change."""
 
 from collections.abc import Mapping
 

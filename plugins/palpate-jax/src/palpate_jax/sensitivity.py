@@ -1,6 +1,6 @@
 """Exact derivatives of force and moment in the materials' parameters and in the friction.
 
-Direct differentiation along the path. A balanced state satisfies r(u, a, θ) = 0 with the
+Direct differentiation along the path. An equilibrium state satisfies r(u, a, θ) = 0 with the
 anchors a of the contact; its derivative is one linear system per parameter,
 
     K du = −∂f_body/∂θ + ∂f_contact/∂a da + ∂f_contact/∂ε dε + ∂f_contact/∂μ dμ,
@@ -32,7 +32,7 @@ from palpate_jax.rates import Rates
 ACCURACY = 0.03
 """Residual of the linear systems, relative to the right-hand side, in tolerances of the states.
 
-With it the slopes err by about as much as those at a balanced state do because it is not exact.
+With it the slopes err by about as much as those at an equilibrium state do because it is not exact.
 """
 
 FINEST = 1e-8
@@ -44,7 +44,7 @@ FRICTION = "friction"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Slopes:
-    """Derivatives of a balanced state's force and moment.
+    """Derivatives of an equilibrium state's force and moment.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Slopes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Control:
-    """How a balanced state was prescribed, where loads are.
+    """How an equilibrium state was prescribed, where loads are.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def _shear_modulus_slopes(material: Material, theta: Array) -> tuple[Array, Arra
 
 
 class Sensitivity:
-    """Sensitivities along load stepping: an observer of its balanced states.
+    """Sensitivities along load stepping: an observer of its equilibrium states.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ class Sensitivity:
     Attributes
     ----------
     slopes : Slopes
-        At the last balanced state.
+        At the last equilibrium state.
     """
 
     def __init__(
@@ -142,7 +142,7 @@ class Sensitivity:
         self._origin = self._position, self._loads
 
     def balanced(self, displacements: FloatArray, load: ContactState, control: Control | None = None) -> None:
-        """Advance the derivatives from the last balanced state to this one."""
+        """Advance the derivatives from the last equilibrium state to this one."""
         if not self.slopes.finite:
             return
         model = self._model

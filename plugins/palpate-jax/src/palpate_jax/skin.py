@@ -1,4 +1,4 @@
-"""The skin at balanced states: its surface, and the tractions of the indenter around each node."""
+"""The skin at equilibrium states: its surface, and the tractions of the indenter around each node."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -71,7 +71,7 @@ def _shares(values: FloatArray) -> FloatArray:
 
 
 def surface_states(limb: Limb, model: Model, reached: Sequence[LoadStep]) -> SurfaceStates:
-    """The skin at balanced states of a model, in the frame of the limb's mesh."""
+    """The skin at equilibrium states of a model, in the frame of the limb's mesh."""
     axes = spot_axes(limb.spot.normal, limb.spot.along)
     triangles = _triangles(limb.mesh)
     nodes, numbers = np.unique(triangles, return_inverse=True)

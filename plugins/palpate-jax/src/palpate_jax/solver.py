@@ -28,7 +28,7 @@ from palpate.api import (
     Status,
     StudyError,
 )
-from palpate.api.experiment import STATE_COLUMNS, BalancedStates
+from palpate.api.experiment import STATE_COLUMNS, EquilibriumStates
 from palpate.api.mechanics import check_reference_state, initial_moduli
 from palpate.api.mesh import SpotWrench, indentation_of
 from palpate.api.runs import job_key
@@ -61,11 +61,11 @@ class JaxSettings(Settings):
     depth_steps: int = Field(
         10,
         ge=2,
-        description="balanced states from the surface to the greatest depth; "
+        description="equilibrium states from the surface to the greatest depth; "
         "a point has no friction in the step of its first contact, so too few steps reduce the force",
     )
     rotation_step_deg: float = Field(
-        4.5, gt=0.0, description="largest step of rotation between balanced states [degrees]"
+        4.5, gt=0.0, description="largest step of rotation between equilibrium states [degrees]"
     )
     tolerance: float = Field(
         1e-4,
@@ -196,7 +196,7 @@ class JaxSolver(Solver[JaxSettings]):
         return Simulation(
             job=job,
             status=Status.OK if stop is None else Status.DIVERGED,
-            response=balanced_states(reached).observed(job.channels),
+            response=equilibrium_states(reached).observed(job.channels),
             message="" if stop is None else explained(stop, prepared.model, prepared.materials, job.thetas),
             seconds=time.perf_counter() - started,
             diagnostics=_diagnostics(reached, stepping)
@@ -342,7 +342,7 @@ def _check_names(mean_dilatation: bool | tuple[str, ...], limb: Limb) -> None:
             )
 
 
-def balanced_states(reached: Sequence[LoadStep]) -> BalancedStates:
+def equilibrium_states(reached: Sequence[LoadStep]) -> EquilibriumStates:
     """States from rest on; without slopes where one of them is not finite."""
     pose = np.array([REST, *(s.position for s in reached)])
     answers = [(s.answer.force_N, s.answer.moment_Nmm) for s in reached]
@@ -360,7 +360,7 @@ def balanced_states(reached: Sequence[LoadStep]) -> BalancedStates:
         tips = np.column_stack([moved[:, 1:3], -moved[:, 0]])
         forces = np.array([REST[:3], *(force for force, _ in answers)])
         wrench[name] = wrench[name] + np.column_stack([np.zeros((len(pose), 3)), np.cross(tips, forces)])
-    return BalancedStates(
+    return EquilibriumStates(
         pose=pose,
         wrench=_wrench(pose, answers),
         time_s=times if times.any() else None,

@@ -1,4 +1,4 @@
-"""How far the tissue is deformed at balanced states, by region."""
+"""How far the tissue is deformed at equilibrium states, by region."""
 
 from collections.abc import Sequence
 from typing import Any

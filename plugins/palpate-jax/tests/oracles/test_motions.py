@@ -13,7 +13,7 @@ from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
 from palpate_indentation import Moves, MovesSettings, Punch, PunchSettings
 from palpate_jax.kinematics import motion, pose
-from palpate_jax.solver import JaxSettings, JaxSolver, balanced_states
+from palpate_jax.solver import JaxSettings, JaxSolver, equilibrium_states
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_prediction.summary import QUANTITIES, press_states, spread
 
@@ -45,13 +45,13 @@ def protocol_of(*moves, friction=0.4, indenter=SPHERE, **limits):
 
 
 def states_of(protocol, limb=BLOCK, slopes=False, theta=THETA, **settings):
-    """Balanced states of a motion that can be finished."""
+    """Equilibrium states of a motion that can be finished."""
     jax, job = solver(**settings), job_of(protocol, theta, slopes)
     prepared = jax._prepared(limb, job.materials)
     modulus = jax._modulus(prepared, job.thetas)
     _, reached, stop = jax._walk(prepared, protocol, job, modulus, None)
     assert stop is None, stop.reason
-    return balanced_states(reached)
+    return equilibrium_states(reached)
 
 
 @pytest.mark.slow

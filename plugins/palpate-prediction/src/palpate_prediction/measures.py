@@ -1,4 +1,4 @@
-"""Numbers of the contact at a balanced state: how large it is, and how it presses."""
+"""Numbers of the contact at an equilibrium state: how large it is, and how it presses."""
 
 from dataclasses import dataclass
 

@@ -77,7 +77,7 @@ class SpotPrediction:
 
     @property
     def states(self) -> SurfaceStates:
-        """The skin at the balanced states."""
+        """The skin at the equilibrium states."""
         assert self.simulation.surface is not None
         return self.simulation.surface
 
@@ -109,7 +109,7 @@ class Prediction:
 
     @property
     def states(self) -> pl.DataFrame:
-        """One row per spot and balanced state: its place, force and contact."""
+        """One row per spot and equilibrium state: its place, force and contact."""
         return frame_rows([row for spot, each in self.spots.items() for row in _state_rows(spot, each)])
 
 
@@ -242,7 +242,7 @@ def _at_spot(
     if simulation.response is None or simulation.surface is None or not len(simulation.surface.depth_mm):
         raise SolverError(
             f"spot '{plan.spot}': {plan.tool.name} cannot be pressed: "
-            f"{simulation.message or 'no balanced state'}"
+            f"{simulation.message or 'no equilibrium state'}"
         )
     threshold, space = plan.tool.threshold_MPa, plan.stored.study.space
     curves = simulation.response.curves

@@ -59,7 +59,7 @@ SAME_FORCE = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PressStates:
-    """A tool at its balanced states, (k,) each: depth, normal force and contact."""
+    """A tool at its equilibrium states, (k,) each: depth, normal force and contact."""
 
     depth_mm: FloatArray
     force_N: FloatArray

@@ -7,7 +7,7 @@ from typing import Any
 import polars as pl
 
 from palpate.domain import Simulation, Status
-from palpate.domain.balanced_states import POSE
+from palpate.domain.equilibrium_states import POSE
 
 CONTACT: Mapping[str, str] = MappingProxyType(
     {

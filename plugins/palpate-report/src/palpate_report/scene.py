@@ -39,7 +39,7 @@ def scene(limb: Limb, protocol: Protocol | None, most: int) -> list[dict[str, An
 
 
 def _moved(limb: Limb, points: FloatArray, pose: FloatArray) -> list[list[float]]:
-    """Coordinates of points (n, 3) of the indenter at rest, in a pose (6,) of balanced states."""
+    """Coordinates of points (n, 3) of the indenter at rest, in a pose (6,) of equilibrium states."""
     depth, shift_x, shift_y, *tilt, turn = pose.tolist()
     rotation = Rotation.from_rotvec([*tilt, 0.0], degrees=True)
     rotation *= Rotation.from_rotvec([0.0, 0.0, turn], degrees=True)

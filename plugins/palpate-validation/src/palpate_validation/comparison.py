@@ -124,7 +124,7 @@ class Case:
     mean_dilatation : bool or tuple of regions
         As FEBio's element: true for hex8 of uncoupled materials.
     channels : tuple of Channel
-        What to observe of balanced states.
+        What to observe of equilibrium states.
     """
 
     problem: str

@@ -22,8 +22,8 @@ class Deformed(Section):
         if not any(states.depth_mm.size for states in found.values()):
             return
         yield Paragraph(
-            "The skin at balanced states of the press, simulated once more at each spot with what was found "
-            "for all of them. The line is the edge of the indenter. Move the slider along the path."
+            "The skin at equilibrium states of the press, simulated once more at each spot with what was "
+            "found for all of them. The line is the edge of the indenter. Move the slider along the path."
         )
         yield Drawing("skin")
         unit = data.modulus_unit

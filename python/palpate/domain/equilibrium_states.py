@@ -1,4 +1,4 @@
-"""Balanced states of an indenter along its path, and the curves that channels observe of them.
+"""Equilibrium states of an indenter along its path, and the curves that channels observe of them.
 
 Pose and wrench are in the frame of the spot (:mod:`palpate.mesh.spot_frame`), moments about its axes. Without
 tilt they are conjugate: each component of the wrench is positive where the indenter does work on the tissue
@@ -31,7 +31,7 @@ TIME = "time_s"
 """Column of the time, where the path has one."""
 
 STATE_COLUMNS = (*POSE, *WRENCH, *ALONG, TIME)
-"""Columns that balanced states have by themselves."""
+"""Columns that equilibrium states have by themselves."""
 
 _SHIFT, _TILT = slice(1, 3), slice(3, 5)
 
@@ -40,8 +40,8 @@ MOVED = 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BalancedStates:
-    """The k balanced states of a simulation in the order travelled, from rest on.
+class EquilibriumStates:
+    """The k equilibrium states of a simulation in the order travelled, from rest on.
 
     Parameters
     ----------
@@ -87,9 +87,9 @@ class BalancedStates:
         shapes |= {TIME: (self.time_s, (n,))} if self.time_s is not None else {}
         for what, (values, shape) in shapes.items():
             if values.shape != shape:
-                raise CurveError(f"balanced states: {what} of shape {values.shape}, expected {shape}")
+                raise CurveError(f"equilibrium states: {what} of shape {values.shape}, expected {shape}")
         if taken := self.others.keys() & set(STATE_COLUMNS):
-            raise CurveError(f"balanced states: column '{min(taken)}' is one of pose or wrench; rename it")
+            raise CurveError(f"equilibrium states: column '{min(taken)}' is one of pose or wrench; rename it")
 
     @property
     def columns(self) -> dict[str, FloatArray]:
@@ -125,9 +125,9 @@ class BalancedStates:
             )
         return Response(curves=curves)
 
-    def cut(self, rows: slice) -> "BalancedStates":
+    def cut(self, rows: slice) -> "EquilibriumStates":
         """Keep some of the states."""
-        return BalancedStates(
+        return EquilibriumStates(
             pose=self.pose[rows],
             wrench=self.wrench[rows],
             time_s=None if self.time_s is None else self.time_s[rows],

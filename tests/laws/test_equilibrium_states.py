@@ -1,4 +1,4 @@
-"""Channels observe balanced states: columns by name, over the moving part of the path, with their slopes."""
+"""Channels observe equilibrium states: columns by name, over the moving part of the path, with slopes."""
 
 from dataclasses import replace
 from functools import partial
@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from palpate.domain.balanced_states import POSE, STATE_COLUMNS, WRENCH, BalancedStates
-from palpate.domain.channels import BALANCED, FORCE, LATERAL_FORCE, TILT_MOMENT
+from palpate.domain.channels import EQUILIBRIUM_CHANNELS, FORCE, LATERAL_FORCE, TILT_MOMENT
 from palpate.domain.curves import Channel
+from palpate.domain.equilibrium_states import POSE, STATE_COLUMNS, WRENCH, EquilibriumStates
 from palpate.errors import CurveError
 
 SEEDS = st.integers(0, 2**31 - 1)
@@ -33,18 +33,22 @@ def slid(seed, n=6, angle=0.3):
     pose[1:, 0] = 2.0
     pose[2:, 1:3] = np.arange(1, n - 1)[:, None] * [np.cos(angle), np.sin(angle)]
     wrench[:, 0] += 10.0
-    return BalancedStates(pose=pose, wrench=wrench, slopes={"a.b": random.standard_normal((n, 6))})
+    return EquilibriumStates(pose=pose, wrench=wrench, slopes={"a.b": random.standard_normal((n, 6))})
 
 
 def test_each_channel_has_the_part_of_the_path_that_moves():
     pose, wrench = np.zeros((5, 6)), np.zeros((5, 6))
     pose[:, 0], pose[:, 5] = [0.0, 1.0, 2.0, 2.0, 2.0], [0.0, 0.0, 0.0, -5.0, 5.0]
     wrench[:, 0], wrench[:, 5] = np.arange(5.0), np.arange(5.0) - 2.0
-    response = BalancedStates(pose=pose, wrench=wrench).observed(BALANCED)
+    response = EquilibriumStates(pose=pose, wrench=wrench).observed(EQUILIBRIUM_CHANNELS)
     assert list(response) == ["force", "torque"]
     np.testing.assert_array_equal(response["force"].ordinate, [0.0, 1.0, 2.0])
     np.testing.assert_array_equal(response["torque"].abscissa, [0.0, -5.0, 5.0])
-    assert not BalancedStates(pose=np.zeros((1, 6)), wrench=np.zeros((1, 6))).observed(BALANCED).curves
+    assert (
+        not EquilibriumStates(pose=np.zeros((1, 6)), wrench=np.zeros((1, 6)))
+        .observed(EQUILIBRIUM_CHANNELS)
+        .curves
+    )
 
 
 @given(SEEDS, st.floats(-3.1, 3.1), st.floats(-3.1, 3.1))
@@ -55,7 +59,9 @@ def test_a_slide_and_a_tilt_depend_on_no_axes(seed, angle, turn):
     states = slid(seed, angle=angle)
     pose = states.pose + np.roll(states.pose, 2, axis=1) * [0, 0, 0, 1, 1, 0]
     here, there = (
-        BalancedStates(pose=pose @ each, wrench=states.wrench @ each).observed([LATERAL_FORCE, TILT_MOMENT])
+        EquilibriumStates(pose=pose @ each, wrench=states.wrench @ each).observed(
+            [LATERAL_FORCE, TILT_MOMENT]
+        )
         for each in (np.eye(6), turned)
     )
     for name in ("lateral_force", "tilt_moment"):
@@ -72,7 +78,7 @@ def test_a_slide_after_a_press_that_floats_has_its_own_direction(seed, angle, re
     floating = pose.copy()
     floating[1, 1:5] = remainder * random.standard_normal(4)
     exact, found = (
-        BalancedStates(pose=each, wrench=states.wrench, slopes=states.slopes).columns
+        EquilibriumStates(pose=each, wrench=states.wrench, slopes=states.slopes).columns
         for each in (pose, floating)
     )
     for name in ("slide_mm", "tilt_deg", "lateral_force_N", "tilt_moment_Nmm"):
@@ -84,7 +90,7 @@ def test_slopes_are_those_of_the_ordinate(seed, channel):
     states, step = slid(seed), 1e-6
     slope = states.slopes["a.b"]
     ahead, behind = (
-        BalancedStates(pose=states.pose, wrench=states.wrench + sign * step * slope).observed([channel])
+        EquilibriumStates(pose=states.pose, wrench=states.wrench + sign * step * slope).observed([channel])
         for sign in (1.0, -1.0)
     )
     expected = (ahead[channel.name].ordinate - behind[channel.name].ordinate) / (2.0 * step)
@@ -95,7 +101,7 @@ def test_slopes_are_those_of_the_ordinate(seed, channel):
 def test_columns_of_a_solver_can_be_observed_and_have_no_slopes():
     states = slid(1)
     others = {"contact_radius_mm": np.arange(6.0)}
-    more = BalancedStates(pose=states.pose, wrench=states.wrench, slopes=states.slopes, others=others)
+    more = EquilibriumStates(pose=states.pose, wrench=states.wrench, slopes=states.slopes, others=others)
     radius = Channel(
         name="radius", abscissa="depth_mm", ordinate="contact_radius_mm", abscissa_label="", ordinate_label=""
     )
@@ -108,7 +114,7 @@ def test_columns_of_a_solver_can_be_observed_and_have_no_slopes():
 
 def test_columns_have_names_with_units_and_one_place_each():
     states = slid(2)
-    timed = BalancedStates(pose=states.pose, wrench=states.wrench, time_s=np.arange(6.0))
+    timed = EquilibriumStates(pose=states.pose, wrench=states.wrench, time_s=np.arange(6.0))
     assert set(timed.columns) == set(STATE_COLUMNS)
     for name, values in zip((*POSE, *WRENCH), np.hstack([states.pose, states.wrench]).T, strict=True):
         np.testing.assert_array_equal(timed.columns[name], values)
@@ -126,7 +132,7 @@ def test_columns_have_names_with_units_and_one_place_each():
 )
 def test_states_that_do_not_match_are_refused(given, words):
     with pytest.raises(CurveError, match=words):
-        BalancedStates(**{"pose": np.zeros((4, 6)), "wrench": np.zeros((4, 6))} | given)
+        EquilibriumStates(**{"pose": np.zeros((4, 6)), "wrench": np.zeros((4, 6))} | given)
 
 
 def test_what_is_no_function_cannot_observe():
@@ -156,7 +162,9 @@ def test_slopes_are_at_a_fixed_abscissa_where_loads_are_prescribed(returns):
     moved[:, 0] = -pose[:, 0] / 3.0  # per unit of k = 2
     slopes = {"a.k": np.zeros_like(pose)}
     times = np.arange(force.size, dtype=float)
-    states = BalancedStates(pose=pose, wrench=wrench, time_s=times, slopes=slopes, pose_slopes={"a.k": moved})
+    states = EquilibriumStates(
+        pose=pose, wrench=wrench, time_s=times, slopes=slopes, pose_slopes={"a.k": moved}
+    )
     depth = Channel(
         name="depth", abscissa="time_s", ordinate="depth_mm", abscissa_label="t", ordinate_label="d", degree=0
     )
