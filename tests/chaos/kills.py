@@ -20,6 +20,7 @@ import sqlite3
 import sys
 import tempfile
 import time
+import warnings
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -28,11 +29,13 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from conftest import PATH, SCENARIOS, TISSUE_FILE, TRUTH, write_curves
 
+from palpate import units
 from palpate.domain import Indentation, ParameterSpace, RegionMaterial, Spot
 from palpate.domain.indenter import Sphere
 from palpate.executors import InProcess
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation
+from palpate.mechanics import spectral  # noqa: F401 - forks inherit what is imported
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
 from palpate.run import atomic_files
@@ -41,7 +44,8 @@ from palpate.run.ledger import Ledger, writer
 from palpate.sampling.samplers import LatinHypercube
 from palpate.stages import core_stages, pipeline
 from palpate.study.reading import Study, StudySpot
-from palpate_report import figures, page  # noqa: F401 - forks inherit what is imported
+from palpate_indentation import motions  # noqa: F401
+from palpate_report import figures, material_curves, page  # noqa: F401
 
 tissue = load_file(TISSUE_FILE)
 
@@ -265,7 +269,9 @@ def main() -> int:
     moment, counts = random.Random(asked.seed), Counter()
     os.environ[MARK] = str(os.getpid())
     # What a run imports and compiles before it writes a page is inherited by every fork.
-    page.template(), page.library()
+    page.template(), page.library(), units.convert("1 m", "mm")
+    # JAX is imported, but computes nothing here: it has no threads that a fork could miss.
+    warnings.filterwarnings("ignore", r"os\.fork\(\) was called", RuntimeWarning)
     # A kill leaves what the kernel has taken: no disk has to be waited for.
     memory = Path("/dev/shm")
     with tempfile.TemporaryDirectory(dir=memory if memory.is_dir() else None) as folder:
