@@ -51,7 +51,7 @@ dist: $(VENV)/installed ## wheels and source distributions of every package, in 
 	rm -rf dist
 	$(BIN)/maturin sdist --out dist
 	$(BIN)/maturin build --release --locked --interpreter $(BIN)/python --out dist
-	set -e; for folder in $(PLUGINS); do $(BIN)/python -m build --no-isolation --outdir dist $$folder >/dev/null; done
+	set -e; for folder in $(PLUGINS); do (cd $$folder && $(CURDIR)/$(BIN)/hatchling build --directory $(CURDIR)/dist >/dev/null); done
 
 docs: $(VENV)/installed ## the site in target/docs, with a gallery of studies that are run here
 	$(BIN)/python docs/site/gallery.py
