@@ -140,7 +140,14 @@ def test_the_first_study_runs_from_log_to_report(tmp_path, monkeypatch, capsys):
     assert list(Path("runs/first/measured/plots").rglob("5_curves*"))
 
 
+@pytest.fixture
+def nothing_timed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out the simulation that `palpate check` times; the first study's guide has one."""
+    monkeypatch.setattr("palpate.stages.cost.timed", lambda *_: 1.0)
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("nothing_timed")
 def test_the_layered_guide_is_the_layered_study(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     for line in commands_of(ROOT / "docs" / "layers.md"):
@@ -154,6 +161,7 @@ def test_the_layered_guide_is_the_layered_study(tmp_path, monkeypatch, capsys):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("nothing_timed")
 def test_the_guide_on_curves_is_so(tmp_path, monkeypatch, capsys):
     text = text_of(ROOT / "docs" / "curves.md")
     monkeypatch.chdir(tmp_path)
