@@ -63,7 +63,7 @@ os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parent / "
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 
-MOST_MB = 800.0
+MOST_MB = 700.0
 """Memory of a process of the tests above which it is given back after a test: first what is free already."""
 
 # At Python's 700 new objects, cycles are looked for 1,651 times while one file of JAX's tests runs.
