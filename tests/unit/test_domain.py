@@ -4,8 +4,9 @@ import sys
 
 import pytest
 
-from palpate.domain import Parameter
-from palpate.errors import MaterialError
+from palpate.domain import Indentation, Parameter
+from palpate.errors import MaterialError, StudyError
+from palpate.indenters import Sphere
 
 
 @pytest.mark.parametrize(
@@ -23,3 +24,9 @@ def test_a_physical_range_is_reported_in_plain_numbers(lower, upper, message):
     parameter.check(1.5)
     with pytest.raises(MaterialError, match=message):
         parameter.check(0.0)
+
+
+@pytest.mark.parametrize("friction", [-0.1, float("nan"), float("inf")])
+def test_a_friction_that_is_none_is_refused(friction):
+    with pytest.raises(StudyError, match="give a coefficient >= 0"):
+        Indentation(indenter=Sphere(radius_mm=7.5), path=[(0.0, 0.0), (1.0, 0.0)], friction=friction)

@@ -325,6 +325,13 @@ def test_a_quantile_counts_areas():
     assert weighted_quantile(values, np.zeros(1000), 0.95) == 0.0
 
 
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.3, 0.5, 0.95, 1.0])
+def test_a_quantile_of_equal_areas_is_hazens(share):
+    values = np.array([7.0, 1.0, 4.0, 2.0])
+    expected = np.quantile(values, share, method="hazen")
+    assert weighted_quantile(values, np.full(4, 0.3), share) == pytest.approx(expected)
+
+
 def test_a_linear_band_follows_the_slopes(space):
     curve = Curve(channel="force", abscissa=[0, 1, 2], ordinate=[0, 2, 4],
                   slopes={"soft_tissue.stiffness": [0, 1, 2], "soft_tissue.grip": [0, 0, 1]})  # fmt: skip

@@ -103,9 +103,9 @@ def network(monkeypatch):
     monkeypatch.setattr(locking.fcntl, "flock", lambda *_: None)
 
 
-def elsewhere(folder, beat=0):
+def elsewhere(folder, beat=0, pid=1):
     """Leave the record of a runner of another machine."""
-    record = {"host": "node7", "pid": 1, "since": "2026-01-01 00:00:00 UTC", "token": "t", "beat": beat}
+    record = {"host": "node7", "pid": pid, "since": "2026-01-01 00:00:00 UTC", "token": "t", "beat": beat}
     (folder / "runner.json").write_text(json.dumps(record))
 
 
@@ -130,8 +130,9 @@ def test_a_silent_runner_of_another_machine_is_dead_for_any_clock(tmp_path, cloc
 
 @pytest.mark.usefixtures("network")
 def test_who_was_taken_for_dead_stops_when_it_wakes(tmp_path, until):
+    """Also where the other one has the same process id, as in containers."""
     with locked(tmp_path) as check:
-        elsewhere(tmp_path, beat=3)
-        with pytest.raises(LedgerError, match=r"process 1 on node7.* took over while this"):
+        elsewhere(tmp_path, beat=3, pid=os.getpid())
+        with pytest.raises(LedgerError, match=rf"process {os.getpid()} on node7.* took over while this"):
             until(check)  # which returns None until it raises
     assert runner_of(tmp_path).host == "node7"
