@@ -11,6 +11,8 @@ import pytest
 
 import palpate
 
+from .conftest import Call
+
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "palpate-fibre"
 STUDY = """\
@@ -40,16 +42,16 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return target
 
 
-def run(site: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Call Python where ``site`` is one of the environment's folders."""
+def run(site: Path, code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a program where ``site`` is one of the environment's folders."""
     own = [str(Path(palpate.__file__).parents[1]), os.environ.get("PYTHONPATH", "")]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(site), *filter(None, own)])}
-    command = [sys.executable, *arguments]
+    command = [sys.executable, "-c", code, *arguments]
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_it_is_used_in_a_study_and_leaves_with_its_folder(installed: Path) -> None:
-    done = run(installed, "-c", STUDY, str(EXAMPLE / "study"))
+def test_it_is_used_in_a_study_and_leaves_with_its_folder(installed: Path, call: Call) -> None:
+    done = run(installed, STUDY, str(EXAMPLE / "study"))
     assert done.returncode == 0, done.stderr
     provider, both, strip_only = json.loads(done.stdout)
     assert provider == "fibre"
@@ -58,10 +60,10 @@ def test_it_is_used_in_a_study_and_leaves_with_its_folder(installed: Path) -> No
     assert strip_only["fopt"] == strip_only["nmse_uniaxial"] <= both["nmse_uniaxial"]
 
     shutil.rmtree(installed)
-    refused = run(installed, "-m", "palpate", "check", str(EXAMPLE / "study"))
-    assert refused.returncode == 2
-    assert "no experiment loader 'strip'" in refused.stderr
-    assert "no material 'reinforced'" in refused.stderr
+    refused = call("check", EXAMPLE / "study", plugin=None)
+    assert refused.code == 2
+    assert "no experiment loader 'strip'" in refused.err
+    assert "no material 'reinforced'" in refused.err
 
 
 @pytest.mark.slow
