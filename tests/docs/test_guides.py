@@ -143,7 +143,7 @@ def test_the_first_study_runs_from_log_to_report(tmp_path, monkeypatch, capsys):
 @pytest.fixture
 def nothing_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the simulation that `palpate check` times; the first study's guide has one."""
-    monkeypatch.setattr("palpate.stages.cost.timed", lambda *_: 1.0)
+    monkeypatch.setattr("palpate.simulation.cost.timed", lambda *_: 1.0)
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import pytest
 
 from palpate.domain import Indentation, Parameter
 from palpate.errors import MaterialError, StudyError
-from palpate.indenters import Sphere
+from palpate.plugins.indenter import Sphere
 
 
 @pytest.mark.parametrize(
