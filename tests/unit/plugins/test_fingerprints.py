@@ -56,7 +56,7 @@ def packaged(tmp_path, monkeypatch):
 
 @pytest.fixture
 def key(tissue):
-    def of(material, protocol=None, solver=None):
+    def of(material, protocol=None, solver=None, **asked):
         tests = HomogeneousTests(paths={"pull": np.array([1.0, 2.0])})
         job = Job(
             spot="p1",
@@ -64,6 +64,7 @@ def key(tissue):
             materials={"m": material},
             thetas={"m": np.array([1.0])},
             protocol=tests if protocol is None else protocol,
+            **asked,
         )
         return job_key(job, None, solver or tissue.Analytic())
 
@@ -153,6 +154,11 @@ def test_any_changed_byte_of_code_changes_the_hash_and_other_files_do_not(
 
 class ManySettings(Settings):
     by_name: dict[str, float] = Field(default_factory=dict, description="Numbers.")
+
+
+def test_what_is_asked_of_a_solver_beyond_its_curves_is_in_the_key(tissue, key):
+    asked = ({}, {"slopes": True}, {"surface": True}, {"pilots": {"m": np.ones((1, 1))}})
+    assert len({key(tissue.Spongy(), **each) for each in asked}) == len(asked)
 
 
 def test_the_order_of_settings_is_no_difference(tissue, key):

@@ -12,6 +12,7 @@ from palpate.errors import PalpateError, StoppedError, StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate.progress import Silent
 from palpate.run.fit_state import read_fit_state
+from palpate.run.stage_records import StageRecords
 from palpate.stages import pipeline
 from palpate.stages.status import Watcher
 from palpate.study.model import BudgetTable
@@ -51,6 +52,15 @@ def flipped(content):
 
 def cut(content):
     return content[: len(content) // 2]
+
+
+def test_results_that_were_made_from_something_else_or_from_more_are_refused(tmp_path):
+    records, made_from = StageRecords(tmp_path), {"normaliser": "a", "filters": "b"}
+    records.write("score", (), made_from)
+    records.check("score", made_from)
+    for other, now in (("normaliser", made_from | {"normaliser": "c"}), ("filters", {"normaliser": "a"})):
+        with pytest.raises(StudyError, match=f"made from other {other} than"):
+            records.check("score", now)
 
 
 @pytest.mark.slow
