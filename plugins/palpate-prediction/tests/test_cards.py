@@ -18,8 +18,9 @@ from palpate_materials.demiray import Demiray
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.ogden import Ogden, OgdenSettings
 from palpate_materials.yeoh import Yeoh, YeohSettings
-from palpate_prediction.cards import PROGRAMS, CardData, joined
+from palpate_prediction.cards.card import CardData
 from palpate_prediction.cards.of_run import _intervals
+from palpate_prediction.cards.programs import PROGRAMS, joined
 
 CASES = {
     "neo_hookean": (NeoHookean(), [0.0735, 0.4434]),

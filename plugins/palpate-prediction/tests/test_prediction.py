@@ -1,8 +1,8 @@
 """Predictions: what is measured of the skin, how sure it is, and where it extrapolates."""
 
-import xml.etree.ElementTree as ET
 from dataclasses import replace
 
+import meshio
 import numpy as np
 import polars as pl
 import pytest
@@ -24,7 +24,7 @@ from palpate.study.tool import read_tool
 from palpate_prediction import predict
 from palpate_prediction.bands import draws_of, ends, linear
 from palpate_prediction.exceedance import exceedances
-from palpate_prediction.files import notes, write_prediction
+from palpate_prediction.files import notes, write_prediction, write_surface
 from palpate_prediction.measures import area_above, contact_of, weighted_quantile
 from palpate_prediction.predict import AS_IS, run_prediction
 from palpate_prediction.summary import (
@@ -39,7 +39,6 @@ from palpate_prediction.summary import (
     stiffer_by,
     summary_rows,
 )
-from palpate_prediction.vtu import vtu
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
@@ -452,11 +451,11 @@ def test_a_force_to_be_reached_makes_a_press_by_force():
     assert not ends_by_force(by_force, Status.OK, hertzian()), "it goes on to a larger one"
 
 
-def test_the_skin_is_a_file_that_others_read():
-    tree = ET.fromstring(vtu(skin([[0.0, 0.1, 0.2, 0.1]]), 0))
-    arrays = {e.attrib["Name"]: np.array(e.text.split(), dtype=float) for e in tree.iter("DataArray")}
-    np.testing.assert_allclose(arrays["contact_pressure_MPa"], [0, 0.1, 0.2, 0.1], rtol=1e-6)
-    np.testing.assert_array_equal(arrays["connectivity"], [0, 1, 2, 0, 2, 3])
+def test_the_skin_is_a_file_that_others_read(tmp_path):
+    write_surface(tmp_path / "skin.vtu", skin([[0.0, 0.1, 0.2, 0.1]]), 0)
+    read = meshio.read(tmp_path / "skin.vtu")
+    np.testing.assert_allclose(read.point_data["contact_pressure_MPa"], [0, 0.1, 0.2, 0.1], rtol=1e-6)
+    np.testing.assert_array_equal(read.cells_dict["triangle"], [[0, 1, 2], [0, 2, 3]])
 
 
 def test_a_tool_file_may_refine_the_mesh_and_move_a_spot(make_study, plugins, tmp_path):

@@ -12,8 +12,8 @@ import pytest
 
 from palpate.fit.fitted import fitted
 from palpate.fit.least_squares import LeastSquares
-from palpate_prediction.cards import PROGRAMS
 from palpate_prediction.cards.of_run import cards_of
+from palpate_prediction.cards.programs import PROGRAMS
 from palpate_report.best_sets import best_sets
 from palpate_report.comparison import write_comparison
 from palpate_report.headline import NO_PARAMETERS, Verdicts, failure_of, with_verdicts

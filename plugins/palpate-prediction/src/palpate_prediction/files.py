@@ -7,13 +7,12 @@ from typing import Any
 
 import polars as pl
 
-from palpate.api import Channel
+from palpate.api import Channel, SurfaceStates
 from palpate.api.cli import Closed
 from palpate.api.files import write_atomically
 from palpate.api.runs import file_name, parquet
 from palpate_prediction.predict import Prediction, SpotPrediction
 from palpate_prediction.summary import QUANTITIES
-from palpate_prediction.vtu import vtu
 
 
 class PredictOutput(Closed):
@@ -58,7 +57,7 @@ def write_prediction(
         files += [folder / f"{name}.parquet", folder / f"{name}.csv"]
     for spot, each in prediction.spots.items():
         files.append(folder / f"{file_name(spot)}.vtu")
-        write_atomically(files[-1], vtu(each.states, each.at))
+        write_surface(files[-1], each.states, each.at)
     figures = draw(prediction, channels, folder)
     (svg,) = (path for path in figures if path.suffix == ".svg")
     shown = {name: tables[name] for name in ("summary", "strains") if not tables[name].is_empty()}
@@ -71,6 +70,23 @@ def write_prediction(
     )
     write_atomically(folder / "index.html", page.encode())
     return (*files, *figures, folder / "index.html")
+
+
+def write_surface(path: Path, states: SurfaceStates, state: int) -> None:
+    """Write one state of the skin as VTU, which ParaView reads; points are those of the undeformed limb."""
+    import meshio  # here: slow to import
+
+    meshio.write_points_cells(
+        path,
+        states.points_mm,
+        [("triangle", states.triangles)],
+        point_data={
+            "displacement_mm": states.displacements_mm[state],
+            "contact_pressure_MPa": states.pressures_MPa[state],
+            "contact_shear_MPa": states.shears_MPa[state],
+            "touching": states.touching[state],
+        },
+    )
 
 
 def notes(prediction: Prediction, notice: str) -> list[str]:
