@@ -121,9 +121,12 @@ class Plugins:
         *,
         entry_points: bool = False,
         without: Sequence[str] = (),
+        modules: Sequence[object] = (),
     ) -> None:
         self._registry = registry
-        self._again = partial(Plugins.load, entry_points=entry_points, without=tuple(without))
+        self._again = partial(
+            Plugins.load, entry_points=entry_points, without=tuple(without), modules=tuple(modules)
+        )
         self.files = tuple(files)
         self.broken = tuple(registry.broken)
         for kind, entries in registry.entries.items():
@@ -132,7 +135,12 @@ class Plugins:
 
     @classmethod
     def load(
-        cls, files: Sequence[Path] = (), *, entry_points: bool = True, without: Sequence[str] = ()
+        cls,
+        files: Sequence[Path] = (),
+        *,
+        entry_points: bool = True,
+        without: Sequence[str] = (),
+        modules: Sequence[object] = (),
     ) -> "Plugins":
         """Find and import every plugin, and ask it for what it provides.
 
@@ -144,6 +152,8 @@ class Plugins:
             False leaves out the installed distributions.
         without : sequence of str
             Names of plugins, or of their distributions, that are left out as if not installed.
+        modules : sequence of module or object
+            Plugins that are imported already.
 
         Raises
         ------
@@ -151,10 +161,10 @@ class Plugins:
             A file does not exist. (A file that exists but does not work is
             listed as broken.)
         """
-        registry = registered(files, entry_points=entry_points, without=without)
+        registry = registered(files, entry_points=entry_points, without=without, modules=modules)
         registry.collect()
         resolved = dict.fromkeys(path.resolve() for path in files)
-        return cls(registry, list(resolved), entry_points=entry_points, without=without)
+        return cls(registry, list(resolved), entry_points=entry_points, without=without, modules=modules)
 
     def with_files(self, files: Sequence[Path]) -> "Plugins":
         """The same with more one-file plugins; itself where it has them all."""

@@ -293,8 +293,14 @@ class Registry:
         return self._provided(plugin, "stages")
 
 
-def registered(files: Sequence[Path], *, entry_points: bool, without: Sequence[str] = ()) -> Registry:
-    """Import the core's plugin, those released with it, other installed ones by name, and files.
+def registered(
+    files: Sequence[Path],
+    *,
+    entry_points: bool,
+    without: Sequence[str] = (),
+    modules: Sequence[object] = (),
+) -> Registry:
+    """Import the core's plugin, those released with it, other installed ones by name, modules, and files.
 
     Entry points and distributions named in ``without`` are left out. A PluginError where a file does not
     exist, or nothing of such a name is installed.
@@ -313,6 +319,9 @@ def registered(files: Sequence[Path], *, entry_points: bool, without: Sequence[s
             registry.register(point.name, _source(point), point.load, qualifier=owner_of(point))
         else:
             registry.points.append((point.group.removeprefix(f"{GROUP}."), point))
+    for module in modules:
+        name = getattr(module, "__name__", type(module).__name__)
+        registry.register(name, "given as itself", lambda module=module: module)  # type: ignore[misc]
     for path in dict.fromkeys(path.resolve() for path in files):
         registry.register(path.stem, str(path), functools.partial(load_file, path))
     return registry

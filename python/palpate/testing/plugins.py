@@ -1,9 +1,6 @@
 """Whether palpate takes what a plugin's module provides."""
 
-import functools
-
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.registry import registered
 
 
 def plugins_with(*plugins: object) -> Plugins:
@@ -23,14 +20,6 @@ def plugins_with(*plugins: object) -> Plugins:
     AssertionError
         palpate would leave one of them out; with the reason.
     """
-    registry = registered((), entry_points=False)
-    for plugin in plugins:
-        name = getattr(plugin, "__name__", type(plugin).__name__)
-        registry.register(name, "under test", functools.partial(_itself, plugin))
-    registry.collect()
-    assert not registry.broken, "; ".join(map(str, registry.broken))
-    return Plugins(registry)
-
-
-def _itself(plugin: object) -> object:
-    return plugin
+    loaded = Plugins.load(entry_points=False, modules=plugins)
+    assert not loaded.broken, "; ".join(map(str, loaded.broken))
+    return loaded

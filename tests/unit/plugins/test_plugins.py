@@ -325,6 +325,14 @@ def test_entry_points_register_in_the_order_of_their_names(
     assert Plugins.load(entry_points=False).broken == ()
 
 
+def test_modules_are_kept_when_files_are_added(write: Write) -> None:
+    module = load_file(write("mine", SAMPLER.format(name="same")))
+    plugins = Plugins.load(entry_points=False, modules=[module])
+    more = plugins.with_files([write("other", SAMPLER.format(name="different"))])
+    assert {"same"} <= set(plugins.samplers)
+    assert {"same", "different"} <= set(more.samplers)
+
+
 def test_names_of_the_released_plugins_are_theirs(write: Write, installed: Callable[..., None]) -> None:
     ours, theirs = write("materials", SAMPLER.format(name="x")), write("aaa", SAMPLER.format(name="x"))
     same = write("other", SAMPLER.format(name="y"))
