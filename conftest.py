@@ -22,6 +22,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+import palpate_report
 from palpate.cli.app import main
 from palpate.domain import (
     Design,
@@ -132,6 +133,8 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
 
 
 TISSUE_FILE = Path(__file__).parent / "tests" / "data" / "plugins" / "analytic_tissue.py"
+FIRST_PARTY = (palpate_report,)
+"""Plugins whose stages and sections every run has."""
 TOY_PLUGIN = Path(__file__).parent / "tests" / "data" / "toy" / "toy_plugin.py"
 TRUTH = {"p1": (0.4, 20.0), "p2": (0.5, 25.0)}
 SCENARIOS = (
@@ -196,7 +199,7 @@ def tissue() -> ModuleType:
 
 @pytest.fixture(scope="session")
 def plugins() -> Plugins:
-    return Plugins.load([TISSUE_FILE], entry_points=False)
+    return Plugins.load([TISSUE_FILE], entry_points=False, modules=FIRST_PARTY)
 
 
 def write_curves(path: Path, response: Response) -> None:
@@ -333,7 +336,7 @@ def content(make_study, plugins, tmp_path, monkeypatch, contents):
         kept = []
         study = make_study(**({"n_sets": 40} | changes))
         with monkeypatch.context() as patch:
-            patch.setattr(pipeline, "write_report", lambda content, folder: kept.append(content) or ())
+            patch.setattr("palpate_report.from_run.write_report", lambda data, folder: kept.append(data))
             pipeline.run_study(study, tmp_path / "run", plugins)
         return kept[-1]
 

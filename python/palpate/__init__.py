@@ -80,10 +80,9 @@ if TYPE_CHECKING:
         select as select,
         simulate as simulate,
     )
-    from palpate.stages.pipeline import run_study as run_study
+    from palpate.stages.pipeline import RunResult as RunResult, run_study as run_study
     from palpate.stages.saved_run import SavedRun as SavedRun, open_run as open_run
     from palpate.study.reading import Study as Study, read_study as read_study
-    from palpate_report.result import RunResult as RunResult
 
 __version__ = "0.1.0"
 

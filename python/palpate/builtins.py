@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from palpate.plugins.motion import Motion
     from palpate.plugins.parametrisation import Parametrisation
     from palpate.plugins.search import Search
-    from palpate.plugins.sections import Section
     from palpate.stages.stage import Stage
 
 
@@ -70,11 +69,3 @@ def palpate_stages() -> "list[type[Stage]]":
     from palpate.stages.core_stages import STAGES
 
     return list(STAGES)
-
-
-@hookimpl
-def palpate_sections() -> "list[type[Section]]":
-    """Provide the page of a run."""
-    from palpate_report.sections import SECTIONS
-
-    return list(SECTIONS)

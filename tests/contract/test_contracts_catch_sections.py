@@ -5,10 +5,9 @@ import itertools
 import pytest
 
 from palpate.errors import PluginError
-from palpate.plugins.sections import Figure, Fold, Paragraph, Picture, Section
+from palpate.plugins.sections import Figure, Fold, Paragraph, Picture, ReportWarning, Section
 from palpate.testing import SectionContract
 from palpate.testing.sections import small_runs
-from palpate_report.report_warnings import ReportWarning
 from palpate_report.sections import SECTIONS
 
 

@@ -6,7 +6,6 @@ import pytest
 
 import palpate_materials
 from palpate.plugins.registry import load_file
-from palpate.stages import pipeline
 from palpate.testing.studies import StudyRunner
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "closed_loop.py"
@@ -15,9 +14,8 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "closed_loop.py"
 @pytest.mark.slow
 @pytest.mark.parametrize(("until", "most", "n_widths"), [(1e-3, 2, 2), (1e3, 2, 1)])
 def test_loop_ends_when_it_is_sure_or_has_pressed_enough(
-    tmp_path, monkeypatch, capsys, soft_region, until, most, n_widths
+    tmp_path, capsys, soft_region, until, most, n_widths
 ):
-    monkeypatch.setattr(pipeline, "write_report", lambda content, folder: ())
     study, plugins = StudyRunner(tmp_path).study(
         palpate_materials,
         region=soft_region,

@@ -22,6 +22,7 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.run.directory import RunDirectory, file_name
 from palpate.run.ledger import Ledger
 from palpate.stages import pipeline
+from palpate_report import from_run
 
 TRUTH = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
 FRAMES = ("scores", "selection", "generalisation")
@@ -93,8 +94,8 @@ def test_no_page_is_made_of_simulations_of_another_study(make_study, plugins, ti
     pipeline.run_study(study, tmp_path / "run", plugins)
     other = replace(study, solver=tissue.Analytic(tissue.AnalyticSettings(offset=0.1)))
     with pytest.raises(StudyError, match=r"24 of 24 scored simulations are not those .* `palpate run`"):
-        pipeline.report(other, tmp_path / "run", plugins)
-    assert pipeline.report(study, tmp_path / "run", plugins).files
+        from_run.report(other, tmp_path / "run", plugins)
+    assert from_run.report(study, tmp_path / "run", plugins).files
 
 
 @pytest.mark.slow
@@ -107,7 +108,7 @@ def test_single_stages_write_what_the_run_writes(make_study, plugins, tmp_path):
     pipeline.run_stage("simulate", study, alone, plugins)
     for name in ("score", "select", "verify", "fit", "intervals"):
         run = pipeline.run_stage(name, study, alone, plugins)
-    report = pipeline.report(study, alone, plugins)
+    report = from_run.report(study, alone, plugins)
     assert_frame_equal(run.table("scores"), result.scores)
     assert_frame_equal(run.table("selection"), result.selected.selection)
     assert_frame_equal(run.table("generalisation"), result.selected.generalisation)
@@ -126,7 +127,7 @@ def test_a_run_directory_moves_freely(make_study, plugins, tmp_path):
     study = make_study()
     pipeline.run_study(study, tmp_path / "here", plugins)
     (tmp_path / "here").rename(tmp_path / "there")
-    report = pipeline.report(study, tmp_path / "there", plugins)
+    report = from_run.report(study, tmp_path / "there", plugins)
     assert all((tmp_path / "there") in path.parents for path in report.files)
     for path in (tmp_path / "there").rglob("*"):
         if path.suffix in (".json", ".jsonl", ".html", ".csv", ".svg"):

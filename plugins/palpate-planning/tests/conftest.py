@@ -27,17 +27,14 @@ def fitted(tmp_path_factory, soft_region):
             "friction": 1.0,
         },
     )
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pipeline, "write_report", lambda content, folder: ())
-        pipeline.run_study(study, folder / "run", plugins)
+    pipeline.run_study(study, folder / "run", plugins)
     return folder, plugins
 
 
 @pytest.fixture
-def run(fitted, tmp_path, monkeypatch):
+def run(fitted, tmp_path):
     """Study, run directory and plugins, in a folder of the test."""
     folder, plugins = fitted
-    monkeypatch.setattr(pipeline, "write_report", lambda content, folder: ())
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     study = read_study(tmp_path / "study.toml", plugins)
     return replace(study, truth={"tissue.E": 0.07, "tissue.nu": 0.345}), tmp_path / "run", plugins

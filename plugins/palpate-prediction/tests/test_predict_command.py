@@ -80,9 +80,7 @@ def made(tmp_path_factory):
     (folder / "skinned.py").write_text(PLUGIN)
     runner, module = StudyRunner(folder), load_file(folder / "skinned.py")
     study, plugins = runner.study(module, solver={"name": "skinned"}, sampling={"n_sets": 0})
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pipeline, "write_report", lambda content, folder: ())
-        pipeline.run_study(study, folder / "run", plugins)
+    pipeline.run_study(study, folder / "run", plugins)
     return runner, module
 
 

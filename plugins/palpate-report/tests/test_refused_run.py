@@ -118,8 +118,8 @@ class Read:
 
 
 def test_every_card_of_a_refused_run_warns(refused, plugins, monkeypatch):
-    monkeypatch.setattr("palpate_prediction.cards.of_run.report_data", lambda run, plugins: run.data)
-    (card,) = cards_of(Read(refused), plugins)
+    monkeypatch.setattr("palpate_prediction.cards.of_run.report_data", lambda run: run.data)
+    (card,) = cards_of(Read(refused))
     assert set(card.verdicts.values()) == {"refused"}
     found = json.loads(PROGRAMS["json"](card))
     assert found["verdict"].startswith(f"WARNING: {NO_PARAMETERS}")

@@ -6,7 +6,7 @@ from hypothesis import given, strategies as st
 
 from palpate.errors import PluginError
 from palpate.plugins.sections import Bar, Fold, Lines, Section, Shares, Table, Word
-from palpate_report.layout import checked
+from palpate.plugins.showable import checked
 from palpate_report.page import template
 
 

@@ -1,4 +1,4 @@
-"""Sections of the page: their blocks, and the data that they read."""
+"""Sections of the page that palpate-report makes, and their blocks."""
 
 from typing import TYPE_CHECKING
 
@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from palpate.plugins.sections import (
         Bar as Bar,
         Block as Block,
+        Drawing as Drawing,
         Facts as Facts,
         Figure as Figure,
         Fold as Fold,
@@ -16,27 +17,18 @@ if TYPE_CHECKING:
         Listing as Listing,
         Paragraph as Paragraph,
         Picture as Picture,
+        ReportWarning as ReportWarning,
         Section as Section,
         Shares as Shares,
         Step as Step,
         Table as Table,
         Word as Word,
     )
-    from palpate_report.report_data import (
-        ReportData as ReportData,
-    )
-    from palpate_report.report_warnings import (
-        ReportWarning as ReportWarning,
-    )
-    from palpate_report.result import (
-        Report as Report,
-        RunResult as RunResult,
-    )
-    from palpate_report.style import (
-        STYLE as STYLE,
-    )
-    from palpate_report.table_files import (
-        markdown as markdown,
+    from palpate.plugins.showable import (
+        address as address,
+        checked as checked,
+        figure_data as figure_data,
+        is_own as is_own,
     )
 
 if not TYPE_CHECKING:

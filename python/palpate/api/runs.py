@@ -59,6 +59,7 @@ if TYPE_CHECKING:
         Simulations as Simulations,
     )
     from palpate.stages.pipeline import (
+        RunResult as RunResult,
         check_study as check_study,
         locked_run as locked_run,
         run_study as run_study,

@@ -18,7 +18,6 @@ import typer
 
 from palpate import __version__
 from palpate.cli.check import check
-from palpate.cli.compare import compare
 from palpate.cli.doctor import doctor
 from palpate.cli.experiment import experiment
 from palpate.cli.init import init
@@ -35,7 +34,6 @@ from palpate.cli.listing import (
 )
 from palpate.cli.new_plugin import new_plugin
 from palpate.cli.plugins import plugins
-from palpate.cli.report import report
 from palpate.cli.run import run
 from palpate.cli.schema import schema
 from palpate.cli.session import Session, visible
@@ -48,13 +46,8 @@ from palpate.plugins.guard import noting_interrupts
 PANELS: Mapping[str, tuple[Callable[..., object], ...]] = MappingProxyType(
     {
         START: (init, check, doctor, plugins, new_plugin, schema),
-        RUN: (run, status, compare, synthesise),
-        STAGES_PANEL: (
-            experiment,
-            limb,
-            *STAGE_COMMANDS,
-            report,
-        ),
+        RUN: (run, status, synthesise),
+        STAGES_PANEL: (experiment, limb, *STAGE_COMMANDS),
     }
 )
 """Commands by the heading under which help lists them."""

@@ -21,7 +21,6 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "palpate run arm --json > arm.json",
         ),
         "status": ("palpate status runs/arm", "palpate status runs/arm --watch"),
-        "compare": ("palpate compare runs/ogden runs/yeoh",),
         "plugins": ("palpate plugins", "palpate plugins materials yeoh"),
         "new-plugin": (
             "palpate new-plugin material my_tissue",
@@ -41,7 +40,6 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "intervals": ("palpate intervals arm",),
         "certainty": ("palpate certainty arm",),
         "surface": ("palpate surface arm",),
-        "report": ("palpate report runs/arm --open",),
     }
 )
 """How each of the core's commands may be called, in the order in which help lists them."""

@@ -6,7 +6,7 @@ Numbers that are not finite are printed as null. A change that could break a scr
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NotRequired
 
 from pydantic import ConfigDict, TypeAdapter, with_config
 from typing_extensions import TypedDict
@@ -80,7 +80,7 @@ class IntervalOutput(Closed):
 
 
 class RunOutput(Closed):
-    """What a run found; ``tables`` are those of its report, ``warnings`` the most severe first."""
+    """What a run found; what is not required is of its report, with the most severe of ``warnings`` first."""
 
     study: str
     data: str
@@ -91,11 +91,11 @@ class RunOutput(Closed):
     generalisation: list[Row]
     fit: list[Row]
     verification: list[Row]
-    verdict: list[str]
-    intervals: list[IntervalOutput]
-    warnings: list[str]
-    tables: dict[str, list[Row]]
-    files: list[str]
+    verdict: NotRequired[list[str]]
+    intervals: NotRequired[list[IntervalOutput]]
+    warnings: NotRequired[list[str]]
+    tables: NotRequired[dict[str, list[Row]]]
+    files: NotRequired[list[str]]
 
 
 class RunnerOutput(Closed):
@@ -133,23 +133,6 @@ class StatusOutput(Closed):
     failures: list[Row]
     best: list[Row]
     fit: FitStateOutput | None
-
-
-class ReportOutput(Closed):
-    """Files that were written, what they amount to, and warnings, the most severe first."""
-
-    verdict: list[str]
-    intervals: list[IntervalOutput]
-    warnings: list[str]
-    files: list[str]
-
-
-class CompareOutput(Closed):
-    """Tables ``parameters``, ``errors`` and, for runs of the same curves, ``criteria``."""
-
-    tables: dict[str, list[Row]]
-    notes: list[str]
-    files: list[str]
 
 
 class SynthesiseOutput(Closed):
@@ -227,12 +210,10 @@ OUTPUTS: Mapping[str, Any] = MappingProxyType(
         "doctor": list[FindingOutput],
         "run": RunOutput,
         "status": StatusOutput,
-        "compare": CompareOutput,
         "synthesise": SynthesiseOutput,
         "experiment": list[ExperimentRow],
         "limb": list[LimbRow],
         "simulate": dict[str, int],
-        "report": ReportOutput,
     }
 )
 """What each of the core's commands prints with ``--json``."""

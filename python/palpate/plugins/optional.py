@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
-from palpate.domain import Job, Limb, Response, Simulation
+from palpate.domain import Channel, Job, Limb, Response, Simulation
 from palpate.plugins.inspection import Inspection
 
 
@@ -70,6 +70,40 @@ class LoadingDrawer(Protocol):
         ------
         CurveError
             As for :meth:`load`.
+        """
+
+
+@runtime_checkable
+class PressDrawer(Protocol):
+    """A stage that draws the measured curves of a spot, for ``palpate experiment --plots``."""
+
+    def draw_presses(
+        self,
+        spot: str,
+        presses: Mapping[str, Response],
+        mean: Response,
+        channels: Mapping[str, Channel],
+        notice: str,
+        folder: Path,
+    ) -> tuple[Path, ...]:
+        """Draw what was measured at a spot.
+
+        Parameters
+        ----------
+        spot : str
+        presses : mapping of file name to Response
+        mean : Response
+            What becomes of them.
+        channels : mapping of name to Channel
+            Axes and labels.
+        notice : str
+            What the picture must state of the data; empty for nothing.
+        folder : Path
+
+        Returns
+        -------
+        tuple of Path
+            What was written to ``folder``.
         """
 
 

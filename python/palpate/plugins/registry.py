@@ -251,7 +251,7 @@ class Registry:
     def add_commands(
         self, app: "typer.Typer", add_stage: "Callable[[type[Component]], None] | None" = None
     ) -> tuple[BrokenPlugin, ...]:
-        """Let every plugin add its commands, all of them or none; ``add_stage`` adds that of a stage."""
+        """Let every plugin add its commands, all or none; ``add_stage`` adds that of a stage without one."""
         broken = []
         for name, source in self.sources.items():
             apps = [app, *(group.typer_instance for group in app.registered_groups if group.typer_instance)]
@@ -263,8 +263,10 @@ class Registry:
                     for command in self._subcommands(name):
                         command.add_to(app)
                     if add_stage is not None:
+                        own = set(_command_names(app)) - set(before)
                         for stage in self._stages(name):
-                            add_stage(stage)
+                            if stage.name not in own:
+                                add_stage(stage)
                     _refuse_command_clashes(app)
                 self.commands |= {command: name for command in _command_names(app) if command not in before}
             except PluginError as error:

@@ -7,16 +7,11 @@ It has no markup and no script, so that the page runs nothing but its own and lo
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import polars as pl
 
 from palpate.domain.component import Component, SettingsT
-
-if TYPE_CHECKING:
-    from palpate_report.report_data import ReportData
-    from palpate_report.report_warnings import ReportWarning
-    from palpate_report.result import Report
 
 Value = str | int | float | bool | None
 
@@ -182,7 +177,7 @@ class Fold:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """What a script of the page draws, with its controls: of the core's own sections alone."""
+    """What a script of the page draws, with its controls: of the page's own sections alone."""
 
     name: str
 
@@ -191,8 +186,19 @@ Block = Paragraph | Heading | Listing | Facts | Table | Figure | Picture | Fold 
 """What a section may consist of."""
 
 
+@dataclass(frozen=True, slots=True)
+class ReportWarning:
+    """A warning of the report: what is wrong, and why it matters or what to do."""
+
+    what: str
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.what}. {self.why}"
+
+
 class Section(Component[SettingsT]):
-    """A section of the report's page."""
+    """A section of the page that the plugin palpate-report makes of a run."""
 
     title: ClassVar[str]
     """Its heading."""
@@ -204,7 +210,7 @@ class Section(Component[SettingsT]):
     """Name of the section that it follows."""
 
     @abstractmethod
-    def blocks(self, data: "ReportData", report: "Report") -> Iterable[Block]:
+    def blocks(self, data: Any, report: Any) -> Iterable[Block]:  # noqa: ANN401 - of palpate-report
         """Lay out what a run has found; nothing where there is nothing to show.
 
         Called each time that a report is written, also while the run goes on: what has not been found yet is
@@ -212,17 +218,17 @@ class Section(Component[SettingsT]):
 
         Parameters
         ----------
-        data : ReportData
+        data : palpate_report.report_data.ReportData
             What the stages have left, in the study's units.
-        report : Report
+        report : palpate_report.result.Report
             Tables, verdict and files that were made of it.
         """
 
-    def is_open(self, data: "ReportData", report: "Report") -> bool:
+    def is_open(self, data: Any, report: Any) -> bool:  # noqa: ANN401 - of palpate-report
         """Whether it is unfolded when the page opens."""
         return False
 
-    def warnings(self, data: "ReportData") -> Iterable["ReportWarning"]:
+    def warnings(self, data: Any) -> Iterable[ReportWarning]:  # noqa: ANN401 - of palpate-report
         """What a reader must be warned of; the terminal and ``--json`` have it too."""
         return ()
 

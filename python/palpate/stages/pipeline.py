@@ -7,10 +7,13 @@ checked before the first file is written.
 
 import contextlib
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-from palpate.domain import Limb, Response, Simulation
+import polars as pl
+
+from palpate.domain import Design, Limb, Response, Simulation
 from palpate.domain.curves import abscissae_of
 from palpate.errors import PalpateError, StoppedError, StudyError
 from palpate.executors.attempts import simulate_alone
@@ -20,25 +23,45 @@ from palpate.fit.checks import check_fit
 from palpate.fit.searches import BestSet
 from palpate.limb.loading import limb_warnings, load_limbs
 from palpate.plugins.catalogue import Plugins
+from palpate.plugins.optional import PressDrawer
 from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory, measured_files
-from palpate.run.fit_state import read_fit_state, remove_fit_state
+from palpate.run.fit_state import remove_fit_state
 from palpate.run.ledger import Ledger
-from palpate.run.lock import living_runner_of
 from palpate.run.manifest import manifest
 from palpate.run.ownership import drawing_in
-from palpate.run.result import StudyInputs
+from palpate.run.result import FitResult, SelectionResult, StudyInputs
 from palpate.run.study_diff import Changed, changed
 from palpate.sampling.study_design import draw_study
 from palpate.scoring import scores as scoring
 from palpate.simulation import jobs as simulation
 from palpate.stages.core_stages import selected
-from palpate.stages.stage import Run, Stage, in_order, read_run, stages_of, stages_of_run
+from palpate.stages.stage import Run, Stage, Summary, in_order, read_run, stages_of, stages_of_run
 from palpate.study.checks import odd_settings
 from palpate.study.reading import Study
-from palpate_report.from_run import report_data
-from palpate_report.result import Report, RunResult
-from palpate_report.writing import ReportData, draw_presses, write_report
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunResult:
+    """Everything a run found.
+
+    ``summary`` is that of its last stage, and ``report`` what the stage ``report`` of palpate-report has
+    made; None without that plugin.
+    """
+
+    folder: Path
+    measured: Mapping[str, Response]
+    design: Design
+    simulations: tuple[Simulation, ...]
+    scores: pl.DataFrame
+    selected: SelectionResult
+    fit: FitResult
+    summary: Summary = field(default_factory=Summary)
+    report: Any = None
+
+    def __repr__(self) -> str:
+        chosen = self.selected.selection.height
+        return f"RunResult({self.folder}: {len(self.simulations)} simulations, {chosen} chosen sets)"
 
 
 def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = None) -> StudyInputs:
@@ -112,7 +135,14 @@ def run_study(
     progress.begin("check", 1)
     stages = stages_of(study, plugins)
     wanted = list(stages_of_run(study, stages))
-    run = Run(study=study, directory=directory, stages=stages, channels=plugins.channels, progress=progress)
+    run = Run(
+        study=study,
+        directory=directory,
+        stages=stages,
+        channels=plugins.channels,
+        sections=plugins.sections,
+        progress=progress,
+    )
     made_from = run.made_from(stages["experiment"])  # before the files are read: a later change is noticed
     inputs = check_study(study, plugins, before)
     progress.step()
@@ -131,6 +161,8 @@ def run_study(
             )
         with replace(run, study=study, fresh=inputs, check_lock=check_lock) as run:
             for stage in wanted:
+                if stage.comes_last:
+                    remove_fit_state(run_folder)
                 _make(run, stage, made_from if stage.name == "experiment" else None)
             remove_fit_state(run_folder)
             return RunResult(
@@ -141,7 +173,8 @@ def run_study(
                 scores=run.table("scores"),
                 selected=selected(run),
                 fit=run.fit(),
-                report=_report(run, plugins, progress),
+                summary=wanted[-1].summarise(run),
+                report=run.shared.get("report"),
             )
 
 
@@ -269,7 +302,10 @@ def measure(
         directory.write_stage("experiment", measured_files(measured), made_from)
         directory.write_measured_to_manifest(study)
         for name, folder in folders.items():
-            draw_presses(presses[name], measured[name], plugins.channels, study.notice, folder)
+            for stage in stages.values():
+                if isinstance(stage, PressDrawer):
+                    found = presses[name].responses
+                    stage.draw_presses(name, found, measured[name], plugins.channels, study.notice, folder)
     for text in _measured_warnings(study, measured):
         progress.note(f"warning: {text}")
     progress.step()
@@ -296,50 +332,3 @@ def simulate_one(study: Study, run_folder: Path, plugins: Plugins, spot: str, se
     every = simulation.jobs(study, run.design, run.measured)
     job = next(job for job in every if job.spot == spot and job.set_id == set_id)
     return simulate_alone(study.solver, job, run.limbs.get(job.limb_name))
-
-
-# ------------------------------------------------------------------ reports
-
-
-def report(
-    study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT, *, as_run: bool = False
-) -> Report:
-    """Write tables and figures under ``report/``; recomputes nothing.
-
-    With ``as_run`` the study is the copy in the folder: neither its files nor its meshes need exist,
-    and the simulations are those of the folder's last sweep. Of a run that has not ended, the best sets
-    are those of the simulations so far.
-    """
-    directory = RunDirectory(run_folder)
-    read_run(study, directory, plugins).require("sample")  # before a folder is made
-    runs_now = as_run and living_runner_of(run_folder) is not None  # before this process is the one
-    with contextlib.nullcontext() if runs_now else directory.locked(study, plugins.channels):
-        run = read_run(study, directory, plugins, progress, is_copy=as_run)
-        unfinished = _unfinished(directory, runs_now=runs_now) if as_run else ""
-        return _report(run, plugins, progress, unfinished=unfinished)
-
-
-def read_results(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> ReportData:
-    """What a run found, by the copy of its study; writes nothing."""
-    run = read_run(study, RunDirectory(run_folder), plugins, progress)
-    run.require("sample")
-    runs_now = living_runner_of(run_folder) is not None
-    return report_data(run, plugins, unfinished=_unfinished(run.directory, runs_now=runs_now))
-
-
-def _unfinished(directory: RunDirectory, *, runs_now: bool) -> str:
-    """How far a run is that has not ended; empty where it has."""
-    with Ledger(directory.folder) as ledger:
-        counts = ledger.counts()
-    n_left, state = counts.get("left", 0), read_fit_state(directory.folder)
-    if not (runs_now or n_left or state):
-        return ""
-    sweep = f"{sum(counts.values()) - n_left} of {sum(counts.values())} simulations of the sweep"
-    return sweep if state is None else f"{sweep}; fit: {state}"
-
-
-def _report(run: Run, plugins: Plugins, progress: Progress, *, unfinished: str = "") -> Report:
-    progress.begin("report", 1)
-    made = write_report(report_data(run, plugins, unfinished=unfinished), run.directory.report)
-    progress.step()
-    return made

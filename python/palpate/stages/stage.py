@@ -20,6 +20,7 @@ from palpate.limb.loading import load_limbs
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.guard import answering_for
 from palpate.plugins.registry import suggestion
+from palpate.plugins.sections import Section
 from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory
 from palpate.run.keys import answers_key
@@ -42,12 +43,18 @@ class Summary:
     ----------
     lines : sequence of str
         Sentences.
+    labelled : mapping of word to str
+        Texts, each under its word, such as ``Warnings``.
+    values : mapping
+        What ``palpate run --json`` has of the stage that comes last.
     missing : str
         What could not be found; the command then ends with exit code 1.
     """
 
     lines: Sequence[str] = ()
+    labelled: Mapping[str, str] = field(default_factory=dict)
     tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)
+    values: Mapping[str, Any] = field(default_factory=dict)
     missing: str = ""
 
 
@@ -67,6 +74,9 @@ class Stage(Component[SettingsT]):
 
     may_fail: ClassVar[bool] = True
     """True if ``palpate run`` goes on, with a warning, where it cannot be made."""
+
+    comes_last: ClassVar[bool] = False
+    """True if ``palpate run`` makes it after all others, whose results it may read."""
 
     def is_in_run(self, study: Study) -> bool:
         """True if ``palpate run`` includes the stage though the study has no table ``[stages.NAME]``."""
@@ -113,6 +123,8 @@ class Run:
         With the answers of earlier code that the run trusts.
     channels : mapping of name to Channel
         Those that plugins declare.
+    sections : mapping of name to type of Section
+        Those of the page.
     check_lock : callable
         Raises where the lock on the folder, which the caller holds, is lost.
     fresh : StudyInputs, optional
@@ -128,6 +140,7 @@ class Run:
     directory: RunDirectory
     stages: "Mapping[str, Stage]" = field(default_factory=dict)
     channels: Mapping[str, Channel] = field(default_factory=dict)
+    sections: Mapping[str, type[Section]] = field(default_factory=dict)
     progress: Progress = SILENT
     check_lock: Callable[[], None] = lambda: None
     fresh: StudyInputs | None = None
@@ -338,6 +351,7 @@ def read_run(
         directory=directory,
         stages=stages_of(trusted, plugins),
         channels=plugins.channels,
+        sections=plugins.sections,
         progress=progress,
         is_copy=is_copy,
         check_lock=check_lock,
@@ -386,4 +400,5 @@ def in_order(stages: Mapping[str, Stage], wanted: Iterable[str]) -> list[Stage]:
 def stages_of_run(study: Study, stages: Mapping[str, Stage]) -> Iterator[Stage]:
     """Stages of a whole run, in order: those of every run, and those that the study asks for."""
     asked = [stage.name for stage in study.stages]
-    yield from in_order(stages, [*(name for name, each in stages.items() if each.is_in_run(study)), *asked])
+    wanted = [*(name for name, each in stages.items() if each.is_in_run(study)), *asked]
+    yield from in_order(stages, sorted(wanted, key=lambda name: stages[name].comes_last))

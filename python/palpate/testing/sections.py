@@ -14,6 +14,9 @@ import polars as pl
 import pytest
 
 from palpate.domain.component import Component
+from palpate.errors import PluginError
+from palpate.plugins.catalogue import Plugins
+from palpate.plugins.registry import installed_points, owner_of
 from palpate.plugins.sections import (
     Block,
     Facts,
@@ -23,14 +26,15 @@ from palpate.plugins.sections import (
     Listing,
     Paragraph,
     Picture,
+    ReportWarning,
     Section,
     Table,
 )
+from palpate.plugins.showable import checked, figure_data
+from palpate.run.directory import RunDirectory
+from palpate.stages.stage import read_run
 from palpate.testing.components import ComponentContract, missing
-from palpate_report.layout import checked, figure_data
-from palpate_report.report_data import ReportData
-from palpate_report.report_warnings import ReportWarning
-from palpate_report.result import Report
+from palpate.testing.plugins import plugins_with
 
 MOST_BYTES = 500_000
 """Most bytes of the figures and pictures of a section of a small run."""
@@ -47,10 +51,25 @@ RUNS: Mapping[str, Mapping[str, Any]] = {
 
 
 class SmallRun(NamedTuple):
-    """What a section is given."""
+    """What a section is given: ``ReportData`` and ``Report`` of palpate-report."""
 
-    data: ReportData
-    report: Report
+    data: Any
+    report: Any
+
+
+@cache
+def page() -> Plugins:
+    """The core with palpate-report, which lays sections out.
+
+    Raises
+    ------
+    PluginError
+        It is not installed.
+    """
+    for point in installed_points():
+        if owner_of(point) == "palpate-report":
+            return plugins_with(point.load())
+    raise PluginError("sections are tested on the page of palpate-report; install palpate[standard]")
 
 
 def small_run(folder: Path, plugins: Iterable[object], tables: Mapping[str, Any]) -> SmallRun:
@@ -66,20 +85,15 @@ def small_run(folder: Path, plugins: Iterable[object], tables: Mapping[str, Any]
     from palpate.stages import pipeline
     from palpate.testing.studies import StudyRunner
 
-    kept: list[ReportData] = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pipeline, "write_report", lambda content, folder: kept.append(content))
-        study, loaded = StudyRunner(folder).study(*plugins, **tables)
-        pipeline.run_study(study, folder / "run", loaded)
-    return _reported(kept[-1])
+    study, loaded = StudyRunner(folder).study(*plugins, **tables)
+    pipeline.run_study(study, folder / "run", loaded)
+    run = read_run(study, RunDirectory(folder / "run"), loaded, is_copy=False)
+    sections = {**page().sections, **run.sections}
+    return _reported(page().stages["report"]().data(replace(run, sections=sections)))
 
 
-def _reported(data: ReportData) -> SmallRun:
-    from palpate_report.verdict import make_verdict
-    from palpate_report.writing import make_tables
-
-    tables = make_tables(data)
-    return SmallRun(data, Report(tables=tables, files=(), verdict=make_verdict(data, tables)))
+def _reported(data: Any) -> SmallRun:  # noqa: ANN401 - ReportData
+    return SmallRun(data, page().stages["report"]().report(data))
 
 
 @cache
@@ -113,10 +127,8 @@ class SectionContract(ComponentContract):
         return section
 
     def test_has_a_title_and_a_place(self, section: Section) -> None:
-        from palpate_report.sections import SECTIONS
-
         assert section.title.strip(), f"section '{section.name}' needs a title"
-        places = [each.name for each in SECTIONS]
+        places = list(page().sections)
         assert section.after in places, (
             f"section '{section.name}' comes after '{section.after}', which the page has not; choose one of: "
             f"{', '.join(places)}"
@@ -164,7 +176,7 @@ class SectionContract(ComponentContract):
                 assert warning.why.strip(), f"{warning.what}: say why it matters, or what to do"
 
 
-def _without_result(data: ReportData) -> ReportData:
+def _without_result(data: Any) -> Any:  # noqa: ANN401 - ReportData
     """The same run, of which no set could be ranked."""
     return replace(
         data,

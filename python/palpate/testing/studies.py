@@ -116,9 +116,7 @@ class StudyRunner:
         """Run a study in a run directory, to the end of its fit."""
         from palpate.stages import pipeline
 
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(pipeline, "write_report", lambda content, folder: ())
-            return pipeline.run_study(study, self.folder / "run", plugins).fit.table
+        return pipeline.run_study(study, self.folder / "run", plugins).fit.table
 
     def write(self, mesh: str = "", **tables: Mapping[str, Any]) -> Path:
         """Write the study file, without its measured curves, and return its path."""

@@ -76,7 +76,7 @@ def run(make_study, plugins, tmp_path, monkeypatch):
 
     def runs(truth, space, searched=None, torque_gain=1.0, reported=False, **changes):
         if not reported:
-            monkeypatch.setattr(pipeline, "write_report", lambda content, folder: ())
+            monkeypatch.setattr("palpate_report.from_run.write_report", lambda data, folder: None)
         study = make_study(
             solver=Layers(),
             space=space,

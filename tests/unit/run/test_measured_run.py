@@ -9,7 +9,6 @@ import pytest
 from palpate.domain import Curve, Indentation, PointWeighting, Relaxation, Response, ScoringRules
 from palpate.domain.indenter import Sphere
 from palpate.errors import CurveError, PluginError, StudyError
-from palpate.experiment.measured import Presses
 from palpate.fit.least_squares import LeastSquares
 from palpate.run.atomic_files import write_atomically
 from palpate.run.directory import RunDirectory
@@ -17,7 +16,7 @@ from palpate.run.keys import job_key
 from palpate.run.ownership import claim, keep_only
 from palpate.simulation.jobs import jobs
 from palpate.stages import pipeline
-from palpate_report.writing import draw_presses
+from palpate_report.figures import draw_presses
 
 SMALL = Indentation(
     indenter=Sphere(radius_mm=5.0), path=[(0, 0), (10, 0), (10, -22.5), (10, 22.5), (10, 0)], friction=0.5
@@ -212,10 +211,9 @@ def test_a_study_that_weighs_by_std_needs_it_everywhere(make_study, plugins):
     )
 
 
-def test_a_single_channel_can_be_drawn(make_study, plugins, tmp_path):
+def test_a_single_channel_can_be_drawn(plugins, tmp_path):
     curve = Curve(channel="force", abscissa=[0.0, 1.0], ordinate=[0.0, 1.0], std=[0.1, 0.1])
     response = Response(curves={"force": curve})
-    presses = Presses(spot=make_study().spots[0], responses={"f.csv": response})
-    files = draw_presses(presses, response, plugins.channels, "", tmp_path)
+    files = draw_presses("p1", {"f.csv": response}, response, plugins.channels, "", tmp_path)
     assert [file.name for file in files] == ["curves.svg", "curves.pdf", "curves.png"]
     assert "± one standard deviation" in files[0].read_text()

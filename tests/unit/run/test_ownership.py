@@ -12,6 +12,7 @@ from palpate.errors import LedgerError, StudyError
 from palpate.run.lock import locked, runner_of
 from palpate.run.ownership import keep_only, listed
 from palpate.stages import pipeline
+from palpate_report import from_run
 
 VERBS = ("run_study", "measure", "sample", "simulate", "score", "select", "report")
 
@@ -50,7 +51,7 @@ def test_an_empty_folder_and_a_copy_without_hidden_files_are_taken(done, plugins
     (tmp_path / "empty").mkdir()
     pipeline.run_stage("sample", study, tmp_path / "empty", plugins)
     (run / ".palpate-run").unlink()
-    pipeline.report(study, run, plugins)
+    from_run.report(study, run, plugins)
     assert (run / ".palpate-run").is_file()
 
 
@@ -147,7 +148,7 @@ def test_a_report_that_cannot_be_written_keeps_the_tables_of_the_last(done, plug
 
     monkeypatch.setattr("palpate_report.writing.write_figures", full)
     with pytest.raises(LedgerError, match="no space is left"):
-        pipeline.report(study, run, plugins)
+        from_run.report(study, run, plugins)
     assert {path: path.read_bytes() for path in (run / "report" / "tables").iterdir()} == before
 
 

@@ -16,6 +16,7 @@ from palpate.run.stage_records import StageRecords
 from palpate.stages import pipeline
 from palpate.stages.status import Watcher
 from palpate.study.model import BudgetTable
+from palpate_report import from_run
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
@@ -92,12 +93,12 @@ def test_a_file_of_another_run_is_refused(done, plugins, tmp_path):
         shutil.copy(run / f"{name}.parquet", tmp_path / "kept")
         shutil.copy(tmp_path / "other" / f"{name}.parquet", run)
         with pytest.raises(StudyError, match=rf"{name}\.parquet: damaged or replaced"):
-            pipeline.report(study, run, plugins)
+            from_run.report(study, run, plugins)
         shutil.copy(tmp_path / "kept", run / f"{name}.parquet")
     for name in (*(f"{name}.parquet" for name in names), "stages.json"):
         shutil.copy(tmp_path / "other" / name, run)
     with pytest.raises(StudyError, match=r"design.*damaged or replaced"):
-        pipeline.report(study, run, plugins)
+        from_run.report(study, run, plugins)
 
 
 @pytest.mark.slow
@@ -105,7 +106,7 @@ def test_a_fit_that_is_put_in_place_is_not_reported(make_study, plugins, tmp_pat
     plain = make_study(n_sets=4)
     pipeline.run_study(plain, tmp_path / "plain", plugins)
     shutil.copy(done[1] / "fit.parquet", tmp_path / "plain")
-    assert "fit" not in pipeline.report(plain, tmp_path / "plain", plugins).tables
+    assert "fit" not in from_run.report(plain, tmp_path / "plain", plugins).tables
 
 
 def other_ranges(study):
@@ -151,7 +152,7 @@ def test_a_stage_that_reads_the_fit_leaves_a_finished_run(done, plugins):
     study, run = done
     pipeline.run_stage("intervals", study, run, plugins)
     assert read_fit_state(run) is None
-    assert not pipeline.read_results(study, run, plugins).unfinished
+    assert not from_run.read_results(study, run, plugins).unfinished
 
 
 @pytest.mark.slow
@@ -168,7 +169,7 @@ def test_what_a_changed_study_makes_stale_is_refused_with_its_remedy(done, plugi
     for verb in ("score", "select"):
         called(verb)(changed, run, plugins)
     with pytest.raises(StudyError, match="palpate fit` were made from other results of `palpate select`"):
-        pipeline.report(changed, run, plugins)
+        from_run.report(changed, run, plugins)
     for verb in ("fit", "intervals", "report"):
         called(verb)(changed, run, plugins)
 
@@ -182,7 +183,7 @@ def test_a_measured_file_that_changes_makes_its_curves_stale(done, plugins):
         with pytest.raises(StudyError, match=r"made from other files of spot 'p1' than .*`palpate experi"):
             called(verb)(study, run, plugins)
     path.unlink()  # what cannot be compared is not refused
-    pipeline.report(study, run, plugins)
+    from_run.report(study, run, plugins)
 
 
 def test_a_measured_file_that_changes_during_the_prompt_is_noticed(make_study, plugins, tmp_path):
@@ -196,7 +197,7 @@ def test_a_measured_file_that_changes_during_the_prompt_is_noticed(make_study, p
 def test_an_extended_design_is_one_of_the_same_draws(make_study, plugins, tmp_path):
     study, run = make_study(n_sets=4), tmp_path / "run"
     pipeline.run_study(replace(study, n_total=8), run, plugins)
-    pipeline.report(study, run, plugins)
+    from_run.report(study, run, plugins)
 
 
 class Stopping(Silent):
@@ -232,7 +233,7 @@ def test_corrupt_records_require_every_stage_again(done, plugins):
     for content in (b"", b"{", b"[]", b'{"design": 3}', b'{"design": {"files": []}}', b"\xff"):
         (run / "stages.json").write_bytes(content)
         with pytest.raises(StudyError, match=r"design\.parquet: damaged or replaced"):
-            pipeline.report(study, run, plugins)
+            from_run.report(study, run, plugins)
     pipeline.run_study(study, run, plugins)
 
 
@@ -246,5 +247,5 @@ def test_random_damage_of_any_table_is_never_read_as_other_numbers(done, plugins
         for place in rng.integers(0, len(whole), 5):
             path.write_bytes(whole[:place] + bytes([whole[place] ^ 4]) + whole[place + 1 :])
             with pytest.raises(PalpateError, match="damaged or replaced"):
-                pipeline.report(study, run, plugins)
+                from_run.report(study, run, plugins)
         path.write_bytes(whole)

@@ -11,6 +11,7 @@ from palpate.scoring.completeness import described
 from palpate.simulation import jobs as simulation
 from palpate.stages import pipeline
 from palpate.stages.core_stages import selected
+from palpate_report import from_run
 from palpate_report.figures import nmse_distribution, responses
 from palpate_report.space import parameter_space
 from palpate_report.verdict import make_verdict
@@ -50,7 +51,7 @@ def test_every_stage_reports_what_is_missing_of_the_sweep(partial, plugins, undr
     notes = Notes()
     pipeline.run_stage("score", study, folder, plugins, notes)
     chosen = selected(pipeline.run_stage("select", study, folder, plugins, notes))
-    report = pipeline.report(study, folder, plugins, notes)
+    report = from_run.report(study, folder, plugins, notes)
     assert len(notes.notes) == 2
     for note in notes.notes:
         assert note.startswith(f"warning: incomplete sweep, {n_done} of 24 simulations (")

@@ -7,10 +7,10 @@ import pytest
 import palpate
 from palpate.domain import Curve, Design
 from palpate.errors import StudyError
+from palpate.plugins.sections import ReportWarning
 from palpate.run.result import FitResult
 from palpate.stages import pipeline
 from palpate.stages.core_stages import selected
-from palpate_report.report_warnings import ReportWarning
 from palpate_report.result import Report
 from palpate_report.verdict import Verdict
 

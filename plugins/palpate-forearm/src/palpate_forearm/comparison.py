@@ -7,10 +7,11 @@ from typing import Any
 
 import polars as pl
 
-from palpate.api.report import RunResult, markdown
+from palpate.api.runs import RunResult
 from palpate_forearm.errata import NOT_SHARED, Erratum, errata
 from palpate_forearm.paper_tables import side_by_side
 from palpate_forearm.reproduction import ReproductionResult
+from palpate_report.table_files import markdown
 
 TITLES = {
     "sets": "Sets and simulations",

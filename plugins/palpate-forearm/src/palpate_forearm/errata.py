@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import polars as pl
 
-from palpate.api.report import RunResult
+from palpate.api.runs import RunResult
 from palpate_forearm.paper_tables import GENERALISED, GENERALISED_FOPT, SETS_KEPT, table1, table2
 
 NOT_SHARED = (

@@ -5,7 +5,7 @@ from importlib.resources import files
 
 import polars as pl
 
-from palpate.api.report import RunResult
+from palpate.api.runs import RunResult
 
 GENERALISED = {"c1": 0.0129, "c2": -2.016e-3, "c3": 2.7623e-4}
 """The paper's one set for all spots: Yeoh in FEBio 4's convention, MPa."""

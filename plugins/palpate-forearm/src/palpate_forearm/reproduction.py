@@ -25,11 +25,11 @@ import numpy as np
 
 from palpate.api import SILENT, Progress, StudyError
 from palpate.api.executors import StoppedError, simulate_alone
-from palpate.api.report import RunResult
 from palpate.api.runs import (
     NothingSelectableError,
     Plugins,
     RunDirectory,
+    RunResult,
     Study,
     check_study,
     jobs,

@@ -86,7 +86,7 @@ def card(
         raise StudyError(f"--for {program}: no such program; choose one of {', '.join(PROGRAMS)}")
     folder = find_run(run)
     session, study = study_of_run(Session.of(context), folder, trust=trust_plugins)
-    found = list(cards_of(read_run(study, RunDirectory(folder), session.plugins), session.plugins))
+    found = list(cards_of(read_run(study, RunDirectory(folder), session.plugins)))
     wanted = [data for data in found if region in (None, data.region)]
     if not wanted:
         known = ", ".join(data.region for data in found)

@@ -1,1 +1,47 @@
 """The page of a run, its tables and figures."""
+
+from typing import TYPE_CHECKING
+
+from palpate.api import hookimpl
+
+if TYPE_CHECKING:
+    from palpate.api import Section, Stage, SubCommand
+
+
+@hookimpl
+def palpate_stages() -> "list[type[Stage]]":
+    """Provide the last stage of each run."""
+    from palpate_report.stage import ReportStage
+
+    return [ReportStage]
+
+
+@hookimpl
+def palpate_sections() -> "list[type[Section]]":
+    """Provide the page of a run."""
+    from palpate_report.sections import SECTIONS
+
+    return list(SECTIONS)
+
+
+@hookimpl
+def palpate_subcommands() -> "list[SubCommand]":
+    """``palpate report`` and ``palpate compare``."""
+    from palpate.api import RUN, STAGES, SubCommand, examples
+    from palpate_report.commands import compare, report
+
+    home = "palpate_report.commands"
+    return [
+        SubCommand(
+            function=report,
+            panel=STAGES,
+            output=f"{home}:ReportOutput",
+            epilog=examples("palpate report runs/arm --open"),
+        ),
+        SubCommand(
+            function=compare,
+            panel=RUN,
+            output=f"{home}:CompareOutput",
+            epilog=examples("palpate compare runs/ogden runs/yeoh"),
+        ),
+    ]

@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 from palpate import _core
 from palpate.domain import Channel, Curve, FloatArray, Response
 from palpate.errors import CurveError
-from palpate.experiment.measured import Presses
 from palpate.run.directory import file_name
 from palpate.run.result import ALL_SPOTS
 from palpate.scoring.selection import objectives
@@ -334,30 +333,26 @@ def _draw_distribution(axis: Axes, place: int, fopt: FloatArray) -> None:
 
 
 def draw_presses(
-    presses: Presses, mean: Response, channels: Mapping[str, Channel], notice: str, folder: Path
+    spot: str,
+    presses: Mapping[str, Response],
+    mean: Response,
+    channels: Mapping[str, Channel],
+    notice: str,
+    folder: Path,
 ) -> tuple[Path, ...]:
     """Draw ``curves.svg``, ``curves.pdf`` and ``curves.png``: each channel in its own panel.
 
-    Parameters
-    ----------
-    presses : Presses
-    mean : Response
-        What :func:`palpate.experiment.measured.mean` made of them.
-    channels : mapping of name to Channel
-        Axes and labels.
-    notice : str
-        What the picture must state of the data; empty for nothing.
-    folder : Path
+    The arguments are those of :meth:`palpate_report.stage.ReportStage.draw_presses`.
     """
 
     def draw() -> Figure:
         figure = sized(DOUBLE_MM if len(mean.curves) > 1 else SINGLE_MM, 75.0)
         axes = figure.subplots(1, len(mean.curves), squeeze=False)[0]
         for axis, (name, curve) in zip(axes, mean.curves.items(), strict=True):
-            _draw_channel(axis, list(presses.curves(name).values()), curve)
+            _draw_channel(axis, [each[name] for each in presses.values() if name in each.curves], curve)
             _label(axis, channels[name])
         legend_below(figure, list(axes))
-        entitle(figure, f"spot {presses.spot.spot.name}: measured curves", notice)
+        entitle(figure, f"spot {spot}: measured curves", notice)
         return figure
 
     return tuple(_saved(draw, folder / "curves"))

@@ -1,5 +1,6 @@
-"""What a report is made of, read from a run."""
+"""The report of a run directory, and what it is made of."""
 
+import contextlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -8,17 +9,24 @@ import polars as pl
 from palpate.errors import PluginError, StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.guard import answering_for
+from palpate.progress import SILENT, Progress
+from palpate.run.directory import RunDirectory
+from palpate.run.fit_state import read_fit_state
+from palpate.run.ledger import Ledger
+from palpate.run.lock import living_runner_of
 from palpate.run.result import FitResult, PosteriorResult
 from palpate.scoring import scores as scoring
 from palpate.stages.core_stages import best_sets
 from palpate.stages.identifiability import assess_identifiability, at_measured
-from palpate.stages.stage import Run, Summary
-from palpate.study.reading import StudySpot
+from palpate.stages.stage import Run, Summary, read_run
+from palpate.study.reading import Study, StudySpot
 from palpate_report.convergence import by_spot, contact_along
 from palpate_report.report_data import ReportData
+from palpate_report.result import Report
+from palpate_report.writing import write_report
 
 
-def report_data(run: Run, plugins: Plugins, *, unfinished: str = "") -> ReportData:
+def report_data(run: Run, *, unfinished: str = "") -> ReportData:
     """Everything that a report shows; of an unfinished run, the best sets so far."""
     study, inputs, swept = run.study, run.inputs, run.swept()
     fit, posterior = FitResult(), PosteriorResult()
@@ -40,8 +48,8 @@ def report_data(run: Run, plugins: Plugins, *, unfinished: str = "") -> ReportDa
     )
     return ReportData(
         study=study,
-        channels=plugins.channels,
-        sections=plugins.sections,
+        channels=run.channels,
+        sections=run.sections,
         pictures={spot.spot.name: _pictures(run, spot) for spot in study.spots},
         measured=inputs.measured,
         design=inputs.design,
@@ -64,6 +72,50 @@ def report_data(run: Run, plugins: Plugins, *, unfinished: str = "") -> ReportDa
         surfaces=run.surfaces(),
         summaries={} if unfinished else _summaries(run),
     )
+
+
+def report(
+    study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT, *, as_run: bool = False
+) -> Report:
+    """Write tables and figures under ``report/``; recomputes nothing.
+
+    With ``as_run`` the study is the copy in the folder: neither its files nor its meshes need exist,
+    and the simulations are those of the folder's last sweep. Of a run that has not ended, the best sets
+    are those of the simulations so far.
+    """
+    directory = RunDirectory(run_folder)
+    read_run(study, directory, plugins).require("sample")  # before a folder is made
+    runs_now = as_run and living_runner_of(run_folder) is not None  # before this process is the one
+    with contextlib.nullcontext() if runs_now else directory.locked(study, plugins.channels):
+        run = read_run(study, directory, plugins, progress, is_copy=as_run)
+        return written(run, progress, unfinished=_unfinished(directory, runs_now=runs_now) if as_run else "")
+
+
+def written(run: Run, progress: Progress, *, unfinished: str = "") -> Report:
+    """Report of a run, written to its directory."""
+    progress.begin("report", 1)
+    made = write_report(report_data(run, unfinished=unfinished), run.directory.report)
+    progress.step()
+    return made
+
+
+def read_results(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> ReportData:
+    """What a run found, by the copy of its study; writes nothing."""
+    run = read_run(study, RunDirectory(run_folder), plugins, progress)
+    run.require("sample")
+    runs_now = living_runner_of(run_folder) is not None
+    return report_data(run, unfinished=_unfinished(run.directory, runs_now=runs_now))
+
+
+def _unfinished(directory: RunDirectory, *, runs_now: bool) -> str:
+    """How far a run is that has not ended; empty where it has."""
+    with Ledger(directory.folder) as ledger:
+        counts = ledger.counts()
+    n_left, state = counts.get("left", 0), read_fit_state(directory.folder)
+    if not (runs_now or n_left or state):
+        return ""
+    sweep = f"{sum(counts.values()) - n_left} of {sum(counts.values())} simulations of the sweep"
+    return sweep if state is None else f"{sweep}; fit: {state}"
 
 
 def _pictures(run: Run, spot: StudySpot) -> tuple[Path, ...]:

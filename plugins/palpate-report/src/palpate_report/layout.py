@@ -1,37 +1,16 @@
-"""The sections of a page, and their figures and pictures as the page holds them."""
+"""The sections of a page, laid out."""
 
-import base64
-import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
-
-import numpy as np
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 from palpate.errors import PluginError
 from palpate.plugins.guard import answering_for
-from palpate.plugins.sections import (
-    Bar,
-    Block,
-    Drawing,
-    Facts,
-    Figure,
-    Fold,
-    Lines,
-    Listing,
-    Paragraph,
-    Picture,
-    Section,
-    Shares,
-    Table,
-    Word,
-)
+from palpate.plugins.sections import Block, Figure, Fold, Paragraph, Table
+from palpate.plugins.showable import checked, is_own
 from palpate.stages.stage import Summary
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
-from palpate_report.section_order import is_core, ordered
-
-_TYPES = {b"\x89PNG": "image/png", b"\xff\xd8": "image/jpeg"}
+from palpate_report.section_order import ordered
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +35,7 @@ def laid_out(data: ReportData, report: Report) -> list[Laid]:
     for section in ordered(data.sections):
         is_open, blocks = False, tuple[Block, ...]()
         try:
-            if is_core(section):
+            if is_own(section):
                 made = section()
                 is_open, blocks = made.is_open(data, report), tuple(made.blocks(data, report))
             else:
@@ -78,147 +57,6 @@ def _of_stage(name: str, does: str, summary: Summary) -> Laid:
     title = name.replace("_", " ").capitalize()
     tables = (Table.of(caption, frame) for caption, frame in summary.tables.items())
     return Laid(name, title, title, False, (*map(Paragraph, (does, *summary.lines)), *tables))
-
-
-def checked(section: Section, blocks: Iterable[Block]) -> tuple[Block, ...]:
-    """Blocks of a section, each of them as it can be shown.
-
-    Raises
-    ------
-    PluginError
-        One of them is no block, or cannot be shown.
-    """
-    return tuple(_checked(section, block) for block in blocks)
-
-
-def _checked(section: Section, block: Block) -> Block:
-    match block:
-        case Drawing() if not is_core(type(section)):
-            raise PluginError(
-                f"section '{section.name}' has {block!r}, which only the page's own sections can draw; "
-                "give a palpate.api.Figure"
-            )
-        case Fold():
-            # A generator would be used up by the first who looks.
-            return replace(block, blocks=checked(section, block.blocks))
-        case Table():
-            return _table(section, block)
-        case Listing():
-            return replace(block, items=tuple((strong, rest) for strong, rest in block.items))
-        case Facts():
-            return replace(block, rows=tuple((name, value) for name, value in block.rows))
-        case Figure():
-            block = replace(block, steps=tuple(block.steps))
-            plain(block.traces), plain(block.layout), plain([step.traces for step in block.steps])
-        case Picture():
-            address(block)
-        case _ if not isinstance(block, Block):
-            raise PluginError(
-                f"section '{section.name}' has {block!r}, which is no block; see palpate.api.Section"
-            )
-    return block
-
-
-def _table(section: Section, table: Table) -> Table:
-    columns, rows = tuple(table.columns), tuple(map(tuple, table.rows))
-    for k, row in enumerate(rows):
-        if len(row) != len(columns):
-            raise PluginError(
-                f"section '{section.name}', table '{table.caption}': row {k} has {len(row)} cells for "
-                f"{len(columns)} columns; give one cell for each"
-            )
-        for column, cell in zip(columns, row, strict=True):
-            if problem := _wrong(cell):
-                where = f"section '{section.name}', table '{table.caption}', column '{column}', row {k}"
-                raise PluginError(f"{where}: {problem}")
-    return replace(table, columns=columns, rows=rows)
-
-
-def _wrong(cell: object) -> str:
-    """What is wrong with a cell; empty where it can be shown."""
-    match cell:
-        case Bar(lower=lower, upper=upper, value=value, truth=truth):
-            ends = {"lower": lower, "upper": upper, "value": value, "truth": truth}
-            for name, at in ends.items():
-                if at is not None and not _is_percent(at):
-                    return f"{name} of a bar is {at!r}; give percent of the axis, 0 to 100"
-            return "" if isinstance(cell.text, str) else f"the text of a bar is {cell.text!r}; give a text"
-        case Shares(parts=parts):
-            wrong = (part for part in parts if not _is_share(part))
-            return next((f"{part!r} is no share; give a name and percent, 0 to 100" for part in wrong), "")
-        case Lines(values=values):
-            nested = (each for each in values if isinstance(each, (Bar, Shares, Lines)))
-            problems = [f"{each!r} is one of several lines; give values and words" for each in nested]
-            return next(filter(None, problems + list(map(_wrong, values))), "")
-        case Word(text=text):
-            return "" if isinstance(text, str) else f"a word is {text!r}; give a text"
-        case None | str() | bool() | int() | float() | np.generic():
-            return ""
-    return f"{cell!r} is no cell; give a number, a text, None, Word, Bar, Shares or Lines"
-
-
-def _is_share(part: object) -> bool:
-    match part:
-        case str():
-            return False
-        case [str(), share]:
-            return _is_percent(share)
-    return False
-
-
-def _is_percent(value: object) -> bool:
-    return isinstance(value, (int, float, np.number)) and bool(0.0 <= value <= 100.0)
-
-
-def figure_data(figure: Figure) -> dict[str, Any]:
-    """What the page's script draws a figure from."""
-    return {
-        "traces": plain(figure.traces),
-        "layout": plain(figure.layout),
-        "height": figure.height,
-        "spot": figure.spot,
-        "scenario": figure.scenario,
-        "steps": [{"label": step.label, "traces": plain(step.traces)} for step in figure.steps],
-    }
-
-
-def plain(value: object) -> Any:  # noqa: ANN401 - JSON
-    """JSON of a part of a figure: five digits, more than a screen shows; None for what is not finite.
-
-    Raises
-    ------
-    PluginError
-        Something in it is no text, number, list or mapping.
-    """
-    match value:
-        case np.ndarray() | np.generic():
-            return plain(value.tolist())
-        case float():
-            return float(f"{value:.5g}") if math.isfinite(value) else None
-        case str() | bool() | int() | None:
-            return value
-        case Mapping():
-            return {str(key): plain(item) for key, item in value.items()}
-        case Sequence():
-            return [plain(item) for item in value]
-    raise PluginError(f"a figure has {value!r}; give it text, numbers, arrays, lists and mappings")
-
-
-def address(picture: Picture) -> str:
-    """A picture as an address that holds it.
-
-    Raises
-    ------
-    PluginError
-        It is of no known kind.
-    """
-    content = picture.content
-    kind = next((kind for head, kind in _TYPES.items() if content.startswith(head)), "")
-    if not kind and b"<svg" in content[:2000]:
-        kind = "image/svg+xml"
-    if not kind:
-        raise PluginError(f"the picture '{picture.label}' is no PNG, JPEG or SVG file")
-    return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
 def _figures(blocks: Iterable[Block]) -> Iterator[Figure]:

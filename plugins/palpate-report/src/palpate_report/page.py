@@ -17,10 +17,11 @@ import polars as pl
 from markupsafe import Markup
 
 from palpate.plugins.sections import Block, heading
+from palpate.plugins.showable import address, figure_data
 from palpate.run.atomic_files import write_atomically
 from palpate_report.answer import answer, colour_of
 from palpate_report.forest import forest
-from palpate_report.layout import address, figure_data, laid_out
+from palpate_report.layout import laid_out
 from palpate_report.page_data import page_data
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report

@@ -1,12 +1,12 @@
 """What limits the result of a run, and why."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 
 import polars as pl
 
 from palpate.experiment.measured import measured_warnings
 from palpate.experiment.relaxation import REMEDY, relaxation_of
+from palpate.plugins.sections import ReportWarning
 from palpate.run.result import UNSEEN, UNSETTLED
 from palpate.scoring.completeness import described
 from palpate.scoring.selection import by_reason, failures, unranked
@@ -56,17 +56,6 @@ FAILED_SHARE = 0.1
 
 COSTLY = 3.0
 """Times its own least Fopt at which the set for all spots is called poor for a spot."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReportWarning:
-    """A warning of the report: what is wrong, and why it matters or what to do."""
-
-    what: str
-    why: str
-
-    def __str__(self) -> str:
-        return f"{self.what}. {self.why}"
 
 
 def report_warnings(

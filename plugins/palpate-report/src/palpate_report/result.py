@@ -1,14 +1,14 @@
-"""What a run returns: everything it found, and where its report is."""
+"""What a report shows, and where it is."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import polars as pl
 
-from palpate.domain import Design, Response, Simulation
-from palpate.run.result import FitResult, SelectionResult
-from palpate_report.verdict import Verdict
+from palpate_report.report_data import ReportData
+from palpate_report.verdict import Verdict, make_verdict
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -18,30 +18,20 @@ class Report:
     Parameters
     ----------
     tables : mapping of name to DataFrame
-    files : tuple of Path
-        Everything that was written.
     verdict : Verdict
         What the run amounts to, and its warnings.
+    files : tuple of Path
+        Everything that was written.
     """
 
     tables: Mapping[str, pl.DataFrame]
-    files: tuple[Path, ...]
     verdict: Verdict
+    files: tuple[Path, ...] = ()
 
+    @classmethod
+    def of(cls, data: ReportData) -> Self:
+        """Report of these data that is not written."""
+        from palpate_report.tables import make_tables
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RunResult:
-    """Everything a run found."""
-
-    folder: Path
-    measured: Mapping[str, Response]
-    design: Design
-    simulations: tuple[Simulation, ...]
-    scores: pl.DataFrame
-    selected: SelectionResult
-    fit: FitResult
-    report: Report
-
-    def __repr__(self) -> str:
-        chosen = self.selected.selection.height
-        return f"RunResult({self.folder}: {len(self.simulations)} simulations, {chosen} chosen sets)"
+        tables = make_tables(data)
+        return cls(tables=tables, verdict=make_verdict(data, tables))

@@ -4,16 +4,16 @@ from collections.abc import Iterator, Mapping
 
 from palpate.errors import PluginError
 from palpate.plugins.guard import answering_for
-from palpate.plugins.sections import Section
+from palpate.plugins.sections import ReportWarning, Section
+from palpate.plugins.showable import is_own
 from palpate_report.report_data import ReportData
-from palpate_report.report_warnings import ReportWarning
 
 
 def ordered(sections: Mapping[str, type[Section]]) -> list[type[Section]]:
     """Sections in the order of the page: each plugin's follows the one that it names, or is the last."""
-    order = [section for section in sections.values() if is_core(section)]
+    order = [section for section in sections.values() if is_own(section)]
     for section in sections.values():
-        if not is_core(section):
+        if not is_own(section):
             names = [each.name for each in order]
             place = names.index(section.after) + 1 if section.after in names else len(order)
             order.insert(place, section)
@@ -34,8 +34,3 @@ def section_warnings(data: ReportData) -> Iterator[ReportWarning]:
             yield from found
         except PluginError as error:
             yield ReportWarning("A section of the report has failed", f"{error}.")
-
-
-def is_core(section: type[Section]) -> bool:
-    """Whether a section is the core's own."""
-    return section.__module__.startswith("palpate_report.")

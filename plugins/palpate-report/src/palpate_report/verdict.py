@@ -6,17 +6,13 @@ from dataclasses import dataclass, field
 import polars as pl
 
 from palpate.domain import Parameter
+from palpate.plugins.sections import ReportWarning
 from palpate.run.result import ALL_SPOTS
 from palpate.stages.identifiability import UNCLEAR, WORDS
 from palpate_report.best_sets import Best, best_sets, leading
 from palpate_report.headline import Headline, failure_of, headlines, moduli
 from palpate_report.report_data import ReportData, label_of
-from palpate_report.report_warnings import (
-    ReportWarning,
-    apparent,
-    left_out,
-    report_warnings,
-)
+from palpate_report.report_warnings import apparent, left_out, report_warnings
 from palpate_report.section_order import section_warnings
 
 _ORDER = [*(word for _, word in WORDS), UNCLEAR]

@@ -3,11 +3,8 @@
 What draws is imported when something is drawn: most commands do not, and it takes long.
 """
 
-from collections.abc import Mapping
 from pathlib import Path
 
-from palpate.domain import Channel, Response
-from palpate.experiment.measured import Presses
 from palpate.run.ownership import keep_only
 from palpate_report.convergence import by_spot, contact_along
 from palpate_report.headline import with_verdicts
@@ -23,7 +20,6 @@ __all__ = [
     "ReportData",
     "by_spot",
     "contact_along",
-    "draw_presses",
     "finding",
     "make_tables",
     "write_report",
@@ -54,12 +50,3 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
     from palpate_report import figures
 
     return figures.write_figures(data, folder)
-
-
-def draw_presses(
-    presses: Presses, mean: Response, channels: Mapping[str, Channel], notice: str, folder: Path
-) -> tuple[Path, ...]:
-    """Draw what was measured at a spot: see :func:`palpate_report.figures.draw_presses`."""
-    from palpate_report import figures
-
-    return figures.draw_presses(presses, mean, channels, notice, folder)

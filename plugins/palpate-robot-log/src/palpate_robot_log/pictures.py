@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from palpate.api import FloatArray, IntArray
-from palpate.api.report import STYLE
+from palpate_report.style import STYLE
 from palpate_robot_log.processing.processed import Processed
 from palpate_robot_log.recording import Recording
 

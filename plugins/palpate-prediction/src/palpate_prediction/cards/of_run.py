@@ -6,7 +6,6 @@ import numpy as np
 
 from palpate.api import FloatArray, RegionMaterial, Run
 from palpate.api.fit import FitResult, Fitted, inputs_at
-from palpate.api.runs import Plugins
 from palpate_prediction.cards.card import CardData, ranges_of
 from palpate_report.best_sets import best_sets
 from palpate_report.from_run import report_data
@@ -14,9 +13,9 @@ from palpate_report.headline import failure_of, headlines
 from palpate_report.marks import TIED
 
 
-def cards_of(run: Run, plugins: Plugins) -> Iterator[CardData]:
+def cards_of(run: Run) -> Iterator[CardData]:
     """What was found for all spots together, by region; a value by spot is that of the first."""
-    data = report_data(run, plugins)
+    data = report_data(run)
     bests = tuple(best_sets(data))
     failure, known = failure_of(data, bests), {each.name: each for each in headlines(data, bests)}
     study, found, fit = run.study, run.fitted(), run.fit()

@@ -1,0 +1,152 @@
+"""The report as a stage: the last of each run, and what the terminal and JSON say of it."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import polars as pl
+
+from palpate.domain import Channel, Response
+from palpate.plugins.sections import ReportWarning
+from palpate.progress import Progress
+from palpate.run.result import ALL_SPOTS
+from palpate.run.result_files import Files
+from palpate.scoring.completeness import described
+from palpate.stages.stage import Run, Stage, Summary
+from palpate.study.reading import Study
+from palpate_report.from_run import report_data, written
+from palpate_report.marks import mark_of
+from palpate_report.report_data import ReportData
+from palpate_report.result import Report
+from palpate_report.table_files import shown
+
+NOTHING = "no set fits all spots"
+"""Verdict where nothing leads."""
+
+OF_INTERVALS = ("parameter", "unit", "value", "lower", "upper", "identifiability", "verdict", "level")
+"""What JSON has of each value that leads."""
+
+
+class ReportStage(Stage):
+    """The page of a run, its tables and figures."""
+
+    name, summary = "report", "Lay the results out as tables and figures under report/."
+    needs = ("select",)
+    may_fail = False
+    comes_last = True
+
+    def is_in_run(self, study: Study) -> bool:
+        """Always."""
+        return True
+
+    def run(self, inputs: Run, progress: Progress) -> Files:
+        """Write the report; its tables are no tables of the run."""
+        inputs.shared[self.name] = written(inputs, progress)
+        return {}
+
+    def summarise(self, inputs: Run) -> Summary:
+        """What the report that was just written amounts to."""
+        report = inputs.shared.get(self.name)
+        return summary_of(inputs.study, report) if report else Summary()
+
+    def data(self, run: Run) -> ReportData:
+        """What the report of a run is made of, for tests of sections."""
+        return report_data(run)
+
+    def report(self, data: ReportData) -> Report:
+        """Report of these data that is not written, for tests of sections."""
+        return Report.of(data)
+
+    def draw_presses(
+        self,
+        spot: str,
+        presses: Mapping[str, Response],
+        mean: Response,
+        channels: Mapping[str, Channel],
+        notice: str,
+        folder: Path,
+    ) -> tuple[Path, ...]:
+        """Draw what was measured at a spot, as :class:`palpate.plugins.optional.PressDrawer` says."""
+        from palpate_report import figures
+
+        return figures.draw_presses(spot, presses, mean, channels, notice, folder)
+
+
+def summary_of(study: Study, report: Report) -> Summary:
+    """Verdict, parameters, warnings and page of a report, with its tables."""
+    verdict = report.verdict
+    data = "measured data" if study.data != "simulated" else "SIMULATED curves, not a real experiment"
+    found = "; ".join(map(str, (*verdict.estimates, *verdict.moduli)))
+    missing = (
+        f". NOT included in intervals: {', '.join(verdict.not_included)}" if verdict.not_included else ""
+    )
+    pages = [page for page in report.files if page.suffix == ".html"]
+    return Summary(
+        tables={
+            name.replace("_", " "): _side_by_side(name, frame)
+            for name, frame in report.tables.items()
+            if frame.height
+        },
+        labelled={
+            "Verdict": f"{study.name} ({data}): {verdict.headline or NOTHING}",
+            "Parameters": f"{found}{missing}" if found else "none, for the reason above",
+            "Warnings": _warnings(verdict.warnings),
+            "Time": verdict.spent,
+            "Page": " ".join(page.resolve().as_uri() for page in pages),
+        },
+        values={
+            "verdict": verdict.sentences,
+            "intervals": [{name: getattr(each, name) for name in OF_INTERVALS} for each in verdict.estimates],
+            "warnings": list(map(str, verdict.warnings)),
+            "files": report.files,
+            "tables": {name: frame.to_dicts() for name, frame in report.tables.items()},
+        },
+        missing=f"no set could be selected at {described(verdict.without_result)}"
+        if verdict.without_result
+        else "",
+    )
+
+
+def _warnings(warnings: Sequence[ReportWarning]) -> str:
+    if not warnings:
+        return "none"
+    worst = ", the worst first" if len(warnings) > 1 else ""
+    return f"{len(warnings)}{worst}: {'; '.join(warning.what for warning in warnings)}"
+
+
+def _side_by_side(name: str, frame: pl.DataFrame) -> pl.DataFrame:
+    """One row per spot and scenario, with a column per parameter, as the paper prints them."""
+    if name.startswith("table1_"):
+        heads = pl.format("{}.{} [{}]", "region", "parameter", "unit")
+        texts = [f"{shown(row['value'])}{mark_of(row['verdict'])}" for row in frame.iter_rows(named=True)]
+        index = ["spot", "scenario"]
+        return frame.with_columns(head=heads, text=pl.Series(texts)).pivot("head", index=index, values="text")
+    if name == "distance_to_truth":
+        heads = pl.format("{} [%]", "parameter")
+        index = ["search", "spot", "scenario"]
+        return frame.with_columns(head=heads).pivot("head", index=index, values="difference_percent")
+    if name == "fit":
+        return frame.select(pl.col("^(fit|scenario|spot|fopt|n_runs|n_fine|at_bound|message|verdict)$"))
+    if name == "identifiability":
+        return frame.pivot("parameter", index=["spot", "scenario"], values="verdict")
+    if name == "intervals":
+        return _intervals(frame)
+    if name in ("budget", "directions") and ALL_SPOTS in frame["fit"]:
+        frame = frame.filter(fit=ALL_SPOTS)
+    if name == "budget":
+        percent = frame.with_columns((pl.col("share") * 100.0).round(0), cause=pl.col("cause") + " [%]")
+        return percent.pivot("cause", index=["fit", "scenario", "parameter"], values="share")
+    return frame
+
+
+def _intervals(frame: pl.DataFrame) -> pl.DataFrame:
+    """One row per fit and scenario: value, interval and word of each parameter."""
+    rows = [
+        {
+            "fit": row["fit"],
+            "scenario": row["scenario"],
+            "parameter": f"{row['parameter']} [{row['unit']}]",
+            "text": f"{row['value']:.3g} ({row['lower']:.3g} to {row['upper']:.3g}) {row['verdict']}",
+        }
+        for row in frame.iter_rows(named=True)
+    ]
+    return pl.from_dicts(rows).pivot("parameter", index=["fit", "scenario"], values="text")
