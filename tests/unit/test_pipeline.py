@@ -139,7 +139,7 @@ def test_a_run_directory_moves_freely(make_study, plugins, tmp_path):
     [
         ("simulate", "measured", "experiment"),
         ("select", "measured", "experiment"),
-        ("report", "design", "sample"),
+        ("report", "measured", "experiment"),
     ],
 )
 def test_a_stage_names_the_one_that_must_run_before(make_study, plugins, tmp_path, verb, missing, command):

@@ -3,13 +3,11 @@
 import re
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import polars as pl
 import pytest
 from hypothesis import given, strategies as st
 
-from palpate.cli.results import show_report
 from palpate.domain import Relaxation
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.sections import Table, Word
@@ -19,6 +17,7 @@ from palpate_report.forest import Axis, _percent, _widened, forest
 from palpate_report.layout import laid_out
 from palpate_report.page import render
 from palpate_report.result import Report
+from palpate_report.stage import summary_of
 from palpate_report.tables import printed
 from palpate_report.verdict import make_verdict
 from palpate_report.writing import make_tables
@@ -228,11 +227,7 @@ def test_causes_are_printed_side_by_side_in_percent(fitted):
 
 def said(data):
     """Lines of the terminal by their labels."""
-    lines = {}
-    session = SimpleNamespace(labelled=lines.__setitem__)
-    report = Report(verdict=make_verdict(data, {}), files=(), tables={})
-    show_report(session, data.study, report, SimpleNamespace(spent="1 s"), tables=False)
-    return lines
+    return summary_of(data.study, Report(verdict=make_verdict(data, {}), tables={})).labelled
 
 
 def test_the_card_lists_what_no_interval_includes(fitted, monkeypatch):
