@@ -7,6 +7,7 @@ from palpate.lazy_imports import deferred
 if TYPE_CHECKING:
     from palpate.cli.listing import (
         RUN as RUN,
+        STAGES as STAGES,
         examples as examples,
         name_of as name_of,
     )
@@ -40,6 +41,9 @@ if TYPE_CHECKING:
         TEXT_WIDTH as TEXT_WIDTH,
         Session as Session,
         run_folder as run_folder,
+    )
+    from palpate.cli.stages import (
+        stage_command as stage_command,
     )
     from palpate.plugins.subcommands import (
         SubCommand as SubCommand,

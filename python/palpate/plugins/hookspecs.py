@@ -162,7 +162,8 @@ def palpate_stages() -> "Iterable[type[Component]]":  # type: ignore[empty-body]
     """Stages, from tables to tables: subclasses of ``palpate.api.Stage``.
 
     Each is a command; ``palpate run`` includes those that a study asks for with ``[stages.NAME]``, each after
-    the stages that it needs. The core's come through this hook too.
+    the stages that it needs. The core's come through this hook too. A plugin whose ``palpate_subcommands``
+    has commands of their own lists those of its stages there, with ``palpate.api.cli.stage_command``.
     """
 
 
@@ -171,7 +172,7 @@ def palpate_sections() -> "Iterable[type[Section]]":  # type: ignore[empty-body]
     """Sections of the report's page.
 
     A section is paragraphs, tables, figures as data, pictures and warnings: no markup and no script. Every
-    one that is provided is shown where it has something to show; the core's come through this hook too.
+    one that is provided is shown where it has something to show; palpate-report's come through this hook too.
     """
 
 

@@ -251,7 +251,10 @@ class Registry:
     def add_commands(
         self, app: "typer.Typer", add_stage: "Callable[[type[Component]], None] | None" = None
     ) -> tuple[BrokenPlugin, ...]:
-        """Let every plugin add its commands, all or none; ``add_stage`` adds that of a stage without one."""
+        """Let every plugin add its commands, all of them or none; ``add_stage`` adds that of a stage.
+
+        A plugin that lists commands of its own lists those of its stages too, so that none is imported here.
+        """
         broken = []
         for name, source in self.sources.items():
             apps = [app, *(group.typer_instance for group in app.registered_groups if group.typer_instance)]
@@ -260,13 +263,12 @@ class Registry:
             try:
                 with guarded():
                     self._call(name, "palpate_commands")(app=app)
-                    for command in self._subcommands(name):
+                    added = self._subcommands(name)
+                    for command in added:
                         command.add_to(app)
-                    if add_stage is not None:
-                        own = set(_command_names(app)) - set(before)
+                    if add_stage is not None and all(command.stage for command in added):
                         for stage in self._stages(name):
-                            if stage.name not in own:
-                                add_stage(stage)
+                            add_stage(stage)
                     _refuse_command_clashes(app)
                 self.commands |= {command: name for command in _command_names(app) if command not in before}
             except PluginError as error:

@@ -68,7 +68,11 @@ KITS: Mapping[str, Kit] = MappingProxyType(
         ),
         "stage": Kit("stages", "stage", "StageContract", "A study's run has it with a table `[stages.{}]`."),
         "section": Kit(
-            "sections", "section", "SectionContract", "Every report shows it where it has something."
+            "sections",
+            "section",
+            "SectionContract",
+            "Every report shows it where it has something.",
+            needs=("palpate", "palpate-report"),
         ),
         "filter": Kit("set_filters", "set filter", "SetFilterContract", _FILTER),
         "channel": Kit("channels", "channel", "ChannelContract", _CHANNEL),

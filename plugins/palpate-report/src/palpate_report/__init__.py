@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING
 from palpate.api import hookimpl
 
 if TYPE_CHECKING:
-    from palpate.api import Section, Stage, SubCommand
+    from palpate.api import Stage
+    from palpate.api.cli import SubCommand
+    from palpate.api.report import Section
 
 
 @hookimpl
@@ -27,10 +29,10 @@ def palpate_sections() -> "list[type[Section]]":
 @hookimpl
 def palpate_subcommands() -> "list[SubCommand]":
     """``palpate report`` and ``palpate compare``."""
-    from palpate.api import RUN, STAGES, SubCommand, examples
+    from palpate.api.cli import RUN, STAGES, SubCommand, examples
     from palpate_report.commands import compare, report
 
-    home = "palpate_report.commands"
+    home = "palpate_report.output"
     return [
         SubCommand(
             function=report,

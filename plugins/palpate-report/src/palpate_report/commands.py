@@ -6,29 +6,11 @@ from typing import Annotated
 import typer
 
 from palpate.cli.options import AsJson, OutFolder, RunPath, Tables, TrustPlugins
-from palpate.cli.output import Closed, IntervalOutput, Row
 from palpate.cli.progress import StageProgress
 from palpate.cli.results import show_summary
 from palpate.cli.runs import find_run, newest_run, study_of_run
 from palpate.cli.session import Session, run_folder
 from palpate.errors import StudyError
-
-
-class ReportOutput(Closed):
-    """Files that were written, what they amount to, and warnings, the most severe first."""
-
-    verdict: list[str]
-    intervals: list[IntervalOutput]
-    warnings: list[str]
-    files: list[str]
-
-
-class CompareOutput(Closed):
-    """Tables ``parameters``, ``errors`` and, for runs of the same curves, ``criteria``."""
-
-    tables: dict[str, list[Row]]
-    notes: list[str]
-    files: list[str]
 
 
 def report(
@@ -46,6 +28,7 @@ def report(
     """
     from palpate.run.ownership import is_run
     from palpate_report import from_run
+    from palpate_report.output import ReportOutput
     from palpate_report.stage import summary_of
 
     session = Session.of(context)
