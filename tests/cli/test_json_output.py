@@ -13,19 +13,21 @@ from palpate.cli.app import COMMANDS, STAGES
 from palpate.cli.listing import name_of
 from palpate.cli.output import OUTPUTS, VERSION, schema
 from palpate.stages import core_stages
+from palpate_report.output import CompareOutput, ReportOutput
 
 from .conftest import Call
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
+OF_REPORT = {"report": ReportOutput, "compare": CompareOutput}
 CORE_STAGES = {stage.name: stage for stage in core_stages.STAGES}
 
-PUBLISHED = {1: "7d784a0eff4752b7", 2: "0546410e5aeb8c1d", 3: "9950c9eb2e79bfcb"}
+PUBLISHED = {1: "7d784a0eff4752b7", 2: "0546410e5aeb8c1d", 3: "aaba4bd6e1e8eb87"}
 """Digest of all schemas of each version."""
 
 
 def valid(command: str, value: object) -> object:
-    validator = jsonschema.Draft202012Validator(schema(command, CORE_STAGES))
+    validator = jsonschema.Draft202012Validator(schema(command, CORE_STAGES, OF_REPORT))
     validator.check_schema(validator.schema)
     validator.validate(value)
     return value
