@@ -15,6 +15,7 @@ from palpate.cli.session import Session
 from palpate.study.model import ScenarioTable
 from palpate.testing import bench
 from palpate.testing.studies import StudyRunner
+from palpate_report import report_data
 from palpate_report.convergence import CONTACT
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "plugins-api.md").read_text(encoding="utf-8")
@@ -26,7 +27,7 @@ TABLES = {
 
 
 def value_of(name):
-    return next(getattr(room, name) for room in (api, experiment, fit, report) if name in dir(room))
+    return next(getattr(room, name) for room in (api, experiment, fit, report, report_data) if name in dir(room))
 
 
 @pytest.mark.slow
