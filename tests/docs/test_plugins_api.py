@@ -27,7 +27,9 @@ TABLES = {
 
 
 def value_of(name):
-    return next(getattr(room, name) for room in (api, experiment, fit, report, report_data) if name in dir(room))
+    return next(
+        getattr(room, name) for room in (api, experiment, fit, report, report_data) if name in dir(room)
+    )
 
 
 @pytest.mark.slow
