@@ -32,8 +32,7 @@ from palpate_certainty.causes import ONSET_MM, RELATIVE
 from palpate_certainty.mesh_error import SpotMesh
 from palpate_certainty.posterior_stage import PosteriorStage
 from palpate_certainty.stage import CertaintyStage
-from palpate_materials.ogden import Ogden
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Ogden, Yeoh
 
 pressed = load_file(Path(__file__).parents[1] / "tests" / "data" / "plugins" / "pressed_tissue.py")
 

@@ -20,7 +20,7 @@ from palpate_jax.autodiff import AutodiffKernel
 from palpate_jax.body import blocks
 from palpate_jax.compiled import CompiledKernel
 from palpate_jax.sparse import Pattern
-from palpate_materials.ogden import Ogden
+from palpate_materials.uncoupled import Ogden
 
 THETA = np.array([0.06, 3.0, 1.0])
 N_ROUNDS = 15

@@ -33,7 +33,7 @@ from palpate.study.reading import Study, read_study
 from palpate_certainty.stage import CertaintyStage
 from palpate_certainty.tables import Assessed
 from palpate_materials.neo_hookean import NeoHookean
-from palpate_materials.ogden import Ogden
+from palpate_materials.uncoupled import Ogden
 
 NOISE = 0.005
 """Noise over the largest ordinate."""

@@ -35,8 +35,7 @@ from palpate.plugins.search import Search, Trial
 from palpate.sampling.drawing import draw_design
 from palpate.study.reading import Study, read_study
 from palpate_materials.neo_hookean import NeoHookean
-from palpate_materials.ogden import Ogden
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Ogden, Yeoh
 
 pressed = load_file(Path(__file__).parents[1] / "tests" / "data" / "plugins" / "pressed_tissue.py")
 

@@ -95,7 +95,7 @@ def jobs(thetas: Any, limb: Any, path: Any = PATH) -> list[Any]:
     """A job for each set of parameters."""
     from palpate.domain import Indentation, Job
     from palpate.domain.indenter import Sphere
-    from palpate_materials.ogden import Ogden
+    from palpate_materials.uncoupled import Ogden
 
     protocol = Indentation(indenter=Sphere(radius_mm=RADIUS_MM), path=np.array(path), friction=1.0)
     materials = {region: Ogden() for region in limb.mesh.regions}
@@ -254,7 +254,7 @@ def with_pilots(sets: np.ndarray, limb: Any, solver: Any) -> list[Any]:
 
 def from_pilots(mesh: str, n_sets: int, n_late: int) -> dict[str, Any]:
     """The pilots of a sweep and some of its other sets, in one process: where the time of each goes."""
-    from palpate_jax.pilot_states import PilotStates
+    from palpate_jax.initial_guess import PilotStates
     from palpate_jax.solver import JaxSolver
 
     limb, clock, solver = load(mesh), watched(), JaxSolver()

@@ -46,9 +46,9 @@ def tangent(limb: Limb, path: Path) -> int:
     """Write the tangents of a limb, dented by hand to the sphere's shape; the number of unknowns."""
     from palpate.domain.indenter import Sphere
     from palpate_jax.contact import ContactLaw, ContactState
-    from palpate_jax.kinematics import pose
     from palpate_jax.model import Model
-    from palpate_materials.ogden import Ogden
+    from palpate_jax.schedule import pose
+    from palpate_materials.uncoupled import Ogden
 
     model = Model(limb, {"soft_tissue": Ogden()}, True)
     x, y, z = model.points.T

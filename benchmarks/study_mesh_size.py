@@ -26,7 +26,7 @@ from palpate_limb.quality import Quality, assess
 from palpate_limb.segment import Segment, cut, limb_axis
 from palpate_limb.surfaces import Surface
 from palpate_limb.volume import MeshPlan, mesh_segment, moved_to_contact
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Yeoh
 
 RADIUS_MM = 7.5
 DEFAULT = 0.3

@@ -26,8 +26,8 @@ from bench_inadequate import REGION, Truth, assessed, ready, ready_with_fine, sa
 from palpate import Curve, Job, Limb, Response, Simulation, Status
 from palpate.domain import Indentation
 from palpate.limb.loading import load_limbs
-from palpate.mesh.contact_edge import contact_edge_mm
 from palpate.mesh.refinement import refined
+from palpate.mesh.spot_frame import contact_edge_mm
 from palpate.plugins.catalogue import Plugins
 from palpate.sampling.drawing import accepted_by_all
 from palpate.simulation.sweep import Simulations

@@ -19,15 +19,15 @@ from study_mesh_size import PATH, RADIUS_MM, THETA, extrapolated, peaks, plan
 
 from palpate.domain import Indentation, Job, Limb, Response
 from palpate.domain.indenter import Sphere
-from palpate.mesh.contact_edge import NEAR, contact_edge_mm
 from palpate.mesh.refinement import refined
+from palpate.mesh.spot_frame import NEAR, contact_edge_mm
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_limb.from_scan import ReadScan, ScanPlan, sound_mesh
 from palpate_limb.quality import assess
 from palpate_limb.segment import Segment, cut
 from palpate_limb.volume import MeshPlan, moved_to_contact
 from palpate_materials.neo_hookean import NeoHookean
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Yeoh
 
 SKIN = np.array([0.15, 0.45])
 

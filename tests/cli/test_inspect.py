@@ -11,7 +11,7 @@ LOADERS = '''
 
 from palpate import hookimpl
 from palpate.errors import CurveError
-from palpate.plugins.inspection import InspectedTable, Inspection
+from palpate.plugins.optional import InspectedTable, Inspection
 from palpate.plugins.interfaces import ExperimentLoader
 
 

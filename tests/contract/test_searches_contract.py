@@ -4,7 +4,7 @@ import pytest
 
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.searches import BestSet, DifferentialEvolution
-from palpate.testing.searches import SearchContract
+from palpate.testing.fits import SearchContract
 
 
 class TestLeastSquares(SearchContract):

@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from meshio._common import num_nodes_per_cell
 
-from palpate.mesh.shape_functions import (
+from palpate.mesh.specimens import block
+from palpate.mesh.topology import (
+    CELLS,
     HEX_CORNERS,
     barycentric,
     linear_simplex,
     multilinear,
+    outer_faces,
     quadratic_simplex,
 )
-from palpate.mesh.specimens import block
-from palpate.mesh.topology import CELLS, outer_faces
 
 TET_CORNERS = np.vstack([np.zeros(3), np.eye(3)])
 CORNERS = {"tet4": TET_CORNERS, "tet10": TET_CORNERS, "hex8": HEX_CORNERS}

@@ -9,7 +9,7 @@ import pytest
 RUN = """
 import numpy as np
 from palpate.mechanics import initial_moduli
-from palpate_materials.ogden import Ogden
+from palpate_materials.uncoupled import Ogden
 print([float(m).hex() for m in initial_moduli(Ogden(), np.array([0.06, 3.0, 1.0]))])
 """
 

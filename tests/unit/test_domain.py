@@ -3,10 +3,10 @@
 import sys
 
 import pytest
+from palpate.plugins.indenter import Sphere
 
 from palpate.domain import Indentation, Parameter
 from palpate.errors import MaterialError, StudyError
-from palpate.plugins.indenter import Sphere
 
 
 @pytest.mark.parametrize(

@@ -25,7 +25,7 @@ from palpate_certainty.known_errors import MESH, known_errors
 from palpate_certainty.mesh_error import SpotMesh, noted_errors
 from palpate_certainty.stage import CertaintyStage
 from palpate_materials.neo_hookean import NeoHookean
-from palpate_materials.ogden import Ogden
+from palpate_materials.uncoupled import Ogden
 from palpate_prediction.bands import draws_of
 
 TRUTH = np.array([0.08, 4.0])

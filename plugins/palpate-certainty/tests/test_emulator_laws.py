@@ -11,8 +11,7 @@ from palpate.domain import Parameter
 from palpate.fit.box import Box
 from palpate.plugins.registry import load_file
 from palpate_certainty.emulator import Emulator, Runs
-from palpate_materials.ogden import Ogden
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Ogden, Yeoh
 
 pressed = load_file(Path(__file__).parents[3] / "tests" / "data" / "plugins" / "pressed_tissue.py")
 seeds = st.integers(0, 2**32 - 1)

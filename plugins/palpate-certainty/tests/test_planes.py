@@ -11,7 +11,7 @@ from palpate_certainty.emulated_curves import EmulatedCurves, SimulatedCurves
 from palpate_certainty.gaussian_process import GaussianProcess
 from palpate_certainty.planes import KNOWN, N_EVEN, Valley, fitted
 from palpate_certainty.stage import CertaintyStage
-from palpate_materials.ogden import Ogden
+from palpate_materials.uncoupled import Ogden
 
 SCENARIOS = tuple(
     Scenario(name=name, weights=dict.fromkeys(channels, 1.0))

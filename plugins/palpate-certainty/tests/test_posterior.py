@@ -11,7 +11,7 @@ from palpate_certainty.posterior_tables import posterior_result
 from palpate_certainty.profiles import RISE, best_point, profile, refitted
 from palpate_certainty.ribbons import sobol_indices
 from palpate_certainty.stage import CertaintyStage
-from palpate_materials.ogden import Ogden
+from palpate_materials.uncoupled import Ogden
 
 SCENARIOS = tuple(
     Scenario(name=name, weights=dict.fromkeys(channels, 1.0))

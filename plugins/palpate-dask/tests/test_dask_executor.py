@@ -43,8 +43,7 @@ from palpate.simulation import jobs as simulation
 from palpate.simulation.sweep import Simulations
 from palpate.study.reading import Study, StudySpot
 from palpate_dask import cluster as dask_cluster, worker_runtime
-from palpate_dask.executor import DaskExecutor
-from palpate_dask.settings import DaskSettings
+from palpate_dask.executor import DaskExecutor, DaskSettings
 
 TISSUE = """
 import os, time

@@ -8,7 +8,7 @@ from palpate.domain import Indentation, Job, Limb, Simulation, Status
 from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
 from palpate_jax.solver import JaxSettings, JaxSolver
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Yeoh
 
 RADIUS_MM, DEPTH_MM, HEIGHT_MM = 7.5, 2.0, 10.0
 NEARLY_INCOMPRESSIBLE = np.array([0.0141, -0.0011, 1.05e-4, 40 * 2 * 0.0141])

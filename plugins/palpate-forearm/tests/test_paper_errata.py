@@ -12,8 +12,7 @@ from palpate import _core
 from palpate.domain import Normaliser, Parameter, ScoringRules
 from palpate.errors import ParameterError, ScoringError
 from palpate.scoring.scores import check_scorable
-from palpate_materials.ogden import Ogden
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Ogden, Yeoh
 
 TABLE_2 = Path(str(files("palpate_forearm") / "paper" / "table2_nmse.csv"))
 YEOH = np.array([0.0129, -2.016e-3, 2.7623e-4, 0.8])

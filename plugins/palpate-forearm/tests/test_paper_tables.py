@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 
 from palpate.stages import pipeline
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Yeoh
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 

@@ -10,7 +10,7 @@ from palpate.domain import Mesh, Spot
 from palpate.errors import MeshError
 from palpate.limb.loading import check_limb
 from palpate_forearm import Phantom, write_phantom
-from palpate_forearm.phantom_files import write_stl
+from palpate_forearm.phantom import write_stl
 from palpate_indentation import MeshioSettings, MeshioSource
 
 pytestmark = pytest.mark.usefixtures("meshes_here")

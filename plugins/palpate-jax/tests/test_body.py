@@ -5,7 +5,7 @@ from palpate.mesh.specimens import block
 from palpate_jax.body import Body, blocks
 from palpate_jax.elements import ELEMENTS
 from palpate_materials.neo_hookean import NeoHookean
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Yeoh
 
 YEOH = np.array([0.0141, -0.0011, 1.05e-4, 0.8])
 SMALL = {"n_across": 2, "n_down": 2, "width_mm": 4.0, "height_mm": 3.0}

@@ -15,7 +15,7 @@ from palpate_indentation import (
     Ring,
     RingSettings,
 )
-from palpate_jax import kinematics
+from palpate_jax import schedule as kinematics
 from palpate_jax.contact import Contact, ContactLaw, ContactState, Memory
 
 LAW = ContactLaw(Sphere(radius_mm=7.5), penalty=4.0, friction=0.5)

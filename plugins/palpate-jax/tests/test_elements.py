@@ -10,10 +10,8 @@ from scipy.sparse.csgraph import connected_components
 from palpate.domain import Mesh
 from palpate.mesh.specimens import block
 from palpate_jax.body import Body, blocks
-from palpate_jax.elements import ELEMENTS, PLAIN_ELEMENTS
-from palpate_jax.patches import tetrahedron_patches
-from palpate_materials.ogden import Ogden
-from palpate_materials.yeoh import Yeoh
+from palpate_jax.elements import ELEMENTS, PLAIN_ELEMENTS, tetrahedron_patches
+from palpate_materials.uncoupled import Ogden, Yeoh
 
 YEOH = np.array([0.0141, -0.0011, 1.05e-4, 0.8])
 OGDEN = np.array([0.055, 2.4, 0.9])

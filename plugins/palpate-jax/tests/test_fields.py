@@ -18,7 +18,7 @@ from palpate_jax.fields import cell_fields
 from palpate_jax.skin import nodal_tractions
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Yeoh
 
 YEOH = np.array([0.0141, -0.0011, 1.05e-4, 0.8])
 TURN = np.linalg.qr(np.random.default_rng(8).standard_normal((3, 3)))[0]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from palpate.api.mechanics import SparseFactor
-from palpate_jax import kept_orders
+from palpate_jax import compiled as kept_orders
 from palpate_jax.sparse import LinearSolver, Pattern
 
 ELEMENTS = np.arange(24).reshape(2, 12)

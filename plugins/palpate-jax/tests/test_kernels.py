@@ -11,9 +11,7 @@ from palpate_jax.autodiff import AutodiffKernel
 from palpate_jax.body import Body, blocks
 from palpate_jax.compiled import POINTS, CompiledKernel, serves
 from palpate_materials.neo_hookean import NeoHookean
-from palpate_materials.ogden import Ogden
-from palpate_materials.uncoupled import modulus
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Ogden, Yeoh, modulus
 
 COUPLED = (NeoHookean(), np.array([0.07, 0.44]))
 OGDEN = (Ogden(), np.array([0.061, 3.1, 1.3]))

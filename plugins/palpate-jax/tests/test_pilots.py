@@ -11,10 +11,9 @@ from palpate.domain import Indentation, Job, Status
 from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
 from palpate_jax import solver as solver_module
-from palpate_jax.initial_guess import InitialGuess
-from palpate_jax.pilot_states import PilotStates
+from palpate_jax.initial_guess import InitialGuess, PilotStates
 from palpate_jax.solver import JaxSettings, JaxSolver
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Yeoh
 
 YEOH = np.array([0.0141, -0.0011, 1.05e-4, 0.4])
 SETS = YEOH * np.random.default_rng(7).uniform(0.8, 1.25, (8, 4))
@@ -142,7 +141,7 @@ def test_states_come_back_and_what_is_cut_short_counts_as_missing(tmp_path, monk
     np.testing.assert_array_equal(PilotStates(tmp_path).load("a"), stack)
     (tmp_path / "a.npy").write_bytes((tmp_path / "a.npy").read_bytes()[:-8])
     assert PilotStates(tmp_path).load("a") is None
-    monkeypatch.setattr("palpate_jax.pilot_states.MOST_BYTES", 700)
+    monkeypatch.setattr("palpate_jax.initial_guess.MOST_BYTES", 700)
     for name in "abcd":
         states.store(name, stack)
     assert 1 <= len(list(tmp_path.iterdir())) <= 2

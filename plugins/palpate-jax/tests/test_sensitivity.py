@@ -12,8 +12,7 @@ from palpate_jax import load_stepping, sparse
 from palpate_jax.newton import Balance, equilibrium
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
-from palpate_materials.ogden import Ogden
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Ogden, Yeoh
 
 BOUND = 1e-5
 """Largest error, relative to the largest derivative of the path."""

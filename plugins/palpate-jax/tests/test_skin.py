@@ -11,8 +11,8 @@ from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
 from palpate.mesh.spot_frame import spot_axes
 from palpate_jax.model import Model
+from palpate_jax.skin import strain_ranges
 from palpate_jax.solver import JaxSettings, JaxSolver
-from palpate_jax.strains import strain_ranges
 from palpate_materials.neo_hookean import NeoHookean
 
 FRICTION = 0.4

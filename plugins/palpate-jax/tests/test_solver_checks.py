@@ -13,7 +13,7 @@ from palpate.mesh.specimens import block
 from palpate_indentation import Box, BoxSettings, Ring, RingSettings
 from palpate_jax.schedule import schedule
 from palpate_jax.solver import JaxSettings, JaxSolver
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Yeoh
 
 PROTOCOL = Indentation(indenter=Sphere(radius_mm=7.5), path=np.array([(0.0, 0.0), (2.0, 0.0)]), friction=0.5)
 JOB = Job(

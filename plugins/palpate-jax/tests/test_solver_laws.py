@@ -13,7 +13,7 @@ from palpate.mesh.specimens import block
 from palpate_indentation.mesh_source import MeshioSource
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Yeoh
 
 YEOH = np.array([0.0141, -0.0011, 1.05e-4, 0.4])
 PATH = [(0.0, 0.0), (2.0, 0.0), (2.0, -15.0), (2.0, 15.0), (2.0, 0.0)]

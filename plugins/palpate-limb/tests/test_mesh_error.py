@@ -7,7 +7,7 @@ import pytest
 
 from palpate.errors import MeshError
 from palpate.run.manifest import manifest
-from palpate.study.mesh_note import mesh_note
+from palpate.study.spots import mesh_note
 from palpate_certainty.mesh_error import SpotMesh, noted_errors
 from palpate_limb.cli import DEFAULT_SIZE
 from palpate_limb.limb_files import RATIOS, mesh_error

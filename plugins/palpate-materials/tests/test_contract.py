@@ -6,7 +6,7 @@ import pytest
 from palpate.domain import ParameterSpace, RegionMaterial
 from palpate.testing import MaterialContract, SetFilterContract
 from palpate_materials import Demiray, Drucker, MooneyRivlin, NeoHookean, Ogden, VerondaWestmann, Yeoh
-from palpate_materials.ogden import OgdenSettings
+from palpate_materials.uncoupled import OgdenSettings
 
 
 class TestMaterials(MaterialContract):

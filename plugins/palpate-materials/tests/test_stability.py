@@ -9,8 +9,7 @@ from palpate.domain import ParameterSpace, RegionMaterial
 from palpate.domain.material import AnisotropicMaterial
 from palpate_materials import Drucker, MooneyRivlin, NeoHookean, Ogden, Yeoh
 from palpate_materials.stability import DruckerSettings
-from palpate_materials.uncoupled import modulus
-from palpate_materials.yeoh import PAPER_RANGES
+from palpate_materials.uncoupled import PAPER_RANGES, modulus
 
 YEOH = Yeoh()
 KAPPA = 1.0

@@ -14,10 +14,8 @@ from palpate import mechanics
 from palpate.errors import MaterialError
 from palpate.fit.fitted import Fitted
 from palpate.run.result import CertaintyResult, FitResult
-from palpate_materials.demiray import Demiray
 from palpate_materials.neo_hookean import NeoHookean
-from palpate_materials.ogden import Ogden, OgdenSettings
-from palpate_materials.yeoh import Yeoh, YeohSettings
+from palpate_materials.uncoupled import Demiray, Ogden, OgdenSettings, Yeoh, YeohSettings
 from palpate_prediction.cards.card import CardData
 from palpate_prediction.cards.of_run import _intervals
 from palpate_prediction.cards.programs import PROGRAMS, joined

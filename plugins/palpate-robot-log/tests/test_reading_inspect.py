@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.experiment.delimited import Column, TextFormat
-from palpate.plugins.inspection import Inspection
+from palpate.plugins.optional import Inspection
 from palpate_indentation import CsvLoader, CsvSettings
 from palpate_robot_log.reading.assembly import read_recording
 from palpate_robot_log.reading.channel_map import ChannelMap

@@ -25,13 +25,11 @@ if TYPE_CHECKING:
         listed as listed,
         unit_in as unit_in,
     )
-    from palpate.plugins.inspection import (
-        InspectedTable as InspectedTable,
-        Inspection as Inspection,
-    )
     from palpate.plugins.optional import (
         CurveWriter as CurveWriter,
         FileInspector as FileInspector,
+        InspectedTable as InspectedTable,
+        Inspection as Inspection,
     )
     from palpate.run.atomic_files import (
         write_atomically as write_atomically,

@@ -5,19 +5,8 @@ from typing import TYPE_CHECKING
 from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
-    from palpate.mesh.contact_edge import (
-        NEAR as NEAR,
-        contact_edge_mm as contact_edge_mm,
-    )
     from palpate.mesh.refinement import (
         refined as refined,
-    )
-    from palpate.mesh.shape_functions import (
-        HEX_CORNERS as HEX_CORNERS,
-        barycentric as barycentric,
-        linear_simplex as linear_simplex,
-        multilinear as multilinear,
-        quadratic_simplex as quadratic_simplex,
     )
     from palpate.mesh.specimens import (
         block as block,
@@ -26,7 +15,9 @@ if TYPE_CHECKING:
         layer as layer,
     )
     from palpate.mesh.spot_frame import (
+        NEAR as NEAR,
         SpotWrench as SpotWrench,
+        contact_edge_mm as contact_edge_mm,
         in_spot_frame as in_spot_frame,
         indentation_of as indentation_of,
         pose_of as pose_of,
@@ -34,7 +25,12 @@ if TYPE_CHECKING:
     )
     from palpate.mesh.topology import (
         CELLS as CELLS,
+        HEX_CORNERS as HEX_CORNERS,
+        barycentric as barycentric,
+        linear_simplex as linear_simplex,
+        multilinear as multilinear,
         outer_faces as outer_faces,
+        quadratic_simplex as quadratic_simplex,
         triangles_of as triangles_of,
         with_midpoints as with_midpoints,
     )

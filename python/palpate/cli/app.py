@@ -20,7 +20,7 @@ from palpate import __version__
 from palpate.cli.check import check
 from palpate.cli.doctor import doctor
 from palpate.cli.experiment import experiment
-from palpate.cli.init import init
+from palpate.cli.init import init, synthesise
 from palpate.cli.inspect import experiment_commands
 from palpate.cli.limb import limb, limb_commands
 from palpate.cli.listing import (
@@ -32,14 +32,12 @@ from palpate.cli.listing import (
     examples,
     name_of,
 )
-from palpate.cli.new_plugin import new_plugin
-from palpate.cli.plugins import plugins
+from palpate.cli.plugins import new_plugin, plugins
 from palpate.cli.run import run
 from palpate.cli.schema import schema
 from palpate.cli.session import Session, visible
 from palpate.cli.stages import STAGE_COMMANDS, add_stage
 from palpate.cli.status import status
-from palpate.cli.synthesise import synthesise
 from palpate.errors import NothingSelectableError, PalpateError, StoppedError
 from palpate.plugins.guard import noting_interrupts
 

@@ -13,7 +13,7 @@ from palpate.cli.options import AsJson
 from palpate.cli.session import Session
 
 if TYPE_CHECKING:
-    from palpate.plugins.inspection import Inspection
+    from palpate.plugins.optional import Inspection
 
 STAGE = "study"
 

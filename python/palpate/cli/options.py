@@ -5,7 +5,7 @@ from typing import Annotated, TypeAlias
 
 import typer
 
-from palpate.study.plain_values import MOST_SETS
+from palpate.study.source_positions import MOST_SETS
 
 StudyPath: TypeAlias = Annotated[
     Path, typer.Argument(metavar="STUDY", help="A study.toml, or the folder that holds one.")

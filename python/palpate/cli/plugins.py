@@ -1,6 +1,8 @@
 """``palpate plugins``: who provides what."""
 
+from collections.abc import Collection
 from dataclasses import asdict
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -11,7 +13,6 @@ from palpate.cli.session import Session
 if TYPE_CHECKING:
     from palpate.plugins.catalogue import Plugins
     from palpate.plugins.interfaces import Solver
-
 
 COMMANDS = "commands"
 """What is listed besides the catalogues."""
@@ -148,3 +149,44 @@ def _shown(value: Any) -> str:  # noqa: ANN401 -- a field of a declaration
     if isinstance(value, bool):
         return "yes" if value else "no"
     return ", ".join(value) or "none" if isinstance(value, tuple) else str(value)
+
+
+def new_plugin(
+    context: typer.Context,
+    kind: Annotated[
+        str,
+        typer.Argument(
+            metavar="KIND",
+            help="material, indenter, motion, solver, loader, scenario, limb, executor, sampler, search, "
+            "parametrisation, stage, section, filter, channel, command or study.",
+        ),
+    ],
+    name: Annotated[
+        str, typer.Argument(metavar="NAME", help="What a study will call it: lower case, an identifier.")
+    ],
+    into: Annotated[
+        Path, typer.Option("--into", metavar="FOLDER", help="Where to make the folder palpate-NAME.")
+    ] = Path(),
+    as_json: AsJson = False,
+) -> None:
+    """Make a plugin of KIND that works: code, tests that pass at once, and what to change."""
+    from palpate.plugins import scaffold as plugin_kit
+
+    session = Session.of(context)
+    folder = plugin_kit.new_plugin(kind, name, into, session.plugins, _commands(session))
+    files = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+    if as_json:
+        session.json({"kind": kind, "name": name, "folder": str(folder), "files": files})
+        return
+    session.say(f"{folder}")
+    for file in files:
+        session.say(f"  {file}")
+    session.note(f"next: cd {folder} && pytest")
+
+
+def _commands(session: Session) -> Collection[str]:
+    from typer.main import get_group
+
+    app = session.make_app()
+    session.plugins.commands(app)
+    return get_group(app).commands

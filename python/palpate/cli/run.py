@@ -25,7 +25,7 @@ from palpate.cli.session import Session, run_folder
 from palpate.errors import StudyError
 
 if TYPE_CHECKING:
-    from palpate.run.study_diff import Changed
+    from palpate.run.manifest import Changed
     from palpate.study.reading import Study
 
 MAX_CHANGES = 20

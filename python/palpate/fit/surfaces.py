@@ -10,7 +10,7 @@ from palpate.domain import Response, SimulationId, Status, SurfaceStates
 from palpate.errors import SolverError, StudyError
 from palpate.fit.fitted import Fitted, inputs_at, job_of
 from palpate.run.ledger import Ledger
-from palpate.run.surface_files import read_surface, surface_path
+from palpate.run.result_files import read_surface, surface_path
 from palpate.simulation.jobs import check_jobs
 from palpate.simulation.sweep import Simulations
 

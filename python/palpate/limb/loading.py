@@ -11,14 +11,12 @@ from palpate.domain.material import AnisotropicMaterial
 from palpate.errors import MeshError, StudyError
 from palpate.limb.cell_fields import check_frames, with_fields
 from palpate.limb.mesh_joints import check_joints, holes
-from palpate.mesh.contact_edge import NEAR, contact_edge_mm
 from palpate.mesh.refinement import refined
-from palpate.mesh.shape_functions import HEX_CORNERS, linear_simplex, multilinear, quadratic_simplex
-from palpate.mesh.spot_frame import spot_axes
-from palpate.mesh.topology import CELLS, Cell
+from palpate.mesh.spot_frame import NEAR, contact_edge_mm, spot_axes
+from palpate.mesh.topology import CELLS, HEX_CORNERS, Cell, linear_simplex, multilinear, quadratic_simplex
 from palpate.plugins.guard import answering_for
-from palpate.study.mesh_note import mesh_note
 from palpate.study.reading import Study, StudySpot
+from palpate.study.spots import mesh_note
 
 SAME_FRAME = 0.25
 """Difference of the boxes around two meshes of one limb, over the element size, up to which frames agree."""

@@ -1,11 +1,42 @@
 """What a component may do beyond its duty: it has the method, and inherits nothing for it."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from palpate.domain import Channel, Job, Limb, Response, Simulation
-from palpate.plugins.inspection import Inspection
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InspectedTable:
+    """A table of text, to be shown."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Inspection:
+    """Contents of a file, and how a study might read it.
+
+    Parameters
+    ----------
+    tables : tuple of InspectedTable
+        For a person: channels, units, rates, gaps.
+    findings : tuple of str
+        What is wrong or doubtful, each a sentence.
+    study_text : str
+        Tables of study.toml that would read the file; empty if there are none.
+    record : mapping
+        The same for a script; JSON-able.
+    """
+
+    tables: tuple[InspectedTable, ...] = ()
+    findings: tuple[str, ...] = ()
+    study_text: str = ""
+    record: Mapping[str, Any] = field(default_factory=dict)
 
 
 @runtime_checkable

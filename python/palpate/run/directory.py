@@ -41,12 +41,20 @@ from palpate.executors.answers import plain
 from palpate.run.atomic_files import write_atomically
 from palpate.run.fit_state import remove_fit_state
 from palpate.run.lock import locked
-from palpate.run.manifest import checked_manifest, finite, infinite, manifest
+from palpate.run.manifest import (
+    IN_KEYS,
+    checked_manifest,
+    fingerprints,
+    finite,
+    infinite,
+    manifest,
+    recorded,
+    trusting,
+)
 from palpate.run.ownership import check_claimable, claim, refuse_other, tidy, writing_in
 from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
 from palpate.run.result_files import Files, frame_of, parquet, response_of
 from palpate.run.stage_records import StageRecords
-from palpate.run.trust import IN_KEYS, fingerprints, recorded, trusting
 from palpate.study.reading import Study
 
 RELAXATIONS = "relaxations"

@@ -5,8 +5,9 @@ import hashlib
 import importlib.metadata
 import json
 import platform
-from collections.abc import Mapping
-from dataclasses import asdict, fields
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from pathlib import Path
 from typing import Any, NotRequired
 
 import numpy as np
@@ -15,12 +16,15 @@ from typing_extensions import TypedDict
 
 from palpate.domain import Channel, HomogeneousTests, Indentation, Protocol, ScoringRules, channel_of
 from palpate.domain.component import Component
+from palpate.errors import StudyError
 from palpate.executors.answers import plain
 from palpate.fingerprints import distributions
 from palpate.plugins.guard import answering_for
-from palpate.run.trust import fingerprints
-from palpate.study.mesh_note import mesh_note
+from palpate.plugins.registry import suggestion
+from palpate.run.keys import identity
+from palpate.run.ledger import Ledger
 from palpate.study.reading import Study, StudySpot, relative
+from palpate.study.spots import mesh_note
 
 UNITS = "mm, N, MPa, N·mm, degrees"
 """Units of every number in a run directory."""
@@ -197,3 +201,151 @@ def checked_manifest(text: str) -> dict[str, Any]:
 def scoring_rules(content: Mapping[str, Any]) -> ScoringRules:
     """Scoring rules of a manifest that :func:`checked_manifest` returned."""
     return TypeAdapter(ScoringRules).validate_python(content["scoring"])
+
+
+IN_KEYS = ("material:", "solver:")
+"""How the components begin whose code decides a simulation."""
+
+
+def fingerprints(study: Study) -> dict[str, str]:
+    """Fingerprint of each component that decides a number, by ``kind:name``."""
+    loaders = [study.loader, *(spot.loader for spot in study.spots if spot.loader)]
+    components: dict[str, list[Component]] = {
+        "material": [region.material for region in study.space.regions],
+        "solver": [study.solver],
+        "sampler": [study.sampler],
+        "filter": list(study.filters),
+        "loader": list(loaders),
+        "limb_source": [study.limb_source] if study.limb_source else [],
+    }
+    found: dict[str, dict[str, None]] = {}
+    for kind, listed in components.items():
+        for component in listed:
+            found.setdefault(f"{kind}:{component.name}", {})[identity(component)] = None
+    return {name: " | ".join(each) for name, each in found.items()}
+
+
+def trusting(study: Study, manifest: Mapping[str, Any], names: Collection[str] = ()) -> Study:
+    """The study with the results that its run directory accepts, and those of ``names`` from now on.
+
+    ``manifest`` is empty for a new run. A StudyError where the study has no component of such a name,
+    ``material:NAME`` or ``solver:NAME``, or the run directory no results of it.
+    """
+    now = {name: text for name, text in fingerprints(study).items() if name.startswith(IN_KEYS)}
+    earlier, accepted = manifest.get("fingerprints", {}), manifest.get("trusted", {})
+    for name in names:
+        if name not in now:
+            raise StudyError(
+                f"--trust {name}: no such component{suggestion(name, now)} (known: {', '.join(now)})"
+            )
+        if name not in earlier:
+            raise StudyError(
+                f"--trust {name}: the run directory holds no results of it; leave the option out"
+            )
+    trusted = {}
+    for name, text in now.items():
+        wanted = earlier[name] if name in names else text
+        # Code that the results were made with which count as those of the wanted fingerprint.
+        origins = (origin for origin, others in accepted.get(name, {}).items() if wanted in others)
+        if (origin := next(origins, wanted)) != text:
+            trusted[name] = origin
+    return replace(study, trusted=trusted)
+
+
+def recorded(study: Study, manifest: Mapping[str, Any]) -> dict[str, dict[str, list[str]]]:
+    """What the next manifest has under ``trusted``: by component, origin of results → accepted code."""
+    now = fingerprints(study)
+    record = {name: dict(origins) for name, origins in manifest.get("trusted", {}).items()}
+    for name, origin in study.trusted.items():
+        of_name = record.setdefault(name, {})
+        of_name[origin] = list(dict.fromkeys([*of_name.get(origin, []), now[name]]))
+    return record
+
+
+_ABOUT_NOTHING = ("measured", "study_file", "plugin_files", "trusted", "fit_start")
+"""Parts of a manifest that are no part of a study: they follow from others, or are the folder's own."""
+
+_CODE = "fingerprints."
+"""How the keys of components begin."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """One key of the manifest, and what it was and is; None where it was or is not there."""
+
+    key: str
+    before: str | None
+    after: str | None
+
+    def __str__(self) -> str:
+        difference = f"{self.before or 'absent'} → {self.after or 'absent'}"
+        if self.component:
+            return f"{self.component}: code changed, {difference}".replace('"', "")
+        return f"{self.key}: {difference}"
+
+    @property
+    def component(self) -> str:
+        """Component whose code has changed, as ``kind:name``; empty where something else has."""
+        return self.key.removeprefix(_CODE) if self.key.startswith(_CODE) else ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Changed:
+    """How a study differs from the one that a run directory was written for."""
+
+    changes: Sequence[Change]
+    n_finished: int
+    """Finished simulations of the earlier study."""
+    n_valid: int
+    """Those of them that are simulations of this study too."""
+
+    @property
+    def trustable(self) -> tuple[str, ...]:
+        """Components whose code decides simulations, has changed, and has earlier results."""
+        return tuple(c.component for c in self.changes if c.component.startswith(IN_KEYS) and c.before)
+
+    @property
+    def loses(self) -> bool:
+        """Whether finished simulations would not be used any more; none is ever removed."""
+        return bool(self.changes) and self.n_valid < self.n_finished
+
+
+def changed(
+    ledger: Ledger, before: Mapping[str, Any], after: Mapping[str, Any], keys: Sequence[str]
+) -> Changed:
+    """Compare a study, of manifest ``after`` and simulations ``keys``, with what a run directory holds."""
+    finished = ledger.finished_of_last_sweep()
+    n_valid = len(finished & set(keys))
+    return Changed(changes=differences(before, after), n_finished=len(finished), n_valid=n_valid)
+
+
+def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Change]:
+    """Differences of two manifests, key by key, in the order of the later one."""
+    # Their content shows key by key, and what they compute as a component.
+    shown = {Path(file).name for file in (before["study_file"], *before["plugin_files"])}
+    old, new = (_flat(_plain(each, shown)) for each in (before, after))
+    return [
+        Change(key=key, before=old.get(key), after=new.get(key))
+        for key in dict.fromkeys([*new, *old])
+        if old.get(key) != new.get(key)
+    ]
+
+
+def _plain(manifest: Mapping[str, Any], shown: Collection[str]) -> dict[str, Any]:
+    kept = {key: value for key, value in manifest.items() if key not in _ABOUT_NOTHING}
+    plain: dict[str, Any] = json.loads(json.dumps(kept))
+    # Enough digits of a file's hash for people.
+    plain["inputs"] = {k: v[:12] for k, v in plain["inputs"].items() if Path(k).name not in shown}
+    return plain
+
+
+def _flat(value: object, key: str = "") -> dict[str, str]:
+    """Leaves of a tree by their dotted key; a list of things with a name goes by these names."""
+    if isinstance(value, list) and value and all(isinstance(item, dict) for item in value):
+        value = {item.get("region") or item.get("name") or i: item for i, item in enumerate(value)}
+    if not isinstance(value, dict):
+        return {key: json.dumps(value, ensure_ascii=False)}
+    flat: dict[str, str] = {}
+    for name, item in value.items():
+        flat |= _flat(item, f"{key}.{name}" if key else str(name))
+    return flat

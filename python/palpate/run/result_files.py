@@ -1,7 +1,9 @@
 """Results as files: curves as rows of a table."""
 
 import io
+import zipfile
 from collections.abc import Iterable, Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,9 @@ import numpy as np
 import polars as pl
 
 from palpate.domain import Curve, FloatArray, Response
+from palpate.domain.surface import SurfaceStates
+from palpate.errors import MeshError
+from palpate.run.atomic_files import write_atomically
 
 CURVES = pl.Schema(
     {
@@ -93,3 +98,27 @@ def parquet(frame: pl.DataFrame) -> bytes:
     buffer = io.BytesIO()
     frame.write_parquet(buffer)
     return buffer.getvalue()
+
+
+FOLDER = "surface"
+
+
+def surface_path(folder: Path, key: str) -> Path:
+    """File of a simulation in a run directory."""
+    return folder / FOLDER / f"{key}.npz"
+
+
+def write_surface(path: Path, states: SurfaceStates) -> None:
+    """Write states of the skin; an OSError leaves nothing behind."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **states.compact())
+    write_atomically(path, buffer.getvalue())
+
+
+def read_surface(path: Path) -> SurfaceStates | None:
+    """States of the skin as they were written; None where the file is missing or damaged."""
+    try:
+        with np.load(io.BytesIO(path.read_bytes())) as arrays:
+            return SurfaceStates(**{each.name: arrays[each.name] for each in fields(SurfaceStates)})
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, MeshError):
+        return None

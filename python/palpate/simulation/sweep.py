@@ -23,7 +23,7 @@ from palpate.run.keys import JobKeys
 from palpate.run.ledger import Entry, Finished, Ledger, Writer
 from palpate.run.ledger.cache import ResultCache
 from palpate.run.ledger.format import disk_errors
-from palpate.run.surface_files import read_surface, surface_path, write_surface
+from palpate.run.result_files import read_surface, surface_path, write_surface
 from palpate.simulation.cost import cost
 from palpate.study.reading import Study
 

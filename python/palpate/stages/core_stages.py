@@ -19,9 +19,8 @@ from palpate.progress import Progress, ShowsPlace
 from palpate.run.directory import design_files, measured_files
 from palpate.run.fit_state import FitState, write_fit_state
 from palpate.run.result import CertaintyResult, PosteriorResult, SelectionResult
-from palpate.run.result_files import Files, frame_of
+from palpate.run.result_files import Files, frame_of, surface_path
 from palpate.run.stage_records import described, sha256
-from palpate.run.surface_files import surface_path
 from palpate.sampling.study_design import draw_study
 from palpate.scoring import scores as scoring, selection
 from palpate.scoring.completeness import completeness, described as named, without_result
@@ -30,8 +29,8 @@ from palpate.simulation import jobs as simulation
 from palpate.simulation.cost import FitTime
 from palpate.simulation.verification import verify
 from palpate.stages.stage import Run, Stage, Summary
-from palpate.study.mesh_note import mesh_note
 from palpate.study.reading import Study
+from palpate.study.spots import mesh_note
 from palpate_certainty.mesh_error import SpotMesh, noted_errors
 from palpate_certainty.posterior_stage import PosteriorStage
 from palpate_certainty.posterior_tables import posterior_result

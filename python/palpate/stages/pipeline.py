@@ -28,10 +28,9 @@ from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory, measured_files
 from palpate.run.fit_state import remove_fit_state
 from palpate.run.ledger import Ledger
-from palpate.run.manifest import manifest
+from palpate.run.manifest import Changed, changed, manifest
 from palpate.run.ownership import drawing_in
 from palpate.run.result import FitResult, SelectionResult, StudyInputs
-from palpate.run.study_diff import Changed, changed
 from palpate.sampling.study_design import draw_study
 from palpate.scoring import scores as scoring
 from palpate.simulation import jobs as simulation

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from palpate.domain import MOST_TILT_DEG, Normaliser, PointWeighting
-from palpate.study.plain_values import MOST_FILES, MOST_NAMED, MOST_SETS
+from palpate.study.source_positions import MOST_FILES, MOST_NAMED, MOST_SETS
 from palpate.units import Quantity
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]

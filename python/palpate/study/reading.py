@@ -26,11 +26,10 @@ from palpate.study.build import (
     check_parametrisation,
 )
 from palpate.study.model import BudgetTable, ExecutorTable, Tables
-from palpate.study.plain_values import MOST_BYTES, MOST_SIMULATIONS, check_plain
 from palpate.study.problems import Problems, read_tables, require
 from palpate.study.regions import build_space, build_truth, written_units
 from palpate.study.solver_checks import check_body, check_channels, check_protocols, check_regions
-from palpate.study.source_positions import Key, KeyLines, dotted
+from palpate.study.source_positions import MOST_BYTES, MOST_SIMULATIONS, Key, KeyLines, check_plain, dotted
 from palpate.study.spots import StudySpot, build_protocol, build_spots
 
 __all__ = ["Study", "StudySpot", "read_study", "relative", "with_study_plugins"]

@@ -1,17 +1,43 @@
 """The spots of a study: their files, and what is done and read otherwise at one of them."""
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from palpate.domain import Indentation, Protocol, Spot
+from palpate.errors import MeshError
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import ExperimentLoader
 from palpate.study.build import Context, build_component
 from palpate.study.model import ExperimentTable, ProtocolTable, SpotTable, Tables
-from palpate.study.source_positions import Key
+from palpate.study.source_positions import MOST_BYTES, Key, check_plain
+
+
+def mesh_note(mesh: Path) -> dict[str, Any] | None:
+    """The note of a mesh by whoever made it, ``<mesh>.json``; None without one.
+
+    A MeshError where it is no JSON object, larger than 1 MB, or holds what JSON or a terminal does not take.
+    """
+    note_file = mesh.with_suffix(".json")
+    if not note_file.is_file():
+        return None
+    try:
+        if note_file.stat().st_size > MOST_BYTES:
+            raise ValueError("larger than 1 MB")
+        note = json.loads(note_file.read_text(encoding="utf-8"))
+        if not isinstance(note, dict):
+            raise ValueError("not an object")
+        check_plain(note)
+        json.dumps(note, allow_nan=False)
+    except (ValueError, RecursionError, OSError) as error:
+        raise MeshError(
+            f"{note_file}: not a note on the mesh of that name ({error}); write it again, or move it away"
+        ) from error
+    return note
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,18 +11,18 @@ runs the laws that palpate relies on::
             return MyTissue()
 """
 
-from palpate.testing.channels import ChannelContract
-from palpate.testing.components import ComponentContract, check_described
-from palpate.testing.designs import SamplerContract, SetFilterContract
+from palpate.testing.components import ComponentContract, check_described, plugins_with
 from palpate.testing.executors import ExecutorContract, LinearMaterial
 from palpate.testing.files import Expected, LimbSourceContract, LoaderContract
-from palpate.testing.indenters import IndenterContract
+from palpate.testing.fits import (
+    ParametrisationContract,
+    Rehearsal,
+    SamplerContract,
+    SearchContract,
+    SetFilterContract,
+)
 from palpate.testing.materials import MaterialContract
-from palpate.testing.motions import MotionContract
-from palpate.testing.parametrisations import ParametrisationContract
-from palpate.testing.plugins import plugins_with
-from palpate.testing.scenarios import ScenarioContract
-from palpate.testing.searches import Rehearsal, SearchContract
+from palpate.testing.presses import ChannelContract, IndenterContract, MotionContract, ScenarioContract
 from palpate.testing.sections import SectionContract, SmallRun, small_run
 from palpate.testing.solvers import SolverContract
 from palpate.testing.stages import StageContract

@@ -33,8 +33,7 @@ from palpate.plugins.sections import (
 from palpate.plugins.showable import checked, figure_data
 from palpate.run.directory import RunDirectory
 from palpate.stages.stage import read_run
-from palpate.testing.components import ComponentContract, missing
-from palpate.testing.plugins import plugins_with
+from palpate.testing.components import ComponentContract, missing, plugins_with
 
 MOST_BYTES = 500_000
 """Most bytes of the figures and pictures of a section of a small run."""

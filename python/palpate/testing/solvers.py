@@ -26,14 +26,16 @@ from palpate.domain.material import IsotropicMaterial
 from palpate.errors import PalpateError
 from palpate.mesh.specimens import half_space
 from palpate.plugins.interfaces import Solver
-from palpate.testing.components import ComponentContract, missing
-from palpate.testing.moved_jobs import moved_values, neighbours
-from palpate.testing.references import (
+from palpate.testing.components import (
     HALF_SPACE_FRICTION,
     HALF_SPACE_PATH,
     RADIUS_MM,
     SMALL_STRAIN,
+    ComponentContract,
     half_space_peaks,
+    missing,
+    moved_values,
+    neighbours,
     small_strain_modulus,
 )
 

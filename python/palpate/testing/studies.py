@@ -13,7 +13,7 @@ import pytest
 from palpate.plugins.catalogue import Plugins
 from palpate.study.reading import Study
 from palpate.testing import bench
-from palpate.testing.plugins import plugins_with
+from palpate.testing.components import plugins_with
 
 DEFAULTS: Mapping[str, Any] = {
     "study": {"name": "small", "data": "simulated"},

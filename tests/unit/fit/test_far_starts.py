@@ -11,8 +11,7 @@ import pytest
 from palpate.fit.problem import Problem
 from palpate.fit.starts import accepted_start
 from palpate_materials.neo_hookean import NeoHookean
-from palpate_materials.ogden import Ogden
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Ogden, Yeoh
 
 N_TRUTHS = 4
 

@@ -14,7 +14,7 @@ from palpate.fit.tables import _mesh
 from palpate.plugins.interfaces import Solver
 from palpate.progress import SILENT
 from palpate.study.model import BudgetTable
-from palpate_materials.ogden import Ogden
+from palpate_materials.uncoupled import Ogden
 
 TRUTH = np.array([0.08, 4.0])
 NAMES = ("tissue.c1", "tissue.m1")

@@ -8,7 +8,7 @@ import numpy as np
 from palpate.fit.searches import BestSet, DifferentialEvolution, DifferentialEvolutionSettings
 from palpate.plugins.search import Evaluation
 from palpate.testing import Rehearsal
-from palpate.testing.searches import toy_space
+from palpate.testing.fits import toy_space
 
 
 def two_basins(point):

@@ -9,7 +9,7 @@ import pytest
 from palpate.domain import Design, Parameter, Response
 from palpate.domain.channels import TORQUE
 from palpate.fit.starts import WORST, basins, scaled_start
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Yeoh
 
 AXES = tuple(
     Parameter(name=n, unit="1", lower=0.0, upper=1.0, kind="shape", description="of a test") for n in "ab"

@@ -5,7 +5,7 @@ import pytest
 from palpate.domain import Response, Scenario
 from palpate.fit.least_squares import LeastSquares
 from palpate.stages import pipeline
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Yeoh
 
 TRUTH = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
 

@@ -12,11 +12,10 @@ from palpate.domain.indenter import Sphere
 from palpate.errors import MeshError
 from palpate.limb.loading import check_depth, check_limb
 from palpate.mesh import refinement
-from palpate.mesh.contact_edge import contact_edge_mm
 from palpate.mesh.refinement import GROWTH, refined
-from palpate.mesh.shape_functions import linear_simplex, quadratic_simplex
 from palpate.mesh.specimens import block
-from palpate.mesh.topology import CELLS, outer_faces, with_midpoints
+from palpate.mesh.spot_frame import contact_edge_mm
+from palpate.mesh.topology import CELLS, linear_simplex, outer_faces, quadratic_simplex, with_midpoints
 from palpate_limb.quality import scaled_jacobians
 
 HEIGHT = 12.0

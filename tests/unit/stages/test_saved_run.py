@@ -13,7 +13,7 @@ from palpate.errors import MaterialError, StudyError
 from palpate.stages import pipeline
 from palpate.stages.saved_run import FittedMaterial
 from palpate.testing.studies import StudyRunner
-from palpate_materials.yeoh import Yeoh
+from palpate_materials.uncoupled import Yeoh
 
 
 @pytest.fixture(scope="module")

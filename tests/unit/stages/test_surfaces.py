@@ -16,7 +16,7 @@ from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.progress import Silent
 from palpate.run.directory import RunDirectory
-from palpate.run.surface_files import read_surface, write_surface
+from palpate.run.result_files import read_surface, write_surface
 from palpate.stages import pipeline
 from palpate.stages.stage import read_run
 

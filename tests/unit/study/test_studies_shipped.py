@@ -11,7 +11,7 @@ import pytest
 
 from palpate.experiment.measured import load_measured, measured_warnings
 from palpate.limb.loading import limb_warnings, load_limbs
-from palpate.mesh.contact_edge import NEAR, contact_edge_mm
+from palpate.mesh.spot_frame import NEAR, contact_edge_mm
 from palpate.plugins.catalogue import Plugins
 from palpate.study.checks import odd_settings
 from palpate.study.reading import Study, read_study

@@ -7,8 +7,8 @@ import pytest
 
 from palpate.errors import MeshError, StudyError
 from palpate.plugins.catalogue import Plugins
-from palpate.study.mesh_note import mesh_note
 from palpate.study.reading import read_study
+from palpate.study.spots import mesh_note
 from palpate.units import convert
 
 TOY = Path(__file__).parents[2] / "data" / "toy"

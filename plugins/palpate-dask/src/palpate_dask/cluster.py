@@ -12,7 +12,7 @@ from distributed import Client, LocalCluster
 from distributed.security import Security
 
 from palpate.api.executors import ExecutorError
-from palpate_dask.settings import DaskSettings, JobQueueSettings
+from palpate_dask.executor import DaskSettings, JobQueueSettings
 
 _CLUSTERS = {
     "slurm": "SLURMCluster",

@@ -14,7 +14,7 @@ from distributed.scheduler import KilledWorker
 from palpate.api import PalpateError, Status
 from palpate.api.executors import Batch, ExecutorError, JobResult, packed
 from palpate_dask.cluster import connected
-from palpate_dask.settings import DaskSettings
+from palpate_dask.executor import DaskSettings
 from palpate_dask.worker_runtime import Shared, WorkerRuntime, run_tasks, shared_by
 
 WAITING_PER_THREAD = 1

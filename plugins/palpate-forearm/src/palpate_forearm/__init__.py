@@ -20,8 +20,8 @@ if TYPE_CHECKING:
         Section as Section,
         Surface as Surface,
         scan as scan,
+        write_phantom as write_phantom,
     )
-    from palpate_forearm.phantom_files import write_phantom as write_phantom
 
 
 if not TYPE_CHECKING:

@@ -16,8 +16,7 @@ import numpy as np
 from palpate.api import FloatArray, IntArray, Material, Mesh
 from palpate_jax.autodiff import AutodiffKernel
 from palpate_jax.compiled import CompiledKernel, serves
-from palpate_jax.elements import ELEMENTS, PLAIN_ELEMENTS
-from palpate_jax.patches import tetrahedron_patches
+from palpate_jax.elements import ELEMENTS, PLAIN_ELEMENTS, tetrahedron_patches
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +50,7 @@ def blocks(mesh: Mesh, mean_dilatation: bool | Collection[str] = True) -> tuple[
 
     ``mean_dilatation`` may name the regions that have it; the others are plain.
     With it an element of a block of tet4 is a patch of tetrahedra
-    with a point for each (:mod:`palpate_jax.patches`); without it tet10 has the
+    with a point for each (:mod:`palpate_jax.elements`); without it tet10 has the
     rule of the plain displacement element.
     """
     found = []

@@ -8,7 +8,7 @@ import numpy as np
 from palpate.api import BoolArray, FloatArray, Indentation, IntArray, Limb, Mesh, MeshError, Waypoints
 from palpate.api.mesh import NEAR, contact_edge_mm, in_spot_frame
 from palpate_jax.contact_surface import contact_surfaces
-from palpate_jax.kinematics import pose
+from palpate_jax.schedule import pose
 
 TOUCH_TOLERANCE_MM = 0.05
 """Largest gap or overlap of the surface and the indenter at depth 0."""

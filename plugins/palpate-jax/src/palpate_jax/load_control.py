@@ -15,11 +15,10 @@ import numpy as np
 from palpate.api import FloatArray, IntArray
 from palpate.api.experiment import POSE, WRENCH
 from palpate_jax.contact import ContactLaw, ContactState, Memory
-from palpate_jax.kinematics import motion, pose, tip_at, wrench, wrench_rates
 from palpate_jax.model import Model
 from palpate_jax.newton import Balance, Start, equilibrium
-from palpate_jax.rates import Rates
-from palpate_jax.schedule import DEPTH, HERTZ
+from palpate_jax.schedule import DEPTH, HERTZ, motion, pose, tip_at, wrench, wrench_rates
+from palpate_jax.sensitivity import Rates
 
 MOST_TRIALS = 20
 MOST_SHORTENED = 5

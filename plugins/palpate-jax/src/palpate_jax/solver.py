@@ -33,17 +33,13 @@ from palpate.api.mechanics import check_reference_state, initial_moduli
 from palpate.api.mesh import SpotWrench, indentation_of
 from palpate.api.runs import job_key
 from palpate_jax.contact import ContactLaw
-from palpate_jax.diagnosis import explained
 from palpate_jax.footprint import check_footprint, check_touch
-from palpate_jax.initial_guess import InitialGuess, Pilot, Pilots
-from palpate_jax.kinematics import REST
-from palpate_jax.load_stepping import LoadStep, LoadStepping, Stop
+from palpate_jax.initial_guess import InitialGuess, Pilot, Pilots, PilotStates
+from palpate_jax.load_stepping import LoadStep, LoadStepping, Stop, explained
 from palpate_jax.model import Model
-from palpate_jax.pilot_states import PilotStates
-from palpate_jax.schedule import Schedule, schedule
+from palpate_jax.schedule import REST, Schedule, schedule
 from palpate_jax.sensitivity import Sensitivity
-from palpate_jax.skin import surface_states
-from palpate_jax.strains import strain_ranges
+from palpate_jax.skin import strain_ranges, surface_states
 
 GROUPS = (12, 36, 108)
 """Where groups of a sweep's sets end: the first start alone, each other from all sets of those before it."""

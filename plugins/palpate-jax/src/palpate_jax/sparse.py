@@ -12,7 +12,7 @@ import numpy as np
 
 from palpate.api import FloatArray, IntArray
 from palpate.api.mechanics import SparseFactor
-from palpate_jax.kept_orders import keep_order, kept_order, order_file
+from palpate_jax.compiled import keep_order, kept_order, order_file
 
 PATIENCE = 60
 """Extra Krylov steps of an older factor, compared with a new one, before a new factorisation.

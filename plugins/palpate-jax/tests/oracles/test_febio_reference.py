@@ -18,7 +18,7 @@ from palpate.domain.indenter import Sphere
 from palpate.mesh.topology import CELLS
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
-from palpate_materials.ogden import Ogden
+from palpate_materials.uncoupled import Ogden
 
 DATA = Path(__file__).parents[1] / "data" / "febio_reference"
 MATERIALS = {"ogden": Ogden, "neo_hookean": NeoHookean}

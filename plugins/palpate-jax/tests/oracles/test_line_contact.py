@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from palpate.domain import Limb, Mesh, Spot
-from palpate.mesh.shape_functions import HEX_CORNERS
 from palpate.mesh.specimens import spacing
+from palpate.mesh.topology import HEX_CORNERS
 from palpate_indentation import Capsule, CapsuleSettings
 from palpate_jax.contact import ContactLaw
 from palpate_jax.load_stepping import LoadStepping, Stop

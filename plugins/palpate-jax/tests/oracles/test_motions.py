@@ -12,7 +12,7 @@ from palpate.domain import Indentation, Job, Limb, Spot, Status
 from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
 from palpate_indentation import Moves, MovesSettings, Punch, PunchSettings
-from palpate_jax.kinematics import motion, pose
+from palpate_jax.schedule import motion, pose
 from palpate_jax.solver import JaxSettings, JaxSolver, equilibrium_states
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_prediction.summary import QUANTITIES, press_states, spread

@@ -9,7 +9,7 @@ from scipy.optimize import least_squares
 from palpate.domain import HomogeneousTests, Job
 from palpate_jax.homogeneous import HomogeneousSettings, HomogeneousSolver
 from palpate_materials import Ogden, Yeoh
-from palpate_materials.ogden import OgdenSettings
+from palpate_materials.uncoupled import OgdenSettings
 
 FOLDER = Path(__file__).parents[1] / "data" / "treloar_1944"
 FILES = {"uniaxial": "UT", "equibiaxial": "ET", "pure_shear": "PS"}

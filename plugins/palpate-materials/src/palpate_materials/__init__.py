@@ -10,13 +10,15 @@ from palpate.api import deferred, hookimpl
 
 if TYPE_CHECKING:
     from palpate.api import Material, SetFilter, StudyTemplate
-    from palpate_materials.demiray import Demiray as Demiray
-    from palpate_materials.mooney_rivlin import MooneyRivlin as MooneyRivlin
     from palpate_materials.neo_hookean import NeoHookean as NeoHookean
-    from palpate_materials.ogden import Ogden as Ogden
     from palpate_materials.stability import Drucker as Drucker
-    from palpate_materials.veronda_westmann import VerondaWestmann as VerondaWestmann
-    from palpate_materials.yeoh import Yeoh as Yeoh
+    from palpate_materials.uncoupled import (
+        Demiray as Demiray,
+        MooneyRivlin as MooneyRivlin,
+        Ogden as Ogden,
+        VerondaWestmann as VerondaWestmann,
+        Yeoh as Yeoh,
+    )
 
 if not TYPE_CHECKING:
     __getattr__ = deferred(__name__)

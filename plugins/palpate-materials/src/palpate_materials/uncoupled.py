@@ -1,10 +1,13 @@
-"""Base of nearly incompressible materials: Ψ = Ψ̃(λ̃) + κ/2 (ln J)²."""
+"""Materials whose energy is one of the shape at constant volume, and one of the volume."""
 
 import sys
 from abc import abstractmethod
 
-from palpate.api import IsotropicMaterial, Parameter, SettingsT
-from palpate.api.mechanics import Array
+import numpy as np
+from pydantic import Field
+
+from palpate.api import FloatArray, IsotropicMaterial, MaterialError, Parameter, Settings, SettingsT
+from palpate.api.mechanics import Array, EnergyForm
 
 POSITIVE = sys.float_info.min
 """Lower physical limit of a positive parameter."""
@@ -84,3 +87,214 @@ def shape(name: str, lower: float, upper: float, description: str, least: float 
         description=description,
         physical_lower=least,
     )
+
+
+# The paper's ranges, in FEBio 4's convention: its c_k is k times the textbook's.
+PAPER_RANGES = ((1.4e-3, 3e-2), (-3e-3, -4.14e-5), (3e-6, 3e-4))
+
+
+class YeohSettings(Settings):
+    """Settings of :class:`Yeoh`."""
+
+    terms: int = Field(default=3, ge=1, le=6, description="Number of terms; the paper uses three.")
+
+
+class Yeoh(Uncoupled[YeohSettings]):
+    """Yeoh, uncoupled, with n terms.
+
+    Ψ = Σ_k c_k (Ĩ1 − 3)^k + κ/2 (ln J)²
+
+    Initial shear modulus 2 c1, bulk modulus κ.
+
+    FEBio 4 (4.4 to 4.11) computes the stress with ∂Ψ/∂Ĩ1 = Σ c_k (Ĩ1 − 3)^(k−1):
+    the factor k is missing. A number written in that convention, ``febio4``, is
+    k times the textbook coefficient; the convention's factors convert it.
+
+    The default ranges are the paper's (c1 1.4e-3…3e-2, c2 −3e-3…−4.14e-5, whose
+    ends it prints in reverse, c3 3e-6…3e-4 MPa), read as ``febio4`` and hence
+    divided by k here. The paper gives no range for κ: the default is the one it
+    gives for Ogden, since both describe the same silicone. Terms above the third
+    range over ±1e-5 MPa.
+
+    >>> import numpy as np
+    >>> paper = np.array([0.0129, -2.016e-3, 2.7623e-4, 0.6])
+    >>> [float(c) for c in Yeoh().to_textbook(paper, "febio4").round(9)]
+    [0.0129, -0.001008, 9.2077e-05, 0.6]
+    """
+
+    name = "yeoh"
+    summary = "Yeoh: powers of the first invariant, nearly incompressible"
+
+    def __init__(self, settings: YeohSettings | None = None) -> None:
+        super().__init__(settings)
+        n_terms = self.settings.terms
+        self.parameters = (*(_coefficient(k) for k in range(1, n_terms + 1)), bulk_modulus())
+        factors = (*(1.0 / k for k in range(1, n_terms + 1)), 1.0)
+        self.conventions = {"febio4": factors}
+
+    def isochoric_energy(self, stretches: Array, theta: Array) -> Array:
+        """Σ_k c_k (Ĩ1 − 3)^k [MPa]."""
+        x = first_invariant(stretches) - 3.0
+        return sum(theta[k] * x ** (k + 1) for k in range(self.settings.terms))
+
+    def energy_form(self, theta: FloatArray) -> EnergyForm:
+        """Declare the energy for other programs: powers of Ĩ1 − 3."""
+        return EnergyForm(powers=tuple(map(float, theta[:-1])), bulk_MPa=float(theta[-1]))
+
+
+def _coefficient(k: int) -> Parameter:
+    lower, upper = PAPER_RANGES[k - 1] if k <= len(PAPER_RANGES) else (-1e-5 * k, 1e-5 * k)
+    least = POSITIVE if k == 1 else -np.inf
+    what = "half the initial shear modulus" if k == 1 else f"coefficient of (I1 - 3)^{k}"
+    return modulus(f"c{k}", lower / k, upper / k, what, least)
+
+
+class OgdenSettings(Settings):
+    """Settings of :class:`Ogden`."""
+
+    terms: int = Field(default=1, ge=1, le=6, description="Number of terms; the paper uses one.")
+
+
+class Ogden(Uncoupled[OgdenSettings]):
+    """Ogden, uncoupled, with n terms.
+
+    Ψ = Σ_k c_k/m_k² (λ̃1^m_k + λ̃2^m_k + λ̃3^m_k − 3) + κ/2 (ln J)²
+
+    Initial shear modulus Σ c_k / 2, bulk modulus κ. The ranges of the first term
+    and of κ are the paper's region of interest; further terms take the same
+    ranges, the even ones with negative exponents, which act in compression.
+    A term written μ_k/α_k Σ(λ^α_k − 1), as in Ogden 1972, has m_k = α_k and
+    c_k = μ_k α_k.
+
+    >>> import numpy as np
+    >>> theta = np.array([0.061, 3.1, 1.3])
+    >>> float(Ogden().energy(np.array([2.0, 0.5**0.5, 0.5**0.5]), theta).round(6))
+    0.039718
+    """
+
+    name = "ogden"
+    summary = "Ogden: powers of the principal stretches, nearly incompressible"
+
+    def __init__(self, settings: OgdenSettings | None = None) -> None:
+        super().__init__(settings)
+        n_terms = self.settings.terms
+        coefficients = []
+        for k in range(1, n_terms + 1):
+            low, high = (1.0, 8.0) if k % 2 else (-8.0, -1.0)
+            # The sign of one coefficient among several is free; the sum of all must be positive.
+            least = POSITIVE if n_terms == 1 else -np.inf
+            coefficients += [
+                modulus(f"c{k}", 0.03, 0.2, f"twice the initial shear modulus of term {k}", least),
+                shape(f"m{k}", low, high, f"exponent of term {k}", -np.inf),
+            ]
+        self.parameters = (*coefficients, bulk_modulus())
+
+    def isochoric_energy(self, stretches: Array, theta: Array) -> Array:
+        """Σ_k c_k/m_k² (Σ_a λ̃_a^m_k − 3) [MPa]."""
+        xp = stretches.__array_namespace__()
+        # A power's derivatives are powers again; those of the exponential reuse it.
+        logs = xp.log(stretches)
+        terms = ((theta[k], theta[k + 1]) for k in range(0, 2 * self.settings.terms, 2))
+        return sum(c / m**2 * (total(xp.exp(m * logs)) - 3.0) for c, m in terms)
+
+    def energy_form(self, theta: FloatArray) -> EnergyForm:
+        """Declare the energy for other programs: powers of the stretches."""
+        terms = tuple((float(c), float(m)) for c, m in zip(theta[:-1:2], theta[1:-1:2], strict=True))
+        return EnergyForm(stretches=terms, bulk_MPa=float(theta[-1]))
+
+    def check(self, theta: FloatArray) -> None:
+        """Refuse values outside their physical range, and an exponent of zero."""
+        super().check(theta)
+        for parameter, value in zip(self.parameters, theta, strict=True):
+            if parameter.kind == "shape" and value == 0.0:
+                raise MaterialError(
+                    f"material 'ogden': exponent {parameter.name} = 0 leaves the energy undefined; "
+                    "keep it away from zero"
+                )
+
+
+class MooneyRivlin(Uncoupled):
+    """Mooney–Rivlin, uncoupled.
+
+    Ψ = c10 (Ĩ1 − 3) + c01 (Ĩ2 − 3) + κ/2 (ln J)²
+
+    Initial shear modulus 2 (c10 + c01), bulk modulus κ. The ranges give the
+    initial shear moduli of the paper's Ogden region, 0.015…0.1 MPa.
+
+    >>> import numpy as np
+    >>> theta = np.array([0.02, 0.01, 1.0])
+    >>> float(MooneyRivlin().energy(np.array([2.0, 0.5**0.5, 0.5**0.5]), theta).round(6))
+    0.0525
+    """
+
+    name = "mooney_rivlin"
+    summary = "Mooney-Rivlin: first and second invariant, nearly incompressible"
+    parameters = (
+        modulus("c10", 5e-3, 4e-2, "coefficient of (I1 - 3)"),
+        modulus("c01", 2.5e-3, 1e-2, "coefficient of (I2 - 3)", 0.0),
+        bulk_modulus(),
+    )
+
+    def isochoric_energy(self, stretches: Array, theta: Array) -> Array:
+        """c10 (Ĩ1 − 3) + c01 (Ĩ2 − 3) [MPa], with Ĩ2 = Σ λ̃^−2 since J̃ = 1."""
+        first, second = first_invariant(stretches), first_invariant(1.0 / stretches)
+        return theta[0] * (first - 3.0) + theta[1] * (second - 3.0)
+
+
+class Demiray(Uncoupled):
+    """Demiray (1972), the isotropic exponential of the Fung and Holzapfel family, uncoupled.
+
+    Ψ = μ / (2b) (exp(b (Ĩ1 − 3)) − 1) + κ/2 (ln J)²
+
+    Initial shear modulus μ, bulk modulus κ. The range of μ is that of the
+    paper's Ogden region, 0.015…0.1 MPa.
+
+    >>> import numpy as np
+    >>> theta = np.array([0.04, 1.0, 1.0])
+    >>> float(Demiray().energy(np.array([1.5, 1.5**-0.5, 1.5**-0.5]), theta).round(6))
+    0.01584
+    """
+
+    name = "demiray"
+    summary = "Demiray: one exponential of the first invariant, nearly incompressible"
+    parameters = (
+        modulus("mu", 1.5e-2, 0.1, "initial shear modulus"),
+        shape("b", 0.1, 5.0, "exponent per unit of (I1 - 3)"),
+        bulk_modulus(),
+    )
+
+    def isochoric_energy(self, stretches: Array, theta: Array) -> Array:
+        """μ / (2b) (exp(b (Ĩ1 − 3)) − 1) [MPa]."""
+        xp = stretches.__array_namespace__()
+        mu, b = theta[0], theta[1]
+        return 0.5 * mu / b * xp.expm1(b * (first_invariant(stretches) - 3.0))
+
+
+class VerondaWestmann(Uncoupled):
+    """Veronda–Westmann (1970, skin), uncoupled.
+
+    Ψ = c1 (exp(c2 (Ĩ1 − 3)) − 1) − c1 c2 / 2 (Ĩ2 − 3) + κ/2 (ln J)²
+
+    Initial shear modulus c1 c2, bulk modulus κ. The ranges give initial shear
+    moduli of 0.01…0.15 MPa, around the paper's Ogden region.
+
+    >>> import numpy as np
+    >>> theta = np.array([0.04, 1.0, 1.0])
+    >>> float(VerondaWestmann().energy(np.array([1.5, 1.5**-0.5, 1.5**-0.5]), theta).round(6))
+    0.022791
+    """
+
+    name = "veronda_westmann"
+    summary = "Veronda-Westmann: exponential in the first invariant, for skin"
+    parameters = (
+        modulus("c1", 2e-2, 5e-2, "scale of the exponential"),
+        shape("c2", 0.5, 3.0, "exponent per unit of (I1 - 3)"),
+        bulk_modulus(),
+    )
+
+    def isochoric_energy(self, stretches: Array, theta: Array) -> Array:
+        """c1 (exp(c2 (Ĩ1 − 3)) − 1) − c1 c2 / 2 (Ĩ2 − 3) [MPa], with Ĩ2 = Σ λ̃^−2 since J̃ = 1."""
+        xp = stretches.__array_namespace__()
+        c1, c2 = theta[0], theta[1]
+        first, second = first_invariant(stretches), first_invariant(1.0 / stretches)
+        return c1 * xp.expm1(c2 * (first - 3.0)) - 0.5 * c1 * c2 * (second - 3.0)

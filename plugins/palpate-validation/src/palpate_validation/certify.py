@@ -84,7 +84,7 @@ def certify(
 
 def _verify_sets(session: Session, study: Path, run: Path | None, *, as_json: bool) -> None:
     """Show FEBio's checks of the torque of each selected set, and its difference from the run."""
-    from palpate_febio.verified_sets import verified_sets
+    from palpate_febio.steps import verified_sets
 
     checked, rows = session.study(study), []
     for row in verified_sets(checked, run_folder(checked, run)):

@@ -7,8 +7,7 @@ from typing import Literal
 import numpy as np
 
 from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
-from palpate.mesh.shape_functions import HEX_CORNERS
-from palpate.mesh.topology import with_midpoints
+from palpate.mesh.topology import HEX_CORNERS, with_midpoints
 
 NO_LAYERS: Mapping[str, float] = MappingProxyType({})
 """Name of the only region."""

@@ -16,7 +16,7 @@ from palpate.errors import CurveError, LedgerError
 from palpate.executors.answers import believable, plain
 from palpate.run.atomic_files import write_atomically
 from palpate.run.ledger.curve_files import pack, unpack
-from palpate.run.surface_files import read_surface, write_surface
+from palpate.run.result_files import read_surface, write_surface
 
 _SHARED = (Status.OK, Status.DIVERGED, Status.UNREADABLE)
 
