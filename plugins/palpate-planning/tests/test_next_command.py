@@ -6,9 +6,11 @@ import pytest
 
 import palpate_materials
 from palpate.domain import Job
+from palpate.errors import StudyError
 from palpate.run.directory import RunDirectory
 from palpate.testing import bench
 from palpate.testing.studies import StudyRunner
+from palpate_planning import commands
 from palpate_planning.candidates import candidates, read_allowed
 
 pytestmark = pytest.mark.usefixtures("one_figure")
@@ -78,13 +80,17 @@ def valid(call, command, value):
     return value
 
 
-def test_a_run_is_planned_in_its_own_folder(call, weighed):
-    study, _ = weighed
-    refused = call("next", "runs/none", "--out", "other")
-    assert refused.code == 2
-    assert "--out other: is for a study" in refused.err
-    unknown = call("next", study.file, "--for", "tissue.nu", "--tool", "none.toml", plugin=bench.__file__)
-    assert unknown.code == 2
+def test_a_study_is_its_newest_run_once_that_has_a_fit(tmp_path, monkeypatch):
+    study, run = tmp_path / "study.toml", tmp_path / "run"
+    run.mkdir()
+    study.touch()
+    monkeypatch.setattr(commands, "newest_run", lambda given: run)
+    assert commands._run_to_narrow(study, None) is None
+    (run / "fit.parquet").touch()
+    assert commands._run_to_narrow(study, None) == run
+    assert commands._run_to_narrow(study, tmp_path / "other") is None
+    with pytest.raises(StudyError, match="is for a study"):
+        commands._run_to_narrow(run, tmp_path / "other")
 
 
 def _never_widens(found):
