@@ -16,9 +16,9 @@ print([float(m).hex() for m in initial_moduli(Ogden(), np.array([0.06, 3.0, 1.0]
 
 def moduli(home):
     """Moduli that a new process computes with a home of its own; every warning is an error there."""
-    told = {k: v for k, v in os.environ.items() if not k.startswith("JAX_")}
+    kept = {k: v for k, v in os.environ.items() if not k.startswith("JAX_")}
     command = [sys.executable, "-W", "error", "-c", RUN]
-    environment = told | {"XDG_CACHE_HOME": str(home), "LOCALAPPDATA": str(home), "HOME": str(home)}
+    environment = kept | {"XDG_CACHE_HOME": str(home), "LOCALAPPDATA": str(home), "HOME": str(home)}
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
 
 

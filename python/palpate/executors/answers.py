@@ -78,7 +78,7 @@ def _checked_curves(response: object) -> Response:
     return Response(curves=curves)
 
 
-def believable(simulation: Simulation) -> Simulation:
+def reject_nonphysical(simulation: Simulation) -> Simulation:
     """Return the simulation, or one that is ``unreadable`` where ``ok`` cannot be true.
 
     A solver that is ``ok`` has answered curves, and not every one of them is zero throughout where

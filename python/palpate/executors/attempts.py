@@ -7,7 +7,7 @@ from time import perf_counter
 
 from palpate.domain import Job, Limb, Simulation, Status
 from palpate.errors import CurveError
-from palpate.executors.answers import believable, checked, storable
+from palpate.executors.answers import checked, reject_nonphysical, storable
 from palpate.plugins.execution import JobResult
 from palpate.plugins.interfaces import Solver
 
@@ -125,7 +125,7 @@ def _attempt_alone(
 def job_result(index: int, job: Job, answer: object, seconds: float) -> JobResult:
     """Result of a job from an answer: ``unreadable`` with the reason where it cannot be used."""
     try:
-        simulation = believable(replace(checked(answer), job=job))
+        simulation = reject_nonphysical(replace(checked(answer), job=job))
         took = 0.0 < simulation.seconds < float("inf")
     except Exception as error:
         return _failed(index, error, perf_counter() - seconds)

@@ -49,12 +49,12 @@ from palpate.run.manifest import (
     infinite,
     manifest,
     recorded,
-    trusting,
+    with_trusted_code,
 )
 from palpate.run.ownership import check_claimable, claim, refuse_other, tidy, writing_in
+from palpate.run.provenance import StageRecords
 from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
 from palpate.run.result_files import Files, frame_of, parquet, response_of
-from palpate.run.stage_records import StageRecords
 from palpate.study.reading import Study
 
 RELAXATIONS = "relaxations"
@@ -113,9 +113,9 @@ class RunDirectory:
         """Values by name where the fit starts besides its other starts; empty unless a run was extended."""
         return dict(self.manifest().get("fit_start", {}))
 
-    def trusting(self, study: Study, names: Collection[str] = ()) -> Study:
+    def with_trusted_code(self, study: Study, names: Collection[str] = ()) -> Study:
         """The study with the results of earlier code that this run accepts, and those of ``names``."""
-        return trusting(study, self.manifest() if self.exists else {}, names)
+        return with_trusted_code(study, self.manifest() if self.exists else {}, names)
 
     @contextlib.contextmanager
     def locked(

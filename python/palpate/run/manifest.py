@@ -225,7 +225,7 @@ def fingerprints(study: Study) -> dict[str, str]:
     return {name: " | ".join(each) for name, each in found.items()}
 
 
-def trusting(study: Study, manifest: Mapping[str, Any], names: Collection[str] = ()) -> Study:
+def with_trusted_code(study: Study, manifest: Mapping[str, Any], names: Collection[str] = ()) -> Study:
     """The study with the results that its run directory accepts, and those of ``names`` from now on.
 
     ``manifest`` is empty for a new run. A StudyError where the study has no component of such a name,

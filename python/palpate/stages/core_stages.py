@@ -18,9 +18,9 @@ from palpate.limb.loading import size_at_contact
 from palpate.progress import Progress, ShowsPlace
 from palpate.run.directory import design_files, measured_files
 from palpate.run.fit_state import FitState, write_fit_state
+from palpate.run.provenance import described, sha256
 from palpate.run.result import CertaintyResult, PosteriorResult, SelectionResult
 from palpate.run.result_files import Files, frame_of, surface_path
-from palpate.run.stage_records import described, sha256
 from palpate.sampling.study_design import draw_study
 from palpate.scoring import scores as scoring, selection
 from palpate.scoring.completeness import completeness, described as named, without_result

@@ -36,7 +36,7 @@ from palpate.scoring import scores as scoring
 from palpate.simulation import jobs as simulation
 from palpate.stages.core_stages import selected
 from palpate.stages.stage import Run, Stage, Summary, in_order, read_run, stages_of, stages_of_run
-from palpate.study.checks import odd_settings
+from palpate.study.checks import setting_warnings
 from palpate.study.reading import Study
 
 
@@ -84,7 +84,7 @@ def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = N
     if not isinstance(study.search, BestSet):
         check_fit(study, measured, abscissae_of(plugins.channels))
     of_curves = _measured_warnings(study, measured)
-    warnings = (*odd_settings(study), *of_curves, *limb_warnings(study, limbs))
+    warnings = (*setting_warnings(study), *of_curves, *limb_warnings(study, limbs))
     return StudyInputs(measured=measured, limbs=limbs, design=design, warnings=warnings)
 
 
@@ -147,7 +147,7 @@ def run_study(
     progress.step()
     for text in inputs.warnings:
         progress.note(f"warning: {text}")
-    study = before.trusting(study, trust)
+    study = before.with_trusted_code(study, trust)
     confirm(_changed(study, inputs, before, plugins))
     with directory.locked(study, plugins.channels, adopt=adopt) as check_lock:
         if forked_from is not None:

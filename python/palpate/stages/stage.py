@@ -24,9 +24,9 @@ from palpate.plugins.sections import Section
 from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory
 from palpate.run.keys import answers_key
+from palpate.run.provenance import described, fingerprint
 from palpate.run.result import FitResult, StudyInputs
 from palpate.run.result_files import Files
-from palpate.run.stage_records import described, fingerprint
 from palpate.simulation import jobs as simulation
 from palpate.simulation.sweep import Simulations
 from palpate.study.reading import Study
@@ -345,7 +345,7 @@ def read_run(
     more_limbs: Mapping[str, Limb] = MappingProxyType({}),
 ) -> Run:
     """Run directory read back, by default by its own copy of the study; arguments as of :class:`Run`."""
-    trusted = directory.trusting(study)
+    trusted = directory.with_trusted_code(study)
     return Run(
         study=trusted,
         directory=directory,

@@ -19,7 +19,7 @@ DEEPEST = 3.0
 """Depth over radius beyond which an indenter is deeper in the limb than any measurement of the kind."""
 
 
-def odd_settings(study: Study) -> Iterator[str]:
+def setting_warnings(study: Study) -> Iterator[str]:
     """Say what no study needs and a slip of the pen easily makes."""
     protocols = {spot.spot.name: study.protocol_at(spot.spot.name) for spot in study.spots}
     for spot, protocol in protocols.items():

@@ -14,7 +14,7 @@ from palpate.errors import CurveError
 from palpate.experiment.curve_checks import check_curve, young_range
 from palpate.experiment.measured import load_measured, measured_warnings
 from palpate.plugins.catalogue import Plugins
-from palpate.study.checks import odd_settings
+from palpate.study.checks import setting_warnings
 from palpate.study.reading import Study, read_study
 
 LINES = {"abscissa": "x_mm", "ordinate": "y_mm", "abscissa_label": "x", "ordinate_label": "y"}
@@ -192,7 +192,7 @@ def test_the_moduli_are_those_of_the_ranges():
 
 
 def test_only_a_study_with_slips_gets_warnings():
-    assert list(odd_settings(study())) == []
+    assert list(setting_warnings(study())) == []
     (region,) = study().space.regions
     c1, c2, c3 = region.searched
     kappa = next(p for p in region.material.parameters if p.name == "kappa")
@@ -204,7 +204,7 @@ def test_only_a_study_with_slips_gets_warnings():
         space=replace(study().space, regions=(wide,)),
         spots=study().spots[:1],
     )
-    assert [text.split(",")[0] for text in odd_settings(slips)] == [
+    assert [text.split(",")[0] for text in setting_warnings(slips)] == [
         "spot 'p1': a sphere of radius 0.75 mm is pressed 10 mm deep",
         "soft_tissue.c1: the range spans a factor of 5000",
         "soft_tissue.c2: the range has the other sign than the material's own",
@@ -213,4 +213,4 @@ def test_only_a_study_with_slips_gets_warnings():
     log = replace(
         wide, searched=(replace(c1, lower=0.005, upper=25.0, scale="log"), c2, c3), fixed=region.fixed
     )
-    assert list(odd_settings(replace(study(), space=replace(study().space, regions=(log,))))) == []
+    assert list(setting_warnings(replace(study(), space=replace(study().space, regions=(log,))))) == []

@@ -13,7 +13,7 @@ from palpate.errors import PalpateError
 from palpate.experiment.measured import load_measured, measured_warnings
 from palpate.limb.loading import limb_warnings, load_limbs
 from palpate.plugins.catalogue import Plugins
-from palpate.study.checks import odd_settings
+from palpate.study.checks import setting_warnings
 from palpate.study.reading import read_study
 
 Edit = Callable[[Path], None]
@@ -32,7 +32,7 @@ def words(folder: Path, *, with_limbs: bool = False) -> str:
         limbs = load_limbs(study) if with_limbs else {}
     except PalpateError as error:
         return str(error)
-    return "\n".join((*odd_settings(study), *measured_warnings(measured), *limb_warnings(study, limbs)))
+    return "\n".join((*setting_warnings(study), *measured_warnings(measured), *limb_warnings(study, limbs)))
 
 
 def toml(old: str, new: str) -> Edit:

@@ -13,7 +13,7 @@ from palpate.experiment.measured import load_measured, measured_warnings
 from palpate.limb.loading import limb_warnings, load_limbs
 from palpate.mesh.spot_frame import NEAR, contact_edge_mm
 from palpate.plugins.catalogue import Plugins
-from palpate.study.checks import odd_settings
+from palpate.study.checks import setting_warnings
 from palpate.study.reading import Study, read_study
 
 FOREARM = ("forearm-demo", "forearm")
@@ -52,7 +52,7 @@ COARSE = {"multis": 3}  # its README states what the meshes do not resolve
 def test_no_curve_and_no_setting_of_a_ready_study_gives_a_warning() -> None:
     for name in set(plugins().studies) - set(WITHOUT_CURVES):
         found = (
-            *odd_settings(study(name)),
+            *setting_warnings(study(name)),
             *measured_warnings(load_measured(study(name), plugins().channels)),
         )
         assert found == (), name

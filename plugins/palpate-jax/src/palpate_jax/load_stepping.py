@@ -67,7 +67,7 @@ class Stop:
 
 @dataclass(slots=True, eq=False)
 class _State:
-    """The last equilibrium state; ``felt`` is the history that it was balanced with.
+    """The last equilibrium state; ``friction_history`` is the history that it was balanced with.
 
     Its ``loads`` (6,) are known where a load is prescribed.
     """
@@ -75,7 +75,7 @@ class _State:
     position: FloatArray
     displacements: FloatArray
     memory: Memory
-    felt: Memory
+    friction_history: Memory
     loads: FloatArray
 
 
@@ -215,7 +215,11 @@ class LoadStepping:
         self._settled = not balance.reason and balance.n_iterations > 0
         if not balance.reason:
             load = self._load(state, position)
-            state.displacements, state.position, state.felt = balance.displacements, position, state.memory
+            state.displacements, state.position, state.friction_history = (
+                balance.displacements,
+                position,
+                state.memory,
+            )
             if self._sensitivity is not None:
                 control = way.control(part, position) if self._control is not None else None
                 self._sensitivity.balanced(state.displacements, load, control)
@@ -237,7 +241,7 @@ class LoadStepping:
             return Trial(state.position, state.loads, failed)
 
     def _load_step(self, state: _State, time_s: float) -> LoadStep:
-        load = ContactState(pose(state.position), state.felt, self._law)
+        load = ContactState(pose(state.position), state.friction_history, self._law)
         answer = self._model.answer(state.displacements, self._thetas, load)
         slopes = None if self._sensitivity is None else self._sensitivity.slopes
         return LoadStep(state.position, answer, state.displacements, load, slopes, time_s)

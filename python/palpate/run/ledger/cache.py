@@ -13,7 +13,7 @@ import polars as pl
 
 from palpate.domain import Job, Simulation, Status, SurfaceStates
 from palpate.errors import CurveError, LedgerError
-from palpate.executors.answers import believable, plain
+from palpate.executors.answers import plain, reject_nonphysical
 from palpate.run.atomic_files import write_atomically
 from palpate.run.ledger.curve_files import pack, unpack
 from palpate.run.result_files import read_surface, write_surface
@@ -71,7 +71,7 @@ class ResultCache:
                 diagnostics=dict(about["diagnostics"]),
                 surface=surface,
             )
-            return found if believable(found) is found else None
+            return found if reject_nonphysical(found) is found else None
         except (OSError, ValueError, KeyError, TypeError, RecursionError, pl.exceptions.PolarsError):
             return None
 

@@ -14,7 +14,7 @@ import polars as pl
 
 from palpate.domain import Job, RecordedSimulation, Response, Simulation, SimulationId, Status
 from palpate.errors import CurveError, LedgerError
-from palpate.executors.answers import believable
+from palpate.executors.answers import reject_nonphysical
 from palpate.run.atomic_files import temporary_name, write_whole
 from palpate.run.ledger.curve_files import unpack
 from palpate.run.ledger.format import (
@@ -246,7 +246,7 @@ class Ledger:
 
 def _of_job(job: Job, recorded: RecordedSimulation) -> Simulation:
     """Make the simulation of a job; an answer that cannot be used is unreadable, whoever kept it."""
-    return believable(
+    return reject_nonphysical(
         Simulation(
             job=job,
             status=recorded.status,

@@ -12,7 +12,7 @@ from palpate.errors import PalpateError, StoppedError, StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate.progress import Silent
 from palpate.run.fit_state import read_fit_state
-from palpate.run.stage_records import StageRecords
+from palpate.run.provenance import StageRecords
 from palpate.stages import pipeline
 from palpate.stages.status import Watcher
 from palpate.study.model import BudgetTable
