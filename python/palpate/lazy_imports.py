@@ -12,11 +12,15 @@ A module lists them as explicit re-exports for type checkers, and nowhere else::
 import functools
 import importlib
 import sys
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
+NONE: Mapping[str, str] = MappingProxyType({})
 
-def deferred(module: str) -> Callable[[str], object]:
+
+def deferred(module: str, moved: Mapping[str, str] = NONE) -> Callable[[str], object]:
     """Make the ``__getattr__`` of a module.
 
     Parameters
@@ -24,6 +28,8 @@ def deferred(module: str) -> Callable[[str], object]:
     module : str
         Its ``__name__``. What it imports as itself (``Curve as Curve``) under ``if TYPE_CHECKING:``
         are its names, its ``__all__``. Type checkers do not see ``__getattr__``, and so find misspelt names.
+    moved : mapping of name to module
+        Names that it had in an earlier version, and where they are now: found with a DeprecationWarning.
 
     Returns
     -------
@@ -50,6 +56,10 @@ def deferred(module: str) -> Callable[[str], object]:
     def get(name: str) -> object:
         if name == "__all__":
             return sorted(homes())
+        if name in moved:
+            place = f"{moved[name]}.{name}"
+            warnings.warn(f"{module}.{name} is {place} now; import it from there", DeprecationWarning, 3)
+            return getattr(importlib.import_module(moved[name]), name)
         if name.startswith("__") or name not in homes():
             raise AttributeError(f"module '{module}' has no attribute '{name}'")
         value: object = getattr(importlib.import_module(homes()[name]), name)
