@@ -184,3 +184,14 @@ def test_the_page_is_opened_where_that_is_asked_for(call, study, monkeypatch):
     assert opened == []
     assert call("report", "--open").code == 0
     assert opened == [Path("runs/toy/report/index.html").resolve().as_uri()]
+
+
+def test_a_run_without_the_plugin_of_the_report_ends_with_what_was_found(call, study):
+    outcome = call("--no-plugin", "report", "run", study, "--json")
+    assert outcome.code == 0, outcome.err
+    assert outcome.json["generalisation"]
+    assert "verdict" not in outcome.json
+    assert not (Path("runs") / "toy" / "report").exists()
+    again = call("--no-plugin", "report", "run", study)
+    assert again.code == 0
+    assert "Time" in again.out

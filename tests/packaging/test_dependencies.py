@@ -2,6 +2,7 @@
 
 import ast
 import re
+import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -49,3 +50,37 @@ def test_it_declares_what_it_imports(folder: Path, homes: Mapping[str, list[str]
     assert not used - needed - optional, "declare these in pyproject.toml"
     libraries = {name for name in needed if not name.startswith("palpate")}
     assert not libraries - used - LOADED_BY_NAME.keys(), "remove these from pyproject.toml"
+
+
+ALONE = """
+import importlib, pkgutil, sys
+
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {missing!r}:
+            raise ModuleNotFoundError(f"{{name}} is not installed")
+
+
+sys.meta_path.insert(0, Missing())
+import palpate
+
+for module in pkgutil.walk_packages(palpate.__path__, "palpate."):
+    if module.name != "palpate.__main__":
+        importlib.import_module(module.name)
+names = [palpate.api, *(importlib.import_module(f"palpate.api.{{each.name}}")
+                        for each in pkgutil.iter_modules(palpate.api.__path__))]
+for room in names:
+    for name in dir(room):
+        getattr(room, name)
+print(*palpate.Plugins.load(entry_points=False).broken)
+"""
+
+
+@pytest.mark.slow
+def test_the_core_works_without_its_plugins_and_their_libraries() -> None:
+    made_of_a_fit = {"palpate_planning", "palpate_prediction", "palpate_report"}
+    missing = made_of_a_fit | {"PIL", "jinja2", "matplotlib", "plotly"}
+    code = ALONE.format(missing=missing)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr

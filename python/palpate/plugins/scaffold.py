@@ -172,8 +172,10 @@ def _class(name: str) -> str:
 
 def _files(kind: str, name: str) -> dict[str, str]:
     """Content of every file, by its path in the directory."""
-    import jinja2
-
+    try:
+        import jinja2
+    except ImportError:
+        raise PluginError("jinja2 writes a plugin's files; pip install 'palpate[testing]'") from None
     kit, package, shown = KITS[kind], f"palpate_{name}", _shown(kind, name)
     major, minor = map(int, palpate.__version__.split(".")[:2])
     environment = jinja2.Environment(
