@@ -22,6 +22,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+import palpate_certainty
 import palpate_report
 from palpate.cli.app import main
 from palpate.domain import (
@@ -133,7 +134,7 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
 
 
 TISSUE_FILE = Path(__file__).parent / "tests" / "data" / "plugins" / "analytic_tissue.py"
-FIRST_PARTY = (palpate_report,)
+FIRST_PARTY = (palpate_certainty, palpate_report)
 """Plugins whose stages and sections every run has."""
 TOY_PLUGIN = Path(__file__).parent / "tests" / "data" / "toy" / "toy_plugin.py"
 TRUTH = {"p1": (0.4, 20.0), "p2": (0.5, 25.0)}

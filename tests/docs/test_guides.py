@@ -4,6 +4,7 @@ import re
 import shlex
 import shutil
 import tomllib
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from typer.main import get_command
 
 from palpate.cli.app import COMMANDS, STAGES, build_app, main
 from palpate.cli.listing import name_of
+from palpate.cli.stages import add_stage
 from palpate.domain import Scenario, weighed_phases
 from palpate.experiment.curve_checks import (
     BIAS,
@@ -66,7 +68,7 @@ def test_links_lead_somewhere(guide):
 def group():
     """The commands of the core and of every plugin."""
     app = build_app()
-    assert add_commands(app) == ()
+    assert add_commands(app, add_stage=partial(add_stage, app, "Stages")) == ()
     return get_command(app)
 
 

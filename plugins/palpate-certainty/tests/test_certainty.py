@@ -6,24 +6,26 @@ import numpy as np
 import polars as pl
 import pytest
 
+import palpate_report
 from palpate.domain import ParameterSpace, RegionMaterial, Relaxation, Response, Simulation, Status
 from palpate.errors import StudyError
 from palpate.fit.fitted import Fitted
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
 from palpate.fit.spot_term import Correction, is_along_slopes, is_same_job, pieces
+from palpate.plugins.catalogue import Plugins
 from palpate.plugins.interfaces import SetFilter
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
 from palpate.run.result import FitResult, PosteriorResult
 from palpate.stages import pipeline
-from palpate.stages.core_stages import Posteriors
 from palpate.stages.stage import Run
 from palpate.study.model import BudgetTable
 from palpate_certainty.causes import Cause, WithCauses, causes_of, columns_of, drift_of
 from palpate_certainty.known_errors import MESH, known_errors
 from palpate_certainty.mesh_error import SpotMesh, noted_errors
 from palpate_certainty.stage import CertaintyStage
+from palpate_certainty.stages import Posteriors
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Ogden
 from palpate_prediction.bands import draws_of
@@ -428,3 +430,14 @@ def test_a_run_keeps_its_intervals(make_study, plugins, tmp_path):
     for name in ("intervals", "budget", "directions", "adequacy"):
         assert getattr(kept, name).equals(getattr(result.fit.certainty, name))
     assert "intervals" in result.report.tables
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_without_the_plugin_a_run_ends_after_its_fit_and_its_words_are_unclear(make_study, plugins, tmp_path):
+    study = make_study(search=LeastSquares())
+    others = Plugins.load(study.plugin_files, entry_points=False, modules=[palpate_report])
+    with_it, without = (pipeline.run_study(study, tmp_path / "run", each) for each in (plugins, others))
+    assert with_it.fit.certainty.intervals.height
+    assert without.fit.table.equals(with_it.fit.table)
+    assert without.fit.certainty.intervals.is_empty()
+    assert {each.identifiability for each in without.report.verdict.estimates} == {"unclear"}

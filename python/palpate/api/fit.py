@@ -1,4 +1,4 @@
-"""What a fit searches, and how: parametrisations and searches."""
+"""What a fit searches, how, and what it finds."""
 
 from typing import TYPE_CHECKING
 
@@ -8,6 +8,9 @@ if TYPE_CHECKING:
     from palpate.domain import (
         channel_of as channel_of,
     )
+    from palpate.fit.box import (
+        Box as Box,
+    )
     from palpate.fit.fitted import (
         Fitted as Fitted,
         inputs_at as inputs_at,
@@ -15,6 +18,8 @@ if TYPE_CHECKING:
     )
     from palpate.fit.parametrisation import (
         FRICTION as FRICTION,
+        GAIN as GAIN,
+        OFFSET as OFFSET,
     )
     from palpate.fit.problem import (
         Problem as Problem,
@@ -23,14 +28,23 @@ if TYPE_CHECKING:
     from palpate.fit.running import (
         Fit as Fit,
     )
+    from palpate.fit.searches import (
+        BestSet as BestSet,
+    )
     from palpate.fit.spot_term import (
         Correction as Correction,
+        NotRankedError as NotRankedError,
         SpotTerm as SpotTerm,
+        is_same_job as is_same_job,
         pieces as pieces,
         term_of as term_of,
     )
+    from palpate.fit.stage import (
+        Case as Case,
+    )
     from palpate.fit.tables import (
         ORDER as ORDER,
+        refinement as refinement,
     )
     from palpate.plugins.parametrisation import (
         Parametrisation as Parametrisation,
@@ -46,9 +60,25 @@ if TYPE_CHECKING:
         Trial as Trial,
     )
     from palpate.run.result import (
+        ALL_SPOTS as ALL_SPOTS,
+        DISAGREEMENTS as DISAGREEMENTS,
+        IDENTIFIABILITY as IDENTIFIABILITY,
+        INCLUDED as INCLUDED,
         LEVEL as LEVEL,
+        RISE as RISE,
+        CertaintyResult as CertaintyResult,
         FitResult as FitResult,
+        IdentifiabilityResult as IdentifiabilityResult,
         PosteriorResult as PosteriorResult,
+    )
+    from palpate.stages.core_stages import (
+        cases_of as cases_of,
+    )
+    from palpate.stages.identifiability import (
+        UNCLEAR as UNCLEAR,
+        WORDS as WORDS,
+        share_of_range as share_of_range,
+        word_of as word_of,
     )
 
 if not TYPE_CHECKING:

@@ -13,6 +13,10 @@ if TYPE_CHECKING:
         NothingSelectableError as NothingSelectableError,
         SamplingError as SamplingError,
         ScoringError as ScoringError,
+        StoppedError as StoppedError,
+    )
+    from palpate.experiment.relaxation import (
+        relaxation_of as relaxation_of,
     )
     from palpate.fingerprints import (
         installed_code as installed_code,
@@ -20,6 +24,7 @@ if TYPE_CHECKING:
     from palpate.limb.loading import (
         check_limb as check_limb,
         load_limbs as load_limbs,
+        size_at_contact as size_at_contact,
     )
     from palpate.plugins.catalogue import (
         Plugins as Plugins,
@@ -49,6 +54,14 @@ if TYPE_CHECKING:
         Files as Files,
         parquet as parquet,
     )
+    from palpate.scoring.scores import (
+        Swept as Swept,
+        at_measured as at_measured,
+        residual_scale as residual_scale,
+    )
+    from palpate.scoring.selection import (
+        objectives as objectives,
+    )
     from palpate.simulation.jobs import (
         check_jobs as check_jobs,
         job_for as job_for,
@@ -75,6 +88,9 @@ if TYPE_CHECKING:
         Study as Study,
         StudySpot as StudySpot,
         read_study as read_study,
+    )
+    from palpate.study.spots import (
+        mesh_note as mesh_note,
     )
     from palpate.study.tool import (
         Tool as Tool,

@@ -37,8 +37,6 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "select": ("palpate select arm",),
         "verify": ("palpate verify arm",),
         "fit": ("palpate fit arm",),
-        "intervals": ("palpate intervals arm",),
-        "certainty": ("palpate certainty arm",),
         "surface": ("palpate surface arm",),
     }
 )

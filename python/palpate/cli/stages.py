@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.cli.listing import examples
 from palpate.cli.options import AsJson, OutFolder, StudyPath
 from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session, opened
@@ -24,8 +25,6 @@ GENERATED = {
     "select": "Choose the best set by scenario and over all spots.",
     "verify": "Verify the selected sets, such as with halved steps.",
     "fit": "Search the parameters for which the curves fit best.",
-    "intervals": "Find how certain the fitted parameters are, and what from.",
-    "certainty": "Draw the posteriors of the joint fits; simulates some sets more.",
     "surface": "Simulate the skin under the press with what was found; one simulation per spot.",
 }
 """Help of the core's stages, whose command needs nothing of theirs: importing them takes long."""
@@ -67,7 +66,8 @@ def _after(run: "Run", name: str) -> str:
 
 def add_stage(app: typer.Typer, panel: str, stage: "type[Component]") -> None:
     """Add the command of a plugin's stage."""
-    app.command(stage.name, rich_help_panel=panel)(stage_command(stage.name, stage.summary))
+    how = examples(f"palpate {stage.name} arm")
+    app.command(stage.name, rich_help_panel=panel, epilog=how)(stage_command(stage.name, stage.summary))
 
 
 def simulate(

@@ -9,9 +9,10 @@
     ledger.sqlite  curves/  simulations: states, attempts, timings, reasons, and their curves
     scores.parquet  selection.parquet  generalisation.parquet
     fit.parquet  fit_trace.parquet  fit_mesh.parquet  fit_curves.parquet
-    intervals.parquet  budget.parquet  directions.parquet  adequacy.parquet  draws.parquet
+    intervals.parquet  budget.parquet  directions.parquet  adequacy.parquet  draws.parquet  planes.parquet
     posterior.parquet  posterior_draws.parquet  profiles.parquet  profile_ends.parquet
-    ribbons.parquet  volumes.parquet  emulator.parquet
+    ribbons.parquet  volumes.parquet  emulator.parquet  posterior_planes.parquet
+    identifiability.parquet  disagreements.parquet
     fit.json                how far the fit is, while it goes on
     next.json               which presses to make next
     verification.parquet
@@ -53,7 +54,7 @@ from palpate.run.manifest import (
 )
 from palpate.run.ownership import check_claimable, claim, refuse_other, tidy, writing_in
 from palpate.run.provenance import StageRecords
-from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
+from palpate.run.result import CertaintyResult, FitResult, IdentifiabilityResult, PosteriorResult
 from palpate.run.result_files import Files, frame_of, parquet, response_of
 from palpate.study.reading import Study
 
@@ -276,6 +277,14 @@ class RunDirectory:
         if not self.records.is_current("certainty"):
             return PosteriorResult()
         return PosteriorResult(**{each.name: self.table(each.name) for each in fields(PosteriorResult)})
+
+    def identifiability(self) -> IdentifiabilityResult:
+        """Read what the sweep allows; without rows where it was not assessed, or other sets were."""
+        if not self.records.is_current("identifiability"):
+            return IdentifiabilityResult()
+        return IdentifiabilityResult(
+            **{each.name: self.table(each.name) for each in fields(IdentifiabilityResult)}
+        )
 
     def comparisons(self) -> dict[str, Any]:
         """Read what was kept here as ``solver-comparison*.json``, by file name; not JSON is its error."""

@@ -158,6 +158,62 @@ class PosteriorResult:
     posterior_planes: pl.DataFrame = field(default_factory=pl.DataFrame)
 
 
+IDENTIFIABILITY = {
+    "spot": pl.String,
+    "scenario": pl.String,
+    "parameter": pl.String,
+    "unit": pl.String,
+    "value": pl.Float64,
+    "optimum": pl.Float64,
+    "lower": pl.Float64,
+    "upper": pl.Float64,
+    "relative_width": pl.Float64,
+    "identifiability": pl.String,
+    "most_correlated_with": pl.String,
+    "correlation": pl.Float64,
+    "fopt_threshold": pl.Float64,
+    "n_as_good": pl.Int64,
+    "q2": pl.Float64,
+}
+"""Columns of the identifiability."""
+
+DISAGREEMENTS = {
+    "spot": pl.String,
+    "first": pl.String,
+    "second": pl.String,
+    "parameter": pl.String,
+    "unit": pl.String,
+    "first_optimum": pl.Float64,
+    "second_optimum": pl.Float64,
+}
+"""Columns of the disagreements."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IdentifiabilityResult:
+    """Identifiability of the parameters of a sweep; without rows where it was not assessed.
+
+    Parameters
+    ----------
+    identifiability : DataFrame
+        One row per row of the selection and parameter, then those of all spots together: spot,
+        scenario, parameter, unit, value (of the best set); optimum, where the fitted Fopt is
+        least; lower and upper, the interval within the range; relative_width, its length over that of
+        the range; identifiability, the word for it; most_correlated_with and correlation, the parameter
+        that compensates for it best; fopt_threshold, the Fopt up to which a set is about as good (the
+        fitted least plus itself, or plus what the measured spread or the error of the fit makes, whichever is
+        more); n_as_good, sets of the sweep within it; q2, the share of variation that the fit
+        predicts at sets left out of it. What is unknown is null, and its word is "unclear".
+    disagreements : DataFrame
+        One row per spot, pair of scenarios without a common channel that no set fits about as
+        well as each alone, and parameter: spot, first and second (channels), parameter, unit,
+        first_optimum and second_optimum.
+    """
+
+    identifiability: pl.DataFrame = field(default_factory=lambda: pl.DataFrame(schema=IDENTIFIABILITY))
+    disagreements: pl.DataFrame = field(default_factory=lambda: pl.DataFrame(schema=DISAGREEMENTS))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitResult:
     """Parameters for which the simulated curves fit the measured ones best.

@@ -33,6 +33,9 @@ from palpate.errors import CurveError, ScoringError
 Scorable = Simulation | RecordedSimulation
 """What has a response to score."""
 
+Swept = Mapping[tuple[str, str], FloatArray]
+"""Simulated ordinates at the measured points by spot and channel: (n_sets, n_points), NaN where none."""
+
 SCHEMA = {
     "spot": pl.String,
     "set_id": pl.Int64,
@@ -236,6 +239,30 @@ def compare(simulation: Scorable, measured: Curve) -> Compared:
     except CurveError as error:
         return Compared(nothing, *_unreadable(simulation, str(error)))
     return Compared(values, status, message)
+
+
+def at_measured(simulations: Iterable[Simulation], measured: Mapping[str, Response], n_sets: int) -> Swept:
+    """Read every simulated curve at the measured points.
+
+    Parameters
+    ----------
+    simulations : iterable of Simulation
+        Of the sweep; points that they did not reach are NaN.
+    measured : mapping of spot name to Response
+    n_sets : int
+        Rows of the design.
+    """
+    swept = {
+        (spot, name): np.full((n_sets, curve.abscissa.size), np.nan)
+        for spot, response in measured.items()
+        for name, curve in response.curves.items()
+    }
+    for simulation in simulations:
+        spot, set_id = simulation.id
+        if simulation.response is not None:
+            for name, curve in measured[spot].curves.items():
+                swept[spot, name][set_id] = compare(simulation, curve).values
+    return swept
 
 
 def _curve(simulation: Scorable, channel: str) -> tuple[Curve | None, Status, str]:

@@ -1,25 +1,24 @@
 """The core's stages, in the paper's order: what each reads, what decides it, and what it makes."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from types import MappingProxyType
 
 import polars as pl
 
-from palpate.domain import Design, Indentation, RegionMaterial, weighed_phases
+from palpate.domain import Design, RegionMaterial, weighed_phases
 from palpate.domain.curves import abscissae_of
 from palpate.errors import StudyError
 from palpate.experiment.measured import load_measured
 from palpate.fit.searches import BestSet
 from palpate.fit.stage import Case, FitStage
 from palpate.fit.surfaces import simulate_surfaces
-from palpate.fit.tables import fit_result, refinement
-from palpate.limb.loading import size_at_contact
+from palpate.fit.tables import fit_result
 from palpate.progress import Progress, ShowsPlace
 from palpate.run.directory import design_files, measured_files
 from palpate.run.fit_state import FitState, write_fit_state
 from palpate.run.provenance import described, sha256
-from palpate.run.result import CertaintyResult, PosteriorResult, SelectionResult
+from palpate.run.result import SelectionResult
 from palpate.run.result_files import Files, frame_of, surface_path
 from palpate.sampling.study_design import draw_study
 from palpate.scoring import scores as scoring, selection
@@ -30,12 +29,6 @@ from palpate.simulation.cost import FitTime
 from palpate.simulation.verification import verify
 from palpate.stages.stage import Run, Stage, Summary
 from palpate.study.reading import Study
-from palpate.study.spots import mesh_note
-from palpate_certainty.mesh_error import SpotMesh, noted_errors
-from palpate_certainty.posterior_stage import PosteriorStage
-from palpate_certainty.posterior_tables import posterior_result
-from palpate_certainty.stage import CertaintyStage
-from palpate_certainty.tables import Assessed, certainty_result
 
 
 class OfEveryRun(Stage):
@@ -265,83 +258,6 @@ class SearchForBest(OfEveryRun):
         return fit_files(cases_of(inputs, look=look), inputs)
 
 
-class Intervals(OfEveryRun):
-    """Intervals of the fit."""
-
-    name, summary = "intervals", "Find how certain the fitted parameters are, and what from."
-    needs = ("fit",)
-    tables = MappingProxyType(
-        {
-            "intervals": "Value and 95 % interval of each parameter.",
-            "budget": "Share of each cause in the variance of each parameter.",
-            "directions": "Combinations of parameters, the best known first.",
-            "adequacy": "Checks of whether the model describes the data.",
-            "draws": "Draws from the density of each fit.",
-            "planes": "Fopt over the planes of two parameters.",
-        }
-    )
-
-    def decides(self, study: Study) -> Mapping[str, object]:
-        """What the curves and the model may be wrong by."""
-        return {"budget": study.budget.model_dump(mode="json")}
-
-    def run(self, inputs: Run, progress: Progress) -> Files:
-        """Intervals, their causes, checks and draws; nothing without a search."""
-        if isinstance(inputs.study.search, BestSet):
-            return {}
-        cases = cases_of(inputs)
-        stage = certainty_stage(inputs, cases)
-        assessed = stage.assessed(cases)
-        planes = stage.planes(assessed, inputs.design, inputs.swept())
-        found = replace(certainty_result(assessed, inputs.study), planes=planes)
-        return {each.name: getattr(found, each.name) for each in fields(CertaintyResult)}
-
-
-class Posteriors(Stage):
-    """Posteriors of the joint fits."""
-
-    name, summary = "certainty", "Draw the posteriors of the joint fits; simulates some more sets."
-    needs = ("intervals",)
-    tables = MappingProxyType(
-        {
-            "posterior": "Quantiles of each parameter.",
-            "posterior_draws": "Draws.",
-            "profiles": "Least Fopt along each parameter.",
-            "profile_ends": "Ends of the profiles.",
-            "ribbons": "What each parameter does to the curves.",
-            "volumes": "Volumes of the posteriors by scenario.",
-            "posterior_planes": "Densities over the planes of two parameters.",
-            "emulator": "Errors of the emulated curves.",
-        }
-    )
-
-    def run(self, inputs: Run, progress: Progress) -> Files:
-        """Draws of the posteriors, and what follows from them."""
-        study = inputs.study
-        if study.budget.is_gls:
-            raise StudyError(
-                f'{study.file}: posteriors are around the least Fopt, and the intervals of estimator = "gls" '
-                "are around the most likely values; leave [budget] estimator out to draw posteriors"
-            )
-        cases = cases_of(inputs)
-        assessed = certainty_stage(inputs, cases).assessed(cases)
-        stage = PosteriorStage(study=study, design=inputs.design, swept=inputs.swept(), progress=progress)
-        if (sampled := stage.run(cases, assessed)) is None:
-            raise no_intervals(inputs)
-        found = posterior_result(sampled, study.seed)
-        return {each.name: getattr(found, each.name) for each in fields(PosteriorResult)}
-
-    def summarise(self, inputs: Run) -> Summary:
-        """The short tables."""
-        titles = {
-            "Posterior": "posterior",
-            "Ends of profiles": "profile_ends",
-            "Volumes of posteriors": "volumes",
-            "Errors of emulated curves": "emulator",
-        }
-        return Summary(tables={title: inputs.table(name) for title, name in titles.items()})
-
-
 class Surface(Stage):
     """The skin under the fitted press."""
 
@@ -368,8 +284,6 @@ STAGES: tuple[type[Stage], ...] = (
     Select,
     Verify,
     SearchForBest,
-    Intervals,
-    Posteriors,
     Surface,
 )
 """In the paper's order."""
@@ -435,52 +349,3 @@ def fit_time(inputs: Run) -> FitTime:
     swept = simulation.jobs(inputs.study, inputs.design, inputs.measured)
     by_key = {inputs.simulations.key(job): job for job in swept}
     return FitTime(inputs.study, inputs.directory.folder, inputs.limbs, by_key, inputs.progress)
-
-
-def certainty_stage(inputs: Run, cases: Sequence[Case]) -> CertaintyStage:
-    """What assesses the cases of a run."""
-    return CertaintyStage(
-        study=inputs.study,
-        measured=inputs.measured,
-        meshes=_meshes(inputs, is_refined=any(case.n_fine for case in cases)),
-        progress=inputs.progress,
-    )
-
-
-def joint_assessed(inputs: Run) -> tuple[CertaintyStage, Assessed]:
-    """Certainty of the joint fit of a run, for stages that go on from it.
-
-    Raises
-    ------
-    StudyError
-        There is no joint fit with intervals.
-    """
-    cases = cases_of(inputs)
-    stage = certainty_stage(inputs, cases)
-    if (assessed := next(iter(stage.assessed(cases, joint_only=True)), None)) is None:
-        raise no_intervals(inputs)
-    return stage, assessed
-
-
-def no_intervals(inputs: Run) -> StudyError:
-    """Error of a run without a joint fit with intervals."""
-    return StudyError(
-        f"{inputs.directory.folder}: no joint fit with intervals in scenario '{inputs.study.generalise_by}'; "
-        "set fit.search to a search, or see the warnings of `palpate fit`"
-    )
-
-
-def _meshes(inputs: Run, *, is_refined: bool) -> dict[str, SpotMesh]:
-    """Mesh of each spot that has one, as far as its error goes."""
-    study, limbs = inputs.study, inputs.simulations.limbs
-    ratios = refinement(inputs.simulations) if is_refined else {}
-    meshes = {}
-    for each in study.spots:
-        protocol, name = study.protocol_at(each.spot.name), each.spot.name
-        if each.mesh is not None and name in limbs and isinstance(protocol, Indentation):
-            meshes[name] = SpotMesh(
-                edge_over_radius=size_at_contact(study, limbs[name]) / protocol.indenter.radius_mm,
-                noted=noted_errors(mesh_note(each.mesh)),
-                refinement=ratios.get(name, 1.0),
-            )
-    return meshes

@@ -3,7 +3,7 @@
 import contextlib
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -25,7 +25,13 @@ from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory
 from palpate.run.keys import answers_key
 from palpate.run.provenance import described, fingerprint
-from palpate.run.result import FitResult, StudyInputs
+from palpate.run.result import (
+    CertaintyResult,
+    FitResult,
+    IdentifiabilityResult,
+    PosteriorResult,
+    StudyInputs,
+)
 from palpate.run.result_files import Files
 from palpate.simulation import jobs as simulation
 from palpate.simulation.sweep import Simulations
@@ -224,15 +230,26 @@ class Run:
         return fitted(self.study, chosen, general, self.fit())
 
     def fit(self) -> FitResult:
-        """Result of the fit, with its intervals; empty where there is none.
+        """Result of the fit, with its intervals where their stage is installed; empty where there is none.
 
         Raises
         ------
         StudyError
             It, or its intervals, were made from something else than the study has now.
         """
-        self.check(*filter(self.directory.records.has, ("fit", "intervals")))
-        return self.directory.fit()
+        has, is_assessed = self.directory.records.has, "intervals" in self.stages
+        self.check(*filter(has, ("fit", "intervals") if is_assessed else ("fit",)))
+        found = self.directory.fit()
+        return found if is_assessed else replace(found, certainty=CertaintyResult())
+
+    def posterior(self) -> PosteriorResult:
+        """Posteriors of the present fit; empty where there are none, or their stage is not installed."""
+        return self.directory.posterior() if "certainty" in self.stages else PosteriorResult()
+
+    def identifiability(self) -> IdentifiabilityResult:
+        """What the present sweep allows; without rows as :meth:`posterior` is."""
+        known = "identifiability" in self.stages
+        return self.directory.identifiability() if known else IdentifiabilityResult()
 
     def surfaces(self) -> Mapping[str, SurfaceStates]:
         """States of the skin by spot, as ``palpate surface`` has simulated them; empty where it has not."""
@@ -398,7 +415,12 @@ def in_order(stages: Mapping[str, Stage], wanted: Iterable[str]) -> list[Stage]:
 
 
 def stages_of_run(study: Study, stages: Mapping[str, Stage]) -> Iterator[Stage]:
-    """Stages of a whole run, in order: those of every run, and those that the study asks for."""
-    asked = [stage.name for stage in study.stages]
-    wanted = [*(name for name, each in stages.items() if each.is_in_run(study)), *asked]
-    yield from in_order(stages, sorted(wanted, key=lambda name: stages[name].comes_last))
+    """Stages of a whole run, in order: those of every run, and those that the study asks for.
+
+    What a run cannot do without comes before what may fail.
+    """
+    asked = {stage.name for stage in study.stages}
+    wanted = [name for name, each in stages.items() if name in asked or each.is_in_run(study)]
+    yield from in_order(
+        stages, sorted(wanted, key=lambda name: (stages[name].comes_last, stages[name].may_fail))
+    )

@@ -7,6 +7,7 @@ import polars as pl
 import pytest
 
 import palpate
+import palpate_certainty
 import palpate_materials
 from palpate.domain import RegionMaterial
 from palpate.errors import MaterialError, StudyError
@@ -21,6 +22,7 @@ def saved(tmp_path_factory, soft_region):
     folder = tmp_path_factory.mktemp("one_press")
     study, plugins = StudyRunner(folder).study(
         palpate_materials,
+        palpate_certainty,
         region=soft_region,
         sampling={"n_sets": 12},
         fit={"search": "least_squares"},

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.stats import chi2, norm
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate_certainty.rows import Rows
 
 RARE = 1e-3

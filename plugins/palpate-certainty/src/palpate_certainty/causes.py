@@ -10,13 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import FloatArray, Indentation, Parameter, ParameterSpace, Protocol, Response
-from palpate.errors import ParameterError
-from palpate.fit.parametrisation import FRICTION, GAIN, OFFSET
-from palpate.fit.running import Fit
-from palpate.fit.spot_term import pieces
-from palpate.plugins.parametrisation import Parametrisation, SpotInputs
-from palpate.study.reading import Study
+from palpate.api import FloatArray, Indentation, Parameter, ParameterError, ParameterSpace, Protocol, Response
+from palpate.api.fit import FRICTION, GAIN, OFFSET, Fit, Parametrisation, SpotInputs, pieces
+from palpate.api.runs import Study
 
 ONSET_MM = 0.05
 """Standard deviation of the onset of contact where neither the study nor the loader gives one."""

@@ -15,7 +15,7 @@ from scipy.linalg import null_space
 from scipy.linalg.lapack import dposv, dpotri
 from scipy.optimize import minimize
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate_certainty.rows import Rows
 
 POINTS = (0.0, 1.0, 2.0, 4.0)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm
 
-from palpate.domain import FloatArray
-from palpate.run.result import LEVEL
+from palpate.api import FloatArray
+from palpate.api.fit import LEVEL
 
 LEAST_POWER = 0.15
 """Power of a parameter, over the largest one, below which it is left out."""

@@ -5,13 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.domain import Design, FloatArray, Simulation, channel_of
-from palpate.errors import PalpateError
-from palpate.fit.problem import Problem
-from palpate.fit.spot_term import NotRankedError, is_same_job, pieces
-from palpate.fit.stage import Case
-from palpate.plugins.parametrisation import SpotInputs
-from palpate.plugins.search import Trial
+from palpate.api import Design, FloatArray, PalpateError, Simulation
+from palpate.api.fit import Case, NotRankedError, Problem, SpotInputs, Trial, channel_of, is_same_job, pieces
 from palpate_certainty.emulator import Emulator, Runs
 
 MOST_SETS = 32

@@ -10,7 +10,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from palpate.domain import BoolArray, FloatArray, IntArray, Parameter
+from palpate.api import BoolArray, FloatArray, IntArray, Parameter
 from palpate_certainty.gaussian_process import GaussianProcess
 
 IN_PROPORTION = 1e-3

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
-from palpate.domain import FloatArray, IntArray
+from palpate.api import FloatArray, IntArray
 
 LENGTHS = (0.1, 20.0)
 """Range of the correlation lengths, in half ranges of the coordinates."""

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from palpate.domain import BoolArray, FloatArray, Response, channel_of
-from palpate.fit.spot_term import Correction, SpotTerm, pieces
-from palpate.study.reading import Study
+from palpate.api import BoolArray, FloatArray, Response
+from palpate.api.fit import Correction, SpotTerm, channel_of, pieces
+from palpate.api.runs import Study
 from palpate_certainty.causes import Columns, drift_of
 from palpate_certainty.mesh_error import SpotMesh
 from palpate_certainty.rows import path_of

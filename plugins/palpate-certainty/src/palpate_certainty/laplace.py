@@ -17,9 +17,8 @@ from scipy.optimize import lsq_linear
 from scipy.special import ndtr, ndtri
 from scipy.stats import chi2, qmc
 
-from palpate.domain import FloatArray
-from palpate.errors import PalpateError
-from palpate.run.result import LEVEL
+from palpate.api import FloatArray, PalpateError
+from palpate.api.fit import LEVEL
 
 RANGE = "range"
 """Name of the share that is due to the width of the range alone."""

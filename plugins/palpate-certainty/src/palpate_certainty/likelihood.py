@@ -9,7 +9,7 @@ Fopt, and is left out. So the density is largest at the fit, and near it that of
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 
 
 def whitening(jacobian: FloatArray, covariance: FloatArray, groups: FloatArray) -> FloatArray:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.domain import FloatArray
-from palpate.fit.tables import ORDER
+from palpate.api import FloatArray
+from palpate.api.fit import ORDER
 
 FORCE = "force"
 """The one channel whose error falls with the square of the edges; that of torque and lateral force has a

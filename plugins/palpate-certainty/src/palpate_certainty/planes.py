@@ -13,9 +13,8 @@ import numpy as np
 import polars as pl
 from scipy.stats import qmc
 
-from palpate.domain import BoolArray, Design, FloatArray, Simulation, channel_of
-from palpate.fit.problem import Problem
-from palpate.fit.spot_term import pieces
+from palpate.api import BoolArray, Design, FloatArray, Simulation
+from palpate.api.fit import Problem, channel_of, pieces
 from palpate_certainty.emulated_curves import (
     EmulatedCurves,
     SimulatedCurves,

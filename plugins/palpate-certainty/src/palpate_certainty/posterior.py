@@ -5,8 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.domain import BoolArray, FloatArray
-from palpate.errors import ParameterError
+from palpate.api import BoolArray, FloatArray, ParameterError
 
 AT_BOUND = 0.01
 """Share of a range that counts as its bound."""

@@ -11,12 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import qmc
 
-from palpate.domain import Design, FloatArray, Simulation, channel_of
-from palpate.fit.box import Box
-from palpate.fit.stage import Case
-from palpate.progress import SILENT, Progress
-from palpate.run.result import RISE
-from palpate.study.reading import Study
+from palpate.api import SILENT, Design, FloatArray, Progress, Simulation
+from palpate.api.fit import RISE, Box, Case, channel_of
+from palpate.api.runs import Study
 from palpate_certainty.emulated_curves import (
     EmulatedCurves,
     ScenarioDensity,

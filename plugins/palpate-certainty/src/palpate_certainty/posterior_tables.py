@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.run.result import PosteriorResult
+from palpate.api.fit import PosteriorResult
 from palpate_certainty.planes import planes
 from palpate_certainty.posterior_stage import Posterior, Sampled
 from palpate_certainty.ribbons import sobol_indices

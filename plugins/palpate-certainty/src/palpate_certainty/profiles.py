@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import least_squares, lsq_linear
 
-from palpate.domain import FloatArray
-from palpate.run.result import RISE
+from palpate.api import FloatArray
+from palpate.api.fit import RISE
 
 N_POINTS = 9
 """Points of a profile to either side of the least."""

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.stats import qmc
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 
 N_BASE = 512
 """Points of each of the two matrices of the estimators."""

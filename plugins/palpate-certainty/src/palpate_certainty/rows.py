@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray, channel_of
-from palpate.fit.spot_term import SpotTerm, pieces
+from palpate.api import FloatArray, IntArray
+from palpate.api.fit import SpotTerm, channel_of, pieces
 
 COMMON = 0.5
 """Share of a discrepancy's variance that all spots have in common."""

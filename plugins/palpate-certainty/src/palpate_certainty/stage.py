@@ -7,14 +7,10 @@ from types import MappingProxyType
 import numpy as np
 import polars as pl
 
-from palpate.domain import Design, FloatArray, Response, Simulation, channel_of
-from palpate.errors import PalpateError, StoppedError
-from palpate.experiment.relaxation import relaxation_of
-from palpate.fit.running import Fit
-from palpate.fit.stage import Case
-from palpate.progress import SILENT, Progress
-from palpate.run.result import CertaintyResult
-from palpate.study.reading import Study
+from palpate.api import SILENT, Design, FloatArray, PalpateError, Progress, Response, Simulation
+from palpate.api.executors import StoppedError
+from palpate.api.fit import Case, CertaintyResult, Fit, channel_of
+from palpate.api.runs import Study, relaxation_of
 from palpate_certainty.adequacy import Check, checks, misfits
 from palpate_certainty.causes import Cause, Columns, causes_of, columns_of
 from palpate_certainty.curve_errors import estimate

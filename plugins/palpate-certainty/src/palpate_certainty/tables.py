@@ -7,14 +7,9 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.domain import FloatArray
-from palpate.fit.problem import Problem
-from palpate.fit.running import Fit
-from palpate.fit.spot_term import SpotTerm, pieces
-from palpate.fit.stage import Case
-from palpate.run.result import INCLUDED, CertaintyResult
-from palpate.stages.identifiability import UNCLEAR, word_of
-from palpate.study.reading import Study
+from palpate.api import FloatArray
+from palpate.api.fit import INCLUDED, UNCLEAR, Case, CertaintyResult, Fit, Problem, SpotTerm, pieces, word_of
+from palpate.api.runs import Study
 from palpate_certainty.adequacy import ALLOWED, Check, Misfit
 from palpate_certainty.curve_errors import CurveErrors
 from palpate_certainty.directions import directions

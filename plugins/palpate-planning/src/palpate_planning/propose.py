@@ -20,10 +20,10 @@ from palpate.api.runs import (
     load_limbs,
     locked_run,
 )
-from palpate.stages.core_stages import joint_assessed
 from palpate_certainty.causes import Columns
 from palpate_certainty.laplace import Laplace
 from palpate_certainty.mesh_error import SpotMesh
+from palpate_certainty.stages import joint_assessed
 from palpate_certainty.tables import Assessed, density_of
 from palpate_planning.candidates import PRESSURE, Allowed, Limit, candidates, limited_curves, limits_of
 from palpate_planning.extension import CandidatePress

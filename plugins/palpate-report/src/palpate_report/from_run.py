@@ -14,10 +14,9 @@ from palpate.run.directory import RunDirectory
 from palpate.run.fit_state import read_fit_state
 from palpate.run.ledger import Ledger
 from palpate.run.lock import living_runner_of
-from palpate.run.result import FitResult, PosteriorResult
+from palpate.run.result import FitResult, IdentifiabilityResult, PosteriorResult
 from palpate.scoring import scores as scoring
 from palpate.stages.core_stages import best_sets
-from palpate.stages.identifiability import assess_identifiability, at_measured
 from palpate.stages.stage import Run, Summary, read_run
 from palpate.study.reading import Study, StudySpot
 from palpate_report.convergence import by_spot, contact_along
@@ -25,11 +24,14 @@ from palpate_report.report_data import ReportData
 from palpate_report.result import Report
 from palpate_report.writing import write_report
 
+SHOWN = ("palpate.", "palpate_certainty.")
+"""Modules of the stages whose tables the page's own sections show."""
+
 
 def report_data(run: Run, *, unfinished: str = "") -> ReportData:
     """Everything that a report shows; of an unfinished run, the best sets so far."""
     study, inputs, swept = run.study, run.inputs, run.swept()
-    fit, posterior = FitResult(), PosteriorResult()
+    fit, posterior, identified = FitResult(), PosteriorResult(), IdentifiabilityResult()
     if unfinished:
         if not swept:
             raise StudyError(
@@ -41,11 +43,8 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
         run.check("select")
         scores = run.table("scores", "score")
         chosen, general = (run.table(name, "select") for name in ("selection", "generalisation"))
-        fit, posterior = run.fit(), run.directory.posterior()
-    at_points = at_measured(swept, inputs.measured, inputs.design.n_sets)
-    identified = assess_identifiability(
-        study, inputs.design, inputs.measured, at_points, scores, chosen, general, fit
-    )
+        fit, posterior = run.fit(), run.posterior()
+        identified = run.identifiability()
     return ReportData(
         study=study,
         channels=run.channels,
@@ -59,8 +58,8 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
         fit=fit,
         posterior=posterior,
         responses={(s.job.spot, s.job.set_id): s.response for s in swept if s.response is not None},
-        swept=at_points,
-        identifiability=identified.table,
+        swept=scoring.at_measured(swept, inputs.measured, inputs.design.n_sets),
+        identifiability=identified.identifiability,
         disagreements=identified.disagreements,
         convergence=by_spot(swept),
         contact=contact_along(swept),
@@ -129,7 +128,7 @@ def _summaries(run: Run) -> Mapping[str, tuple[str, Summary]]:
     """Summary and title of each stage of a plugin that has been run and is current."""
     found = {}
     for name, stage in run.stages.items():
-        if type(stage).__module__.startswith("palpate.") or not run.directory.records.is_current(name):
+        if type(stage).__module__.startswith(SHOWN) or not run.directory.records.is_current(name):
             continue
         try:
             with answering_for(stage, "summarising its tables"):

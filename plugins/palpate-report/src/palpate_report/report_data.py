@@ -11,7 +11,7 @@ from palpate.domain import Channel, Design, Limb, Parameter, Response, Scenario,
 from palpate.plugins.sections import Section
 from palpate.run.result import ALL_SPOTS, FitResult, PosteriorResult
 from palpate.scoring.completeness import Completeness, completeness, without_result
-from palpate.stages.identifiability import Swept
+from palpate.scoring.scores import Swept
 from palpate.stages.stage import Summary
 from palpate.study.reading import Study
 from palpate_report.convergence import Contact
@@ -35,11 +35,11 @@ class ReportData:
     responses : mapping of (spot, set_id) to Response
         Simulated curves of every selected and of the generalised set.
     swept : mapping of (spot, channel) to (n_sets, n_points) array
-        Every set's curves at the measured points, as :func:`palpate.stages.identifiability.at_measured`
+        Every set's curves at the measured points, as :func:`palpate.scoring.scores.at_measured`
         returns them; empty where they are not to be shown.
     identifiability : DataFrame
     disagreements : DataFrame
-        Both as in :class:`palpate.stages.identifiability.Identifiability`.
+        Both as in :class:`palpate.run.result.IdentifiabilityResult`.
     convergence : DataFrame
         As :func:`palpate_report.convergence.by_spot` returns it.
     contact : mapping of (spot, set_id) to mapping

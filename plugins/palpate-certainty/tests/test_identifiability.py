@@ -11,17 +11,17 @@ from palpate.experiment.measured import load_measured
 from palpate.run.result import FitResult
 from palpate.sampling.drawing import draw_design
 from palpate.scoring.generalisation import generalise
-from palpate.scoring.scores import score
+from palpate.scoring.scores import at_measured, score
 from palpate.scoring.selection import select
 from palpate.simulation.jobs import simulate
-from palpate.stages.identifiability import assess_identifiability, at_measured
+from palpate_certainty.identifiability import assess_identifiability
 
 NO_FIT = FitResult()
 
 
 @pytest.fixture
 def identified(found):
-    return lambda *given, **named: found(*given, **named).table
+    return lambda *given, **named: found(*given, **named).identifiability
 
 
 @pytest.fixture

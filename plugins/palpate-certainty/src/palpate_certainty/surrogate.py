@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import brentq, lsq_linear
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 
 LEAST_Q2 = 0.8
 """Smallest share of the curves' variation that is predicted at sets left out of the fit."""

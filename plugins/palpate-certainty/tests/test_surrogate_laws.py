@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given, strategies as st
 from scipy.optimize import minimize
 
-from palpate.stages.surrogate import LEAST_Q2, QuadraticForm, fit_slopes, together
+from palpate_certainty.surrogate import LEAST_Q2, QuadraticForm, fit_slopes, together
 
 SEEDS = st.integers(0, 2**32 - 1)
 
