@@ -79,7 +79,7 @@ print(*palpate.Plugins.load(entry_points=False).broken)
 
 @pytest.mark.slow
 def test_the_core_works_without_its_plugins_and_their_libraries() -> None:
-    made_of_a_fit = {"palpate_planning", "palpate_prediction", "palpate_report"}
+    made_of_a_fit = {"palpate_certainty", "palpate_planning", "palpate_prediction", "palpate_report"}
     missing = made_of_a_fit | {"PIL", "jinja2", "matplotlib", "plotly"}
     code = ALONE.format(missing=missing)
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -21,11 +21,15 @@ if TYPE_CHECKING:
     )
     from palpate.cli.output import (
         Closed as Closed,
+        IntervalOutput as IntervalOutput,
         Row as Row,
         RunOutput as RunOutput,
     )
     from palpate.cli.progress import (
         StageProgress as StageProgress,
+    )
+    from palpate.cli.results import (
+        show_summary as show_summary,
     )
     from palpate.cli.run import (
         run_and_show as run_and_show,

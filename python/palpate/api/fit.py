@@ -7,6 +7,7 @@ from palpate.lazy_imports import deferred
 if TYPE_CHECKING:
     from palpate.domain import (
         channel_of as channel_of,
+        weighed_phases as weighed_phases,
     )
     from palpate.fit.box import (
         Box as Box,
@@ -66,6 +67,8 @@ if TYPE_CHECKING:
         INCLUDED as INCLUDED,
         LEVEL as LEVEL,
         RISE as RISE,
+        UNSEEN as UNSEEN,
+        UNSETTLED as UNSETTLED,
         CertaintyResult as CertaintyResult,
         FitResult as FitResult,
         IdentifiabilityResult as IdentifiabilityResult,

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
         Deformation as Deformation,
         ElementBlock as ElementBlock,
         SparseFactor as SparseFactor,
+        interpolate as interpolate,
     )
     from palpate.domain.component import Array as Array
     from palpate.mechanics import (
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
         principal_derivatives as principal_derivatives,
         stress as stress,
         stress_and_tangent as stress_and_tangent,
+    )
+    from palpate.mechanics.homogeneous import (
+        nominal_stress as nominal_stress,
     )
     from palpate.plugins.energy_form import (
         EnergyForm as EnergyForm,

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from palpate.plugins.sections import (
         Bar as Bar,
         Block as Block,
+        Cell as Cell,
         Drawing as Drawing,
         Facts as Facts,
         Figure as Figure,
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
         Step as Step,
         Table as Table,
         Word as Word,
+        heading as heading,
     )
     from palpate.plugins.showable import (
         address as address,

@@ -15,7 +15,11 @@ if TYPE_CHECKING:
         ScoringError as ScoringError,
         StoppedError as StoppedError,
     )
+    from palpate.experiment.measured import (
+        measured_warnings as measured_warnings,
+    )
     from palpate.experiment.relaxation import (
+        REMEDY as REMEDY,
         relaxation_of as relaxation_of,
     )
     from palpate.fingerprints import (
@@ -47,20 +51,43 @@ if TYPE_CHECKING:
         RunDirectory as RunDirectory,
         file_name as file_name,
     )
+    from palpate.run.fit_state import (
+        read_fit_state as read_fit_state,
+    )
     from palpate.run.keys import (
         job_key as job_key,
+    )
+    from palpate.run.ledger import (
+        Ledger as Ledger,
+    )
+    from palpate.run.lock import (
+        living_runner_of as living_runner_of,
+    )
+    from palpate.run.ownership import (
+        is_run as is_run,
+        keep_only as keep_only,
     )
     from palpate.run.result_files import (
         Files as Files,
         parquet as parquet,
     )
+    from palpate.scoring.completeness import (
+        Completeness as Completeness,
+        completeness as completeness,
+        described as described,
+        without_result as without_result,
+    )
     from palpate.scoring.scores import (
         Swept as Swept,
         at_measured as at_measured,
         residual_scale as residual_scale,
+        score as score,
     )
     from palpate.scoring.selection import (
+        by_reason as by_reason,
+        failures as failures,
         objectives as objectives,
+        unranked as unranked,
     )
     from palpate.simulation.jobs import (
         check_jobs as check_jobs,
@@ -70,6 +97,9 @@ if TYPE_CHECKING:
     )
     from palpate.simulation.sweep import (
         Simulations as Simulations,
+    )
+    from palpate.stages.core_stages import (
+        best_sets as best_sets,
     )
     from palpate.stages.pipeline import (
         RunResult as RunResult,
@@ -95,6 +125,10 @@ if TYPE_CHECKING:
     from palpate.study.tool import (
         Tool as Tool,
         read_tool as read_tool,
+    )
+    from palpate.study.written_units import (
+        in_units as in_units,
+        unit_factors as unit_factors,
     )
 
 if not TYPE_CHECKING:

@@ -6,6 +6,7 @@ from palpate.api import hookimpl
 
 if TYPE_CHECKING:
     from palpate.api import Stage
+    from palpate.api.cli import SubCommand
 
 __version__ = "0.1.0"
 
@@ -16,3 +17,19 @@ def palpate_stages() -> "list[type[Stage]]":
     from palpate_certainty.stages import Identifiability, Intervals, Posteriors
 
     return [Intervals, Posteriors, Identifiability]
+
+
+@hookimpl
+def palpate_subcommands() -> "list[SubCommand]":
+    """Provide the commands of the stages."""
+    from palpate.api.cli import STAGES, SubCommand, examples, stage_command
+
+    does = {
+        "intervals": "Find how certain the fitted parameters are, and what from.",
+        "certainty": "Draw the posteriors of the joint fits; simulates some more sets.",
+        "identifiability": "Find how well the curves of the sweep identify each parameter.",
+    }
+    return [
+        SubCommand(function=stage_command(name, text), panel=STAGES, epilog=examples(f"palpate {name} arm"))
+        for name, text in does.items()
+    ]

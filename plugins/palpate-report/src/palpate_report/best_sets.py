@@ -7,13 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from palpate import mechanics
-from palpate.domain import FloatArray, Parameter, weighed_phases
-from palpate.domain.material import IsotropicMaterial
-from palpate.errors import PalpateError
-from palpate.run.result import ALL_SPOTS
-from palpate.stages.identifiability import UNCLEAR, share_of_range
-from palpate.units import convert
+from palpate.api import FloatArray, IsotropicMaterial, PalpateError, Parameter, convert
+from palpate.api.fit import ALL_SPOTS, UNCLEAR, share_of_range, weighed_phases
+from palpate.api.mechanics import initial_moduli as moduli_of
 from palpate_report.report_data import ReportData
 from palpate_report.tables import weighted_channels
 
@@ -162,7 +158,7 @@ def initial_moduli(data: ReportData, best: Mapping[str, Any]) -> Iterator[tuple[
         values = {p.name: every[f"{region.region}.{p.name}"] for p in region.material.parameters}
         if space.columns_of(region.region) and np.isfinite(list(values.values())).all():
             try:
-                mu, kappa = mechanics.initial_moduli(region.material, region.theta(values))
+                mu, kappa = moduli_of(region.material, region.theta(values))
             except PalpateError:
                 continue
             yield region.region, (mu / unit, 9.0 * kappa * mu / (3.0 * kappa + mu) / unit)

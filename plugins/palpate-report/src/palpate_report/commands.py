@@ -5,12 +5,21 @@ from typing import Annotated
 
 import typer
 
-from palpate.cli.options import AsJson, OutFolder, RunPath, Tables, TrustPlugins
-from palpate.cli.progress import StageProgress
-from palpate.cli.results import show_summary
-from palpate.cli.runs import find_run, newest_run, study_of_run
-from palpate.cli.session import Session, run_folder
-from palpate.errors import StudyError
+from palpate.api import StudyError
+from palpate.api.cli import (
+    AsJson,
+    OutFolder,
+    RunPath,
+    Session,
+    StageProgress,
+    Tables,
+    TrustPlugins,
+    find_run,
+    newest_run,
+    run_folder,
+    show_summary,
+    study_of_run,
+)
 
 
 def report(
@@ -26,7 +35,7 @@ def report(
 
     A run directory needs nothing besides it. A study is compared with the run: its files must be there.
     """
-    from palpate.run.ownership import is_run
+    from palpate.api.runs import is_run
     from palpate_report import from_run
     from palpate_report.output import ReportOutput
     from palpate_report.stage import summary_of

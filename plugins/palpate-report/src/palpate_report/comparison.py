@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.domain import Curve, FloatArray, channel_of
-from palpate.run.atomic_files import write_atomically
-from palpate.run.ownership import keep_only
+from palpate.api import Curve, FloatArray
+from palpate.api.files import write_atomically
+from palpate.api.fit import channel_of
+from palpate.api.runs import keep_only
 from palpate_report.best_sets import best_sets, leading
 from palpate_report.headline import NO_PARAMETERS, failure_of, headlines, moduli
 from palpate_report.marks import explained, mark_of

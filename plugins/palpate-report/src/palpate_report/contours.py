@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 from matplotlib.figure import Figure
 
-from palpate.domain import FloatArray
+from palpate.api import FloatArray
 from palpate_report.report_data import ReportData
 
 MOST_LEVELS = 7

@@ -6,8 +6,8 @@ from typing import Any
 
 import polars as pl
 
-from palpate.domain import Simulation, Status
-from palpate.domain.equilibrium_states import POSE
+from palpate.api import Simulation, Status
+from palpate.api.experiment import POSE
 
 CONTACT: Mapping[str, str] = MappingProxyType(
     {

@@ -13,12 +13,10 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate import _core
-from palpate.domain import Channel, Curve, FloatArray, Response
-from palpate.errors import CurveError
-from palpate.run.directory import file_name
-from palpate.run.result import ALL_SPOTS
-from palpate.scoring.selection import objectives
+from palpate.api import Channel, Curve, CurveError, FloatArray, Response
+from palpate.api.fit import ALL_SPOTS
+from palpate.api.mechanics import interpolate
+from palpate.api.runs import file_name, objectives
 from palpate_report import comparison
 from palpate_report.fit_path import least_of_sweep, paths
 from palpate_report.paper_tables import intervals
@@ -100,7 +98,7 @@ def responses(data: ReportData, spot: str) -> Figure:
 def residuals(measured: Curve, simulated: Curve) -> FloatArray:
     """Simulated minus measured ordinates (n,) at the measured abscissae, NaN where there are none."""
     try:
-        values, _ = _core.interpolate(simulated.abscissa, simulated.ordinate, measured.abscissa)
+        values, _ = interpolate(simulated.abscissa, simulated.ordinate, measured.abscissa)
     except CurveError:
         return np.full(measured.abscissa.size, np.nan)
     left: FloatArray = values - measured.ordinate

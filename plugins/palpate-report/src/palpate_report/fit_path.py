@@ -2,9 +2,9 @@
 
 import polars as pl
 
-from palpate.domain import Scenario
-from palpate.run.result import ALL_SPOTS
-from palpate.scoring.selection import objectives
+from palpate.api import Scenario
+from palpate.api.fit import ALL_SPOTS
+from palpate.api.runs import objectives
 from palpate_report.report_data import ReportData
 
 

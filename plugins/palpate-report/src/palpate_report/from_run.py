@@ -6,19 +6,22 @@ from pathlib import Path
 
 import polars as pl
 
-from palpate.errors import PluginError, StudyError
-from palpate.plugins.catalogue import Plugins
-from palpate.plugins.guard import answering_for
-from palpate.progress import SILENT, Progress
-from palpate.run.directory import RunDirectory
-from palpate.run.fit_state import read_fit_state
-from palpate.run.ledger import Ledger
-from palpate.run.lock import living_runner_of
-from palpate.run.result import FitResult, IdentifiabilityResult, PosteriorResult
-from palpate.scoring import scores as scoring
-from palpate.stages.core_stages import best_sets
-from palpate.stages.stage import Run, Summary, read_run
-from palpate.study.reading import Study, StudySpot
+from palpate.api import SILENT, PluginError, Progress, Run, StudyError, Summary
+from palpate.api.fit import FitResult, IdentifiabilityResult, PosteriorResult
+from palpate.api.runs import (
+    Ledger,
+    Plugins,
+    RunDirectory,
+    Study,
+    StudySpot,
+    answering_for,
+    at_measured,
+    best_sets,
+    living_runner_of,
+    read_fit_state,
+    read_run,
+    score,
+)
 from palpate_report.convergence import by_spot, contact_along
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
@@ -37,7 +40,7 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
             raise StudyError(
                 f"{run.directory.folder}: no simulation has ended yet; watch it with `palpate status`"
             )
-        scores = scoring.score(swept, inputs.measured, study.scoring, study.scenarios)
+        scores = score(swept, inputs.measured, study.scoring, study.scenarios)
         chosen, general = best_sets(study, inputs.design, scores)
     else:
         run.check("select")
@@ -58,7 +61,7 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
         fit=fit,
         posterior=posterior,
         responses={(s.job.spot, s.job.set_id): s.response for s in swept if s.response is not None},
-        swept=scoring.at_measured(swept, inputs.measured, inputs.design.n_sets),
+        swept=at_measured(swept, inputs.measured, inputs.design.n_sets),
         identifiability=identified.identifiability,
         disagreements=identified.disagreements,
         convergence=by_spot(swept),

@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 
 import polars as pl
 
-from palpate.run.result import ALL_SPOTS, FitResult
-from palpate.stages.identifiability import UNCLEAR
+from palpate.api.fit import ALL_SPOTS, UNCLEAR, FitResult
 from palpate_report.best_sets import Best, Value, best_sets, initial_moduli, leading
 from palpate_report.marks import NOT, REFUSED, TIED, mark_of, verdict_of
 from palpate_report.report_data import ReportData

@@ -3,11 +3,9 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from palpate.errors import PluginError
-from palpate.plugins.guard import answering_for
-from palpate.plugins.sections import Block, Figure, Fold, Paragraph, Table
-from palpate.plugins.showable import checked, is_own
-from palpate.stages.stage import Summary
+from palpate.api import PluginError, Summary
+from palpate.api.report import Block, Figure, Fold, Paragraph, Table, checked, is_own
+from palpate.api.runs import answering_for
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
 from palpate_report.section_order import ordered

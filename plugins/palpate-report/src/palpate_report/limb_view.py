@@ -12,11 +12,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from palpate.domain import FloatArray, IntArray, Limb, Mesh, Spot
-from palpate.domain.indenter import Indenter
-from palpate.errors import MeshError
-from palpate.mesh.spot_frame import spot_axes
-from palpate.mesh.topology import CELLS
+from palpate.api import FloatArray, Indenter, IntArray, Limb, Mesh, MeshError, Spot
+from palpate.api.mesh import CELLS, spot_axes
 
 Role = Literal["contact", "fixed", "free", "interface", "indenter"]
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
-from palpate.stages.identifiability import UNCLEAR
+from palpate.api.fit import UNCLEAR
 
 REFUSED, AT_END, TIED, NOT = "refused", "end of range", "tied", "not identified"
 """Words of a verdict besides those of :data:`palpate.stages.identifiability.WORDS`."""

@@ -7,10 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import FloatArray
-from palpate.domain.material import IsotropicMaterial
-from palpate.mechanics.homogeneous import nominal_stress
-from palpate.units import convert
+from palpate.api import FloatArray, IsotropicMaterial, convert
+from palpate.api.mechanics import nominal_stress
 from palpate_report.best_sets import every_value
 from palpate_report.headline import draws_of
 from palpate_report.report_data import ReportData

@@ -1,6 +1,6 @@
 """What ``palpate report`` and ``palpate compare`` print with ``--json``."""
 
-from palpate.cli.output import Closed, IntervalOutput, Row
+from palpate.api.cli import Closed, IntervalOutput, Row
 
 
 class ReportOutput(Closed):

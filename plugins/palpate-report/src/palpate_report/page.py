@@ -16,9 +16,8 @@ import jinja2
 import polars as pl
 from markupsafe import Markup
 
-from palpate.plugins.sections import Block, heading
-from palpate.plugins.showable import address, figure_data
-from palpate.run.atomic_files import write_atomically
+from palpate.api.files import write_atomically
+from palpate.api.report import Block, address, figure_data, heading
 from palpate_report.answer import answer, colour_of
 from palpate_report.forest import forest
 from palpate_report.layout import laid_out

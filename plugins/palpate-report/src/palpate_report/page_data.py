@@ -9,8 +9,8 @@ import matplotlib as mpl
 import numpy as np
 import polars as pl
 
-from palpate.domain import Curve, FloatArray, Indentation, IntArray, Scenario
-from palpate.scoring.selection import objectives
+from palpate.api import Curve, FloatArray, Indentation, IntArray, Scenario
+from palpate.api.runs import objectives
 from palpate_report.contours import along, contours
 from palpate_report.figures import fits_at, residuals
 from palpate_report.fit_path import paths

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from palpate.run.result import ALL_SPOTS
+from palpate.api.fit import ALL_SPOTS
 from palpate_report.best_sets import Best, best_sets
 from palpate_report.headline import MODULI, Headline, Verdicts, moduli
 from palpate_report.latex import escaped, head, marked, number, power_of_ten, row, tabular

@@ -7,13 +7,10 @@ from typing import Any
 
 import polars as pl
 
-from palpate.domain import Channel, Design, Limb, Parameter, Response, Scenario, SurfaceStates
-from palpate.plugins.sections import Section
-from palpate.run.result import ALL_SPOTS, FitResult, PosteriorResult
-from palpate.scoring.completeness import Completeness, completeness, without_result
-from palpate.scoring.scores import Swept
-from palpate.stages.stage import Summary
-from palpate.study.reading import Study
+from palpate.api import Channel, Design, Limb, Parameter, Response, Scenario, Summary, SurfaceStates
+from palpate.api.fit import ALL_SPOTS, FitResult, PosteriorResult
+from palpate.api.report import Section
+from palpate.api.runs import Completeness, Study, Swept, completeness, without_result
 from palpate_report.convergence import Contact
 
 

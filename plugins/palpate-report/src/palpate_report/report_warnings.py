@@ -4,13 +4,17 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import polars as pl
 
-from palpate.experiment.measured import measured_warnings
-from palpate.experiment.relaxation import REMEDY, relaxation_of
-from palpate.plugins.sections import ReportWarning
-from palpate.run.result import UNSEEN, UNSETTLED
-from palpate.scoring.completeness import described
-from palpate.scoring.selection import by_reason, failures, unranked
-from palpate.stages.identifiability import UNCLEAR
+from palpate.api.fit import UNCLEAR, UNSEEN, UNSETTLED
+from palpate.api.report import ReportWarning
+from palpate.api.runs import (
+    REMEDY,
+    by_reason,
+    described,
+    failures,
+    measured_warnings,
+    relaxation_of,
+    unranked,
+)
 from palpate_report.best_sets import Best
 from palpate_report.report_data import ReportData
 from palpate_report.tables import cost_of_one_set, finding

@@ -6,10 +6,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from palpate.domain import FloatArray, Indentation, Limb, Protocol
-from palpate.domain.indenter import Indenter
-from palpate.errors import MeshError
-from palpate.mesh.spot_frame import spot_axes
+from palpate.api import FloatArray, Indentation, Indenter, Limb, MeshError, Protocol
+from palpate.api.mesh import spot_axes
 from palpate_report.convergence import Contact
 from palpate_report.limb_view import LimbView, ViewPart, limb_view, scatter_trace
 

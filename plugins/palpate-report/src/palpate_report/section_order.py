@@ -2,10 +2,9 @@
 
 from collections.abc import Iterator, Mapping
 
-from palpate.errors import PluginError
-from palpate.plugins.guard import answering_for
-from palpate.plugins.sections import ReportWarning, Section
-from palpate.plugins.showable import is_own
+from palpate.api import PluginError
+from palpate.api.report import ReportWarning, Section, is_own
+from palpate.api.runs import answering_for
 from palpate_report.report_data import ReportData
 
 

@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import FloatArray, Indentation, IntArray, SurfaceStates
-from palpate.errors import MeshError
-from palpate.units import convert
+from palpate.api import FloatArray, Indentation, IntArray, MeshError, SurfaceStates, convert
 from palpate_report.report_data import ReportData
 
 MOST_BYTES = 300_000

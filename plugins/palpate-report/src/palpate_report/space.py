@@ -12,8 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 
-from palpate.domain import FloatArray, Parameter
-from palpate.scoring.selection import objectives
+from palpate.api import FloatArray, Parameter
+from palpate.api.runs import objectives
 from palpate_report.contours import contours
 from palpate_report.fit_path import paths
 from palpate_report.report_data import ReportData, label_of

@@ -5,14 +5,10 @@ from pathlib import Path
 
 import polars as pl
 
-from palpate.domain import Channel, Response
-from palpate.plugins.sections import ReportWarning
-from palpate.progress import Progress
-from palpate.run.result import ALL_SPOTS
-from palpate.run.result_files import Files
-from palpate.scoring.completeness import described
-from palpate.stages.stage import Run, Stage, Summary
-from palpate.study.reading import Study
+from palpate.api import Channel, Progress, Response, Run, Stage, Summary
+from palpate.api.fit import ALL_SPOTS
+from palpate.api.report import ReportWarning
+from palpate.api.runs import Files, Study, described
 from palpate_report.from_run import report_data, written
 from palpate_report.marks import mark_of
 from palpate_report.report_data import ReportData

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import polars as pl
 
-from palpate.run.atomic_files import write_atomically
+from palpate.api.files import write_atomically
 from palpate_report.latex import escaped, number, plain
 from palpate_report.marks import explained, mark_of
 from palpate_report.tables import COMPARISON_TITLES, TITLES, printed

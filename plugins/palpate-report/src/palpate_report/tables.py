@@ -5,10 +5,9 @@ from types import MappingProxyType
 
 import polars as pl
 
-from palpate.domain import Scenario
-from palpate.run.result import ALL_SPOTS
-from palpate.scoring.completeness import Completeness
-from palpate.scoring.selection import by_reason, failures, unranked
+from palpate.api import Scenario
+from palpate.api.fit import ALL_SPOTS
+from palpate.api.runs import Completeness, by_reason, failures, unranked
 from palpate_report.marks import mark_of
 from palpate_report.report_data import ReportData
 

@@ -5,10 +5,9 @@ from dataclasses import dataclass, field
 
 import polars as pl
 
-from palpate.domain import Parameter
-from palpate.plugins.sections import ReportWarning
-from palpate.run.result import ALL_SPOTS
-from palpate.stages.identifiability import UNCLEAR, WORDS
+from palpate.api import Parameter
+from palpate.api.fit import ALL_SPOTS, UNCLEAR, WORDS
+from palpate.api.report import ReportWarning
 from palpate_report.best_sets import Best, best_sets, leading
 from palpate_report.headline import Headline, failure_of, headlines, moduli
 from palpate_report.report_data import ReportData, label_of

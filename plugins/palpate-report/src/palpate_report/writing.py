@@ -5,7 +5,7 @@ What draws is imported when something is drawn: most commands do not, and it tak
 
 from pathlib import Path
 
-from palpate.run.ownership import keep_only
+from palpate.api.runs import keep_only
 from palpate_report.convergence import by_spot, contact_along
 from palpate_report.headline import with_verdicts
 from palpate_report.paper_tables import materials_of, paper_tables

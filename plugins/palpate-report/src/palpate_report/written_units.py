@@ -5,10 +5,9 @@ from dataclasses import replace
 
 import polars as pl
 
-from palpate.domain import Design
-from palpate.run.result import FitResult
-from palpate.study.reading import Study
-from palpate.study.written_units import in_units, unit_factors
+from palpate.api import Design
+from palpate.api.fit import FitResult
+from palpate.api.runs import Study, in_units, unit_factors
 from palpate_report.report_data import ReportData
 
 

@@ -1,6 +1,6 @@
 """The core's sections of the page, provided through the same hook as those of plugins."""
 
-from palpate.plugins.sections import Section
+from palpate.api.report import Section
 from palpate_report.sections.certainty import Certainty, Identifiability
 from palpate_report.sections.deformed import Deformed
 from palpate_report.sections.fits import Curves, Fits, Values, Warnings

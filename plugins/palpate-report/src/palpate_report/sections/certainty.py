@@ -3,9 +3,9 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from palpate.domain import Parameter
-from palpate.plugins.sections import Bar, Block, Fold, Listing, Paragraph, Section, Shares, Table, Word
-from palpate.stages.identifiability import share_of_range
+from palpate.api import Parameter
+from palpate.api.fit import share_of_range
+from palpate.api.report import Bar, Block, Fold, Listing, Paragraph, Section, Shares, Table, Word
 from palpate_report.answer import budget_bars
 from palpate_report.marks import verdict_of
 from palpate_report.report_data import ReportData

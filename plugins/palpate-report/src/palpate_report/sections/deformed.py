@@ -2,9 +2,8 @@
 
 from collections.abc import Iterator
 
-from palpate.domain.surface import SurfaceStates
-from palpate.plugins.sections import Block, Drawing, Paragraph, Section, Table
-from palpate.units import convert
+from palpate.api import SurfaceStates, convert
+from palpate.api.report import Block, Drawing, Paragraph, Section, Table
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
 from palpate_report.skin import deepest

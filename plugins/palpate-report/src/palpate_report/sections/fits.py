@@ -3,8 +3,9 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from palpate.domain import FloatArray, Scenario
-from palpate.plugins.sections import (
+from palpate.api import FloatArray, Scenario
+from palpate.api.fit import ALL_SPOTS
+from palpate.api.report import (
     Block,
     Cell,
     Drawing,
@@ -17,7 +18,6 @@ from palpate.plugins.sections import (
     Table,
     Word,
 )
-from palpate.run.result import ALL_SPOTS
 from palpate_report.best_sets import Best, Value, initial_moduli
 from palpate_report.fit_path import least_of_sweep, paths
 from palpate_report.marks import verdict_of

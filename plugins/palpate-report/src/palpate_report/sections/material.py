@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from palpate.plugins.sections import Block, Figure, Paragraph, Section, Table
+from palpate.api.report import Block, Figure, Paragraph, Section, Table
 from palpate_report.material_curves import MaterialCurves, material_curves
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report

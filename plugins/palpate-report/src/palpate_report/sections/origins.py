@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from palpate.plugins.sections import (
+from palpate.api.report import (
     Block,
     Drawing,
     Facts,

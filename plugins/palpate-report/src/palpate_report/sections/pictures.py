@@ -4,7 +4,7 @@ import io
 from collections.abc import Iterator
 from pathlib import Path
 
-from palpate.plugins.sections import Block, Fold, Paragraph, Picture, Section
+from palpate.api.report import Block, Fold, Paragraph, Picture, Section
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
 

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import Parameter
-from palpate.plugins.sections import Block, Figure, Paragraph
-from palpate.run.result import RISE
+from palpate.api import Parameter
+from palpate.api.fit import RISE
+from palpate.api.report import Block, Figure, Paragraph
 from palpate_report.report_data import ReportData
 
 N_COLUMNS = 3

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from palpate.plugins.sections import Block, Drawing, Paragraph, Section, Table
+from palpate.api.report import Block, Drawing, Paragraph, Section, Table
 from palpate_report.contours import planes_of
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import polars as pl
 
-from palpate.plugins.sections import Table
+from palpate.api.report import Table
 from palpate_report.result import Report
 from palpate_report.tables import TITLES, printed
 
