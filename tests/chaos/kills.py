@@ -27,7 +27,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from conftest import PATH, SCENARIOS, TISSUE_FILE, TRUTH, write_curves
+from conftest import FIRST_PARTY, PATH, SCENARIOS, TISSUE_FILE, TRUTH, write_curves
 
 from palpate import units
 from palpate.domain import Indentation, ParameterSpace, RegionMaterial, Spot
@@ -125,7 +125,7 @@ class Trials:
         self.home = home
         home.mkdir()
         self.study = make_study(home, n_sets, n_workers)
-        self.plugins = Plugins.load([TISSUE_FILE], entry_points=False)
+        self.plugins = Plugins.load([TISSUE_FILE], entry_points=False, modules=FIRST_PARTY)
         self.counts: Counter[str] = Counter()
         started_at = time.monotonic()
         self.run_to_the_end("whole")

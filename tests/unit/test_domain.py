@@ -3,9 +3,9 @@
 import sys
 
 import pytest
-from palpate.plugins.indenter import Sphere
 
 from palpate.domain import Indentation, Parameter
+from palpate.domain.indenter import Sphere
 from palpate.errors import MaterialError, StudyError
 
 

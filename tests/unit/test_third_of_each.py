@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import palpate_certainty
 import palpate_jax
+import palpate_report
 from palpate.experiment.measured import load_measured
 from palpate.plugins.registry import load_file
 from palpate.stages import pipeline
@@ -21,6 +23,8 @@ def test_channels_of_a_plugin_are_simulated_fitted_and_reported(tmp_path):
     study, plugins = StudyRunner(tmp_path).study(
         load_file(PLUGIN),
         palpate_jax,
+        palpate_certainty,
+        palpate_report,
         limb={"source": "small_block"},
         solver={"name": "jax", "settings": {"depth_steps": 4}},
         protocol={

@@ -36,7 +36,9 @@ READ_BY = {"simulate": 4, "score": 4, "select": 5, "report": len(MADE_BY)}
 
 
 def called(verb):
-    """Function of the pipeline, or what runs a stage."""
+    """Function of the pipeline or of the report, or what runs a stage."""
+    if verb == "report":
+        return from_run.report
     return getattr(pipeline, verb, None) or partial(pipeline.run_stage, verb)
 
 
