@@ -34,9 +34,10 @@ def imported(nodes: list[ast.AST]) -> Iterator[str]:
     """``_core``, and what is imported from it by name."""
     for node in nodes:
         names = [alias.name for alias in node.names] if isinstance(node, ast.ImportFrom) else []
-        if names and node.module == "palpate.api":
+        is_api = isinstance(node, ast.ImportFrom) and str(node.module).startswith("palpate.api")
+        if names and is_api:
             names = [name for name in names if name in EXPORTED]
-        if "_core" in names or (names and node.module in ("palpate._core", "palpate.api")):
+        if "_core" in names or (names and (is_api or node.module == "palpate._core")):
             yield from ("_core", *names)
 
 
