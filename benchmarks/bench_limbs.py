@@ -19,11 +19,10 @@ import numpy as np
 import trimesh
 
 from palpate.errors import MeshError
-from palpate_limb.from_scan import BoneFile, ReadScan, ScanPlan, limbs_of, read_scan
+from palpate_limb.from_scan import ReadScan, limbs_of, read_scan
 from palpate_limb.meshing import SizeField
-from palpate_limb.places import place_of
+from palpate_limb.options import BoneFile, ScanOptions
 from palpate_limb.quality import Quality
-from palpate_limb.volume import MeshPlan
 
 RADIUS_MM = 7.5
 SIZE = SizeField(fine_mm=0.28 * RADIUS_MM, coarse_mm=2.4 * RADIUS_MM, radius_mm=1.2 * RADIUS_MM)
@@ -38,30 +37,24 @@ BONES = ("femur", "patella", "tibia", "fibula")
 VIRTUAL = ("102m", "102p", "1m20", "1p20")
 
 
-def plan(places: dict[str, str], layers_mm: dict[str, float]) -> ScanPlan:
+def plan(places: dict[str, str], layers_mm: dict[str, float], bones: list[BoneFile]) -> ScanOptions:
     """The options of all limbs."""
-    return ScanPlan(
-        mesh=MeshPlan(size=SIZE, layers_mm=layers_mm),
-        places={name: place_of(name, text, {}) for name, text in places.items()},
-        unit=None,
-        repair=True,
-        cover_mm=1.5,
-        n_smoothing=0,
-    )
+    shared = ScanOptions(spot=places, repair=True, cover="1.5 mm", smoothing=0)
+    return shared.model_copy(update={"layer": layers_mm, "bones": bones})
 
 
-def arm(folder: Path, layers_mm: dict[str, float]) -> tuple[ReadScan, ScanPlan]:
+def arm(folder: Path, layers_mm: dict[str, float]) -> tuple[ReadScan, ScanOptions]:
     """The arm with radius and ulna, along the ulna."""
-    options = replace(plan(FOREARM, layers_mm), axis="ulna")
-    return read_scan(
-        folder / "skin.stl", [folder / f"{bone}.stl" for bone in ("radius", "ulna")], options
-    ), options
+    bones = [BoneFile(folder / f"{bone}.stl") for bone in ("radius", "ulna")]
+    options = plan(FOREARM, layers_mm, bones).model_copy(update={"axis": "ulna"})
+    return read_scan(folder / "skin.stl", options), options
 
 
-def leg(skin: Path, bones: Path, layers_mm: dict[str, float]) -> tuple[ReadScan, ScanPlan]:
+def leg(skin: Path, bones: Path, layers_mm: dict[str, float]) -> tuple[ReadScan, ScanOptions]:
     """A residual limb, its tibia once 365 mm long."""
-    options = replace(plan(LEG, layers_mm), axis=np.array([0.0, 0.0, 1.0]), stump=True, unit="365 mm")
-    return read_scan(skin, [BoneFile(path=bones, names=BONES)], options), options
+    update = {"axis": [0.0, 0.0, 1.0], "stump": True, "unit": "365 mm"}
+    options = plan(LEG, layers_mm, [BoneFile(bones, BONES)]).model_copy(update=update)
+    return read_scan(skin, options), options
 
 
 def cpu_s() -> float:
@@ -70,7 +63,7 @@ def cpu_s() -> float:
     return sum(used.ru_utime + used.ru_stime for used in each)
 
 
-def meshed(limb: str, read: ReadScan, options: ScanPlan) -> Iterator[tuple[str, Quality | str]]:
+def meshed(limb: str, read: ReadScan, options: ScanOptions) -> Iterator[tuple[str, Quality | str]]:
     """Quality of each spot's mesh, or why there is none; prints a row each."""
     for name, found in read.spots.items():
         start = cpu_s()

@@ -53,7 +53,8 @@ def main(folder: Path) -> None:
     write_phantom(folder, LIMB, Scanner(spacing_mm=1.2))
     scan = ["limb", str(folder / "scan.ply"), "--bones", str(folder / "bone.stl")]
     marks = ["--mark", "p1=green", "--mark", "p2=red"]
-    sizes = ["--length", "50 mm", "--radius", "5 mm", "--skin", "2.5 mm"]
+    (folder / "limb.toml").write_text('length = "50 mm"\nradius = "5 mm"\nlayer.skin = "2.5 mm"\n')
+    sizes = ["--options", str(folder / "limb.toml")]
     run = folder / "run"
     for meshes, size in (("finer", "2 mm"), ("meshes", "3 mm")):
         call(*scan, *marks, *sizes, "--size", size, "--into", str(folder / meshes))

@@ -23,17 +23,11 @@ def main(scan: str, options: str, place: str, lengths: list[float]) -> None:
     spot, found = place.partition("=")[0], {}
     for length in lengths:
         with tempfile.TemporaryDirectory() as folder:
-            sizes = [
-                "--length",
-                f"{length} mm",
-                "--size",
-                f"{0.33 * RADIUS_MM} mm",
-                "--into",
-                folder,
-                "--spot",
-                place,
-            ]
-            if palpate(["limb", scan, "--options", options, *sizes]):
+            # Next to the file of options, whose paths are relative to it.
+            changed = Path(options).with_name("length.toml")
+            changed.write_text(f'length = "{length} mm"\n' + Path(options).read_text())
+            sizes = ["--size", f"{0.33 * RADIUS_MM} mm", "--into", folder, "--spot", place]
+            if palpate(["limb", scan, "--options", str(changed), *sizes]):
                 raise SystemExit("palpate limb failed")
             limb = MeshioSource(MeshioSettings()).load(Path(folder) / f"{spot}.vtu", Spot(name=spot))
             note = json.loads((Path(folder) / f"{spot}.json").read_text())

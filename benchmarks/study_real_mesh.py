@@ -22,7 +22,8 @@ from palpate.domain.indenter import Sphere
 from palpate.mesh.refinement import refined
 from palpate.mesh.spot_frame import NEAR, contact_edge_mm
 from palpate_jax.solver import JaxSettings, JaxSolver
-from palpate_limb.from_scan import ReadScan, ScanPlan, sound_mesh
+from palpate_limb.from_scan import ReadScan, sound_mesh
+from palpate_limb.options import ScanOptions
 from palpate_limb.quality import assess
 from palpate_limb.segment import Segment, cut
 from palpate_limb.volume import MeshPlan, moved_to_contact
@@ -32,7 +33,7 @@ from palpate_materials.uncoupled import Yeoh
 SKIN = np.array([0.15, 0.45])
 
 
-def read(anatomy: Path, limb: str) -> tuple[ReadScan, ScanPlan]:
+def read(anatomy: Path, limb: str) -> tuple[ReadScan, ScanOptions]:
     """A limb of ``bench_limbs.py`` with its options."""
     residual = anatomy / "residual_limb"
     if limb == "arm":

@@ -33,8 +33,9 @@ def main(folder: Path, names: list[str]) -> None:
     phantom = Phantom()
     write_phantom(folder)
     bones = [word for bone in phantom.bones for word in ("--bones", str(folder / f"{bone.name}.stl"))]
-    sizes = ["--radius", f"{RADIUS_MM} mm", "--size", f"{DEFAULT * RADIUS_MM} mm"]
-    if palpate(["limb", str(folder / "scan.ply"), *bones, *sizes, "--into", str(folder / "meshes")]):
+    (folder / "limb.toml").write_text(f'radius = "{RADIUS_MM} mm"\nsize = "{DEFAULT * RADIUS_MM} mm"\n')
+    options = ["--options", str(folder / "limb.toml")]
+    if palpate(["limb", str(folder / "scan.ply"), *bones, *options, "--into", str(folder / "meshes")]):
         raise SystemExit("palpate limb failed")
     for spot in (s for s in phantom.spots if s.name in names):
         direct = pressed(meshed(exact_segment(phantom, spot), DEFAULT)[0])

@@ -7,39 +7,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.api.runs import read_options
 from palpate_anatomy import palpate_studies
-from palpate_limb.cli_options import axis_of, places_of
-from palpate_limb.from_scan import ReadScan, ScanPlan, read_scan
-from palpate_limb.meshing import SizeField
+from palpate_limb.from_scan import ReadScan, read_scan
+from palpate_limb.options import ScanOptions
 from palpate_limb.segment import cut
-from palpate_limb.volume import MeshPlan
 
 FOLDERS = {study.name: Path(study.directory) for study in palpate_studies()}
-SIZE = SizeField(fine_mm=2.1, coarse_mm=18.0, radius_mm=9.0)
 
 
-def options(name: str) -> dict[str, object]:
-    return tomllib.loads((FOLDERS[name] / "limb.toml").read_text())
+def options(name: str) -> ScanOptions:
+    return read_options(FOLDERS[name] / "limb.toml", ScanOptions, {})
 
 
 @cache
 def read(name: str) -> ReadScan:
-    given = options(name)
-    plan = ScanPlan(
-        mesh=MeshPlan(size=SIZE),
-        places=places_of([f"{spot}={place}" for spot, place in given["spot"].items()], None),
-        unit=None,
-        axis=axis_of(given["axis"]),
-        n_smoothing=0,
-    )
-    return read_scan(FOLDERS[name] / "skin.ply", [FOLDERS[name] / bone for bone in given["bones"]], plan)
+    return read_scan(FOLDERS[name] / "skin.ply", options(name).model_copy(update={"unit": None}))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FOLDERS)
 def test_every_spot_has_a_segment_with_bones_below_it(name: str) -> None:
-    scan, stump = read(name), bool(options(name).get("stump"))
-    assert scan.unit == "mm", "guessed as it is declared"
+    scan, stump = read(name), options(name).stump
+    assert scan.unit == options(name).unit, "guessed as it is declared"
     study = tomllib.loads((FOLDERS[name] / "study.toml").read_text())
     assert list(scan.spots) == [spot["name"] for spot in study["spot"]]
     for found in scan.spots.values():

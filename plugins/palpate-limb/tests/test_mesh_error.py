@@ -9,8 +9,8 @@ from palpate.errors import MeshError
 from palpate.run.manifest import manifest
 from palpate.study.spots import mesh_note
 from palpate_certainty.mesh_error import SpotMesh, noted_errors
-from palpate_limb.cli import DEFAULT_SIZE
 from palpate_limb.limb_files import RATIOS, mesh_error
+from palpate_limb.options import DEFAULT_SIZE
 
 
 def test_the_note_of_a_mesh_is_in_the_manifest(make_study, plugins, tmp_path):

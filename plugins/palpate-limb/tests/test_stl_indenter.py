@@ -13,8 +13,7 @@ from palpate.testing import IndenterContract
 from palpate_indentation import Box, BoxSettings
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_limb import stl_indenter
-from palpate_limb.rounded_solid import rounded_solid
-from palpate_limb.stl_indenter import StlIndenter, StlSettings
+from palpate_limb.stl_indenter import StlIndenter, StlSettings, rounded_solid
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_report.scene import edge_of_contact, scene
 

@@ -1,7 +1,7 @@
 """Volumes: sizes, elements on the true surfaces, regions, quality, and the command that writes them."""
 
 import json
-from collections.abc import Sequence
+import tomllib
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -19,10 +19,10 @@ from palpate.mesh.topology import outer_faces
 from palpate_forearm import InkMark, Phantom, PhantomBone, Scanner, Section, write_phantom
 from palpate_indentation import MeshioSettings, MeshioSource
 from palpate_limb import from_scan
-from palpate_limb.cli_options import axis_of, radii_mm, thickness_of
-from palpate_limb.from_scan import ScanPlan, layers_at_bone, sound_mesh
-from palpate_limb.layers import below_skin, extruded
+from palpate_limb.from_scan import layers_at_bone, sound_mesh
+from palpate_limb.layers import below_skin, extruded, read_layers
 from palpate_limb.meshing import MeshingTask, SizeField, run_mesher
+from palpate_limb.options import ScanOptions
 from palpate_limb.quality import assess, cell_volumes, check_quality, dihedral_angles_deg, scaled_jacobians
 from palpate_limb.segment import Segment, core_of, cut, gap_of_bones
 from palpate_limb.surfaces import Surface
@@ -194,71 +194,89 @@ def test_a_poor_mesh_is_refused() -> None:
         check_quality(assess(holed, segment(), 6.0), "p1", 4.0)
 
 
+def with_layers(text: str) -> ScanOptions:
+    return ScanOptions.model_validate(tomllib.loads(text))
+
+
 def test_layers_have_their_own_thickness_at_a_spot(tmp_path: Path) -> None:
     table = tmp_path / "ultrasound.csv"
     table.write_text("spot,skin_mm,fat_mm\np1, 1.6, 4\np2, 1.4, 7.5\n")
-    thickness = thickness_of("2 mm", ["p2.fat=8mm"], table)
-    assert thickness == {"": {"skin": 2.0}, "p2": {"skin": 1.4, "fat": 8.0}, "p1": {"skin": 1.6, "fat": 4.0}}
-    plan = ScanPlan(
-        mesh=MeshPlan(size=SIZE, layers_mm=thickness.pop(""), core="muscle"), layers_at_mm=thickness
+    options = with_layers(
+        'size = "4 mm"\ncore = "muscle"\nlayer.skin = "2 mm"\nlayer_at.p2.fat = "8 mm"\n'
+        f'layer_table = "{table}"'
     )
-    assert plan.layers == ("skin", "fat")
-    assert dict(plan.mesh_at("p1").layers_mm) == {"skin": 1.6, "fat": 4.0}
+    assert options.layers == ("skin", "fat")
+    assert dict(options.mesh.layers_mm) == {"skin": 2.0}
+    assert dict(options.mesh_at("p1").layers_mm) == {"skin": 1.6, "fat": 4.0}
     with pytest.raises(MeshError, match="spot 'p3': layer 'fat' has a thickness at other spots"):
-        plan.mesh_at("p3")
+        options.mesh_at("p3")
     with pytest.raises(
         MeshError, match=r"spot 'p2': layer 'skin' is 1\.4 mm thick, .* needs 3\.5 mm or less"
     ):
-        plan.mesh_at("p2")
-    for wrong in (
-        "spot,skin\np1,2\n",
-        "spot,fat_mm\np1,0\n",
-        "spot,fat_mm\np1,x\n",
-        "fat_mm\n2\n",
-        "spot,fat_mm\np1,\n",
-    ):
-        table.write_text(wrong)
-        with pytest.raises(MeshError, match="line 2: write each spot once"):
-            thickness_of("", [], table)
+        options.mesh_at("p2")
+    small = options.model_copy(update={"size": 3.0}).mesh_at("p2")
+    assert (dict(small.layers_mm), small.core) == ({"skin": 1.4, "fat": 8.0}, "muscle")
+
+
+@pytest.mark.parametrize("text", ["spot,skin\np1,2\n", "fat_mm\n2\n", "spot\np1\n", "spot,fat_mm\n", ""])
+def test_a_table_of_layers_without_its_heading_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "u.csv").write_text(text)
+    with pytest.raises(MeshError, match=r"u\.csv: write each spot once, .* a heading such as spot,skin_mm"):
+        read_layers(tmp_path / "u.csv")
+
+
+@pytest.mark.parametrize("row", ["p1,0", "p1,x", "p1,", "p1", ",2", "p1,1\np1,1", "p1,1,2"])
+def test_a_wrong_row_of_a_table_of_layers_is_named(tmp_path: Path, row: str) -> None:
+    (tmp_path / "u.csv").write_text(f"spot,fat_mm\n{row}\n")
+    with pytest.raises(MeshError, match=r"u\.csv: line [23]: write each spot once"):
+        read_layers(tmp_path / "u.csv")
 
 
 @pytest.mark.parametrize(
     ("layers", "columns", "order"),
     [
-        (["fat=5 mm"], "skin_mm", ("skin", "fat")),
-        (["p1.skin=1 mm", "fat=5 mm"], None, ("skin", "fat")),
-        (["p1.fascia=1 mm", "p1.fat=4 mm", "p2.fat=4 mm", "p2.deep=3 mm"], None, ("fascia", "fat", "deep")),
-        (["p1.deep=3 mm"], "fat_mm,deep_mm", ("fat", "deep")),
+        ('layer.fat="5 mm"', "skin_mm", ("skin", "fat")),
+        ('layer.fat="5 mm"\nlayer_at.p1.skin="1 mm"', None, ("skin", "fat")),
+        (
+            '[layer_at]\np1={fascia="1 mm", fat="4 mm"}\np2={fat="4 mm", deep="3 mm"}',
+            None,
+            ("fascia", "fat", "deep"),
+        ),
+        ('layer_at.p1.deep="3 mm"', "fat_mm,deep_mm", ("fat", "deep")),
     ],
 )
 def test_layers_come_in_the_order_of_what_is_named_together(
-    tmp_path: Path, layers: list[str], columns: str | None, order: tuple[str, ...]
+    tmp_path: Path, layers: str, columns: str | None, order: tuple[str, ...]
 ) -> None:
-    table = tmp_path / "u.csv"
-    if columns is not None:
-        table.write_text(f"spot,{columns}\np1" + ",1.6" * len(columns.split(",")) + "\n")
-    thickness = thickness_of("", layers, table if columns is not None else None)
-    plan = ScanPlan(mesh=MeshPlan(size=SIZE, layers_mm=thickness.pop("")), layers_at_mm=thickness)
-    assert plan.layers == order
+    assert with_layers(with_table(tmp_path, columns) + layers).layers == order
+
+
+def with_table(folder: Path, columns: str | None) -> str:
+    if columns is None:
+        return ""
+    (folder / "u.csv").write_text(f"spot,{columns}\np1" + ",1.6" * len(columns.split(",")) + "\n")
+    return f'layer_table = "{folder}/u.csv"\n'
 
 
 @pytest.mark.parametrize(
     ("layers", "columns", "why"),
     [
-        (["p1.fat=4 mm", "p1.deep=3 mm", "p2.deep=3 mm", "p2.fat=4 mm"], None, "named above the other"),
-        (["fat=4 mm", "p1.deep=3 mm"], None, "is not said"),
-        (["fat=4 mm"], "skin_mm,deep_mm", "is not said"),
-        (["p1.fat=4 mm"], "deep_mm", "is not said"),
+        (
+            '[layer_at]\np1={fat="4 mm", deep="3 mm"}\np2={deep="3 mm", fat="4 mm"}',
+            None,
+            "named above the other",
+        ),
+        ('layer.fat="4 mm"\nlayer_at.p1.deep="3 mm"', None, "is not said"),
+        ('layer.fat="4 mm"', "skin_mm,deep_mm", "is not said"),
+        ('layer_at.p1.fat="4 mm"', "deep_mm", "is not said"),
     ],
 )
 def test_layers_in_no_order_or_in_several_are_refused(
-    tmp_path: Path, layers: list[str], columns: str | None, why: str
+    tmp_path: Path, layers: str, columns: str | None, why: str
 ) -> None:
-    table = tmp_path / "u.csv"
-    if columns is not None:
-        table.write_text(f"spot,{columns}\np1" + ",1.6" * len(columns.split(",")) + "\n")
+    options = with_layers(with_table(tmp_path, columns) + layers)
     with pytest.raises(MeshError, match=f"layers '(fat' and 'deep|deep' and 'fat)': .*{why}"):
-        thickness_of("", layers, table if columns is not None else None)
+        options.mesh_at("p1")
 
 
 def test_layers_that_reach_a_bone_are_remarked() -> None:
@@ -272,16 +290,7 @@ def test_layers_that_reach_a_bone_are_remarked() -> None:
 
 def task() -> MeshingTask:
     body = segment().tissue
-    points, cells, sizes = SIZE.background(body.points_mm.min(axis=0), body.points_mm.max(axis=0))
-    return MeshingTask(
-        points_mm=body.points_mm,
-        faces=body.faces,
-        nested=False,
-        size_points_mm=points,
-        size_cells=cells,
-        sizes_mm=sizes,
-        tolerance_mm=0.3,
-    )
+    return MeshingTask(points_mm=body.points_mm, faces=body.faces, nested=False, size=SIZE, tolerance_mm=0.3)
 
 
 def test_a_mesher_that_is_missing_or_slow_or_unknown_is_named(
@@ -301,8 +310,7 @@ def test_a_mesher_that_is_missing_or_slow_or_unknown_is_named(
 
 
 def run(folder: Path, *more: str) -> int:
-    arguments: Sequence[str] = ["limb", str(folder / "scan.ply"), "--bones", str(folder / "bone.stl"), *more]
-    return main(arguments)
+    return main(["limb", str(folder / "scan.ply"), "--bones", str(folder / "bone.stl"), *more])
 
 
 @pytest.mark.slow
@@ -311,20 +319,9 @@ def test_the_command_writes_a_mesh_a_note_and_a_picture(
 ) -> None:
     write_phantom(tmp_path, SMALL, Scanner(spacing_mm=1.4))
     out = tmp_path / "meshes"
-    options = [
-        "--mark",
-        "p1=green",
-        "--length",
-        "40 mm",
-        "--size",
-        "4.5 mm",
-        "--radius",
-        "5 mm",
-        "--fine",
-        "--into",
-        str(out),
-    ]
-    assert run(tmp_path, *options) == 0
+    (tmp_path / "limb.toml").write_text('length = "40 mm"\nradius = "5 mm"\nsize = "9 mm"\nunit = "mm"\n')
+    options = ["--options", str(tmp_path / "limb.toml"), "--mark", "p1=green", "--size", "4.5 mm", "--fine"]
+    assert run(tmp_path, *options, "--into", str(out)) == 0
     printed = capsys.readouterr().out
     source, spot = MeshioSource(MeshioSettings()), Spot(name="p1")
     limb, fine = source.load(out / "p1.vtu", spot), source.load(out / "fine" / "p1.vtu", spot)
@@ -341,40 +338,23 @@ def test_the_command_writes_a_mesh_a_note_and_a_picture(
     np.testing.assert_allclose(axes, np.tile(along_limb, (len(axes), 1)), atol=0.02)
 
 
-def test_layers_axis_and_radii_are_read_from_text() -> None:
-    assert thickness_of("2 mm", ["fat=0.5cm"], None) == {"": {"skin": 2.0, "fat": 5.0}}
-    np.testing.assert_array_equal(axis_of("0, -2,1.5"), [0.0, -2.0, 1.5])
-    assert axis_of("") is None
-    assert radii_mm("1 mm, 1cm") == (1.0, 10.0)
-    for wrong in ("1,0", "0,0,0", "a,b,c", "nan,0,1"):
-        with pytest.raises(MeshError, match="give three numbers, not all 0"):
-            axis_of(wrong)
-    for wrong in ("fat", "=2mm", "skin=1mm", ".fat=1mm"):
-        with pytest.raises(MeshError, match="a name of its own and a thickness"):
-            thickness_of("2 mm", [wrong], None)
-    for wrong, message in (("4 mm", "the least and the largest"), ("4 mm,2 mm", "the least first")):
-        with pytest.raises(MeshError, match=message):
-            radii_mm(wrong)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--mark", "p1=mauve"], "mark colour 'mauve'"),
-        (["--mark", "p1", "--mark", "p2=red"], "every mark a colour"),
-        (["--mark", "p1=green", "--size", "4"], "has no unit"),
-        (["--mark", "p1=green", "--unit", "m"], "is plausible"),
-        (["--mark", "p1=green", "--length", "100 mm"], "too near an end"),
-        (["--mark", "p1=green", "--axis", "0,0,1"], "its normal points along the limb"),
-        (["--mark", "p1=green", "--mark-radii", "6 mm,9 mm"], "0 marks found where 1 were named"),
+        ('unit = "m"', "is plausible"),
+        ('length = "100 mm"', "too near an end"),
+        ("axis = [0, 0, 1]", "its normal points along the limb"),
+        ('mark_radii = ["6 mm", "9 mm"]', "0 marks found where 1 were named"),
     ],
 )
 def test_the_command_refuses_what_it_cannot_do(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], message: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: str, message: str
 ) -> None:
     write_phantom(tmp_path, SMALL, Scanner(spacing_mm=2.5))
-    assert run(tmp_path, *options, "--into", str(tmp_path / "out")) == 2
+    (tmp_path / "limb.toml").write_text(f'unit = "mm"\n{options}' if "unit" not in options else options)
+    given = ["--mark", "p1=green", "--options", str(tmp_path / "limb.toml"), "--into", str(tmp_path / "out")]
+    assert run(tmp_path, *given) == 2
     assert message in capsys.readouterr().err
 
 

@@ -117,6 +117,7 @@ if TYPE_CHECKING:
     from palpate.study.reading import (
         Study as Study,
         StudySpot as StudySpot,
+        read_options as read_options,
         read_study as read_study,
     )
     from palpate.study.spots import (

@@ -6,7 +6,7 @@ import operator
 import reprlib
 import types
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -23,12 +23,18 @@ T = TypeVar("T")
 
 
 class Problems:
-    """Collects messages about a study file and its content, each with file, line and key."""
+    """Collects messages about a study file and its content, each with file, line and key.
 
-    def __init__(self, path: Path, lines: KeyLines, raw: Mapping[str, Any]) -> None:
+    Keys that were ``given`` on the command line are named as its options.
+    """
+
+    def __init__(
+        self, path: Path, lines: KeyLines, raw: Mapping[str, Any], given: Container[str | int] = ()
+    ) -> None:
         self._path = path
         self._lines = lines
         self._raw = raw
+        self._given = given
         self._found: list[tuple[int, str]] = []
 
     def add(self, key: Key, message: str) -> None:
@@ -39,6 +45,8 @@ class Problems:
 
     def place(self, key: Key) -> str:
         """File, line and name of a key, as messages start."""
+        if key and key[0] in self._given:
+            return f"--{' '.join(filter(None, (str(key[0]), dotted(key[1:]))))}"
         return f"{self._path}:{self._lines.line(key)}" + (f": {self._name(key)}" if key else "")
 
     def _name(self, key: Key) -> str:

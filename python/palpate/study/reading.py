@@ -5,7 +5,9 @@ import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
+
+from pydantic import BaseModel, ValidationError
 
 from palpate.domain import Channel, ParameterSpace, Protocol, Scenario, ScoringRules
 from palpate.domain.channels import PRESS_AND_TWIST
@@ -32,7 +34,9 @@ from palpate.study.solver_checks import check_body, check_channels, check_protoc
 from palpate.study.source_positions import MOST_BYTES, MOST_SIMULATIONS, Key, KeyLines, check_plain, dotted
 from palpate.study.spots import StudySpot, build_protocol, build_spots
 
-__all__ = ["Study", "StudySpot", "read_study", "relative", "with_study_plugins"]
+__all__ = ["Study", "StudySpot", "read_options", "read_study", "relative", "with_study_plugins"]
+
+ModelT = TypeVar("ModelT", bound=BaseModel)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -253,6 +257,29 @@ def study_plugins(path: Path | str) -> list[Path]:
     named = header.get("plugins", []) if isinstance(header, dict) else []
     is_list = isinstance(named, list) and all(isinstance(name, str) for name in named)
     return [path.parent / name for name in named] if is_list else []  # the check of the tables reports it
+
+
+def read_options(path: Path | None, model: type[ModelT], given: Mapping[str, Any]) -> ModelT:
+    """Options of a command, from a TOML file and from those ``given`` on the command line, which come first.
+
+    Validators find in their context the ``folder`` of the file, and ``given``.
+
+    Raises
+    ------
+    StudyError
+        Everything that is wrong, with line, key and what to do.
+    """
+    if path is not None and not path.is_file():
+        raise StudyError(f"{path}: no such file of options; check the path")
+    text, raw = parse_toml(path) if path is not None else ("", {})
+    folder = Path() if path is None else path.parent
+    try:
+        return model.model_validate({**raw, **given}, context={"folder": folder, "given": given})
+    except ValidationError as error:
+        problems = Problems(path or folder, KeyLines(text), raw, given)
+        problems.add_invalid((), error, model)
+        problems.raise_if_any()
+        raise
 
 
 def _study_file(path: Path | str) -> Path:

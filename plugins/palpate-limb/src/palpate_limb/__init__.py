@@ -25,6 +25,6 @@ def palpate_subcommands() -> "list[SubCommand]":
 
     calls = examples(
         "palpate limb scan.ply --bones radius.stl --bones ulna.stl",
-        'palpate limb scan.ply --mark p1=red --skin "2 mm" --layer fat=5mm',
+        'palpate limb scan.ply --options limb.toml --mark p1=red --size "2 mm"',
     )
     return [SubCommand(stage="limb", function=scan, suffixes=SCAN_SUFFIXES, epilog=calls)]

@@ -1,22 +1,21 @@
 """Bone models: read, closed if need be, and placed in the frame of the scan."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from palpate.api import FloatArray, MeshError
 from palpate_limb.repair import BONE_MM, check_size, closed, largest, parts, repaired
-from palpate_limb.surface_files import read_surface
-from palpate_limb.surfaces import Surface, outwards
+from palpate_limb.surfaces import Surface, outwards, read_surface
 
 IN_PLACE: FloatArray = np.eye(4)
 IN_PLACE.setflags(write=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Placement:
+class Placement(NamedTuple):
     """A rigid motion (4, 4) from the bones' frame to the scan's, and how well it fits.
 
     ``residual_mm`` is the root mean square distance of landmarks, or of the reference from the scan.
@@ -32,12 +31,8 @@ def read_bones(
     """Read the bones of a file; openings are closed and crossing faces removed.
 
     ``names`` are those of the bones in the file's order. By default one is named after the file, several
-    have numbers behind its name. With ``skin_too`` the largest part is the limb's skin, and no bone.
-
-    Raises
-    ------
-    MeshError
-        It cannot be read or repaired, has more or fewer bones than names, or one is of no plausible size.
+    have numbers behind its name. With ``skin_too`` the largest part is the limb's skin, and no bone. A file
+    that cannot be repaired, other names, or a bone of no plausible size are MeshErrors.
     """
     pieces = parts(read_surface(path, unit))
     skin = largest(pieces) if skin_too else None
@@ -85,26 +80,17 @@ def covered(bone: Surface, skin: Surface, cover_mm: float) -> Surface:
         points[near[short]] = on[short] + cover_mm * inward[short] / np.maximum(gaps[short, None], 1e-9)
     most = float(np.linalg.norm(points - bone.points_mm, axis=1).max())
     said = f"{near.size} points moved inwards by {most:.2g} mm at most, to be {cover_mm:g} mm below the skin"
-    return replace(bone, points_mm=points, repairs=f"{bone.repairs}; {said}" if bone.repairs else said)
+    return replace(bone, points_mm=points, repairs="; ".join(filter(None, (bone.repairs, said))))
 
 
 def read_motion(path: Path) -> Placement:
-    """Read a rigid motion: four rows of four numbers, as text.
-
-    Raises
-    ------
-    MeshError
-        Not such a matrix, or not rigid.
-    """
+    """Read a rigid motion: four rows of four numbers, as text; a MeshError where it is none."""
     matrix = _numbers(path, "four rows of four numbers", "write the motion so")
     if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
         raise MeshError(f"{path}: a matrix of shape {matrix.shape}; write four rows of four finite numbers")
     turn = matrix[:3, :3]
-    if (
-        np.abs(turn @ turn.T - np.eye(3)).max() > 1e-3
-        or np.linalg.det(turn) < 0.0
-        or matrix[3].tolist() != [0, 0, 0, 1]
-    ):
+    rigid = np.abs(turn @ turn.T - np.eye(3)).max() <= 1e-3 and np.linalg.det(turn) >= 0.0
+    if not rigid or matrix[3].tolist() != [0, 0, 0, 1]:
         raise MeshError(
             f"{path}: not a rigid motion; give a rotation, a translation in mm and the row 0 0 0 1"
         )
@@ -114,12 +100,7 @@ def read_motion(path: Path) -> Placement:
 def by_landmarks(source_mm: FloatArray, target_mm: FloatArray) -> Placement:
     """The motion that brings landmarks of the bones onto those of the scan, by least squares.
 
-    Both are (n, 3): three landmarks or more, not on one line.
-
-    Raises
-    ------
-    MeshError
-        Too few, or on a line.
+    Both are (n, 3): three landmarks or more, not on one line, or a MeshError.
     """
     from trimesh.registration import procrustes
 
@@ -138,13 +119,7 @@ def by_landmarks(source_mm: FloatArray, target_mm: FloatArray) -> Placement:
 
 
 def read_landmarks(path: Path) -> Placement:
-    """Read landmarks: six numbers a line, a point in the bones' frame and in the scan's [mm].
-
-    Raises
-    ------
-    MeshError
-        Not such a table.
-    """
+    """Read landmarks: six numbers a line, a point in the bones' frame and in the scan's [mm]."""
     table = _numbers(path, "six numbers a line", "write x,y,z,x,y,z")
     if table.shape[1] != 6 or not np.isfinite(table).all():
         raise MeshError(
@@ -166,12 +141,8 @@ def by_icp(
 ) -> Placement:
     """The motion that lays a reference, known in the bones' frame, onto the scan (iterative closest points).
 
-    ``start`` is a first guess (4, 4), within some 20 degrees; ``n_points`` of the scan are matched.
-
-    Raises
-    ------
-    MeshError
-        The two do not match: the residual is above 2 mm.
+    ``start`` is a first guess (4, 4), within some 20 degrees; ``n_points`` of the scan are matched. A
+    residual above 2 mm is refused by a MeshError.
     """
     from trimesh.registration import icp
 

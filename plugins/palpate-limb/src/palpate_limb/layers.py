@@ -9,10 +9,12 @@ into three tetrahedra each.
 from collections.abc import Iterable, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, MeshError
+from palpate_limb.places import read_rows
 from palpate_limb.segment import Segment
 from palpate_limb.surfaces import Surface, outwards, solid, surface_of
 
@@ -23,11 +25,7 @@ def layer_order(together: Iterable[Sequence[str]]) -> tuple[str, ...]:
     """The only order of all layers, from the outside in, that agrees with every given one.
 
     Each of ``together`` has layers from the outside in. ``skin`` is the outermost wherever it is named.
-
-    Raises
-    ------
-    MeshError
-        No order agrees with all of them, or several do; with the names of two layers.
+    A MeshError names two layers where no order agrees with all of them, or several do.
     """
     graph: TopologicalSorter[str] = TopologicalSorter()
     outermost: tuple[str, ...] = ()
@@ -60,15 +58,34 @@ def layer_order(together: Iterable[Sequence[str]]) -> tuple[str, ...]:
     return (*outermost, *order)
 
 
+def read_layers(path: Path | None) -> dict[str, dict[str, float]]:
+    """Thickness [mm] by spot and layer: a table of ``spot,skin_mm,fat_mm``; a MeshError where it is none."""
+    advice = "write each spot once, with thicknesses > 0 under a heading such as spot,skin_mm,fat_mm"
+    heading, *rows = read_rows(path, advice) or [["spot"]]
+    found: dict[str, dict[str, float]] = {}
+    names = [name.removesuffix("_mm") for name in heading[1:]]
+    if path is not None and (heading != ["spot", *(f"{name}_mm" for name in names)] or not names or not rows):
+        raise MeshError(f"{path}: {advice}")
+    for number, (spot, *cells) in enumerate(rows, start=2):
+        try:
+            layers = {name: float(cell) for name, cell in zip(names, cells, strict=True)}
+        except ValueError:
+            layers = {}
+        if (
+            not layers
+            or not spot
+            or spot in found
+            or not all(0.0 < each < 1000.0 for each in layers.values())
+        ):
+            raise MeshError(f"{path}: line {number}: {advice}")
+        found[spot] = layers
+    return found
+
+
 def below_skin(segment: Segment, depth_mm: float, spacing_mm: float = 1.2) -> Surface:
     """The closed surface at a depth below the skin, a little longer than the segment.
 
-    The distance is taken on a grid of ``spacing_mm``.
-
-    Raises
-    ------
-    MeshError
-        Nothing is left so deep.
+    The distance is taken on a grid of ``spacing_mm``. A MeshError where nothing is left so deep.
     """
     from scipy.spatial import cKDTree
     from skimage.measure import marching_cubes
@@ -118,22 +135,11 @@ def extruded(
     skin: Surface,
     depths_mm: Sequence[float],
 ) -> tuple[FloatArray, IntArray, IntArray, dict[str, IntArray]]:
-    """Layers added to the mesh of the core.
+    """Layers added to the mesh of the core: points (n', 3), tetrahedra (m', 4), their layers (m',), boundary.
 
-    Parameters
-    ----------
-    points, tets : (n, 3) array, (m, 4) integer array
-        The core.
-    boundary : mapping of surface to triangles (k, 3)
-        ``skin`` of the core, outwards, to which the layers are added, ``cut`` and bones.
-    skin : Surface
-        The limb's.
-    depths_mm : sequence of float
-        Depth of the lower surface of each layer, from the outside in.
-
-    Returns
-    -------
-    points (n', 3), tetrahedra (m', 4), their layers (m',) and the boundary
+    The core has ``points`` (n, 3), ``tets`` (m, 4) and a ``boundary`` of triangles (k, 3): outwards ``skin``,
+    to which layers are added as far as the limb's ``skin``, ``cut`` and bones. ``depths_mm`` are those of the
+    lower surface of each layer, from the outside in.
     """
     faces, n_layers = boundary["skin"], len(depths_mm)
     nodes, local = np.unique(faces, return_inverse=True)

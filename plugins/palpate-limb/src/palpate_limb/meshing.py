@@ -12,7 +12,6 @@ import os
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any, ParamSpec, TypeVar
 
@@ -43,14 +42,7 @@ _HEX.setflags(write=False)
 class SizeField:
     """Edge length h(r) = min(fine + growth · max(0, r − radius), coarse), with r from the spot.
 
-    Parameters
-    ----------
-    fine_mm, coarse_mm : float
-        Edge under the indenter, and far away.
-    radius_mm : float
-        Distance as far as which edges are fine.
-    growth : float
-        Growth of an edge for each mm further out.
+    Edges are ``fine_mm`` long as far as ``radius_mm``, and grow by ``growth`` for each mm further out.
     """
 
     fine_mm: float
@@ -88,62 +80,24 @@ class SizeField:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeshingTask:
-    """Surfaces to fill and sizes to respect.
+    """Surfaces to fill, the body's and those that elements must follow inside of it, and sizes to respect.
 
-    Parameters
-    ----------
-    points_mm, faces : (n, 3) array, (m, 3) integer array
-        All surfaces: the body's, and those that elements must follow inside of it.
-    nested : bool
-        Whether there are surfaces inside of the body. Then everything within the box may be filled: the
-        caller keeps what is in the body.
-    size_points_mm, size_cells, sizes_mm : (k, 3) array, (l, 4) integer array, (k,) array
-        Edge lengths at the points of a grid of tetrahedra.
-    tolerance_mm : float
-        Distance by which the mesh's surface may stray.
+    Points are (n, 3), faces (m, 3). Where surfaces are ``nested``, everything within the box may be filled:
+    the caller keeps what is in the body. The mesh's surface may stray by ``tolerance_mm``.
     """
 
     points_mm: FloatArray
     faces: IntArray
     nested: bool
-    size_points_mm: FloatArray
-    size_cells: IntArray
-    sizes_mm: FloatArray
-    tolerance_mm: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class AdaptTask:
-    """A mesh of straight tetrahedra, and the sizes that it should have.
-
-    Parameters
-    ----------
-    mesh : mapping of str to array
-        ``points_mm`` (n, 3), ``tets`` (m, 4), their ``regions`` (m,), boundary ``faces`` (k, 3) and the
-        ``surfaces`` (k,) that they are on, from 1; faces of two surfaces meet in an edge that stays.
-    size : SizeField
-        Edge lengths by place.
-    largest_mm : (n_regions,) array
-        Edge length that a region takes at most, ∞ where it may be coarse.
-    deviation_mm : float
-        Distance by which a straight face may leave the smooth surface.
-    """
-
-    mesh: Arrays
     size: SizeField
-    largest_mm: FloatArray
-    deviation_mm: float
+    tolerance_mm: float
 
 
 def run_mesher(mesher: str, task: MeshingTask, time_limit_s: float) -> tuple[FloatArray, IntArray]:
     """Points (n, 3) and tetrahedra (m, 4) of positive volume, by a mesher of ``MESHERS``.
 
-    Raises
-    ------
-    PluginError
-        No such mesher, or what it needs is not installed.
-    MeshError
-        It failed, took longer than ``time_limit_s``, or filled nothing.
+    A mesher that is unknown or not installed is a PluginError; one that fails, takes longer than
+    ``time_limit_s`` or fills nothing is a MeshError.
     """
     if (fill := MESHERS.get(mesher)) is None:
         raise PluginError(f"no mesher '{mesher}'; choose {' or '.join(MESHERS)}")
@@ -153,17 +107,23 @@ def run_mesher(mesher: str, task: MeshingTask, time_limit_s: float) -> tuple[Flo
     return points, tets
 
 
-def run_mmg(task: AdaptTask, time_limit_s: float) -> Arrays:
-    """Mesh of the sizes asked for, with the keys of ``AdaptTask.mesh``.
+def run_mmg(
+    mesh: Arrays, size: SizeField, largest_mm: FloatArray, deviation_mm: float, time_limit_s: float
+) -> Arrays:
+    """A mesh of straight tetrahedra with edges of the sizes asked for; errors as of :func:`run_mesher`.
 
-    Raises
-    ------
-    PluginError
-        mmgpy is not installed.
-    MeshError
-        Mmg failed or took longer than ``time_limit_s``.
+    Parameters
+    ----------
+    mesh : mapping of str to array
+        As is returned: ``points_mm`` (n, 3), ``tets`` (m, 4), their ``regions`` (m,), boundary ``faces``
+        (k, 3) and the ``surfaces`` (k,) that they are on, from 1; faces of two surfaces meet in an edge that
+        stays.
+    largest_mm : (n_regions,) array
+        Edge length that a region takes at most, ∞ where it may be coarse.
+    deviation_mm : float
+        Distance by which a straight face may leave the smooth surface.
     """
-    return _run_tool("adapting the mesh by Mmg", time_limit_s, _adapted, task)
+    return _run_tool("adapting the mesh by Mmg", time_limit_s, _adapted, mesh, size, largest_mm, deviation_mm)
 
 
 def _run_tool(
@@ -183,13 +143,14 @@ def _run_tool(
 def _ftetwild(task: MeshingTask) -> tuple[FloatArray, IntArray]:
     """Points and tetrahedra by Hu et al. 2020, who take any triangles and keep to them within a tolerance."""
     os.chdir(tempfile.gettempdir())  # fTetWild leaves files where it runs
+    grid, cells, sizes = task.size.background(task.points_mm.min(axis=0), task.points_mm.max(axis=0))
     points, tets = _pytetwild().tetrahedralize_mesh(
         np.ascontiguousarray(task.points_mm, dtype=np.float64),
         np.ascontiguousarray(task.faces, dtype=np.uint32),
         True,  # optimise
         True,  # skip the simplification: the surfaces come simplified
         0.05,
-        float(task.sizes_mm.max()),
+        float(sizes.max()),
         task.tolerance_mm / float(np.linalg.norm(np.ptp(task.points_mm, axis=0))),
         STOP_ENERGY,
         False,  # coarsen
@@ -199,9 +160,9 @@ def _ftetwild(task: MeshingTask) -> tuple[FloatArray, IntArray]:
         True,  # quiet
         True,  # VTK's order: positive volumes
         task.nested,  # keep everything
-        np.ascontiguousarray(task.size_points_mm, dtype=np.float64),
-        np.ascontiguousarray(task.size_cells, dtype=np.int32),
-        np.ascontiguousarray(task.sizes_mm, dtype=np.float64),
+        np.ascontiguousarray(grid, dtype=np.float64),
+        np.ascontiguousarray(cells, dtype=np.int32),
+        np.ascontiguousarray(sizes, dtype=np.float64),
     )
     return np.asarray(points, dtype=np.float64), np.asarray(tets, dtype=np.int64)
 
@@ -209,25 +170,21 @@ def _ftetwild(task: MeshingTask) -> tuple[FloatArray, IntArray]:
 def _pytetwild() -> ModuleType:
     """The compiled part of pytetwild alone: the package imports PyVista, with half a gigabyte of VTK."""
     package = importlib.util.find_spec("pytetwild")
-    for folder in [] if package is None else package.submodule_search_locations or []:
-        for suffix in importlib.machinery.EXTENSION_SUFFIXES:
-            path = Path(folder) / f"PyfTetWildWrapper{suffix}"
-            spec = importlib.util.spec_from_file_location(path.name.partition(".")[0], path)
-            if path.is_file() and spec is not None and spec.loader is not None:
-                module = importlib.util.module_from_spec(spec)
-                spec.loader.exec_module(module)
-                return module
-    raise ImportError("pytetwild is missing")
+    folders = package and package.submodule_search_locations
+    spec = importlib.machinery.PathFinder.find_spec("PyfTetWildWrapper", folders or [])
+    if spec is None or spec.loader is None:
+        raise ImportError("pytetwild is missing")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def _gmsh(task: MeshingTask) -> tuple[FloatArray, IntArray]:
     """Delaunay tetrahedra behind the surface's own triangles."""
     import gmsh
-    from scipy.interpolate import NearestNDInterpolator
 
     if task.nested:
         raise ValueError("gmsh is given one closed surface here; use ftetwild for layers")
-    size = NearestNDInterpolator(task.size_points_mm, task.sizes_mm)
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     surface = gmsh.model.addDiscreteEntity(2)
@@ -235,7 +192,7 @@ def _gmsh(task: MeshingTask) -> tuple[FloatArray, IntArray]:
     gmsh.model.mesh.addElementsByType(surface, 2, [], (task.faces + 1).ravel())
     gmsh.model.geo.addVolume([gmsh.model.geo.addSurfaceLoop([surface])])
     gmsh.model.geo.synchronize()
-    gmsh.model.mesh.setSizeCallback(lambda _d, _t, x, y, z, _l: float(size(x, y, z)))
+    gmsh.model.mesh.setSizeCallback(lambda _d, _t, *at: float(task.size.at(np.array([at[:3]]))[0]))
     gmsh.model.mesh.generate(3)
     tags, points, _ = gmsh.model.mesh.getNodes()
     _, nodes = gmsh.model.mesh.getElementsByType(4)
@@ -250,16 +207,15 @@ MESHERS: Mapping[str, Callable[[MeshingTask], tuple[FloatArray, IntArray]]] = Ma
 """Functions that fill surfaces, by name; Gmsh (GPL) is an extra that the user installs."""
 
 
-def _adapted(task: AdaptTask) -> Arrays:
+def _adapted(now: Arrays, size: SizeField, largest_mm: FloatArray, deviation_mm: float) -> Arrays:
     from mmgpy import MmgMesh3D
 
-    now = task.mesh
     for _ in range(N_PASSES):
         points, tets, faces = now["points_mm"], now["tets"], now["faces"]
-        sizes = task.size.at(points)
-        for region, largest in enumerate(task.largest_mm):
+        sizes = size.at(points)
+        for region, largest in enumerate(largest_mm):
             nodes = np.unique(tets[now["regions"] == region])
-            sizes[nodes] = np.minimum(sizes[nodes], max(float(largest), task.size.fine_mm))
+            sizes[nodes] = np.minimum(sizes[nodes], max(float(largest), size.fine_mm))
         mesh = MmgMesh3D()
         mesh.set_mesh_size(vertices=len(points), tetrahedra=len(tets), triangles=len(faces))
         mesh.set_vertices(points)
@@ -267,7 +223,7 @@ def _adapted(task: AdaptTask) -> Arrays:
         mesh.set_triangles(faces.astype(np.int32), now["surfaces"].astype(np.int64))
         mesh["metric"] = sizes[:, None]
         # An edge's neighbour may be this much longer: h grows by `growth` over a length of h, and a bit more.
-        mesh.remesh(hausd=task.deviation_mm, hgrad=1.4 + task.size.growth, ar=RIDGE_DEG, verbose=-1)
+        mesh.remesh(hausd=deviation_mm, hgrad=1.4 + size.growth, ar=RIDGE_DEG, verbose=-1)
         new_tets, regions = mesh.get_elements_with_refs()
         new_faces, surfaces = mesh.get_triangles_with_refs()
         outer = surfaces > 0  # the borders of regions come back as faces of no surface

@@ -9,7 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from palpate.api import FloatArray, MeshError
+from palpate.api import FloatArray, MeshError, convert
 from palpate.api.mesh import spot_axes
 from palpate_limb.repair import extent
 from palpate_limb.surfaces import Surface, solid
@@ -42,68 +42,57 @@ class Station:
 Place: TypeAlias = Point | Station
 
 
-def place_of(name: str, text: str, points: Mapping[str, FloatArray]) -> Place:
-    """What a text such as ``"12,30,-4"``, ``"45%,120deg"``, ``"fibula:95%"`` or a point's name means.
-
-    Raises
-    ------
-    MeshError
-        None of them; naming the spot.
-    """
-    from palpate.api import convert
-
+def place_of(text: str, points: Mapping[str, FloatArray]) -> Place:
+    """What ``"12,30,-4"``, ``"45%,120deg"``, ``"ulna:95%"`` or a point's name means; else a ValueError."""
     given = text.strip()
     if given in points:
         return Point(at=points[given])
     if match := _SHARE.fullmatch(given):
         angle, bone = match["angle"], match["bone"] or ""
         if angle is None and not bone:
-            raise MeshError(
-                f'spot {name}={text}: around the limb is where? Add an angle, such as "{given},90deg"'
-            )
-        try:
-            degrees = None if angle is None else convert(angle, "deg")
-        except ValueError as error:
-            raise MeshError(f"spot {name}={text}: {error}") from error
+            raise ValueError(f'{text}: around the limb is where? Add an angle, such as "{given},90deg"')
+        degrees = None if angle is None else convert(angle, "deg")
         return Station(share=0.01 * float(match["share"]), angle_deg=degrees, bone=bone)
-    try:
-        at = np.array([float(number) for number in given.split(",")])
-    except ValueError:
-        at = np.empty(0)
-    if at.shape != (3,) or not np.isfinite(at).all():
+    if (at := _numbers(given.split(","))) is None:
         known = f"; points: {', '.join(points)}" if points else ""
-        raise MeshError(
-            f"spot {name}={text}: give x,y,z in the scan's coordinates, a share of the limb and an angle "
-            f'("45%,120deg"), a share of a bone ("ulna:40%"), or a point of --points{known}'
+        raise ValueError(
+            f"{text}: give x,y,z in the scan's coordinates, a share of the limb and an angle "
+            f'("45%,120deg"), a share of a bone ("ulna:40%"), or one of points{known}'
         )
     return Point(at=at)
 
 
-def read_points(path: Path) -> dict[str, FloatArray]:
-    """Named points: ``name,x,y,z`` a line, in the scan's coordinates; a heading is skipped.
-
-    Raises
-    ------
-    MeshError
-        Not such a table, or a name is there twice.
-    """
-    found: dict[str, FloatArray] = {}
+def _numbers(cells: Sequence[str]) -> FloatArray | None:
+    """Three finite numbers, if they are."""
     try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            rows = [[cell.strip() for cell in row] for row in csv.reader(stream) if any(row)]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise MeshError(f"{path}: cannot be read ({error}); write name,x,y,z in each line") from error
-    for number, row in enumerate(rows, start=1):
+        at = np.array([float(cell) for cell in cells])
+    except ValueError:
+        return None
+    return at if at.shape == (3,) and np.isfinite(at).all() else None
+
+
+def read_points(path: Path | None) -> dict[str, FloatArray]:
+    """Named points: ``name,x,y,z`` a line, in the scan's coordinates, each name once, perhaps a heading."""
+    found: dict[str, FloatArray] = {}
+    for number, row in enumerate(read_rows(path, "write name,x,y,z in each line"), start=1):
         if number == 1 and [cell.lower() for cell in row] == ["name", "x", "y", "z"]:
             continue
-        try:
-            name, at = row[0], np.array([float(cell) for cell in row[1:]])
-        except ValueError:
-            at = np.empty(0)
-        if at.shape != (3,) or not np.isfinite(at).all() or not name or name in found:
+        name, at = row[0], _numbers(row[1:])
+        if at is None or not name or name in found:
             raise MeshError(f"{path}: line {number}: {','.join(row)}; write name,x,y,z, each name once")
         found[name] = at
     return found
+
+
+def read_rows(path: Path | None, advice: str) -> list[list[str]]:
+    """Cells of each line of a CSV file that has any; none without a file."""
+    if path is None:
+        return []
+    try:
+        with path.open(newline="", encoding="utf-8") as stream:
+            return [[cell.strip() for cell in row] for row in csv.reader(stream) if any(row)]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise MeshError(f"{path}: cannot be read ({error}); {advice}") from error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,20 +112,8 @@ class Around:
     mm_per_unit: float
 
 
-def zero_direction(axis: FloatArray) -> FloatArray:
-    """The direction of 0 degrees where none is given: x, or y for a limb along x."""
-    across: FloatArray = np.eye(3)[0 if abs(axis[0]) < 0.8 else 1]
-    return across
-
-
 def position_mm(name: str, place: Place, around: Around) -> FloatArray:
-    """The point (3,) of the skin that a place means.
-
-    Raises
-    ------
-    MeshError
-        No skin near a point, no such bone, or a share beyond the limb; naming the spot.
-    """
+    """The point (3,) of the skin that a place means; a MeshError, naming the spot, where there is none."""
     if isinstance(place, Point):
         point = place.at * around.mm_per_unit
         on, gaps = around.skin.nearest(point[None])
@@ -159,12 +136,6 @@ def position_mm(name: str, place: Place, around: Around) -> FloatArray:
     station = low + place.share * (high - low)
     if place.angle_deg is not None:
         return _at_angle(name, station, place.angle_deg, around)
-    return _over(name, bone, station, around)
-
-
-def _over(name: str, bone: Surface, station: float, around: Around) -> FloatArray:
-    """The skin nearest to a bone's section."""
-    low, high = extent(bone, around.axis)
     if not low <= station <= high:
         raise MeshError(f"spot '{name}': beyond bone '{bone.name}'; give 0 to 100 %, or an angle too")
     away = np.abs(bone.points_mm @ around.axis - station)
@@ -178,7 +149,7 @@ def _at_angle(name: str, station: float, angle_deg: float, around: Around) -> Fl
     if np.linalg.norm(np.cross(around.zero, around.axis)) < 0.1 * np.linalg.norm(around.zero):
         raise MeshError(
             f"spot '{name}': 0 degrees would be along the limb ({np.round(around.axis, 3).tolist()}); give a "
-            "direction across it with --zero"
+            "direction across it (zero)"
         )
     # Columns x and y across the limb, x towards 0 degrees; z along it.
     frame = spot_axes(around.axis, around.zero)

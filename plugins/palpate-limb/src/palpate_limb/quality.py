@@ -17,25 +17,18 @@ LEAST_SCALED_JACOBIAN = 0.02
 LARGEST_VOLUME_ERROR = 0.01
 LONGEST_EDGE = 1.35
 """Mean edge under the indenter over the one asked for, at most."""
-_CORNERS = ((0, 1, 2, 3), (1, 2, 0, 3), (2, 0, 1, 3), (3, 0, 2, 1))
+_CORNERS = np.array([(0, 1, 2, 3), (1, 2, 0, 3), (2, 0, 1, 3), (3, 0, 2, 1)])
+_CORNERS.setflags(write=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quality:
     """Figures of one mesh.
 
-    Parameters
-    ----------
-    least_dihedral_deg, largest_dihedral_deg : float
-        Angles of the straight-edged elements.
-    contact_edge_mm : float
-        Mean edge of the contact faces within ``near_mm`` of the spot.
-    volume_error : float
-        Difference from the volume between the scan, the bones and the cuts, as a share of it.
-    spot_gap_mm : float
-        Distance from the spot to the nearest contact node.
-    regions : mapping of str to float
-        Share of the volume of each region.
+    Dihedral angles are of the straight-edged elements, ``contact_edge_mm`` is the mean edge of contact
+    faces within ``near_mm`` of the spot, ``volume_error`` the difference from the volume between scan, bones
+    and cuts as a share of it, ``spot_gap_mm`` the distance from the spot to the nearest contact node, and
+    ``regions`` the share of the volume of each.
     """
 
     n_nodes: int
@@ -79,13 +72,7 @@ def assess(limb: Limb, segment: Segment, near_mm: float) -> Quality:
 
 
 def check_quality(quality: Quality, spot: str, wanted_mm: float) -> None:
-    """Refuse a mesh on which a solver would choke, or that is not the scan's.
-
-    Raises
-    ------
-    MeshError
-        Saying which figure is bad, and what to change.
-    """
+    """Refuse, by a MeshError, a mesh on which a solver would choke, or that is not the scan's."""
     if quality.least_scaled_jacobian < LEAST_SCALED_JACOBIAN:
         raise MeshError(
             f"spot '{spot}': an element with scaled Jacobian {quality.least_scaled_jacobian:.3g} "
@@ -106,22 +93,16 @@ def check_quality(quality: Quality, spot: str, wanted_mm: float) -> None:
 def scaled_jacobians(points: FloatArray, cells: IntArray) -> FloatArray:
     """Least scaled Jacobian of each tetrahedron of 4 or 10 nodes: (n,), 1 at best, ≤ 0 where it is folded."""
     corners = points[cells[:, :4]]
-    scaled = np.stack([_at_corner(corners, order) for order in _CORNERS], axis=1).min(axis=1)
+    edges = corners[:, _CORNERS[:, 1:]] - corners[:, _CORNERS[:, :1]]
+    det = np.einsum("ncj,ncj->nc", np.cross(edges[:, :, 0], edges[:, :, 1]), edges[:, :, 2])
+    lengths = np.linalg.norm(edges, axis=3).prod(axis=2)
+    scaled = (np.sqrt(2.0) * det / np.maximum(lengths, 1e-300)).min(axis=1)
     if cells.shape[1] == 4:
         return np.asarray(scaled)
     # The determinant of a curved element against that of its straight one: 1 where nothing is bent.
     straight = np.linalg.det(np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2))
     ratio = np.stack([_determinant(points[cells], slopes) for slopes in _SLOPES], axis=1) / straight[:, None]
     return np.asarray(np.where(straight > 0.0, scaled * np.minimum(ratio.min(axis=1), 1.0), -np.abs(scaled)))
-
-
-def _at_corner(corners: FloatArray, order: tuple[int, int, int, int]) -> FloatArray:
-    origin, *others = (corners[:, i] for i in order)
-    a, b, c = (other - origin for other in others)
-    det = np.einsum("ij,ij->i", np.cross(a, b), c)
-    lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1) * np.linalg.norm(c, axis=1)
-    value: FloatArray = np.sqrt(2.0) * det / np.maximum(lengths, 1e-300)
-    return value
 
 
 _GAUSS = np.where(np.eye(4, dtype=bool), 0.5854101966249685, 0.1381966011250105)

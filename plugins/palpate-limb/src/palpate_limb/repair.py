@@ -4,19 +4,14 @@ A scan is open where it was cut off, and a model is where it was cut out. A cap 
 long as it lies beyond the cuts of a segment, which :func:`palpate_limb.segment.cut` sees to.
 """
 
-import contextlib
-import io
-import os
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from palpate.api import BoolArray, FloatArray, IntArray, MeshError
-from palpate_limb.surfaces import Surface, edge_uses, parts_of
+from palpate.api import FloatArray, IntArray, MeshError
+from palpate_limb.surfaces import Surface, edge_uses, joined, parts_of
 
-LIMB_MM = (60.0, 1500.0)
-"""The longest side of the box around a limb, between a child's wrist and an adult's leg."""
 BONE_MM = (10.0, 1500.0)
 MOST_CROSSING, MOST_ROUNDS = 40, 4
 """Faces that are cut out where they cross, at a time, and how often."""
@@ -37,11 +32,19 @@ def parts(surface: Surface) -> list[Surface]:
     kept, first = np.unique(labels, return_index=True)
     kept = kept[np.argsort(first)]
     large = kept[areas[kept] >= STRAY * areas.sum()]
-    made = [_part(surface, labels == k) for k in large]
-    if n_stray := len(kept) - len(large):
-        k = int(areas[large].argmax())
+    n_stray, made = len(kept) - len(large), []
+    for k in large:
+        used, faces = np.unique(surface.faces[labels == k], return_inverse=True)
         said = f"left out {n_stray} stray {'part' if n_stray == 1 else 'parts'}"
-        made[k] = replace(made[k], repairs=_with(made[k].repairs, said))
+        made.append(
+            replace(
+                surface,
+                points_mm=surface.points_mm[used],
+                faces=faces.reshape(-1, 3),
+                colours=None if surface.colours is None else surface.colours[used],
+                repairs=_with(surface.repairs, said if n_stray and k == areas.argmax() else ""),
+            )
+        )
     return made
 
 
@@ -51,20 +54,12 @@ def largest(pieces: Sequence[Surface]) -> Surface:
 
 
 def joined_parts(pieces: Sequence[Surface]) -> Surface:
-    """Several parts as one surface again."""
-    first, *others = pieces
-    for other in others:
-        n = len(first.points_mm)
-        colours = None
-        if first.colours is not None and other.colours is not None:
-            colours = np.concatenate([first.colours, other.colours])
-        first = replace(
-            first,
-            points_mm=np.concatenate([first.points_mm, other.points_mm]),
-            faces=np.concatenate([first.faces, other.faces + n]),
-            colours=colours,
-        )
-    return first
+    """Several parts of one surface as one again."""
+    points, faces = joined(pieces)
+    colours = [piece.colours for piece in pieces if piece.colours is not None]
+    return replace(
+        pieces[0], points_mm=points, faces=faces, colours=np.concatenate(colours) if colours else None
+    )
 
 
 def closed(surface: Surface) -> Surface:
@@ -103,17 +98,7 @@ def closed(surface: Surface) -> Surface:
 
 
 def _with(repairs: str, said: str) -> str:
-    return f"{repairs}; {said}" if repairs else said
-
-
-def _part(surface: Surface, kept: BoolArray) -> Surface:
-    used, faces = np.unique(surface.faces[kept], return_inverse=True)
-    return replace(
-        surface,
-        points_mm=surface.points_mm[used],
-        faces=faces.reshape(-1, 3),
-        colours=None if surface.colours is None else surface.colours[used],
-    )
+    return "; ".join(filter(None, (repairs, said)))
 
 
 def _rims(faces: IntArray) -> list[IntArray]:
@@ -148,27 +133,8 @@ def extent(surface: Surface, axis: FloatArray) -> tuple[float, float]:
     return float(along.min()), float(along.max())
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Defect:
-    """One kind of defect: what it is, how many, and where the first one is."""
-
-    what: str
-    count: int
-    place_mm: tuple[float, float, float]
-
-    def __str__(self) -> str:
-        x, y, z = self.place_mm
-        return f"{self.count} {self.what}, first near ({x:.4g}, {y:.4g}, {z:.4g}) mm"
-
-
 def check_size(surface: Surface, between_mm: tuple[float, float], unit: str) -> None:
-    """Refuse a surface in another unit.
-
-    Raises
-    ------
-    MeshError
-        With the size found, and the unit that would make it plausible.
-    """
+    """Refuse a surface in another unit, by a MeshError with the size found and the unit that would fit."""
     longest = float(np.ptp(surface.points_mm, axis=0).max())
     low, high = between_mm
     if low <= longest <= high:
@@ -182,13 +148,13 @@ def check_size(surface: Surface, between_mm: tuple[float, float], unit: str) -> 
     )
 
 
-def defects(surface: Surface) -> list[Defect]:
-    """Holes, edges of more than two faces, several components, faces that intersect."""
+def defects(surface: Surface) -> list[str]:
+    """Holes, edges of more than two faces, several components, faces that intersect: how many, and where."""
     points, found = surface.points_mm, []
 
     def note(what: str, count: int, place: FloatArray) -> None:
-        x, y, z = (float(value) for value in place)
-        found.append(Defect(what=what, count=count, place_mm=(x, y, z)))
+        x, y, z = place
+        found.append(f"{count} {what}, first near ({x:.4g}, {y:.4g}, {z:.4g}) mm")
 
     edges, counts = edge_uses(surface.faces)
     if (counts == 1).any():
@@ -235,11 +201,7 @@ def repaired(surface: Surface) -> Surface:
     A few crossing faces are cut out and the gaps closed; what that does not repair, MeshFix does:
     it keeps the largest part and loses the colours. ``repairs`` says what was wrong and how far
     points moved or fell away. A surface without defects comes back as it is.
-
-    Raises
-    ------
-    MeshError
-        Nothing is left, it cannot be closed, or MeshFix is not installed.
+    What cannot be repaired, or not without MeshFix where that is not installed, is a MeshError.
     """
     if not (found := defects(surface)):
         return surface
@@ -249,18 +211,17 @@ def repaired(surface: Surface) -> Surface:
         import pymeshfix
     except ModuleNotFoundError:
         raise MeshError(
-            f"{surface.name}: {'; '.join(map(str, found))}; fix it in a mesh editor, or let MeshFix (AGPL) "
+            f"{surface.name}: {'; '.join(found)}; fix it in a mesh editor, or let MeshFix (AGPL) "
             'do it: pip install "palpate-limb[repair]"'
         ) from None
     fixer = pymeshfix.MeshFix(surface.points_mm, surface.faces.astype(np.int32))
-    with _silenced():
-        fixer.repair()
+    fixer.repair()
     points, faces = np.asarray(fixer.points, dtype=np.float64), np.asarray(fixer.faces, dtype=np.int64)
     fixed = Surface(name=surface.name, points_mm=points, faces=faces)
     left = defects(fixed) if len(faces) else found
     if left or fixed.volume_mm3 <= 0.0:
         raise MeshError(
-            f"{surface.name}: cannot be repaired ({'; '.join(map(str, left)) or 'it is inside out'}); "
+            f"{surface.name}: cannot be repaired ({'; '.join(left) or 'it is inside out'}); "
             "fix it in a mesh editor"
         )
     return replace(fixed, repairs=_repairs(surface, found, fixed))
@@ -283,28 +244,13 @@ def _without_crossings(surface: Surface) -> Surface | None:
     return None
 
 
-def _repairs(surface: Surface, found: list[Defect], fixed: Surface) -> str:
+def _repairs(surface: Surface, found: list[str], fixed: Surface) -> str:
     """What was repaired, and the place of the old surface that is furthest from the new one."""
     corners = surface.points_mm[np.unique(surface.faces)]
     _, gaps = fixed.nearest(corners)
     x, y, z = corners[gaps.argmax()]
-    before = f"{surface.repairs}; " if surface.repairs else ""
-    return (
-        f"{before}{'; '.join(map(str, found))}; repaired, and changed by {gaps.max():.2g} mm at most, near "
-        f"({x:.4g}, {y:.4g}, {z:.4g}) mm"
+    return _with(
+        surface.repairs,
+        f"{'; '.join(found)}; repaired, and changed by {gaps.max():.2g} mm at most, near "
+        f"({x:.4g}, {y:.4g}, {z:.4g}) mm",
     )
-
-
-@contextlib.contextmanager
-def _silenced() -> Iterator[None]:
-    """Keep MeshFix, which writes to the process's own output, from the terminal."""
-    with contextlib.redirect_stdout(io.StringIO()), open(os.devnull, "w") as sink:
-        kept = [os.dup(1), os.dup(2)]
-        try:
-            os.dup2(sink.fileno(), 1)
-            os.dup2(sink.fileno(), 2)
-            yield
-        finally:
-            for number, copy in zip((1, 2), kept, strict=True):
-                os.dup2(copy, number)
-                os.close(copy)

@@ -68,13 +68,8 @@ def cut(
     """Cut the segment of a spot.
 
     Scan and bones are closed and in one frame, ``axis`` (3,) is a unit vector along the limb. A ``stump``
-    ends in skin: a segment may reach past its end.
-
-    Raises
-    ------
-    MeshError
-        The limb ends within the segment, a hole is there, a bone touches the skin or leaves it, or two
-        bones overlap.
+    ends in skin: a segment may reach past its end. A limb that ends within the segment, a hole there, a bone
+    that touches or leaves the skin, and bones that overlap are MeshErrors.
     """
     motion = to_spot_frame(spot, axis)
     skin, placed = scan.moved(motion), tuple(bone.moved(motion) for bone in bones)
@@ -120,7 +115,7 @@ def _check_reach(spot: str, skin: Surface, along: FloatArray, half: float, *, st
             f"spot '{spot}': the scan reaches {-reach.min():.4g} mm and {reach.max():.4g} mm along the "
             f"limb from it, and a segment of {2.0 * half:g} mm needs {half:g} mm on either side; it is too "
             "near an end: shorten the segment, scan more of the limb, or say that the limb ends in skin "
-            "(--stump)"
+            "(stump = true)"
         )
     if skin.caps is None:
         return
@@ -132,7 +127,7 @@ def _check_reach(spot: str, skin: Surface, along: FloatArray, half: float, *, st
         raise MeshError(
             f"spot '{spot}': the scan has a hole {away:.3g} mm along the limb from it, near {place} mm in "
             f"the spot's frame, and a segment of {2.0 * half:g} mm takes it in; shorten the segment, scan "
-            "that part, or let palpate close it (--repair)"
+            "that part, or let palpate close it (repair = true)"
         )
 
 
@@ -215,13 +210,7 @@ def _in_one(body: Any) -> Surface:  # noqa: ANN401 - manifold3d has no types
 
 
 def to_spot_frame(spot: Spot, axis: FloatArray) -> FloatArray:
-    """Motion (4, 4) to the spot's frame.
-
-    Raises
-    ------
-    MeshError
-        The normal points along the limb.
-    """
+    """Motion (4, 4) to the spot's frame; a MeshError where the normal points along the limb."""
     if np.linalg.norm(axis - (axis @ spot.normal) * spot.normal) < 0.3:
         raise MeshError(
             f"spot '{spot.name}': its normal points along the limb ({np.round(axis, 3).tolist()}); is it a "
@@ -255,5 +244,5 @@ def _check_bone(spot: str, piece: Surface, limb: Any, skin: Surface) -> None:  #
         raise MeshError(
             f"spot '{spot}': bone '{piece.name}' touches the skin ({gaps.min():.2g} mm apart) at {place} mm "
             f"in the spot's frame; check how the bones are placed; {LEAST_GAP_MM:g} mm of tissue are needed "
-            "(--cover moves it inwards)"
+            "(cover moves it inwards)"
         )

@@ -1,15 +1,26 @@
-"""Triangulated surfaces, and the only door to the libraries that compute with them."""
+"""Triangulated surfaces, read from files, and the only door to the libraries that compute with them."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from palpate.api import BoolArray, FloatArray, IntArray, MeshError
+from palpate.api import BoolArray, FloatArray, IntArray, MeshError, convert
 
 if TYPE_CHECKING:
     import trimesh
+
+SUFFIXES = frozenset({".ply", ".obj", ".glb", ".stl", ".off"})
+MOST_BYTES = 2_000_000_000
+MOST_FACES = 5_000_000
+UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
+LIMB_MM = (60.0, 1500.0)
+"""The longest side of the box around a limb, between a child's wrist and an adult's leg."""
+THICK_MM = (15.0, 260.0)
+"""Diameter of a cylinder of the limb's length and volume, between a child's wrist and a thigh."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,8 +41,7 @@ class Surface:
 
     def moved(self, motion: FloatArray) -> "Surface":
         """The surface after a rigid motion (4, 4)."""
-        points = self.points_mm @ motion[:3, :3].T + motion[:3, 3]
-        return replace(self, points_mm=points)
+        return replace(self, points_mm=self.points_mm @ motion[:3, :3].T + motion[:3, 3])
 
     @property
     def trimesh(self) -> "trimesh.Trimesh":
@@ -151,13 +161,7 @@ def _among_likely(corners: FloatArray, points: FloatArray) -> tuple[FloatArray, 
 
 
 def solid(surface: Surface) -> Any:  # noqa: ANN401 - manifold3d has no types
-    """The closed surface as a solid for Boolean operations.
-
-    Raises
-    ------
-    MeshError
-        It is not closed, or not manifold.
-    """
+    """The surface as a solid for Boolean operations; a MeshError where it is not closed and manifold."""
     import manifold3d
 
     # Copies, since it takes no array that is read-only.
@@ -201,10 +205,137 @@ def parts_of(n: int, pairs: IntArray) -> IntArray:
     return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64)
 
 
-def adjacency(n_points: int, faces: IntArray) -> Any:  # noqa: ANN401 - a sparse array
-    """Symmetric 0/1 matrix (n, n) of points that share an edge."""
-    from scipy.sparse import coo_array
+def read_surface(path: Path, unit: str = "mm") -> Surface:
+    """Read a surface; equal points are merged, colours of vertices or of a texture are kept.
 
-    edges, _ = edge_uses(faces)
-    both = np.concatenate([edges, edges[:, ::-1]])
-    return coo_array((np.ones(len(both)), (both[:, 0], both[:, 1])), shape=(n_points, n_points)).tocsr()
+    Nothing but this file (and its own material and texture next to it) is read. ``unit`` is that of its
+    coordinates, or how long it is ("365 mm").
+    A file that is missing, too large, broken, without triangles or not finite is a MeshError.
+    """
+    if not path.is_file():
+        raise MeshError(f"{path}: no such file; check the path")
+    if path.suffix.lower() not in SUFFIXES:
+        raise MeshError(f"{path}: palpate reads surfaces from {', '.join(sorted(SUFFIXES))}; convert it")
+    if path.stat().st_size > MOST_BYTES:
+        raise MeshError(f"{path}: larger than {MOST_BYTES / 1e9:g} GB; reduce the scan")
+    try:
+        factor = mm_per_unit(unit)
+    except ValueError as error:
+        raise MeshError(f"{path}: its unit: {error}") from error
+    mesh = _loaded(path)
+    points = np.asarray(mesh.vertices, dtype=np.float64)
+    faces = np.asarray(getattr(mesh, "faces", ()), dtype=np.int64)
+    _check(path, points, faces)
+    colours = _colours(mesh)
+    return _merged(Surface(name=path.name, points_mm=points * factor, faces=faces, colours=colours))
+
+
+def _loaded(path: Path) -> Any:  # noqa: ANN401 - a Trimesh
+    """A mesh as trimesh reads it; whatever a broken file trips over becomes one error."""
+    import trimesh
+
+    complaints = logging.getLogger("trimesh")
+    was_disabled, complaints.disabled = complaints.disabled, True
+    try:
+        resolver = trimesh.resolvers.FilePathResolver(str(path)) if path.suffix.lower() == ".obj" else None
+        if resolver is not None:
+            _refuse_outside(path)
+        with path.open("rb") as stream:
+            loaded = trimesh.load(
+                stream,
+                file_type=path.suffix.lower()[1:],
+                process=False,
+                resolver=resolver,
+                maintain_order=True,
+            )
+        return loaded.to_mesh() if isinstance(loaded, trimesh.Scene) else loaded
+    except MeshError:
+        raise
+    except Exception as error:  # its readers raise anything on a corrupt file
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise MeshError(
+            f"{path}: cannot be read ({reason}); export it again, as binary PLY for example"
+        ) from error
+    finally:
+        complaints.disabled = was_disabled
+
+
+def _refuse_outside(path: Path) -> None:
+    """Refuse an OBJ that names a material file elsewhere."""
+    with path.open("rb") as stream:
+        for line in stream:
+            if line.startswith(b"mtllib"):
+                named = Path(line[6:].strip().decode(errors="replace"))
+                if named.is_absolute() or ".." in named.parts:
+                    raise MeshError(
+                        f"{path}: its material file '{named}' is outside of its folder; move it there"
+                    )
+
+
+def _check(path: Path, points: FloatArray, faces: Any) -> None:  # noqa: ANN401 - whatever was read
+    if points.ndim != 2 or not len(faces) or not len(points):
+        raise MeshError(f"{path}: no triangles; export the surface, not the points alone")
+    if len(faces) > MOST_FACES:
+        raise MeshError(f"{path}: {len(faces)} triangles, and palpate takes {MOST_FACES}; reduce the scan")
+    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
+    if bad.size:
+        raise MeshError(f"{path}: point {bad[0]} is at {points[bad[0]].tolist()}; export it again")
+    if faces.min() < 0 or faces.max() >= len(points):
+        row = int(np.flatnonzero((faces < 0).any(axis=1) | (faces >= len(points)).any(axis=1))[0])
+        raise MeshError(
+            f"{path}: triangle {row} names points {faces[row].tolist()}, but there are {len(points)}; "
+            "export it again"
+        )
+
+
+def _colours(mesh: Any) -> FloatArray | None:  # noqa: ANN401 - a Trimesh
+    """SRGB of each point, from the vertices or from the texture; None where the file has neither."""
+    if mesh.visual.kind is None:
+        return None
+    try:
+        visual = mesh.visual.to_color() if mesh.visual.kind == "texture" else mesh.visual
+        colours = np.asarray(visual.vertex_colors, dtype=np.float64)[:, :3] / 255.0
+    except Exception:  # a texture that cannot be read is no texture
+        return None
+    return colours if colours.shape == (len(mesh.vertices), 3) else None
+
+
+def _merged(surface: Surface) -> Surface:
+    """Equal points made one (an STL repeats them, a texture splits them), empty triangles dropped."""
+    digits = max(0, 7 - int(np.ceil(np.log10(max(float(np.abs(surface.points_mm).max()), 1.0)))))
+    _, first, inverse = np.unique(
+        np.round(surface.points_mm, digits), axis=0, return_index=True, return_inverse=True
+    )
+    faces = first[inverse.ravel()][surface.faces]
+    faces = faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]
+    kept = np.unique(faces)
+    return Surface(
+        name=surface.name,
+        points_mm=surface.points_mm[kept],
+        faces=np.searchsorted(kept, faces),
+        colours=None if surface.colours is None else surface.colours[kept],
+    )
+
+
+def mm_per_unit(unit: str) -> float:
+    """Millimetres of a unit, or of a length such as "365 mm" for a normalised model; else a ValueError."""
+    return convert(unit if unit.strip()[:1].isdigit() else f"1 {unit}", "mm")
+
+
+def guessed_unit(surface: Surface) -> tuple[str, str]:
+    """The only unit in which a closed surface is a limb, and why; else a MeshError."""
+    long = float(np.ptp(surface.points_mm, axis=0).max())
+    thick = float(np.sqrt(4.0 * abs(surface.volume_mm3) / (np.pi * max(long, 1e-300))))
+    fits = [
+        unit
+        for unit, factor in UNITS.items()
+        if LIMB_MM[0] <= long * factor <= LIMB_MM[1] and THICK_MM[0] <= thick * factor <= THICK_MM[1]
+    ]
+    size = f"it is {long:.4g} long and about {thick:.3g} thick"
+    if len(fits) != 1:
+        plausible = " and ".join(fits) or "no unit"
+        raise MeshError(
+            f"{surface.name}: {size}, which is a limb in {plausible}; say so under unit, such as mm, "
+            'or "365 mm" for a model whose unit is that long'
+        )
+    return fits[0], size

@@ -1,6 +1,6 @@
 """From a segment to a mesh that can be simulated: regions, node sets, elements on the true surfaces."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from types import MappingProxyType
@@ -8,11 +8,11 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from palpate.api import FloatArray, IntArray, Limb, Mesh, MeshError, Spot
+from palpate.api import BoolArray, FloatArray, IntArray, Limb, Mesh, MeshError, Spot
 from palpate.api.mesh import CELLS, outer_faces, with_midpoints
 from palpate_limb.layers import below_skin, extruded
-from palpate_limb.meshing import AdaptTask, MeshingTask, SizeField, run_mesher, run_mmg
-from palpate_limb.midside_nodes import curved
+from palpate_limb.meshing import MeshingTask, SizeField, run_mesher, run_mmg
+from palpate_limb.quality import scaled_jacobians
 from palpate_limb.segment import Segment, core_of, gap_of_bones
 from palpate_limb.surfaces import Surface, joined, parts_of, solid, surface_of
 
@@ -24,6 +24,8 @@ FINER = 0.6
 """Edges of a finer mesh over those of the first: about three times as many nodes."""
 FLATTEST = 2.5
 """Edges over a layer's thickness, at most, under the indenter and in layers that reach a bone."""
+LEAST_BENT = 0.05
+"""Scaled Jacobian below which an element is not bent further."""
 LEAST_CORE_MM = 0.5
 """Tissue between layers and bones that a mesh of the core alone needs."""
 
@@ -51,23 +53,6 @@ class MeshPlan:
                 f"layers {dict(self.layers_mm)}: give thicknesses > 0 mm; what is below them is '{self.core}'"
             )
 
-    def check_layers(self, spot: str) -> None:
-        """Refuse a layer that is too thin for the elements under the indenter.
-
-        Raises
-        ------
-        MeshError
-            With the element size that it needs.
-        """
-        for name, thickness in self.layers_mm.items():
-            needed = FLATTEST * thickness
-            if self.size.fine_mm > needed * (1.0 + 1e-9):
-                raise MeshError(
-                    f"spot '{spot}': layer '{name}' is {thickness:g} mm thick, too thin for elements of "
-                    f"{self.size.fine_mm:.3g} mm; it needs {needed:.3g} mm or less (--size), or make it "
-                    "thicker, or one with its neighbour"
-                )
-
     @property
     def finer(self) -> "MeshPlan":
         """The same with shorter edges everywhere, and flat faces as much nearer to the surfaces."""
@@ -75,18 +60,11 @@ class MeshPlan:
         return replace(self, size=size, tolerance_mm=FINER**2 * self.tolerance_mm)
 
 
-Boundary: TypeAlias = Mapping[str, IntArray]
-"""Boundary triangles (n, 3) of tetrahedra by what they are on: ``skin``, ``cut`` and each bone."""
+Boundary: TypeAlias = Mapping[str, IntArray]  # triangles (n, 3) by what they are on: skin, cut and each bone
 
 
 def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
-    """Mesh a segment in the frame of its spot.
-
-    Raises
-    ------
-    MeshError
-        The mesher fails, or what it made has not the surfaces of the segment.
-    """
+    """Mesh a segment in the frame of its spot; a MeshError where the mesher or a surface of it fails."""
     depths = np.cumsum(list(plan.layers_mm.values())).tolist()
     interfaces = {
         name: below_skin(segment, depth) for name, depth in zip(plan.layers_mm, depths, strict=True)
@@ -133,8 +111,7 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
     return Limb(spot=Spot(name=segment.name), mesh=mesh)
 
 
-Body: TypeAlias = tuple[FloatArray, IntArray, IntArray, Boundary]
-"""Points (n, 3), tetrahedra (m, 4), their regions (m,) and their boundary."""
+Body: TypeAlias = tuple[FloatArray, IntArray, IntArray, Boundary]  # points, tetrahedra, their regions
 
 
 def _filled(segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan) -> Body:
@@ -150,18 +127,12 @@ def _filled(segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan)
         ends = [(np.abs(along - end) < 1e-6)[layer.faces].all(axis=1) for end in (-half, half)]
         surfaces.append(replace(layer, faces=layer.faces[~(ends[0] | ends[1])]))
     points, faces = joined(surfaces)
-    grid, cells, sizes = plan.size.background(points.min(axis=0), points.max(axis=0))
+    nested = len(surfaces) > 1
     task = MeshingTask(
-        points_mm=points,
-        faces=faces,
-        nested=len(surfaces) > 1,
-        size_points_mm=grid,
-        size_cells=cells,
-        sizes_mm=sizes,
-        tolerance_mm=plan.tolerance_mm,
+        points_mm=points, faces=faces, nested=nested, size=plan.size, tolerance_mm=plan.tolerance_mm
     )
     points, tets = run_mesher(plan.mesher, task, plan.time_limit_s)
-    if task.nested:
+    if nested:
         tets = tets[segment.tissue.contains(points[tets].mean(axis=1))]
     points, tets = _largest(points, _positive(points, tets))
     boundary = classify(points, tets, segment)
@@ -171,18 +142,16 @@ def _filled(segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan)
     for interface in interfaces.values():
         below += interface.contains(middles)
     adapted = run_mmg(
-        AdaptTask(
-            mesh={
-                "points_mm": points,
-                "tets": tets,
-                "regions": below,
-                "faces": np.concatenate(list(boundary.values())),
-                "surfaces": np.repeat(np.arange(len(names)) + 1, [len(faces) for faces in boundary.values()]),
-            },
-            size=plan.size,
-            largest_mm=np.array([*(FLATTEST * t for t in plan.layers_mm.values()), np.inf]),
-            deviation_mm=plan.tolerance_mm * (2.0 if plan.kind == "tet10" else 1.0),
-        ),
+        {
+            "points_mm": points,
+            "tets": tets,
+            "regions": below,
+            "faces": np.concatenate(list(boundary.values())),
+            "surfaces": np.repeat(np.arange(len(names)) + 1, [len(faces) for faces in boundary.values()]),
+        },
+        plan.size,
+        np.array([*(FLATTEST * t for t in plan.layers_mm.values()), np.inf]),
+        plan.tolerance_mm * (2.0 if plan.kind == "tet10" else 1.0),
         plan.time_limit_s,
     )
     points = adapted["points_mm"]
@@ -211,13 +180,7 @@ def _largest(points: FloatArray, tets: IntArray) -> tuple[FloatArray, IntArray]:
 
 
 def classify(points: FloatArray, tets: IntArray, segment: Segment) -> Boundary:
-    """What each boundary face is on.
-
-    Raises
-    ------
-    MeshError
-        A surface of the segment has no face in the mesh.
-    """
+    """What each boundary face is on; a MeshError where a surface of the segment has none."""
     faces = outer_faces("tet4", tets)
     vertices = points[faces]
     middles = vertices.mean(axis=1)
@@ -283,3 +246,69 @@ def moved_to_contact(limb: Limb, radius_mm: float) -> tuple[Limb, float]:
     rise = float((points[:, 2] + np.sqrt(radius_mm**2 - (points[:, :2] ** 2).sum(axis=1)) - radius_mm).max())
     moved = replace(mesh, points_mm=mesh.points_mm - np.array([0.0, 0.0, rise]))
     return replace(limb, mesh=moved), rise
+
+
+def curved(
+    points: FloatArray,
+    cells: IntArray,
+    on: Mapping[str, IntArray],
+    segment: Segment,
+    inner: Mapping[str, tuple[IntArray, Surface]],
+    between: Sequence[tuple[IntArray, Surface, Surface]] = (),
+) -> FloatArray:
+    """Points (n, 3) with those on a surface moved onto it, so that edges bend with them.
+
+    A mesher keeps to the surfaces within a tolerance, and the chord of an edge of length l leaves a surface
+    of radius ρ by l²/8ρ. Both errors go, except where moving a node would fold an element.
+
+    ``cells`` are (m, 4) or (m, 10). ``on`` has the nodes on ``skin``, ``cut`` and bones, ``inner`` nodes
+    and lower surface of each layer, and ``between`` nodes of edges from one surface to another, which belong
+    half-way.
+    """
+    surfaces = {"skin": segment.skin, **{bone.name: bone for bone in segment.bones}}
+    places = [(on[name], surface) for name, surface in surfaces.items() if name in on]
+    places += list(inner.values())
+    half, corner = 0.5 * segment.length_mm, np.zeros(len(points), dtype=np.bool_)
+    corner[cells[:, :4]] = True
+
+    def targets(points: FloatArray, allowed: BoolArray) -> FloatArray:
+        """Where the nodes that may move would lie on their surfaces."""
+        target = points.copy()
+        for _ in range(2):  # twice, for the nodes where a surface meets a cut
+            for nodes, surface in places:
+                chosen = nodes[allowed[nodes]]
+                target[chosen], _ = surface.nearest(target[chosen])
+            for nodes, upper, lower in between:  # midside nodes alone
+                chosen = nodes[allowed[nodes] & ~corner[nodes]]
+                target[chosen] = 0.5 * (upper.nearest(target[chosen])[0] + lower.nearest(target[chosen])[0])
+            chosen = np.unique(on["cut"][allowed[on["cut"]]])
+            along = target[chosen] @ segment.axis
+            target[chosen] += (np.sign(along) * half - along)[:, None] * segment.axis
+        return target
+
+    moved = _accepted(points, targets(points, corner), cells[:, :4])
+    if cells.shape[1] == 4:
+        return moved
+    moved = moved.copy()
+    moved[cells[:, 4:]] = moved[cells[:, np.array(CELLS["tet10"].edges)]].mean(axis=2)
+    return _accepted(moved, targets(moved, ~corner), cells)
+
+
+def _accepted(points: FloatArray, target: FloatArray, cells: IntArray) -> FloatArray:
+    """The points moved to their targets, but half as far or not at all in elements that would suffer."""
+    share = np.ones(len(points))
+    least = np.minimum(scaled_jacobians(points, cells), LEAST_BENT)
+    for factor in (0.5, 0.0, 0.0):
+        moved = points + share[:, None] * (target - points)
+        bad = scaled_jacobians(moved, cells) < least
+        if not bad.any():
+            return moved
+        share[np.unique(cells[bad])] *= factor
+    moved = points + share[:, None] * (target - points)
+    for _ in range(20):
+        bad = scaled_jacobians(moved, cells) < least - 1e-12
+        if not bad.any():
+            break
+        nodes = np.unique(cells[bad])
+        moved[nodes] = points[nodes]
+    return moved
