@@ -18,9 +18,8 @@ from palpate_report.layout import laid_out
 from palpate_report.page import render
 from palpate_report.result import Report
 from palpate_report.stage import summary_of
-from palpate_report.tables import printed
+from palpate_report.tables import make_tables, printed
 from palpate_report.verdict import make_verdict
-from palpate_report.writing import make_tables
 
 TRUTH = {"soft_tissue.stiffness": 0.45, "soft_tissue.grip": 22.0}
 NUMBERS = st.floats(1e-6, 1e6)

@@ -13,7 +13,7 @@ from palpate.run.result import PosteriorResult
 from palpate_report.best_sets import best_sets
 from palpate_report.report_warnings import report_warnings
 from palpate_report.sections.posterior import N_COLUMNS, grid, profiles, ribbons
-from palpate_report.writing import make_tables
+from palpate_report.tables import make_tables
 
 NAMES = ("soft_tissue.stiffness", "soft_tissue.grip")
 TRUTH = dict(zip(NAMES, (0.45, 22.0), strict=True))

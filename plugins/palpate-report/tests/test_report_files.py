@@ -15,8 +15,7 @@ from palpate.fit.least_squares import LeastSquares
 from palpate_report import figures
 from palpate_report.style import DOUBLE_MM, LINES, MEASURED_COLOUR, MM, SINGLE_MM, STYLE, save
 from palpate_report.table_files import latex, markdown, write_tables
-from palpate_report.tables import printed
-from palpate_report.writing import make_tables
+from palpate_report.tables import make_tables, printed
 
 WIDTHS_MM = (SINGLE_MM, DOUBLE_MM)
 

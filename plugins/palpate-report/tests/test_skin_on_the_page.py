@@ -11,8 +11,8 @@ from palpate.domain import SurfaceStates
 from palpate_report.page import render
 from palpate_report.sections.deformed import Deformed
 from palpate_report.skin import MOST_BYTES, MOST_STATES, deepest, shown_states, skins
+from palpate_report.tables import make_tables
 from palpate_report.verdict import make_verdict
-from palpate_report.writing import make_tables
 
 from .dimple import dimple
 

@@ -6,24 +6,14 @@ What draws is imported when something is drawn: most commands do not, and it tak
 from pathlib import Path
 
 from palpate.api.runs import keep_only
-from palpate_report.convergence import by_spot, contact_along
 from palpate_report.headline import with_verdicts
 from palpate_report.paper_tables import materials_of, paper_tables
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
 from palpate_report.table_files import write_tables
-from palpate_report.tables import finding, make_tables
+from palpate_report.tables import make_tables
 from palpate_report.verdict import make_verdict
 from palpate_report.written_units import in_written_units
-
-__all__ = [
-    "ReportData",
-    "by_spot",
-    "contact_along",
-    "finding",
-    "make_tables",
-    "write_report",
-]
 
 
 def write_report(data: ReportData, folder: Path) -> Report:
