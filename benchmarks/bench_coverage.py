@@ -28,10 +28,10 @@ from palpate.domain import Design, ParameterSpace, RegionMaterial
 from palpate.fit.stage import FitStage
 from palpate.plugins.provides import Provides
 from palpate.plugins.registry import load_file
-from palpate_certainty.causes import ONSET_MM, RELATIVE
+from palpate_certainty.assessment import Assessment
+from palpate_certainty.error_sources import ONSET_MM, RELATIVE
 from palpate_certainty.mesh_error import SpotMesh
-from palpate_certainty.posterior_stage import PosteriorStage
-from palpate_certainty.stage import CertaintyStage
+from palpate_certainty.posterior_sampling import PosteriorSampling
 from palpate_materials.uncoupled import Ogden, Yeoh
 
 pressed = load_file(Path(__file__).parents[1] / "tests" / "data" / "plugins" / "pressed_tissue.py")
@@ -196,7 +196,7 @@ def experiment(
         abscissae={"force": "depth_mm", "torque": "rotation_deg"},
     )
     (case,) = stage.run()
-    certainty = CertaintyStage(study=study, measured=measured, meshes={"p1": SpotMesh(refinement=RATIO**0.5)})
+    certainty = Assessment(study=study, measured=measured, meshes={"p1": SpotMesh(refinement=RATIO**0.5)})
     assessed = certainty.assess(case, *certainty.columns(case))
     box = assessed.end.problem.box
     truth = (row - box.lower) / (box.upper - box.lower)
@@ -206,7 +206,7 @@ def experiment(
         found[key] = np.append((low <= truth) & (truth <= high), density.holds(truth))
         found[f"{key} wide"] = np.append(high - low > WIDE, np.nan)
     if posterior:
-        sampling = PosteriorStage(study=study, design=stage.design, swept=())
+        sampling = PosteriorSampling(study=study, design=stage.design, swept=())
         (drawn,) = sampling.run([case], [assessed]).posteriors
         low, high = np.quantile(drawn.values, [0.025, 0.975], axis=0)
         found["posterior"] = np.append((low <= row) & (row <= high), np.nan)

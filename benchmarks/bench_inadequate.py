@@ -30,7 +30,7 @@ from palpate.sampling.drawing import accepted_by_all
 from palpate.simulation.sweep import Simulations
 from palpate.study.model import BudgetTable
 from palpate.study.reading import Study, read_study
-from palpate_certainty.stage import CertaintyStage
+from palpate_certainty.assessment import Assessment
 from palpate_certainty.tables import Assessed
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Ogden
@@ -211,7 +211,7 @@ def assessed(study: Study, truth: Truth, simulations: Simulations, seed: int) ->
         abscissae={"force": "depth_mm", "torque": "rotation_deg"},
     )
     case = stage.run()[0]
-    certainty = CertaintyStage(study=study, measured=measured)
+    certainty = Assessment(study=study, measured=measured)
     return certainty.assess(case, *certainty.columns(case))
 
 

@@ -30,8 +30,8 @@ from palpate.fit.stage import Case, FitStage
 from palpate.run.result import ALL_SPOTS
 from palpate.study.reading import StudySpot
 from palpate.study.tool import Tool
-from palpate_certainty.causes import ONSET_MM, RELATIVE
-from palpate_certainty.stage import CertaintyStage
+from palpate_certainty.assessment import Assessment
+from palpate_certainty.error_sources import ONSET_MM, RELATIVE
 from palpate_planning.extension import CandidatePress
 from palpate_planning.presses import simulated_presses
 from palpate_planning.propose import PlanningStage, PlanOptions
@@ -178,7 +178,7 @@ class World:
             abscissae={"force": "depth_mm", "torque": "rotation_deg"},
         )
         (case,) = stage.run()
-        certainty = CertaintyStage(study=study, measured=measured)
+        certainty = Assessment(study=study, measured=measured)
         columns, failures = certainty.columns(case)
         return PlanningStage(
             study=study,

@@ -10,7 +10,7 @@ from palpate.cli.app import main
 from palpate.plugins.catalogue import Plugins
 from palpate.run.ledger import Ledger
 from palpate.study.model import BudgetTable, FitTable, RegionTable, SamplingTable
-from palpate_certainty.causes import ONSET_MM
+from palpate_certainty.error_sources import ONSET_MM
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "fit.md").read_text(encoding="utf-8")
 PLUGINS = Plugins.load(entry_points=False)

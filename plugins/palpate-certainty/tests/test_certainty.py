@@ -21,10 +21,16 @@ from palpate.run.result import FitResult, PosteriorResult
 from palpate.stages import pipeline
 from palpate.stages.stage import Run
 from palpate.study.model import BudgetTable
-from palpate_certainty.causes import Cause, WithCauses, causes_of, columns_of, drift_of
-from palpate_certainty.known_errors import MESH, known_errors
+from palpate_certainty.assessment import Assessment
+from palpate_certainty.error_budget import MESH, error_budget
+from palpate_certainty.error_sources import (
+    ErrorSource,
+    WithErrorSources,
+    columns_of,
+    drift_of,
+    error_sources_of,
+)
 from palpate_certainty.mesh_error import SpotMesh, noted_errors
-from palpate_certainty.stage import CertaintyStage
 from palpate_certainty.stages import Posteriors
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Ogden
@@ -72,7 +78,7 @@ def test_inputs_of_another_tilt_are_another_job(ended):
 
 def test_a_gain_adds_its_share_of_the_curve(ended):
     *_, case, _ = ended()
-    found, _ = columns_of(case.end, [Cause(kind="gain", of="torque", sd=0.02)], BOTH)
+    found, _ = columns_of(case.end, [ErrorSource(kind="gain", of="torque", sd=0.02)], BOTH)
     torque = simulated(case).response["torque"].ordinate
     np.testing.assert_allclose(found["p1", "torque"]["gain torque"], 0.02 * torque, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(found["p1", "force"]["gain torque"], 0.0, atol=1e-12)
@@ -83,7 +89,7 @@ def test_the_mesh_adds_a_share_of_the_fitted_curve_without_noise(ended, monkeypa
     provides = replace(study.solver.provides, body="mesh")
     monkeypatch.setattr(type(study.solver), "provides", provides)
     terms, curves = case.end.problem.terms, simulated(case).response
-    found = known_errors(study, measured, terms, case.end.best.residuals, {}, {})[MESH]
+    found = error_budget(study, measured, terms, case.end.best.residuals, {}, {})[MESH]
     for term, name, at, scale in pieces(terms):
         usual = {"force": 0.03, "torque": 0.07}[name]
         expected = (usual * scale * curves[name].ordinate)[term.counted(name)]
@@ -97,7 +103,7 @@ def test_what_a_finer_mesh_leaves_is_of_each_spot_and_channel(ended):
     added = {"force": -0.04 * coarse["force"], "torque": -1e-4 * coarse["torque"]}
     corrections = {name: Correction(added=added[name], coarse=y - added[name]) for name, y in coarse.items()}
     terms = [replace(term, corrections=corrections)]
-    found = known_errors(study, measured, terms, residuals, {}, {"p1": SpotMesh(refinement=2.0)})[MESH]
+    found = error_budget(study, measured, terms, residuals, {}, {"p1": SpotMesh(refinement=2.0)})[MESH]
     left = {"force": added["force"] / 3.0, "torque": 0.015 * coarse["torque"]}  # or the scatter of meshes
     for _, name, at, scale in pieces(terms):
         expected = (scale * left[name])[term.counted(name)]
@@ -122,7 +128,7 @@ def test_the_usual_error_of_a_mesh_leaves_what_it_decides_unclear(
             n: Correction(added=0.0 * y.ordinate, coarse=y.ordinate) for n, y in measured["p1"].curves.items()
         }
         monkeypatch.setattr(case.end.problem, "terms", (replace(term, corrections=nothing),))
-    found = CertaintyStage(study=study, measured=measured).run([case])
+    found = Assessment(study=study, measured=measured).run([case])
     shares = found.budget.filter(parameter="tissue.c1", cause="mesh")["share"]
     words = dict(found.intervals.select("parameter", "identifiability").iter_rows())
     assert shares[0] > 0.5
@@ -144,14 +150,14 @@ def test_a_fixed_parameter_adds_its_slope(ended):
     study, *_, case, _ = ended()
     curve = simulated(case).response["force"]
     expected = 0.1 * study.space.complete({})["tissue.kappa"] * curve.slopes["tissue.kappa"]
-    found = columns(case, Cause(kind="fixed", of="tissue.kappa", sd=0.1))
+    found = columns(case, ErrorSource(kind="fixed", of="tissue.kappa", sd=0.1))
     np.testing.assert_allclose(found["fixed tissue.kappa"], expected, rtol=1e-4)
 
 
 def test_an_onset_adds_the_slope_along_the_depth(ended):
     *_, case, _ = ended()
     curve = simulated(case).response["force"]
-    found = columns(case, Cause(kind="onset", of="p1", sd=0.05))["onset p1"]
+    found = columns(case, ErrorSource(kind="onset", of="p1", sd=0.05))["onset p1"]
     # Simulated curves are straight between their points, 0.5 mm apart.
     sides = np.diff(curve.ordinate) / np.diff(curve.abscissa)
     inside = 0.05 * (sides[1:] + sides[:-1]) / 2.0
@@ -165,7 +171,7 @@ def test_what_is_fitted_or_of_no_size_is_no_cause(ended, pressed):
         parametrisation=StandardParametrisation(searched), budget=BudgetTable(gain=0.0)
     )
     names = [p.name for p in case.end.problem.parameters]
-    assert [c.name for c in causes_of(study, measured, names)] == ["onset p1", "fixed tissue.kappa"]
+    assert [c.name for c in error_sources_of(study, measured, names)] == ["onset p1", "fixed tissue.kappa"]
 
 
 @pytest.mark.parametrize(("ratio", "sd"), [(0.3, 0.1), (0.48, 0.02 / 0.48), (-0.98, 0.02 / 0.98)])
@@ -176,7 +182,7 @@ def test_a_fixed_parameter_stays_physical_within_its_usual_error(ended, ratio, s
         region="tissue", material=material, searched=material.parameters[:1], fixed={"nu": ratio}
     )
     study = replace(study, space=ParameterSpace(regions=(region,)))
-    sds = {cause.of: cause.sd for cause in causes_of(study, measured, ["tissue.E"])}
+    sds = {cause.of: cause.sd for cause in error_sources_of(study, measured, ["tissue.E"])}
     assert sds["tissue.nu"] == pytest.approx(sd)
 
 
@@ -184,10 +190,10 @@ def test_the_onset_is_as_uncertain_as_the_loader_found_it(ended):
     study, measured, *_ = ended()
     files = {"a": {"uncertainty": {"depth_mm": 0.03}}, "b": {"uncertainty": {"depth_mm": 0.04}}}
     logged = {"p1": replace(measured["p1"], record={"files": files})}
-    sds = {c.kind: c.sd for c in causes_of(study, logged, [])}
+    sds = {c.kind: c.sd for c in error_sources_of(study, logged, [])}
     assert sds["onset"] == pytest.approx(np.hypot(0.03, 0.04) / np.sqrt(2.0))
     stated = replace(study, budget=BudgetTable.model_validate({"onset": "0.2 mm"}))
-    assert {c.kind: c.sd for c in causes_of(stated, logged, [])}["onset"] == 0.2
+    assert {c.kind: c.sd for c in error_sources_of(stated, logged, [])}["onset"] == 0.2
 
 
 def test_the_drift_is_as_uncertain_as_the_loader_found_it(ended):
@@ -203,11 +209,11 @@ def test_the_drift_is_as_uncertain_as_the_loader_found_it(ended):
 
 def test_a_tilt_has_two_directions_at_each_spot(ended):
     study, measured, case, _ = ended(spots=("p1", "p2"), budget=BudgetTable.model_validate({"tilt": "2 deg"}))
-    tilts = [cause for cause in causes_of(study, measured, []) if cause.kind == "tilt"]
+    tilts = [cause for cause in error_sources_of(study, measured, []) if cause.kind == "tilt"]
     assert [cause.of for cause in tilts] == ["p1 x", "p1 y", "p2 x", "p2 y"]
     assert {cause.label for cause in tilts} == {"tilt"}
     problem = case.end.problem
-    both = WithCauses(problem.parametrisation, tilts)
+    both = WithErrorSources(problem.parametrisation, tilts)
     values = dict(zip(problem.names, TRUTH.tolist(), strict=True))
     values |= {"tilt p1 x": 1.0, "tilt p1 y": -0.5, "tilt p2 x": 0.0, "tilt p2 y": 0.0}
     at = {spot: both.inputs(study.space, spot, study.protocol, values).protocol for spot in ("p1", "p2")}
@@ -218,8 +224,8 @@ def test_a_tilt_has_two_directions_at_each_spot(ended):
 def test_a_solver_without_slopes_has_the_same_causes_by_differences(ended, pressed):
     study, measured, case, _ = ended()
     plain = replace(study, solver=pressed.Pressed(pressed.PressedSettings(exact=False)))
-    causes = causes_of(study, measured, [])
-    assert causes_of(plain, measured, []) == causes
+    causes = error_sources_of(study, measured, [])
+    assert error_sources_of(plain, measured, []) == causes
     assert {"gain", "onset", "friction", "fixed"} == {c.kind for c in causes}
     exact = columns(case, *causes)
     simulate, stage = case.end.problem.simulate, pressed.Here(plain.solver)
@@ -232,7 +238,7 @@ def test_a_solver_without_slopes_has_the_same_causes_by_differences(ended, press
 @pytest.fixture
 def assessed(ended):
     study, measured, case, _ = ended(spots=("p1", "p2"))
-    return CertaintyStage(study=study, measured=measured).run([case])
+    return Assessment(study=study, measured=measured).run([case])
 
 
 def test_tables_have_a_row_of_each_parameter_with_its_causes(assessed):
@@ -258,7 +264,7 @@ def test_intervals_hold_the_truth(assessed):
 def test_most_likely_values_have_the_intervals_and_draws_of_their_own(ended):
     budget = BudgetTable.model_validate({"estimator": "gls", "friction": 0.3})
     study, measured, case, _ = ended(spots=("p1", "p2"), budget=budget)
-    found = CertaintyStage(study=study, measured=measured).run([case])
+    found = Assessment(study=study, measured=measured).run([case])
     row = {"fit": "all spots", "scenario": "I", "fopt": 0.1} | case.values()
     table = pl.DataFrame([row | {"spot": spot} for spot in study.spot_names])
     fit = FitResult(table=table, certainty=found)
@@ -278,7 +284,7 @@ def test_most_likely_values_have_the_intervals_and_draws_of_their_own(ended):
 
 def test_another_material_does_not_describe_the_data(ended):
     study, measured, case, _ = ended(NeoHookean(), ("E", "nu"), truth=np.array([0.08, 7.5]))
-    found = CertaintyStage(study=study, measured=measured).run([case])
+    found = Assessment(study=study, measured=measured).run([case])
     failed = found.adequacy.filter("failed")
     assert "discrepancy" in failed["check"].to_list()
     assert "more than the 2 % that the budget allows" in failed["message"][0]
@@ -291,13 +297,13 @@ def test_a_tissue_that_relaxes_fails_the_check_and_its_words_are_unclear(ended):
         channel="force", phase="dwell_1", duration_s=1.0, start_value=10.0, fall=1.2, fall_std=0.02
     )
     rested = {"p1": replace(measured["p1"], relaxations=[rest])}
-    found = CertaintyStage(study=study, measured=rested).run([case])
+    found = Assessment(study=study, measured=rested).run([case])
     row = found.adequacy.filter(check="relaxation").row(0, named=True)
     assert row["failed"]
     assert row["message"].endswith("% in 1 s; these are apparent moduli of this rate")
     assert set(found.intervals["identifiability"]) == {"unclear"}
     calm = {"p1": replace(measured["p1"], relaxations=[replace(rest, fall=0.01)])}
-    found = CertaintyStage(study=study, measured=calm).run([case])
+    found = Assessment(study=study, measured=calm).run([case])
     row = found.adequacy.filter(check="relaxation").row(0, named=True)
     assert (row["failed"], row["message"]) == (False, "")
     assert "unclear" not in set(found.intervals["identifiability"])
@@ -325,7 +331,7 @@ def test_filters_that_reject_all_that_describes_the_curves_leave_no_intervals_an
     study, measured, case, _ = ended()
     case.end.problem.study = replace(study, filters=(Crowded(),))
     notes = Notes()
-    found = CertaintyStage(study=study, measured=measured, progress=notes).run([case])
+    found = Assessment(study=study, measured=measured, progress=notes).run([case])
     assert found.intervals.is_empty()
     assert "filters reject all 1,024 values that describe the curves as well as the fit" in notes.texts[-1]
 
@@ -345,14 +351,14 @@ def test_where_slopes_fail_at_the_fit_there_are_no_intervals_and_no_error(ended)
         for each in simulate(jobs)
     ]
     notes = Notes()
-    found = CertaintyStage(study=study, measured=measured, progress=notes).run([case])
+    found = Assessment(study=study, measured=measured, progress=notes).run([case])
     assert found.intervals.is_empty()
     assert "no intervals: the error budget cannot be simulated" in notes.texts[-1]
 
 
 def test_where_the_tangent_is_singular_at_the_fit_intervals_are_those_of_differences(ended):
     study, measured, case, stage = ended()
-    exact = CertaintyStage(study=study, measured=measured).run([case]).intervals
+    exact = Assessment(study=study, measured=measured).run([case]).intervals
     simulate = stage.simulations.of
 
     def bare(simulation):
@@ -362,7 +368,7 @@ def test_where_the_tangent_is_singular_at_the_fit_intervals_are_those_of_differe
 
     case.end.problem.simulate = lambda jobs: [bare(each) for each in simulate(jobs)]
     case.end.trace.clear()
-    found = CertaintyStage(study=study, measured=measured).run([case])
+    found = Assessment(study=study, measured=measured).run([case])
     assert (found.budget["cause"] == "tissue.kappa").any()
     for end in ("lower", "upper"):
         np.testing.assert_allclose(found.intervals[end], exact[end], rtol=2e-3)
@@ -383,11 +389,11 @@ def failing_deeper_than(most_mm, spot, simulate):
 def test_a_cause_that_cannot_be_simulated_is_left_out_alone_and_leaves_the_words_unclear(ended):
     study, measured, _, stage = ended(spots=("p1", "p2"))
     cases = [case for case in stage._cases if case.scenario.name == "I"]
-    whole = CertaintyStage(study=study, measured=measured).run(cases)
+    whole = Assessment(study=study, measured=measured).run(cases)
     for case in cases:
         case.end.problem.simulate = failing_deeper_than(10.0, "p1", stage.simulations.of)
     notes = Notes()
-    found = CertaintyStage(study=study, measured=measured, progress=notes).run(cases)
+    found = Assessment(study=study, measured=measured, progress=notes).run(cases)
     assert notes.texts == ["warning: intervals are without the cause 'onset p1': p1: diverged: too deep"]
     lost = found.budget.filter(pl.col("status") != "included")
     assert set(lost["cause"]) == {"onset p1"}
@@ -415,7 +421,7 @@ def test_fewer_points_than_parameters_have_no_interval(ended):
     case.end.problem.terms = tuple(short)
     case.end.trace.clear()
     notes = Notes()
-    found = CertaintyStage(study=study, measured=measured, progress=notes).run([case])
+    found = Assessment(study=study, measured=measured, progress=notes).run([case])
     assert found.intervals.is_empty()
     assert "2 measured points for 2 parameters" in notes.texts[-1]
 

@@ -6,10 +6,10 @@ from hypothesis import given, strategies as st
 from scipy.stats import binom, chi2
 
 from palpate_certainty.adequacy import checks, misfits
-from palpate_certainty.curve_errors import estimate
-from palpate_certainty.directions import directions
 from palpate_certainty.laplace import Laplace, agreement, laplace
-from palpate_certainty.rows import Rows, grouped, groups_of
+from palpate_certainty.noise_model import estimate
+from palpate_certainty.parameter_combinations import parameter_combinations
+from palpate_certainty.residual_layout import ResidualLayout, grouped, groups_of
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -161,11 +161,11 @@ def test_intervals_of_a_linear_model_hold_the_truth_as_often_as_they_say():
 
 
 def press(n_spots=1, n=25):
-    """Rows of a force and a twist at some spots, and slopes of three parameters."""
+    """Layout of a force and a twist at some spots, and slopes of three parameters."""
     x, turn = np.linspace(0.04, 1.0, n), np.concatenate([np.linspace(0, 1, n), np.linspace(1, -1, n)[1:]])
     shape = [x**2, np.sin(turn)]
     size = np.concatenate([x**2, np.maximum.accumulate(np.abs(shape[1]))])
-    rows = Rows(
+    rows = ResidualLayout(
         spot=np.repeat(np.arange(n_spots), size.size),
         site=np.repeat(np.arange(n_spots), size.size),
         channel=np.tile(np.repeat([0, 1], [x.size, turn.size]), n_spots),
@@ -314,7 +314,7 @@ def test_the_best_known_direction_is_the_product_that_the_curves_show():
     values, rates = np.array([2.0, 8.0]), np.array([1.0, 1.0])
     seen = np.array([1.0 / values[0], 0.5 / values[1]])
     covariance = np.linalg.inv(1e6 * np.outer(seen, seen) + np.eye(2))
-    best, worst = directions(("a", "b"), values, rates, covariance)
+    best, worst = parameter_combinations(("a", "b"), values, rates, covariance)
     assert best.text in ("a · b^0.5", "a^2 · b")
     assert best.relative_width < 0.01 < worst.relative_width
 
@@ -323,6 +323,6 @@ def test_the_best_known_direction_is_the_product_that_the_curves_show():
 def test_directions_come_by_how_well_they_are_known(seed):
     rng = np.random.default_rng(seed)
     root = rng.normal(size=(3, 3))
-    found = directions(("a", "b", "c"), np.ones(3), np.ones(3), root @ root.T + 1e-6 * np.eye(3))
+    found = parameter_combinations(("a", "b", "c"), np.ones(3), np.ones(3), root @ root.T + 1e-6 * np.eye(3))
     assert len(found) == 3
     assert found[0].relative_width <= found[-1].relative_width * 3.0

@@ -5,12 +5,12 @@ import pytest
 from scipy.stats import norm
 
 from palpate.domain import Scenario
+from palpate_certainty.assessment import Assessment
 from palpate_certainty.posterior import Draws, draw
-from palpate_certainty.posterior_stage import PRECISE, PosteriorStage
+from palpate_certainty.posterior_sampling import PRECISE, PosteriorSampling
 from palpate_certainty.posterior_tables import posterior_result
 from palpate_certainty.profiles import RISE, best_point, profile, refitted
-from palpate_certainty.ribbons import sobol_indices
-from palpate_certainty.stage import CertaintyStage
+from palpate_certainty.sobol_indices import sobol_indices
 from palpate_materials.uncoupled import Ogden
 
 SCENARIOS = tuple(
@@ -111,8 +111,8 @@ def sampled(pressed, stage_of):
     measured = {"p1": pressed.measured_at(study, [0.08, 4.0], 0.004, 1)}
     stage = stage_of(study, measured)
     cases = stage.run()
-    assessed = CertaintyStage(study=study, measured=measured).assessed(cases)
-    return study, PosteriorStage(study=study, design=stage.design, swept=()).run(cases, assessed)
+    assessed = Assessment(study=study, measured=measured).assessed(cases)
+    return study, PosteriorSampling(study=study, design=stage.design, swept=()).run(cases, assessed)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from palpate.domain import Curve
 from palpate.fit.spot_term import Correction
 from palpate_certainty.laplace import Laplace, laplace
-from palpate_certainty.rows import Rows
+from palpate_certainty.residual_layout import ResidualLayout
 from palpate_planning.information import ErrorSizes, FoptInformation, press_information
 from palpate_planning.narrowing import Expected
 from palpate_planning.presses import _as_of
@@ -24,7 +24,7 @@ ERRORS = ErrorSizes(
 def _press(rng, n=24, span=1.0):
     """Slopes, rows and causes of a press with two channels of n points each."""
     slopes = rng.normal(size=(2 * n, 3)) + np.linspace(0.0, 3.0, 2 * n)[:, None]
-    rows = Rows(
+    rows = ResidualLayout(
         spot=np.zeros(2 * n, dtype=int),
         site=np.zeros(2 * n, dtype=int),
         channel=np.repeat([0, 1], n),
@@ -91,7 +91,7 @@ def _of_joint_fit(presses, sites, is_gls):
     joined = {name: np.concatenate([getattr(each, name) for each in rows]) for name in names}
     number = np.repeat(np.arange(len(presses)), [len(press[0]) for press in presses])
     place = np.array([sorted(set(sites)).index(site) for site in sites])[number]
-    together = Rows(spot=number, site=place, **joined)
+    together = ResidualLayout(spot=number, site=place, **joined)
     covariance = np.zeros((len(slopes),) * 2)
     for i, channel in enumerate(("force", "torque")):
         for (points, length), probability in ERRORS.correlations.items():

@@ -8,7 +8,7 @@ from scipy.linalg import null_space
 from scipy.stats import chi2, norm
 
 from palpate.api import FloatArray
-from palpate_certainty.rows import Rows
+from palpate_certainty.residual_layout import ResidualLayout
 
 RARE = 1e-3
 """Probability under which residuals do not happen to a good model."""
@@ -69,7 +69,7 @@ def misfits(
     jacobian: FloatArray,
     covariance: FloatArray,
     known: FloatArray,
-    rows: Rows,
+    rows: ResidualLayout,
     groups: FloatArray,
 ) -> dict[int, Misfit]:
     """Largest difference of each channel, by its number.
@@ -86,10 +86,10 @@ def misfits(
         Of averaged residuals, by all causes.
     known : (n, m) array
         What the known causes make of averaged residuals, one standard deviation each.
-    rows : Rows
+    rows : ResidualLayout
         Where each of the ``n_points`` is.
     groups : (n, n_points) array
-        As :func:`palpate_certainty.rows.groups_of` returns them.
+        As :func:`palpate_certainty.residual_layout.groups_of` returns them.
     """
     averaged, free = groups @ residuals, null_space(jacobian.T)
     within = free.T @ covariance @ free
@@ -126,7 +126,7 @@ def checks(
     residuals: FloatArray,
     jacobian: FloatArray,
     covariance: FloatArray,
-    rows: Rows,
+    rows: ResidualLayout,
     found: Mapping[int, Misfit],
     expected: float,
     in_ranges: float,
@@ -140,7 +140,7 @@ def checks(
     jacobian : (n, n_parameters) array
     covariance : (n, n) array
         Of the residuals, as the budget and the estimated noise and discrepancy have them.
-    rows : Rows
+    rows : ResidualLayout
     found : mapping of channel number to Misfit
     expected : float
         Discrepancy of a good model, over the peak.
@@ -161,7 +161,9 @@ def checks(
         yield Check(name="estimators", channel=-1, probability=agreement, is_failed=agreement < RARE)
 
 
-def _spots(residuals: FloatArray, jacobian: FloatArray, covariance: FloatArray, rows: Rows) -> float:
+def _spots(
+    residuals: FloatArray, jacobian: FloatArray, covariance: FloatArray, rows: ResidualLayout
+) -> float:
     """Probability of spots that ask for parameters so far from the joint ones (χ² of their scores)."""
     spots = [spot for spot in np.unique(rows.spot) if spot >= 0]
     scores = np.concatenate(

@@ -7,9 +7,9 @@ import numpy as np
 import polars as pl
 
 from palpate.api.fit import PosteriorResult
-from palpate_certainty.planes import planes
-from palpate_certainty.posterior_stage import Posterior, Sampled
-from palpate_certainty.ribbons import sobol_indices
+from palpate_certainty.posterior_sampling import Posterior, Sampled
+from palpate_certainty.profile_planes import planes
+from palpate_certainty.sobol_indices import sobol_indices
 
 N_KEPT = 1000
 """Draws of each scenario in the table."""

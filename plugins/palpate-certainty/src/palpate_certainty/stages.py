@@ -15,11 +15,11 @@ from palpate.api.fit import (
     refinement,
 )
 from palpate.api.runs import Files, Study, at_measured, mesh_note, size_at_contact
+from palpate_certainty.assessment import Assessment
 from palpate_certainty.identifiability import assess_identifiability
 from palpate_certainty.mesh_error import SpotMesh, noted_errors
-from palpate_certainty.posterior_stage import PosteriorStage
+from palpate_certainty.posterior_sampling import PosteriorSampling
 from palpate_certainty.posterior_tables import posterior_result
-from palpate_certainty.stage import CertaintyStage
 from palpate_certainty.tables import Assessed, certainty_result
 
 
@@ -53,7 +53,7 @@ class Intervals(Stage):
         if isinstance(inputs.study.search, BestSet):
             return {}
         cases = cases_of(inputs)
-        stage = certainty_stage(inputs, cases)
+        stage = assessment_of(inputs, cases)
         assessed = stage.assessed(cases)
         planes = stage.planes(assessed, inputs.design, inputs.swept())
         found = replace(certainty_result(assessed, inputs.study), planes=planes)
@@ -87,8 +87,8 @@ class Posteriors(Stage):
                 "are around the most likely values; leave [budget] estimator out to draw posteriors"
             )
         cases = cases_of(inputs)
-        assessed = certainty_stage(inputs, cases).assessed(cases)
-        stage = PosteriorStage(study=study, design=inputs.design, swept=inputs.swept(), progress=progress)
+        assessed = assessment_of(inputs, cases).assessed(cases)
+        stage = PosteriorSampling(study=study, design=inputs.design, swept=inputs.swept(), progress=progress)
         if (sampled := stage.run(cases, assessed)) is None:
             raise no_intervals(inputs)
         found = posterior_result(sampled, study.seed)
@@ -136,9 +136,9 @@ class Identifiability(Stage):
         return {each.name: getattr(found, each.name) for each in fields(IdentifiabilityResult)}
 
 
-def certainty_stage(inputs: Run, cases: Sequence[Case]) -> CertaintyStage:
+def assessment_of(inputs: Run, cases: Sequence[Case]) -> Assessment:
     """What assesses the cases of a run."""
-    return CertaintyStage(
+    return Assessment(
         study=inputs.study,
         measured=inputs.measured,
         meshes=_meshes(inputs, is_refined=any(case.n_fine for case in cases)),
@@ -146,7 +146,7 @@ def certainty_stage(inputs: Run, cases: Sequence[Case]) -> CertaintyStage:
     )
 
 
-def joint_assessed(inputs: Run) -> tuple[CertaintyStage, Assessed]:
+def joint_assessed(inputs: Run) -> tuple[Assessment, Assessed]:
     """Certainty of the joint fit of a run, for stages that go on from it.
 
     Raises
@@ -155,7 +155,7 @@ def joint_assessed(inputs: Run) -> tuple[CertaintyStage, Assessed]:
         There is no joint fit with intervals.
     """
     cases = cases_of(inputs)
-    stage = certainty_stage(inputs, cases)
+    stage = assessment_of(inputs, cases)
     if (assessed := next(iter(stage.assessed(cases, joint_only=True)), None)) is None:
         raise no_intervals(inputs)
     return stage, assessed

@@ -11,10 +11,10 @@ from palpate.api import FloatArray
 from palpate.api.fit import INCLUDED, UNCLEAR, Case, CertaintyResult, Fit, Problem, SpotTerm, pieces, word_of
 from palpate.api.runs import Study
 from palpate_certainty.adequacy import ALLOWED, Check, Misfit
-from palpate_certainty.curve_errors import CurveErrors
-from palpate_certainty.directions import directions
-from palpate_certainty.known_errors import MESH
+from palpate_certainty.error_budget import MESH
 from palpate_certainty.laplace import Density, Laplace
+from palpate_certainty.noise_model import NoiseModel
+from palpate_certainty.parameter_combinations import parameter_combinations
 
 N_DRAWS = 200
 """Draws from the density of a fit that are kept."""
@@ -38,7 +38,7 @@ class Assessed:
         By all causes, within the ranges and the filters.
     white : (m, n) array
         From the residuals to independent ones of variance 1, by all causes.
-    errors : CurveErrors
+    errors : NoiseModel
     misfits : mapping of channel number to Misfit
     checks : tuple of Check
     channels : tuple of str
@@ -57,7 +57,7 @@ class Assessed:
     noise_only: Laplace
     density: Density
     white: FloatArray
-    errors: CurveErrors
+    errors: NoiseModel
     misfits: Mapping[int, Misfit]
     checks: tuple[Check, ...]
     channels: tuple[str, ...]
@@ -153,7 +153,7 @@ def _budget(each: Assessed) -> Iterator[dict[str, Any]]:
 
 def _directions(each: Assessed) -> Iterator[dict[str, Any]]:
     box, width = each.end.problem.box, each.end.problem.box.upper - each.end.problem.box.lower
-    for found in directions(box.names, each.values, width, each.laplace.covariance):
+    for found in parameter_combinations(box.names, each.values, width, each.laplace.covariance):
         yield _about(each) | {
             "combination": found.text,
             "relative_width": found.relative_width,

@@ -19,7 +19,7 @@ from scipy.linalg import solve_triangular
 from typing_extensions import override
 
 from palpate.api import FloatArray
-from palpate_certainty.rows import COMMON, Rows, matern
+from palpate_certainty.residual_layout import COMMON, ResidualLayout, matern
 
 SPACING = 0.1
 """Distance, in correlation lengths, of the places on a path between which a discrepancy is interpolated."""
@@ -41,7 +41,7 @@ class ErrorSizes:
         Standard deviations.
     correlations : mapping of (points, length) to float
         Probability of each pair of correlation lengths, as in
-        :class:`~palpate_certainty.curve_errors.CurveErrors`.
+        :class:`~palpate_certainty.noise_model.NoiseModel`.
     usual : float
         Both of a channel that no press has shown so far.
     """
@@ -219,7 +219,7 @@ def _divided(root: FloatArray, columns: FloatArray) -> FloatArray:
 def press_information(
     slopes: FloatArray,
     free: FloatArray,
-    rows: Rows,
+    rows: ResidualLayout,
     known: Mapping[str, FloatArray],
     errors: ErrorSizes,
     *,
@@ -235,7 +235,7 @@ def press_information(
         Of the residuals, per range of each parameter.
     free : (n, m) array
         Slopes in what is fitted to this press alone, such as its onset.
-    rows : Rows
+    rows : ResidualLayout
         Where each residual is on the curves.
     known : mapping of name to (n,) array
         What one standard deviation of each cause adds to the residuals.
@@ -272,7 +272,7 @@ def _without(free: FloatArray, columns: FloatArray) -> FloatArray:
     return left
 
 
-def _noise(rows: Rows, errors: ErrorSizes, channels: tuple[str, ...]) -> FloatArray:
+def _noise(rows: ResidualLayout, errors: ErrorSizes, channels: tuple[str, ...]) -> FloatArray:
     """Covariance (n, n) of the noise."""
     noise = np.zeros((rows.channel.size,) * 2)
     for number in rows.channels:
@@ -282,7 +282,9 @@ def _noise(rows: Rows, errors: ErrorSizes, channels: tuple[str, ...]) -> FloatAr
     return noise
 
 
-def _left_out(rows: Rows, errors: ErrorSizes, channels: tuple[str, ...], site: str) -> dict[str, FloatArray]:
+def _left_out(
+    rows: ResidualLayout, errors: ErrorSizes, channels: tuple[str, ...], site: str
+) -> dict[str, FloatArray]:
     """Independent columns (n, m) of the discrepancy: common to all presses, and of this site."""
     found = {}
     for number in rows.channels:

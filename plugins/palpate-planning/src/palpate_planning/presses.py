@@ -20,11 +20,11 @@ from palpate.api import (
 )
 from palpate.api.fit import Correction, Evaluation, Fit, Problem, SpotTerm, Trial, channel_of
 from palpate.api.runs import Study
-from palpate_certainty.causes import Columns, causes_of, columns_of
-from palpate_certainty.known_errors import known_errors
+from palpate_certainty.error_budget import error_budget
+from palpate_certainty.error_sources import Columns, columns_of, error_sources_of
 from palpate_certainty.laplace import Laplace
 from palpate_certainty.mesh_error import SpotMesh
-from palpate_certainty.rows import grouped, groups_of, path_of, rows_of
+from palpate_certainty.residual_layout import grouped, groups_of, layout_of, path_of
 from palpate_planning.candidates import PRESSURE
 from palpate_planning.extension import CandidatePress
 from palpate_planning.information import ErrorSizes, FisherInformation, press_information
@@ -304,7 +304,7 @@ def slopes_of(asked: Sequence[tuple[Problem, FloatArray]]) -> list[Evaluation]:
 
 def _columns(design: DesignProblem, problem: Problem, evaluation: Evaluation) -> Columns:
     measured = {term.spot: term.measured for term in problem.terms}
-    causes = causes_of(design.study, {**design.measured, **measured}, problem.names)
+    causes = error_sources_of(design.study, {**design.measured, **measured}, problem.names)
     here = [cause for cause in causes if any(cause.is_at(term.spot) for term in problem.terms)]
     channels = dict.fromkeys(name for response in measured.values() for name in response)
     fit = Fit(problem, evaluation.point, best=evaluation)
@@ -323,10 +323,10 @@ def _information(
     n = term.n_points
     box = problem.box
     slopes = (evaluation.jacobian * (box.upper - box.lower) / box.rates(evaluation.point))[:n]
-    rows, channels = rows_of([term], n)
+    rows, channels = layout_of([term], n)
     groups = groups_of(rows)
     measured = {**design.measured, term.spot: term.measured}
-    found = known_errors(design.study, measured, [term], evaluation.residuals[:n], columns, design.meshes)
+    found = error_budget(design.study, measured, [term], evaluation.residuals[:n], columns, design.meshes)
     known = {
         _shared_name(label, name, press): groups @ column
         for label, of_label in found.items()

@@ -20,7 +20,7 @@ from palpate.api.runs import (
     load_limbs,
     locked_run,
 )
-from palpate_certainty.causes import Columns
+from palpate_certainty.error_sources import Columns
 from palpate_certainty.laplace import Laplace
 from palpate_certainty.mesh_error import SpotMesh
 from palpate_certainty.stages import joint_assessed

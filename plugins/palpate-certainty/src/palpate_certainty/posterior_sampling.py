@@ -119,7 +119,7 @@ class Sampled:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PosteriorStage:
+class PosteriorSampling:
     """Draws the posteriors of the joint fits of a study.
 
     Parameters

@@ -7,15 +7,15 @@ import numpy as np
 from palpate.api import BoolArray, FloatArray, Response
 from palpate.api.fit import Correction, SpotTerm, channel_of, pieces
 from palpate.api.runs import Study
-from palpate_certainty.causes import Columns, drift_of
+from palpate_certainty.error_sources import Columns, drift_of
 from palpate_certainty.mesh_error import SpotMesh
-from palpate_certainty.rows import path_of
+from palpate_certainty.residual_layout import path_of
 
 MESH, ZERO = "mesh", "zero"
-"""Causes besides those of :mod:`~palpate_certainty.causes`."""
+"""Causes besides those of :mod:`~palpate_certainty.error_sources`."""
 
 
-def known_errors(
+def error_budget(
     study: Study,
     measured: Mapping[str, Response],
     terms: Sequence[SpotTerm],

@@ -52,7 +52,7 @@ Residuals = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Valley:
+class EmulatedObjective:
     """Fopt of a problem by emulated curves.
 
     Parameters
@@ -198,7 +198,11 @@ SCHEMA = {
 
 def _rows(each: Assessed, curves: EmulatedCurves) -> Iterator[dict[str, Any]]:
     assert each.end.best is not None
-    valley, box, best = Valley(problem=each.end.problem, curves=curves), each.end.problem.box, each.end.best
+    objective, box, best = (
+        EmulatedObjective(problem=each.end.problem, curves=curves),
+        each.end.problem.box,
+        each.end.best,
+    )
     about = {"fit": each.case.label, "scenario": each.case.scenario.name}
     sds = each.laplace.sd * (box.upper - box.lower) / box.rates(best.point)
     shared = [i for i, name in enumerate(box.names) if "@" not in name]
@@ -206,7 +210,7 @@ def _rows(each: Assessed, curves: EmulatedCurves) -> Iterator[dict[str, Any]]:
         axes = [_along(float(best.point[i]), float(sds[i])) for i in held]
         points = np.tile(best.point, (int(np.prod([axis.size for axis in axes])), 1))
         points[:, held] = np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=1)
-        fopts = valley.least(points, ~np.isin(np.arange(best.point.size), held))
+        fopts = objective.least(points, ~np.isin(np.arange(best.point.size), held))
         names = {"parameter": box.names[held[0]], "other": box.names[held[1]] if len(held) > 1 else None}
         for values, fopt in zip(box.values(points)[:, held].tolist(), fopts.tolist(), strict=True):
             other = values[1] if len(held) > 1 else None

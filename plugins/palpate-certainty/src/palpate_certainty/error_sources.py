@@ -30,7 +30,7 @@ Columns = Mapping[tuple[str, str], Mapping[str, FloatArray]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cause:
+class ErrorSource:
     """One thing that may be wrong.
 
     Parameters
@@ -65,7 +65,9 @@ class Cause:
         return self.of if self.kind == "fixed" else self.kind
 
 
-def causes_of(study: Study, measured: Mapping[str, Response], searched: Sequence[str]) -> list[Cause]:
+def error_sources_of(
+    study: Study, measured: Mapping[str, Response], searched: Sequence[str]
+) -> list[ErrorSource]:
     """Causes of a study's budget whose derivatives are those of simulated curves.
 
     Parameters
@@ -80,32 +82,32 @@ def causes_of(study: Study, measured: Mapping[str, Response], searched: Sequence
     return [each for each in _causes(study, measured) if each.sd > 0.0 and _value(each) not in heads]
 
 
-def _value(cause: Cause) -> str:
+def _value(cause: ErrorSource) -> str:
     """Name under which a fit would search what a cause varies."""
     names = {"onset": OFFSET, "gain": f"{GAIN}.{cause.of}", "friction": FRICTION, "fixed": cause.of}
     return names.get(cause.kind, cause.kind)
 
 
-def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[Cause]:
+def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[ErrorSource]:
     budget, protocol = study.budget, study.protocol
     for channel in dict.fromkeys(name for response in measured.values() for name in response):
-        yield Cause(kind="gain", of=channel, sd=budget.gain)
+        yield ErrorSource(kind="gain", of=channel, sd=budget.gain)
     if isinstance(protocol, Indentation):
         for spot, response in measured.items():
             onset = _onset_mm(response) if budget.onset is None else budget.onset
-            yield Cause(kind="onset", of=spot, sd=onset)
+            yield ErrorSource(kind="onset", of=spot, sd=onset)
             for axis in "xy":
-                yield Cause(kind="tilt", of=f"{spot} {axis}", sd=budget.tilt)
+                yield ErrorSource(kind="tilt", of=f"{spot} {axis}", sd=budget.tilt)
         sd = RELATIVE * protocol.friction if budget.friction is None else budget.friction
-        yield Cause(kind="friction", of="", sd=sd)
-        yield Cause(kind="indenter", of="", sd=budget.radius)
+        yield ErrorSource(kind="friction", of="", sd=sd)
+        yield ErrorSource(kind="indenter", of="", sd=budget.radius)
     searched = {p.name for p in study.space.parameters}
     for region in study.space.regions:
         room = region.room
         for parameter in region.material.parameters:
             if (name := f"{region.region}.{parameter.name}") not in searched:
                 possible = min(RELATIVE, room.get(parameter.name, np.inf))
-                yield Cause(kind="fixed", of=name, sd=budget.parameters.get(name, possible))
+                yield ErrorSource(kind="fixed", of=name, sd=budget.parameters.get(name, possible))
 
 
 def _onset_mm(response: Response) -> float:
@@ -127,12 +129,12 @@ def _found(response: Response, size: Callable[[Mapping[str, Any]], float], usual
     return float(np.sqrt(np.mean(np.square(found)))) if found else usual
 
 
-class WithCauses(Parametrisation):
+class WithErrorSources(Parametrisation):
     """What a study searches, and each cause as one more value around zero."""
 
     name, summary = "with_causes", "a study's parametrisation with the causes of its budget"
 
-    def __init__(self, base: Parametrisation, causes: Sequence[Cause]) -> None:
+    def __init__(self, base: Parametrisation, causes: Sequence[ErrorSource]) -> None:
         super().__init__()
         self.base, self.causes = base, tuple(causes)
 
@@ -159,7 +161,7 @@ class WithCauses(Parametrisation):
         return inputs
 
 
-def _changed(space: ParameterSpace, inputs: SpotInputs, cause: Cause, by: float) -> SpotInputs:
+def _changed(space: ParameterSpace, inputs: SpotInputs, cause: ErrorSource, by: float) -> SpotInputs:
     """Inputs with one cause other than they were by so much."""
     protocol = inputs.protocol
     if cause.kind == "gain":
@@ -186,15 +188,15 @@ def _changed(space: ParameterSpace, inputs: SpotInputs, cause: Cause, by: float)
 
 
 def columns_of(
-    fit: Fit, causes: Sequence[Cause], channels: Sequence[str]
-) -> tuple[Columns, dict[Cause, str]]:
+    fit: Fit, causes: Sequence[ErrorSource], channels: Sequence[str]
+) -> tuple[Columns, dict[ErrorSource, str]]:
     """What one standard deviation of each cause adds to the curves where a fit has ended.
 
     Parameters
     ----------
     fit : Fit
         Whose best evaluation is the point.
-    causes : sequence of Cause
+    causes : sequence of ErrorSource
     channels : sequence of str
         Those that any scenario weighs.
 
@@ -202,7 +204,7 @@ def columns_of(
     -------
     columns : Columns
         Of the causes whose derivatives could be simulated.
-    failures : mapping of Cause to str
+    failures : mapping of ErrorSource to str
         Why those of the others could not.
 
     Raises
@@ -213,7 +215,7 @@ def columns_of(
     assert fit.best is not None
     problem = fit.problem
     terms = [term.of_channels(channels) for term in problem.terms]
-    wider = problem.restated(terms, WithCauses(problem.parametrisation, causes))
+    wider = problem.restated(terms, WithErrorSources(problem.parametrisation, causes))
     point = np.concatenate([fit.best.point, np.full(len(causes), 0.5)])
     try:
         slopes, failed = wider.columns(point)

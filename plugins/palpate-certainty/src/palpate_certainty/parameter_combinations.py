@@ -14,7 +14,7 @@ LEAST_POWER = 0.15
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Direction:
+class ParameterCombination:
     """A combination of parameters that is known independently of the others.
 
     Parameters
@@ -29,9 +29,9 @@ class Direction:
     relative_width: float
 
 
-def directions(
+def parameter_combinations(
     names: Sequence[str], values: FloatArray, rates: FloatArray, covariance: FloatArray
-) -> list[Direction]:
+) -> list[ParameterCombination]:
     """Principal directions of a covariance, the best known first.
 
     Parameters
@@ -52,7 +52,7 @@ def directions(
         powers = np.where(np.abs(powers) < LEAST_POWER, 0.0, np.round(powers, 1))
         sd = float(np.sqrt(powers @ relative @ powers))
         width = 2.0 * float(norm.ppf(0.5 + LEVEL / 2.0)) * sd
-        found.append(Direction(text=_product(names, powers), relative_width=width))
+        found.append(ParameterCombination(text=_product(names, powers), relative_width=width))
     return found
 
 

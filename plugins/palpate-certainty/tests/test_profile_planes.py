@@ -7,10 +7,10 @@ from hypothesis import given, strategies as st
 from scipy.optimize import lsq_linear
 
 from palpate.domain import Scenario
+from palpate_certainty.assessment import Assessment
 from palpate_certainty.emulated_curves import EmulatedCurves, SimulatedCurves
 from palpate_certainty.gaussian_process import GaussianProcess
-from palpate_certainty.planes import KNOWN, N_EVEN, Valley, fitted
-from palpate_certainty.stage import CertaintyStage
+from palpate_certainty.profile_planes import KNOWN, N_EVEN, EmulatedObjective, fitted
 from palpate_materials.uncoupled import Ogden
 
 SCENARIOS = tuple(
@@ -61,7 +61,7 @@ def fit(pressed, stage_of):
     study = pressed.study_of(Ogden(), ("c1", "m1"), scenarios=SCENARIOS)
     measured = {"p1": pressed.measured_at(study, [0.08, 4.0], 0.004, 1)}
     stage = stage_of(study, measured)
-    certainty = CertaintyStage(study=study, measured=measured)
+    certainty = Assessment(study=study, measured=measured)
     cases = stage.run()
     assessed = certainty.assessed(cases)
     n_simulated = len(stage.simulations.known)
@@ -103,12 +103,14 @@ def test_less_is_known_far_from_all_runs_and_nothing_is_claimed_there(fit, monke
     simulated = SimulatedCurves(end.problem, ["force", "torque"])
     near = np.clip(end.best.point + 0.02 * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), 0.0, 1.0)
     curves = EmulatedCurves(simulated, simulated.runs(near, slopes=True))
-    valley = Valley(problem=end.problem, curves=curves)
+    objective = EmulatedObjective(problem=end.problem, curves=curves)
     points = np.stack([end.best.point, [1.0, 1.0]])
-    near, far = valley.unknown(points)
+    near, far = objective.unknown(points)
     assert far > 1e3 * near
     monkeypatch.setattr(
-        Valley, "unknown", lambda self, at: [0.0, 2.0 * KNOWN] * (valley.residuals(at) ** 2).sum(axis=1)
+        EmulatedObjective,
+        "unknown",
+        lambda self, at: [0.0, 2.0 * KNOWN] * (objective.residuals(at) ** 2).sum(axis=1),
     )
-    known = np.isfinite(valley.least(points, np.zeros(2, dtype=bool)))
+    known = np.isfinite(objective.least(points, np.zeros(2, dtype=bool)))
     np.testing.assert_array_equal(known, [True, False])

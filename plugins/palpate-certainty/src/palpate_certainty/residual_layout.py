@@ -19,7 +19,7 @@ MOST_ROWS = 64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Rows:
+class ResidualLayout:
     """Where each residual is on the measured curves.
 
     Parameters
@@ -89,7 +89,7 @@ def path_of(abscissa: FloatArray) -> FloatArray:
     return path
 
 
-def rows_of(terms: Sequence[SpotTerm], n: int) -> tuple[Rows, tuple[str, ...]]:
+def layout_of(terms: Sequence[SpotTerm], n: int) -> tuple[ResidualLayout, tuple[str, ...]]:
     """Where each of ``n`` residuals is, those of priors last; and the names of the channels."""
     channels = tuple(dict.fromkeys(channel_of(name) for term in terms for name in term.weights))
     spots, sites = [term.spot for term in terms], [term.site for term in terms]
@@ -104,10 +104,10 @@ def rows_of(terms: Sequence[SpotTerm], n: int) -> tuple[Rows, tuple[str, ...]]:
         found["path"][at] = path_of(curve.abscissa)[inside]
         found["scale"][at] = (scale * size.max())[inside]
         found["envelope"][at] = (scale * np.maximum.accumulate(size))[inside]
-    return Rows(spot=spot, site=site, channel=channel, **found), channels
+    return ResidualLayout(spot=spot, site=site, channel=channel, **found), channels
 
 
-def groups_of(rows: Rows) -> FloatArray:
+def groups_of(rows: ResidualLayout) -> FloatArray:
     """Average neighbours on long curves: (n_groups, n), with orthonormal rows."""
     n = rows.spot.size
     number, last = np.arange(n), 0
@@ -121,7 +121,7 @@ def groups_of(rows: Rows) -> FloatArray:
     return averaged
 
 
-def grouped(rows: Rows, groups: FloatArray) -> Rows:
+def grouped(rows: ResidualLayout, groups: FloatArray) -> ResidualLayout:
     """Where averages are, of groups as :func:`groups_of` returns them."""
     first = np.argmax(groups > 0.0, axis=1)
     share = groups**2

@@ -12,24 +12,24 @@ from palpate.api.executors import StoppedError
 from palpate.api.fit import Case, CertaintyResult, Fit, channel_of
 from palpate.api.runs import Study, relaxation_of
 from palpate_certainty.adequacy import Check, checks, misfits
-from palpate_certainty.causes import Cause, Columns, causes_of, columns_of
-from palpate_certainty.curve_errors import estimate
-from palpate_certainty.known_errors import known_errors
+from palpate_certainty.error_budget import error_budget
+from palpate_certainty.error_sources import Columns, ErrorSource, columns_of, error_sources_of
 from palpate_certainty.laplace import RANGE, agreement, laplace
 from palpate_certainty.likelihood import whitening
 from palpate_certainty.mesh_error import SpotMesh, is_stated
-from palpate_certainty.planes import planes_of_fits
-from palpate_certainty.rows import Rows, grouped, groups_of, rows_of
+from palpate_certainty.noise_model import estimate
+from palpate_certainty.profile_planes import planes_of_fits
+from palpate_certainty.residual_layout import ResidualLayout, grouped, groups_of, layout_of
 from palpate_certainty.tables import Assessed, certainty_result, density_of
 
 NOISE, DISCREPANCY, PRIORS = "noise", "model", "priors"
-"""Causes besides those of :mod:`~palpate_certainty.causes` and :mod:`~palpate_certainty.known_errors`."""
+"""Error sources besides those of :mod:`~palpate_certainty.error_budget`."""
 
-NONE: Mapping[Cause, str] = MappingProxyType({})
+NONE: Mapping[ErrorSource, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CertaintyStage:
+class Assessment:
     """Assesses the fits of a study.
 
     Parameters
@@ -81,7 +81,7 @@ class CertaintyStage:
             self.progress.note(f"warning: no contours of Fopt: {error}")
             return pl.DataFrame()
 
-    def _assessed(self, case: Case, columns: Columns, failures: Mapping[Cause, str]) -> Assessed | None:
+    def _assessed(self, case: Case, columns: Columns, failures: Mapping[ErrorSource, str]) -> Assessed | None:
         try:
             return self.assess(case, columns, failures)
         except StoppedError:
@@ -91,10 +91,10 @@ class CertaintyStage:
             self.progress.note(f"warning: no intervals for {where}: {error}")
             return None
 
-    def columns(self, case: Case) -> tuple[Columns, dict[Cause, str]]:
+    def columns(self, case: Case) -> tuple[Columns, dict[ErrorSource, str]]:
         """What one standard deviation of each cause adds to each curve, and why some have no derivative."""
         assert case.end is not None
-        causes = causes_of(self.study, self.measured, [p.name for p in case.end.problem.parameters])
+        causes = error_sources_of(self.study, self.measured, [p.name for p in case.end.problem.parameters])
         weighed = {channel_of(name) for each in self.study.scenarios for name in each.weighed}
         found = dict.fromkeys(name for response in self.measured.values() for name in response)
         columns, failures = columns_of(case.end, causes, [name for name in found if name in weighed])
@@ -102,7 +102,7 @@ class CertaintyStage:
             self.progress.note(f"warning: intervals are without the cause '{cause.name}': {why}")
         return columns, failures
 
-    def assess(self, case: Case, columns: Columns, failures: Mapping[Cause, str] = NONE) -> Assessed:
+    def assess(self, case: Case, columns: Columns, failures: Mapping[ErrorSource, str] = NONE) -> Assessed:
         """Estimate noise and discrepancy of a case, and its covariance.
 
         Parameters
@@ -110,14 +110,14 @@ class CertaintyStage:
         case : Case
         columns : Columns
             Of the causes that could be simulated.
-        failures : mapping of Cause to str
+        failures : mapping of ErrorSource to str
             Why the others could not.
         """
         end = case.end
         assert end is not None
         assert end.best is not None
         residuals, jacobian, point = _at_end(end)
-        rows, channels = rows_of(end.problem.terms, residuals.size)
+        rows, channels = layout_of(end.problem.terms, residuals.size)
         known = self._known(end, residuals, rows, columns)
         groups = groups_of(rows)
         of_points, points = residuals, rows
@@ -185,9 +185,11 @@ class CertaintyStage:
                 message=found.sentence,
             )
 
-    def _known(self, end: Fit, residuals: FloatArray, rows: Rows, columns: Columns) -> dict[str, FloatArray]:
+    def _known(
+        self, end: Fit, residuals: FloatArray, rows: ResidualLayout, columns: Columns
+    ) -> dict[str, FloatArray]:
         """What each known cause makes of the residuals: (n, m), one standard deviation each."""
-        found = known_errors(self.study, self.measured, end.problem.terms, residuals, columns, self.meshes)
+        found = error_budget(self.study, self.measured, end.problem.terms, residuals, columns, self.meshes)
         known = {
             label: np.stack(list(columns.values()), axis=1)
             for label, columns in found.items()

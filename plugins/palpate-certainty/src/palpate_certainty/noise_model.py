@@ -16,7 +16,7 @@ from scipy.linalg.lapack import dposv, dpotri
 from scipy.optimize import minimize
 
 from palpate.api import FloatArray
-from palpate_certainty.rows import Rows
+from palpate_certainty.residual_layout import ResidualLayout
 
 POINTS = (0.0, 1.0, 2.0, 4.0)
 """Correlation lengths of the noise that are tried, in measured points."""
@@ -35,7 +35,7 @@ SIZES = np.geomspace(0.02, 30.0, 25)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CurveErrors:
+class NoiseModel:
     """Noise and discrepancy of each channel, averaged over what the residuals leave open.
 
     Parameters
@@ -71,10 +71,10 @@ def estimate(
     residuals: FloatArray,
     jacobian: FloatArray,
     known: FloatArray,
-    rows: Rows,
+    rows: ResidualLayout,
     *,
     expected: float,
-) -> CurveErrors:
+) -> NoiseModel:
     """Estimate noise and discrepancy from the residuals of a fit.
 
     Parameters
@@ -83,7 +83,7 @@ def estimate(
     jacobian : (n, n_parameters) array
     known : (n, m) array
         What the known causes make of the residuals, one standard deviation each.
-    rows : Rows
+    rows : ResidualLayout
     expected : float
         Discrepancy that models usually have, over the largest ordinate.
     """
@@ -107,7 +107,7 @@ def estimate(
         sizes += weight * squares
     sizes = np.sqrt(sizes)
     likely = {mode.lengths: float(w) for w, mode in zip(weights, modes, strict=True) if w >= 0.02}
-    return CurveErrors(
+    return NoiseModel(
         noise=dict(zip(channels, sizes[:k].tolist(), strict=True)),
         discrepancy=dict(zip(channels, sizes[k:].tolist(), strict=True)),
         noise_covariance=noise,
@@ -122,7 +122,7 @@ def _sum(squares: FloatArray, covariances: Sequence[FloatArray]) -> FloatArray:
 
 
 def _modes(
-    residuals: FloatArray, projection: FloatArray, known: FloatArray, rows: Rows, expected: float
+    residuals: FloatArray, projection: FloatArray, known: FloatArray, rows: ResidualLayout, expected: float
 ) -> Iterator[_Mode]:
     channels = rows.channels
     fixed = projection.T @ known
@@ -143,7 +143,7 @@ def _modes(
         yield _Mode((points, length), noises[points], others[length], likelihood, squares, value)
 
 
-def _seen(residuals: FloatArray, rows: Rows, channel: int) -> float:
+def _seen(residuals: FloatArray, rows: ResidualLayout, channel: int) -> float:
     """Size of the discrepancy of a channel, if all of its residuals were that."""
     inside = rows.channel == channel
     return float(np.linalg.norm(residuals[inside]) / np.linalg.norm(rows.envelope[inside]))
