@@ -9,6 +9,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
+import palpate_certainty
 from palpate.cli.app import COMMANDS, STAGES
 from palpate.cli.listing import name_of
 from palpate.cli.output import OUTPUTS, VERSION, schema
@@ -19,6 +20,7 @@ from .conftest import Call
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
+OF_CERTAINTY = {stage.name: stage for stage in palpate_certainty.palpate_stages()}
 OF_REPORT = {"report": ReportOutput, "compare": CompareOutput}
 CORE_STAGES = {stage.name: stage for stage in core_stages.STAGES}
 
@@ -27,7 +29,7 @@ PUBLISHED = {1: "7d784a0eff4752b7", 2: "0546410e5aeb8c1d", 3: "afb13a66dfa9c038"
 
 
 def valid(command: str, value: object) -> object:
-    validator = jsonschema.Draft202012Validator(schema(command, CORE_STAGES, OF_REPORT))
+    validator = jsonschema.Draft202012Validator(schema(command, CORE_STAGES | OF_CERTAINTY, OF_REPORT))
     validator.check_schema(validator.schema)
     validator.validate(value)
     return value

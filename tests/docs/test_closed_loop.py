@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+import palpate_certainty
 import palpate_materials
 from palpate.plugins.registry import load_file
 from palpate.testing.studies import StudyRunner
@@ -18,6 +19,7 @@ def test_loop_ends_when_it_is_sure_or_has_pressed_enough(
 ):
     study, plugins = StudyRunner(tmp_path).study(
         palpate_materials,
+        palpate_certainty,
         region=soft_region,
         sampling={"n_sets": 0},
         fit={"search": "least_squares"},
