@@ -11,9 +11,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 
-SPARED = {"SharedPath", "SharedPath.gradient", "SparseFactor.precondition"}
+SPARED = {"SharedPath", "SharedPath.gradient", "SparseFactor.precondition", "nmse"}
 """What Measured.along makes; what searches by slopes will call; and one application of a factor, whose laws
-are tested by it.
+are tested by it; and what scores of plugins call.
 """
 
 

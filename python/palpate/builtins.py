@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from palpate.plugins.interfaces import Sampler
     from palpate.plugins.motion import Motion
     from palpate.plugins.parametrisation import Parametrisation
+    from palpate.plugins.score import Score
     from palpate.plugins.search import Search
     from palpate.stages.stage import Stage
 
@@ -36,6 +37,14 @@ def palpate_samplers() -> "list[type[Sampler]]":
     from palpate.sampling.samplers import LatinHypercube, OptimisedLatinHypercube, Sobol
 
     return [LatinHypercube, OptimisedLatinHypercube, Sobol]
+
+
+@hookimpl
+def palpate_scores() -> "list[type[Score]]":
+    """Provide the score of the paper."""
+    from palpate.plugins.score import Nmse
+
+    return [Nmse]
 
 
 @hookimpl

@@ -18,7 +18,6 @@ from palpate.domain import (
     RegionMaterial,
     Response,
     Scenario,
-    ScoringRules,
     Simulation,
     Status,
 )
@@ -29,6 +28,7 @@ from palpate.fit.problem import Problem
 from palpate.fit.spot_term import term_of
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
+from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
 from palpate.scoring.scores import score
 from palpate.scoring.selection import objectives
 
@@ -147,7 +147,9 @@ def test_the_squares_sum_to_the_fopt_of_the_scores(
     seed, values, spots, scenario, normaliser, weighting, reach, is_partial
 ):
     rules = ScoringRules(
-        normaliser=normaliser, point_weighting=weighting, minimum_coverage=0.4, rank_partial=is_partial
+        score=Nmse(NmseSettings(normaliser=normaliser, point_weighting=weighting)),
+        minimum_coverage=0.4,
+        rank_partial=is_partial,
     )
     solver = solver_of(seed, reach=reach, status=Status.DIVERGED if is_partial else Status.OK)
     responses = measured(seed, spots)

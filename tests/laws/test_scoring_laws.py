@@ -3,7 +3,8 @@
 import numpy as np
 from hypothesis import given, strategies as st
 
-from palpate.domain import Curve, Job, Normaliser, Response, Scenario, ScoringRules, Simulation, Status
+from palpate.domain import Curve, Job, Normaliser, Response, Scenario, Simulation, Status
+from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
 from palpate.scoring.scores import score
 
 SCALED = [n for n in Normaliser if n is not Normaliser.UNIT]
@@ -30,7 +31,7 @@ def scored(pairs, measured, normaliser=Normaliser.RMS, scenarios=()):
         for i, (x, y) in enumerate(pairs)
     ]
     experiment = {"p": Response(curves={"t": Curve(channel="t", abscissa=measured[0], ordinate=measured[1])})}
-    rules = ScoringRules(normaliser=normaliser, minimum_coverage=0.9)
+    rules = ScoringRules(score=Nmse(NmseSettings(normaliser=normaliser)), minimum_coverage=0.9)
     return score(simulations, experiment, rules, scenarios)
 
 

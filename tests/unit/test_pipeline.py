@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from palpate.domain import Normaliser, Response, ScoringRules, Status
+from palpate.domain import Normaliser, Response, Status
 from palpate.errors import (
     CurveError,
     NothingSelectableError,
@@ -19,6 +19,7 @@ from palpate.errors import (
     StudyError,
 )
 from palpate.fit.least_squares import LeastSquares
+from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
 from palpate.run.directory import RunDirectory, file_name
 from palpate.run.ledger import Ledger
 from palpate.stages import pipeline
@@ -173,7 +174,7 @@ def test_a_design_of_other_parameters_is_refused(make_study, plugins, tmp_path, 
 @pytest.mark.parametrize(
     ("changes", "error"),
     [
-        ({"scoring": ScoringRules(normaliser=Normaliser.MEAN)}, ScoringError),
+        ({"scoring": ScoringRules(score=Nmse(NmseSettings(normaliser=Normaliser.MEAN)))}, ScoringError),
         ({"n_sets": -1}, PalpateError),
         ({"scoring": ScoringRules(minimum_coverage=1.0), "spots": "short"}, CurveError),
     ],

@@ -15,6 +15,8 @@ from palpate.fit.parametrisation import StandardParametrisation, StandardSetting
 from palpate.fit.spot_term import Correction, is_along_slopes, is_same_job, pieces
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.interfaces import SetFilter
+from palpate.plugins.score import Score, ScoringRules
+from palpate.plugins.search import Trial
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
 from palpate.run.result import FitResult, PosteriorResult
@@ -30,8 +32,10 @@ from palpate_certainty.error_sources import (
     drift_of,
     error_sources_of,
 )
+from palpate_certainty.emulated_curves import ScenarioDensity, SimulatedCurves
 from palpate_certainty.mesh_error import SpotMesh, noted_errors
 from palpate_certainty.stages import Posteriors
+from palpate_certainty.tables import certainty_result
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Ogden
 from palpate_prediction.bands import draws_of
@@ -318,6 +322,66 @@ class Notes:
 
     def __getattr__(self, name):
         return getattr(SILENT, name)
+
+
+class Logarithm(Score):
+    """Errors relative to each ordinate, from a tenth of the largest one on."""
+
+    name, summary = "logarithm", "logarithm of simulated over measured"
+
+    def weights(self, measured):
+        y = np.abs(measured.ordinate)
+        return (y > 0.1 * y.max()).astype(float)
+
+    def residuals(self, measured, simulated, used):
+        least = 1e-3 * np.abs(measured.ordinate).max()
+        here, there = (np.maximum(np.abs(y), least) for y in (simulated, measured.ordinate))
+        return np.log(here / there) / np.sqrt(used.sum())
+
+
+class Summed(Logarithm):
+    name = "summed"
+
+    def residuals(self, measured, simulated, used):
+        return np.cumsum(super().residuals(measured, simulated, used), axis=-1)
+
+
+def test_a_score_that_is_not_linear_has_intervals_of_first_order_and_unclear_words(ended):
+    study, measured, case, _ = ended(scoring=ScoringRules(score=Logarithm()))
+    notes = Notes()
+    certainty = Assessment(study=study, measured=measured, progress=notes)
+    assessed = certainty.assessed([case])
+    found = certainty_result(assessed, study)
+    assert notes.texts == [
+        "warning: intervals and posteriors are of first order, since score 'logarithm' is not linear in the "
+        "curves; how well parameters are identified is unclear"
+    ]
+    assert set(found.intervals["identifiability"]) == {"unclear"}
+    assert (found.budget["status"] == "'logarithm' is not linear in the curves: first order").any()
+    names = found.intervals["parameter"].to_list()
+    truth = dict(zip(("tissue.c1", "tissue.m1"), TRUTH, strict=True))
+    for name, lower, upper in found.intervals.select("parameter", "lower", "upper").iter_rows():
+        assert lower < truth[name] < upper, (name, lower, upper)
+    assert set(names) == set(truth)
+    # The emulated misfit is that of the score itself.
+    simulated = SimulatedCurves(case.end.problem, BOTH)
+    density = ScenarioDensity(case.end.problem, np.eye(case.end.problem.n_points), simulated)
+    runs = simulated.runs(case.end.best.point[None] + np.array([[0.0, 0.0], [0.05, -0.03]]), slopes=False)
+    fopts = [
+        each.fopt
+        for each in case.end.problem.evaluate(
+            [Trial(point=p) for p in case.end.best.point[None] + np.array([[0.0, 0.0], [0.05, -0.03]])]
+        )
+    ]
+    np.testing.assert_allclose(density.misfit(runs.values, runs.ordinates), fopts, rtol=1e-9)
+
+
+def test_a_score_whose_residuals_mix_points_has_no_intervals_and_the_reason(ended):
+    study, measured, case, _ = ended(scoring=ScoringRules(score=Summed()))
+    notes = Notes()
+    found = Assessment(study=study, measured=measured, progress=notes).run([case])
+    assert found.intervals.is_empty()
+    assert "no intervals: residuals of score 'summed' depend on other points" in notes.texts[-1]
 
 
 class Crowded(SetFilter):

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from palpate import _core
-from palpate.domain import Normaliser, Parameter, ScoringRules
+from palpate.domain import Normaliser, Parameter
 from palpate.errors import ParameterError, ScoringError
+from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
 from palpate.scoring.scores import check_scorable
 from palpate_materials.uncoupled import Ogden, Yeoh
 
@@ -71,13 +72,13 @@ def test_erratum_3_the_mean_of_a_twist_is_degenerate_and_the_default_is_not(make
     literal = ((0.1 * torque) ** 2).mean() / torque.mean() ** 2
     assert literal > 1.0
     assert _core.nmse(1.1 * torque, torque, "mean_abs") < 0.02
-    assert make_study().scoring.normaliser is Normaliser.MEAN_ABS
+    assert make_study().scoring.score.settings.normaliser is Normaliser.MEAN_ABS
 
 
 def test_erratum_3_is_refused_before_the_sweep(make_study, plugins):
     from palpate.experiment.measured import load_measured
 
-    study = make_study(scoring=ScoringRules(normaliser=Normaliser.MEAN))
+    study = make_study(scoring=ScoringRules(score=Nmse(NmseSettings(normaliser=Normaliser.MEAN))))
     with pytest.raises(ScoringError, match="spot 'p1', channel 'torque'"):
         check_scorable(load_measured(study, plugins.channels), study.scoring)
 

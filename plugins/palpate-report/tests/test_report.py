@@ -11,9 +11,10 @@ import pytest
 from matplotlib import rc_context, rcParams
 from matplotlib.image import imread
 
-from palpate.domain import Channel, Curve, Design, ParameterSpace, Response, Scenario, ScoringRules
+from palpate.domain import Channel, Curve, Design, ParameterSpace, Response, Scenario
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.provides import Provides
+from palpate.plugins.score import ScoringRules
 from palpate.run.ownership import keep_only
 from palpate.run.result import FitResult
 from palpate.scoring.scores import score

@@ -7,8 +7,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate.domain import Normaliser, Response, Scenario, ScoringRules
+from palpate.domain import Normaliser, Response, Scenario
 from palpate.fit.least_squares import LeastSquares
+from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
 from palpate.run.result import UNSEEN, UNSETTLED
 from palpate.scoring.selection import by_reason, failures, unranked
 from palpate_report import report_warnings
@@ -327,7 +328,7 @@ def test_searches_conventions_solver_comparisons_and_unfinished_sets_are_named(c
     region = replace(made.study.space.regions[0], convention="febio4")
     study = replace(
         made.study,
-        scoring=ScoringRules(normaliser=Normaliser.MEAN),
+        scoring=ScoringRules(score=Nmse(NmseSettings(normaliser=Normaliser.MEAN))),
         space=replace(made.study.space, regions=(region,)),
     )
     table = made.fit.table.with_columns(message=pl.lit("stopped after 40 steps"))

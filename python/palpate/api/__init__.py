@@ -17,6 +17,12 @@ from palpate.lazy_imports import deferred as deferred
 from palpate.plugins.versions import API_VERSION as API_VERSION
 
 if TYPE_CHECKING:
+    from palpate._core import (
+        Measured as Measured,
+        branches as branches,
+        interpolate as interpolate,
+        nmse as nmse,
+    )
     from palpate.domain import (
         BoolArray as BoolArray,
         Channel as Channel,
@@ -77,6 +83,7 @@ if TYPE_CHECKING:
         PalpateError as PalpateError,
         ParameterError as ParameterError,
         PluginError as PluginError,
+        ScoringError as ScoringError,
         SolverError as SolverError,
         StudyError as StudyError,
     )
@@ -92,6 +99,11 @@ if TYPE_CHECKING:
     )
     from palpate.plugins.provides import (
         Provides as Provides,
+    )
+    from palpate.plugins.score import (
+        Nmse as Nmse,
+        NmseSettings as NmseSettings,
+        Score as Score,
     )
     from palpate.progress import (
         SILENT as SILENT,

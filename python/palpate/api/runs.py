@@ -12,7 +12,6 @@ if TYPE_CHECKING:
         LedgerError as LedgerError,
         NothingSelectableError as NothingSelectableError,
         SamplingError as SamplingError,
-        ScoringError as ScoringError,
         StoppedError as StoppedError,
     )
     from palpate.experiment.measured import (
@@ -80,8 +79,8 @@ if TYPE_CHECKING:
     from palpate.scoring.scores import (
         Swept as Swept,
         at_measured as at_measured,
-        residual_scale as residual_scale,
         score as score,
+        scored_points as scored_points,
     )
     from palpate.scoring.selection import (
         by_reason as by_reason,

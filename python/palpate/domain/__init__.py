@@ -408,34 +408,6 @@ class RecordedSimulation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ScoringRules:
-    """Rules that compare simulated with measured curves, and select which are ranked.
-
-    Parameters
-    ----------
-    minimum_coverage : float
-        Smallest share of measured points, each counted with its weight, that a simulated curve
-        must reach to be ranked.
-    rank_partial : bool
-        Whether the partial curve of a diverged simulation is ranked if its coverage suffices.
-    """
-
-    normaliser: Normaliser = Normaliser.MEAN_ABS
-    point_weighting: PointWeighting = PointWeighting.EQUAL
-    minimum_coverage: float = 0.95
-    rank_partial: bool = False
-
-    @property
-    def ranked_statuses(self) -> tuple[Status, ...]:
-        """Statuses of simulations whose curves are ranked."""
-        return (Status.OK, Status.DIVERGED) if self.rank_partial else (Status.OK,)
-
-    def is_enough(self, coverage: float) -> bool:
-        """Whether a coverage suffices, up to rounding."""
-        return coverage >= self.minimum_coverage - 1e-12
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class StudyTemplate:
     """A ready study that ``palpate init`` copies: a directory with a study.toml and its data."""
 

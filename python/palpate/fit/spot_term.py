@@ -1,8 +1,8 @@
 """One spot's part of a problem: from inputs to a job, and from its simulation to residuals.
 
-r = √(weight · w/Σw) · (simulated − measured)/normaliser at each measured point of each channel that
-counts, so that Σ r² is the spot's Fopt. Points that a curve does not cover are left out of the
-sums: their residuals are zero, and the others count for them.
+One residual of the study's score, times √weight, at each measured point of each channel that counts, so
+that Σ r² is the spot's Fopt. Points that a curve does not cover are left out: their residuals are zero,
+and with the NMSE the others count for them.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -17,19 +17,23 @@ from palpate.domain import (
     FloatArray,
     Indentation,
     Job,
+    Normaliser,
     Protocol,
     Response,
     Scenario,
-    ScoringRules,
     Simulation,
     channel_of,
 )
 from palpate.domain.channels import PRESS_AND_TWIST
 from palpate.domain.material import Material
 from palpate.plugins.parametrisation import SpotInputs
-from palpate.scoring.scores import compare, point_weights, residual_scale
+from palpate.plugins.score import Nmse, NmseSettings, ScoringRules, weighted
+from palpate.scoring.scores import compare, scored_points
 from palpate.simulation.jobs import homogeneous_tests
 from palpate.study.reading import Study
+
+DIFFERENCES = Nmse(NmseSettings(normaliser=Normaliser.UNIT))
+"""What the ordinates themselves are found by where a study's score is not linear."""
 
 FRICTION = "friction"
 """Name of the friction coefficient among the slopes of a curve."""
@@ -117,12 +121,14 @@ class SpotTerm:
         return sum(int(self.counted(name).sum()) for name in self.weights)
 
     def counted(self, name: str) -> BoolArray:
-        """Measured points (n,) that the weight of a name counts."""
-        return self.measured[channel_of(name)].counted(name)
+        """Measured points (n,) with a residual that the weight of a name counts."""
+        return scored_points(self.rules.score, self.measured[channel_of(name)], name) > 0.0
 
     def of_channels(self, channels: Collection[str]) -> "SpotTerm":
-        """Count every point of these channels alike, as far as they are measured."""
-        return replace(self, weights={name: 1.0 for name in self.measured if name in channels})
+        """Count every point of these channels alike, as far as they are measured, by a linear score."""
+        weights = {name: 1.0 for name in self.measured if name in channels}
+        rules = self.rules if self.rules.score.linear else replace(self.rules, score=DIFFERENCES)
+        return replace(self, weights=weights, rules=rules)
 
     def job(self, inputs: SpotInputs, set_id: int, *, slopes: bool, fine: bool) -> Job:
         """Make the job that simulates these inputs."""
@@ -204,20 +210,34 @@ class SpotTerm:
         channel = channel_of(name)
         values, curve = self._values(seen, inputs, channel), self.measured[channel]
         covered = np.isfinite(values)
-        points = point_weights(curve, self.rules.point_weighting, name)
+        points = scored_points(self.rules.score, curve, name)
         coverage = float(np.average(covered, weights=points))
         if not self.rules.is_enough(coverage):
             raise NotRankedError(
                 f"{self.spot}: covers {coverage:.3f} of the measured '{name}', less than "
                 f"{self.rules.minimum_coverage:g}"
             )
-        differences = np.where(covered, values - curve.ordinate, 0.0)
-        residuals: FloatArray = differences * self.scale(name, weight, covered)
-        return residuals[self.counted(name)]
+        counts = points > 0.0
+        return weighted(self.rules.score, curve, values, covered & counts, weight)[counts]
+
+    def of_ordinates(self, name: str, ordinates: FloatArray, n_terms: int) -> FloatArray:
+        """Residuals (..., n) of a weighed name in a problem of so many spots, of ordinates (..., n)."""
+        score, curve = self.rules.score, self.measured[channel_of(name)]
+        weight, used = self.weights[name], self.counted(name)
+        found: FloatArray
+        if score.linear:
+            found = (ordinates - curve.ordinate) * (self.scale(name, weight, used) / np.sqrt(n_terms))
+        else:
+            found = weighted(score, curve, ordinates, used, weight) / np.sqrt(n_terms)
+        return found
 
     def scale(self, name: str, weight: float, used: BoolArray) -> FloatArray:
-        """Factors (n,) from ordinates to residuals where only the points ``used`` (n,) count."""
-        return residual_scale(self.measured[channel_of(name)], self.rules, name, weight, used)
+        """Factors (n,) from ordinates to residuals where only the points ``used`` (n,) count.
+
+        Of a score that is not linear, the derivatives at the measured curve.
+        """
+        curve = self.measured[channel_of(name)]
+        return self.rules.score.scale(curve, used & self.counted(name), weight)
 
     def of_nothing(self) -> FloatArray:
         """Residuals (n_points,) where every simulated ordinate is zero."""

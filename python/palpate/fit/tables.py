@@ -13,6 +13,7 @@ from palpate.fit.spot_term import SpotTerm
 from palpate.fit.stage import Case
 from palpate.limb.loading import size_at_contact
 from palpate.plugins.parametrisation import at_spot
+from palpate.plugins.score import weighted
 from palpate.run.result import UNSETTLED, FitResult
 from palpate.scoring.scores import relative_variance
 from palpate.simulation.sweep import Simulations
@@ -106,7 +107,7 @@ def _row(
     row: dict[str, Any] = _about(case) | {"spot": term.spot, "fopt": fopt}
     for name, error in nmse.items():
         curve = term.measured[channel_of(name)]
-        r2 = 1.0 - error / relative_variance(curve, term.rules, name)
+        r2 = 1.0 - error / relative_variance(curve, term.rules.score, name)
         row |= {f"nmse_{name}": error, f"r2_{name}": r2 if np.isfinite(r2) else None}
     row |= {
         "n_evaluations": sum(len(fit.trace) for fit in case.fits),
@@ -129,9 +130,8 @@ def _at_bound(end: Fit) -> Iterator[str]:
 
 
 def _nmse(term: SpotTerm, name: str, fitted: FloatArray) -> float:
-    covered = np.isfinite(fitted)
-    differences = np.where(covered, fitted - term.measured[channel_of(name)].ordinate, 0.0)
-    return float(((differences * term.scale(name, 1.0, covered)) ** 2).sum())
+    used = np.isfinite(fitted) & term.counted(name)
+    return float((weighted(term.rules.score, term.measured[channel_of(name)], fitted, used, 1.0) ** 2).sum())
 
 
 def _response(term: SpotTerm, values: Mapping[str, FloatArray]) -> Response:

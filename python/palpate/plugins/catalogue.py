@@ -23,6 +23,7 @@ from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, Se
 from palpate.plugins.motion import Motion
 from palpate.plugins.parametrisation import Parametrisation
 from palpate.plugins.registry import KINDS, BrokenPlugin, Registry, registered, suggestion
+from palpate.plugins.score import Score
 from palpate.plugins.search import Search
 from palpate.plugins.sections import Section
 
@@ -107,6 +108,7 @@ class Plugins:
     samplers: Catalogue[type[Sampler]]
     set_filters: Catalogue[type[SetFilter]]
     solvers: Catalogue[type[Solver]]
+    scores: Catalogue[type[Score]]
     executors: Catalogue[type[Executor]]
     parametrisations: Catalogue[type[Parametrisation]]
     searches: Catalogue[type[Search]]

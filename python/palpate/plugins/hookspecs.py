@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
     from palpate.plugins.motion import Motion
     from palpate.plugins.parametrisation import Parametrisation
+    from palpate.plugins.score import Score
     from palpate.plugins.search import Search
     from palpate.plugins.sections import Section
     from palpate.plugins.subcommands import SubCommand
@@ -119,6 +120,15 @@ def palpate_solvers() -> "Iterable[type[Solver]]":  # type: ignore[empty-body]
 
     A study names one under ``[solver]``. It is pickled into worker processes; a job that fails is
     a status with a message, and its name, version, code and settings are part of each result's key.
+    """
+
+
+@hookspec
+def palpate_scores() -> "Iterable[type[Score]]":  # type: ignore[empty-body]
+    """Residuals of a simulated curve against a measured one.
+
+    A study names one as ``score`` of ``[scoring]``, whose other keys are its settings; without a name it is
+    ``nmse``. The sweep ranks its sets by Σ r², and the fit makes it least.
     """
 
 

@@ -79,6 +79,12 @@ class Kind:
     base: str
 
     @property
+    def contract(self) -> str:
+        """Class of :mod:`palpate.testing` that tests what is provided; empty for studies."""
+        words = self.noun.removeprefix("experiment ").title().replace(" ", "")
+        return "" if words == "Study" else f"{words}Contract"
+
+    @property
     def bases(self) -> tuple[type[Any], ...]:
         """Classes of what the hook returns, or of its instances; imported when they are asked for."""
         return tuple(getattr(importlib.import_module(self.home), name) for name in self.base.split(" or "))
@@ -105,6 +111,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "samplers": Kind("palpate_samplers", "sampler", INTERFACES, "Sampler"),
         "set_filters": Kind("palpate_set_filters", "set filter", INTERFACES, "SetFilter"),
         "solvers": Kind("palpate_solvers", "solver", INTERFACES, "Solver"),
+        "scores": Kind("palpate_scores", "score", "palpate.plugins.score", "Score"),
         "executors": Kind("palpate_executors", "executor", "palpate.plugins.execution", "Executor"),
         "parametrisations": Kind(
             "palpate_parametrisations",

@@ -14,13 +14,14 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
-from palpate.domain import Channel, HomogeneousTests, Indentation, Protocol, ScoringRules, channel_of
+from palpate.domain import Channel, HomogeneousTests, Indentation, Protocol, channel_of
 from palpate.domain.component import Component
 from palpate.errors import StudyError
 from palpate.executors.answers import plain
 from palpate.fingerprints import distributions
 from palpate.plugins.guard import answering_for
 from palpate.plugins.registry import suggestion
+from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
 from palpate.run.keys import identity
 from palpate.run.ledger import Ledger
 from palpate.study.reading import Study, StudySpot, relative
@@ -65,7 +66,7 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
         "max_draws": study.max_draws,
         "seed": study.seed,
         "filters": [_component(keep) for keep in study.filters],
-        "scoring": asdict(study.scoring),
+        "scoring": _scoring(study.scoring),
         "scenarios": {scenario.name: dict(scenario.weights) for scenario in study.scenarios},
         "generalise_by": study.generalise_by,
         "search": _component(study.search),
@@ -107,6 +108,12 @@ def _channel(channel: Channel) -> dict[str, Any]:
 
 def _component(component: Component) -> dict[str, Any]:
     return {"name": component.name, "settings": component.settings.model_dump(mode="json")}
+
+
+def _scoring(rules: ScoringRules) -> dict[str, Any]:
+    """The table [scoring] with all its defaults."""
+    settings = rules.score.settings.model_dump(mode="json")
+    return {"score": rules.score.name, **settings, **_fields(rules, ("score",))}
 
 
 def _spot(study: Study, spot: StudySpot) -> dict[str, Any]:
@@ -176,7 +183,7 @@ class _ReadAgain(TypedDict):
     fingerprints: dict[str, str]
     trusted: dict[str, dict[str, list[Any]]]
     n_total: int
-    scoring: ScoringRules
+    scoring: dict[str, Any]
     fit_start: NotRequired[dict[str, float]]
 
 
@@ -193,14 +200,20 @@ def checked_manifest(text: str) -> dict[str, Any]:
         first = error.errors()[0]
         raise ValueError(f"'{'.'.join(map(str, first['loc']))}': {first['msg']}") from None
     content: dict[str, Any] = json.loads(text)
-    if content["scoring"].keys() != {field.name for field in fields(ScoringRules)}:
-        raise ValueError("'scoring': not the rules of this palpate")
+    try:
+        scoring_rules(content)
+    except (KeyError, TypeError, ValidationError) as error:
+        raise ValueError(f"'scoring': not the rules of this palpate ({error})") from None
     return content
 
 
-def scoring_rules(content: Mapping[str, Any]) -> ScoringRules:
-    """Scoring rules of a manifest that :func:`checked_manifest` returned."""
-    return TypeAdapter(ScoringRules).validate_python(content["scoring"])
+def scoring_rules(content: Mapping[str, Any]) -> ScoringRules | None:
+    """Scoring rules of a manifest that :func:`checked_manifest` returned; None if a plugin has the score."""
+    settings = dict(content["scoring"])
+    if settings.pop("score") != Nmse.name:
+        return None
+    rules = {name: settings.pop(name) for name in ("minimum_coverage", "rank_partial")}
+    return ScoringRules(score=Nmse(NmseSettings(**settings)), **rules)
 
 
 IN_KEYS = ("material:", "solver:")
@@ -214,6 +227,7 @@ def fingerprints(study: Study) -> dict[str, str]:
         "material": [region.material for region in study.space.regions],
         "solver": [study.solver],
         "sampler": [study.sampler],
+        "score": [study.scoring.score],
         "filter": list(study.filters),
         "loader": list(loaders),
         "limb_source": [study.limb_source] if study.limb_source else [],

@@ -1,9 +1,7 @@
-"""How far each simulated curve is from the measured one.
+"""How far each simulated curve is from the measured one, by the score of the study.
 
-NMSE of a channel = Σ w (sim − exp)² / (Σ w · normaliser²), with equal weights or with
-w = 1/std² of each measured point; that of a phase is over its points, with the normaliser of
-the whole curve. Simulated curves are interpolated onto the measured
-abscissae branch by branch, because a twist is a path and not a function of the angle.
+Simulated curves are interpolated onto the measured abscissae branch by branch, because a twist is a path
+and not a function of the angle. A phase is scored over its own points, with the rest of its curve at hand.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -18,17 +16,17 @@ from palpate.domain import (
     Curve,
     FloatArray,
     Normaliser,
-    PointWeighting,
     RecordedSimulation,
     Response,
     Scenario,
-    ScoringRules,
     Simulation,
     Status,
     channel_of,
     weighed_phases,
 )
-from palpate.errors import CurveError, ScoringError
+from palpate.errors import CurveError, PluginError, ScoringError
+from palpate.plugins.guard import answering_for
+from palpate.plugins.score import Score, ScoringRules, weighted
 
 Scorable = Simulation | RecordedSimulation
 """What has a response to score."""
@@ -46,84 +44,52 @@ SCHEMA = {
     "status": pl.String,
     "message": pl.String,
 }
-"""Columns of the scores. ``nmse`` is null where a set is not to be ranked; ``status`` marks what failed."""
+"""Columns of the scores. ``nmse`` is the misfit by the study's score, NMSE by itself, and null where a set is
+not to be ranked; ``status`` marks what failed."""
 
 
-LEAST_STD_SHARE = 0.1
-"""Share of a curve's root mean square std that is the smallest std of a point.
-
-Otherwise one point with almost no std would outweigh all the others.
-"""
-
-
-def point_weights(curve: Curve, weighting: PointWeighting, name: str) -> FloatArray | None:
-    """Weight of each measured point: (n,), or None if all are equal.
-
-    Parameters
-    ----------
-    curve : Curve
-    weighting : PointWeighting
-    name : str
-        What has the weight: the channel, or a phase such as ``torque/unload``, of which the other points
-        weigh nothing.
+def scored_points(score: Score, curve: Curve, name: str) -> FloatArray:
+    """Weight (n,) of each measured point of a channel, or phase such as ``torque/unload``.
 
     Raises
     ------
     ScoringError
-        The curve has no standard deviation, or only zeros, to weigh by; or no point in the phase.
+        No point counts, or the curve lacks what the weights are made from.
     """
     counted = curve.counted(name)
     if not counted.any():
         raise ScoringError("no measured point is in this phase; weigh the channel, or its other phase")
-    weights = _point_weights(curve, weighting)
-    if weights is None:
-        return None if counted.all() else counted.astype(np.float64)
-    return weights * counted
-
-
-def _point_weights(curve: Curve, weighting: PointWeighting) -> FloatArray | None:
-    """Weight of each point (n,) of a whole curve."""
-    if weighting is PointWeighting.EQUAL:
-        return None
-    if curve.std is None:
-        raise ScoringError(
-            "no point has a standard deviation; give repeated presses or a loader that gives one, "
-            'or set scoring.point_weighting = "equal"'
-        )
-    scale = float(np.sqrt(np.mean(curve.std**2)))
-    if scale == 0.0:
-        raise ScoringError('every standard deviation is zero; set scoring.point_weighting = "equal"')
-    return 1.0 / np.maximum(curve.std / scale, LEAST_STD_SHARE) ** 2
-
-
-def residual_scale(
-    curve: Curve, rules: ScoringRules, name: str, weight: float, used: BoolArray
-) -> FloatArray:
-    """Factors (n,) on sim − exp at the points ``used`` (n,), so that the squares sum to weight · NMSE."""
-    points = point_weights(curve, rules.point_weighting, name)
-    points = np.ones(used.size) if points is None else points
-    normaliser = _core.normaliser(curve.ordinate, rules.normaliser.value)
-    scale: FloatArray = np.sqrt(weight * points / points[used].sum()) / normaliser
-    return scale
+    with answering_for(score, f"weighing the points of '{name}'"):
+        points = np.asarray(score.weights(curve) * counted, dtype=np.float64)
+    if points.shape != counted.shape or not (np.isfinite(points) & (points >= 0.0)).all():
+        raise PluginError(f"score '{score.name}': weights(measured) gives one number ≥ 0 for each point")
+    if not points.any():
+        raise ScoringError(f"score '{score.name}' has no residual there; weigh something else")
+    return points
 
 
 def check_scorable(
     measured: Mapping[str, Response], rules: ScoringRules, scenarios: Sequence[Scenario] = ()
 ) -> None:
-    """Refuse, before anything is simulated, a measured curve that cannot be normalised or weighed.
+    """Refuse, before anything is simulated, a measured curve that cannot be scored or weighed.
 
     Raises
     ------
     ScoringError
-        Naming spot, channel and normaliser.
+        Naming spot and channel.
     """
     for spot, response in measured.items():
         for name, curve in _curves(response, scenarios).items():
             try:
-                weights = point_weights(curve, rules.point_weighting, name)
-                _core.nmse(curve.ordinate, curve.ordinate, rules.normaliser.value, weights)
+                used = scored_points(rules.score, curve, name) > 0.0
+                same = weighted(rules.score, curve, curve.ordinate, used, 1.0)
             except ScoringError as error:
                 raise ScoringError(f"spot '{spot}', channel '{name}': {error}") from error
+            if same.any():
+                raise PluginError(
+                    f"score '{rules.score.name}': the measured curve of spot '{spot}', channel '{name}', has "
+                    "residuals against itself; they must be zero"
+                )
 
 
 def _curves(response: Response, scenarios: Sequence[Scenario]) -> dict[str, Curve]:
@@ -177,9 +143,8 @@ def score(
 def _score_channel(
     simulations: Sequence[Scorable], name: str, measured: Curve, rules: ScoringRules
 ) -> list[dict[str, object]]:
-    weights = point_weights(measured, rules.point_weighting, name)
-    variance = relative_variance(measured, rules, name)
-    scored = _scored(simulations, measured, rules.normaliser, weights)
+    variance = relative_variance(measured, rules.score, name)
+    scored = _scored(simulations, measured, rules.score, measured.counted(name))
     return [
         _row(s, name, score, 1.0 - score.nmse / variance, rules)
         for s, score in zip(simulations, scored, strict=True)
@@ -188,7 +153,7 @@ def _score_channel(
 
 @dataclass(frozen=True, slots=True)
 class _Scored:
-    """NMSE and coverage of one simulation, NaN and 0 where there is no curve."""
+    """Misfit and coverage of one simulation, NaN and 0 where there is no curve."""
 
     status: Status
     message: str
@@ -197,7 +162,7 @@ class _Scored:
 
 
 def _scored(
-    simulations: Sequence[Scorable], measured: Curve, normaliser: Normaliser, weights: FloatArray | None
+    simulations: Sequence[Scorable], measured: Curve, score: Score, counted: BoolArray
 ) -> list[_Scored]:
     """Score all sets together that were simulated at the same abscissae, as those of a sweep are."""
     curves = [_curve(s, measured.channel) for s in simulations]
@@ -206,15 +171,16 @@ def _scored(
     for i, (curve, _, _) in enumerate(curves):
         if curve is not None:
             ordinates.setdefault(curve.abscissa.tobytes(), {})[i] = curve.ordinate
-    ready = _core.Measured(measured.abscissa, measured.ordinate, normaliser.value, weights=weights)
     for abscissa, by_set in ordinates.items():
+        batch = np.stack(list(by_set.values()))
         try:
-            path = ready.along(np.frombuffer(abscissa))
+            with answering_for(score, f"scoring '{measured.channel}'"):
+                found = score.misfits(measured, counted, np.frombuffer(abscissa), batch)
         except CurveError as error:
             for i in by_set:
                 scored[i] = _Scored(*_unreadable(simulations[i], str(error)))
             continue
-        for i, *numbers in zip(by_set, *path.score(np.stack(list(by_set.values()))), strict=True):
+        for i, *numbers in zip(by_set, *found, strict=True):
             scored[i] = _Scored(scored[i].status, scored[i].message, *map(float, numbers))
     return scored
 
@@ -281,17 +247,20 @@ def _unreadable(simulation: Scorable, message: str) -> tuple[Status, str]:
     return status, simulation.message or message
 
 
-def relative_variance(measured: Curve, rules: ScoringRules, name: str) -> float:
-    """Σw(exp − mean)²/Σw over normaliser², which is NMSE/(1 − R²); NaN for a flat measured curve."""
-    ordinate, normaliser = measured.ordinate, rules.normaliser
+def relative_variance(measured: Curve, score: Score, name: str) -> float:
+    """Misfit of the constant curve at the mean, which is misfit/(1 − R²).
+
+    NaN for a flat measured curve, and for a score that is not linear, which has no R².
+    """
+    counted, ordinate = measured.counted(name), measured.ordinate
     try:
-        _core.normaliser(ordinate[measured.counted(name)], Normaliser.STD.value)
+        _core.normaliser(ordinate[counted], Normaliser.STD.value)
     except ScoringError:
         return np.nan
-    weights = point_weights(measured, rules.point_weighting, name)
-    mean = np.average(ordinate, weights=weights)
-    variance = float(np.average((ordinate - mean) ** 2, weights=weights))
-    return variance / _core.normaliser(ordinate, normaliser.value) ** 2
+    if not score.linear:
+        return np.nan
+    points = scored_points(score, measured, name)
+    return score.misfit_of(measured, ordinate - np.average(ordinate, weights=points), points > 0.0)
 
 
 def _row(

@@ -17,6 +17,7 @@ from palpate.fit.tables import fit_result
 from palpate.progress import Progress, ShowsPlace
 from palpate.run.directory import design_files, measured_files
 from palpate.run.fit_state import FitState, write_fit_state
+from palpate.run.keys import identity
 from palpate.run.provenance import described, sha256
 from palpate.run.result import SelectionResult
 from palpate.run.result_files import Files, frame_of, surface_path
@@ -126,13 +127,7 @@ class Score(OfEveryRun):
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """Rules of the comparison."""
-        rules = study.scoring
-        return {
-            "normaliser": rules.normaliser.value,
-            "point weighting": rules.point_weighting.value,
-            "coverage or partial": [rules.minimum_coverage, rules.rank_partial],
-            "phases": weighed_phases(study.scenarios),
-        }
+        return {**_comparison(study), "phases": weighed_phases(study.scenarios)}
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Scores of every simulation that has ended."""
@@ -141,9 +136,22 @@ class Score(OfEveryRun):
             raise StudyError(
                 f"{inputs.directory.folder}: no simulation of this study; run `palpate simulate` first"
             )
+        if (score := study.scoring.score).name != "nmse":
+            progress.note(f"warning: scored by '{score.name}': misfits by it are in the columns named nmse")
         scores = scoring.score(swept, inputs.measured, study.scoring, study.scenarios)
         _warn_of_missing(inputs, scores, progress)
         return {"scores": scores}
+
+
+def _comparison(study: Study) -> dict[str, object]:
+    """What decides every misfit: the score with its settings and code, and which curves are ranked."""
+    rules = study.scoring
+    settings = rules.score.settings.model_dump(mode="json")
+    return {
+        **{f"scoring.{key}": value for key, value in settings.items()},
+        "scoring.score": [rules.score.name, identity(rules.score)],
+        "coverage or partial": [rules.minimum_coverage, rules.rank_partial],
+    }
 
 
 def _warn_of_missing(inputs: Run, scores: pl.DataFrame, progress: Progress) -> None:
@@ -240,6 +248,7 @@ class SearchForBest(OfEveryRun):
     def decides(self, study: Study) -> Mapping[str, object]:
         """Search, what is searched, and how meshes are corrected."""
         return {
+            **_comparison(study),  # without a sweep no table of scores shows it
             "search": described(study.search),
             "parametrisation": described(study.parametrisation),
             "priors or values by spot": [asdict(p) for p in study.space.parameters],

@@ -98,6 +98,8 @@ class Watcher:
         self, run: RunDirectory, manifest: Mapping[str, Any], ledger: Ledger, rows: pl.DataFrame
     ) -> None:
         rules = scoring_rules(manifest)
+        if rules is None:
+            return
         states = [status.value for status in rules.ranked_statuses]
         new = rows.filter(pl.col("state").is_in(states), ~pl.col("key").is_in(list(self._scored)))
         if new.is_empty():

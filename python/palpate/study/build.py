@@ -16,6 +16,7 @@ from palpate.plugins.execution import Executor
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins.parametrisation import Parametrisation
+from palpate.plugins.score import Score
 from palpate.plugins.search import Search
 from palpate.study.model import (
     BudgetTable,
@@ -55,6 +56,7 @@ class Components:
     filters: tuple[SetFilter, ...]
     solver: Solver | None
     executor: Executor | None
+    score: Score | None
     search: Search | None
     parametrisation: Parametrisation | None
     stages: tuple[Component, ...]
@@ -85,6 +87,16 @@ def build_components(context: Context, tables: Tables) -> Components:
         stages=tuple(built for built in stages if built is not None),
         solver=named(plugins.solvers, "solver", "name"),
         executor=named(plugins.executors, "executor", "name"),
+        score=build_component(
+            context,
+            plugins.scores,
+            tables.scoring.score,
+            tables.scoring.settings,
+            ("scoring", "score"),
+            ("scoring",),
+        )
+        if tables.scoring
+        else None,
         search=named(plugins.searches, "fit", "search"),
         parametrisation=build_component(
             context,

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
-from palpate.domain import MOST_TILT_DEG, Normaliser, PointWeighting
+from palpate.domain import MOST_TILT_DEG
 from palpate.study.source_positions import MOST_FILES, MOST_NAMED, MOST_SETS
 from palpate.units import Quantity
 
@@ -305,20 +305,14 @@ class ExecutorTable(Table):
     )
 
 
-class ScoringTable(Table):
-    """How a simulated curve is compared with a measured one."""
+class ScoringTable(OpenTable):
+    """How a simulated curve is compared with a measured one; the other keys are settings of the score."""
 
+    score: str = Field(default="nmse", description="Name of a score.")
     rank_partial: bool = Field(
         default=False,
         description="Rank also what a simulation that diverged had reached, where that covers enough of "
         "the measured curve; its scores and selected sets say so.",
-    )
-    normaliser: Annotated[Normaliser, Field(strict=False)] = Field(
-        default=Normaliser.MEAN_ABS, description="What the squared error is divided by."
-    )
-    point_weighting: Annotated[PointWeighting, Field(strict=False)] = Field(
-        default=PointWeighting.EQUAL,
-        description="Whether each measured point counts the same, or as its standard deviation says.",
     )
     minimum_coverage: float = Field(
         default=0.95, gt=0.0, le=1.0, description="Least share of the measured points that must be reached."

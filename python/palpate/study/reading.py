@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from palpate.domain import Channel, ParameterSpace, Protocol, Scenario, ScoringRules
+from palpate.domain import Channel, ParameterSpace, Protocol, Scenario
 from palpate.domain.channels import PRESS_AND_TWIST
 from palpate.domain.component import Component
 from palpate.errors import PluginError, StudyError
@@ -17,6 +17,7 @@ from palpate.plugins.catalogue import Plugins
 from palpate.plugins.execution import Executor
 from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins.parametrisation import Parametrisation
+from palpate.plugins.score import ScoringRules
 from palpate.plugins.search import Search
 from palpate.study.build import (
     Components,
@@ -359,6 +360,11 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         seed=require(sampling).seed,
         filters=parts.filters,
         solver=require(parts.solver),
+        scoring=ScoringRules(
+            score=require(parts.score),
+            minimum_coverage=require(tables.scoring).minimum_coverage,
+            rank_partial=require(tables.scoring).rank_partial,
+        ),
         scenarios=scenarios,
         generalise_by=require(selection).generalise_by or scenarios[0].name,
         search=require(parts.search),
@@ -377,12 +383,11 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
 def _with_settings(
     study: Study, tables: Tables, executor: Executor | None, stages: tuple[Component, ...]
 ) -> Study:
-    """Add how curves are compared and fitted, and where the simulations run within which limits."""
+    """Add how curves are fitted, and where the simulations run within which limits."""
     fit, limits = require(tables.fit), tables.executor or ExecutorTable()
     return replace(
         study,
         max_draws=require(tables.sampling).max_draws,
-        scoring=ScoringRules(**dict(require(tables.scoring))),
         noise=fit.noise,
         fine_runs=fit.fine_runs,
         budget=require(tables.budget),

@@ -23,6 +23,7 @@ from palpate.testing.fits import (
 )
 from palpate.testing.materials import MaterialContract
 from palpate.testing.presses import ChannelContract, IndenterContract, MotionContract, ScenarioContract
+from palpate.testing.scores import ScoreContract
 from palpate.testing.sections import SectionContract, SmallRun, small_run
 from palpate.testing.solvers import SolverContract
 from palpate.testing.stages import StageContract
@@ -43,6 +44,7 @@ __all__ = [
     "Rehearsal",
     "SamplerContract",
     "ScenarioContract",
+    "ScoreContract",
     "SearchContract",
     "SectionContract",
     "SetFilterContract",

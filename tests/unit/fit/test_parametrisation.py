@@ -15,7 +15,6 @@ from palpate.domain import (
     Prior,
     RegionMaterial,
     Response,
-    ScoringRules,
     Simulation,
     Status,
     Tie,
@@ -29,6 +28,7 @@ from palpate.fit.spot_term import SpotTerm
 from palpate.fit.starts import scaled_start
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
+from palpate.plugins.score import ScoringRules
 from palpate.testing import LinearMaterial
 
 DEPTH_MM, TWIST = 10.0, np.array([0.0, -22.5, 22.5, 0.0])

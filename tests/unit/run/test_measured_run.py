@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.domain import Curve, Indentation, PointWeighting, Relaxation, Response, ScoringRules
+from palpate.domain import Curve, Indentation, PointWeighting, Relaxation, Response
 from palpate.domain.indenter import Sphere
 from palpate.errors import CurveError, PluginError, StudyError
 from palpate.fit.least_squares import LeastSquares
+from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
 from palpate.run.atomic_files import write_atomically
 from palpate.run.directory import RunDirectory
 from palpate.run.keys import job_key
@@ -203,7 +204,9 @@ def test_another_indenter_is_another_simulation(make_study):
 
 
 def test_a_study_that_weighs_by_std_needs_it_everywhere(make_study, plugins):
-    study = pressed_thrice(make_study(scoring=ScoringRules(point_weighting=PointWeighting.STD)))
+    study = pressed_thrice(
+        make_study(scoring=ScoringRules(score=Nmse(NmseSettings(point_weighting=PointWeighting.STD))))
+    )
     with pytest.raises(Exception, match="spot 'p2', channel 'force': no point has a standard deviation"):
         pipeline.check_study(study, plugins)
     assert (

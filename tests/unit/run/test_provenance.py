@@ -3,13 +3,16 @@
 import shutil
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from palpate.domain import Normaliser, Scenario, ScoringRules
+from palpate.domain import Normaliser, Scenario
 from palpate.errors import PalpateError, StoppedError, StudyError
 from palpate.fit.least_squares import LeastSquares
+from palpate.plugins.registry import load_file
+from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
 from palpate.progress import Silent
 from palpate.run.fit_state import read_fit_state
 from palpate.run.provenance import StageRecords
@@ -121,9 +124,13 @@ def scored_by(study, **rules):
     return replace(study, scoring=ScoringRules(**rules))
 
 
+SCORE = Path(__file__).parents[3] / "examples" / "log_loading_score.py"
+
 CHANGES = {
     "normaliser": (
-        lambda study: replace(study, scoring=ScoringRules(normaliser=Normaliser.RMS)),
+        lambda study: replace(
+            study, scoring=ScoringRules(score=Nmse(NmseSettings(normaliser=Normaliser.RMS)))
+        ),
         "score",
         "select",
     ),
@@ -167,13 +174,31 @@ def test_what_a_changed_study_makes_stale_is_refused_with_its_remedy(done, plugi
             with pytest.raises(StudyError, match=message):
                 called(verb)(change(study), run, plugins)
     assert (run / "manifest.json").read_bytes() == manifest
-    changed = replace(study, scoring=ScoringRules(normaliser=Normaliser.RMS))
+    changed = replace(study, scoring=ScoringRules(score=Nmse(NmseSettings(normaliser=Normaliser.RMS))))
     for verb in ("score", "select"):
         called(verb)(changed, run, plugins)
-    with pytest.raises(StudyError, match="palpate fit` were made from other results of `palpate select`"):
+    with pytest.raises(
+        StudyError, match=r"palpate fit` were made from other .*normaliser, results of `palpate select`"
+    ):
         from_run.report(changed, run, plugins)
     for verb in ("fit", "intervals", "report"):
         called(verb)(changed, run, plugins)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n_sets", [4, 0])
+def test_another_score_makes_all_that_was_scored_stale(make_study, plugins, tmp_path, n_sets):
+    """Also without a sweep, whose table of scores would show it."""
+    study = make_study(n_sets=n_sets, search=LeastSquares())
+    pipeline.run_study(study, tmp_path / "run", plugins)
+    changed = replace(study, scoring=ScoringRules(score=load_file(SCORE).LogLoading()))
+    stages = ("score", "select", "fit", "intervals")
+    for verb in stages:
+        if verb != "score":
+            with pytest.raises(StudyError, match=r"were made from other .*; run `palpate"):
+                from_run.report(changed, tmp_path / "run", plugins)
+        called(verb)(changed, tmp_path / "run", plugins)
+    from_run.report(changed, tmp_path / "run", plugins)
 
 
 def test_a_measured_file_that_changes_makes_its_curves_stale(done, plugins):

@@ -7,12 +7,13 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate.domain import Curve, Response, Scenario, ScoringRules
+from palpate.domain import Curve, Response, Scenario
 from palpate.errors import CurveError, ScoringError
 from palpate.experiment.measured import load_measured
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.spot_term import SpotTerm
 from palpate.plugins.parametrisation import SpotInputs
+from palpate.plugins.score import ScoringRules
 from palpate.run.directory import RunDirectory
 from palpate.sampling.drawing import draw_design
 from palpate.scoring.scores import check_scorable, score

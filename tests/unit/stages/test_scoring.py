@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.domain import Curve, Job, Normaliser, PointWeighting, Response, ScoringRules, Simulation, Status
+from palpate.domain import Curve, Job, Normaliser, PointWeighting, Response, Simulation, Status
 from palpate.errors import ScoringError
-from palpate.scoring.scores import LEAST_STD_SHARE, SCHEMA, check_scorable, point_weights, score
+from palpate.plugins.score import LEAST_STD_SHARE, Nmse, NmseSettings, ScoringRules
+from palpate.scoring.scores import SCHEMA, check_scorable, score
 
 
 def curve(channel, x, y):
@@ -20,8 +21,9 @@ def simulation(set_id=0, status=Status.OK, spot="p1", message="", **curves):
     return Simulation(job=job, status=status, response=response, message=message, seconds=2.0)
 
 
-def scored(simulations, measured, **rules):
-    return score(simulations, measured, ScoringRules(**{"minimum_coverage": 0.9, **rules}))
+def scored(simulations, measured, *, coverage=0.9, partial=False, **rules):
+    rules = ScoringRules(score=Nmse(NmseSettings(**rules)), minimum_coverage=coverage, rank_partial=partial)
+    return score(simulations, measured, rules)
 
 
 FORCE = ([0.0, 1.0, 2.0], [0.0, 2.0, 4.0])
@@ -51,7 +53,8 @@ def test_a_point_is_weighted_by_its_standard_deviation():
 
 
 def test_no_point_counts_beyond_measure():
-    weights = point_weights(unsure([0.0, 1.0, 1.0])["p1"]["force"], PointWeighting.STD, "force")
+    by_std = Nmse(NmseSettings(point_weighting=PointWeighting.STD))
+    weights = by_std.weights(unsure([0.0, 1.0, 1.0])["p1"]["force"])
     floor = LEAST_STD_SHARE * np.sqrt(2 / 3)
     np.testing.assert_allclose(weights / weights[1], [1 / floor**2, 1.0, 1.0], rtol=1e-12)
 
@@ -67,9 +70,11 @@ def test_no_point_counts_beyond_measure():
     ],
 )
 def test_weights_need_a_standard_deviation(std, expected):
-    check_scorable(unsure(std), ScoringRules(normaliser=Normaliser.RMS))
+    check_scorable(unsure(std), ScoringRules(score=Nmse(NmseSettings(normaliser=Normaliser.RMS))))
     with pytest.raises(ScoringError, match=expected):
-        check_scorable(unsure(std), ScoringRules(point_weighting=PointWeighting.STD))
+        check_scorable(
+            unsure(std), ScoringRules(score=Nmse(NmseSettings(point_weighting=PointWeighting.STD)))
+        )
 
 
 def test_other_abscissae_are_interpolated():
@@ -97,7 +102,7 @@ def test_what_failed_is_not_ranked_even_with_a_whole_curve(status):
 
 def test_too_little_coverage_is_not_ranked():
     half = simulation(force=([0.0, 1.0], [0.0, 2.0]))
-    rows = [scored([half], MEASURED, minimum_coverage=c).row(0, named=True) for c in (2 / 3, 0.7)]
+    rows = [scored([half], MEASURED, coverage=c).row(0, named=True) for c in (2 / 3, 0.7)]
     assert [r["nmse"] for r in rows] == [0.0, None]
     assert rows[1]["message"] == "covers 0.667 of the measured 'force', less than 0.7"
 
@@ -130,7 +135,7 @@ def test_the_mean_of_a_twist_is_refused_before_anything_is_simulated():
     x = [0.0, -1.0, 0.0, 1.0, 0.0]
     twist = {"p7": Response(curves={"torque": curve("torque", x, [0.0, -2.0, 0.0, 2.0, 0.0])})}
     with pytest.raises(ScoringError, match=r"spot 'p7', channel 'torque': .*degenerate.*choose another"):
-        check_scorable(twist, ScoringRules(normaliser=Normaliser.MEAN))
+        check_scorable(twist, ScoringRules(score=Nmse(NmseSettings(normaliser=Normaliser.MEAN))))
     check_scorable(twist, ScoringRules())
 
 
@@ -145,7 +150,7 @@ def test_a_partial_curve_is_ranked_only_on_request_and_marked(status):
     half = simulation(set_id=1, status=status, message="cut short", force=([0.0, 1.0], [0.0, 3.0]))
 
     def rows(minimum_coverage):
-        found = scored([half], MEASURED, minimum_coverage=minimum_coverage, rank_partial=True)
+        found = scored([half], MEASURED, coverage=minimum_coverage, partial=True)
         return found.row(0, named=True)
 
     assert rows(0.9)["nmse"] is None

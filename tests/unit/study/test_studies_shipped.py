@@ -91,7 +91,7 @@ def test_the_joint_scenario_is_plain_least_squares_over_all_points() -> None:
     response = load_measured(treloar, plugins().channels)["specimen"]
     joint = {scenario.name: scenario for scenario in treloar.scenarios}["joint"]
     assert joint.weights == {channel: response[channel].abscissa.size for channel in response}
-    assert (treloar.scoring.normaliser, treloar.search.name) == ("unit", "least_squares")
+    assert (treloar.scoring.score.settings.normaliser, treloar.search.name) == ("unit", "least_squares")
 
 
 def test_treloars_curves_are_treloars() -> None:

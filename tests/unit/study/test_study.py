@@ -67,7 +67,7 @@ def test_the_file_becomes_a_study(read: Edit, tmp_path: Path) -> None:
 
 def test_defaults_are_the_papers(read: Edit) -> None:
     study = read(('generalise_by = "pull only"', ""))
-    assert study.scoring.normaliser is Normaliser.MEAN_ABS
+    assert study.scoring.score.settings.normaliser is Normaliser.MEAN_ABS
     assert study.scoring.minimum_coverage == 0.95
     assert study.generalise_by == "pull only"
     assert study.search.name == "least_squares"
@@ -180,9 +180,9 @@ def test_a_spot_may_be_pressed_again_with_another_indenter_and_loader(read: Edit
 
 
 def test_points_may_be_weighted_by_their_standard_deviation(read: Edit) -> None:
-    assert read().scoring.point_weighting is PointWeighting.EQUAL
+    assert read().scoring.score.settings.point_weighting is PointWeighting.EQUAL
     study = read(more='[scoring]\npoint_weighting = "std"\n')
-    assert study.scoring.point_weighting is PointWeighting.STD
+    assert study.scoring.score.settings.point_weighting is PointWeighting.STD
 
 
 def test_comments_order_and_byte_order_do_not_matter(read: Edit, tmp_path: Path, plugins: Plugins) -> None:

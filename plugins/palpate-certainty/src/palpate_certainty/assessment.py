@@ -7,7 +7,16 @@ from types import MappingProxyType
 import numpy as np
 import polars as pl
 
-from palpate.api import SILENT, Design, FloatArray, PalpateError, Progress, Response, Simulation
+from palpate.api import (
+    SILENT,
+    Design,
+    FloatArray,
+    PalpateError,
+    Progress,
+    Response,
+    ScoringError,
+    Simulation,
+)
 from palpate.api.executors import StoppedError
 from palpate.api.fit import Case, CertaintyResult, Fit, channel_of
 from palpate.api.runs import Study, relaxation_of
@@ -60,6 +69,7 @@ class Assessment:
         if by is None:
             return []
         try:
+            self._check_score(by)
             columns, failures = self.columns(by)
         except StoppedError:
             raise
@@ -162,8 +172,38 @@ class Assessment:
                 (c.of if c.kind == "fixed" else c.name): why
                 for c, why in failures.items()
                 if any(map(c.is_at, case.spots))
-            },
+            }
+            | self._of_score,
         )
+
+    def _check_score(self, case: Case) -> None:
+        """Warn of a score whose residuals are linear in the curves only to first order.
+
+        Raises
+        ------
+        ScoringError
+            Its residuals depend on other points of the curve as well.
+        """
+        assert case.end is not None
+        score = self.study.scoring.score
+        if score.linear:
+            return
+        for term in case.end.problem.terms:
+            for name in term.weights:
+                if not score.is_pointwise(term.measured[channel_of(name)], term.counted(name)):
+                    raise ScoringError(
+                        f"residuals of score '{score.name}' depend on other points of the curve as well"
+                    )
+        self.progress.note(
+            f"warning: intervals and posteriors are of first order, since score '{score.name}' is not "
+            "linear in the curves; how well parameters are identified is unclear"
+        )
+
+    @property
+    def _of_score(self) -> dict[str, str]:
+        """Part of ``left_out`` of an assessment: the score, where intervals are not exact for it."""
+        score = self.study.scoring.score
+        return {} if score.linear else {"score": f"'{score.name}' is not linear in the curves: first order"}
 
     def _has_usual_mesh_error(self, end: Fit) -> bool:
         """True if the mesh's error of a fitted channel is neither shown by a finer mesh nor stated."""

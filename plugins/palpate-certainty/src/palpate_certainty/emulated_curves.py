@@ -176,12 +176,25 @@ class ScenarioDensity:
 
     def white(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
         """Independent residuals (k, m) at values (k, n_parameters) with these ordinates (k, n_ordinates)."""
-        white = self._corrected(ordinates) @ self._curves.T + self._rest
+        corrected = self._corrected(ordinates)
+        if all(term.rules.score.linear for term in self.problem.terms):
+            white = corrected @ self._curves.T + self._rest
+        else:
+            white = self._of_score(corrected) @ self._white.T
         first = self.problem.n_points - len(self._priors)
         for row, (i, prior) in enumerate(self._priors, first):
             residual = self.problem.noise * (values[:, i] - prior.value) / prior.sd
             white = white + residual[:, None] * self._white[:, row]
         return white
+
+    def _of_score(self, ordinates: FloatArray) -> FloatArray:
+        """Residuals (k, n) by a score that is not linear, those of priors zero."""
+        terms = self.problem.terms
+        found = np.zeros((len(ordinates), self.problem.n_points))
+        for term, name, at, _ in pieces(terms):
+            here = ordinates[:, self.curves.places[term.spot, channel_of(name)]]
+            found[:, at] = term.of_ordinates(name, here, len(terms))[:, term.counted(name)]
+        return found
 
     def _corrected(self, ordinates: FloatArray) -> FloatArray:
         """Ordinates (k, n) with what finer meshes add to each curve."""

@@ -27,7 +27,7 @@ from palpate.api.fit import (
     share_of_range,
     word_of,
 )
-from palpate.api.runs import Study, Swept, objectives, residual_scale
+from palpate.api.runs import Study, Swept, answering_for, objectives, scored_points
 from palpate_certainty.surrogate import LEAST_Q2, QuadraticForm, fit_slopes, together
 
 FLOOR = 1e-6
@@ -135,7 +135,8 @@ class _Curves:
         curve = self.measured[spot][channel_of(name)]
         if curve.std is None:
             return 0.0
-        scale = residual_scale(curve, self.study.scoring, name, weight, np.ones(curve.std.size, dtype=bool))
+        score = self.study.scoring.score
+        scale = score.scale(curve, scored_points(score, curve, name) > 0.0, weight)
         return float(((scale * curve.std) ** 2).sum())
 
     def _residuals(self, spot: str, name: str, weight: float, sets: IntArray) -> FloatArray:
@@ -145,10 +146,11 @@ class _Curves:
         # A point that hardly any set reaches is left out.
         if not sets.size:
             return values
-        reached = (np.isfinite(values).mean(axis=0) > 0.5) & curve.counted(name)
-        scale = residual_scale(curve, self.study.scoring, name, weight, reached)
-        residuals: FloatArray = (values - curve.ordinate)[:, reached] * scale[reached]
-        return residuals
+        score = self.study.scoring.score
+        reached = (np.isfinite(values).mean(axis=0) > 0.5) & (scored_points(score, curve, name) > 0.0)
+        # A set that does not reach all of them has residuals that are NaN.
+        with answering_for(score, f"scoring '{name}'"):
+            return score.weighted(curve, values, reached, weight)[:, reached]
 
 
 @dataclass(frozen=True, kw_only=True)

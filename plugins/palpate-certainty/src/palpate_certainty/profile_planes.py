@@ -69,10 +69,10 @@ class EmulatedObjective:
         """Residuals (n, m) at points (n, n_parameters) of the box, without those of priors."""
         ordinates = self.curves(self.problem.box.values(points))
         parts = []
-        for term, name, _, scale in pieces(self.problem.terms):
-            channel, inside = channel_of(name), term.counted(name)
-            here = term.corrected(channel, ordinates[:, self._place(term.spot, channel)])
-            parts.append(((here - term.measured[channel].ordinate) * scale)[:, inside])
+        for term, name, _, _ in pieces(self.problem.terms):
+            here = term.corrected(channel_of(name), ordinates[:, self._place(term.spot, channel_of(name))])
+            found = term.of_ordinates(name, here, len(self.problem.terms))
+            parts.append(found[:, term.counted(name)])
         return np.concatenate(parts, axis=1)
 
     def unknown(self, points: FloatArray) -> FloatArray:

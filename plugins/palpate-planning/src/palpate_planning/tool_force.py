@@ -127,7 +127,7 @@ def _force(design: DesignProblem, tool: Tool, spot: str, point: FloatArray) -> T
         raise StudyError(f"{name} cannot be predicted: {simulation.status}: {why}")
     # Its own curve as the measured one: the slope of a residual is that of the force, times its scale.
     stated = problem.restated(
-        [replace(bare, measured=Response(curves={FORCE: curves[FORCE]}), weights={FORCE: 1.0})]
+        [replace(bare, measured=Response(curves={FORCE: curves[FORCE]}), weights={}).of_channels([FORCE])]
     )
     (found,) = slopes_of([(stated, point_in(design, stated, point))])
     if found.jacobian is None:

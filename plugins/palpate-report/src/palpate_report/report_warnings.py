@@ -418,7 +418,7 @@ def _about_comparisons(data: ReportData) -> Iterator[ReportWarning]:
 
 
 def _about_conventions(data: ReportData) -> Iterator[ReportWarning]:
-    if data.study.scoring.normaliser.value == "mean":
+    if getattr(data.study.scoring.score.settings, "normaliser", "") == "mean":
         yield ReportWarning(
             "NMSE is over the mean of the measured curve",
             "Over a path to both sides, such as a twist, that is close to zero, and inflates the error.",
