@@ -23,12 +23,6 @@ from palpate.plugins.scaffold import KITS
 BEGIN = "<!-- hooks: written by make hooks -->"
 END = "<!-- end of hooks -->"
 
-CONTRACTS: Mapping[str, str] = MappingProxyType(
-    {kit.catalogue: kit.contract for kit in KITS.values() if kit.contract}
-)
-"""Contract test of :mod:`palpate.testing` by catalogue."""
-
-
 OPTIONAL: Mapping[type[Component], tuple[type[Any], ...]] = MappingProxyType(
     {ExperimentLoader: (CurveWriter, FileInspector, LoadingDrawer), Solver: (Verifier,)}
 )
@@ -76,10 +70,10 @@ def _around(kind: str) -> Iterator[str]:
     """Write how to list, scaffold and test components of a kind."""
     yield f"Listed by `palpate plugins {kind.replace('_', '-')}`."
     for word, kit in KITS.items():
-        if kit.catalogue == kind:
+        if kit.catalogue == kind and not kit.is_whole:
             yield f"Scaffold: `palpate new-plugin {word} NAME`."
-    if kind in CONTRACTS:
-        yield f"Tested by `palpate.testing.{CONTRACTS[kind]}`."
+    if contract := KINDS[kind].contract:
+        yield f"Tested by `palpate.testing.{contract}`."
 
 
 def _signature(function: Any) -> str:  # noqa: ANN401

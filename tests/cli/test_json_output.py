@@ -73,7 +73,7 @@ def test_what_the_others_print(call: Call) -> None:
     valid("init", call("init", "--json").json)
     valid("init", call("init", "--study", "treloar", "rubber", "--json").json)
     valid("plugins", call("plugins", "--json").json)
-    assert valid("new-plugin", call("new-plugin", "scenario", "mine", "--json").json)
+    assert valid("new-plugin", call("new-plugin", "stage", "mine", "--json").json)
     assert valid("doctor", call("doctor", "--json").json)
 
 

@@ -10,8 +10,10 @@ from pathlib import Path
 import pytest
 
 import palpate
+from palpate import testing
 from palpate.errors import PluginError
 from palpate.plugins.catalogue import Plugins
+from palpate.plugins.registry import HOOKS, KINDS
 from palpate.plugins.scaffold import KITS, new_plugin
 
 from .conftest import Call
@@ -64,16 +66,14 @@ def test_their_tests_pass_at_once(made: dict[str, Path]) -> None:
         assert "def test_a_study_runs_with_it(" in (made[kind] / "tests" / f"test_my_{kind}.py").read_text()
 
 
-@pytest.mark.slow
-def test_their_settings_find_their_code(made: dict[str, Path]) -> None:
-    done = _run(["-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "counts_half"], made["scenario"], [])
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "1 passed" in done.stdout
-
-
-def test_a_readme_names_what_a_user_writes(made: dict[str, Path]) -> None:
-    assert "palpate plugins studies my-study\n" in (made["study"] / "README.md").read_text()
-    assert "palpate my-command STUDY" in (made["command"] / "README.md").read_text()
+def test_the_generic_one_shows_every_hook_with_its_contract(made: dict[str, Path]) -> None:
+    text = (made["generic"] / "src" / "palpate_my_generic" / "__init__.py").read_text()
+    assert set(re.findall(r"^# (palpate_\w+)\(", text, flags=re.MULTILINE)) == HOOKS
+    comments = " ".join(re.sub(r"\n#\s*", " ", text).split())
+    assert "Returns classes of Score (from palpate.api), tested by ScoreContract." in comments
+    assert "Returns classes of Search (from palpate.api.fit), tested by SearchContract." in comments
+    for kind in KINDS.values():
+        assert not kind.contract or hasattr(testing, kind.contract)
 
 
 @pytest.mark.slow
@@ -109,14 +109,11 @@ def test_an_installer_finds_the_entry_point(made: dict[str, Path], kind: str) ->
     ((name, value),) = points.items()
     package, _, made_of = value.partition(":")
     assert package == f"palpate_my_{kind}"
-    if kind == "command":
-        assert (group, name, made_of) == ("palpate", "my_command", "")
+    if kind == "generic":
+        assert (group, name, made_of) == ("palpate", "my_generic", "")
         return
     assert group == f"palpate.{KITS[kind].catalogue}"
-    assert name == ("my-study" if kind == "study" else f"my_{kind}")
-    assert made_of == (
-        f"MY_{kind.upper()}" if kind in ("scenario", "channel", "study") else f"My{kind.title()}"
-    )
+    assert (name, made_of) == (f"my_{kind}", f"My{kind.title()}")
     assert (made[kind] / "src" / f"palpate_my_{kind}" / "__init__.py").is_file()
 
 
@@ -126,11 +123,11 @@ def test_a_material_takes_thirty_lines(made: dict[str, Path]) -> None:
 
 
 def test_the_command_reports_what_it_wrote_and_what_to_do_next(call: Call, tmp_path: Path) -> None:
-    outcome = call("new-plugin", "scenario", "my_view", "--into", tmp_path / "here")
+    outcome = call("new-plugin", "stage", "my_view", "--into", tmp_path / "here")
     assert outcome.code == 0, outcome.err
     assert "tests/test_my_view.py" in outcome.out
     assert "next: cd" in outcome.err
-    reported = call("new-plugin", "scenario", "other", "--into", tmp_path, "--json").json
+    reported = call("new-plugin", "stage", "other", "--into", tmp_path, "--json").json
     assert reported["folder"] == str(tmp_path / "palpate-other")
     assert (tmp_path / "palpate-other" / "src" / "palpate_other" / "__init__.py").is_file()
 
@@ -147,11 +144,14 @@ def test_the_command_reports_what_it_wrote_and_what_to_do_next(call: Call, tmp_p
         ("loader", "curve", "hide palpate's own Curve; choose another name, such as my_curve"),
         ("material", "../x", "such as x"),
         ("material", "yeoh", "material 'yeoh' is already provided; choose another"),
-        ("study", "forearm_demo", "study 'forearm_demo' is already provided; choose another"),
-        ("command", "run", "command 'run' is already provided; choose another"),
-        ("command", "certify", "command 'certify' is already provided; choose another"),
-        ("limb", "materials", "plugin name 'materials' is taken by distribution palpate-materials"),
-        ("limb", "palpate", "choose another name"),
+        (
+            "scenario",
+            "x",
+            "no plugin of kind 'scenario' can be made",
+        ),
+        ("stage", "fit", "stage 'fit' is already provided; choose another"),
+        ("stage", "materials", "plugin name 'materials' is taken by distribution palpate-materials"),
+        ("stage", "palpate", "choose another name"),
     ],
 )
 def test_a_name_that_cannot_be_is_refused(call: Call, kind: str, name: str, message: str) -> None:
@@ -164,11 +164,11 @@ def test_a_name_that_cannot_be_is_refused(call: Call, kind: str, name: str, mess
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     (tmp_path / "palpate-mine").mkdir()
     with pytest.raises(PluginError, match="palpate-mine: exists; choose another name"):
-        new_plugin("scenario", "mine", tmp_path, NOTHING)
+        new_plugin("stage", "mine", tmp_path, NOTHING)
     assert not list((tmp_path / "palpate-mine").iterdir())
 
 
 def test_a_folder_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(PluginError, match="cannot be written"):
-        new_plugin("scenario", "mine", tmp_path / "file", NOTHING)
+        new_plugin("stage", "mine", tmp_path / "file", NOTHING)

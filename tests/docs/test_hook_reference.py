@@ -10,7 +10,7 @@ from hook_reference import BEGIN, END, main, reference, written
 from palpate import mechanics, testing
 from palpate.errors import PluginError
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.registry import HOOKS
+from palpate.plugins.registry import HOOKS, KINDS
 from palpate.plugins.scaffold import KITS
 
 FOLDER = Path(__file__).parents[2] / "plugins"
@@ -63,7 +63,7 @@ def test_every_contract_is_listed_with_its_laws() -> None:
     contracts = {name for name in testing.__all__ if name.endswith("Contract")} - {"ComponentContract"}
     table = README.split("| contract | detects |")[1].split("## Hooks")[0]
     assert set(re.findall(r"`(\w+Contract)`", table)) == contracts
-    assert {kit.contract for kit in KITS.values() if kit.contract} == contracts
+    assert {kind.contract for kind in KINDS.values() if kind.contract} == contracts
     assert contracts == set(re.findall(r"palpate\.testing\.(\w+)", reference()))
 
 

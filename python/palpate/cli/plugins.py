@@ -1,6 +1,5 @@
 """``palpate plugins``: who provides what."""
 
-from collections.abc import Collection
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -157,8 +156,7 @@ def new_plugin(
         str,
         typer.Argument(
             metavar="KIND",
-            help="material, indenter, motion, solver, loader, scenario, limb, executor, sampler, search, "
-            "parametrisation, stage, section, filter, channel, command or study.",
+            help="material, solver, loader, stage, or generic: a sampler, with every other hook in comments.",
         ),
     ],
     name: Annotated[
@@ -173,7 +171,7 @@ def new_plugin(
     from palpate.plugins import scaffold as plugin_kit
 
     session = Session.of(context)
-    folder = plugin_kit.new_plugin(kind, name, into, session.plugins, _commands(session))
+    folder = plugin_kit.new_plugin(kind, name, into, session.plugins)
     files = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
     if as_json:
         session.json({"kind": kind, "name": name, "folder": str(folder), "files": files})
@@ -182,11 +180,3 @@ def new_plugin(
     for file in files:
         session.say(f"  {file}")
     session.note(f"next: cd {folder} && pytest")
-
-
-def _commands(session: Session) -> Collection[str]:
-    from typer.main import get_group
-
-    app = session.make_app()
-    session.plugins.commands(app)
-    return get_group(app).commands

@@ -2,15 +2,19 @@
 
 import importlib.metadata
 import importlib.util
+import inspect
 import keyword
+import pkgutil
 import re
-from collections.abc import Collection, Mapping
+import textwrap
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
 import palpate
 from palpate.errors import PluginError
+from palpate.plugins import hookspecs
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import GROUP, KINDS, owner_of, suggestion
 
@@ -19,78 +23,35 @@ _NAME = re.compile(r"[a-z]([a-z0-9_]*[a-z0-9])?")
 
 @dataclass(frozen=True, slots=True)
 class Kit:
-    """What can be made: its catalogue, its contract test if it has one, and how it is used."""
+    """What can be made: the catalogue of its component, its noun, and how a study uses it."""
 
     catalogue: str
     noun: str
-    contract: str
     use: str
     """A sentence, with ``{}`` for the name."""
-    needs: tuple[str, ...] = ("palpate",)
-    """Distributions that the plugin depends on."""
-    files: tuple[str, ...] = ()
-    """More files of the package, each with a template."""
+    is_whole: bool = False
+    """Whether the entry point names the module, with all its hooks, and not the one component."""
 
 
 def _named(key: str, table: str) -> str:
     return f"A study names it with `{key}` under `[{table}]`."
 
 
-_FILTER = "A study names it with a table `[sampling.filters.{}]`."
-_CHANNEL = 'A study measures it with `measured = {{ {} = "file" }}` under `[[spot]]`.'
-
+GENERIC = "generic"
 
 KITS: Mapping[str, Kit] = MappingProxyType(
     {
-        "material": Kit("materials", "material", "MaterialContract", _named('material = "{}"', "region.…")),
-        "indenter": Kit(
-            "indenters", "indenter", "IndenterContract", _named('shape = "{}"', "protocol.indenter")
-        ),
-        "motion": Kit("motions", "motion", "MotionContract", _named('motion = "{}"', "protocol")),
-        "solver": Kit("solvers", "solver", "SolverContract", _named('name = "{}"', "solver")),
-        "loader": Kit("loaders", "loader", "LoaderContract", _named('loader = "{}"', "experiment")),
-        "scenario": Kit(
-            "scenarios",
-            "scenario",
-            "ScenarioContract",
-            _named('scenarios = ["{}"]', "selection"),
-            needs=("palpate", "palpate-indentation"),  # declares force and torque
-        ),
-        "limb": Kit("limb_sources", "limb source", "LimbSourceContract", _named('source = "{}"', "limb")),
-        "executor": Kit("executors", "executor", "ExecutorContract", _named('name = "{}"', "executor")),
-        "sampler": Kit("samplers", "sampler", "SamplerContract", _named('sampler = "{}"', "sampling")),
-        "search": Kit("searches", "search", "SearchContract", _named('search = "{}"', "fit")),
-        "parametrisation": Kit(
-            "parametrisations",
-            "parametrisation",
-            "ParametrisationContract",
-            _named('parametrisation = "{}"', "fit"),
-        ),
-        "stage": Kit("stages", "stage", "StageContract", "A study's run has it with a table `[stages.{}]`."),
-        "section": Kit(
-            "sections",
-            "section",
-            "SectionContract",
-            "Every report shows it where it has something.",
-            needs=("palpate", "palpate-report"),
-        ),
-        "filter": Kit("set_filters", "set filter", "SetFilterContract", _FILTER),
-        "channel": Kit("channels", "channel", "ChannelContract", _CHANNEL),
-        "command": Kit("", "command", "", "Call it with `palpate {} STUDY`."),
-        "study": Kit(
-            "studies",
-            "study",
-            "",
-            "Copy it with `palpate init --study {}`.",
-            needs=("palpate", "palpate-robot-log", "palpate-jax", "palpate-materials"),
-            files=("study/study.toml", "study/strip.csv"),
-        ),
+        "material": Kit("materials", "material", _named('material = "{}"', "region.…")),
+        "solver": Kit("solvers", "solver", _named('name = "{}"', "solver")),
+        "loader": Kit("loaders", "loader", _named('loader = "{}"', "experiment")),
+        "stage": Kit("stages", "stage", "A study's run has it with a table `[stages.{}]`."),
+        GENERIC: Kit("samplers", "sampler", _named('sampler = "{}"', "sampling"), is_whole=True),
     }
 )
-"""Kinds of plugin that can be made, by the word on the command line."""
+"""Kinds of plugin that can be made, by the word on the command line; ``generic`` shows every other hook."""
 
 
-def new_plugin(kind: str, name: str, into: Path, plugins: Plugins, commands: Collection[str] = ()) -> Path:
+def new_plugin(kind: str, name: str, into: Path, plugins: Plugins) -> Path:
     """Write a plugin of one working component, its tests and its README; returns the new directory.
 
     Parameters
@@ -98,7 +59,7 @@ def new_plugin(kind: str, name: str, into: Path, plugins: Plugins, commands: Col
     kind : str
         One of ``KITS``.
     name : str
-        Name of the component in a study: lower case, an identifier, not taken in ``plugins`` or ``commands``.
+        Name of the component in a study: lower case, an identifier, not taken in ``plugins``.
     into : Path
         Where the directory ``palpate-<name>`` is made.
 
@@ -110,7 +71,7 @@ def new_plugin(kind: str, name: str, into: Path, plugins: Plugins, commands: Col
     if kind not in KITS:
         known = ", ".join(KITS)
         raise PluginError(f"no plugin of kind '{kind}' can be made{suggestion(kind, KITS)} (known: {known})")
-    _check_free(kind, name, plugins, commands)
+    _check_free(kind, name, plugins)
     folder = into / _distribution(name)
     if folder.exists():
         raise PluginError(f"{folder}: exists; choose another name, or another folder with --into")
@@ -128,20 +89,14 @@ def _distribution(name: str) -> str:
     return f"palpate-{name.replace('_', '-')}"
 
 
-def _shown(kind: str, name: str) -> str:
-    """Name that a user writes: those of commands and studies have hyphens."""
-    return name.replace("_", "-") if kind in ("command", "study") else name
-
-
-def _check_free(kind: str, name: str, plugins: Plugins, commands: Collection[str]) -> None:
+def _check_free(kind: str, name: str, plugins: Plugins) -> None:
     """Refuse a name that Python cannot use, or that palpate or an installed plugin has."""
     if not _is_allowed(name):
         raise PluginError(
             f"plugin name '{name}': give a Python identifier in lower case that is no keyword, such as "
             f"{_repaired(name)}"
         )
-    catalogue = KITS[kind].catalogue
-    if _shown(kind, name) in (plugins.catalogue(catalogue) if catalogue else commands):
+    if name in plugins.catalogue(KITS[kind].catalogue):
         raise PluginError(f"{KITS[kind].noun} '{name}' is already provided; choose another name")
     for point in importlib.metadata.entry_points(group=GROUP, name=name):
         raise PluginError(
@@ -176,7 +131,7 @@ def _files(kind: str, name: str) -> dict[str, str]:
         import jinja2
     except ImportError:
         raise PluginError("jinja2 writes a plugin's files; pip install 'palpate[testing]'") from None
-    kit, package, shown = KITS[kind], f"palpate_{name}", _shown(kind, name)
+    kit, package = KITS[kind], f"palpate_{name}"
     major, minor = map(int, palpate.__version__.split(".")[:2])
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("palpate.plugins", "templates"),
@@ -186,19 +141,19 @@ def _files(kind: str, name: str) -> dict[str, str]:
     )
     words = {
         "name": name,
-        "shown": shown,
         "title": name.replace("_", " ").capitalize(),
         "cls": _class(name),
-        "constant": name.upper(),
         "package": package,
         "distribution": _distribution(name),
         "noun": kit.noun,
-        "kind_shown": kit.catalogue.replace("_", "-") or "commands",
-        "contract": kit.contract,
-        "use": kit.use.format(shown),
-        "entry": _entry_point(kit, package, name, shown),
-        "needs": kit.needs,
-        # Versions of palpate, and of what is released with it, that the plugin is written for.
+        "catalogue": kit.catalogue,
+        "contract": KINDS[kit.catalogue].contract,
+        "use": kit.use.format(name),
+        "entry": (GROUP, name, package)
+        if kit.is_whole
+        else (f'"{GROUP}.{kit.catalogue}"', name, f"{package}:{_class(name)}"),
+        "hooks": _hooks() if kind == GENERIC else [],
+        # Versions of palpate that the plugin is written for.
         "bounds": f">={major}.{minor},<{major}.{minor + 1}",
     }
     templates = {
@@ -209,7 +164,6 @@ def _files(kind: str, name: str) -> dict[str, str]:
         f"src/{package}/__init__.py": f"{kind}/module.py",
         f"tests/test_{name}.py": f"{kind}/test.py",
     }
-    templates |= {f"src/{package}/{file}": f"{kind}/{Path(file).name}" for file in kit.files}
     made = {
         path: environment.get_template(f"{template}.jinja").render(words)
         for path, template in templates.items()
@@ -217,9 +171,22 @@ def _files(kind: str, name: str) -> dict[str, str]:
     return {**made, f"src/{package}/py.typed": ""}
 
 
-def _entry_point(kit: Kit, package: str, name: str, shown: str) -> tuple[str, str, str]:
-    """Group, name and object: the one component, so that a list of commands does not import it."""
-    if not kit.catalogue:
-        return GROUP, name, package
-    made = _class(name) if KINDS[kit.catalogue].holds_components else name.upper()
-    return f'"{GROUP}.{kit.catalogue}"', shown, f"{package}:{made}"
+def _hooks() -> list[str]:
+    """Comment on every hook: its signature, what it returns, what to import for that, and its contract."""
+    rooms = importlib.import_module("palpate.api")
+    names = ["palpate.api", *(f"palpate.api.{room.name}" for room in pkgutil.iter_modules(rooms.__path__))]
+    kinds, lines = {kind.hook: kind for kind in KINDS.values()}, []
+    for hook, spec in vars(hookspecs).items():
+        if not hasattr(spec, "palpate_spec"):
+            continue
+        said = " ".join((spec.__doc__ or "").split("\n\n")[0].split())
+        line = f"{hook}({', '.join(inspect.signature(spec).parameters)}): {said}"
+        if hook in kinds:
+            kind = kinds[hook]
+            first = kind.base.split(" or ")[0]
+            home = next(name for name in names if first in dir(importlib.import_module(name)))
+            tested = f", tested by {kind.contract}" if kind.contract else ""
+            what = "classes" if kind.holds_components else "values"
+            line += f" Returns {what} of {kind.base} (from {home}){tested}."
+        lines += ["#", *textwrap.wrap(line, 106, initial_indent="# ", subsequent_indent="#     ")]
+    return lines
