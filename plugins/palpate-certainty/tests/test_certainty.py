@@ -24,6 +24,7 @@ from palpate.stages import pipeline
 from palpate.stages.stage import Run
 from palpate.study.model import BudgetTable
 from palpate_certainty.assessment import Assessment
+from palpate_certainty.emulated_curves import ScenarioDensity, SimulatedCurves
 from palpate_certainty.error_budget import MESH, error_budget
 from palpate_certainty.error_sources import (
     ErrorSource,
@@ -32,7 +33,6 @@ from palpate_certainty.error_sources import (
     drift_of,
     error_sources_of,
 )
-from palpate_certainty.emulated_curves import ScenarioDensity, SimulatedCurves
 from palpate_certainty.mesh_error import SpotMesh, noted_errors
 from palpate_certainty.stages import Posteriors
 from palpate_certainty.tables import certainty_result

@@ -7,16 +7,7 @@ from types import MappingProxyType
 import numpy as np
 import polars as pl
 
-from palpate.api import (
-    SILENT,
-    Design,
-    FloatArray,
-    PalpateError,
-    Progress,
-    Response,
-    ScoringError,
-    Simulation,
-)
+from palpate.api import SILENT, Design, FloatArray, PalpateError, Progress, Response, ScoringError, Simulation
 from palpate.api.executors import StoppedError
 from palpate.api.fit import Case, CertaintyResult, Fit, channel_of
 from palpate.api.runs import Study, relaxation_of

@@ -11,15 +11,7 @@ from scipy.stats import qmc
 from palpate.api import SILENT, FloatArray, Parameter, Progress, Response, Scenario, StudyError
 from palpate.api.experiment import abscissae_of
 from palpate.api.fit import Problem, Simulate, term_of
-from palpate.api.runs import (
-    Plugins,
-    RunDirectory,
-    Simulations,
-    Study,
-    Tool,
-    load_limbs,
-    locked_run,
-)
+from palpate.api.runs import Plugins, RunDirectory, Simulations, Study, Tool, load_limbs, locked_run
 from palpate_certainty.error_sources import Columns
 from palpate_certainty.laplace import Laplace
 from palpate_certainty.mesh_error import SpotMesh

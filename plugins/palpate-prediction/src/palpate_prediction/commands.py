@@ -6,15 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.api import StudyError
-from palpate.api.cli import (
-    AsJson,
-    RunPath,
-    Session,
-    StageProgress,
-    TrustPlugins,
-    find_run,
-    study_of_run,
-)
+from palpate.api.cli import AsJson, RunPath, Session, StageProgress, TrustPlugins, find_run, study_of_run
 
 if TYPE_CHECKING:
     from palpate_prediction.files import CardOutput, PredictOutput

@@ -13,9 +13,8 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate.api import Channel, Curve, CurveError, FloatArray, Response
+from palpate.api import Channel, Curve, CurveError, FloatArray, Response, interpolate
 from palpate.api.fit import ALL_SPOTS
-from palpate.api.mechanics import interpolate
 from palpate.api.runs import file_name, objectives
 from palpate_report import comparison
 from palpate_report.fit_path import least_of_sweep, paths
