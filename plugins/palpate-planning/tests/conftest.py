@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+import palpate_certainty
 import palpate_materials
 from palpate.stages import pipeline
 from palpate.study.reading import read_study
@@ -17,6 +18,7 @@ def fitted(tmp_path_factory, soft_region):
     folder = tmp_path_factory.mktemp("one_press")
     study, plugins = StudyRunner(folder).study(
         palpate_materials,
+        palpate_certainty,
         region=soft_region,
         sampling={"n_sets": 0},
         fit={"search": "least_squares"},

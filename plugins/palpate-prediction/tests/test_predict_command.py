@@ -5,6 +5,7 @@ import json
 import jsonschema
 import pytest
 
+import palpate_certainty
 from palpate.plugins.registry import load_file
 from palpate.stages import pipeline
 from palpate.testing.studies import StudyRunner
@@ -79,7 +80,9 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("predict")
     (folder / "skinned.py").write_text(PLUGIN)
     runner, module = StudyRunner(folder), load_file(folder / "skinned.py")
-    study, plugins = runner.study(module, solver={"name": "skinned"}, sampling={"n_sets": 0})
+    study, plugins = runner.study(
+        module, palpate_certainty, solver={"name": "skinned"}, sampling={"n_sets": 0}
+    )
     pipeline.run_study(study, folder / "run", plugins)
     return runner, module
 

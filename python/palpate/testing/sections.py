@@ -65,10 +65,13 @@ def page() -> Plugins:
     PluginError
         It is not installed.
     """
-    for point in installed_points():
-        if owner_of(point) == "palpate-report":
-            return plugins_with(point.load())
+    if found := _installed("palpate-report"):
+        return plugins_with(*found)
     raise PluginError("sections are tested on the page of palpate-report; install palpate[standard]")
+
+
+def _installed(name: str) -> list[object]:
+    return [point.load() for point in installed_points() if owner_of(point) == name]
 
 
 def small_run(folder: Path, plugins: Iterable[object], tables: Mapping[str, Any]) -> SmallRun:
@@ -77,14 +80,15 @@ def small_run(folder: Path, plugins: Iterable[object], tables: Mapping[str, Any]
     Parameters
     ----------
     plugins : iterable of module or object
-        Besides those of :mod:`palpate.testing.bench`.
+        Besides those of :mod:`palpate.testing.bench`, and palpate-certainty where that is installed.
     tables : mapping
         Tables of the study, as :class:`palpate.testing.StudyRunner` takes them.
     """
     from palpate.stages import pipeline
     from palpate.testing.studies import StudyRunner
 
-    study, loaded = StudyRunner(folder).study(*plugins, **tables)
+    every = dict.fromkeys([*plugins, *_installed("palpate-certainty")])
+    study, loaded = StudyRunner(folder).study(*every, **tables)
     pipeline.run_study(study, folder / "run", loaded)
     run = read_run(study, RunDirectory(folder / "run"), loaded, is_copy=False)
     sections = {**page().sections, **run.sections}
