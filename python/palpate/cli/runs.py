@@ -128,7 +128,7 @@ def original_study(
     from palpate.study.reading import study_plugins
 
     manifest = RunDirectory(run).manifest()
-    file = moved or run.joinpath(manifest["study_file"])
+    file = _study_file(moved) if moved else run.joinpath(manifest["study_file"])
     if not file.is_file():
         raise StudyError(
             f"{file}: the study file of this run is not there any more; put it back, with its meshes, or "
