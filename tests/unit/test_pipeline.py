@@ -107,7 +107,7 @@ def test_single_stages_write_what_the_run_writes(make_study, plugins, tmp_path):
     pipeline.measure(study, alone, plugins)
     pipeline.run_stage("sample", study, alone, plugins)
     pipeline.run_stage("simulate", study, alone, plugins)
-    for name in ("score", "select", "verify", "identifiability", "fit", "intervals"):
+    for name in ("score", "select", "verify", "fit", "intervals", "identifiability"):
         run = pipeline.run_stage(name, study, alone, plugins)
     report = from_run.report(study, alone, plugins)
     assert_frame_equal(run.table("scores"), result.scores)
