@@ -4,7 +4,7 @@ A package counts as a whole, since any of its modules may decide what a class of
 distribution with version, and one hash of its code (Python files and extension modules). A module
 outside a package, such as a one-file plugin, counts by its file. Palpate itself counts by its version.
 Data files and other distributions that a package imports are not covered; a component whose result
-depends on them overrides :meth:`palpate.plugins.interfaces.Component.fingerprint`.
+depends on them overrides :meth:`palpate.domain.component.Component.fingerprint`.
 """
 
 import functools

@@ -54,13 +54,13 @@ class GroupedCommands(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401 - of the library's own click
         """Refuse an unknown command, with where more commands are from."""
-        from palpate.plugins.registry import suggestion
+        from palpate.plugins.registry import MORE, suggestion
 
         if args and not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
             close = suggestion(args[0], self.list_commands(ctx))
             ctx.fail(
                 f"no command '{args[0]}'{close}; `palpate plugins` lists the plugins that are installed, and "
-                "pip install 'palpate[standard]' brings those of palpate"
+                f"{MORE}"
             )
         return super().resolve_command(ctx, args)
 

@@ -22,7 +22,7 @@ from palpate.plugins.execution import Executor
 from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins.motion import Motion
 from palpate.plugins.parametrisation import Parametrisation
-from palpate.plugins.registry import KINDS, BrokenPlugin, Registry, registered, suggestion
+from palpate.plugins.registry import KINDS, MORE, BrokenPlugin, Registry, registered, suggestion
 from palpate.plugins.score import Score
 from palpate.plugins.search import Search
 from palpate.plugins.sections import Section
@@ -85,7 +85,9 @@ class Catalogue(Mapping[str, T]):
             return found
         close = suggestion(name, self._entries)
         message = f"no {self.noun} '{name}'{close} (known: {', '.join(self._entries) or 'none'})"
-        if not close:
+        if self.noun == "stage":
+            message += f"; {MORE}"
+        elif not close:
             message += "; if a file of yours provides it, give it as --plugin FILE or as [study] plugins"
         if self._broken:
             message += "; plugins left out as broken: " + "; ".join(map(str, self._broken))

@@ -16,20 +16,8 @@ from palpate.domain import (
     Simulation,
     Spot,
 )
-from palpate.domain.component import (
-    NO_FIELDS as NO_FIELDS,
-    Array as Array,
-    Component as Component,
-    InputFile as InputFile,
-    Settings as Settings,
-    SettingsT as SettingsT,
-)
-from palpate.domain.material import (
-    AnisotropicMaterial as AnisotropicMaterial,
-    HyperelasticMaterial as HyperelasticMaterial,
-    IsotropicMaterial as IsotropicMaterial,
-    Material as Material,
-)
+from palpate.domain.component import Component, SettingsT
+from palpate.domain.material import Material
 from palpate.plugins.provides import Provides
 
 

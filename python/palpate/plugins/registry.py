@@ -69,6 +69,10 @@ FIRST_PARTY = frozenset(
 """Distributions that are released with the core; a name that two plugins claim is theirs."""
 
 
+MORE = "pip install 'palpate[standard]' brings those of palpate"
+"""Where commands and components that are missing may come from."""
+
+
 @dataclass(frozen=True, slots=True)
 class Kind:
     """One catalogue: the hook that fills it, and what the hook must return: one class, or A or B."""
@@ -106,7 +110,10 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
         "indenters": Kind("palpate_indenters", "indenter", "palpate.domain.indenter", "Indenter"),
         "motions": Kind("palpate_motions", "motion", "palpate.plugins.motion", "Motion"),
         "materials": Kind(
-            "palpate_materials", "material", INTERFACES, "IsotropicMaterial or AnisotropicMaterial"
+            "palpate_materials",
+            "material",
+            "palpate.domain.material",
+            "IsotropicMaterial or AnisotropicMaterial",
         ),
         "samplers": Kind("palpate_samplers", "sampler", INTERFACES, "Sampler"),
         "set_filters": Kind("palpate_set_filters", "set filter", INTERFACES, "SetFilter"),

@@ -9,9 +9,9 @@ from pydantic import Field
 
 from palpate import _core
 from palpate.domain import BoolArray, Curve, FloatArray, Normaliser, PointWeighting, Status
+from palpate.domain.component import Component, Settings, SettingsT
 from palpate.errors import PluginError, ScoringError
 from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import Component, Settings, SettingsT
 
 STEP = 1e-6
 """Step of differences, over the largest ordinate."""

@@ -19,7 +19,7 @@ from palpate.fit.surfaces import stored_strains, stored_surfaces
 from palpate.limb.loading import load_limbs
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.guard import answering_for
-from palpate.plugins.registry import suggestion
+from palpate.plugins.registry import MORE, suggestion
 from palpate.plugins.sections import Section
 from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory
@@ -402,8 +402,8 @@ def in_order(stages: Mapping[str, Stage], wanted: Iterable[str]) -> list[Stage]:
         if name not in stages:
             by = f" that '{path[-1]}' needs" if path else ""
             raise PluginError(
-                f"no stage '{name}'{by}{suggestion(name, stages)}; install its plugin, or give the settings "
-                f"that it requires in [stages.{name}] of the study"
+                f"no stage '{name}'{by}{suggestion(name, stages)}; install its plugin ({MORE}), or give "
+                f"the settings that it requires in [stages.{name}] of the study"
             )
         for need in stages[name].needs:
             add(need, (*path, name))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from palpate.domain import BoolArray, Curve, FloatArray
-from palpate.plugins.interfaces import Component
+from palpate.domain.component import Component
 from palpate.plugins.score import Score
 from palpate.testing.components import ComponentContract, missing
 

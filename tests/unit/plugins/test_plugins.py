@@ -14,6 +14,7 @@ import typer
 from palpate.errors import PalpateError, PluginError
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import FIRST_PARTY, HOOKS, KINDS, add_commands, load_file
+from palpate.stages.stage import in_order
 
 from .conftest import Write
 
@@ -125,7 +126,7 @@ BROKEN = {
     "setting without help": (
         grid(
             "class Grid(Sampler):",
-            "from palpate.plugins.interfaces import Settings\nclass S(Settings):\n    n: int = 1\n"
+            "from palpate.domain.component import Settings\nclass S(Settings):\n    n: int = 1\n"
             "class Grid(Sampler[S]):",
         ),
         "setting 'n' of 'x' has no description",
@@ -153,7 +154,7 @@ BROKEN = {
         "give it a tuple of palpate.Parameter",
     ),
     "material of no kind": (
-        "from palpate import hookimpl\nfrom palpate.plugins.interfaces import HyperelasticMaterial\n"
+        "from palpate import hookimpl\nfrom palpate.domain.material import HyperelasticMaterial\n"
         "class M(HyperelasticMaterial): ...\n@hookimpl\ndef palpate_materials(): return [M]\n",
         "return subclasses of IsotropicMaterial or AnisotropicMaterial",
         "",
@@ -432,3 +433,10 @@ def test_every_public_name_can_be_imported() -> None:
         assert getattr(palpate, name) is not None
     with pytest.raises(AttributeError, match="nonsense"):
         _ = palpate.nonsense  # type: ignore[attr-defined]
+
+
+def test_a_stage_without_its_plugin_names_what_brings_it():
+    with pytest.raises(PalpateError, match=r"no stage 'certainty'.*palpate\[standard\]"):
+        Plugins.load(entry_points=False).stages["certainty"]
+    with pytest.raises(PalpateError, match=r"no stage 'intervals'.*palpate\[standard\]"):
+        in_order({}, ["intervals"])
