@@ -272,7 +272,7 @@ def one_figure(monkeypatch: pytest.MonkeyPatch) -> None:
         (folder / "one.svg").touch()
         return (folder / "one.svg",)
 
-    monkeypatch.setattr("palpate_report.writing.write_figures", draw_one)
+    monkeypatch.setattr("palpate_report.from_run.write_figures", draw_one)
 
 
 @dataclass(frozen=True)
@@ -358,7 +358,7 @@ def content(make_study, plugins, tmp_path, monkeypatch, contents):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Report without drawing, for what is not about the pictures."""
-    from palpate_report import writing
+    from palpate_report import from_run as writing
 
     monkeypatch.setattr(writing, "write_figures", lambda content, folder: (folder / "a figure.svg",))
 

@@ -32,7 +32,7 @@ from palpate.study.reading import StudySpot
 from palpate.study.tool import Tool
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.error_sources import ONSET_MM, RELATIVE
-from palpate_planning.extension import CandidatePress
+from palpate_planning.candidates import CandidatePress
 from palpate_planning.presses import simulated_presses
 from palpate_planning.propose import PlanningStage, PlanOptions
 

@@ -32,7 +32,7 @@ from palpate.plugins.catalogue import Plugins
 from palpate.simulation.sweep import Simulations
 from palpate.study.reading import StudySpot
 from palpate.study.tool import read_tool
-from palpate_planning.extension import CandidatePress
+from palpate_planning.candidates import CandidatePress
 
 DEPTHS_MM, TWISTS_DEG = (5.0, 10.0), (0.0, 22.5, 45.0)
 AT, TOOL_DEPTH_MM = "p1", 5.0

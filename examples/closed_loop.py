@@ -22,7 +22,7 @@ from palpate.plugins.catalogue import Plugins
 from palpate.run.result import ALL_SPOTS
 from palpate.stages import pipeline
 from palpate.study.reading import Study, read_study
-from palpate_planning.extension import extended_study
+from palpate_planning.candidates import extended_study
 from palpate_planning.propose import PlanOptions, propose
 
 

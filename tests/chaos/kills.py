@@ -134,7 +134,7 @@ class Trials:
 
     def run(self, name: str) -> None:
         """Run the study; the pictures are left out."""
-        from palpate_report import writing
+        from palpate_report import from_run as writing
 
         def draw_none(content: object, folder: Path) -> tuple[Path, ...]:
             return ()

@@ -34,7 +34,7 @@ def whole_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("whole")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr("palpate_report.writing.write_figures", lambda content, folder: ())
+        patch.setattr("palpate_report.from_run.write_figures", lambda content, folder: ())
         assert main(["--plugin", PLUGIN, "run", str(copied_study(folder / "study"))]) == 0
     return folder / "runs" / "toy"
 

@@ -14,7 +14,7 @@ from palpate.cli.app import COMMANDS, STAGES
 from palpate.cli.listing import name_of
 from palpate.cli.output import OUTPUTS, VERSION, schema
 from palpate.stages import core_stages
-from palpate_report.output import CompareOutput, ReportOutput
+from palpate_report.stage import CompareOutput, ReportOutput
 
 from .conftest import Call
 

@@ -21,7 +21,7 @@ BOTH = ("--trust", "material:spring", "--trust", "solver:closed_form")
 @pytest.fixture
 def without_report(monkeypatch):
     """Leave the report out of every run, for what is not about it."""
-    monkeypatch.setattr("palpate_report.writing.write_figures", lambda data, folder: ())
+    monkeypatch.setattr("palpate_report.from_run.write_figures", lambda data, folder: ())
 
 
 @pytest.fixture

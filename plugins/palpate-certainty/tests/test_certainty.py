@@ -25,15 +25,17 @@ from palpate.stages.stage import Run
 from palpate.study.model import BudgetTable
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.emulated_curves import ScenarioDensity, SimulatedCurves
-from palpate_certainty.error_budget import MESH, error_budget
 from palpate_certainty.error_sources import (
+    MESH,
     ErrorSource,
+    SpotMesh,
     WithErrorSources,
     columns_of,
     drift_of,
+    error_budget,
     error_sources_of,
+    noted_errors,
 )
-from palpate_certainty.mesh_error import SpotMesh, noted_errors
 from palpate_certainty.stages import Posteriors
 from palpate_certainty.tables import certainty_result
 from palpate_materials.neo_hookean import NeoHookean

@@ -7,9 +7,8 @@ from scipy.stats import binom, chi2
 
 from palpate_certainty.adequacy import checks, misfits
 from palpate_certainty.laplace import Laplace, agreement, laplace
-from palpate_certainty.noise_model import estimate
-from palpate_certainty.parameter_combinations import parameter_combinations
-from palpate_certainty.residual_layout import ResidualLayout, grouped, groups_of
+from palpate_certainty.noise_model import ResidualLayout, estimate, grouped, groups_of
+from palpate_certainty.tables import parameter_combinations
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -8,9 +8,8 @@ from palpate.domain import Scenario
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.posterior import Draws, draw
 from palpate_certainty.posterior_sampling import PRECISE, PosteriorSampling
-from palpate_certainty.posterior_tables import posterior_result
+from palpate_certainty.posterior_tables import posterior_result, sobol_indices
 from palpate_certainty.profiles import RISE, best_point, profile, refitted
-from palpate_certainty.sobol_indices import sobol_indices
 from palpate_materials.uncoupled import Ogden
 
 SCENARIOS = tuple(

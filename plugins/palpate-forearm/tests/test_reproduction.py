@@ -60,7 +60,7 @@ class Scaled(Solver):
 def no_pictures():
     """Leave the drawing to the tests of the report."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("palpate_report.writing.write_figures", lambda content, folder: ())
+        patch.setattr("palpate_report.from_run.write_figures", lambda content, folder: ())
         yield
 
 

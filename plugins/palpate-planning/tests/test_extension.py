@@ -10,8 +10,7 @@ from palpate.run.ledger import Ledger
 from palpate.run.result import ALL_SPOTS
 from palpate.stages import pipeline
 from palpate.study.reading import read_study
-from palpate_planning.candidates import Allowed
-from palpate_planning.extension import extended_study
+from palpate_planning.candidates import Allowed, extended_study
 from palpate_planning.propose import PlanOptions, propose
 from palpate_planning.tables import proposal_tables
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from palpate.domain import Curve
 from palpate.fit.spot_term import Correction
 from palpate_certainty.laplace import Laplace, laplace
-from palpate_certainty.residual_layout import ResidualLayout
+from palpate_certainty.noise_model import ResidualLayout
 from palpate_planning.information import ErrorSizes, FoptInformation, press_information
 from palpate_planning.narrowing import Expected
 from palpate_planning.presses import _as_of

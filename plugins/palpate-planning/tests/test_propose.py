@@ -17,19 +17,20 @@ from palpate.study.tool import read_tool
 from palpate_planning import propose as planning
 from palpate_planning.candidates import (
     Allowed,
+    CandidatePress,
     Limit,
     candidates,
     described,
     limits_of,
     read_allowed,
     usual,
+    with_presses,
 )
-from palpate_planning.extension import CandidatePress, with_presses
 from palpate_planning.figure import draw
+from palpate_planning.narrowing import tool_forces
 from palpate_planning.presses import simulated_presses, with_pressures
 from palpate_planning.propose import PlanOptions, before_any_press, choose_presses, plan, propose
 from palpate_planning.tables import ProposalOutput, for_robot, proposal_tables
-from palpate_planning.tool_force import tool_forces
 
 ALLOWED = Allowed(protocol={"depth": ["1 mm", "2 mm", "4 mm"], "twist": [[], ["20 deg", "0 deg"]]})
 

@@ -17,8 +17,7 @@ from palpate.run.result import CertaintyResult, FitResult
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Demiray, Ogden, OgdenSettings, Yeoh, YeohSettings
 from palpate_prediction.cards.card import CardData
-from palpate_prediction.cards.of_run import _intervals
-from palpate_prediction.cards.programs import PROGRAMS, joined
+from palpate_prediction.cards.programs import PROGRAMS, _intervals, joined
 
 CASES = {
     "neo_hookean": (NeoHookean(), [0.0735, 0.4434]),

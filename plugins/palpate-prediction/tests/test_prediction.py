@@ -22,14 +22,14 @@ from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
 from palpate.stages.stage import Run, read_run
 from palpate.study.tool import read_tool
 from palpate_prediction import predict
-from palpate_prediction.bands import draws_of, ends, linear
-from palpate_prediction.exceedance import exceedances
+from palpate_prediction.bands import draws_of, ends, exceedances, linear
 from palpate_prediction.files import notes, write_prediction, write_surface
-from palpate_prediction.measures import area_above, contact_of, weighted_quantile
 from palpate_prediction.predict import AS_IS, run_prediction
 from palpate_prediction.summary import (
     QUANTITIES,
     PressStates,
+    area_above,
+    contact_of,
     curve_errors,
     ends_by_force,
     force_error,
@@ -38,6 +38,7 @@ from palpate_prediction.summary import (
     spread,
     stiffer_by,
     summary_rows,
+    weighted_quantile,
 )
 
 pytestmark = pytest.mark.usefixtures("one_figure")

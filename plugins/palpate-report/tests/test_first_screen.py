@@ -14,12 +14,10 @@ from palpate.plugins.sections import Table, Word
 from palpate_report import answer as answer_module
 from palpate_report.answer import CAUSES, answer, budget_bars
 from palpate_report.forest import Axis, _percent, _widened, forest
-from palpate_report.layout import laid_out
-from palpate_report.page import render
-from palpate_report.result import Report
+from palpate_report.page import laid_out, render
+from palpate_report.result import Report, make_verdict
 from palpate_report.stage import summary_of
 from palpate_report.tables import make_tables, printed
-from palpate_report.verdict import make_verdict
 
 TRUTH = {"soft_tissue.stiffness": 0.45, "soft_tissue.grip": 22.0}
 NUMBERS = st.floats(1e-6, 1e6)

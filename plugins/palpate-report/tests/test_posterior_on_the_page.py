@@ -12,7 +12,7 @@ from palpate.plugins.sections import Figure
 from palpate.run.result import PosteriorResult
 from palpate_report.best_sets import best_sets
 from palpate_report.report_warnings import report_warnings
-from palpate_report.sections.posterior import N_COLUMNS, grid, profiles, ribbons
+from palpate_report.sections.certainty import N_COLUMNS, grid, profiles, ribbons
 from palpate_report.tables import make_tables
 
 NAMES = ("soft_tissue.stiffness", "soft_tissue.grip")

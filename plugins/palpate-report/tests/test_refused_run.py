@@ -12,15 +12,14 @@ import pytest
 
 from palpate.fit.fitted import fitted
 from palpate.fit.least_squares import LeastSquares
-from palpate_prediction.cards.of_run import cards_of
-from palpate_prediction.cards.programs import PROGRAMS
+from palpate_prediction.cards.programs import PROGRAMS, cards_of
 from palpate_report.best_sets import best_sets
 from palpate_report.comparison import write_comparison
+from palpate_report.from_run import write_report
 from palpate_report.headline import NO_PARAMETERS, Verdicts, failure_of, with_verdicts
 from palpate_report.marks import MARKS, explained, mark_of, verdict_of
 from palpate_report.paper_tables import paper_tables
 from palpate_report.tables import make_tables
-from palpate_report.writing import write_report
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -118,7 +117,7 @@ class Read:
 
 
 def test_every_card_of_a_refused_run_warns(refused, plugins, monkeypatch):
-    monkeypatch.setattr("palpate_prediction.cards.of_run.report_data", lambda run: run.data)
+    monkeypatch.setattr("palpate_prediction.cards.programs.report_data", lambda run: run.data)
     (card,) = cards_of(Read(refused))
     assert set(card.verdicts.values()) == {"refused"}
     found = json.loads(PROGRAMS["json"](card))

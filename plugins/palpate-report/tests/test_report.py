@@ -21,13 +21,13 @@ from palpate.scoring.scores import score
 from palpate.scoring.selection import select
 from palpate.simulation.jobs import simulate
 from palpate_report import figures
+from palpate_report.contours import paths
 from palpate_report.figures import fit_trace, generalised, interval_plot, nmse_distribution, responses
-from palpate_report.fit_path import paths
+from palpate_report.from_run import write_report
 from palpate_report.report_data import ReportData
 from palpate_report.space import MOST_PAIRS, parameter_space
 from palpate_report.style import STYLE, save
 from palpate_report.tables import finding, make_tables
-from palpate_report.writing import write_report
 
 
 @pytest.fixture

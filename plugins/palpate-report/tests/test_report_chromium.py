@@ -11,8 +11,8 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
 from palpate.plugins.sections import Bar, Figure, Paragraph, Picture, Section, Shares, Step, Table
 from palpate_report.page import render
+from palpate_report.result import make_verdict
 from palpate_report.tables import make_tables
-from palpate_report.verdict import make_verdict
 
 from .chromium import COMMAND, Chromium
 from .dimple import dimple

@@ -22,14 +22,14 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
 from palpate.plugins.sections import Drawing, Fold, Listing, ReportWarning, Section, Table
 from palpate.run.result import FitResult, PosteriorResult
-from palpate_report.convergence import contact_along
+from palpate_report.from_run import write_report
 from palpate_report.limb_view import limb_view
 from palpate_report.page import render
 from palpate_report.page_data import MOST_NUMBERS, MOST_SETS, page_data
+from palpate_report.report_data import contact_along
+from palpate_report.result import make_verdict
 from palpate_report.scene import edge_of_contact, scene
 from palpate_report.tables import TITLES, make_tables
-from palpate_report.verdict import make_verdict
-from palpate_report.writing import write_report
 
 from .hostile import ATTACK, NAMES, REASON, renamed
 

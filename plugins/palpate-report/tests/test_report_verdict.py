@@ -13,9 +13,9 @@ from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
 from palpate.run.result import UNSEEN, UNSETTLED
 from palpate.scoring.selection import by_reason, failures, unranked
 from palpate_report import report_warnings
+from palpate_report.result import make_verdict
 from palpate_report.style import DOUBLE_MM, SINGLE_MM, STYLE
 from palpate_report.tables import cost_of_one_set, make_tables, weighted_channels
-from palpate_report.verdict import make_verdict
 
 
 def verdict(content):

@@ -9,10 +9,10 @@ from hypothesis import given, strategies as st
 
 from palpate.domain import SurfaceStates
 from palpate_report.page import render
-from palpate_report.sections.deformed import Deformed
-from palpate_report.skin import MOST_BYTES, MOST_STATES, deepest, shown_states, skins
+from palpate_report.result import make_verdict
+from palpate_report.scene import MOST_BYTES, MOST_STATES, deepest, shown_states, skins
+from palpate_report.sections.origins import Deformed
 from palpate_report.tables import make_tables
-from palpate_report.verdict import make_verdict
 
 from .dimple import dimple
 

@@ -10,9 +10,9 @@ from palpate import AnisotropicMaterial
 from palpate.domain import ParameterSpace, RegionMaterial, Tie
 from palpate.fit.least_squares import LeastSquares
 from palpate_report.best_sets import initial_moduli
+from palpate_report.from_run import write_report
+from palpate_report.result import make_verdict
 from palpate_report.tables import make_tables
-from palpate_report.verdict import make_verdict
-from palpate_report.writing import write_report
 from palpate_report.written_units import in_written_units, rows_in_written_units
 
 STIFFNESS = "soft_tissue.stiffness"

@@ -146,7 +146,7 @@ def test_a_report_that_cannot_be_written_keeps_the_tables_of_the_last(done, plug
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("palpate_report.writing.write_figures", full)
+    monkeypatch.setattr("palpate_report.from_run.write_figures", full)
     with pytest.raises(LedgerError, match="no space is left"):
         from_run.report(study, run, plugins)
     assert {path: path.read_bytes() for path in (run / "report" / "tables").iterdir()} == before

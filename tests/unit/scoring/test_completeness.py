@@ -13,9 +13,9 @@ from palpate.stages import pipeline
 from palpate.stages.core_stages import selected
 from palpate_report import from_run
 from palpate_report.figures import nmse_distribution, responses
+from palpate_report.result import make_verdict
 from palpate_report.space import parameter_space
 from palpate_report.tables import make_tables
-from palpate_report.verdict import make_verdict
 
 
 class Notes(type(SILENT)):

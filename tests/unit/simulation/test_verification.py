@@ -14,8 +14,8 @@ from palpate.run.directory import RunDirectory
 from palpate.stages import pipeline
 from palpate.stages.core_stages import selected
 from palpate_report.page import render
+from palpate_report.result import make_verdict
 from palpate_report.tables import make_tables
-from palpate_report.verdict import make_verdict
 
 MESSAGE = "so it is"
 

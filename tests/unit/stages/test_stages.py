@@ -11,8 +11,7 @@ from palpate.plugins.sections import ReportWarning
 from palpate.run.result import FitResult
 from palpate.stages import pipeline
 from palpate.stages.core_stages import selected
-from palpate_report.result import Report
-from palpate_report.verdict import Verdict
+from palpate_report.result import Report, Verdict
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from scipy.linalg import null_space
 from scipy.stats import chi2, norm
 
 from palpate.api import FloatArray
-from palpate_certainty.residual_layout import ResidualLayout
+from palpate_certainty.noise_model import ResidualLayout
 
 RARE = 1e-3
 """Probability under which residuals do not happen to a good model."""
@@ -89,7 +89,7 @@ def misfits(
     rows : ResidualLayout
         Where each of the ``n_points`` is.
     groups : (n, n_points) array
-        As :func:`palpate_certainty.residual_layout.groups_of` returns them.
+        As :func:`palpate_certainty.noise_model.groups_of` returns them.
     """
     averaged, free = groups @ residuals, null_space(jacobian.T)
     within = free.T @ covariance @ free

@@ -12,18 +12,22 @@ from palpate.api.executors import StoppedError
 from palpate.api.fit import Case, CertaintyResult, Fit, channel_of
 from palpate.api.runs import Study, relaxation_of
 from palpate_certainty.adequacy import Check, checks, misfits
-from palpate_certainty.error_budget import error_budget
-from palpate_certainty.error_sources import Columns, ErrorSource, columns_of, error_sources_of
-from palpate_certainty.laplace import RANGE, agreement, laplace
-from palpate_certainty.likelihood import whitening
-from palpate_certainty.mesh_error import SpotMesh, is_stated
-from palpate_certainty.noise_model import estimate
+from palpate_certainty.error_sources import (
+    Columns,
+    ErrorSource,
+    SpotMesh,
+    columns_of,
+    error_budget,
+    error_sources_of,
+    is_stated,
+)
+from palpate_certainty.laplace import RANGE, agreement, laplace, whitening
+from palpate_certainty.noise_model import ResidualLayout, estimate, grouped, groups_of, layout_of
 from palpate_certainty.profile_planes import planes_of_fits
-from palpate_certainty.residual_layout import ResidualLayout, grouped, groups_of, layout_of
 from palpate_certainty.tables import Assessed, certainty_result, density_of
 
 NOISE, DISCREPANCY, PRIORS = "noise", "model", "priors"
-"""Error sources besides those of :mod:`~palpate_certainty.error_budget`."""
+"""Error sources besides those of :mod:`~palpate_certainty.error_sources`."""
 
 NONE: Mapping[ErrorSource, str] = MappingProxyType({})
 

@@ -5,14 +5,119 @@ parameters come from: exact slopes, or differences of simulations that the run k
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from palpate.api import FloatArray, Indentation, Parameter, ParameterError, ParameterSpace, Protocol, Response
-from palpate.api.fit import FRICTION, GAIN, OFFSET, Fit, Parametrisation, SpotInputs, pieces
+from palpate.api import (
+    BoolArray,
+    FloatArray,
+    Indentation,
+    Parameter,
+    ParameterError,
+    ParameterSpace,
+    Protocol,
+    Response,
+)
+from palpate.api.fit import (
+    FRICTION,
+    GAIN,
+    OFFSET,
+    ORDER,
+    Correction,
+    Fit,
+    Parametrisation,
+    SpotInputs,
+    SpotTerm,
+    channel_of,
+    pieces,
+)
 from palpate.api.runs import Study
+from palpate_certainty.noise_model import path_of
+
+FORCE = "force"
+"""The one channel whose error falls with the square of the edges; that of torque and lateral force has a
+front of the contact in it, where stresses are singular."""
+
+AT_RATIO = 0.3
+"""Edge under the indenter over its radius for which the errors of :data:`USUAL` are."""
+
+USUAL = {True: 0.03, False: 0.07}
+"""Relative error of the normal force, and of other channels, as meshes of the forearm's phantom and of real
+limbs show it against meshes with edges of 1.3 mm."""
+
+SCATTER = {True: 0.01, False: 0.015}
+"""Relative scatter between meshes of one size, of the normal force and of others: no single pair shows it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SpotMesh:
+    """Mesh of a spot, as far as its error goes.
+
+    Parameters
+    ----------
+    edge_over_radius : float
+        Mean edge under the indenter over its radius; as :data:`AT_RATIO` if unknown.
+    noted : mapping of channel to float
+        Relative errors of the note that comes with the mesh.
+    refinement : float
+        Element size under the indenter over that of the finer mesh; 1 without one.
+    """
+
+    edge_over_radius: float = AT_RATIO
+    noted: Mapping[str, float] = field(default_factory=dict)
+    refinement: float = 1.0
+
+    def error(self, channel: str, stated: Mapping[str, float]) -> float:
+        """Relative error of a channel: stated by the study, else noted, else as usual for such edges.
+
+        Below :data:`AT_RATIO` it is proportional to the edge, the order that torque shows.
+
+        Parameters
+        ----------
+        channel : str
+        stated : mapping of channel to float
+            An empty name is of all channels.
+        """
+        if (given := stated.get(channel, stated.get(""))) is not None:
+            return given
+        usual = usual_error(channel, {}) * min(1.0, self.edge_over_radius / AT_RATIO)
+        return self.noted.get(channel, usual)
+
+    def remainder(self, channel: str, added: FloatArray, fitted: FloatArray) -> FloatArray:
+        """What the finer mesh leaves of the error (n,), where it adds ``added`` (n,) to the coarse curve.
+
+        By Richardson's extrapolation, of order 1 where it is not the normal force; a share of the fitted
+        curve (n,), if that is more: another mesh of the same size differs by so much.
+        """
+        is_force = channel == FORCE
+        left = added / (self.refinement ** (ORDER if is_force else 1) - 1.0)
+        scattered = SCATTER[is_force] * fitted
+        return left if np.linalg.norm(left) > np.linalg.norm(scattered) else scattered
+
+
+def usual_error(channel: str, stated: Mapping[str, float]) -> float:
+    """Relative error of a channel by any mesh: as the study states it, else the usual one."""
+    return stated.get(channel, stated.get("", USUAL[channel == FORCE]))
+
+
+def is_stated(channel: str, stated: Mapping[str, float]) -> bool:
+    """True if a study states the mesh's error of a channel."""
+    return channel in stated or "" in stated
+
+
+def noted_errors(note: Mapping[str, object] | None) -> dict[str, float]:
+    """Relative errors by channel of a mesh's note; empty where it has none."""
+    found = (note or {}).get("mesh_error")
+    if not isinstance(found, Mapping):
+        return {}
+    return {
+        str(name): float(value)
+        for name, value in found.items()
+        if name != "edge_over_radius" and isinstance(value, float) and 0.0 < value < 1.0
+    }
+
 
 ONSET_MM = 0.05
 """Standard deviation of the onset of contact where neither the study nor the loader gives one."""
@@ -228,3 +333,74 @@ def columns_of(
         part = per_sd[at] / scale[:, None]
         columns[term.spot, channel] = {cause.name: part[:, k] for k, cause in kept.items()}
     return columns, {cause: failed[cause.name] for cause in causes if cause.name in failed}
+
+
+MESH, ZERO = "mesh", "zero"
+"""Causes besides those of :mod:`~palpate_certainty.error_sources`."""
+
+
+def error_budget(
+    study: Study,
+    measured: Mapping[str, Response],
+    terms: Sequence[SpotTerm],
+    residuals: FloatArray,
+    columns: Columns,
+    meshes: Mapping[str, SpotMesh],
+) -> dict[str, dict[str, FloatArray]]:
+    """What one standard deviation of each cause adds to the residuals.
+
+    Parameters
+    ----------
+    study : Study
+    measured : mapping of spot name to Response
+        As the loader has read them.
+    terms : sequence of SpotTerm
+    residuals : (n,) array
+        Simulated less measured.
+    columns : Columns
+        What it adds to the curves, of the causes that are simulated.
+    meshes : mapping of spot name to SpotMesh
+        Of the spots whose meshes are known.
+
+    Returns
+    -------
+    mapping of label to mapping of name to (n,) array
+        A label is an entry of the budget; curves that share a name share the error.
+    """
+    found: dict[str, dict[str, FloatArray]] = {}
+
+    def add(label: str, name: str, at: slice, values: FloatArray) -> None:
+        found.setdefault(label, {}).setdefault(name, np.zeros(residuals.size))[at] = values
+
+    for term, name, at, scale in pieces(terms):
+        channel = channel_of(name)
+        inside = term.counted(name)
+        curve = term.measured[channel]
+        for cause, ordinates in columns.get((term.spot, channel), {}).items():
+            add(_label(cause), cause, at, (scale * ordinates)[inside])
+        along = path_of(curve.abscissa) / path_of(curve.abscissa)[-1]
+        drift = drift_of(study, measured[term.spot], channel) * along
+        add(ZERO, f"{term.spot} {channel}", at, (scale * drift)[inside])
+        # Of the fitted curve: the noise of the measured one would bias the most likely values.
+        fitted = residuals[at] + (scale * curve.ordinate)[inside]
+        mesh = meshes.get(term.spot, SpotMesh())
+        if mesh.refinement > 1.0 and channel in term.corrections:
+            added = _added(term.corrections[channel], scale, inside, fitted)
+            add(MESH, f"{term.spot} {channel}", at, mesh.remainder(channel, added, fitted))
+        elif study.solver.provides.mesh:
+            add(MESH, channel, at, mesh.error(channel, study.budget.mesh) * fitted)
+    return found
+
+
+def _added(correction: Correction, scale: FloatArray, inside: BoolArray, fitted: FloatArray) -> FloatArray:
+    """What a finer mesh adds to the residuals of a fitted curve (n,)."""
+    fine = (scale * (correction.coarse + correction.added))[inside]
+    known = np.isfinite(fine)
+    size = np.linalg.norm(fitted[known]) / max(float(np.linalg.norm(fine[known])), 1e-300)
+    added: FloatArray = size * (scale * correction.added)[inside]
+    return added
+
+
+def _label(cause: str) -> str:
+    kind, _, of = cause.partition(" ")
+    return of if kind == "fixed" else kind

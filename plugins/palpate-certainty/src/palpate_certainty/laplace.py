@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.optimize import lsq_linear
 from scipy.special import ndtr, ndtri
 from scipy.stats import chi2, qmc
@@ -221,3 +222,28 @@ def _quantiles(values: FloatArray, weights: FloatArray, at: list[float]) -> Floa
     middles = cumulative - weights[order] / 2.0
     quantiles: FloatArray = np.interp(np.array(at) * cumulative[-1], middles, values[order])
     return quantiles
+
+
+def whitening(jacobian: FloatArray, covariance: FloatArray, groups: FloatArray) -> FloatArray:
+    """Matrix (m, n) from the n residuals of a problem to independent ones of variance 1.
+
+    Parameters
+    ----------
+    jacobian : (m, n_parameters) array
+    covariance : (m, m) array
+        Of the averages ``groups`` (m, n) of the residuals, as the slopes are.
+    """
+    axes, sizes, _ = np.linalg.svd(jacobian, full_matrices=True)
+    n_seen = int((sizes > 1e-9 * sizes.max()).sum())
+    white = [
+        solve_triangular(_root(part.T @ covariance @ part), part.T, lower=True)
+        for part in (axes[:, :n_seen], axes[:, n_seen:])
+    ]
+    found: FloatArray = np.concatenate(white) @ groups
+    return found
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    jitter = 1e-12 * np.trace(covariance) / len(covariance)
+    root: FloatArray = np.linalg.cholesky(covariance + jitter * np.eye(len(covariance)))
+    return root

@@ -178,7 +178,7 @@ def extend(
     The fit starts at the answer of the run.
     """
     from palpate.api.runs import RunDirectory
-    from palpate_planning.extension import extended_study
+    from palpate_planning.candidates import extended_study
 
     if measured is None:
         raise StudyError("name the measured curves of the press: --with FILE")

@@ -19,7 +19,7 @@ from scipy.linalg import solve_triangular
 from typing_extensions import override
 
 from palpate.api import FloatArray
-from palpate_certainty.residual_layout import COMMON, ResidualLayout, matern
+from palpate_certainty.noise_model import COMMON, ResidualLayout, matern
 
 SPACING = 0.1
 """Distance, in correlation lengths, of the places on a path between which a discrepancy is interpolated."""

@@ -20,15 +20,12 @@ from palpate.api import (
 )
 from palpate.api.fit import Correction, Evaluation, Fit, Problem, SpotTerm, Trial, channel_of
 from palpate.api.runs import Study
-from palpate_certainty.error_budget import error_budget
-from palpate_certainty.error_sources import Columns, columns_of, error_sources_of
+from palpate_certainty.error_sources import Columns, SpotMesh, columns_of, error_budget, error_sources_of
 from palpate_certainty.laplace import Laplace
-from palpate_certainty.mesh_error import SpotMesh
-from palpate_certainty.residual_layout import grouped, groups_of, layout_of, path_of
-from palpate_planning.candidates import PRESSURE
-from palpate_planning.extension import CandidatePress
+from palpate_certainty.noise_model import grouped, groups_of, layout_of, path_of
+from palpate_planning.candidates import PRESSURE, CandidatePress
 from palpate_planning.information import ErrorSizes, FisherInformation, press_information
-from palpate_prediction.measures import contact_of
+from palpate_prediction.summary import contact_of
 
 USUAL_POINTS = 100
 """Points of a curve where no measured one shows how many there are."""

@@ -12,13 +12,19 @@ from palpate.api import SILENT, FloatArray, Parameter, Progress, Response, Scena
 from palpate.api.experiment import abscissae_of
 from palpate.api.fit import Problem, Simulate, term_of
 from palpate.api.runs import Plugins, RunDirectory, Simulations, Study, Tool, load_limbs, locked_run
-from palpate_certainty.error_sources import Columns
+from palpate_certainty.error_sources import Columns, SpotMesh
 from palpate_certainty.laplace import Laplace
-from palpate_certainty.mesh_error import SpotMesh
 from palpate_certainty.stages import joint_assessed
 from palpate_certainty.tables import Assessed, density_of
-from palpate_planning.candidates import PRESSURE, Allowed, Limit, candidates, limited_curves, limits_of
-from palpate_planning.extension import CandidatePress
+from palpate_planning.candidates import (
+    PRESSURE,
+    Allowed,
+    CandidatePress,
+    Limit,
+    candidates,
+    limited_curves,
+    limits_of,
+)
 from palpate_planning.information import ErrorSizes, FisherInformation, FoptInformation, GlsInformation
 from palpate_planning.narrowing import (
     ALL,
@@ -28,8 +34,12 @@ from palpate_planning.narrowing import (
     Plan,
     Proposal,
     Step,
+    ToolForce,
     check_goal,
+    check_tool,
     shares_of,
+    tool_forces,
+    tool_limbs,
 )
 from palpate_planning.presses import (
     DesignProblem,
@@ -39,7 +49,6 @@ from palpate_planning.presses import (
     with_pressures,
 )
 from palpate_planning.tables import for_robot
-from palpate_planning.tool_force import ToolForce, check_tool, tool_forces, tool_limbs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,8 +10,7 @@ import polars as pl
 from palpate.api import Indentation, Limb
 from palpate.api.cli import Closed, Row
 from palpate.api.experiment import POSE
-from palpate_planning.candidates import described
-from palpate_planning.extension import CandidatePress
+from palpate_planning.candidates import CandidatePress, described
 from palpate_planning.narrowing import Narrowing, Proposal
 
 

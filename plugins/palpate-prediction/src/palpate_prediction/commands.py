@@ -71,8 +71,7 @@ def card(
     """Write the fitted material for another program: values, formula of the stress, moduli, valid range."""
     from palpate.api.files import write_atomically
     from palpate.api.runs import RunDirectory, read_run
-    from palpate_prediction.cards.of_run import cards_of
-    from palpate_prediction.cards.programs import PROGRAMS, joined
+    from palpate_prediction.cards.programs import PROGRAMS, cards_of, joined
 
     if program not in PROGRAMS:
         raise StudyError(f"--for {program}: no such program; choose one of {', '.join(PROGRAMS)}")

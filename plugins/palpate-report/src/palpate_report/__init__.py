@@ -32,7 +32,7 @@ def palpate_subcommands() -> "list[SubCommand]":
     from palpate.api.cli import RUN, STAGES, SubCommand, examples
     from palpate_report.commands import compare, report
 
-    home = "palpate_report.output"
+    home = "palpate_report.stage"
     return [
         SubCommand(
             function=report,

@@ -9,7 +9,7 @@ from palpate_report.forest import Forest
 from palpate_report.headline import Headline, r2_by_spot
 from palpate_report.report_data import ReportData
 from palpate_report.report_warnings import GOOD_R2, NO_FIT_R2
-from palpate_report.verdict import Verdict
+from palpate_report.result import Verdict
 
 CAUSES: Mapping[str, str] = MappingProxyType(
     {

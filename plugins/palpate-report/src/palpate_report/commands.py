@@ -37,8 +37,7 @@ def report(
     """
     from palpate.api.runs import is_run
     from palpate_report import from_run
-    from palpate_report.output import ReportOutput
-    from palpate_report.stage import summary_of
+    from palpate_report.stage import ReportOutput, summary_of
 
     session = Session.of(context)
     if as_run := run is None or (is_run(run) and out in (None, run)):

@@ -17,7 +17,7 @@ from palpate.api import Channel, Curve, CurveError, FloatArray, Response, interp
 from palpate.api.fit import ALL_SPOTS
 from palpate.api.runs import file_name, objectives
 from palpate_report import comparison
-from palpate_report.fit_path import least_of_sweep, paths
+from palpate_report.contours import least_of_sweep, paths
 from palpate_report.paper_tables import intervals
 from palpate_report.report_data import ReportData, label_of
 from palpate_report.space import parameter_space

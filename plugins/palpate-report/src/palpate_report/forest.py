@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from palpate_report.best_sets import Best, Value, leading
+from palpate_report.marks import rounded
 from palpate_report.report_data import ReportData, label_of
-from palpate_report.rounding import rounded
 
 NARROWER = 0.9
 """Width of an interval over that of the one that leads below which it is named."""

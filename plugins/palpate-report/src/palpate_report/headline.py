@@ -12,10 +12,9 @@ import polars as pl
 
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, FitResult
 from palpate_report.best_sets import Best, Value, best_sets, initial_moduli, leading
-from palpate_report.marks import NOT, REFUSED, TIED, mark_of, verdict_of
+from palpate_report.marks import NOT, REFUSED, TIED, mark_of, rounded, verdict_of
 from palpate_report.report_data import ReportData
 from palpate_report.report_warnings import CHECK, NO_FIT_R2, failed_checks
-from palpate_report.rounding import rounded
 
 NO_PARAMETERS = "No parameters can be read from this run"
 

@@ -1,13 +1,14 @@
 """One page that holds a whole run, and asks no network for anything.
 
-``index.html.jinja`` is its frame: the card, then the sections (:mod:`palpate_report.layout`), whose blocks
+``index.html.jinja`` is its frame: the card, then the sections (:mod:`palpate_report.page`), whose blocks
 ``blocks.html.jinja`` shows. What the page's own script draws is in :mod:`palpate_report.page_data`.
 """
 
 import base64
 import hashlib
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from itertools import groupby
 from pathlib import Path
@@ -16,18 +17,84 @@ import jinja2
 import polars as pl
 from markupsafe import Markup
 
+from palpate.api import PluginError, Summary
 from palpate.api.files import write_atomically
-from palpate.api.report import Block, address, figure_data, heading
+from palpate.api.report import (
+    Block,
+    Figure,
+    Fold,
+    Paragraph,
+    Table,
+    address,
+    checked,
+    figure_data,
+    heading,
+    is_own,
+)
+from palpate.api.runs import answering_for
 from palpate_report.answer import answer, colour_of
 from palpate_report.forest import forest
-from palpate_report.layout import laid_out
+from palpate_report.marks import rounded
 from palpate_report.page_data import page_data
 from palpate_report.report_data import ReportData
-from palpate_report.result import Report
-from palpate_report.rounding import rounded
+from palpate_report.result import Report, Verdict, ordered
 from palpate_report.table_files import shown
 from palpate_report.tables import COMPARISON_TITLES
-from palpate_report.verdict import Verdict
+
+
+@dataclass(frozen=True, slots=True)
+class Laid:
+    """A section as the page shows it."""
+
+    name: str
+    title: str
+    entry: str
+    is_open: bool
+    blocks: tuple[Block, ...]
+
+    @property
+    def figures(self) -> Iterator[Figure]:
+        """Figures of the section, those that are folded too."""
+        return _figures(self.blocks)
+
+
+def laid_out(data: ReportData, report: Report) -> list[Laid]:
+    """Every section that has something to show; one that fails says why, unless it is the core's own."""
+    found: list[Laid] = []
+    for section in ordered(data.sections):
+        is_open, blocks = False, tuple[Block, ...]()
+        try:
+            if is_own(section):
+                made = section()
+                is_open, blocks = made.is_open(data, report), tuple(made.blocks(data, report))
+            else:
+                with answering_for(section, "laying out the report"):
+                    made = section()
+                    is_open, blocks = made.is_open(data, report), checked(made, made.blocks(data, report))
+        except PluginError as error:
+            is_open, blocks = False, (Paragraph(f"This section could not be made: {error}."),)
+        if blocks:
+            entry = section.entry or section.title
+            found.append(Laid(section.name, section.title, entry, is_open, blocks))
+    place = next((i for i, each in enumerate(found) if each.name == "provenance"), len(found))
+    found[place:place] = [_of_stage(name, *made) for name, made in data.summaries.items()]
+    return found
+
+
+def _of_stage(name: str, does: str, summary: Summary) -> Laid:
+    """Section of a plugin's stage: what it does, its lines and its tables."""
+    title = name.replace("_", " ").capitalize()
+    tables = (Table.of(caption, frame) for caption, frame in summary.tables.items())
+    return Laid(name, title, title, False, (*map(Paragraph, (does, *summary.lines)), *tables))
+
+
+def _figures(blocks: Iterable[Block]) -> Iterator[Figure]:
+    for block in blocks:
+        if isinstance(block, Figure):
+            yield block
+        elif isinstance(block, Fold):
+            yield from _figures(block.blocks)
+
 
 _FOLDER = Path(__file__).parent
 

@@ -11,13 +11,11 @@ import polars as pl
 
 from palpate.api import Curve, FloatArray, Indentation, IntArray, Scenario
 from palpate.api.runs import objectives
-from palpate_report.contours import along, contours
+from palpate_report.contours import along, contours, paths
 from palpate_report.figures import fits_at, residuals
-from palpate_report.fit_path import paths
 from palpate_report.headline import draws_of
 from palpate_report.report_data import ReportData, label_of
-from palpate_report.scene import edge_of_contact, scene
-from palpate_report.skin import skins
+from palpate_report.scene import edge_of_contact, scene, skins
 from palpate_report.space import MOST_PAIRS, colours
 from palpate_report.tables import weighted_channels
 

@@ -8,9 +8,9 @@ from functools import cached_property
 from palpate.api.fit import ALL_SPOTS
 from palpate_report.best_sets import Best, best_sets
 from palpate_report.headline import MODULI, Headline, Verdicts, moduli
-from palpate_report.latex import escaped, head, marked, number, power_of_ten, row, tabular
 from palpate_report.marks import REFUSED, explained, mark_of
 from palpate_report.report_data import ReportData
+from palpate_report.table_files import escaped, head, marked, number, power_of_ten, row, tabular
 from palpate_report.tables import weighted_channels
 
 Ends = tuple[float, float]

@@ -1,14 +1,244 @@
-"""What a report shows, and where it is."""
+"""What a run amounts to, and what a report of it shows: parameters, tables, warnings."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
 import polars as pl
 
-from palpate_report.report_data import ReportData
-from palpate_report.verdict import Verdict, make_verdict
+from palpate.api import Parameter, PluginError
+from palpate.api.fit import ALL_SPOTS, UNCLEAR, WORDS
+from palpate.api.report import ReportWarning, Section, is_own
+from palpate.api.runs import answering_for
+from palpate_report.best_sets import Best, best_sets, leading
+from palpate_report.headline import Headline, failure_of, headlines, moduli
+from palpate_report.report_data import ReportData, label_of
+from palpate_report.report_warnings import apparent, left_out, report_warnings
+
+
+def ordered(sections: Mapping[str, type[Section]]) -> list[type[Section]]:
+    """Sections in the order of the page: each plugin's follows the one that it names, or is the last."""
+    order = [section for section in sections.values() if is_own(section)]
+    for section in sections.values():
+        if not is_own(section):
+            names = [each.name for each in order]
+            place = names.index(section.after) + 1 if section.after in names else len(order)
+            order.insert(place, section)
+    return order
+
+
+def section_warnings(data: ReportData) -> Iterator[ReportWarning]:
+    """Warnings of the sections."""
+    for section in ordered(data.sections):
+        try:
+            with answering_for(section, "warning of its section"):
+                found = tuple(section().warnings(data))
+            for each in found:
+                if not isinstance(each, ReportWarning):
+                    raise PluginError(
+                        f"section '{section.name}' warns of {each!r}, which is no palpate.api.ReportWarning"
+                    )
+            yield from found
+        except PluginError as error:
+            yield ReportWarning("A section of the report has failed", f"{error}.")
+
+
+_ORDER = [*(word for _, word in WORDS), UNCLEAR]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """The first thing that a reader of the report sees.
+
+    Parameters
+    ----------
+    parameters : tuple of str
+        Labels of the values of each best set.
+    bests : tuple of Best
+        Joint fits first.
+    headline : str
+        How well what leads fits, without its parameters; empty where there is nothing.
+    estimates : tuple of Headline
+        Parameters of what leads with their intervals; none where the set does not fit.
+    moduli : tuple of Headline
+        Its initial moduli.
+    lead : str
+        Sentence on the joint fit, or on the set for all spots, or on the best set of the only spot;
+        empty where there is none. Where it does not fit, that is the sentence.
+    identifiability : tuple of str
+        A sentence on each parameter; none where the set does not fit.
+    spent : str
+        Sentence on the simulations of the sweep and of the fit; empty where there was no fit.
+    warnings : tuple of ReportWarning
+        The most severe first.
+    apparent : str
+        Why the parameters are those of one rate; empty where nothing shows it.
+    not_included : tuple of str
+        What may be wrong and is in no interval.
+    failure : str
+        Why no parameters can be read from the run, and what to check; empty where they can.
+    without_result : mapping of (spot, scenario) to str
+        Why no set could be selected there.
+    """
+
+    parameters: tuple[str, ...]
+    bests: tuple[Best, ...]
+    headline: str = ""
+    estimates: tuple[Headline, ...] = ()
+    moduli: tuple[Headline, ...] = ()
+    lead: str
+    identifiability: tuple[str, ...]
+    spent: str = ""
+    warnings: tuple[ReportWarning, ...]
+    apparent: str = ""
+    not_included: tuple[str, ...] = ()
+    failure: str = ""
+    without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What was found, at which rate, how well each parameter is identified, and what it cost."""
+        apparent = f"{self.apparent}." if self.apparent else ""
+        found = (self.lead, apparent, *self.identifiability, self.spent)
+        return tuple(sentence for sentence in found if sentence)
+
+
+def make_verdict(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Verdict:
+    """Sum up a run, from what its stages have left."""
+    bests = tuple(best_sets(data))
+    no_fit, (about, values, quality) = failure_of(data, bests), _lead(data, bests)
+    best, found = leading(data, bests), headlines(data, bests)
+    return Verdict(
+        parameters=tuple(map(label_of, data.searched.values())),
+        bests=bests,
+        headline=no_fit or (f"{about}: {quality}" if about else ""),
+        estimates=() if no_fit else tuple(found),
+        moduli=() if no_fit or best is None else tuple(moduli(data, best)),
+        lead=no_fit or (f"{about}: {', '.join(values)}; {quality}." if about else ""),
+        identifiability=() if no_fit else tuple(_identified(data, found)),
+        spent=_spent(data),
+        warnings=(*report_warnings(data, bests, tables), *section_warnings(data)),
+        apparent=apparent(data),
+        not_included=tuple(_not_included(data)),
+        failure=no_fit,
+        without_result=data.without_result,
+    )
+
+
+def _not_included(data: ReportData) -> Iterator[str]:
+    """Name what may be wrong and is in no interval: anatomy, and causes that are stated as none or failed."""
+    study, budget = data.study, data.study.budget
+    if study.solver.provides.mesh and study.protocol is not None:
+        yield "bone"
+        if len(study.space.regions) > 1:
+            yield "layers"
+        yield "position"
+    if data.fit.certainty.intervals.is_empty():
+        return
+    searched = {name.partition("@")[0] for name in data.fit.certainty.intervals["parameter"]}
+    if study.protocol is not None and budget.friction == 0.0 and "friction" not in searched:
+        yield "friction (stated as exact)"
+    for name, sd in budget.parameters.items():
+        if sd == 0.0:
+            yield f"{name} (stated as exact)"
+    yield from (f"{cause} (failed)" for cause in left_out(data))
+
+
+def _lead(data: ReportData, bests: Sequence[Best]) -> tuple[str, list[str], str]:
+    """What leads, its values, and how well it fits; empty where there is nothing."""
+    where, best = data.together, leading(data, bests)
+    if best is not None:
+        values = [*_listed(data.searched, (v.value for v in best.values))]
+        values += [f"{each.parameter} {each.value:.4g} {each.unit}" for each in moduli(data, best)]
+        of = f"At {where}" if where != ALL_SPOTS else f"One material for all {len(data.spots)} spots"
+        mean = "mean Fopt" if where == ALL_SPOTS else "Fopt"
+        least = "at least " if where == ALL_SPOTS else ""
+        r2 = [
+            f"R² {name} {least}{at:.4g}"
+            for name in data.generalising.weighed
+            if (at := best.r2.get(name)) is not None
+        ]
+        about = f"{of}, fitted to {best.fitted_to} (scenario {best.scenario})"
+        return about, values, f"{', '.join([f'{mean} {best.fopt:.4g}', *r2])} ({best.found})"
+    if data.generalisation.is_empty():
+        return "", [], ""
+    row = data.generalisation.row(0, named=True)
+    spread = "" if row["fopt_sd"] is None else f" ± {row['fopt_sd']:.2g}"
+    found = data.completeness
+    of = "" if found.is_complete else f", of {found.n_everywhere} sets simulated at each"
+    values = [f"set {row['set_id']}", *_listed(data.brief, (row[name] for name in data.brief))]
+    quality = f"mean Fopt {row['fopt_mean']:.4g}{spread} (scenario {row['scenario']})"
+    return f"One set for all {len(data.spots)} spots{of}", values, quality
+
+
+def _listed(parameters: Mapping[str, Parameter], values: Iterable[float | None]) -> Iterator[str]:
+    for p, value in zip(parameters.values(), values, strict=True):
+        yield f"{p.name} by spot" if value is None else f"{p.name} = {value:.4g}{_unit(p)}"
+
+
+def _unit(parameter: Parameter) -> str:
+    return "" if parameter.unit == "1" else f" {parameter.unit}"
+
+
+def _spent(data: ReportData) -> str:
+    """Sentence on what was simulated."""
+    if data.fit.table.is_empty():
+        return ""
+    fits = data.fit.table.unique(["fit", "scenario"])
+    n_sweep = sum(data.completeness.simulated.values())
+    fine = f" and {n_fine} of finer meshes" if (n_fine := fits["n_fine"].sum()) else ""
+    sweep = f"{n_sweep} of the sweep, " if data.study.n_sets else ""
+    return f"Simulations: {sweep}{fits['n_runs'].sum()} of the fit{fine}."
+
+
+def _identified(data: ReportData, found: Sequence[Headline]) -> Iterator[str]:
+    """Sentence on each parameter: by the intervals of the fit, where it has them, else by the sweep."""
+    if not any(each.level for each in found):
+        yield from (_by_sweep(data, name) for name in data.brief)
+        return
+    for each in found:
+        value = "by spot" if each.value is None else f"{each.value:.4g}"
+        unit = "" if each.unit == "1" else f" {each.unit}"
+        ends = "" if each.lower is None else f", 95 % interval {each.lower:.4g} to {each.upper:.4g}{unit}"
+        yield f"{each.parameter}: {value}{unit}{ends}; {_phrase(each.identifiability)}."
+
+
+def _by_sweep(data: ReportData, parameter: str) -> str:
+    """Sentence on one parameter in the scenario that generalises, over all spots."""
+    rows = data.identified(together=False).filter(parameter=parameter)
+    name, words = data.brief[parameter].name, rows["identifiability"].to_list()
+    if not words:
+        return f"{name}: nothing is known of how well it is identified."
+    counts = {word: words.count(word) for word in _ORDER if word in words}
+    spots = ", ".join(f"{_phrase(word)} at {n} of {len(words)} spots" for word, n in counts.items())
+    if len(counts) == 1:
+        spots = _phrase(words[0])
+    strongest = rows.drop_nulls("correlation").sort(
+        pl.col("correlation").abs(), descending=True, maintain_order=True
+    )
+    trade = ""
+    if not strongest.is_empty() and abs(strongest["correlation"][0]) >= 0.9:
+        row = strongest.row(0, named=True)
+        other = data.brief[row["most_correlated_with"]].name
+        trade = f"; most correlated with {other} (correlation {row['correlation']:.2f}, spot {row['spot']})"
+    return f"{name}: {_together(data, parameter)}{spots}{trade}."
+
+
+def _together(data: ReportData, parameter: str) -> str:
+    """Value and interval by all spots together; empty where they cannot be given."""
+    rows = data.identified(together=True).filter(parameter=parameter).drop_nulls("lower")
+    if rows.is_empty():
+        return ""
+    row, unit, where = rows.row(0, named=True), _unit(data.brief[parameter]), ""
+    best = f"{row['value']:.4g}{unit}" if data.is_fitted else f"fitted optimum {row['optimum']:.4g}{unit}"
+    if len(data.spots) > 1:
+        where = f"{_phrase(row['identifiability'])} by all spots together; spot by spot: "
+    return f"{best}, {row['lower']:.4g} to {row['upper']:.4g}{unit} fits about as well; {where}"
+
+
+def _phrase(word: str) -> str:
+    return {"not": "not identifiable", UNCLEAR: "unclear"}.get(word, f"{word} identifiable")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

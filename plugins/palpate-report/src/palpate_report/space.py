@@ -14,8 +14,7 @@ from matplotlib.figure import Figure
 
 from palpate.api import FloatArray, Parameter
 from palpate.api.runs import objectives
-from palpate_report.contours import contours
-from palpate_report.fit_path import paths
+from palpate_report.contours import contours, paths
 from palpate_report.report_data import ReportData, label_of
 from palpate_report.style import (
     DOUBLE_MM,

@@ -6,6 +6,7 @@ from pathlib import Path
 import polars as pl
 
 from palpate.api import Channel, Progress, Response, Run, Stage, Summary
+from palpate.api.cli import Closed, IntervalOutput, Row
 from palpate.api.fit import ALL_SPOTS
 from palpate.api.report import ReportWarning
 from palpate.api.runs import Files, Study, described
@@ -14,6 +15,24 @@ from palpate_report.marks import mark_of
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
 from palpate_report.table_files import shown
+
+
+class ReportOutput(Closed):
+    """Files that were written, what they amount to, and warnings, the most severe first."""
+
+    verdict: list[str]
+    intervals: list[IntervalOutput]
+    warnings: list[str]
+    files: list[str]
+
+
+class CompareOutput(Closed):
+    """Tables ``parameters``, ``errors`` and, for runs of the same curves, ``criteria``."""
+
+    tables: dict[str, list[Row]]
+    notes: list[str]
+    files: list[str]
+
 
 NOTHING = "no set fits all spots"
 """Verdict where nothing leads."""

@@ -2,11 +2,9 @@
 
 from palpate.api.report import Section
 from palpate_report.sections.certainty import Certainty, Identifiability
-from palpate_report.sections.deformed import Deformed
 from palpate_report.sections.fits import Curves, Fits, Values, Warnings
 from palpate_report.sections.material import MaterialItself
-from palpate_report.sections.origins import LimbAndContact, Provenance
-from palpate_report.sections.pictures import Pictures
+from palpate_report.sections.origins import Deformed, LimbAndContact, Pictures, Provenance
 from palpate_report.sections.sweep import Convergence, Distribution, Generalisation, OtherChannels, Space
 
 SECTIONS: tuple[type[Section], ...] = (

@@ -19,7 +19,7 @@ from palpate.api.report import (
     Word,
 )
 from palpate_report.best_sets import Best, Value, initial_moduli
-from palpate_report.fit_path import least_of_sweep, paths
+from palpate_report.contours import least_of_sweep, paths
 from palpate_report.marks import verdict_of
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report

@@ -1,8 +1,11 @@
-"""Where the numbers come from: the limb, its contact, and everything that they depended on."""
+"""Where the numbers come from: the limb, as it lies and deformed, its contact, and what they depended on."""
 
+import io
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
+from palpate.api import SurfaceStates, convert
 from palpate.api.report import (
     Block,
     Drawing,
@@ -12,14 +15,110 @@ from palpate.api.report import (
     Heading,
     Listing,
     Paragraph,
+    Picture,
     Section,
     Table,
 )
-from palpate_report.convergence import CONTACT, places_along
-from palpate_report.report_data import ReportData
+from palpate_report.report_data import CONTACT, ReportData, places_along
 from palpate_report.result import Report
+from palpate_report.scene import deepest
 from palpate_report.sections.tables import table
 from palpate_report.table_files import shown
+
+
+class Deformed(Section):
+    """The skin along the path, with what was found."""
+
+    name, title, entry = "deformed", "The limb under the press", "Deformed limb"
+    summary = "the skin along the path with displacement and contact pressure"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show the skin, and the numbers of its deepest state."""
+        found = {spot: data.surfaces[spot] for spot in data.spots if spot in data.surfaces}
+        if not any(states.depth_mm.size for states in found.values()):
+            return
+        yield Paragraph(
+            "The skin at equilibrium states of the press, simulated once more at each spot with what was "
+            "found for all of them. The line is the edge of the indenter. Move the slider along the path."
+        )
+        yield Drawing("skin")
+        unit = data.modulus_unit
+        heads = ["spot", "depth [mm]", "rotation [°]", "largest displacement [mm]"]
+        yield Table(
+            "The first state at the greatest depth",
+            [*heads, f"largest pressure [{unit}]", "contact area [mm²]"],
+            [
+                [spot, *_numbers(states, 1.0 / convert(f"1 {unit}", "MPa"))]
+                for spot, states in found.items()
+                if states.depth_mm.size
+            ],
+        )
+
+
+def _numbers(states: SurfaceStates, factor: float) -> list[float]:
+    k = deepest(states)
+    moved = (states.displacements_mm[k] ** 2).sum(axis=1).max(initial=0.0) ** 0.5
+    area = (states.areas_mm2[k] * states.touching[k]).sum()
+    peak = states.pressures_MPa[k].max(initial=0.0)
+    found = (states.depth_mm[k], states.rotation_deg[k], moved, factor * peak, area)
+    return [float(value) for value in found]
+
+
+MOST_BYTES = 400_000
+"""Most bytes of all pictures together: they are a part of one page."""
+
+WIDTH = 900
+"""Most pixels across."""
+
+N_COLOURS = 64
+
+
+class Pictures(Section):
+    """What was drawn of each spot before it was simulated."""
+
+    name, title, entry = "pictures", "From limb and log to curves", "Limb and log"
+    summary = "pictures of the scanned limb, and of how each press was processed"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show the pictures of each spot, those of the first spots first, as far as there is room."""
+        left, n_left_out = MOST_BYTES, 0
+        folds = []
+        for spot, paths in data.pictures.items():
+            found = []
+            for path in paths:
+                content = _small(path)
+                if content is None or len(content) > left:
+                    n_left_out += 1
+                    continue
+                left -= len(content)
+                step = path.stem.replace("_", " ")
+                found.append(Picture(label=f"{spot}, {path.parent.name}: {step}", content=content))
+            if found:
+                folds.append(Fold(spot, found))
+        if not folds and not n_left_out:
+            return
+        more = f" {n_left_out} more are in the run directory." if n_left_out else ""
+        yield Paragraph(
+            f"What was drawn of the limb when it was meshed, and of each press when it was read.{more}"
+        )
+        yield from folds
+
+
+def _small(path: Path) -> bytes | None:
+    """A picture with fewer pixels and colours, as lines and faces have few; None where it cannot be read."""
+    from PIL import Image
+
+    try:
+        with Image.open(path) as picture:
+            reduced = picture.convert("RGB")
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        return None
+    reduced.thumbnail((WIDTH, 2 * WIDTH))
+    written = io.BytesIO()
+    # Chosen to cover all hues: by their number those of thin lines would be lost.
+    few = reduced.quantize(N_COLOURS, method=Image.Quantize.MAXCOVERAGE)
+    few.save(written, "PNG", optimize=True)
+    return written.getvalue()
 
 
 class LimbAndContact(Section):
