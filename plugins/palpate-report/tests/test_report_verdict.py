@@ -367,3 +367,14 @@ def test_the_guide_has_the_limits_that_are_applied():
         assert wording in guide
     assert report_warnings.COSTLY == 3.0
     assert "Fopt there is three times the minimum, or more" in guide
+
+
+@pytest.mark.parametrize("search", [None, LeastSquares()])
+def test_identifiability_that_was_not_assessed_names_the_commands(content, search):
+    made = content(assessed=False, **({} if search is None else {"search": search}))
+    made = replace(made, identifiability=made.identifiability.clear(), unfinished="")
+    why = about(made, "not been assessed")
+    assert "`palpate identifiability`" in why
+    assert ("`palpate intervals`" in why) is (search is not None)
+    assert {each.identifiability for best in verdict(made).bests for each in best.values} == {"unclear"}
+    assert about(replace(made, unfinished="3 of 9"), "not been assessed") is None
