@@ -119,18 +119,21 @@ def pytest_runtest_makereport(item: pytest.Item, call: Any) -> Iterator[None]:
 def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
     if not config.getoption("--cpu-times"):
         return
-    tests, folders, most_mb = Counter[str](), Counter[str](), Counter[str]()
-    for report in chain(*terminalreporter.stats.values()):
-        if spent_s := getattr(report, "cpu_s", 0.0):
-            tests[report.nodeid] += spent_s
-            folders["/".join(Path(report.fspath).parent.parts[:3])] += spent_s
-            process = getattr(report, "worker_id", "this")
-            most_mb[process] = max(most_mb[process], report.most_mb)
+    tests, folders = Counter[str](), Counter[str]()
+    most: dict[str, tuple[float, str]] = {}
+    timed = [r for r in chain(*terminalreporter.stats.values()) if hasattr(r, "cpu_s")]
+    for report in sorted(timed, key=lambda report: report.start):
+        tests[report.nodeid] += report.cpu_s
+        folders["/".join(Path(report.fspath).parent.parts[:3])] += report.cpu_s
+        process = getattr(report, "worker_id", "this")
+        if report.most_mb > most.get(process, (0.0, ""))[0]:
+            most[process] = (report.most_mb, report.nodeid)
     terminalreporter.section("processor time [s]")
     for name, spent_s in [*folders.most_common(), ("together", folders.total()), *tests.most_common(25)]:
         terminalreporter.line(f"{spent_s:8.1f}  {name}")
     terminalreporter.section("most memory of each process [MB]")
-    terminalreporter.line(", ".join(f"{name} {most:.0f}" for name, most in sorted(most_mb.items())))
+    for process, (mb, name) in sorted(most.items()):
+        terminalreporter.line(f"{mb:8.0f}  {process}, in {name}")
 
 
 TISSUE_FILE = Path(__file__).parent / "tests" / "data" / "plugins" / "analytic_tissue.py"
