@@ -378,3 +378,11 @@ def test_identifiability_that_was_not_assessed_names_the_commands(content, searc
     assert ("`palpate intervals`" in why) is (search is not None)
     assert {each.identifiability for best in verdict(made).bests for each in best.values} == {"unclear"}
     assert about(replace(made, unfinished="3 of 9"), "not been assessed") is None
+
+
+def test_intervals_without_what_the_sweep_allows_name_its_command(content):
+    made = content(search=LeastSquares())
+    made = replace(made, identifiability=made.identifiability.clear())
+    assert about(made, "What the sweep allows has not been assessed").startswith(
+        "Run `palpate identifiability`"
+    )

@@ -285,11 +285,12 @@ def _about_trust(data: ReportData) -> Iterator[ReportWarning]:
 
 
 def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
-    is_assessed = not (data.fit.certainty.intervals.is_empty() and data.identifiability.is_empty())
-    if not (data.unfinished or is_assessed or data.selection.is_empty()):
-        first = "`palpate intervals`, then " if data.is_fitted else ""
+    if not data.unfinished and data.identifiability.is_empty() and not data.selection.is_empty():
+        has_intervals = not data.fit.certainty.intervals.is_empty()
+        what = "What the sweep allows" if has_intervals else "How well each parameter is identified"
+        first = "`palpate intervals`, then " if data.is_fitted and not has_intervals else ""
         yield ReportWarning(
-            "How well each parameter is identified has not been assessed",
+            f"{what} has not been assessed",
             f"Run {first}`palpate identifiability` (of palpate-certainty), then `palpate report` again.",
         )
     rows, together = (data.identified(together=together) for together in (False, True))
