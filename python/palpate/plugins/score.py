@@ -14,7 +14,7 @@ from palpate.errors import PluginError, ScoringError
 from palpate.plugins.guard import answering_for
 
 STEP = 1e-6
-"""Step of differences, over the largest ordinate."""
+"""Step of differences, over the largest ordinate, or change where all ordinates are zero."""
 
 
 class Score(Component[SettingsT]):
@@ -67,7 +67,8 @@ class Score(Component[SettingsT]):
         size = float(np.abs(d_simulated[used]).max(initial=0.0))
         if size == 0.0:
             return np.zeros(simulated.shape)
-        step = STEP * max(float(np.abs(simulated[used]).max()), float(np.abs(measured.ordinate).max())) / size
+        largest = max(float(np.abs(simulated[used]).max()), float(np.abs(measured.ordinate).max()))
+        step = STEP * (largest or size) / size
         ends = [self.residuals(measured, simulated + h * d_simulated, used) for h in (step, -step)]
         slope: FloatArray = (ends[0] - ends[1]) / (2.0 * step)
         return slope

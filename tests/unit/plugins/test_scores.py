@@ -109,6 +109,17 @@ def test_points_that_are_not_used_have_no_residual():
     )
 
 
+def test_a_measured_curve_of_zeros_has_slopes():
+    class Plain(Score):
+        name, summary = "plain", "differences"
+
+        def residuals(self, measured, simulated, used):
+            return simulated - measured.ordinate
+
+    zeros = replace(PRESS, ordinate=0.0 * LINE)
+    np.testing.assert_allclose(Plain().scale(zeros, EVERY), 1.0)
+
+
 def test_the_example_scores_by_relative_errors():
     softer = 0.9 * PRESS.ordinate
     used = LOG().weights(PRESS) > 0.0
