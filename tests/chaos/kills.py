@@ -45,7 +45,7 @@ from palpate.sampling.samplers import LatinHypercube
 from palpate.stages import core_stages, pipeline
 from palpate.study.reading import Study, StudySpot
 from palpate_indentation import motions  # noqa: F401
-from palpate_report import figures, material_curves, page  # noqa: F401
+from palpate_report import figures, page, sections  # noqa: F401
 
 tissue = load_file(TISSUE_FILE)
 

@@ -6,8 +6,8 @@ import pytest
 from typer.main import get_command
 
 from palpate.cli.app import COMMANDS, STAGES, build_app, main
-from palpate.cli.inspect import STAGE
-from palpate.cli.listing import EXAMPLES, name_of
+from palpate.cli.experiment import STAGE
+from palpate.cli.options import EXAMPLES, name_of
 from palpate.plugins.registry import add_commands
 
 CORE = [name_of(command) for command in (*COMMANDS, *STAGES)]

@@ -11,7 +11,7 @@ import pytest
 
 import palpate_certainty
 from palpate.cli.app import COMMANDS, STAGES
-from palpate.cli.listing import name_of
+from palpate.cli.options import name_of
 from palpate.cli.output import OUTPUTS, VERSION, schema
 from palpate.stages import core_stages
 from palpate_report.stage import CompareOutput, ReportOutput

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from palpate.cli.app import COMMANDS, STAGES, split_option
-from palpate.cli.listing import name_of
+from palpate.cli.options import name_of
 
 from .conftest import PLUGIN, Call
 

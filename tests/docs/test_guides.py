@@ -15,7 +15,7 @@ import pytest
 from typer.main import get_command
 
 from palpate.cli.app import COMMANDS, STAGES, build_app, main
-from palpate.cli.listing import name_of
+from palpate.cli.options import name_of
 from palpate.cli.stages import add_stage
 from palpate.domain import Scenario, weighed_phases
 from palpate.experiment.curve_checks import (

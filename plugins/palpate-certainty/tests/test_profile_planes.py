@@ -10,7 +10,7 @@ from palpate.domain import Scenario
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.emulated_curves import EmulatedCurves, SimulatedCurves
 from palpate_certainty.emulator import GaussianProcess
-from palpate_certainty.profile_planes import KNOWN, N_EVEN, EmulatedObjective, fitted
+from palpate_certainty.profiles import KNOWN, N_EVEN, EmulatedObjective, fitted
 from palpate_materials.uncoupled import Ogden
 
 SCENARIOS = tuple(

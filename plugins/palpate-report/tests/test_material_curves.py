@@ -11,8 +11,7 @@ from palpate.mechanics.homogeneous import MODES
 from palpate.testing.sections import small_runs
 from palpate_report.best_sets import initial_moduli
 from palpate_report.headline import draws_of
-from palpate_report.material_curves import PATHS, material_curves
-from palpate_report.sections.material import MaterialItself
+from palpate_report.sections.material import PATHS, MaterialItself, material_curves
 
 TRUTH = {"soft_tissue.stiffness": 0.45, "soft_tissue.grip": 22.0}
 

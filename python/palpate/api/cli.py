@@ -5,19 +5,17 @@ from typing import TYPE_CHECKING
 from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
-    from palpate.cli.listing import (
+    from palpate.cli.options import (
         RUN as RUN,
         STAGES as STAGES,
-        examples as examples,
-        name_of as name_of,
-    )
-    from palpate.cli.options import (
         AsJson as AsJson,
         OutFolder as OutFolder,
         RunPath as RunPath,
         StudyPath as StudyPath,
         Tables as Tables,
         TrustPlugins as TrustPlugins,
+        examples as examples,
+        name_of as name_of,
     )
     from palpate.cli.output import (
         Closed as Closed,

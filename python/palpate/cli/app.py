@@ -19,11 +19,10 @@ import typer
 from palpate import __version__
 from palpate.cli.check import check
 from palpate.cli.doctor import doctor
-from palpate.cli.experiment import experiment
+from palpate.cli.experiment import experiment, experiment_commands
 from palpate.cli.init import init, synthesise
-from palpate.cli.inspect import experiment_commands
 from palpate.cli.limb import limb, limb_commands
-from palpate.cli.listing import (
+from palpate.cli.options import (
     EXAMPLES,
     RUN,
     STAGES as STAGES_PANEL,

@@ -1,12 +1,18 @@
-"""``palpate experiment``: measured curves into the run directory."""
+"""``palpate experiment``: measured curves of a study, and what a file without a study holds."""
 
-from typing import Annotated, Any
+from collections.abc import Callable
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
-from palpate.cli.options import AsJson, OutFolder, StudyPath
+from palpate.cli.options import AsJson, OutFolder, StudyPath, examples
 from palpate.cli.progress import StageProgress
-from palpate.cli.session import opened
+from palpate.cli.session import Session, opened
+
+if TYPE_CHECKING:
+    from palpate.plugins.optional import Inspection
 
 Plots = Annotated[
     bool, typer.Option("--plots", help="Draw every step from file to curve into measured/plots/.")
@@ -59,3 +65,98 @@ def experiment(
     if plots:
         session.note(f"pictures in {folder / 'measured' / 'plots'}")
     session.next(f"sample {study} --out {folder}", f"written to {folder}; ")
+
+
+STAGE = "study"
+
+
+class StageGroup(TyperGroup):
+    """A stage with commands of its own: any other first word is a file of one, or the study."""
+
+    @property
+    def suffixes(self) -> dict[str, frozenset[str]]:
+        """Of the files whose name alone calls a command, by its name."""
+        return {name: getattr(command, "suffixes", frozenset()) for name, command in self.commands.items()}
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - a context of whichever click typer carries
+        """Put the stage's own command before arguments that name no other."""
+        is_help = args and args[0] in ctx.help_option_names
+        if args and args[0] not in self.commands and not is_help:
+            suffix = PurePath(args[0]).suffix.lower()
+            names = (name for name, kinds in self.suffixes.items() if suffix in kinds)
+            args = [next(names, STAGE), *args]
+        return super().parse_args(ctx, args)
+
+
+def stage_group(stage: Callable[..., None], metavar: str) -> typer.Typer:
+    """A stage as a group, which more commands may be added to."""
+    group = typer.Typer(
+        cls=StageGroup,
+        no_args_is_help=True,
+        rich_markup_mode=None,
+        subcommand_metavar=metavar,
+        help=stage.__doc__,
+    )
+    group.command(STAGE)(stage)
+    return group
+
+
+def experiment_commands() -> typer.Typer:
+    """``palpate experiment STUDY`` and ``palpate experiment inspect FILE``."""
+    group = stage_group(experiment, "STUDY | inspect FILE")
+    calls = examples("palpate experiment inspect press.csv", "palpate experiment inspect bag/ --loader NAME")
+    group.command(epilog=calls)(inspect)
+    return group
+
+
+def inspect(
+    context: typer.Context,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A log, or the folder of a bag.")],
+    loader: Annotated[
+        str | None, typer.Option("--loader", metavar="NAME", help="Loader to ask; default: all that can.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show what a file holds, and the tables of study.toml that would read it."""
+    session = Session.of(context)
+    found = look_into(file, session, loader)
+    if as_json:
+        session.json(found.record)
+        return
+    for table in found.tables:
+        session.table(table.title, table.columns, table.rows)
+    for finding in found.findings:
+        session.say(f"- {finding}")
+    if found.study_text:
+        session.say(f"\n{found.study_text}")
+        session.next("experiment STUDY --out FOLDER", "put these tables into a study.toml; ")
+
+
+def look_into(file: Path, session: Session, loader: str | None) -> "Inspection":
+    """Inspection of the first loader that can read the file.
+
+    Raises
+    ------
+    CurveError
+        None can; with the reason of each.
+    """
+    from palpate.errors import CurveError
+    from palpate.plugins.guard import answering_for
+    from palpate.plugins.optional import FileInspector
+
+    catalogue = session.plugins.loaders
+    able = [name for name, kind in catalogue.items() if isinstance(kind, FileInspector)]
+    asked = able if loader is None else [loader]
+    refusals = []
+    for name in asked:
+        try:
+            with answering_for(catalogue[name], f"inspecting {file}"):
+                kind = catalogue[name]
+                if not isinstance(kind, FileInspector):
+                    raise CurveError(f"{file}: loader '{name}' cannot inspect files; use one that can")
+                return kind.inspect(file)
+        except CurveError as error:
+            refusals.append(str(error) if len(asked) == 1 else f"{name}: {error}")
+    if not refusals:
+        raise CurveError(f"{file}: no loader can inspect files; install a plugin with one that can")
+    raise CurveError("; ".join(refusals))

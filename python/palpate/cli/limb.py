@@ -4,7 +4,7 @@ from typing import Any
 
 import typer
 
-from palpate.cli.inspect import StageGroup, stage_group
+from palpate.cli.experiment import StageGroup, stage_group
 from palpate.cli.options import AsJson, StudyPath
 from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.listing import examples
-from palpate.cli.options import AsJson, OutFolder, StudyPath
+from palpate.cli.options import AsJson, OutFolder, StudyPath, examples
 from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session, opened
 from palpate.errors import NothingSelectableError, StudyError

@@ -23,10 +23,9 @@ from palpate.testing.fits import (
 )
 from palpate.testing.materials import MaterialContract
 from palpate.testing.presses import ChannelContract, IndenterContract, MotionContract, ScenarioContract
-from palpate.testing.scores import ScoreContract
 from palpate.testing.sections import SectionContract, SmallRun, small_run
 from palpate.testing.solvers import SolverContract
-from palpate.testing.stages import StageContract
+from palpate.testing.stages import ScoreContract, StageContract
 from palpate.testing.studies import SmallStudy, StudyRunner, study_runner
 
 __all__ = [

@@ -23,7 +23,7 @@ from palpate_certainty.error_sources import (
 )
 from palpate_certainty.laplace import RANGE, agreement, laplace, whitening
 from palpate_certainty.noise_model import ResidualLayout, estimate, grouped, groups_of, layout_of
-from palpate_certainty.profile_planes import planes_of_fits
+from palpate_certainty.profiles import planes_of_fits
 from palpate_certainty.tables import Assessed, certainty_result, density_of
 
 NOISE, DISCREPANCY, PRIORS = "noise", "model", "priors"

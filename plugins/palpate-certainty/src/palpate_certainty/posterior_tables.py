@@ -10,7 +10,7 @@ from scipy.stats import qmc
 from palpate.api import FloatArray
 from palpate.api.fit import PosteriorResult
 from palpate_certainty.posterior_sampling import Posterior, Sampled
-from palpate_certainty.profile_planes import planes
+from palpate_certainty.profiles import planes
 
 N_BASE = 512
 """Points of each of the two matrices of the estimators."""

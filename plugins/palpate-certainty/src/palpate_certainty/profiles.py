@@ -1,13 +1,24 @@
-"""Profiles: the least misfit at each value of one parameter, the others fitted again."""
+"""Profiles: the least misfit along each parameter, and in the planes of two, the others fitted again."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
 
 import numpy as np
+import polars as pl
 from scipy.optimize import least_squares, lsq_linear
+from scipy.stats import qmc
 
-from palpate.api import FloatArray
-from palpate.api.fit import RISE
+from palpate.api import BoolArray, Design, FloatArray, Simulation
+from palpate.api.fit import RISE, Problem, channel_of, pieces
+from palpate_certainty.emulated_curves import (
+    EmulatedCurves,
+    SimulatedCurves,
+    runs_of_fits,
+    runs_of_sets,
+)
+from palpate_certainty.tables import Assessed
 
 N_POINTS = 9
 """Points of a profile to either side of the least."""
@@ -159,3 +170,204 @@ def refitted(white: White, solved: White, points: FloatArray, fixed: Sequence[in
     both = np.stack([(each**2).sum(axis=1) for each in (residuals, solved(moved))])
     least: FloatArray = np.fmin(*both)
     return least
+
+
+MOST_PLANES = 15
+"""Most planes of one scenario."""
+
+N_EVEN, N_NEAR = 13, 10
+"""Points along an axis: evenly over the range, and near the fit."""
+
+NEAR_SDS = 4.0
+"""How far the latter reach, in standard deviations."""
+
+KNOWN = 0.25
+"""Largest part of Fopt that what the emulator does not know may be of it."""
+
+N_STEPS = 20
+"""Most steps of the fits of the others, and step in the box for their slopes."""
+
+N_STARTS = 8
+"""Places over the ranges of the others that are tried before."""
+
+GAIN = 1e-3
+"""Gain of a step, over Fopt, from which there is another one."""
+
+CHUNK = 128
+"""Points that are fitted at once."""
+
+Residuals = Callable[[FloatArray], FloatArray]
+"""Residuals (n, m) at points (n, n_parameters) of the box."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class EmulatedObjective:
+    """Fopt of a problem by emulated curves.
+
+    Parameters
+    ----------
+    problem : Problem
+        With its corrections by finer meshes.
+    curves : EmulatedCurves
+    """
+
+    problem: Problem
+    curves: EmulatedCurves
+
+    def residuals(self, points: FloatArray) -> FloatArray:
+        """Residuals (n, m) at points (n, n_parameters) of the box, without those of priors."""
+        ordinates = self.curves(self.problem.box.values(points))
+        parts = []
+        for term, name, _, _ in pieces(self.problem.terms):
+            here = term.corrected(channel_of(name), ordinates[:, self._place(term.spot, channel_of(name))])
+            found = term.of_ordinates(name, here, len(self.problem.terms))
+            parts.append(found[:, term.counted(name)])
+        return np.concatenate(parts, axis=1)
+
+    def unknown(self, points: FloatArray) -> FloatArray:
+        """Variance (n,) of what the emulator does not know, as a part of Fopt."""
+        variance, found = self.curves.variance(self.problem.box.values(points)), np.zeros(len(points))
+        for term, name, _, scale in pieces(self.problem.terms):
+            channel, inside = channel_of(name), term.counted(name)
+            found += (variance[:, self._place(term.spot, channel)] * scale**2)[:, inside].sum(axis=1)
+        return found
+
+    def least(self, points: FloatArray, free: BoolArray) -> FloatArray:
+        """Least Fopt (n,) over the coordinates ``free``, near points; NaN where the emulator knows little."""
+        found = []
+        for start in range(0, len(points), CHUNK):
+            at, fopt = fitted(self.residuals, self._started(points[start : start + CHUNK], free), free)
+            found.append(np.where(self.unknown(at) <= KNOWN * fopt, fopt, np.nan))
+        return np.concatenate(found)
+
+    def _started(self, points: FloatArray, free: BoolArray) -> FloatArray:
+        """The points, or others over the coordinates ``free`` where Fopt is less there."""
+        if not free.any():
+            return points
+        tried = [points]
+        for start in qmc.Halton(int(free.sum()), rng=1).random(N_STARTS):
+            tried.append(points.copy())
+            tried[-1][:, free] = start
+        fopts = [(self.residuals(each) ** 2).sum(axis=1) for each in tried]
+        started: FloatArray = np.stack(tried)[np.argmin(fopts, axis=0), np.arange(len(points))]
+        return started
+
+    def _place(self, spot: str, channel: str) -> slice:
+        return self.curves.simulated.places[spot, channel]
+
+
+def fitted(residuals: Residuals, points: FloatArray, free: BoolArray) -> tuple[FloatArray, FloatArray]:
+    """Points (n, n_parameters) of the box of the least Σ r², with all coordinates but ``free`` held.
+
+    Levenberg-Marquardt steps from every point at once, without the coordinates at a bound that they would
+    leave.
+
+    Returns
+    -------
+    points : (n, n_parameters) array
+    least : (n,) array
+    """
+    moving, here = np.flatnonzero(free), residuals(points)
+    least, damping = (here**2).sum(axis=1), np.full(len(points), 1e-3)
+    for _ in range(N_STEPS if moving.size else 0):
+        slopes = np.stack([_slope(residuals, points, here, i) for i in moving.tolist()], axis=-1)
+        gradient = np.einsum("nm,nmi->ni", here, slopes)
+        normal = np.einsum("nmi,nmj->nij", slopes, slopes)
+        at = points[:, moving]
+        stays = ((at <= 0.0) & (gradient > 0.0)) | ((at >= 1.0) & (gradient < 0.0))
+        eye = np.eye(moving.size)
+        size = np.maximum(np.einsum("nii->ni", normal), 1e-300)
+        normal = normal + (damping[:, None] * size)[:, :, None] * eye
+        either = stays[:, :, None] | stays[:, None, :]
+        normal = np.where(either, size[:, :, None] * eye, normal)
+        step = np.linalg.solve(normal, np.where(stays, 0.0, gradient)[:, :, None])[:, :, 0]
+        moved = points.copy()
+        moved[:, moving] = np.clip(at - step, 0.0, 1.0)
+        there = residuals(moved)
+        fopt = (there**2).sum(axis=1)
+        better, goes_on = fopt < least, (fopt < (1.0 - GAIN) * least) | (fopt > least)
+        points, here = np.where(better[:, None], moved, points), np.where(better[:, None], there, here)
+        least, damping = np.where(better, fopt, least), damping * np.where(better, 0.1, 10.0)
+        if not goes_on.any():
+            break
+    return points, least
+
+
+def _slope(residuals: Residuals, points: FloatArray, here: FloatArray, i: int) -> FloatArray:
+    """Slopes (n, m) of residuals in a coordinate, by differences within the box."""
+    step = np.where(points[:, i] > 0.5, -STEP, STEP)
+    moved = points.copy()
+    moved[:, i] += step
+    slope: FloatArray = (residuals(moved) - here) / step[:, None]
+    return slope
+
+
+def planes_of_fits(
+    assessed: Sequence[Assessed], design: Design, swept: Sequence[Simulation], *, main: str
+) -> pl.DataFrame:
+    """Fopt of the joint fits, by an emulator of what the fits and the sweep have simulated.
+
+    Parameters
+    ----------
+    assessed : sequence of Assessed
+    design : Design
+        Of the sweep; may be empty.
+    swept : sequence of Simulation
+        Of its sets.
+    main : str
+        Scenario that generalises.
+    """
+    first = next((each for each in assessed if each.case.scenario.name == main), None)
+    if first is None:
+        return pl.DataFrame()
+    joint = [first, *(a for a in assessed if a is not first and a.case.label == first.case.label)]
+    channels = {channel_of(name) for a in joint for t in a.end.problem.terms for name in t.weights}
+    simulated = SimulatedCurves(first.end.problem, sorted(channels))
+    runs, others = runs_of_fits(simulated, [a.case for a in joint]), runs_of_sets(simulated, design, swept)
+    curves = EmulatedCurves(simulated, runs if others is None else runs.and_others(others))
+    return planes(joint, curves)
+
+
+def planes(joint: Sequence[Assessed], curves: EmulatedCurves) -> pl.DataFrame:
+    """``planes`` of :class:`palpate.run.result.CertaintyResult` for joint fits."""
+    rows = [row for each in joint for row in _rows(each, curves)]
+    return pl.from_dicts(rows, schema=SCHEMA)
+
+
+SCHEMA = {
+    "fit": pl.String,
+    "scenario": pl.String,
+    "parameter": pl.String,
+    "other": pl.String,
+    "value": pl.Float64,
+    "other_value": pl.Float64,
+    "fopt": pl.Float64,
+}
+
+
+def _rows(each: Assessed, curves: EmulatedCurves) -> Iterator[dict[str, Any]]:
+    assert each.end.best is not None
+    objective, box, best = (
+        EmulatedObjective(problem=each.end.problem, curves=curves),
+        each.end.problem.box,
+        each.end.best,
+    )
+    about = {"fit": each.case.label, "scenario": each.case.scenario.name}
+    sds = each.laplace.sd * (box.upper - box.lower) / box.rates(best.point)
+    shared = [i for i, name in enumerate(box.names) if "@" not in name]
+    for held in [*combinations(shared, 2)][:MOST_PLANES] + [(i,) for i in shared]:
+        axes = [_along(float(best.point[i]), float(sds[i])) for i in held]
+        points = np.tile(best.point, (int(np.prod([axis.size for axis in axes])), 1))
+        points[:, held] = np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=1)
+        fopts = objective.least(points, ~np.isin(np.arange(best.point.size), held))
+        names = {"parameter": box.names[held[0]], "other": box.names[held[1]] if len(held) > 1 else None}
+        for values, fopt in zip(box.values(points)[:, held].tolist(), fopts.tolist(), strict=True):
+            other = values[1] if len(held) > 1 else None
+            known = fopt if np.isfinite(fopt) else None
+            yield about | names | {"value": values[0], "other_value": other, "fopt": known}
+
+
+def _along(best: float, sd: float) -> FloatArray:
+    """Coordinates over the range, closer to each other near the fit."""
+    near = best + sd * np.linspace(-NEAR_SDS, NEAR_SDS, N_NEAR)
+    return np.unique(np.round([*np.linspace(0.0, 1.0, N_EVEN), best, *np.clip(near, 0.0, 1.0)], 9))
