@@ -43,9 +43,9 @@ if TYPE_CHECKING:
         provided_by_default as provided_by_default,
     )
     from palpate.plugins.registry import (
-        FIRST_PARTY as FIRST_PARTY,
         load_file as load_file,
     )
+    from palpate.plugins.versions import FIRST_PARTY as FIRST_PARTY
     from palpate.run.directory import (
         RunDirectory as RunDirectory,
         file_name as file_name,

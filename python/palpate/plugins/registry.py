@@ -24,7 +24,8 @@ from palpate.errors import PluginError
 from palpate.fingerprints import CONTENT_HASH, content_hash
 from palpate.plugins import hookspecs
 from palpate.plugins.guard import guarded
-from palpate.plugins.versions import API_VERSION, THIS_VERSION
+from palpate.plugins.subcommands import command_names, refuse_command_clashes
+from palpate.plugins.versions import API_VERSION, FIRST_PARTY, THIS_VERSION
 
 if TYPE_CHECKING:
     import typer
@@ -46,28 +47,6 @@ GROUP = "palpate"
 
 ``palpate.materials`` and so on, one group for each of ``KINDS``, hold single components.
 """
-
-FIRST_PARTY = frozenset(
-    f"palpate-{name}"
-    for name in (
-        "anatomy",
-        "certainty",
-        "dask",
-        "febio",
-        "forearm",
-        "indentation",
-        "jax",
-        "limb",
-        "materials",
-        "planning",
-        "prediction",
-        "report",
-        "robot-log",
-        "validation",
-    )
-)
-"""Distributions that are released with the core; a name that two plugins claim is theirs."""
-
 
 MORE = "pip install 'palpate[standard]' brings those of palpate"
 """Where commands and components that are missing may come from."""
@@ -273,7 +252,7 @@ class Registry:
         for name, source in self.sources.items():
             apps = [app, *(group.typer_instance for group in app.registered_groups if group.typer_instance)]
             kept = [(part, list(part.registered_commands), list(part.registered_groups)) for part in apps]
-            before = _command_names(app)
+            before = command_names(app)
             try:
                 with guarded():
                     self._call(name, "palpate_commands")(app=app)
@@ -283,8 +262,8 @@ class Registry:
                     if add_stage is not None and all(command.stage for command in added):
                         for stage in self._stages(name):
                             add_stage(stage)
-                    _refuse_command_clashes(app)
-                self.commands |= {command: name for command in _command_names(app) if command not in before}
+                    refuse_command_clashes(app)
+                self.commands |= {command: name for command in command_names(app) if command not in before}
             except PluginError as error:
                 for part, commands, groups in kept:
                     part.registered_commands[:], part.registered_groups[:] = commands, groups
@@ -510,22 +489,3 @@ def _check_text(item: object, attribute: str, hook: str) -> None:
     text = getattr(item, attribute, None)
     if not isinstance(text, str) or not text.strip():
         raise PluginError(f"{hook}: {item!r} has no {attribute}; give it a non-empty string")
-
-
-def _command_names(app: "typer.Typer") -> list[str]:
-    """Names of commands and groups, and of the commands in groups: ``limb scan``."""
-    names = [
-        command.name or getattr(command.callback, "__name__", "").replace("_", "-")
-        for command in app.registered_commands
-    ]
-    for group in app.registered_groups:
-        inner = _command_names(group.typer_instance) if group.typer_instance else []
-        names += [str(group.name), *(f"{group.name} {name}" for name in inner)]
-    return names
-
-
-def _refuse_command_clashes(app: "typer.Typer") -> None:
-    names = _command_names(app)
-    double = sorted({name for name in names if names.count(name) > 1})
-    if double:
-        raise PluginError(f"command '{double[0]}' already exists; rename it")

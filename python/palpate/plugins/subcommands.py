@@ -68,3 +68,23 @@ class SubCommand:
             )
         kind = type("StageCommand", (TyperCommand,), {"suffixes": self.suffixes})
         group.command(cls=kind, epilog=self.epilog)(self.function)
+
+
+def command_names(app: "typer.Typer") -> list[str]:
+    """Names of commands and groups, and of the commands in groups: ``limb scan``."""
+    names = [
+        command.name or getattr(command.callback, "__name__", "").replace("_", "-")
+        for command in app.registered_commands
+    ]
+    for group in app.registered_groups:
+        inner = command_names(group.typer_instance) if group.typer_instance else []
+        names += [str(group.name), *(f"{group.name} {name}" for name in inner)]
+    return names
+
+
+def refuse_command_clashes(app: "typer.Typer") -> None:
+    """Raise a PluginError where two commands have one name."""
+    names = command_names(app)
+    double = sorted({name for name in names if names.count(name) > 1})
+    if double:
+        raise PluginError(f"command '{double[0]}' already exists; rename it")

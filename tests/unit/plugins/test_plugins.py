@@ -13,7 +13,8 @@ import typer
 
 from palpate.errors import PalpateError, PluginError
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.registry import FIRST_PARTY, HOOKS, KINDS, add_commands, load_file
+from palpate.plugins.registry import HOOKS, KINDS, add_commands, load_file
+from palpate.plugins.versions import FIRST_PARTY
 from palpate.stages.stage import in_order
 
 from .conftest import Write
