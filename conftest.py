@@ -361,9 +361,9 @@ def content(make_study, plugins, tmp_path, monkeypatch, contents):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Report without drawing, for what is not about the pictures."""
-    from palpate_report import from_run as writing
+    from palpate_report import from_run
 
-    monkeypatch.setattr(writing, "write_figures", lambda content, folder: (folder / "a figure.svg",))
+    monkeypatch.setattr(from_run, "write_figures", lambda content, folder: (folder / "a figure.svg",))
 
 
 PRESSED = Path(__file__).parent / "tests" / "data" / "plugins" / "pressed_tissue.py"
