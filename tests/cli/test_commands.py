@@ -335,7 +335,8 @@ def test_the_stages_one_by_one_choose_what_run_chooses(call: Call, study: Path) 
     assert whole["folder"] == "runs/toy"
     assert abs(whole["generalisation"][0]["rubber.k"] - 2.0) < 0.15
     results: dict[str, Any] = {}
-    for stage in ("experiment", "sample", "simulate", "score", "select", "fit", "intervals", "report"):
+    stages = ("experiment", "sample", "simulate", "score", "select", "fit", "intervals", "identifiability")
+    for stage in (*stages, "report"):
         outcome = call(stage, study, "--out", "apart", "--json")
         assert outcome.code == 0, outcome.err
         results[stage] = outcome.json
