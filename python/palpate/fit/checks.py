@@ -18,8 +18,7 @@ def check_fit(study: Study, measured: Mapping[str, Response], abscissae: Mapping
     StudyError
         One of them raises, or answers what is not to be used.
     """
-    scenario = next(s for s in study.scenarios if s.name == study.generalise_by)
-    terms = [term_of(study, spot, scenario, measured[spot], abscissae) for spot in study.spot_names]
+    terms = [term_of(study, spot, study.generalising, measured[spot], abscissae) for spot in study.spot_names]
     key = "parametrisation"
     try:
         problem = Problem(study, terms, lambda jobs: [], study.parametrisation, noise=study.noise)

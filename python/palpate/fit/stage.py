@@ -107,7 +107,7 @@ class FitStage:
     def run(self) -> list[Case]:
         """Fit jointly, then at each spot."""
         study = self.study
-        main = next(s for s in study.scenarios if s.name == study.generalise_by)
+        main = study.generalising
         others = [s for s in study.scenarios if s is not main]
         spots = study.spot_names
         label = ALL_SPOTS if len(spots) > 1 else spots[0]

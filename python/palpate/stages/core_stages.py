@@ -213,8 +213,7 @@ class Verify(OfEveryRun):
 def best_sets(study: Study, design: Design, scores: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
     """Best set by spot and scenario, and that for all spots."""
     chosen = selection.select(scores, study.scenarios, design)
-    for_all = next(s for s in study.scenarios if s.name == study.generalise_by)
-    general = generalise(scores, for_all, design, study.spot_names)
+    general = generalise(scores, study.generalising, design, study.spot_names)
     return selection.with_tied(chosen, study.space), selection.with_tied(general, study.space)
 
 

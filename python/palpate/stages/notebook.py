@@ -163,9 +163,8 @@ def generalise(study: Study, scores: pl.DataFrame, design: pl.DataFrame) -> pl.D
     Arguments as for :func:`select`; the frame is as :func:`palpate.scoring.generalisation.generalise`
     returns it; empty unless a set has scores at every spot of the study.
     """
-    scenario = next(s for s in study.scenarios if s.name == study.generalise_by)
     drawn, rows = _design(study, design), _by_row(scores, design)
-    return _by_id(generalise_design(rows, scenario, drawn, study.spot_names), design)
+    return _by_id(generalise_design(rows, study.generalising, drawn, study.spot_names), design)
 
 
 @contextlib.contextmanager

@@ -150,6 +150,11 @@ class Study:
         return tuple(spot.spot.name for spot in self.spots)
 
     @property
+    def generalising(self) -> Scenario:
+        """Scenario whose mean Fopt over the spots decides the generalised set."""
+        return next(s for s in self.scenarios if s.name == self.generalise_by)
+
+    @property
     def notice(self) -> str:
         """What every picture of the data must say."""
         return "simulated data, not a measurement" if self.data == "simulated" else ""

@@ -148,12 +148,13 @@ def plan(
         raise StudyError(
             f"{run_folder}: has a fit; `palpate next {run_folder}` plans further presses; name another folder"
         )
-    scenario = next(s for s in study.scenarios if s.name == study.generalise_by)
     abscissae = abscissae_of(plugins.channels)
     with run.locked(study, plugins.channels) as check_lock:
         run.initialise(study, plugins.channels, simulating=True)
         with Simulations(study, run_folder, {**limbs, **tool}, progress, check_lock) as simulations:
-            design, points = before_any_press(study, scenario, simulations.of, abscissae, options.n_points)
+            design, points = before_any_press(
+                study, study.generalising, simulations.of, abscissae, options.n_points
+            )
             check_options(design, options)
             progress.begin("plan", 0)
             found = choose_presses(design, [], presses, points, options, limits)

@@ -233,7 +233,7 @@ class ReportData:
     @property
     def generalising(self) -> Scenario:
         """The scenario whose mean over the spots decides the generalised set."""
-        return self.scenario(self.study.generalise_by)
+        return self.study.generalising
 
     def identified(self, *, together: bool) -> pl.DataFrame:
         """Rows of the identifiability in the scenario that generalises.
