@@ -12,10 +12,9 @@ import polars as pl
 from palpate.domain import FloatArray, RegionMaterial
 from palpate.domain.material import IsotropicMaterial
 from palpate.errors import MaterialError, PluginError, StudyError
-from palpate.fit.fitted import Fitted
+from palpate.fit.fitted import Fitted, inputs_at
 from palpate.mechanics.homogeneous import nominal_stress
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.parametrisation import at_spot
 from palpate.run.directory import RunDirectory
 from palpate.run.result import FitResult
 from palpate.run.result_files import frame_of
@@ -154,13 +153,8 @@ class SavedRun:
         if spot is not None and spot not in spots:
             raise StudyError(f"{self.study.file}: no fitted spot '{spot}'; name one of {', '.join(spots)}")
         chosen = regions[region or next(iter(regions))]
-        every = self.study.space.complete(
-            {
-                name: value
-                for name, value in at_spot(self.headline.values, spot or spots[0]).items()
-                if name in self.study.space.names
-            }
-        )
+        inputs = inputs_at(self.study, spot or spots[0], self.headline.values, self.run.measured)
+        every = self.study.space.written(inputs.thetas)
         values = {p.name: every[f"{chosen.region}.{p.name}"] for p in chosen.material.parameters}
         known = self.intervals
         if not known.is_empty():
