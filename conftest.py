@@ -23,6 +23,7 @@ import polars as pl
 import pytest
 
 import palpate_certainty
+import palpate_materials
 import palpate_report
 from palpate.cli.app import main
 from palpate.domain import (
@@ -45,6 +46,7 @@ from palpate.run.result import CertaintyResult
 from palpate.sampling.samplers import LatinHypercube
 from palpate.stages import pipeline
 from palpate.study.reading import Study, StudySpot
+from palpate.testing.studies import StudyRunner
 
 # How long an example takes depends on the machine, not on the code. The fast set draws the same examples
 # each time, so that it fails for a change alone; what the other one finds becomes an `@example`.
@@ -186,6 +188,28 @@ def soft_region() -> dict[str, object]:
     """The table ``region`` of a study that searches both moduli of a neo-Hookean tissue."""
     bounds = {"E": {"lower": "20 kPa", "upper": "120 kPa"}, "nu": {"lower": 0.2, "upper": 0.49}}
     return {"tissue": {"material": "neo_hookean", "parameters": bounds}}
+
+
+@pytest.fixture(scope="session")
+def one_press(soft_region: dict[str, object]) -> Callable[..., tuple[Study, Plugins]]:
+    """Make a study of one press in a folder, whose solver is in closed form; keywords are further tables."""
+
+    def make(folder: Path, **tables: object) -> tuple[Study, Plugins]:
+        return StudyRunner(folder).study(
+            palpate_materials,
+            palpate_certainty,
+            region=soft_region,
+            fit={"search": "least_squares"},
+            protocol={
+                "indenter": {"shape": "sphere", "radius": "7.5 mm"},
+                "depth": "2 mm",
+                "twist": ["4 deg"],
+                "friction": 1.0,
+            },
+            **tables,
+        )
+
+    return make
 
 
 @pytest.fixture(scope="session", autouse=True)

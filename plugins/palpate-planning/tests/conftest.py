@@ -5,30 +5,15 @@ from dataclasses import replace
 
 import pytest
 
-import palpate_certainty
-import palpate_materials
 from palpate.stages import pipeline
 from palpate.study.reading import read_study
-from palpate.testing.studies import StudyRunner
 
 
 @pytest.fixture(scope="session")
-def fitted(tmp_path_factory, soft_region):
+def fitted(tmp_path_factory, one_press):
     """Folder of a study of one press and its run, to the end of its fit; and the plugins."""
     folder = tmp_path_factory.mktemp("one_press")
-    study, plugins = StudyRunner(folder).study(
-        palpate_materials,
-        palpate_certainty,
-        region=soft_region,
-        sampling={"n_sets": 0},
-        fit={"search": "least_squares"},
-        protocol={
-            "indenter": {"shape": "sphere", "radius": "7.5 mm"},
-            "depth": "2 mm",
-            "twist": ["4 deg"],
-            "friction": 1.0,
-        },
-    )
+    study, plugins = one_press(folder, sampling={"n_sets": 0})
     pipeline.run_study(study, folder / "run", plugins)
     return folder, plugins
 

@@ -7,32 +7,17 @@ import polars as pl
 import pytest
 
 import palpate
-import palpate_certainty
-import palpate_materials
 from palpate.domain import RegionMaterial
 from palpate.errors import MaterialError, StudyError
 from palpate.stages import pipeline
 from palpate.stages.saved_run import FittedMaterial
-from palpate.testing.studies import StudyRunner
 from palpate_materials.uncoupled import Yeoh
 
 
 @pytest.fixture(scope="module")
-def saved(tmp_path_factory, soft_region):
+def saved(tmp_path_factory, one_press):
     folder = tmp_path_factory.mktemp("one_press")
-    study, plugins = StudyRunner(folder).study(
-        palpate_materials,
-        palpate_certainty,
-        region=soft_region,
-        sampling={"n_sets": 12},
-        fit={"search": "least_squares"},
-        protocol={
-            "indenter": {"shape": "sphere", "radius": "7.5 mm"},
-            "depth": "2 mm",
-            "twist": ["4 deg"],
-            "friction": 1.0,
-        },
-    )
+    study, plugins = one_press(folder, sampling={"n_sets": 12})
     pipeline.run_study(study, folder / "run", plugins)
     moved = shutil.move(folder / "run", tmp_path_factory.mktemp("elsewhere"))
     shutil.rmtree(folder)
