@@ -36,10 +36,7 @@ class OfEveryRun(Stage):
     """A stage without which there is no run."""
 
     may_fail = False
-
-    def is_in_run(self, study: Study) -> bool:
-        """Always."""
-        return True
+    of_every_run = True
 
 
 class Experiment(OfEveryRun):

@@ -81,12 +81,15 @@ class Stage(Component[SettingsT]):
     may_fail: ClassVar[bool] = True
     """True if ``palpate run`` goes on, with a warning, where it cannot be made."""
 
+    of_every_run: ClassVar[bool] = False
+    """True if ``palpate run`` includes it whatever the study says."""
+
     comes_last: ClassVar[bool] = False
     """True if ``palpate run`` makes it after all others, whose results it may read."""
 
     def is_in_run(self, study: Study) -> bool:
         """True if ``palpate run`` includes the stage though the study has no table ``[stages.NAME]``."""
-        return False
+        return self.of_every_run
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """Plain values of a study that decide the result, by what messages call them.

@@ -29,6 +29,7 @@ class Intervals(Stage):
     name, summary = "intervals", "Find how certain the fitted parameters are, and what from."
     needs = ("fit",)
     may_fail = False
+    of_every_run = True
     tables = MappingProxyType(
         {
             "intervals": "Value and 95 % interval of each parameter.",
@@ -39,10 +40,6 @@ class Intervals(Stage):
             "planes": "Fopt over the planes of two parameters.",
         }
     )
-
-    def is_in_run(self, study: Study) -> bool:
-        """Always."""
-        return True
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """What the curves and the model may be wrong by."""
@@ -57,7 +54,7 @@ class Intervals(Stage):
         assessed = stage.assessed(cases)
         planes = stage.planes(assessed, inputs.design, inputs.swept())
         found = replace(certainty_result(assessed, inputs.study), planes=planes)
-        return {each.name: getattr(found, each.name) for each in fields(CertaintyResult)}
+        return tables_of(found)
 
 
 class Posteriors(Stage):
@@ -92,7 +89,7 @@ class Posteriors(Stage):
         if (sampled := stage.run(cases, assessed)) is None:
             raise no_intervals(inputs)
         found = posterior_result(sampled, study.seed)
-        return {each.name: getattr(found, each.name) for each in fields(PosteriorResult)}
+        return tables_of(found)
 
     def summarise(self, inputs: Run) -> Summary:
         """The short tables."""
@@ -110,16 +107,13 @@ class Identifiability(Stage):
 
     name, summary = "identifiability", "Find how well the curves of the sweep identify each parameter."
     needs = ("score", "select", "intervals")
+    of_every_run = True
     tables = MappingProxyType(
         {
             "identifiability": "Interval of each parameter by the sweep, and the word for it.",
             "disagreements": "Channels that no set describes together.",
         }
     )
-
-    def is_in_run(self, study: Study) -> bool:
-        """Always."""
-        return True
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Intervals by the simulated curves; simulates nothing."""
@@ -133,7 +127,12 @@ class Identifiability(Stage):
             inputs.table("generalisation", "select"),
             inputs.fit(),
         )
-        return {each.name: getattr(found, each.name) for each in fields(IdentifiabilityResult)}
+        return tables_of(found)
+
+
+def tables_of(found: CertaintyResult | PosteriorResult | IdentifiabilityResult) -> Files:
+    """Tables of a result by name."""
+    return {each.name: getattr(found, each.name) for each in fields(found)}
 
 
 def assessment_of(inputs: Run, cases: Sequence[Case]) -> Assessment:

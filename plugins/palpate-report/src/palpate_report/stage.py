@@ -47,11 +47,8 @@ class ReportStage(Stage):
     name, summary = "report", "Lay the results out as tables and figures under report/."
     needs = ("select",)
     may_fail = False
+    of_every_run = True
     comes_last = True
-
-    def is_in_run(self, study: Study) -> bool:
-        """Always."""
-        return True
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Write the report; its tables are no tables of the run."""
