@@ -42,6 +42,7 @@ from palpate.fit.searches import BestSet
 from palpate.fit.stage import FitStage
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
+from palpate.progress import SILENT
 from palpate.run.result import CertaintyResult
 from palpate.sampling.samplers import LatinHypercube
 from palpate.stages import pipeline
@@ -188,6 +189,22 @@ def soft_region() -> dict[str, object]:
     """The table ``region`` of a study that searches both moduli of a neo-Hookean tissue."""
     bounds = {"E": {"lower": "20 kPa", "upper": "120 kPa"}, "nu": {"lower": 0.2, "upper": 0.49}}
     return {"tissue": {"material": "neo_hookean", "parameters": bounds}}
+
+
+class Notes(type(SILENT)):
+    """Progress that keeps its notes."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.texts.append(text)
+
+
+@pytest.fixture
+def notes() -> Notes:
+    """Progress whose ``texts`` are what was noted."""
+    return Notes()
 
 
 @pytest.fixture(scope="session")

@@ -315,17 +315,6 @@ def test_a_tissue_that_relaxes_fails_the_check_and_its_words_are_unclear(ended):
     assert "unclear" not in set(found.intervals["identifiability"])
 
 
-class Notes:
-    def __init__(self):
-        self.texts = []
-
-    def note(self, text):
-        self.texts.append(text)
-
-    def __getattr__(self, name):
-        return getattr(SILENT, name)
-
-
 class Logarithm(Score):
     """Errors relative to each ordinate, from a tenth of the largest one on."""
 
@@ -348,9 +337,8 @@ class Summed(Logarithm):
         return np.cumsum(super().residuals(measured, simulated, used), axis=-1)
 
 
-def test_a_score_that_is_not_linear_has_intervals_of_first_order_and_unclear_words(ended):
+def test_a_score_that_is_not_linear_has_intervals_of_first_order_and_unclear_words(ended, notes):
     study, measured, case, _ = ended(scoring=ScoringRules(score=Logarithm()))
-    notes = Notes()
     certainty = Assessment(study=study, measured=measured, progress=notes)
     assessed = certainty.assessed([case])
     found = certainty_result(assessed, study)
@@ -378,9 +366,8 @@ def test_a_score_that_is_not_linear_has_intervals_of_first_order_and_unclear_wor
     np.testing.assert_allclose(density.misfit(runs.values, runs.ordinates), fopts, rtol=1e-9)
 
 
-def test_a_score_whose_residuals_mix_points_has_no_intervals_and_the_reason(ended):
+def test_a_score_whose_residuals_mix_points_has_no_intervals_and_the_reason(ended, notes):
     study, measured, case, _ = ended(scoring=ScoringRules(score=Summed()))
-    notes = Notes()
     found = Assessment(study=study, measured=measured, progress=notes).run([case])
     assert found.intervals.is_empty()
     assert "no intervals: residuals of score 'summed' depend on other points" in notes.texts[-1]
@@ -393,10 +380,9 @@ class Crowded(SetFilter):
         return np.full(len(values), len(values) < 100)
 
 
-def test_filters_that_reject_all_that_describes_the_curves_leave_no_intervals_and_the_reason(ended):
+def test_filters_that_reject_all_that_describes_the_curves_leave_no_intervals_and_the_reason(ended, notes):
     study, measured, case, _ = ended()
     case.end.problem.study = replace(study, filters=(Crowded(),))
-    notes = Notes()
     found = Assessment(study=study, measured=measured, progress=notes).run([case])
     assert found.intervals.is_empty()
     assert "filters reject all 1,024 values that describe the curves as well as the fit" in notes.texts[-1]
@@ -409,14 +395,13 @@ def test_posteriors_are_refused_where_intervals_are_those_of_another_centre(make
         Posteriors().run(run, SILENT)
 
 
-def test_where_slopes_fail_at_the_fit_there_are_no_intervals_and_no_error(ended):
+def test_where_slopes_fail_at_the_fit_there_are_no_intervals_and_no_error(ended, notes):
     study, measured, case, stage = ended()
     simulate = stage.simulations.of
     case.end.problem.simulate = lambda jobs: [
         Simulation(job=each.job, status=Status.DIVERGED, response=None, message="too deep")
         for each in simulate(jobs)
     ]
-    notes = Notes()
     found = Assessment(study=study, measured=measured, progress=notes).run([case])
     assert found.intervals.is_empty()
     assert "no intervals: the error budget cannot be simulated" in notes.texts[-1]
@@ -452,13 +437,12 @@ def failing_deeper_than(most_mm, spot, simulate):
     return simulated
 
 
-def test_a_cause_that_cannot_be_simulated_is_left_out_alone_and_leaves_the_words_unclear(ended):
+def test_a_cause_that_cannot_be_simulated_is_left_out_alone_and_leaves_the_words_unclear(ended, notes):
     study, measured, _, stage = ended(spots=("p1", "p2"))
     cases = [case for case in stage._cases if case.scenario.name == "I"]
     whole = Assessment(study=study, measured=measured).run(cases)
     for case in cases:
         case.end.problem.simulate = failing_deeper_than(10.0, "p1", stage.simulations.of)
-    notes = Notes()
     found = Assessment(study=study, measured=measured, progress=notes).run(cases)
     assert notes.texts == ["warning: intervals are without the cause 'onset p1': p1: diverged: too deep"]
     lost = found.budget.filter(pl.col("status") != "included")
@@ -477,7 +461,7 @@ def test_a_cause_that_cannot_be_simulated_is_left_out_alone_and_leaves_the_words
         assert rows["share"].sum() == pytest.approx(1.0)
 
 
-def test_fewer_points_than_parameters_have_no_interval(ended):
+def test_fewer_points_than_parameters_have_no_interval(ended, notes):
     study, measured, case, _ = ended()
     few = [
         replace(term, measured=Response(curves={"force": term.measured["force"].cut(slice(17, 19))}))
@@ -486,7 +470,6 @@ def test_fewer_points_than_parameters_have_no_interval(ended):
     short = [replace(term, weights={"force": 1.0}) for term in few]
     case.end.problem.terms = tuple(short)
     case.end.trace.clear()
-    notes = Notes()
     found = Assessment(study=study, measured=measured, progress=notes).run([case])
     assert found.intervals.is_empty()
     assert "2 measured points for 2 parameters" in notes.texts[-1]

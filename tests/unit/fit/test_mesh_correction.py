@@ -12,7 +12,6 @@ from palpate.fit.mesh_correction import NEAR, EndSlopes, FineRun, errors_of, fin
 from palpate.fit.spot_term import NotRankedError
 from palpate.fit.tables import _mesh
 from palpate.plugins.interfaces import Solver
-from palpate.progress import SILENT
 from palpate.study.model import BudgetTable
 from palpate_materials.uncoupled import Ogden
 
@@ -43,19 +42,8 @@ class Softening(Solver):
         return replace(found, response=Response(curves=curves))
 
 
-class Notes:
-    def __init__(self):
-        self.texts = []
-
-    def note(self, text):
-        self.texts.append(text)
-
-    def __getattr__(self, name):
-        return getattr(SILENT, name)
-
-
 @pytest.fixture
-def fit(pressed, stage_of):
+def fit(pressed, stage_of, notes):
     """Fit curves of a fine mesh with a coarse one that is 5 to 10 % stiffer; returns stage and cases."""
 
     def made(spots=("p1",), fine=("p1",), solver=None, noise=0.0, **changes):
@@ -64,7 +52,7 @@ def fit(pressed, stage_of):
         exact = replace(study, solver=pressed.Pressed(pressed.PressedSettings(stiffer=0.05)))
         measured = pressed.measured_at(exact, TRUTH, noise=noise, fine=True)
         stage = stage_of(study, measured, {f"{spot}/fine": None for spot in fine})
-        stage.progress = Notes()
+        stage.progress = notes
         return stage, stage.run()
 
     return made

@@ -6,7 +6,6 @@ import polars as pl
 import pytest
 
 from palpate.domain import Response
-from palpate.progress import SILENT
 from palpate.scoring.completeness import described
 from palpate.simulation import jobs as simulation
 from palpate.stages import pipeline
@@ -16,14 +15,6 @@ from palpate_report.figures import nmse_distribution, responses
 from palpate_report.result import make_verdict
 from palpate_report.space import parameter_space
 from palpate_report.tables import make_tables
-
-
-class Notes(type(SILENT)):
-    def __init__(self):
-        self.notes = []
-
-    def note(self, text):
-        self.notes.append(text)
 
 
 @pytest.fixture
@@ -46,14 +37,13 @@ def partial(make_study, plugins, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("n_done", "missing"), [(20, "p2: 8 of 12"), (12, "p2: 0 of 12"), (5, "p1: 5 of 12")]
 )
-def test_every_stage_reports_what_is_missing_of_the_sweep(partial, plugins, undrawn, n_done, missing):
+def test_every_stage_reports_what_is_missing_of_the_sweep(partial, plugins, undrawn, n_done, missing, notes):
     study, folder = partial(n_done)
-    notes = Notes()
     pipeline.run_stage("score", study, folder, plugins, notes)
     chosen = selected(pipeline.run_stage("select", study, folder, plugins, notes))
     report = from_run.report(study, folder, plugins, notes)
-    assert len(notes.notes) == 2
-    for note in notes.notes:
+    assert len(notes.texts) == 2
+    for note in notes.texts:
         assert note.startswith(f"warning: incomplete sweep, {n_done} of 24 simulations (")
         assert missing in note
     (why,) = [each.why for each in report.verdict.warnings[:2] if each.what == "Incomplete sweep"]
@@ -74,7 +64,7 @@ def test_every_stage_reports_what_is_missing_of_the_sweep(partial, plugins, undr
         )
 
 
-def test_a_set_whose_curves_are_lost_is_missing(make_study, plugins, tmp_path, one_figure):
+def test_a_set_whose_curves_are_lost_is_missing(make_study, plugins, tmp_path, one_figure, notes):
     study, folder = make_study(), tmp_path / "run"
     pipeline.run_study(study, folder, plugins)
     before = set((folder / "curves").iterdir())
@@ -82,10 +72,9 @@ def test_a_set_whose_curves_are_lost_is_missing(make_study, plugins, tmp_path, o
     pipeline.run_study(study, folder, plugins)
     for later in set((folder / "curves").iterdir()) - before:
         later.write_bytes(later.read_bytes()[:-9])
-    notes = Notes()
     scores = pipeline.run_stage("score", study, folder, plugins, notes).table("scores")
     assert scores.select("spot", "set_id").n_unique() == 24
-    assert notes.notes[0].startswith("warning: incomplete sweep, 24 of 32 simulations (p1: 12 of 16, p2: 12")
+    assert notes.texts[0].startswith("warning: incomplete sweep, 24 of 32 simulations (p1: 12 of 16, p2: 12")
 
 
 def test_the_set_for_all_spots_reports_their_number(content):
