@@ -20,6 +20,7 @@ from palpate.study.model import StudyFile, Tables
 from palpate.study.source_positions import Key, KeyLines, dotted
 
 T = TypeVar("T")
+ModelT = TypeVar("ModelT", bound=BaseModel)
 
 
 class Problems:
@@ -73,6 +74,23 @@ class Problems:
             unknown = detail["type"] == "extra_forbidden"
             known = _keys(model, parts[:-1]) if unknown else ()
             self.add((*key, *parts), _message(detail, known))
+
+    def validated(
+        self, model: type[ModelT], values: Mapping[str, Any], context: Mapping[str, Any] | None = None
+    ) -> ModelT:
+        """Whole file as ``model``, whose validators find ``context``.
+
+        Raises
+        ------
+        StudyError
+            Everything that is wrong.
+        """
+        try:
+            return model.model_validate(values, context=context)
+        except ValidationError as error:
+            self.add_invalid((), error, model)
+            self.raise_if_any()
+            raise
 
     def raise_if_any(self) -> None:
         """Raise a StudyError that lists everything found, in the order of the file."""

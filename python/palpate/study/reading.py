@@ -5,9 +5,7 @@ import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar
-
-from pydantic import BaseModel, ValidationError
+from typing import Any, Literal
 
 from palpate.domain import Channel, ParameterSpace, Protocol, Scenario
 from palpate.domain.channels import PRESS_AND_TWIST
@@ -29,15 +27,13 @@ from palpate.study.build import (
     check_parametrisation,
 )
 from palpate.study.model import BudgetTable, ExecutorTable, Tables
-from palpate.study.problems import Problems, read_tables, require
+from palpate.study.problems import ModelT, Problems, read_tables, require
 from palpate.study.regions import build_space, build_truth, written_units
 from palpate.study.solver_checks import check_body, check_channels, check_protocols, check_regions
 from palpate.study.source_positions import MOST_BYTES, MOST_SIMULATIONS, Key, KeyLines, check_plain, dotted
 from palpate.study.spots import StudySpot, build_protocol, build_spots
 
 __all__ = ["Study", "StudySpot", "read_options", "read_study", "relative", "with_study_plugins"]
-
-ModelT = TypeVar("ModelT", bound=BaseModel)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -279,13 +275,8 @@ def read_options(path: Path | None, model: type[ModelT], given: Mapping[str, Any
         raise StudyError(f"{path}: no such file of options; check the path")
     text, raw = parse_toml(path) if path is not None else ("", {})
     folder = Path() if path is None else path.parent
-    try:
-        return model.model_validate({**raw, **given}, context={"folder": folder, "given": given})
-    except ValidationError as error:
-        problems = Problems(path or folder, KeyLines(text), raw, given)
-        problems.add_invalid((), error, model)
-        problems.raise_if_any()
-        raise
+    problems = Problems(path or folder, KeyLines(text), raw, given)
+    return problems.validated(model, {**raw, **given}, {"folder": folder, "given": given})
 
 
 def _study_file(path: Path | str) -> Path:

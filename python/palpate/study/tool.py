@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from palpate.domain import Indentation, Spot
 from palpate.errors import StudyError
@@ -107,12 +107,7 @@ def read_tool(path: Path, study: Study, plugins: Plugins) -> Tool:
     text, raw = parse_toml(path)
     problems = Problems(path, KeyLines(text), raw)
     context = Context(path.resolve(), plugins, problems)
-    try:
-        table = ToolTable.model_validate(raw)
-    except ValidationError as error:
-        problems.add_invalid((), error, ToolTable)
-        problems.raise_if_any()
-        raise
+    table = problems.validated(ToolTable, raw)
     protocol = build_protocol(context, table.protocol)
     spots = _spots(path, table, study, problems)
     tables = Tables(written=frozenset(raw), protocol=table.protocol)
