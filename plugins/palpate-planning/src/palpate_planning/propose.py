@@ -10,7 +10,7 @@ from scipy.stats import qmc
 
 from palpate.api import SILENT, FloatArray, Parameter, Progress, Response, Scenario, StudyError
 from palpate.api.experiment import abscissae_of
-from palpate.api.fit import Problem, Simulate, term_of
+from palpate.api.fit import Evaluation, Problem, Simulate, term_of
 from palpate.api.runs import Plugins, RunDirectory, Simulations, Study, Tool, load_limbs, locked_run
 from palpate_certainty.error_sources import Columns, SpotMesh
 from palpate_certainty.laplace import Laplace
@@ -195,8 +195,6 @@ class PlanningStage:
             There is no such goal, or no press can be made.
         """
         design = self.design()
-        best = self.assessed.end.best
-        assert best is not None
         check_options(design, options)
         self.progress.begin("next", 0)
         so_far, points = presses_so_far(design, self._points(options.n_points))
@@ -226,24 +224,28 @@ class PlanningStage:
             laplace=self.assessed.laplace,
         )
 
+    @property
+    def _best(self) -> Evaluation:
+        """Where the fit has ended: what is assessed has an end."""
+        best = self.assessed.end.best
+        assert best is not None
+        return best
+
     def _points(self, n: int) -> FloatArray:
         """Where the fit has ended, and draws (n, n_parameters) of its density, as points of the box."""
-        problem, best = self.assessed.end.problem, self.assessed.end.best
-        assert best is not None
-        box = problem.box
+        problem, box = self.assessed.end.problem, self.assessed.end.problem.box
         drawn = box.point(box.lower + (box.upper - box.lower) * self.assessed.density.draws(n - 1))
-        points = np.concatenate([best.point[None], drawn])
+        points = np.concatenate([self._best.point[None], drawn])
         accepted: FloatArray = points[problem.accepts(points)]
         return accepted
 
     def _worst_spot(self) -> str:
         """Spot whose curves the joint fit describes worst."""
-        problem, best = self.assessed.end.problem, self.assessed.end.best
-        assert best is not None
-        assert best.residuals is not None
+        residuals = self._best.residuals
+        assert residuals is not None
         sizes, at = {}, 0
-        for term in problem.terms:
-            sizes[term.spot] = float(np.sum(best.residuals[at : at + term.n_points] ** 2))
+        for term in self.assessed.end.problem.terms:
+            sizes[term.spot] = float(np.sum(residuals[at : at + term.n_points] ** 2))
             at += term.n_points
         return max(sizes, key=lambda spot: sizes[spot])
 
