@@ -14,7 +14,7 @@ from palpate_robot_log.reading.assembly import read_recording
 from palpate_robot_log.reading.channel_map import ChannelMap
 from palpate_robot_log.reading.formats import Request
 from palpate_robot_log.reading.inspection import inspect_log
-from palpate_robot_log.reading.proposal import channel_map, propose, study_text, words_of
+from palpate_robot_log.reading.proposal import QUANTITIES, channel_map, propose, study_text, words_of
 from palpate_robot_log.reading.raw import RawLog, Stream
 
 from . import log_writers as write
@@ -43,7 +43,8 @@ def test_a_table_with_units_is_understood_whole(tmp_path: Path) -> None:
     write.write_text(path, write.press(), ";", ",", head="made by hand\n")
     found = inspect_log(path)
     assert found.record["problem"] == ""
-    assert found.record["channels"] == dict(write.MAP)
+    side = {"acts_on": "tool", "wrench_frame": "sensor"}
+    assert found.record["channels"] == dict(write.MAP) | side
     assert found.record["layout"] == {"delimiter": ";", "decimal": ","}
     (stream,) = found.record["streams"]
     assert stream["time"]["rate_hz"] == pytest.approx(200.0)
@@ -154,7 +155,7 @@ def test_names_of_many_makers_are_understood() -> None:
     }
     for maker, columns in makers.items():
         found = proposed(columns)
-        assert set(found) == {"time", "position", "orientation", "force", "moment"}, maker
+        assert {*found} - {"acts_on", "wrench_frame"} == {"time", *QUANTITIES}, maker
         assert found["position"]["unit"] == "m", maker
         assert found["force"]["unit"] == "N", maker
         assert found["moment"]["unit"] == "N m", maker
@@ -265,6 +266,6 @@ def test_a_homogeneous_test_is_for_the_loader_csv(
 def test_a_robots_log_is_understood_by_the_loader_that_ships(call, tmp_path):
     write.write_text(tmp_path / "log.csv", write.press())
     found = call("experiment", "inspect", "log.csv", "--json", plugin=None).json
-    assert found["channels"] == dict(write.MAP)
+    assert found["channels"] == dict(write.MAP) | {"acts_on": "tool", "wrench_frame": "sensor"}
     assert found["problem"] == ""
     assert 'loader = "robot_log"' in found["study_toml"]

@@ -13,6 +13,7 @@ from palpate_robot_log.reading.assembly import assemble
 from palpate_robot_log.reading.channel_map import ChannelMap
 from palpate_robot_log.reading.checks import longest_step_s
 from palpate_robot_log.reading.formats import Request, read_log
+from palpate_robot_log.reading.judgement import judged
 from palpate_robot_log.reading.processed_curves import curves_text
 from palpate_robot_log.reading.proposal import QUANTITIES, Proposal, channel_map, propose, study_text
 from palpate_robot_log.reading.raw import RawLog, Stream
@@ -37,7 +38,7 @@ def inspect_log(path: Path, request: Request | None = None) -> Inspection:
         The file cannot be read at all. What is merely wrong in it is among the findings.
     """
     log = read_log(path, request or Request())
-    proposal = propose(log)
+    proposal = judged(log, propose(log))
     # A force of three components is a sensor's, whatever else the log has of depth.
     text = "" if "force" in proposal.guesses else curves_text(log)
     if text:

@@ -2,8 +2,9 @@
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 import numpy as np
 
@@ -17,10 +18,14 @@ _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zäöüß]+|\d+")
 _AXES = ("x", "y", "z", "w")
 _SHORT = ("f", "t", "m", "q", "p", "r", "pos", "rot", "quat", "force", "torque", "moment", "tcp")
 _ROLL_PITCH_YAW = {"roll": "x", "pitch": "y", "yaw": "z"}
+_ANGLES = ("abc", "wpr")
+"""Letters of three angles in degrees: A, B, C of KUKA, Doosan and others, and W, P, R of Fanuc."""
 
 _WORDS: Mapping[str, frozenset[str]] = {
     "position": frozenset(("p", "pos", "position", "translation", "tcp", "tip", "tool", "point", "lage")),
-    "orientation": frozenset(("q", "quat", "quaternion", "orientation", "rotation", "rot", "r", "euler")),
+    "orientation": frozenset(
+        ("q", "quat", "quaternion", "orientation", "rotation", "rot", "r", "euler", *_ANGLES)
+    ),
     "force": frozenset(("f", "force", "forces", "kraft")),
     "moment": frozenset(("t", "torque", "torques", "moment", "moments", "m", "tau", "drehmoment")),
 }
@@ -33,11 +38,13 @@ _MEASURES: Mapping[Kind, str] = {
 _WRENCH_WORDS = frozenset(("wrench", "ft", "force", "f", "sensor"))
 _POSE_WORDS = frozenset(("pose", "tcp", "transform"))
 _TIME_WORDS = frozenset(("time", "t", "timestamp", "stamp", "zeit", "clock", "seconds", "secs", "received"))
-_NOT_MEASURED = frozenset(("target", "desired", "cmd", "command", "ref", "reference", "setpoint", "goal"))
-_EULER = 'the order of the angles: sequence "xyz" (fixed axes) is assumed'
-_AXIS_ANGLE = "three angles: axis_angle is assumed, as Universal Robots logs it; other makes log euler"
+_NOT_MEASURED = frozenset(
+    ("target", "desired", "d", "cmd", "command", "ref", "reference", "setpoint", "goal", "setp")
+)
+_IN_BASE = frozenset(("base", "o", "world", "actual"))
+"""Words of a wrench in the base frame: O_F_ext_hat_K of Franka, actual_TCP_force of Universal Robots."""
+_SHARED_TABLE = 0.2
 _ORDER = "the order of the columns of {}: x, y, z by their numbers is assumed"
-_W_LAST = "the order of the quaternion: x, y, z, w is assumed, not w first"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,14 +76,24 @@ def words_of(name: str) -> tuple[str, ...]:
 def groups_of(stream: Stream) -> list[Group]:
     """Vectors among the columns of a stream: first those by axes, then those by numbers."""
     found: dict[tuple[bool, tuple[str, ...]], dict[str, Column]] = {}
+    named = {words_of(column.name): column for column in stream.columns.values()}
+    groups = []
+    for before, letters in product(dict.fromkeys(words[:-1] for words in named), _ANGLES):
+        keys = [(*before, letter) for letter in letters]
+        if {*keys} <= {*named}:
+            angles = tuple(named[key] for key in keys)
+            words = (*before, letters)
+            groups.append(Group(stream=stream.name, words=words, columns=angles, is_indexed=False))
+    taken = {column.name for group in groups for column in group.columns}
     for column in stream.columns.values():
+        if column.name in taken:
+            continue
         words, axis = _split(words_of(column.name))
         if axis is not None:
             found.setdefault((axis.isdigit(), words), {})[axis] = column
-    groups = []
     for (is_indexed, words), members in sorted(found.items(), key=lambda item: item[0][0]):
         if is_indexed:
-            order = sorted(members, key=int) if len(members) in (3, 4, 6, 7, 9) else []
+            order = sorted(members, key=int) if len(members) in (3, 4, 6, 7, 9, 16) else []
         else:
             order = [axis for axis in _AXES if axis in members] if {*"xyz"} <= {*members} else []
         if order:
@@ -110,18 +127,27 @@ class Guess:
     ----------
     form : str
         Of an orientation; else empty.
+    sequence : str
+        Axes of Euler angles.
     unit : str
         Written into the map only where the file shows none.
+    is_in_base : bool
+        A wrench whose name says that it is in the base frame.
     to_check : tuple of str
         What a person has to decide.
+    also : tuple of Guess
+        What an orientation of these columns may be instead, the likeliest first.
     """
 
     columns: tuple[str, ...]
     stream: str
     form: str = ""
+    sequence: str = ""
     unit: str = ""
+    is_in_base: bool = False
     to_check: tuple[str, ...] = ()
     score: float = 0.0
+    also: tuple["Guess", ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,6 +157,10 @@ class Proposal:
     guesses: Mapping[str, Guess]
     time: Mapping[str, Guess]
     others: Mapping[str, tuple[Guess, ...]] = field(default_factory=dict)
+    acts_on: str = "tool"
+    wrench_frame: str = "sensor"
+    wrench_reason: str = ""
+    skips_missing: bool = False
 
     def used_streams(self) -> tuple[str, ...]:
         """Streams that the guesses come from."""
@@ -151,23 +181,34 @@ def propose(log: RawLog) -> Proposal:
         if guesses
     }
     force_extent = _extent(_values(_columns(log, ranked["force"][0]))) if "force" in ranked else 0.0
+    guesses = {name: _with_unit(log, name, guesses[0], force_extent) for name, guesses in ranked.items()}
     return Proposal(
-        guesses={name: _with_unit(log, name, guesses[0], force_extent) for name, guesses in ranked.items()},
+        guesses=guesses,
         time={stream.name: time for stream in log.streams if (time := time_of(stream)) is not None},
         others={name: tuple(guesses[1:4]) for name, guesses in ranked.items() if len(guesses) > 1},
+        skips_missing=any(_lacks(log, guess) for guess in guesses.values()),
+        wrench_frame="base" if "force" in guesses and guesses["force"].is_in_base else "sensor",
     )
+
+
+def _lacks(log: RawLog, guess: Guess) -> bool:
+    """Whether more rows have no value than a few that are damaged, as where topics share a table."""
+    lacking = [~np.isfinite(column.values) for column in _columns(log, guess)]
+    return float(np.mean(np.any(lacking, axis=0))) > _SHARED_TABLE
 
 
 def _possible(group: Group) -> Iterable[tuple[str, Guess]]:
     """What a group may be, each with a score."""
     n_columns, words = len(group.columns), set(group.words)
 
-    def guess(part: slice, form: str, score: float, *to_check: str) -> Guess:
-        names = tuple(column.name for column in group.columns[part])
-        return Guess(columns=names, stream=group.stream, form=form, to_check=to_check, score=score)
+    def guess(part: slice | list[int], score: float, *to_check: str) -> Guess:
+        names = tuple(column.name for column in np.array(group.columns, dtype=object)[part])
+        is_in_base = bool(words & _IN_BASE)
+        return Guess(
+            columns=names, stream=group.stream, to_check=to_check, score=score, is_in_base=is_in_base
+        )
 
     every, first, second = slice(None), slice(0, 3), slice(3, None)
-    w_last = (_W_LAST,) if group.is_indexed else ()
     if n_columns == 3:
         kind = kind_of(group.columns[0].shown_unit)
         for quantity in QUANTITIES:
@@ -176,30 +217,75 @@ def _possible(group: Group) -> Iterable[tuple[str, Guess]]:
                 score = score + 3.0 if _MEASURES.get(kind) == quantity else -1.0
             elif quantity == "position" and not words:
                 score = 1.0
-            if score <= 0.0:
-                continue
-            if quantity != "orientation":
-                yield quantity, guess(every, "", score)
-            elif {"euler", "rpy"} & words:
-                yield quantity, guess(every, "euler", score, _EULER)
-            else:
-                yield quantity, guess(every, "axis_angle", score - 0.5, _AXIS_ANGLE)
+            if score > 0.0:
+                found = guess(every, score)
+                yield quantity, _of_angles(group, found) if quantity == "orientation" else found
     elif n_columns == 4 and _is_unit(group.columns):
-        yield "orientation", guess(every, "quaternion", 4.0, *w_last)
+        yield "orientation", _of_quaternion(group, guess(every, 4.0))
     elif n_columns == 6 and words & _WRENCH_WORDS:
-        yield "force", guess(first, "", 2.0, _ORDER.format("force"))
-        yield "moment", guess(second, "", 2.0, _ORDER.format("moment"))
+        yield "force", guess(first, 2.0, _ORDER.format("force"))
+        yield "moment", guess(second, 2.0, _ORDER.format("moment"))
     elif n_columns == 6 and words & _POSE_WORDS:
-        yield "position", guess(first, "", 1.5, _ORDER.format("position"))
-        yield "orientation", guess(second, "axis_angle", 1.5, _AXIS_ANGLE)
+        yield "position", guess(first, 1.5, _ORDER.format("position"))
+        yield "orientation", _of_angles(group, guess(second, 1.5))
     elif n_columns == 7 and _is_unit(group.columns[3:]):
-        yield "position", guess(first, "", 2.0, _ORDER.format("position"))
-        yield "orientation", guess(second, "quaternion", 4.0, *w_last)
-    elif n_columns == 9:
-        matrices = _values(group.columns).reshape(-1, 3, 3)
-        off = np.abs(np.einsum("nij,nkj->nik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))
-        if off.size and np.median(off) < 0.01:
-            yield "orientation", guess(every, "rotation_matrix", 3.0)
+        yield "position", guess(first, 2.0, _ORDER.format("position"))
+        yield "orientation", _of_quaternion(group, guess(second, 4.0))
+    elif n_columns == 9 and _are_turns(_values(group.columns)):
+        yield "orientation", replace(guess(every, 3.0), form="rotation_matrix")
+    elif n_columns == 16:
+        yield from _of_transform(group, guess)
+
+
+def _of_angles(group: Group, guess: Guess) -> Guess:
+    """Three angles with the forms that robots log, the likeliest first."""
+    words, shown = set(group.words), group.columns[-1].shown_unit
+    largest = np.abs(_values(_named(group, guess))).max(initial=0.0)
+    is_in_degrees = shown == "deg" or (not kind_of(shown) and largest > 2.0 * np.pi)
+    forms = [("axis_angle", ""), ("euler", "xyz"), ("euler", "XYZ"), ("euler", "ZYX")]
+    if "abc" in words:  # KUKA; Doosan and Stäubli
+        forms = [("euler", "ZYX"), ("euler", "ZYZ"), ("euler", "XYZ")]
+    elif {"euler", "rpy", "wpr"} & words or is_in_degrees:
+        forms = [*forms[1:], forms[0]]
+    unit = "deg" if {"abc", "wpr"} & words and not kind_of(shown) else ""
+    return _first_of([replace(guess, form=form, sequence=axes, unit=unit) for form, axes in forms])
+
+
+def _of_quaternion(group: Group, guess: Guess) -> Guess:
+    """Four numbers with w last, or first where they are only numbered and called q."""
+    names = guess.columns
+    last = replace(guess, form="quaternion")
+    if not group.is_indexed:
+        return last
+    first = replace(last, columns=(*names[1:], names[0]))
+    return _first_of([first, last] if group.words[-1:] == ("q",) else [last, first])
+
+
+def _of_transform(group: Group, guess: Callable[[list[int], float], Guess]) -> Iterable[tuple[str, Guess]]:
+    """Position and turn of a homogeneous transform (4, 4), by columns as Franka logs it, or by rows."""
+    table, rows = _values(group.columns), np.arange(16).reshape(4, 4)
+    for order in (rows.T, rows):
+        turn = order[:3, :3].ravel()
+        if np.allclose(table[:, order[3]], (0.0, 0.0, 0.0, 1.0)) and _are_turns(table[:, turn]):
+            moves = 1.0 * (_extent(table) > 0.0)
+            yield "position", guess(order[:3, 3].tolist(), 3.0 + moves)
+            yield "orientation", replace(guess(turn.tolist(), 4.0 + moves), form="rotation_matrix")
+            return
+
+
+def _first_of(guesses: Sequence[Guess]) -> Guess:
+    return replace(guesses[0], also=tuple(guesses[1:]))
+
+
+def _named(group: Group, guess: Guess) -> list[Column]:
+    return [column for column in group.columns if column.name in guess.columns]
+
+
+def _are_turns(rows: FloatArray) -> bool:
+    """Whether rows (n, 9) are rotation matrices, row by row."""
+    matrices = rows.reshape(-1, 3, 3)
+    off = np.abs(np.einsum("nij,nkj->nik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))
+    return off.size > 0 and bool(np.median(off) < 0.01)
 
 
 def _values(columns: Iterable[Column]) -> FloatArray:
@@ -216,12 +302,13 @@ def _is_unit(columns: Iterable[Column]) -> bool:
 def _with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) -> Guess:
     """Guess with a unit judged by magnitude, where the file shows none."""
     columns = _columns(log, guess)
-    if guess.form in ("quaternion", "rotation_matrix") or kind_of(columns[0].shown_unit):
+    if guess.form in ("quaternion", "rotation_matrix") or guess.unit or kind_of(columns[0].shown_unit):
         return guess
     values = _values(columns)
     unit = _likely_unit(quantity, values, force_extent)
     check = f"the unit of {quantity}: {unit} is judged from the size of the numbers alone"
-    return replace(guess, unit=unit, to_check=(*guess.to_check, check))
+    also = tuple(replace(one, unit=unit) for one in guess.also)
+    return replace(guess, unit=unit, also=also, to_check=(*guess.to_check, check))
 
 
 def _columns(log: RawLog, guess: Guess) -> list[Column]:
@@ -286,6 +373,10 @@ def channel_map(proposal: Proposal) -> dict[str, object]:
     for quantity in QUANTITIES:
         if (guess := proposal.guesses.get(quantity)) is not None:
             chosen[quantity] = _entry(guess, time, proposal)
+    if {"force", "moment"} <= {*chosen}:
+        chosen |= {"acts_on": proposal.acts_on, "wrench_frame": proposal.wrench_frame}
+    if proposal.skips_missing:
+        chosen["missing"] = "skip"
     return chosen
 
 
@@ -300,8 +391,8 @@ def _entry(guess: Guess, time: Guess | None, proposal: Proposal) -> dict[str, ob
     if guess.form and guess.form != "quaternion":
         entry["form"] = guess.form
     entry["columns"] = list(guess.columns)
-    if guess.form == "euler":
-        entry["sequence"] = "xyz"
+    if guess.sequence:
+        entry["sequence"] = guess.sequence
     if guess.unit:
         entry["unit"] = guess.unit
     if guess.stream and len(proposal.used_streams()) > 1:
@@ -322,10 +413,25 @@ def study_text(log: RawLog, proposal: Proposal) -> str:
     time = _time(proposal)
     lines += _commented("time", chosen, time)
     for quantity in QUANTITIES:
-        lines += _commented(quantity, chosen, proposal.guesses.get(quantity))
+        guess = proposal.guesses.get(quantity)
+        lines += _commented(quantity, chosen, guess)
+        for other in guess.also if guess else ():
+            lines.append(f"# or {quantity} = {_value(_entry(other, time, proposal))}")
+    other_side = {"tool": "tissue", "tissue": "tool"}[proposal.acts_on]
+    other_frame = {"sensor": "base", "base": "sensor"}[proposal.wrench_frame]
     lines += [
-        'acts_on = "tool"  # or "tissue": the wrench is that of the tissue on the tool, or its reaction',
-        'wrench_frame = "sensor"  # or "base"',
+        f"# check {proposal.wrench_reason or 'whose wrench it is, and in which frame: nothing tells'}",
+        f'acts_on = "{proposal.acts_on}"  # or "{other_side}": tool is the wrench of the tissue on the tool',
+        f'wrench_frame = "{proposal.wrench_frame}"  # or "{other_frame}"',
+    ]
+    if proposal.skips_missing:
+        lines.append('missing = "skip"  # rows of one topic have no values of another')
+    lines += [
+        "",
+        "[experiment.settings.gravity]",
+        'method = "off"  # or "fit" from poses in air, or "known" with the weight that the sensor carries:',
+        '# weight = "1 N"',
+        '# centre = ["0 mm", "0 mm", "-30 mm"]',
     ]
     return "\n".join(lines) + "\n"
 
