@@ -24,13 +24,15 @@ SIDES = (20.0, 12.0, 8.0)
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tools")
     plate = trimesh.creation.box(SIDES)
+    other = trimesh.creation.box((20.0, 12.0, 9.0))
     ball = trimesh.creation.icosphere(subdivisions=5, radius=7.5)
     opened = trimesh.Trimesh(plate.vertices, plate.faces[:-1])
     inverted = trimesh.Trimesh(plate.vertices, plate.faces[:, ::-1], process=False)
     mixed = trimesh.Trimesh(
         plate.vertices, np.vstack([plate.faces[:1, ::-1], plate.faces[1:]]), process=False
     )
-    made = {"plate": plate, "ball": ball, "opened": opened, "inverted": inverted, "mixed": mixed}
+    made = {"plate": plate, "other": other, "ball": ball}
+    made |= {"opened": opened, "inverted": inverted, "mixed": mixed}
     for name, mesh in made.items():
         mesh.export(folder / f"{name}.stl")
     (folder / "noise.stl").write_bytes(b"solid nothing\nfacet of no meaning")
@@ -62,7 +64,7 @@ def near(shape, within):
 def test_a_sphere_of_triangles_is_a_sphere(files):
     sphere = Sphere(radius_mm=7.5)
     points = near(sphere, 0.5)
-    found = tool(files, "ball")
+    found = tool(files, "ball", "2.5 mm")
     np.testing.assert_allclose(found.distance(points), sphere.distance(points), atol=0.004)
     for got, known, atol in zip(found.normals(points), sphere.normals(points), (0.01, 0.05), strict=True):
         np.testing.assert_allclose(got, known, atol=atol)
@@ -120,7 +122,7 @@ def test_the_key_has_the_content_and_not_the_folder(files, tmp_path):
     moved = tool(tmp_path, "plate")
     assert moved.fingerprint() == here.fingerprint()
     assert moved.settings.model_dump(mode="json") == here.settings.model_dump(mode="json")
-    there.write_bytes((files / "ball.stl").read_bytes())
+    there.write_bytes((files / "other.stl").read_bytes())
     assert tool(tmp_path, "plate").fingerprint() != here.fingerprint()
 
 
@@ -139,7 +141,7 @@ def test_a_sphere_from_a_file_presses_and_turns_like_the_sphere(files):
         )
         return JaxSolver(JaxSettings(depth_steps=4, rotation_step_deg=7.5)).simulate(job, limb).response
 
-    known, found = curves(Sphere(radius_mm=7.5)), curves(tool(files, "ball"))
+    known, found = curves(Sphere(radius_mm=7.5)), curves(tool(files, "ball", "2.5 mm"))
     for channel in ("force", "torque"):
         peak = np.abs(known[channel].ordinate).max()
         np.testing.assert_allclose(
@@ -184,7 +186,7 @@ def test_a_file_that_is_edited_during_a_run_gives_no_result_under_the_old_key(fi
     parent = tool(tmp_path, "plate")
     before = parent.fingerprint()
     sent = pickle.dumps((type(parent), parent.settings))
-    (tmp_path / "plate.stl").write_bytes((files / "ball.stl").read_bytes())
+    (tmp_path / "plate.stl").write_bytes((files / "other.stl").read_bytes())
     assert parent.fingerprint() == before
     stl_indenter._solid_of.cache_clear()  # a worker has its own
     kind, settings = pickle.loads(sent)

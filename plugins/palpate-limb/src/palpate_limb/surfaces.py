@@ -122,6 +122,8 @@ LIKE_SIZED = 2.0
 """Longest edge over the mean one up to which the closest triangle is among those of the closest middles."""
 N_LIKELY = 24
 MOST_PIECES = 400_000
+AT_ONCE = 2_000
+"""Points whose closest triangles are in memory together: 8 kB for each."""
 
 
 def _like_sized(corners: FloatArray) -> FloatArray | None:
@@ -149,15 +151,18 @@ def _among_likely(corners: FloatArray, points: FloatArray) -> tuple[FloatArray, 
     from trimesh.triangles import closest_point
 
     n_likely = min(N_LIKELY, len(corners))
-    _, likely = cKDTree(corners.mean(axis=1)).query(points, k=n_likely)
-    likely = likely.reshape(len(points), n_likely)
-    on = closest_point(  # type: ignore[no-untyped-call]
-        corners[likely.ravel()], np.repeat(points, n_likely, axis=0)
-    ).reshape(-1, n_likely, 3)
-    distances = np.linalg.norm(on - points[:, None], axis=2)
-    best = distances.argmin(axis=1)
-    row = np.arange(len(points))
-    return on[row, best], distances[row, best]
+    tree = cKDTree(corners.mean(axis=1))
+    closest, distances = np.empty((len(points), 3)), np.empty(len(points))
+    for start in range(0, len(points), AT_ONCE):
+        some = points[start : start + AT_ONCE]
+        likely = tree.query(some, k=n_likely)[1].reshape(len(some), n_likely)
+        on = closest_point(  # type: ignore[no-untyped-call]
+            corners[likely.ravel()], np.repeat(some, n_likely, axis=0)
+        ).reshape(-1, n_likely, 3)
+        away = np.linalg.norm(on - some[:, None], axis=2)
+        best, row = away.argmin(axis=1), np.arange(len(some))
+        closest[start : start + AT_ONCE], distances[start : start + AT_ONCE] = on[row, best], away[row, best]
+    return closest, distances
 
 
 def solid(surface: Surface) -> Any:  # noqa: ANN401 - manifold3d has no types
