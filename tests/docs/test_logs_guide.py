@@ -12,10 +12,11 @@ from palpate.domain.indenter import SphereSettings
 from palpate.plugins.catalogue import Plugins
 from palpate.study.model import ScoringTable, SpotTable
 from palpate_robot_log import RobotLogLoader, RobotLogSettings
+from palpate_robot_log.reading.channel_map import LogFiles
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "logs.md").read_text(encoding="utf-8")
 LOADER, CONTRACT = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.DOTALL)
-READING, SPOTS = map(tomllib.loads, re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL))
+READING, FILES, SPOTS = map(tomllib.loads, re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL))
 
 
 def test_the_loader_is_short_and_is_found(tmp_path: Path) -> None:
@@ -65,3 +66,9 @@ def test_the_pictures_are_those_that_are_drawn() -> None:
     ).read_text()
     listed = re.findall(r"^\| `(\d_\w+)`", GUIDE, flags=re.MULTILINE)
     assert listed == sorted(set(re.findall(r'folder / "(\d_\w+)\.png"', source)))
+
+
+def test_names_of_two_files_are_those_of_the_command() -> None:
+    files = LogFiles.model_validate(FILES["experiment"]["settings"]["files"])
+    pose, wrench = re.search(r"experiment inspect (\S+pose\.csv) (\S+)", GUIDE).groups()
+    assert files == LogFiles.of(Path(pose), Path(wrench))

@@ -105,7 +105,7 @@ def test_a_layout_that_the_user_gives_is_used(tmp_path: Path) -> None:
     write.write_text(tmp_path / "log.csv", table)
     body = (tmp_path / "log.csv").read_text().split("\n", 1)[1]
     (tmp_path / "log.csv").write_text(body)
-    found = inspect_log(tmp_path / "log.csv", Request(text=TextFormat(names=list(write.COLUMNS))))
+    found = inspect_log(tmp_path / "log.csv", request=Request(text=TextFormat(names=list(write.COLUMNS))))
     assert found.record["problem"] == ""
 
 

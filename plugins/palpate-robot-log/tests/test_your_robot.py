@@ -7,11 +7,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from palpate.domain import FloatArray
+from palpate.errors import CurveError
 from palpate_robot_log import RobotLogLoader
+from palpate_robot_log.reading.channel_map import LogFiles
 from palpate_robot_log.reading.inspection import inspect_log
+from palpate_robot_log.reading.raw import RawLog, Series
+from palpate_robot_log.reading.two_files import clock_offset_s
 from palpate_robot_log.robot_log import RobotLogSettings
 
 from . import log_writers as write
@@ -159,3 +164,87 @@ def test_the_proposed_table_reads_the_log_as_it_is(
         assert abs(np.ptp(curve.ordinate) - span) < 0.01 * span, channel
         assert abs(curve.ordinate[-1] - expected.ordinate[-1]) < 0.02 * span, channel
         assert abs(curve.abscissa.max() - expected.abscissa.max()) < 0.02 * np.ptp(expected.abscissa)
+
+
+# --------------------------------------------------------------------------- two files
+
+
+def two_files(folder: Path, offset_s: float = -1234.5, drift: float = 1e-4) -> tuple[Path, Path]:
+    """Pose at 50 Hz, wrench at 200 Hz by a clock that is ahead by ``offset_s`` and fast by ``drift``."""
+    _, x, pose, _, _ = log()
+    column = columns("p1")
+    pose_file, wrench_file = folder / "arm_p1-robot.csv", folder / "arm_p1-ati.txt"
+    time = {"t": column["time_s"][::STEP]}
+    write.write_text(pose_file, time | named("X Y Z q1 q2 q3 q4", 1e3 * x, pose.as_quat()[:, [3, 0, 1, 2]]))
+    clock_ms = 1e3 * (offset_s + (1.0 + drift) * column["time_s"])
+    wrench = [column[name] for name in ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")]
+    write.write_text(wrench_file, {"Zeit": clock_ms} | named("Fx Fy Fz Tx Ty Tz", *wrench), ";", ",")
+    return pose_file, wrench_file
+
+
+def test_pose_and_wrench_in_two_files_with_their_own_clocks(reference: Any, tmp_path: Path) -> None:
+    pose, wrench = two_files(tmp_path)
+    found = inspect_log(pose, wrench)
+    assert found.record["problem"] == ""
+    table = tomllib.loads(found.study_text)["experiment"]["settings"]
+    assert table["files"] == {"pose": "{}-robot.csv", "wrench": "{}-ati.txt"}
+    assert table["channels"]["force"]["time"] == {"column": "Zeit", "unit": "ms"}
+    curves = curves_of(pose, found.study_text)
+    for channel, expected in reference.items():
+        curve, span = curves[channel], np.ptp(expected.ordinate)
+        assert abs(np.ptp(curve.ordinate) - span) < 0.01 * span, channel
+        assert abs(np.ptp(curve.abscissa) - np.ptp(expected.abscissa)) < 0.01 * np.ptp(expected.abscissa)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spot", ["p2", "p3", "p4"])
+@pytest.mark.parametrize("offset_s", [-4.0, 0.0, 1.7e9])
+def test_the_shift_of_the_clocks_is_found_to_hundredths_of_a_second(spot: str, offset_s: float) -> None:
+    column, rng = columns(spot), np.random.default_rng(3)
+    position = np.stack([column[name] for name in ("x_m", "y_m", "z_m")], axis=1)
+    force = np.stack([column[name] for name in ("fx_N", "fy_N", "fz_N")], axis=1)
+
+    def series(what: str, time_s: FloatArray, values: FloatArray) -> Series:
+        rows = np.arange(time_s.size)
+        empty = RawLog(source="log", format="", row_word="row", streams=())
+        names, units = ("x", "y", "z"), ("s", "")
+        return Series(
+            log=empty, what=what, names=names, stream="", time_s=time_s, values=values, rows=rows, units=units
+        )
+
+    cut = int(rng.integers(0, 60))  # the sensor's file begins some time after the robot's
+    pose = series("position", column["time_s"], position)
+    wrench = series("force", offset_s + column["time_s"][cut:], force[cut:])
+    # 0.001 to 0.021 s measured: what is left of it, the bends of the twist correct.
+    assert clock_offset_s(pose, wrench) == pytest.approx(offset_s, abs=0.03)
+    noise = series("force", column["time_s"], rng.standard_normal(force.shape))
+    with pytest.raises(CurveError, match="at no shift of the clocks the push follows the press"):
+        clock_offset_s(pose, noise)
+
+
+@pytest.mark.parametrize(
+    ("pose", "wrench", "names"),
+    [
+        ("p1_pose.csv", "p1_ft.csv", ("{}_pose.csv", "{}_ft.csv")),
+        ("pose_p1.csv", "ft_p1.txt", ("pose_{}.csv", "ft_{}.txt")),
+        ("pose.csv", "ft.csv", ("pose.csv", "ft.csv")),
+    ],
+)
+def test_names_of_two_files_leave_open_what_they_have_alike(
+    pose: str, wrench: str, names: tuple[str, str]
+) -> None:
+    files = LogFiles.of(Path(pose), Path(wrench))
+    assert (files.pose, files.wrench) == names
+    assert files.wrench_of(Path("logs") / pose) == Path("logs") / wrench
+    with pytest.raises(CurveError, match=r"the name does not fit files\.pose"):
+        files.wrench_of(Path("other.dat"))
+
+
+def test_an_unknown_name_of_a_file_of_the_wrench_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValidationError, match="once at most"):
+        LogFiles(pose="{}_{}.csv", wrench="{}_ft.csv")
+    pose, wrench = two_files(tmp_path)
+    text = inspect_log(pose, wrench).study_text
+    wrench.unlink()
+    with pytest.raises(CurveError, match=r"arm_p1-ati\.txt: cannot be read"):
+        curves_of(pose, text)

@@ -104,7 +104,11 @@ def stage_group(stage: Callable[..., None], metavar: str) -> typer.Typer:
 def experiment_commands() -> typer.Typer:
     """``palpate experiment STUDY`` and ``palpate experiment inspect FILE``."""
     group = stage_group(experiment, "STUDY | inspect FILE")
-    calls = examples("palpate experiment inspect press.csv", "palpate experiment inspect bag/ --loader NAME")
+    calls = examples(
+        "palpate experiment inspect press.csv",
+        "palpate experiment inspect pose.csv wrench.csv",
+        "palpate experiment inspect bag/ --loader NAME",
+    )
     group.command(epilog=calls)(inspect)
     return group
 
@@ -112,6 +116,9 @@ def experiment_commands() -> typer.Typer:
 def inspect(
     context: typer.Context,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A log, or the folder of a bag.")],
+    other: Annotated[
+        Path | None, typer.Argument(metavar="[WRENCH]", help="The file of the wrench, if it is another one.")
+    ] = None,
     loader: Annotated[
         str | None, typer.Option("--loader", metavar="NAME", help="Loader to ask; default: all that can.")
     ] = None,
@@ -119,7 +126,7 @@ def inspect(
 ) -> None:
     """Show what a file holds, and the tables of study.toml that would read it."""
     session = Session.of(context)
-    found = look_into(file, session, loader)
+    found = look_into(file, other, session, loader)
     if as_json:
         session.json(found.record)
         return
@@ -132,8 +139,8 @@ def inspect(
         session.next("experiment STUDY --out FOLDER", "put these tables into a study.toml; ")
 
 
-def look_into(file: Path, session: Session, loader: str | None) -> "Inspection":
-    """Inspection of the first loader that can read the file.
+def look_into(file: Path, other: Path | None, session: Session, loader: str | None) -> "Inspection":
+    """Inspection of the first loader that can read the file, or both.
 
     Raises
     ------
@@ -154,7 +161,7 @@ def look_into(file: Path, session: Session, loader: str | None) -> "Inspection":
                 kind = catalogue[name]
                 if not isinstance(kind, FileInspector):
                     raise CurveError(f"{file}: loader '{name}' cannot inspect files; use one that can")
-                return kind.inspect(file)
+                return kind.inspect(file, other)
         except CurveError as error:
             refusals.append(str(error) if len(asked) == 1 else f"{name}: {error}")
     if not refusals:

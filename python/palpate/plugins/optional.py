@@ -65,8 +65,13 @@ class FileInspector(Protocol):
     """A loader that can look into a file without settings."""
 
     @classmethod
-    def inspect(cls, path: Path) -> Inspection:
+    def inspect(cls, path: Path, other: Path | None = None) -> Inspection:
         """Look into a file that no study describes yet, for ``palpate experiment inspect``.
+
+        Parameters
+        ----------
+        other : Path, optional
+            A second file of the same measurement.
 
         Raises
         ------

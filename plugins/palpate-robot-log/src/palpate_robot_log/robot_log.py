@@ -9,7 +9,7 @@ from pydantic import Field
 from palpate.api import CurveError, ExperimentLoader, Response
 from palpate.api.files import Inspection, TextFormat
 from palpate_robot_log.processing.settings import ProcessingSettings
-from palpate_robot_log.reading.channel_map import ChannelMap
+from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles
 from palpate_robot_log.reading.formats import ReadingLimits
 
 if TYPE_CHECKING:
@@ -22,6 +22,9 @@ class RobotLogSettings(ProcessingSettings):
     """Settings of :class:`RobotLogLoader`: how the log is read, then every step of processing."""
 
     channels: ChannelMap = Field(description="Which columns are time, pose and wrench.")
+    files: LogFiles | None = Field(
+        default=None, description="Names of two files of each press; left out: one file has pose and wrench."
+    )
     text: TextFormat = Field(
         default_factory=TextFormat, description="Layout of delimited text; guessed where left out."
     )
@@ -84,14 +87,17 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
         return (first, *draw_processed(process(reading.recording, self.settings), folder))
 
     @classmethod
-    def inspect(cls, path: Path) -> Inspection:
-        """Contents of a log and a channel map for it; a CurveError where it cannot be read at all."""
+    def inspect(cls, path: Path, other: Path | None = None) -> Inspection:
+        """Contents of a log and a channel map for it; a CurveError where it cannot be read at all.
+
+        Of two files the first is that of the pose.
+        """
         from palpate_robot_log.reading.inspection import inspect_log
 
-        return inspect_log(path)
+        return inspect_log(path, other)
 
     def _read(self, path: Path) -> "Reading":
         from palpate_robot_log.reading.assembly import read_recording
 
         settings = self.settings
-        return read_recording(path, settings.channels, settings.text, settings.limits)
+        return read_recording(path, settings.channels, settings.text, settings.limits, settings.files)

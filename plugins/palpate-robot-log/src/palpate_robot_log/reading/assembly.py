@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation, Slerp
 from palpate.api import CurveError, FloatArray
 from palpate.api.files import BASE_UNITS, UNITS, Kind, TextFormat, factor_to_base, unit_in
 from palpate_robot_log.reading import checks
-from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, Orientation, Vector
+from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, LogFiles, Orientation, Vector
 from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log
 from palpate_robot_log.reading.raw import RawLog, Series, Stream
+from palpate_robot_log.reading.two_files import clock_offset_s, read_both
 from palpate_robot_log.recording import Recording, rotated
 
 _LEAST_OVERLAP = 0.5
@@ -27,7 +28,11 @@ class Reading:
 
 
 def read_recording(
-    path: Path, channels: ChannelMap, text: TextFormat | None = None, limits: ReadingLimits | None = None
+    path: Path,
+    channels: ChannelMap,
+    text: TextFormat | None = None,
+    limits: ReadingLimits | None = None,
+    files: LogFiles | None = None,
 ) -> Reading:
     """Recording of a robot's log that was read in a process of its own, checked for what needs no physics.
 
@@ -41,6 +46,8 @@ def read_recording(
         How delimited text is laid out; guessed where left out.
     limits : ReadingLimits, optional
         Of size, memory and time.
+    files : LogFiles, optional
+        Names where the wrench has a file of its own; ``path`` is that of the pose.
 
     Raises
     ------
@@ -57,13 +64,14 @@ def read_recording(
         text=text or TextFormat(),
         limits=limits or ReadingLimits(),
     )
-    return assemble(read_log(path, request), channels)
+    log = read_log(path, request) if files is None else read_both(path, files.wrench_of(path), request)
+    return assemble(log, channels)
 
 
 def columns_of(channels: ChannelMap) -> tuple[str, ...]:
     """Columns that the map names, each once."""
     sources = _sources(channels).values()
-    times = [channels.time.column, *(source.time for source in sources if source.time)]
+    times = [channels.time.column, *(source.time.column for source in sources if source.time)]
     columns = [_bare(name) for source in sources for name in source.columns if name != NO_COLUMN]
     return tuple(dict.fromkeys([*times, *columns]))
 
@@ -90,6 +98,12 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
         is_known = any(one.time_s is other.time_s for other in series.values())
         series[name] = one if is_known else checks.checked_time(one, channels)
     deviation = checks.check_values(series, channels)
+    offset_s = 0.0
+    if channels.clocks == "own":
+        offset_s = clock_offset_s(series["position"], series["force"])
+        on_pose = {id(series[name].time_s): series[name].time_s - offset_s for name in ("force", "moment")}
+        for name in ("force", "moment"):
+            series[name] = replace(series[name], time_s=on_pose[id(series[name].time_s)])
     if turned := series.get("orientation"):
         q = quaternions(given.form, turned.values, given.sequence)
         series["orientation"] = replace(
@@ -142,6 +156,7 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
             for name, one in series.items()
         },
         "interpolated": list(apart),
+        "clock_offset_s": offset_s,
         "n_rows": recording.n_rows,
         "rate_hz": recording.rate_hz,
         "orientation_deviation": deviation,
@@ -152,10 +167,11 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
 def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> Series:
     """Columns of one quantity and their time, converted to the recording's units."""
     source = _sources(channels)[what]
-    time_name = source.time or channels.time.column
+    its_time = source.time or channels.time
+    time_name = its_time.column
     real = [_bare(name) for name in source.columns if name != NO_COLUMN]
     stream = log.stream_of([time_name, *real], source.stream)
-    time_factor, time_unit = _factor(log, channels, stream, time_name, channels.time.unit, "time")
+    time_factor, time_unit = _factor(log, channels, stream, time_name, its_time.unit, "time")
     time = stream.columns[time_name].values
     # Column after column in memory: what is done to each axis of a long log takes a tenth of the time.
     table = np.zeros((len(source.columns), stream.rows.size)).T

@@ -1,10 +1,13 @@
 """The channel map: which columns of a log are time, pose and wrench, and in what form."""
 
+import re
+from itertools import takewhile
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from palpate.api import Quantity, Settings
+from palpate.api import CurveError, Quantity, Settings
 
 Length = Annotated[float, Quantity("mm")]
 Angle = Annotated[float, Quantity("deg")]
@@ -12,20 +15,6 @@ Seconds = Annotated[float, Quantity("s")]
 
 NO_COLUMN = "0"  # written for a column where the sensor has no such axis: zero throughout
 N_COLUMNS = {"quaternion": 4, "euler": 3, "axis_angle": 3, "rotation_matrix": 9, "fixed": 0}
-
-
-class Source(Settings):
-    """Where columns are found."""
-
-    stream: str | None = Field(
-        default=None, description="Topic of a bag, when several have columns of these names."
-    )
-    time: str | None = Field(
-        default=None, description="Column of time of these columns, when it is not the map's own."
-    )
-    unit: str | None = Field(
-        default=None, description="Unit of the columns, when their names do not show it."
-    )
 
 
 class Time(Settings):
@@ -37,6 +26,20 @@ class Time(Settings):
 
 def _named(given: object) -> object:
     return {"column": given} if isinstance(given, str) else given
+
+
+class Source(Settings):
+    """Where columns are found."""
+
+    stream: str | None = Field(
+        default=None, description="Topic of a bag, when several have columns of these names."
+    )
+    time: Annotated[Time | None, BeforeValidator(_named, json_schema_input_type=str | Time | None)] = Field(
+        default=None, description="Column of time of these columns, when it is not the map's own."
+    )
+    unit: str | None = Field(
+        default=None, description="Unit of the columns, when their names do not show it."
+    )
 
 
 class Vector(Source):
@@ -80,6 +83,48 @@ class Orientation(Source):
         if len(self.columns) != needed:
             raise ValueError(f"form '{self.form}' needs {needed} columns and {len(self.columns)} are named")
         return self
+
+
+class LogFiles(Settings):
+    """Names of the two files of each press."""
+
+    pose: str = Field(description='Measured file of the study, such as "{}_pose.csv"; {} is any text.')
+    wrench: str = Field(description='The other file, in its folder, such as "{}_ft.csv", with the same text.')
+
+    @field_validator("pose", "wrench")
+    @classmethod
+    def _one_place(cls, name: str) -> str:
+        if name.count("{}") > 1 or "/" in name or "\\" in name:
+            raise ValueError("must be a file name with {} once at most")
+        return name
+
+    def wrench_of(self, pose: Path) -> Path:
+        """File of the wrench next to that of the pose; a CurveError where the name does not fit."""
+        found = re.fullmatch(re.escape(self.pose).replace(re.escape("{}"), "(.*)"), pose.name)
+        if found is None:
+            raise CurveError(
+                f"{pose}: the name does not fit files.pose = '{self.pose}'; give the file of the pose as "
+                "measured, or correct files"
+            )
+        return pose.with_name(self.wrench.replace("{}", found[1] if found.groups() else ""))
+
+    @classmethod
+    def of(cls, pose: Path, wrench: Path) -> "LogFiles":
+        """Names with the beginning that both share, or else the end of their stems, left open."""
+        n_begin = _n_alike(pose.stem, wrench.stem)
+        n_end = 0 if n_begin else _n_alike(pose.stem[::-1], wrench.stem[::-1])
+        names = (
+            f"{file.stem[: len(file.stem) - n_end] if n_end else ''}{'{}' if n_begin or n_end else ''}"
+            f"{file.suffix if n_end else file.name[n_begin:]}"
+            for file in (pose, wrench)
+        )
+        return cls(pose=next(names), wrench=next(names))
+
+
+def _n_alike(first: str, second: str) -> int:
+    """Number of characters at the beginning that are the same, without separators at their end."""
+    pairs = takewhile(lambda pair: pair[0] == pair[1], zip(first, second, strict=False))
+    return len("".join(letter for letter, _ in pairs).rstrip("_-. "))
 
 
 class Plausible(Settings):
@@ -129,6 +174,10 @@ class ChannelMap(Settings):
         min_length=3,
         max_length=3,
         description="Tool tip in the frame whose position is logged, such as the flange's.",
+    )
+    clocks: Literal["common", "own"] = Field(
+        default="common",
+        description="Whether pose and wrench have one clock; own: press and push give the shift.",
     )
     common_time: Literal["wrench", "pose"] = Field(
         default="wrench", description="Whose time stamps are kept when the two have their own."

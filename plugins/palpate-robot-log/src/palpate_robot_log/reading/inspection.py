@@ -1,6 +1,7 @@
 """``palpate experiment inspect``: what is in a log, and a map that may read it."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,25 +11,28 @@ from pydantic import ValidationError
 from palpate.api import CurveError
 from palpate.api.files import Column, InspectedTable, Inspection, kind_of
 from palpate_robot_log.reading.assembly import assemble
-from palpate_robot_log.reading.channel_map import ChannelMap
+from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles
 from palpate_robot_log.reading.checks import longest_step_s
 from palpate_robot_log.reading.formats import Request, read_log
 from palpate_robot_log.reading.judgement import judged
 from palpate_robot_log.reading.processed_curves import curves_text
 from palpate_robot_log.reading.proposal import QUANTITIES, Proposal, channel_map, propose, study_text
 from palpate_robot_log.reading.raw import RawLog, Stream
+from palpate_robot_log.reading.two_files import read_both
 
 _MOST_GAPS = 20
 _TO_SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
-def inspect_log(path: Path, request: Request | None = None) -> Inspection:
+def inspect_log(path: Path, wrench: Path | None = None, request: Request | None = None) -> Inspection:
     """Contents of a log of unknown columns, and a study that may read it.
 
     Parameters
     ----------
     path : Path
         Of any format that is read.
+    wrench : Path, optional
+        The file of the wrench where ``path`` has the pose alone.
     request : Request, optional
         How text is laid out, and limits; columns and streams are left open.
 
@@ -37,8 +41,15 @@ def inspect_log(path: Path, request: Request | None = None) -> Inspection:
     CurveError
         The file cannot be read at all. What is merely wrong in it is among the findings.
     """
-    log = read_log(path, request or Request())
-    proposal = judged(log, propose(log))
+    request = request or Request()
+    if wrench is None:
+        log = read_log(path, request)
+        proposal = propose(log)
+    else:
+        log = read_both(path, wrench, request)
+        names = LogFiles.of(path, wrench).model_dump()
+        proposal = replace(propose(log), clocks="own", files=names)
+    proposal = judged(log, proposal)
     # A force of three components is a sensor's, whatever else the log has of depth.
     text = "" if "force" in proposal.guesses else curves_text(log)
     if text:
@@ -64,6 +75,7 @@ def inspect_log(path: Path, request: Request | None = None) -> Inspection:
         study_text=text,
         record={
             "file": str(path),
+            "wrench_file": wrench and str(wrench),
             "format": log.format,
             "layout": dict(log.layout),
             "streams": streams,

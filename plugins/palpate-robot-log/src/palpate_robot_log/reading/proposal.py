@@ -161,6 +161,8 @@ class Proposal:
     wrench_frame: str = "sensor"
     wrench_reason: str = ""
     skips_missing: bool = False
+    clocks: str = "common"
+    files: Mapping[str, str] | None = None
 
     def used_streams(self) -> tuple[str, ...]:
         """Streams that the guesses come from."""
@@ -369,7 +371,7 @@ def channel_map(proposal: Proposal) -> dict[str, object]:
     time = _time(proposal)
     chosen: dict[str, object] = {}
     if time is not None:
-        chosen["time"] = {"column": time.columns[0], "unit": time.unit} if time.unit else time.columns[0]
+        chosen["time"] = _time_entry(time)
     for quantity in QUANTITIES:
         if (guess := proposal.guesses.get(quantity)) is not None:
             chosen[quantity] = _entry(guess, time, proposal)
@@ -377,7 +379,13 @@ def channel_map(proposal: Proposal) -> dict[str, object]:
         chosen |= {"acts_on": proposal.acts_on, "wrench_frame": proposal.wrench_frame}
     if proposal.skips_missing:
         chosen["missing"] = "skip"
+    if proposal.clocks != "common":
+        chosen["clocks"] = proposal.clocks
     return chosen
+
+
+def _time_entry(time: Guess) -> object:
+    return {"column": time.columns[0], "unit": time.unit} if time.unit else time.columns[0]
 
 
 def _time(proposal: Proposal) -> Guess | None:
@@ -398,8 +406,8 @@ def _entry(guess: Guess, time: Guess | None, proposal: Proposal) -> dict[str, ob
     if guess.stream and len(proposal.used_streams()) > 1:
         entry["stream"] = guess.stream
     own = proposal.time.get(guess.stream)
-    if own is not None and time is not None and own.columns != time.columns:
-        entry["time"] = own.columns[0]
+    if own is not None and time is not None and _time_entry(own) != _time_entry(time):
+        entry["time"] = _time_entry(own)
     return entry
 
 
@@ -408,6 +416,9 @@ def study_text(log: RawLog, proposal: Proposal) -> str:
     lines = ["[experiment]", 'loader = "robot_log"', ""]
     if log.layout:
         lines += ["[experiment.settings.text]", *_pairs(log.layout), ""]
+    if proposal.files:
+        lines += ["[experiment.settings.files]  # {} is what the names of each press have alike"]
+        lines += [*_pairs(proposal.files), ""]
     lines.append("[experiment.settings.channels]")
     chosen = channel_map(proposal)
     time = _time(proposal)
@@ -426,6 +437,8 @@ def study_text(log: RawLog, proposal: Proposal) -> str:
     ]
     if proposal.skips_missing:
         lines.append('missing = "skip"  # rows of one topic have no values of another')
+    if proposal.clocks != "common":
+        lines.append(f'clocks = "{proposal.clocks}"  # or "common": one clock stamped both files')
     lines += [
         "",
         "[experiment.settings.gravity]",
