@@ -22,22 +22,23 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "chaos"))
 from kills import make_study
 
 from palpate.domain import Curve, Job, Response, Simulation, Status
-from palpate.run.ledger import Finished, Ledger, Writer
+from palpate.run.ledger import Ledger, Writer
 from palpate.sampling.drawing import draw_design
 from palpate.simulation import jobs as simulation
 
 DEPTHS, ANGLES = np.linspace(0.0, 10.0, 80), np.linspace(-22.5, 22.5, 80)
 
 
-def finished(i: int, key: str | None = None) -> Finished:
-    """Make a simulation with two curves."""
+def finished(i: int, key: str | None = None) -> tuple[str, Simulation]:
+    """Make a key and a simulation with two curves."""
     curves = {
         "force": Curve(channel="force", abscissa=DEPTHS, ordinate=DEPTHS**1.5 * (1 + i % 7)),
         "torque": Curve(channel="torque", abscissa=ANGLES, ordinate=np.tanh(ANGLES / (2 + i % 5))),
     }
-    job = Job(spot="p1", set_id=i, materials={}, thetas={}, protocol=None)
-    answer = Simulation(job=job, status=Status.OK, response=Response(curves=curves), seconds=1.0)
-    return Finished(key=key or f"{i:064x}", simulation=answer)
+    answer = Simulation(
+        job=Job(spot="p1", set_id=i), status=Status.OK, response=Response(curves=curves), seconds=1.0
+    )
+    return key or f"{i:064x}", answer
 
 
 def timed(act: Callable[[], object]) -> tuple[float, float]:
@@ -61,7 +62,7 @@ def stream(folder: Path, n: int) -> float:
     def act() -> None:
         with Writer(folder) as writer:
             for each in every:
-                writer.store(each)
+                writer.store(*each)
 
     wall, cpu = timed(act)
     tell(f"palpate, {n} results one after the other, each", wall / n, cpu / n, 5.0)
@@ -76,7 +77,7 @@ def apart(folder: Path, n: int) -> None:
         for each in every:
             time.sleep(0.05)
             started_at = time.perf_counter()
-            writer.store(each)
+            writer.store(*each)
             waited += time.perf_counter() - started_at
     tell(
         f"palpate, {n} results 50 ms apart, each holds the sweep up",
@@ -85,7 +86,7 @@ def apart(folder: Path, n: int) -> None:
         5.0,
     )
     with Writer(folder) as writer:
-        wall, cpu = timed(lambda: [(writer.store(finished(n + i)), writer.flush()) for i in range(n)])
+        wall, cpu = timed(lambda: [(writer.store(*finished(n + i)), writer.flush()) for i in range(n)])
     tell("palpate, from handed over to on the disk, each", wall / n, cpu / n)
 
 
@@ -149,7 +150,7 @@ def large(folder: Path, n: int) -> None:
     keys = simulation.keys(study, jobs, {})
     with Writer(folder / "run") as writer:
         for i, key in enumerate(keys[:-1]):  # one is left to be done
-            writer.store(finished(i, key))
+            writer.store(*finished(i, key))
     measured = {spot.spot.name: spot for spot in study.spots}
     tell(
         f"open a ledger of {n} rows to write", *timed(lambda: Writer(folder / "run").__exit__(None)), 0.5, "s"
@@ -171,7 +172,7 @@ def large(folder: Path, n: int) -> None:
 
 def _entries(folder: Path) -> None:
     with Ledger(folder) as ledger:
-        ledger.entries()
+        ledger.seconds()
 
 
 def main() -> None:

@@ -38,9 +38,9 @@ from palpate.fit.parametrisation import StandardParametrisation
 from palpate.mechanics import spectral  # noqa: F401 - forks inherit what is imported
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
-from palpate.run import atomic_files
+from palpate.run import atomic_files, ledger as ledgers
 from palpate.run.fit_state import FitState
-from palpate.run.ledger import Ledger, writer
+from palpate.run.ledger import Ledger
 from palpate.sampling.samplers import LatinHypercube
 from palpate.stages import core_stages, pipeline
 from palpate.study.reading import Study, StudySpot
@@ -194,7 +194,7 @@ class Trials:
         if tables(self.home / name) != self.expected:
             self.counts["other bytes"] += 1
         with Ledger(self.home / name) as ledger:
-            self.counts["twice"] += int((ledger.frame("simulations")["n_attempts"] > 1).sum())
+            self.counts["twice"] += int((ledger.frame()["n_attempts"] > 1).sum())
 
     def _count(self, kind: str, before: dict[str, str], name: str) -> None:
         now = finished(self.home / name)
@@ -203,7 +203,7 @@ class Trials:
 
 
 def count_writes(number: int, *, after: bool) -> None:
-    """Kill this process at its so-manieth write: a flush, a move, or a commit."""
+    """Kill this process at its so-manieth write: a flush, a move, or a statement of SQL that writes."""
     n_writes = 0
 
     def numbered(act: Callable[..., object]) -> Callable[..., object]:
@@ -220,7 +220,7 @@ def count_writes(number: int, *, after: bool) -> None:
         return write
 
     os.fsync, os.replace = numbered(os.fsync), numbered(os.replace)
-    atomic_files.os, writer._insert = os, numbered(writer._insert)
+    atomic_files.os, ledgers._insert = os, numbered(ledgers._insert)
 
 
 def no_orphans(trials: Trials, name: str, moment: random.Random) -> None:

@@ -395,7 +395,7 @@ def test_a_single_job_shows_its_traceback(call: Call, study: Path) -> None:
     fine = call("simulate", study, "--out", "o", "--only", "s1/2", "--json")
     assert (fine.code, fine.json) == (0, {"ok": 1})
     with Ledger(Path("o")) as ledger:
-        kept = ledger.frame("simulations").filter(state="crashed")
+        kept = ledger.frame().filter(state="crashed")
     assert "in simulate" in kept["diagnostics"][0]  # the traceback of the sweep's own worker
     for wrong in (["--only", "s9/1"], ["--only", "s1/99"], ["--only", "s1"], ["--traceback"]):
         refused = call("simulate", study, "--out", "o", *wrong)

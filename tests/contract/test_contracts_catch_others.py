@@ -167,14 +167,14 @@ class Forgetful(Executor):
     name, summary, holds_limits = "forgetful", "loses failures", False
 
     def results(self, batch):
-        yield from (o for o in InProcess().results(batch) if o.status is Status.OK)
+        yield from (each for each in InProcess().results(batch) if each[1].status is Status.OK)
 
 
 class Silent(Forgetful):
     """Keeps that a job failed, and not why."""
 
     def results(self, batch):
-        yield from (replace(result, message="") for result in InProcess().results(batch))
+        yield from ((index, replace(each, message="")) for index, each in InProcess().results(batch))
 
 
 class Muddled(Forgetful):

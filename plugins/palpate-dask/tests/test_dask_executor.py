@@ -145,12 +145,12 @@ def test_what_cannot_be_sent_is_refused_before_there_is_a_cluster(study, monkeyp
 @pytest.mark.slow
 def test_a_cluster_of_this_machine_holds_limits_and_gives_the_same_bits(study, tmp_path, has_ended):
     study = hurting(study, tmp_path)
-    found = {o.index: o for o in DaskExecutor().results(batch_of(study, time_s=8.0))}
-    expected = {o.index: o for o in Processes().results(batch_of(study, time_s=8.0))}
+    found = dict(DaskExecutor().results(batch_of(study, time_s=8.0)))
+    expected = dict(Processes().results(batch_of(study, time_s=8.0)))
     assert sorted(found) == list(range(8))
     assert [found[i].status for i in range(8)] == [expected[i].status for i in range(8)]
     assert found[1].status is Status.CRASHED
-    assert found[1].quarantined
+    assert found[1].n_crashes == 2
     assert "exit code 17" in found[1].message
     assert found[2].status is Status.TIMED_OUT
     for i in (0, 3, 7):
@@ -211,10 +211,10 @@ def test_cluster_and_processes_stay_for_the_next_batch_until_they_are_closed(
     monkeypatch.setattr("palpate_dask.flow.connected", counting)
     executor, batch = DaskExecutor(), replace(batch_of(study), n_workers=1)
     for jobs in (batch.jobs[:2], batch.jobs[2:3]):
-        assert {o.status for o in executor.results(replace(batch, jobs=jobs))} == {Status.OK}
+        assert {s.status for _, s in executor.results(replace(batch, jobs=jobs))} == {Status.OK}
     (process,) = {pid for _, pid in started(tmp_path)}
     other = replace(batch, jobs=batch.jobs[:1], limits=Limits(time_s=50.0))
-    assert {o.status for o in executor.results(other)} == {Status.OK}
+    assert {s.status for _, s in executor.results(other)} == {Status.OK}
     assert len(opened) == 1
     assert len({pid for _, pid in started(tmp_path)}) == 2  # other limits: another runtime there
     until(lambda: has_ended(int(process)))
@@ -326,12 +326,12 @@ def test_the_scheduler_s_end_loses_nothing_and_the_sweep_continues_elsewhere(stu
     with pytest.raises(ExecutorError, match=r"scheduler is gone.*everything finished is kept"):
         simulation.simulate(replace(study, executor=there), design, {}, {"p1": {}}, folder, Killing())
     with Ledger(folder) as ledger:
-        kept = ledger.frame("simulations")
+        kept = ledger.frame()
     assert 4 <= kept.height < 40
     found = sweep(replace(study, executor=InProcess()), folder)
     assert {s.status for s in found} == {Status.OK}
     with Ledger(folder) as ledger:
-        rows = ledger.frame("simulations")
+        rows = ledger.frame()
     assert rows.height == 40
     assert rows["n_attempts"].max() == 1
 
@@ -360,8 +360,8 @@ def test_jobs_of_a_batch_system_work_over_tls_and_end_with_the_run(
         "options": {"interface": "lo", "shared_temp_directory": str(tmp_path), "queue": "short"},
     }
     found = list(DaskExecutor(DaskSettings(jobqueue=queue)).results(batch_of(study)))
-    assert sorted(o.index for o in found) == list(range(8))
-    assert {o.status for o in found} == {Status.OK}
+    assert sorted(index for index, _ in found) == list(range(8))
+    assert {s.status for _, s in found} == {Status.OK}
     job = (tmp_path / "job.sh").read_text()
     assert "#SBATCH -p short" in job
     assert "tls://127.0.0.1" in job

@@ -64,4 +64,4 @@ def _width_of_ratio(run):
 
 def _keys(run):
     with Ledger(run) as ledger:
-        return set(ledger.entries())
+        return set(ledger.seconds())

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from palpate.executors import (
         Batch as Batch,
         InProcess as InProcess,
-        JobResult as JobResult,
         Limits as Limits,
         Pool as Pool,
         Processes as Processes,

@@ -333,7 +333,7 @@ class SimulationId(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Job:
-    """One simulation to do: a parameter set at a spot.
+    """One simulation to do: a parameter set at a spot. With only these two it is the name of one.
 
     Parameters
     ----------
@@ -356,9 +356,9 @@ class Job:
 
     spot: str
     set_id: int
-    materials: Mapping[str, Material]
-    thetas: Mapping[str, FloatArray]
-    protocol: Protocol
+    materials: Mapping[str, Material] = field(default_factory=dict)
+    thetas: Mapping[str, FloatArray] = field(default_factory=dict)
+    protocol: Protocol = field(default_factory=lambda: HomogeneousTests(paths={}))
     slopes: bool = False
     fine: bool = False
     channels: tuple[Channel, ...] = PRESS_AND_TWIST
@@ -379,32 +379,27 @@ class Job:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Simulation:
-    """Result of a job. ``response`` and ``surface`` are partial if the status is ``diverged``."""
+    """Result of a job. ``response`` and ``surface`` are partial if the status is ``diverged``.
+
+    Parameters
+    ----------
+    n_crashes : int
+        Workers that the job has ended before an executor gave it up; 0: that is not why it failed.
+    """
 
     job: Job
     status: Status
-    response: Response | None
+    response: Response | None = None
     message: str = ""
     seconds: float = 0.0
     diagnostics: Mapping[str, Any] = field(default_factory=dict)
     surface: SurfaceStates | None = None
+    n_crashes: int = 0
 
     @property
     def id(self) -> SimulationId:
         """Which simulation of its study this is."""
         return self.job.id
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RecordedSimulation:
-    """A simulation without its job, as a ledger or a table holds it."""
-
-    id: SimulationId
-    status: Status
-    response: Response | None
-    message: str = ""
-    seconds: float = 0.0
-    diagnostics: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

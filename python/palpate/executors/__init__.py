@@ -3,15 +3,15 @@
 import weakref
 from collections.abc import Iterator
 
+from palpate.domain import Simulation
 from palpate.executors.attempts import attempt
 from palpate.executors.machine import n_cores, n_fitting, thread_limits
 from palpate.executors.pool import Pool, by_limb
-from palpate.plugins.execution import Batch, Executor, JobResult, Limits
+from palpate.plugins.execution import Batch, Executor, Limits
 
 __all__ = [
     "Batch",
     "InProcess",
-    "JobResult",
     "Limits",
     "Pool",
     "Processes",
@@ -32,8 +32,8 @@ class InProcess(Executor):
     holds_limits = False
     summary = "one after the other in palpate's process; no time or memory limit there"
 
-    def results(self, batch: Batch) -> Iterator[JobResult]:
-        """Yield the result of each job as it ends."""
+    def results(self, batch: Batch) -> Iterator[tuple[int, Simulation]]:
+        """Yield the place and simulation of each job as it ends."""
 
         def started(index: int) -> None:
             batch.running(1)
@@ -55,8 +55,8 @@ class Processes(Executor):
 
     _pool: Pool | None = None
 
-    def results(self, batch: Batch) -> Iterator[JobResult]:
-        """Yield the result of each job as it comes.
+    def results(self, batch: Batch) -> Iterator[tuple[int, Simulation]]:
+        """Yield the place and simulation of each job as it comes.
 
         Raises
         ------

@@ -8,7 +8,6 @@ from time import perf_counter
 from palpate.domain import Job, Limb, Simulation, Status
 from palpate.errors import CurveError
 from palpate.executors.answers import checked, reject_nonphysical, storable
-from palpate.plugins.execution import JobResult
 from palpate.plugins.interfaces import Solver
 
 LONGEST_TRACEBACK = 20_000
@@ -16,6 +15,9 @@ LONGEST_TRACEBACK = 20_000
 
 Task = tuple[int, Job]
 """A job and its place among all jobs of the sweep."""
+
+Result = tuple[int, Simulation]
+"""A simulation and the place of its job."""
 
 
 class _InFlight:
@@ -37,7 +39,7 @@ class _InFlight:
             self._started(index)
             yield job
 
-    def answer(self, answer: object) -> JobResult | None:
+    def answer(self, answer: object) -> Result | None:
         """Result of a simulation, or None for a job that was not requested."""
         if not isinstance(answer, Simulation):
             checked(answer)
@@ -46,7 +48,7 @@ class _InFlight:
             return None
         index, job, begun = self.taken.pop(place)
         self.n_answered += 1
-        return job_result(index, job, answer, perf_counter() - begun)
+        return index, usable(job, answer, perf_counter() - begun)
 
     def _place_of(self, answered: Job) -> int | None:
         """Find the job itself, or the only one with the name of a copy."""
@@ -67,7 +69,7 @@ def attempt(
     tasks: Sequence[Task],
     started: Callable[[int], None],
     should_continue: Callable[[], bool] = lambda: True,
-) -> Iterator[JobResult]:
+) -> Iterator[Result]:
     """Results of jobs of one limb, each as it ends and exactly one for each job.
 
     Parameters
@@ -92,59 +94,53 @@ def attempt(
         except (Exception, SystemExit) as error:
             culprits = flight.taken
             if len(culprits) == 1:
-                yield _failed(culprits[0][0], error, culprits[0][2])
+                index, job, begun = culprits[0]
+                yield index, _failed(job, error, begun)
             for index, job, _ in culprits if len(culprits) > 1 else ():
-                yield _attempt_alone(solver, limb, (index, job), started)
+                yield index, _attempt_alone(solver, limb, (index, job), started)
             if not culprits and not flight.n_answered:
-                yield from (_failed(index, error, perf_counter()) for index, _ in flight.waiting)
+                yield from ((index, _failed(job, error, perf_counter())) for index, job in flight.waiting)
                 return
             left = flight.waiting
         else:
             missed = [*flight.taken, *(flight.waiting if should_continue() else ())]
-            yield from (_unanswered(index) for index, *_ in missed)
+            yield from ((index, _unanswered(job)) for index, job, *_ in missed)
             return
 
 
 def simulate_alone(solver: Solver, job: Job, limb: Limb | None) -> Simulation:
     """Simulate one job in this process; an error of the solver becomes its status."""
-    return _attempt_alone(solver, limb, (0, job), lambda index: None).simulation(job)
+    return _attempt_alone(solver, limb, (0, job), lambda index: None)
 
 
 def _attempt_alone(
     solver: Solver, limb: Limb | None, task: Task, started: Callable[[int], None]
-) -> JobResult:
+) -> Simulation:
     flight = _InFlight([task], started, lambda: True)
     job = next(flight.feed())
     begun = perf_counter()
     try:
-        return flight.answer(solver.simulate(job, limb)) or _unanswered(task[0])
+        answered = flight.answer(solver.simulate(job, limb))
     except (Exception, SystemExit) as error:
-        return _failed(task[0], error, begun)
+        return _failed(job, error, begun)
+    return _unanswered(job) if answered is None else answered[1]
 
 
-def job_result(index: int, job: Job, answer: object, seconds: float) -> JobResult:
-    """Result of a job from an answer: ``unreadable`` with the reason where it cannot be used."""
+def usable(job: Job, answer: object, seconds: float) -> Simulation:
+    """Simulation of a job by an answer: ``unreadable`` with the reason where it cannot be used."""
     try:
         simulation = reject_nonphysical(replace(checked(answer), job=job))
         took = 0.0 < simulation.seconds < float("inf")
     except Exception as error:
-        return _failed(index, error, perf_counter() - seconds)
-    return JobResult(
-        index=index,
-        status=simulation.status,
-        response=simulation.response,
-        message=simulation.message,
-        seconds=simulation.seconds if took else seconds,
-        diagnostics=simulation.diagnostics,
-        surface=simulation.surface,
-    )
+        return _failed(job, error, perf_counter() - seconds)
+    return simulation if took else replace(simulation, seconds=seconds)
 
 
-def _failed(index: int, error: BaseException, begun: float) -> JobResult:
-    """Result of a job that raised: curves that cannot be used are unreadable, anything else is a crash."""
+def _failed(job: Job, error: BaseException, begun: float) -> Simulation:
+    """Simulation that raised: curves that cannot be used are unreadable, anything else is a crash."""
     whole = "".join(traceback.format_exception(error))
-    return JobResult(
-        index=index,
+    return Simulation(
+        job=job,
         status=Status.UNREADABLE if isinstance(error, CurveError) else Status.CRASHED,
         message=storable(traceback.format_exception_only(error)[-1].strip()),
         seconds=perf_counter() - begun,
@@ -152,7 +148,6 @@ def _failed(index: int, error: BaseException, begun: float) -> JobResult:
     )
 
 
-def _unanswered(index: int) -> JobResult:
-    return JobResult(
-        index=index, status=Status.UNREADABLE, message="the solver ended without a result for this job"
-    )
+def _unanswered(job: Job) -> Simulation:
+    said = "the solver ended without a result for this job"
+    return Simulation(job=job, status=Status.UNREADABLE, message=said)

@@ -17,11 +17,12 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-from palpate.domain import Job, Limb, Status
+from palpate.domain import Job, Limb, Simulation, Status
 from palpate.errors import ExecutorError, PluginError
+from palpate.executors.attempts import Result
 from palpate.executors.machine import n_cores, thread_limits
 from palpate.executors.worker import packed, receive, send
-from palpate.plugins.execution import Batch, JobResult
+from palpate.plugins.execution import Batch
 
 LARGEST_CHUNK = 16
 """Most jobs that a worker is handed at once."""
@@ -98,7 +99,7 @@ class Pool:
         """Whether a worker has this limb already."""
         return any(limb_name in worker.limbs for worker in self._workers)
 
-    def results(self, batch: Batch) -> Iterator[JobResult]:
+    def results(self, batch: Batch) -> Iterator[Result]:
         """Results as they come, one for each job; fewer if the batch is stopped.
 
         Whoever leaves before the last one has to :meth:`close` the pool.
@@ -215,7 +216,7 @@ class Pool:
 
     # ------------------------------------------------------------------ listening
 
-    def _next_results(self) -> list[JobResult]:
+    def _next_results(self) -> list[Result]:
         """Wait for one message, or for the next time limit to pass, and act on it."""
         late = min(self._workers, key=self._deadline)
         asked = monotonic()
@@ -234,7 +235,7 @@ class Pool:
         worker.heard()
         return self._handle(worker, *message)
 
-    def _handle(self, worker: "_Worker", kind: str, *content: Any) -> list[JobResult]:  # noqa: ANN401 - each kind has its own
+    def _handle(self, worker: "_Worker", kind: str, *content: Any) -> list[Result]:  # noqa: ANN401 - each kind has its own
         if kind == "ready":
             worker.ready = True
             self._n_failed_starts = 0
@@ -242,10 +243,10 @@ class Pool:
             worker.started.add(content[0])
             self._batch.running(sum(len(each.started) for each in self._workers))
         elif kind == "done":
-            (result,) = content
-            worker.started.discard(result.index)
-            worker.assigned.remove(result.index)
-            return [result]
+            ((index, simulation),) = content
+            worker.started.discard(index)
+            worker.assigned.remove(index)
+            return [(index, simulation)]
         elif kind == "unable":
             raise PluginError(f"a worker process cannot load the study's plugins: {content[0]}")
         elif kind == "gone":
@@ -261,7 +262,7 @@ class Pool:
 
     # -------------------------------------------------------------------- failing
 
-    def _timed_out(self, worker: "_Worker") -> list[JobResult]:
+    def _timed_out(self, worker: "_Worker") -> list[Result]:
         suspects = self._dismiss(worker)
         if not worker.ready:
             raise PluginError(
@@ -273,12 +274,12 @@ class Pool:
             return []
         seconds = monotonic() - worker.last_heard
         message = f"stopped after {seconds:.1f} s (limit {self._batch.limits.time_s:g} s)"
+        jobs, status = self._batch.jobs, Status.TIMED_OUT
         return [
-            JobResult(index=index, status=Status.TIMED_OUT, message=message, seconds=seconds)
-            for index in suspects
+            (i, Simulation(job=jobs[i], status=status, message=message, seconds=seconds)) for i in suspects
         ]
 
-    def _gone(self, worker: "_Worker") -> list[JobResult]:
+    def _gone(self, worker: "_Worker") -> list[Result]:
         """Try the jobs of a worker that died again, alone, before they are quarantined."""
         worker.await_end()
         had_begun = bool(worker.started)
@@ -301,13 +302,17 @@ class Pool:
         n_attempts = self._batch.limits.n_attempts
         final = [index for index in suspects if self._crashes[index] >= n_attempts]
         self._alone.extend(index for index in suspects if self._crashes[index] < n_attempts)
+        message = f"the worker process ended {_times(n_attempts)} on this job: {worker.how_it_ended()}"
         return [
-            JobResult(
-                index=index,
-                status=Status.CRASHED,
-                message=f"the worker process ended {_times(n_attempts)} on this job: {worker.how_it_ended()}",
-                seconds=monotonic() - worker.begun,
-                quarantined=worker.killed_by not in OUTSIDE,
+            (
+                index,
+                Simulation(
+                    job=self._batch.jobs[index],
+                    status=Status.CRASHED,
+                    message=message,
+                    seconds=monotonic() - worker.begun,
+                    n_crashes=0 if worker.killed_by in OUTSIDE else n_attempts,
+                ),
             )
             for index in final
         ]

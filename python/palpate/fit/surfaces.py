@@ -6,11 +6,10 @@ from typing import Any
 
 import polars as pl
 
-from palpate.domain import Response, SimulationId, Status, SurfaceStates
+from palpate.domain import Job, Response, Simulation, Status, SurfaceStates
 from palpate.errors import SolverError, StudyError
 from palpate.fit.fitted import Fitted, inputs_at, job_of
 from palpate.run.ledger import Ledger
-from palpate.run.result_files import read_surface, surface_path
 from palpate.simulation.jobs import check_jobs
 from palpate.simulation.sweep import Simulations
 
@@ -58,23 +57,22 @@ def simulate_surfaces(
 
 
 def stored_surfaces(folder: Path, table: pl.DataFrame) -> Mapping[str, SurfaceStates]:
-    """States of the skin by spot that a table names, as far as their files are there."""
-    found = {}
-    for spot, key in table.select("spot", "key").iter_rows() if not table.is_empty() else ():
-        if (states := read_surface(surface_path(folder, key))) is not None:
-            found[spot] = states
-    return found
+    """States of the skin by spot of the simulations that a table names, as far as they are there."""
+    found = _stored(folder, table)
+    return {spot: each.surface for spot, each in found.items() if each.surface is not None}
 
 
 def stored_strains(folder: Path, table: pl.DataFrame) -> dict[str, dict[str, Any]]:
     """Strains by spot and region of the simulations that a table names, as their solver reports them."""
+    found = _stored(folder, table)
+    return {s: each.diagnostics["strain"] for s, each in found.items() if "strain" in each.diagnostics}
+
+
+def _stored(folder: Path, table: pl.DataFrame) -> dict[str, Simulation]:
     if table.is_empty():
         return {}
-    ids = {row["key"]: SimulationId(row["spot"], -1) for row in table.iter_rows(named=True)}
+    jobs = {row["key"]: Job(spot=row["spot"], set_id=-1) for row in table.iter_rows(named=True)}
     with Ledger(folder) as ledger:
-        recorded = ledger.recorded(ids)
-    return {
-        spot: recorded[key].diagnostics["strain"]
-        for spot, key in table.select("spot", "key").iter_rows()
-        if key in recorded and "strain" in recorded[key].diagnostics
-    }
+        simulations = ledger.simulations(jobs)
+    rows = table.select("spot", "key").iter_rows()
+    return {spot: simulations[key] for spot, key in rows if key in simulations}

@@ -1,46 +1,14 @@
-"""Executors: the batch that one takes, and the result that it returns for each job."""
+"""Executors: the batch that one takes, and the simulations that it returns."""
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from palpate.domain import Job, Limb, Response, Simulation, Status, SurfaceStates
+from palpate.domain import Job, Limb, Simulation
 from palpate.domain.component import Component, SettingsT
 from palpate.plugins.interfaces import Solver
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JobResult:
-    """Result of the job at ``index``: a :class:`Simulation` without the job, to be sent between processes.
-
-    Parameters
-    ----------
-    quarantined : bool
-        The job crashed its worker as often as is tolerated; it is not retried automatically.
-    """
-
-    index: int
-    status: Status
-    response: Response | None = None
-    message: str = ""
-    seconds: float = 0.0
-    diagnostics: Mapping[str, Any] = field(default_factory=dict)
-    quarantined: bool = False
-    surface: SurfaceStates | None = None
-
-    def simulation(self, job: Job) -> Simulation:
-        """Return the result as a simulation of its job."""
-        return Simulation(
-            job=job,
-            status=self.status,
-            response=self.response,
-            message=self.message,
-            seconds=self.seconds,
-            diagnostics=self.diagnostics,
-            surface=self.surface,
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +22,7 @@ class Limits:
     memory_MB : float
         Most memory that a job may allocate on top of its worker; 0: no limit.
     n_attempts : int
-        Worker crashes tolerated per job; after that it is quarantined.
+        Worker crashes tolerated per job; after that it is given up, with ``n_crashes``.
     """
 
     time_s: float
@@ -105,8 +73,8 @@ class Executor(Component[SettingsT]):
     """False where a job cannot be held to a memory limit; a study that asks for one is refused."""
 
     @abstractmethod
-    def results(self, batch: Batch) -> Iterator[JobResult]:
-        """Yield the result of each job as it comes, exactly one for each.
+    def results(self, batch: Batch) -> Iterator[tuple[int, Simulation]]:
+        """Yield the place and the simulation of each job as it comes, exactly one for each.
 
         A job that fails, hangs or ends its worker has a result too. When ``batch.should_continue()``
         turns false no further job is begun, and those begun are finished.

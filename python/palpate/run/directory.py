@@ -6,7 +6,7 @@
     manifest.json           versions, hashes of the inputs, units, normaliser, conventions, seed
     measured/<spot>.parquet  measured/<spot>.json  measured/plots/<spot>/
     design.parquet  design.json
-    ledger.sqlite  curves/  simulations: states, attempts, timings, reasons, and their curves
+    ledger.sqlite           simulations: states, attempts, timings, reasons, curves, states of the skin
     scores.parquet  selection.parquet  generalisation.parquet
     fit.parquet  fit_trace.parquet  fit_mesh.parquet  fit_curves.parquet
     intervals.parquet  budget.parquet  directions.parquet  adequacy.parquet  draws.parquet  planes.parquet
@@ -16,7 +16,7 @@
     fit.json                how far the fit is, while it goes on
     next.json               which presses to make next
     verification.parquet
-    surface.parquet  surface/<key>.npz  states of the skin at each spot
+    surface.parquet         which simulations have the skin of each spot
     stages.json             checksums of these files, and what each stage was made from
     report/
 
@@ -173,8 +173,6 @@ class RunDirectory:
         for name, content in files.items():
             path = self.folder / (name if "." in name else f"{name}.parquet")
             match content:
-                case Path():
-                    path = content
                 case pl.DataFrame() if not content.width:
                     path.unlink(missing_ok=True)
                     continue

@@ -328,7 +328,7 @@ def changed(
     ledger: Ledger, before: Mapping[str, Any], after: Mapping[str, Any], keys: Sequence[str]
 ) -> Changed:
     """Compare a study, of manifest ``after`` and simulations ``keys``, with what a run directory holds."""
-    finished = ledger.finished_of_last_sweep()
+    finished = set(ledger.sweep().drop_nulls("state")["key"])
     n_valid = len(finished & set(keys))
     return Changed(changes=differences(before, after), n_finished=len(finished), n_valid=n_valid)
 

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import polars as pl
+
 from palpate.domain import Design, FloatArray
 from palpate.errors import PalpateError, StudyError
 from palpate.run.directory import RunDirectory
@@ -53,5 +55,7 @@ def _kept(study: Study, earlier: RunDirectory) -> tuple[FloatArray | None, Float
     except PalpateError:  # none yet, or corrupt: all sets are drawn as in a new folder
         return None, None
     with Ledger(earlier.folder) as ledger:
-        kept = kept_sets(study.space, study.seed, design, ledger.finished_sets())
+        sweep = ledger.sweep()
+    finished = set(sweep["set_id"]) - set(sweep.filter(pl.col("state").is_null())["set_id"])
+    kept = kept_sets(study.space, study.seed, design, finished)
     return kept, design.first_values[:MOST_FIRST]

@@ -16,7 +16,6 @@ from palpate.domain import (
     Curve,
     FloatArray,
     Normaliser,
-    RecordedSimulation,
     Response,
     Scenario,
     Simulation,
@@ -27,9 +26,6 @@ from palpate.domain import (
 from palpate.errors import CurveError, PluginError, ScoringError
 from palpate.plugins.guard import answering_for
 from palpate.plugins.score import Score, ScoringRules, weighted
-
-Scorable = Simulation | RecordedSimulation
-"""What has a response to score."""
 
 Swept = Mapping[tuple[str, str], FloatArray]
 """Simulated ordinates at the measured points by spot and channel: (n_sets, n_points), NaN where none."""
@@ -99,7 +95,7 @@ def _curves(response: Response, scenarios: Sequence[Scenario]) -> dict[str, Curv
 
 
 def score(
-    simulations: Iterable[Scorable],
+    simulations: Iterable[Simulation],
     measured: Mapping[str, Response],
     rules: ScoringRules,
     scenarios: Sequence[Scenario] = (),
@@ -108,7 +104,7 @@ def score(
 
     Parameters
     ----------
-    simulations : iterable of Simulation or RecordedSimulation
+    simulations : iterable of Simulation
     measured : mapping of spot name to Response
     rules : ScoringRules
     scenarios : sequence of Scenario
@@ -128,7 +124,7 @@ def score(
         A degenerate normaliser, or no standard deviation to weigh by.
     """
     check_scorable(measured, rules, scenarios)
-    by_spot: dict[str, list[Scorable]] = {spot: [] for spot in measured}
+    by_spot: dict[str, list[Simulation]] = {spot: [] for spot in measured}
     for simulation in simulations:
         by_spot[simulation.id.spot].append(simulation)
     rows: list[dict[str, object]] = []
@@ -141,7 +137,7 @@ def score(
 
 
 def _score_channel(
-    simulations: Sequence[Scorable], name: str, measured: Curve, rules: ScoringRules
+    simulations: Sequence[Simulation], name: str, measured: Curve, rules: ScoringRules
 ) -> list[dict[str, object]]:
     variance = relative_variance(measured, rules.score, name)
     scored = _scored(simulations, measured, rules.score, measured.counted(name))
@@ -162,7 +158,7 @@ class _Scored:
 
 
 def _scored(
-    simulations: Sequence[Scorable], measured: Curve, score: Score, counted: BoolArray
+    simulations: Sequence[Simulation], measured: Curve, score: Score, counted: BoolArray
 ) -> list[_Scored]:
     """Score all sets together that were simulated at the same abscissae, as those of a sweep are."""
     curves = [_curve(s, measured.channel) for s in simulations]
@@ -194,7 +190,7 @@ class Compared:
     message: str
 
 
-def compare(simulation: Scorable, measured: Curve) -> Compared:
+def compare(simulation: Simulation, measured: Curve) -> Compared:
     """Interpolate a simulated curve at the measured abscissae, branch by branch."""
     nothing = np.full(measured.abscissa.shape, np.nan)
     curve, status, message = _curve(simulation, measured.channel)
@@ -231,7 +227,7 @@ def at_measured(simulations: Iterable[Simulation], measured: Mapping[str, Respon
     return swept
 
 
-def _curve(simulation: Scorable, channel: str) -> tuple[Curve | None, Status, str]:
+def _curve(simulation: Simulation, channel: str) -> tuple[Curve | None, Status, str]:
     """Find the curve of a channel, or why there is none."""
     if simulation.response is None:
         return None, simulation.status, simulation.message
@@ -241,7 +237,7 @@ def _curve(simulation: Scorable, channel: str) -> tuple[Curve | None, Status, st
     return curve, simulation.status, simulation.message
 
 
-def _unreadable(simulation: Scorable, message: str) -> tuple[Status, str]:
+def _unreadable(simulation: Simulation, message: str) -> tuple[Status, str]:
     """Reason why a curve cannot be used, unless the simulation failed with its message."""
     status = Status.UNREADABLE if simulation.status is Status.OK else simulation.status
     return status, simulation.message or message
@@ -264,7 +260,7 @@ def relative_variance(measured: Curve, score: Score, name: str) -> float:
 
 
 def _row(
-    simulation: Scorable, channel: str, scored: _Scored, r2: float, rules: ScoringRules
+    simulation: Simulation, channel: str, scored: _Scored, r2: float, rules: ScoringRules
 ) -> dict[str, object]:
     nmse, coverage, message = scored.nmse, scored.coverage, scored.message
     is_enough = rules.is_enough(coverage)

@@ -12,14 +12,10 @@ from palpate.executors.attempts import simulate_alone
 from palpate.executors.machine import n_fitting
 from palpate.progress import FIRST_LOOK, LONG_S, Progress, duration
 from palpate.run.ledger import Ledger
-from palpate.run.ledger.cache import ResultCache
 from palpate.study.reading import Study
 
 SHORT_S = 30.0
 """Time of a first simulation up to which a second is timed: the first one also compiles."""
-
-MOST_TIMES = 50
-"""Shared simulations whose times stand for all of them."""
 
 WORTH_SAYING_S = 10.0
 """Time of a fit from which it is said how long it will take."""
@@ -118,15 +114,12 @@ def cost(study: Study, jobs: Mapping[str, Job], folder: Path | None, limbs: Mapp
     others: list[float] = []
     if folder is not None:
         with Ledger(folder) as ledger:
-            entries = ledger.entries()
-        with_times = {key: entry.seconds for key, entry in entries.items() if key in jobs}
-        others = [entry.seconds for key, entry in entries.items() if key not in jobs]
+            seconds = ledger.seconds()
+        with_times = {key: each for key, each in seconds.items() if key in jobs}
+        others = [each for key, each in seconds.items() if key not in jobs]
     if study.cache is not None:
-        cache = ResultCache(study.cache)
-        cached = [key for key in jobs if key not in with_times and cache.holds(key)]
-        loaded = (cache.load(key, jobs[key]) for key in cached[:MOST_TIMES])
-        seconds = [found.seconds for found in loaded if found is not None]
-        with_times |= dict.fromkeys(cached, float(np.mean(seconds)) if seconds else 0.0)
+        with Ledger(study.cache) as cache:
+            with_times = {k: s for k, s in cache.seconds().items() if k in jobs} | with_times
     known, n_fit = list(with_times.values()) or others, _n_fit(study)
     return Cost(
         n_left=len(jobs.keys() - with_times.keys()),

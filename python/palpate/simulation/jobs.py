@@ -231,7 +231,8 @@ def stored(
         if limbs is not None:
             job_keys = keys(study, to_do, limbs)
         else:
-            planned = ledger.planned()
+            sweep = ledger.sweep().select("spot", "set_id", "key")
+            planned = {(spot, set_id): key for spot, set_id, key in sweep.iter_rows()}
             to_do = [job for job in to_do if (job.spot, job.set_id) in planned]
             job_keys = [planned[job.spot, job.set_id] for job in to_do]
         found = ledger.simulations(dict(zip(job_keys, to_do, strict=True)))

@@ -1,7 +1,8 @@
 """Simulations of a run: from its ledger, from the cache, else through an executor, each key once.
 
-Only this process writes results. A job that crashed is tried again by the next run; one that is
-quarantined only with more attempts.
+Only this process writes results to the run directory. A job that crashed is tried again by the next run; one
+that was given up only with more attempts. The cache is a ledger too, of what would end the same way again: a
+time-out or a crash depends on the machine.
 """
 
 import contextlib
@@ -14,21 +15,20 @@ from pathlib import Path
 
 from palpate.domain import Job, Limb, Simulation, Status
 from palpate.errors import PluginError, StoppedError
-from palpate.executors import Batch, JobResult, Limits, Processes
-from palpate.executors.attempts import job_result
+from palpate.executors import Batch, Limits, Processes
+from palpate.executors.attempts import usable
 from palpate.plugins.execution import Executor
 from palpate.plugins.guard import answering_for
 from palpate.progress import SILENT, CountsRunning, Progress
 from palpate.run.keys import JobKeys
-from palpate.run.ledger import Entry, Finished, Ledger, Writer
-from palpate.run.ledger.cache import ResultCache
-from palpate.run.ledger.format import disk_errors
-from palpate.run.result_files import read_surface, surface_path, write_surface
+from palpate.run.ledger import Ledger, Writer
 from palpate.simulation.cost import cost
 from palpate.study.reading import Study
 
 USUAL_BYTES = 15_000
 """Default size of a simulation on the disk: two curves of 300 points."""
+
+_SHARED = (Status.OK, Status.DIVERGED, Status.UNREADABLE)
 
 _Found = Iterator[tuple[str, Simulation]]
 """Simulations with their keys."""
@@ -99,8 +99,7 @@ class Simulations:
         left = cost(self.study, dict(zip(keys, jobs, strict=True)), self.folder, self.limbs)
         if left.n_left and left.seconds_each is not None:
             self.progress.note(str(left))
-        final, _ = self._kept
-        self._warn_of_full_disk(len(set(keys) - final - self.known.keys()))
+        self._warn_of_full_disk(len(set(keys) - self._kept - self.known.keys()))
 
     def of(self, jobs: Sequence[Job]) -> list[Simulation]:
         """Return the simulation of each job; each is a step of the running stage.
@@ -137,76 +136,47 @@ class Simulations:
         return ((key, self.known[key]) for key in by_key if key in self.known)
 
     def _in_ledger(self, by_key: Mapping[str, Job]) -> _Found:
-        final, gone = self._kept
-        if lost := len(gone & by_key.keys()):
-            self.progress.note(
-                f"curves of {lost} simulations are missing or incomplete; they are computed again"
-            )
-        kept = {key: job for key, job in by_key.items() if key in final}
-        if kept:
+        if kept := {key: job for key, job in by_key.items() if key in self._kept}:
             with Ledger(self.folder) as ledger:
-                for key, simulation in ledger.simulations(kept).items():
-                    if (whole := self._with_surface(key, simulation)) is not None:
-                        yield key, whole
+                yield from ledger.simulations(kept).items()
 
     def _in_cache(self, by_key: Mapping[str, Job]) -> _Found:
         if self.study.cache is None:
             return
-        cache = ResultCache(self.study.cache)
-        for key, job in by_key.items():
-            if (simulation := cache.load(key, job)) is not None:
-                self._keep_surface(key, simulation)
-                self._writer.store(Finished(key=key, simulation=simulation))
+        with Ledger(self.study.cache) as cache:
+            for key, simulation in cache.simulations(by_key).items():
+                self._writer.store(key, simulation)
                 yield key, simulation
 
     def _simulated(self, by_key: Mapping[str, Job]) -> _Found:
         if not by_key or not self.progress.should_continue():
             return
-        # Results of trusted code are not shared: they are for this run only.
-        shared = self.study.cache if not self.study.trusted else None
-        cache = ResultCache(shared) if shared else None
         for batch in _pilots_first(by_key):
             keys, jobs = list(batch), list(batch.values())
-            for result in results(self.study, self._executor, jobs, self.limbs, self.progress):
-                key, simulation = keys[result.index], result.simulation(jobs[result.index])
-                quarantined = self.study.n_attempts if result.quarantined else 0
-                self._keep_surface(key, simulation)
-                self._writer.store(Finished(key=key, simulation=simulation, quarantined=quarantined))
-                if cache is not None:
-                    cache.store(key, simulation)
-                yield key, simulation
-
-    def _keep_surface(self, key: str, simulation: Simulation) -> None:
-        """Write the states of the skin, before the ledger has the simulation."""
-        if simulation.surface is not None:
-            self._check()
-            with disk_errors(self.folder):
-                write_surface(surface_path(self.folder, key), simulation.surface)
-
-    def _with_surface(self, key: str, simulation: Simulation) -> Simulation | None:
-        """A stored simulation with its states of the skin; None where they are gone, to be done again."""
-        if not simulation.job.surface:
-            return simulation
-        states = read_surface(surface_path(self.folder, key))
-        is_gone = states is None and simulation.status is Status.OK
-        return None if is_gone else replace(simulation, surface=states)
+            for index, simulation in results(self.study, self._executor, jobs, self.limbs, self.progress):
+                self._writer.store(keys[index], simulation)
+                if self._cache is not None and simulation.status in _SHARED:
+                    self._cache.store(keys[index], simulation)
+                yield keys[index], simulation
 
     # ------------------------------------------------------------------- the ledger
 
     @functools.cached_property
     def _writer(self) -> Writer:
-        writer = self._opened.enter_context(Writer(self.folder, self._check))
-        if writer.repaired:
-            self.progress.note(writer.repaired)
-        return writer
+        return self._opened.enter_context(Writer(self.folder, self._check))
 
     @functools.cached_property
-    def _kept(self) -> tuple[set[str], set[str]]:
-        """Keys that earlier commands have finished for good, and keys whose curves are gone."""
+    def _cache(self) -> Writer | None:
+        """The cache to write to; results of trusted code are not shared: they are for this run only."""
+        if self.study.cache is None or self.study.trusted:
+            return None
+        return self._opened.enter_context(Writer(self.study.cache))
+
+    @functools.cached_property
+    def _kept(self) -> set[str]:
+        """Keys that earlier commands have finished for good."""
         with Ledger(self.folder) as ledger:
-            entries, gone = ledger.entries(), ledger.without_curves()
-        final = {key for key, entry in entries.items() if is_final(entry, self.study)}
-        return final - gone, gone
+            return ledger.final(self.study.time_limit_s, self.study.n_attempts)
 
     def _warn_of_full_disk(self, n_left: int) -> None:
         """Warn before the first simulation if the disk may become full."""
@@ -228,17 +198,6 @@ def _pilots_first(by_key: Mapping[str, Job]) -> Iterator[dict[str, Job]]:
         n_pilots = len(next(iter(job.pilots.values()))) if job.pilots else 0
         batches.setdefault(n_pilots, {})[key] = job
     return (batches[n_pilots] for n_pilots in sorted(batches))
-
-
-def is_final(entry: Entry, study: Study) -> bool:
-    """Whether a finished simulation stays as it is, rather than being tried again."""
-    match entry.status:
-        case Status.TIMED_OUT:
-            return study.time_limit_s <= entry.seconds
-        case Status.CRASHED:
-            return entry.quarantined >= study.n_attempts
-        case _:
-            return True
 
 
 def of_job(simulation: Simulation, job: Job) -> Simulation:
@@ -263,8 +222,8 @@ def results(
     jobs: Sequence[Job],
     limbs: Mapping[str, Limb],
     progress: Progress = SILENT,
-) -> Iterator[JobResult]:
-    """Results of jobs, each as it comes; nothing is kept.
+) -> Iterator[tuple[int, Simulation]]:
+    """Place and simulation of each job, as it comes; nothing is kept.
 
     Raises
     ------
@@ -290,12 +249,14 @@ def results(
             result = next(found, None)
             if result is None:
                 break
-            if not isinstance(result, JobResult) or result.index not in waiting:
-                raise ValueError(f"it yielded {result!r:.200}, not the JobResult of a job that was waiting")
-        waiting.discard(result.index)
-        job = jobs[result.index]
-        sound = job_result(result.index, job, result.simulation(job), result.seconds)
-        yield replace(sound, quarantined=result.quarantined)
+            match result:
+                case (int(index), Simulation() as answer) if index in waiting:
+                    pass
+                case _:
+                    said = "not the place and the Simulation of a job that was waiting"
+                    raise ValueError(f"it yielded {result!r:.200}, {said}")
+        waiting.discard(index)
+        yield index, replace(usable(jobs[index], answer, answer.seconds), n_crashes=answer.n_crashes)
     if waiting and progress.should_continue():
         raise PluginError(
             f"executor '{executor.name}' ended without a result for {len(waiting)} of {len(jobs)} jobs; "

@@ -222,9 +222,9 @@ def _simulated(
     progress.begin("synthesise", len(jobs))
     found: dict[str, Response] = {}
     with executor_of(study) as executor:
-        for result in results(study, executor, jobs, limbs):
+        for index, result in results(study, executor, jobs, limbs):
             progress.step(result.status.value)
-            spot = jobs[result.index].spot
+            spot = jobs[index].spot
             if result.status is not Status.OK or result.response is None:
                 raise StudyError(
                     f"spot '{spot}': the simulation of the truth ended {result.status.value} "

@@ -20,7 +20,7 @@ from palpate.run.fit_state import FitState, write_fit_state
 from palpate.run.keys import identity
 from palpate.run.provenance import described, sha256
 from palpate.run.result import SelectionResult
-from palpate.run.result_files import Files, frame_of, surface_path
+from palpate.run.result_files import Files, frame_of
 from palpate.sampling.study_design import draw_study
 from palpate.scoring import scores as scoring, selection
 from palpate.scoring.completeness import completeness, described as named, without_result
@@ -275,10 +275,8 @@ class Surface(Stage):
         return study.solver.provides.surface
 
     def run(self, inputs: Run, progress: Progress) -> Files:
-        """Which simulations have states of the skin, and their files."""
-        table = simulate_surfaces(inputs.simulations, inputs.fitted(), inputs.measured)
-        files = {key: surface_path(inputs.directory.folder, key) for key in table["key"]}
-        return {"surface": table, **{f"surface/{key}.npz": p for key, p in files.items() if p.exists()}}
+        """Which simulations have states of the skin."""
+        return {"surface": simulate_surfaces(inputs.simulations, inputs.fitted(), inputs.measured)}
 
 
 STAGES: tuple[type[Stage], ...] = (

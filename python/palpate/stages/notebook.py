@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from palpate.domain import Design, RecordedSimulation, Response, Simulation, SimulationId, Status
+from palpate.domain import Design, Job, Response, Simulation, Status
 from palpate.domain.curves import abscissae_of
 from palpate.errors import StudyError
 from palpate.experiment.measured import load_measured
@@ -301,11 +301,11 @@ def _frame_of(each: Simulation, set_id: int) -> pl.DataFrame:
     ).select(_SIMULATED)
 
 
-def _simulations(simulated: pl.DataFrame) -> Iterator[RecordedSimulation]:
+def _simulations(simulated: pl.DataFrame) -> Iterator[Simulation]:
     for (spot, set_id), rows in simulated.group_by("spot", "set_id", maintain_order=True):
         curves, first = rows.drop_nulls("channel"), rows.row(0, named=True)
-        yield RecordedSimulation(
-            id=SimulationId(str(spot), int(str(set_id))),
+        yield Simulation(
+            job=Job(spot=str(spot), set_id=int(str(set_id))),
             status=Status(first["status"]),
             response=None if curves.is_empty() else response_of(curves),
             message=first["message"],

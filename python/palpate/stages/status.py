@@ -8,7 +8,7 @@ from typing import Any
 
 import polars as pl
 
-from palpate.domain import Scenario, SimulationId, Status
+from palpate.domain import Job, Scenario, Status
 from palpate.run.directory import RunDirectory
 from palpate.run.fit_state import FitState, read_fit_state
 from palpate.run.ledger import Ledger
@@ -80,7 +80,7 @@ class Watcher:
         run = RunDirectory(self.folder)
         manifest = run.manifest()
         with Ledger(self.folder) as ledger:
-            counts, rows = ledger.counts(), ledger.frame_of_last_sweep()
+            counts, rows = ledger.counts(), ledger.sweep().drop_nulls("state")
             self._score(run, manifest, ledger, rows)
         runner, n_left = living_runner_of(self.folder), counts.pop("left", 0)
         return RunStatus(
@@ -106,10 +106,9 @@ class Watcher:
             return
         measured = run.measured(tuple(manifest["spots"]))
         for spot, of_spot in new.group_by("spot", maintain_order=True):
-            ids = {
-                row["key"]: SimulationId(row["spot"], row["set_id"]) for row in of_spot.iter_rows(named=True)
-            }
-            found = ledger.recorded(ids)
+            named = of_spot.select("key", "spot", "set_id").iter_rows()
+            jobs = {key: Job(spot=name, set_id=set_id) for key, name, set_id in named}
+            found = ledger.simulations(jobs)
             of_spot_measured = {str(spot[0]): measured[str(spot[0])]}
             self._scores.append(scoring.score(found.values(), of_spot_measured, rules, _scenarios(manifest)))
         self._scored.update(new["key"])

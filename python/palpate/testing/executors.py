@@ -10,7 +10,7 @@ import pytest
 from palpate.domain import Curve, HomogeneousTests, Job, Limb, Parameter, Response, Simulation, Status
 from palpate.domain.component import Array, Component
 from palpate.domain.material import IsotropicMaterial
-from palpate.plugins.execution import Batch, Executor, JobResult, Limits
+from palpate.plugins.execution import Batch, Executor, Limits
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.testing.components import ComponentContract, missing
@@ -111,13 +111,13 @@ class ExecutorContract(ComponentContract):
 
     def test_every_job_has_one_result(self, executor: Executor, jobs: list[Job]) -> None:
         found = list(executor.results(self.batch(jobs)))
-        missed = sorted(set(range(len(jobs))) - {o.index for o in found})
+        missed = sorted(set(range(len(jobs))) - {index for index, _ in found})
         assert not missed, f"no result for the jobs at {missed}: a failed job has one too"
         assert len(found) == len(jobs), f"{len(found)} results for {len(jobs)} jobs: exactly one for each"
 
     def test_results_are_those_of_their_jobs(self, executor: Executor, jobs: list[Job]) -> None:
-        for result in executor.results(self.batch(jobs)):
-            job = jobs[result.index]
+        for index, result in executor.results(self.batch(jobs)):
+            job = jobs[index]
             if job.set_id == FAILING:
                 self.assert_failed(result)
                 continue
@@ -125,7 +125,7 @@ class ExecutorContract(ComponentContract):
             assert result.response is not None, "status ok without a response"
             stress = result.response["uniaxial"].ordinate
             expected = job.thetas["tissue"][0] * np.linspace(0.0, 0.5, 6)
-            said = f"result {result.index} holds the answer of another job"
+            said = f"result {index} holds the answer of another job"
             np.testing.assert_allclose(stress, expected, rtol=1e-12, atol=1e-15, err_msg=said)
             slopes = result.response["uniaxial"].slopes
             lost = "the slopes of the curves are lost on the way"
@@ -136,13 +136,13 @@ class ExecutorContract(ComponentContract):
                 "jobs run in palpate's own process, which no memory limit can end: set holds_limits = False"
             )
 
-    def assert_failed(self, result: JobResult) -> None:
+    def assert_failed(self, result: Simulation) -> None:
         """Assert that a job whose simulation raised has that in its message."""
         assert result.status is Status.CRASHED, f"a simulation that raises is '{result.status.value}'"
         assert "a stretch of zero" in result.message, f"why it failed is lost: {result.message!r}"
 
     def test_starts_nothing_when_asked_to_stop(self, executor: Executor, jobs: list[Job]) -> None:
-        found = [o.index for o in executor.results(self.batch(jobs, n_before_stop=1))]
+        found = [index for index, _ in executor.results(self.batch(jobs, n_before_stop=1))]
         assert len(found) == len(set(found)), "two results of one job"
         assert len(found) < len(jobs), "goes on although `should_continue` said no"
 

@@ -32,8 +32,8 @@ def results(study, executor, n_sets=8, limit_s=4.0):
     design = SimpleNamespace(n_sets=n_sets, values=np.linspace([0.2, 10.0], [0.8, 40.0], n_sets))
     to_do = jobs(study, design, {})
     found = list(executor.results(batch_of(study, to_do, limit_s=limit_s)))
-    assert sorted(o.index for o in found) == list(range(len(to_do)))
-    return to_do, {o.index: o for o in found}
+    assert sorted(index for index, _ in found) == list(range(len(to_do)))
+    return to_do, dict(found)
 
 
 @pytest.mark.slow
@@ -100,9 +100,9 @@ def test_jobs_of_one_name_keep_their_results(make_study, tissue, copies):
     study = make_study(solver=Backwards())
     design = SimpleNamespace(n_sets=4, values=np.linspace([0.2, 10.0], [0.8, 40.0], 4))
     to_do = [replace(job, set_id=-1) for job in jobs(study, design, {})[:4]]
-    found = {o.index: o for o in InProcess().results(batch_of(study, to_do))}
+    found = dict(InProcess().results(batch_of(study, to_do)))
     if copies:  # which of the jobs is meant cannot be known
-        assert {o.status for o in found.values()} == {Status.UNREADABLE}
+        assert {s.status for s in found.values()} == {Status.UNREADABLE}
         return
     for index, job in enumerate(to_do):
         expected = study.solver.simulate(job, None).response["torque"].ordinate
@@ -154,7 +154,7 @@ def test_what_a_solver_prints_does_not_corrupt_the_results(make_study, tmp_path,
     solver = load_file(talkative).Talkative()
     study = make_study(solver=solver, plugin_files=(*make_study().plugin_files, talkative))
     _, found = results(study, Processes())
-    assert {o.status for o in found.values()} == {Status.OK}
+    assert {s.status for s in found.values()} == {Status.OK}
 
 
 def test_closing_the_sweep_stops_the_workers(make_study, tmp_path, tissue, until, has_ended):
@@ -198,4 +198,4 @@ def test_a_worker_sees_its_thread_limit(make_study, tmp_path):
     solver: Solver = load_file(curious).Curious(Settings())
     files = (*make_study().plugin_files, curious)
     _, found = results(make_study(solver=solver, plugin_files=files), Processes())
-    assert {int(o.message) for o in found.values()} == {max(1, n_cores() // 2)}
+    assert {int(s.message) for s in found.values()} == {max(1, n_cores() // 2)}

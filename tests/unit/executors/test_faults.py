@@ -18,7 +18,7 @@ import pytest
 
 from palpate.domain import Curve, Response, Simulation, Status
 from palpate.errors import ExecutorError, PluginError, StudyError
-from palpate.executors import Batch, InProcess, JobResult, Limits, Processes, machine, pool
+from palpate.executors import Batch, InProcess, Limits, Processes, machine, pool
 from palpate.executors.attempts import LONGEST_TRACEBACK
 from palpate.experiment.measured import load_measured
 from palpate.plugins.execution import Executor
@@ -128,7 +128,7 @@ def test_nonsense_is_a_row_with_its_reason_and_the_others_go_on(make_study, tiss
     found = sweep(make_study(solver=Corrupt(), n_sets=4), tmp_path / "run")
     assert [s.status.value for s in found] == ["ok", "ok", state, "ok"] * 2
     with Ledger(tmp_path / "run") as ledger:
-        rows = ledger.frame("simulations").filter(set_id=2)
+        rows = ledger.frame().filter(set_id=2)
     assert rows["state"].to_list() == [state]  # both spots ask for the same
     assert rows["message"].str.contains(expected).all()
     assert rows["message"].str.len_chars().max() < 5000
@@ -245,12 +245,12 @@ def hard(make_study, tmp_path):
 
 @pytest.mark.slow
 def test_every_job_has_one_result_whatever_its_worker_does(hard, tmp_path, until, has_ended):
-    found = {o.index: o for o in Processes().results(batch_for(hard, 6, time_s=5.0))}
+    found = dict(Processes().results(batch_for(hard, 6, time_s=5.0)))
     assert sorted(found) == list(range(6))
     assert [found[i].status.value for i in range(6)] == ["ok", "timed_out", "ok", "crashed", "crashed", "ok"]
     how = "signal SIGKILL (killed from outside, or for its memory); last output: "
     assert found[3].message.endswith(f"on this job: {how}{'x' * pool.LONGEST_LINE}")
-    assert not found[3].quarantined  # what is killed from outside may end well another time
+    assert not found[3].n_crashes  # what is killed from outside may end well another time
     assert found[4].message == "SystemExit: 3"
     for pid in (tmp_path / "pids").read_text().split():
         until(lambda pid=pid: has_ended(pid))  # what a job has started does not outlive it
@@ -259,7 +259,7 @@ def test_every_job_has_one_result_whatever_its_worker_does(hard, tmp_path, until
 def test_a_process_that_leaves_the_group_blocks_nothing(hard, tmp_path, monkeypatch, has_ended):
     monkeypatch.setattr(pool, "LAST_OUTPUT_S", 0.1)
     batch = batch_for(hard, 8)
-    (found,) = Processes().results(replace(batch, jobs=batch.jobs[7:]))
+    ((_, found),) = Processes().results(replace(batch, jobs=batch.jobs[7:]))
     assert found.status is Status.CRASHED
     assert found.message.endswith("last output: I leave one behind")
     for pid in (tmp_path / "pids").read_text().split():
@@ -278,8 +278,8 @@ def test_a_killed_worker_costs_no_job(hard, tmp_path):
             os.kill(int(pid), signal.SIGKILL)
             hit[set_id] = pid
     assert hit
-    assert sorted(o.index for o in found) == list(range(30))
-    assert {o.status for o in found} == {Status.OK}
+    assert sorted(index for index, _ in found) == list(range(30))
+    assert {s.status for _, s in found} == {Status.OK}
 
 
 STARTS = """
@@ -301,7 +301,7 @@ def test_a_worker_that_dies_while_it_starts_is_replaced_a_few_times(make_study, 
     batch = batch_for(make_study(), 2)
     batch = replace(batch, plugin_files=(*batch.plugin_files, path), n_workers=1)
     if n_killed == 2:
-        assert {o.status for o in Processes().results(batch)} == {Status.OK}
+        assert {s.status for _, s in Processes().results(batch)} == {Status.OK}
     else:
         with pytest.raises(PluginError, match=r"3 worker processes in a row ended before .* signal SIGSEGV"):
             list(Processes().results(batch))
@@ -327,7 +327,7 @@ def test_a_stop_of_the_whole_machine_ends_no_job(hard, tmp_path, monkeypatch):
     batch = batch_for(hard, 14)
     sweep = pool.Pool(batch, 1)
     with contextlib.closing(sweep):
-        assert {o.status for o in sweep.results(replace(batch, jobs=batch.jobs[10:]))} == {Status.OK}
+        assert {s.status for _, s in sweep.results(replace(batch, jobs=batch.jobs[10:]))} == {Status.OK}
     assert stood_still > 0.0
 
 
@@ -370,16 +370,16 @@ class Careless(Executor):
     name, summary = "careless", "passes any result of a solver on"
 
     def results(self, batch):
-        for index, _ in enumerate(batch.jobs):
-            yield JobResult(index=index, status=Status.OK, response=None, seconds=0.1)
+        for index, job in enumerate(batch.jobs):
+            yield index, Simulation(job=job, status=Status.OK, seconds=0.1)
 
 
 @pytest.mark.parametrize(
     ("executor", "expected"),
     [
         (Idle, "executor 'idle' ended without a result for 3 of 3 jobs"),
-        (Junk, "'junk' .* yielded 3, not the JobResult of a job that was waiting"),
-        (Twice, "'twice' .* not the JobResult of a job that was waiting"),
+        (Junk, "'junk' .* yielded 3, not the place and the Simulation of a job that was waiting"),
+        (Twice, "'twice' .* not the place and the Simulation of a job that was waiting"),
     ],
 )
 def test_an_executor_that_breaks_its_contract_is_named(make_study, tmp_path, executor, expected):
@@ -451,8 +451,8 @@ def test_a_clock_that_jumps_ends_no_job_and_no_lock(make_study, tissue, tmp_path
     with locked(tmp_path) as check:
         found = list(Processes().results(batch_for(make_study(), 20)))
         check()
-    assert {o.status for o in found} == {Status.OK}
-    assert all(0.0 <= o.seconds < 60.0 for o in found)
+    assert {s.status for _, s in found} == {Status.OK}
+    assert all(0.0 <= s.seconds < 60.0 for _, s in found)
 
 
 @pytest.mark.parametrize("jump_h", [-30, 0, 30])

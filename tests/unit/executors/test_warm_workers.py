@@ -60,7 +60,7 @@ def batch(make_study, tmp_path):
 
 
 def sizes_and_processes(executor, batch):
-    found = {o.index: o for o in executor.results(batch)}
+    found = dict(executor.results(batch))
     assert [found[i].status for i in range(len(batch.jobs))] == [Status.OK] * len(batch.jobs)
     answers = [found[i].message.split() for i in range(len(batch.jobs))]
     return [float(size) for size, _ in answers], {int(process) for _, process in answers}

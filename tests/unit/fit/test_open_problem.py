@@ -30,14 +30,14 @@ def test_scipy_finds_the_tissue_and_every_evaluation_is_kept(opened, tmp_path):
         assert problem.fopt(found.x) < 1e-9
     np.testing.assert_allclose(found.x, TRUTH["p1"], rtol=1e-3)
     with Ledger(tmp_path / "run") as ledger:
-        before = ledger.frame("attempts").rows()
+        before = ledger.frame().rows()
     with opened(spots=["p1"], folder=tmp_path / "run") as problem:
         again = least_squares(
             problem.residuals, problem.start, problem.jacobian, bounds=problem.bounds, x_scale=(0.1, 10.0)
         )
     assert np.array_equal(again.x, found.x)
     with Ledger(tmp_path / "run") as ledger:
-        assert ledger.frame("attempts").rows() == before
+        assert ledger.frame().rows() == before
 
 
 def test_a_scenario_and_several_spots(opened):

@@ -16,7 +16,6 @@ from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.progress import Silent
 from palpate.run.directory import RunDirectory
-from palpate.run.result_files import read_surface, write_surface
 from palpate.stages import pipeline
 from palpate.stages.stage import read_run
 
@@ -109,7 +108,6 @@ def test_the_skin_is_simulated_once_for_each_spot_and_read_back(skinned, plugins
     assert list(found) == ["p1", "p2"]
     assert all(same(states, STATES) for states in found.values())
     assert len(simulated()) == 1
-    assert len(list((run / "surface").iterdir())) == 1
 
 
 def test_a_run_goes_on_without_a_skin(skinned, plugins, tmp_path, monkeypatch):
@@ -122,19 +120,6 @@ def test_a_run_goes_on_without_a_skin(skinned, plugins, tmp_path, monkeypatch):
     (note,) = (text for text in progress.notes if "palpate surface" in text)
     assert note.startswith("warning: no results of `palpate surface`: ")
     assert note.endswith("it slips")
-
-
-def test_a_file_that_is_gone_or_cut_short_is_made_again(skinned, plugins, tmp_path):
-    made, simulated = skinned
-    study, run = made(), tmp_path / "run"
-    pipeline.run_study(study, run, plugins)
-    pipeline.run_stage("surface", study, run, plugins)
-    (file,) = (run / "surface").iterdir()
-    file.write_bytes(file.read_bytes()[:100])
-    assert surfaces(study, run) == {}
-    pipeline.run_stage("surface", study, run, plugins)
-    assert len(simulated()) == 2
-    assert list(surfaces(study, run)) == ["p1", "p2"]
 
 
 def test_the_cache_shares_the_skin_too(skinned, plugins, tmp_path):
@@ -163,12 +148,6 @@ def test_another_selection_has_no_skin_yet(skinned, plugins, tmp_path):
     other = replace(study, search=LeastSquares())
     pipeline.run_stage("fit", other, run, plugins)
     assert surfaces(other, run) == {}
-
-
-def test_states_are_the_same_bits_after_a_file(tmp_path):
-    write_surface(tmp_path / "a.npz", STATES)
-    assert same(read_surface(tmp_path / "a.npz"), STATES)
-    assert read_surface(tmp_path / "b.npz") is None
 
 
 @pytest.mark.parametrize(

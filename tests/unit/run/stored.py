@@ -3,11 +3,11 @@
 import numpy as np
 
 from palpate.domain import Curve, Job, Response, Simulation, Status
-from palpate.run.ledger import Finished, Ledger, Writer
+from palpate.run.ledger import Ledger, Writer
 
 
 def job(set_id=0, spot="p1"):
-    return Job(spot=spot, set_id=set_id, materials={}, thetas={}, protocol=None)
+    return Job(spot=spot, set_id=set_id)
 
 
 def response(scale=1.0, n=50, std=None):
@@ -21,17 +21,16 @@ def response(scale=1.0, n=50, std=None):
 
 
 def finished(set_id, status=Status.OK, **more):
+    """Key and simulation."""
     answer = response(1.0 + set_id) if status in (Status.OK, Status.DIVERGED) else None
-    simulation = Simulation(
-        job=job(set_id), status=status, response=answer, message=f"set {set_id}", seconds=0.5 + set_id
-    )
-    return Finished(key=f"key{set_id}", simulation=simulation, **more)
+    simulation = {"response": answer, "message": f"set {set_id}", "seconds": 0.5 + set_id, **more}
+    return f"key{set_id}", Simulation(job=job(set_id), status=status, **simulation)
 
 
 def write(folder, *every):
     with Writer(folder) as writer:
         for each in every:
-            writer.store(each)
+            writer.store(*each)
 
 
 def read(folder, *set_ids):

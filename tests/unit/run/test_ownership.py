@@ -80,10 +80,7 @@ def test_what_is_removed_is_what_palpate_wrote(done, plugins, tmp_path):
     mine += [run / ".thesis.part", deep / ".movie.part", deep / f".x.{'0' * 16}.palpate"]
     for path in mine:
         path.write_text("mine")
-    left = [
-        run / f".manifest.json.{'0' * 16}.palpate",
-        run / "curves" / f".000001.parquet.{'a' * 16}.palpate",
-    ]
+    left = [run / f".manifest.json.{'0' * 16}.palpate", run / "measured" / f".p1.json.{'a' * 16}.palpate"]
     for path in left:
         path.write_text("half")
     listing = run / "report" / "files.json"

@@ -9,7 +9,7 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.fit.searches import BestSet, DifferentialEvolution
 from palpate.mesh.specimens import block
 from palpate.progress import Silent
-from palpate.run.ledger.cache import ResultCache
+from palpate.run.ledger import Writer
 from palpate.simulation import cost as stages_cost, jobs as simulation
 from palpate.simulation.cost import Cost, FitTime, cost, timed
 from palpate.stages import pipeline
@@ -31,8 +31,9 @@ def test_a_new_study_is_timed_and_one_with_results_is_not(make_study, plugins, t
     assert timed(study, jobs, inputs.limbs) >= 0.0
     cold = replace(study, cache=None)
     found = simulation.simulate(cold, inputs.design, inputs.limbs, inputs.measured, tmp_path / "run")
-    for key, each in list(dict(zip(keys, found, strict=True)).items())[:4]:
-        ResultCache(tmp_path / "cache").store(key, replace(each, seconds=8.0))
+    with Writer(tmp_path / "cache") as cache:
+        for key, each in list(dict(zip(keys, found, strict=True)).items())[:4]:
+            cache.store(key, replace(each, seconds=8.0))
     some = cost(study, by_key, None, {})
     assert (some.n_left, some.seconds_each) == (len(by_key) - 4, 8.0)
     assert some.seconds == pytest.approx(8.0 * some.n_left)

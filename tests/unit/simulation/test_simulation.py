@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import polars as pl
 import pytest
 
 from palpate.domain import HomogeneousTests, Indentation, Limb, Mesh, ParameterSpace, Spot, Status, Tie
@@ -11,10 +10,8 @@ from palpate.errors import MeshError, ParameterError, PluginError, StudyError
 from palpate.experiment.measured import load_measured
 from palpate.fit.parametrisation import StandardParametrisation
 from palpate.run import keys
-from palpate.run.ledger import Entry, Ledger
 from palpate.sampling.drawing import draw_design
 from palpate.simulation import jobs as simulation
-from palpate.simulation.sweep import is_final
 
 
 @pytest.fixture
@@ -93,21 +90,6 @@ def test_an_interrupted_sweep_continues(sweep, tissue):
     assert {s.status for s in found} == {Status.OK}
 
 
-def test_a_lost_file_of_curves_costs_its_simulations_and_no_others(sweep, tmp_path):
-    sweep()
-    sweep(offset=1.0)
-    with Ledger(tmp_path / "run") as ledger:
-        rows = ledger.frame("simulations")
-    file = rows["curves"][-1]
-    lost = set(rows.filter(pl.col("curves") == file)["set_id"])
-    (tmp_path / "run" / "curves" / file).unlink()
-    assert sweep()[1] == []
-    found, computed = sweep(offset=1.0)
-    assert {int(set_id) for _, set_id in computed} == lost
-    assert sweep(offset=1.0)[1] == []
-    assert {s.status for s in found} == {Status.OK}
-
-
 def test_failures_keep_their_partial_curves_and_crashes_are_tried_again(sweep, tissue):
     class Sickly(tissue.Faulty):
         def behave(self, job):
@@ -124,12 +106,6 @@ def test_failures_keep_their_partial_curves_and_crashes_are_tried_again(sweep, t
     assert again == [("p1", "3")]
     assert second[4].message == "negative Jacobian"
     assert second[4].response["force"].abscissa.size == 8
-
-
-def test_more_time_gives_a_timed_out_job_another_chance(make_study):
-    kept = Entry(Status.TIMED_OUT, 60.5, quarantined=0)
-    assert is_final(kept, make_study(time_limit_s=60.0))
-    assert not is_final(kept, make_study(time_limit_s=120.0))
 
 
 def test_unusual_diagnostics_are_kept_as_text(sweep, tissue):

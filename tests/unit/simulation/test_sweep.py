@@ -49,9 +49,9 @@ def sweep(make_study, plugins, tmp_path):
     return run
 
 
-def rows(folder, table="simulations"):
+def planned(folder):
     with Ledger(folder) as ledger:
-        return ledger.frame(table)
+        return ledger.sweep().select("spot", "set_id", "key")
 
 
 def test_a_sweep_that_is_stopped_continues_with_what_is_missing(sweep, tmp_path, tissue):
@@ -85,7 +85,8 @@ def test_a_job_that_kills_its_worker_twice_is_not_tried_again(sweep, tmp_path, t
     found = sweep(solver, n_sets=2, n_workers=2, time_limit_s=30.0)
     assert found[1].status is Status.CRASHED
     assert "ended twice on this job: exit code 17" in found[1].message
-    assert sorted(rows(tmp_path / "run")["quarantined"]) == [0, 2]
+    with Ledger(tmp_path / "run") as ledger:
+        assert sorted(ledger.frame()["n_crashes"]) == [0, 2]
     n_lines = len(log.read_text().splitlines())
     again = sweep(solver, n_sets=2, n_workers=2, time_limit_s=30.0)
     assert len(log.read_text().splitlines()) == n_lines
@@ -110,8 +111,8 @@ def test_the_study_sets_the_attempts(make_study, tissue, tmp_path):
         limits=Limits(time_s=30.0, n_attempts=1),
         plugin_files=study.plugin_files,
     )
-    (result,) = Processes().results(batch)
-    assert result.quarantined
+    ((_, result),) = Processes().results(batch)
+    assert result.n_crashes == 1
     assert "ended once" in result.message
     assert len(log.read_text().splitlines()) == 1
 
@@ -120,7 +121,7 @@ def test_a_repeated_stage_reads_the_ledger_bit_for_bit(sweep, make_study, tmp_pa
     log, folder = tmp_path / "log.txt", tmp_path / "run"
     solver = tissue.Analytic(tissue.AnalyticSettings(log=str(log)))
     sweep(solver, n_sets=2)
-    planned, study = rows(folder, "jobs"), make_study(solver=solver)
+    before, study = planned(folder), make_study(solver=solver)
     trials = [replace(job, set_id=-1 - i) for i, job in enumerate(jobs_for(study, 4))]
     asked = (trials[:3], trials[1:])
     with Simulations(study, folder, {}) as simulations:
@@ -133,7 +134,7 @@ def test_a_repeated_stage_reads_the_ledger_bit_for_bit(sweep, make_study, tmp_pa
         assert a.job is b.job
         assert (a.status, a.seconds, a.diagnostics) == (b.status, b.seconds, b.diagnostics)
         assert np.array_equal(a.response["torque"].ordinate, b.response["torque"].ordinate)
-    assert rows(folder, "jobs").equals(planned)
+    assert planned(folder).equals(before)
 
 
 class Counting(InProcess):
@@ -215,7 +216,7 @@ def test_only_the_job_with_too_much_memory_fails(make_study, tmp_path):
         n_workers=1,
         plugin_files=(*study.plugin_files, path),
     )
-    found = {o.index: o for o in Processes().results(batch)}
+    found = dict(Processes().results(batch))
     assert [found[i].status for i in range(3)] == [Status.CRASHED, Status.OK, Status.OK]
     assert "MemoryError" in found[0].message
 
@@ -236,7 +237,7 @@ def test_workers_finish_their_jobs_and_start_no_more(make_study, tissue, tmp_pat
     for result in Processes().results(batch):
         ended.append(result)  # noqa: PERF402 - should_continue looks at how many there are
     assert 5 <= len(ended) < 100
-    assert {o.status for o in ended} == {Status.OK}
+    assert {s.status for _, s in ended} == {Status.OK}
     assert all(has_ended(int(line.split()[-1])) for line in log.read_text().splitlines())
 
 

@@ -9,8 +9,8 @@ from urllib.parse import urlsplit
 
 from pydantic import Field, model_validator
 
-from palpate.api import Quantity, Settings
-from palpate.api.executors import Batch, Executor, JobResult, n_cores, packed_or_refused
+from palpate.api import Quantity, Settings, Simulation
+from palpate.api.executors import Batch, Executor, n_cores, packed_or_refused
 
 if TYPE_CHECKING:
     from palpate_dask.flow import Connection
@@ -113,7 +113,7 @@ class DaskExecutor(Executor[DaskSettings]):
 
     _connection: "Connection | None" = None
 
-    def results(self, batch: Batch) -> Iterator[JobResult]:
+    def results(self, batch: Batch) -> Iterator[tuple[int, Simulation]]:
         """Yield the result of each job as it comes.
 
         Raises

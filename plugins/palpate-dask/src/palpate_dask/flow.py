@@ -11,8 +11,8 @@ from time import monotonic
 from distributed import Client, Future, as_completed
 from distributed.scheduler import KilledWorker
 
-from palpate.api import PalpateError, Status
-from palpate.api.executors import Batch, ExecutorError, JobResult, packed
+from palpate.api import PalpateError, Simulation, Status
+from palpate.api.executors import Batch, ExecutorError, packed
 from palpate_dask.cluster import connected
 from palpate_dask.executor import DaskSettings
 from palpate_dask.worker_runtime import Shared, WorkerRuntime, run_tasks, shared_by
@@ -44,7 +44,7 @@ class Connection:
         self._client = self._cluster.enter_context(connected(settings, n_workers))
         self._shared: Shared | None = None
 
-    def results(self, batch: Batch) -> Iterator[JobResult]:
+    def results(self, batch: Batch) -> Iterator[tuple[int, Simulation]]:
         """Yield the result of each job as it comes."""
         if (shared := shared_by(batch)) != self._shared:
             self._runtime.close()
@@ -91,7 +91,7 @@ class _Flow:
         self._sent: dict[Future, int] = {}
         self._n_room, self._counted = 0, -COUNT_EACH_S
 
-    def results(self) -> Iterator[JobResult]:
+    def results(self) -> Iterator[tuple[int, Simulation]]:
         answers = as_completed(loop=self._client.loop, raise_errors=False)
         while True:
             try:
@@ -125,15 +125,16 @@ class _Flow:
             self._n_room, self._counted = (1 + WAITING_PER_THREAD) * max(1, n_threads), monotonic()
         return self._n_room
 
-    def _answer(self, future: Future, index: int) -> list[JobResult]:
+    def _answer(self, future: Future, index: int) -> list[tuple[int, Simulation]]:
         if future.status == "finished":
-            found: list[JobResult] = pickle.loads(future.result())
+            found: list[tuple[int, Simulation]] = pickle.loads(future.result())
             return found
         if future.status == "error":
             error = future.exception()
             if isinstance(error, KilledWorker):
                 lost = f"the machines that Dask put this job on were lost, the last one {error.last_worker}"
-                return [JobResult(index=index, status=Status.CRASHED, message=lost, quarantined=True)]
+                job, n = self._batch.jobs[index], self._batch.limits.n_attempts
+                return [(index, Simulation(job=job, status=Status.CRASHED, message=lost, n_crashes=n))]
             if isinstance(error, PalpateError):
                 raise error
             raise ExecutorError(

@@ -16,8 +16,8 @@ from typing import Any
 
 from distributed import Worker, WorkerPlugin, get_worker
 
-from palpate.api import Solver
-from palpate.api.executors import Batch, ExecutorError, JobResult, Limits, Pool, n_cores, packed
+from palpate.api import Simulation, Solver
+from palpate.api.executors import Batch, ExecutorError, Limits, Pool, n_cores, packed
 from palpate.api.runs import installed_code, load_file
 
 IDLE_S = 300.0
@@ -92,13 +92,13 @@ class WorkerRuntime(WorkerPlugin):  # type: ignore[misc]
             pool.kill()
         self._close_idle()
 
-    def run(self, tasks: Sequence[tuple[int, Any]]) -> list[JobResult]:
+    def run(self, tasks: Sequence[tuple[int, Any]]) -> list[tuple[int, Simulation]]:
         """Results of jobs of one limb, each with its index in the batch."""
         jobs = [job for _, job in tasks]
         pool = self._take(jobs[0].limb_name)
         try:
             batch = replace(self._batch, jobs=jobs)
-            return [replace(each, index=tasks[each.index][0]) for each in pool.results(batch)]
+            return [(tasks[place][0], simulation) for place, simulation in pool.results(batch)]
         finally:
             self._give_back(pool)
 
