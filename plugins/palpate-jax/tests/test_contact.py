@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from hypothesis import given, settings, strategies as st
 
 from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
@@ -65,6 +66,24 @@ def test_force_is_the_pressure_over_the_cap(contact, at_rest):
     np.testing.assert_allclose(answer.force_N[:2], 0.0, atol=1e-12)
     expected = (contact.areas * pressure * -arms[:, 2] / np.linalg.norm(arms, axis=1)).sum()
     assert answer.force_N[2] == pytest.approx(expected, rel=1e-12)
+
+
+WHERE = st.floats(-1.5, 1.5)
+
+
+@settings(max_examples=25)
+@given(WHERE, WHERE)
+def test_the_arm_of_the_pressure_depends_little_on_where_its_edge_is_in_a_face(x, y):
+    """∫ p r² dA decides the torque: within 3.2 % in 400 places, 17 % with three points in a face."""
+    contact = Contact(block("tet10", n_across=4, n_down=1, width_mm=8.0, height_mm=2.0).mesh)
+
+    def weighted(r):
+        return np.maximum(7.5 - np.hypot(r, 7.2), 0.0) * r**2
+
+    r = np.linspace(0.0, np.sqrt(7.5**2 - 7.2**2), 2001)
+    places = contact.positions(np.zeros_like(contact._rest))[:, :2] - [x, y]
+    found = contact.areas @ weighted(np.hypot(*places.T))
+    assert found == pytest.approx(np.trapezoid(2.0 * np.pi * r * weighted(r), r), rel=0.05)
 
 
 def test_full_slip_turns_with_friction_times_pressure_times_radius(contact, at_rest):

@@ -186,7 +186,7 @@ def test_an_unstable_material_diverges_with_its_partial_curve(solver):
 def test_tissue_that_loses_contact_slides_on():
     """A stable material whose contact finds no balance near the last one reaches the end of the path.
 
-    The rim of a hole in the contact surface, at the spot itself, is where it lets go.
+    The rim of a hole in the contact surface, at the spot itself, is where it lets go in large steps.
     """
     meshes = files("palpate_forearm") / "studies" / "forearm-demo" / "meshes"
     with as_file(meshes / "p2.vtu") as path:
@@ -197,7 +197,7 @@ def test_tissue_that_loses_contact_slides_on():
     forearm = replace(forearm, mesh=replace(forearm.mesh, node_sets=holed))
     values = [0.020737081873653952, -0.00135976843538408, 5.19326876459339e-05, 0.8]
     job = make_job(values, path=[(0.0, 0.0), (10.0, 0.0), (10.0, -22.5)], friction=1.0)
-    simulation = JaxSolver().simulate(job, forearm)
+    simulation = JaxSolver(JaxSettings(depth_steps=3, rotation_step_deg=22.5)).simulate(job, forearm)
     assert simulation.status is Status.OK, simulation.message
     assert simulation.diagnostics["n_held"] > 0
 
