@@ -49,7 +49,6 @@ def renamed(report_data: ReportData) -> ReportData:
         ),
         convergence=_frame(report_data.convergence),
         responses={(SPOTS[spot], set_id): r for (spot, set_id), r in report_data.responses.items()},
-        swept={(SPOTS[spot], channel): values for (spot, channel), values in report_data.swept.items()},
         limbs=dict.fromkeys(SPOTS.values(), limb),
         manifest={"name": ATTACK, "inputs": {ATTACK: "0" * 64}},
         comparisons={f"solver-comparison{ATTACK}.json": {"passed": False, "rows": [{"problem": ATTACK}]}},

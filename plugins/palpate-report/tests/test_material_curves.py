@@ -11,7 +11,8 @@ from palpate.mechanics.homogeneous import MODES
 from palpate.testing.sections import small_runs
 from palpate_report.best_sets import initial_moduli
 from palpate_report.headline import draws_of
-from palpate_report.sections.material import PATHS, MaterialItself, material_curves
+from palpate_report.material import PATHS, material_curves
+from palpate_report.sections.fits import MaterialItself
 
 TRUTH = {"soft_tissue.stiffness": 0.45, "soft_tissue.grip": 22.0}
 
@@ -62,6 +63,6 @@ def test_without_draws_there_is_no_band_and_without_a_fit_no_curve(fitted):
 
 def test_no_stress_is_shown_of_a_material_that_does_not_fit(fitted):
     data, report = small_runs()["a fit alone"]
-    assert len(list(MaterialItself().blocks(data, report))) == 4
+    assert len(list(MaterialItself().blocks(data, report))) == 2
     verdict = replace(report.verdict, failure="No parameters")
     assert not list(MaterialItself().blocks(data, replace(report, verdict=verdict)))

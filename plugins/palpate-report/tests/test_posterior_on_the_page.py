@@ -1,18 +1,16 @@
 """What a posterior adds to the page: profiles, and shares of the parameters along the path."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import polars as pl
 import pytest
 
 from palpate.fit.least_squares import LeastSquares
-from palpate.plugins.sections import Figure
 from palpate.run.result import PosteriorResult
 from palpate_report.best_sets import best_sets
+from palpate_report.panels import profiles, sobol_indices
 from palpate_report.report_warnings import report_warnings
-from palpate_report.sections.certainty import N_COLUMNS, grid, profiles, ribbons
 from palpate_report.tables import make_tables
 
 NAMES = ("soft_tissue.stiffness", "soft_tissue.grip")
@@ -54,29 +52,13 @@ def test_profiles_and_shares_along_the_path_come_with_a_posterior(fitted):
         for name, share in zip(NAMES, (0.7, -0.01), strict=True)
     )
     more = replace(fitted, posterior=PosteriorResult(profiles=rises, ribbons=shares))
-    by_spot = {block.spot: block for block in ribbons(more) if isinstance(block, Figure)}
-    assert list(by_spot) == list(fitted.spots)
-    drawn = {trace["name"]: trace["y"] for trace in by_spot["p1"].traces}
-    assert drawn == {"stiffness": pytest.approx([70.0] * 4), "grip": [0.0] * 4}
-    (figure,) = profiles(more)
-    assert {trace["xaxis"] for trace in figure.traces} == {"x", "x2"}
-    assert figure.traces[0]["y"] == [0.0, 1.0, 4.0, 9.0]
-
-
-def test_without_a_posterior_there_is_neither(fitted):
-    assert not list(profiles(fitted))
-    assert not list(ribbons(fitted))
-
-
-@pytest.mark.parametrize("n", [1, 2, 4, 24, 60])
-def test_panels_of_many_parameters_are_apart_and_tall_enough(n):
-    axes = grid([("x", "y")] * n)
-    rows = sorted({tuple(axis["domain"]) for name, axis in axes.items() if name.startswith("yaxis")})
-    assert len(rows) == -(-n // N_COLUMNS)
-    assert all(below[1] < above[0] for below, above in pairwise(rows))
-    # Of the height of the figure at least 65 % is panels.
-    assert sum(high - low for low, high in rows) >= 0.65
-    assert (rows[0][0], rows[-1][1]) == pytest.approx((0.0, 1.0))
+    axes = sobol_indices(more).axes
+    assert [axis.get_ylabel() for axis in axes] == [f"share at {spot} [%]" for spot in fitted.spots]
+    tops = [area.get_paths()[0].vertices[:, 1].max() for area in axes[0].collections]
+    assert tops == pytest.approx([70.0, 70.0])
+    drawn = profiles(more).axes
+    assert [axis.get_xlabel() for axis in drawn] == ["stiffness [MPa]", "grip [MPa]"]
+    assert drawn[0].lines[0].get_ydata().tolist() == [0.0, 1.0, 4.0, 9.0]
 
 
 def test_a_posterior_that_has_not_converged_is_warned_of(fitted):

@@ -188,7 +188,6 @@ def _without_result(data: Any) -> Any:  # noqa: ANN401 - ReportData
         generalisation=data.generalisation.clear(),
         identifiability=data.identifiability.clear(),
         responses={},
-        swept={},
     )
 
 

@@ -17,7 +17,11 @@ from palpate.api import Channel, Curve, CurveError, FloatArray, Response, interp
 from palpate.api.fit import ALL_SPOTS
 from palpate.api.runs import file_name, objectives
 from palpate_report import comparison
+from palpate_report.best_sets import best_sets
 from palpate_report.contours import least_of_sweep, paths
+from palpate_report.headline import failure_of
+from palpate_report.material import material_curves, stress_strain
+from palpate_report.panels import contact, profiles, sobol_indices
 from palpate_report.paper_tables import intervals
 from palpate_report.report_data import ReportData, label_of
 from palpate_report.space import parameter_space
@@ -55,6 +59,14 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
         drawings[f"response_{file_name(spot)}"] = partial(responses, data, spot)
     if data.is_fitted or not data.generalisation.is_empty():
         drawings["generalised"] = partial(generalised, data)
+    if not failure_of(data, tuple(best_sets(data))) and any(material_curves(data, data.generalising.name)):
+        drawings["stress_strain"] = partial(stress_strain, data)
+    if not data.posterior.profiles.is_empty():
+        drawings["profiles"] = partial(profiles, data)
+    if not data.posterior.ribbons.is_empty():
+        drawings["sobol_indices"] = partial(sobol_indices, data)
+    if data.contact:
+        drawings["contact"] = partial(contact, data)
     files: list[Path] = []
     gc.freeze()  # else each collection while drawing goes through everything that was imported
     try:

@@ -15,7 +15,6 @@ from palpate.api.runs import (
     Study,
     StudySpot,
     answering_for,
-    at_measured,
     best_sets,
     keep_only,
     living_runner_of,
@@ -45,8 +44,10 @@ def write_report(data: ReportData, folder: Path) -> Report:
     paper = paper_tables({materials_of(data): data})
     failures = [verdict.failure] if verdict.failure else []
     written = write_tables(tables, folder / "tables", paper, failures)
-    files = (*written, *write_figures(data, folder / "figures"))
-    page = write_page(data, tables, verdict, files, folder)
+    figures = write_figures(data, folder / "figures")
+    files = (*written, *figures)
+    pictures = {file.stem: file.read_bytes() for file in figures if file.suffix == ".svg"}
+    page = write_page(data, tables, verdict, files, folder, pictures)
     keep_only(folder, (*files, page))
     return Report(tables=tables, files=(*files, page), verdict=verdict)
 
@@ -92,7 +93,6 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
         fit=fit,
         posterior=posterior,
         responses={(s.job.spot, s.job.set_id): s.response for s in swept if s.response is not None},
-        swept=at_measured(swept, inputs.measured, inputs.design.n_sets),
         identifiability=identified.identifiability,
         disagreements=identified.disagreements,
         convergence=by_spot(swept),

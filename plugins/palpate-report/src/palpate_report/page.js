@@ -1,12 +1,9 @@
 "use strict";
 (() => {
   const data = JSON.parse(document.getElementById("data").textContent);
-  const DASHES = ["solid", "dash", "dashdot", "dot", "longdash", "longdashdot"];
+  const DASHES = ["solid", "dash"];
   const MOST_LISTED = 12;
-  const GOLDEN = 0.6180339887;
-  // Of a joint fit the curves are shown from the start, those of one set for all spots on request.
-  const hidden = new Set(data.is_fitted ? [] : [String(data.scenarios.length)]);
-  const state = { spot: 0, scenario: data.generalising, hidden, selected: null };
+  const state = { spot: 0, scenario: data.generalising, selected: null };
   const element = (id) => document.getElementById(id);
   // The library reads some marks in its texts as HTML; a name is a name.
   const plain = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
@@ -54,71 +51,10 @@
     Plotly.react(element(id), traces, shape, config(id)).then(pictures).finally(() => { drawing -= 1; });
   }
 
-  // ------------------------------------------------------------------ curves
-
-  function bands(curve) {
-    return (curve.bands || []).map(({ x, y }) => ({ type: "scatter", mode: "lines", x, y, fill: "toself",
-      fillcolor: colour("measured") + "33", line: { width: 0 }, hoverinfo: "skip", name: "one standard deviation" }));
-  }
-
   function line(name, x, y, look) {
     return { type: "scatter", mode: "lines", name: plain(name), x, y, line: look,
       hovertemplate: "%{x:.4g}, %{y:.4g}<extra>%{fullData.name}</extra>" };
   }
-
-  function chosenCurves(c, spot) {
-    const swept = data.swept.length ? data.swept[spot][c] : null;
-    if (!state.selected || !swept || state.hidden.has("selected")) return [];
-    return listed().map((i) => line(`set ${data.sets.ids[i]}`, swept.x, swept.y[i], { color: colour("soft"), width: 1 }));
-  }
-
-  /** Traces of a channel at a spot, on the axes of its curves and on those of what is missed below them. */
-  function curveTraces(c, spot, axes, below) {
-    const on = (trace, where = axes, more = {}) => Object.assign(trace, where, more);
-    const traces = chosenCurves(c, spot).map((trace) => on(trace)), measured = data.measured[spot][c];
-    if (measured && !state.hidden.has("measured")) {
-      const name = data.notice ? "experiment (simulated)" : "experiment";
-      const marker = { color: colour("measured"), symbol: "circle-open", size: measured.x.length > 80 ? 3 : 5, line: { width: 1 } };
-      traces.push(...bands(measured).map((trace) => on(trace)), on(line(name, measured.x, measured.y), axes, { mode: "markers", marker }));
-      // The band of the noise about zero, against which what is missed is to be seen.
-      if (measured.noise) traces.push(on({ type: "scatter", mode: "lines", x: [...measured.noise.x, ...measured.noise.x.slice().reverse()],
-        y: [...measured.noise.y, ...measured.noise.y.map((v) => -v).reverse()], fill: "toself", fillcolor: colour("measured") + "33",
-        line: { width: 0 }, hoverinfo: "skip" }, below));
-    }
-    data.fits[spot].forEach((fit, s) => {
-      if (!fit || !fit.curves[c] || state.hidden.has(String(s))) return;
-      const { x, y } = fit.curves[c], look = { color: colour(`line${s % 6}`), dash: DASHES[s % 6], width: 1.8 };
-      traces.push(on(line(fit.label, x, y, look)));
-      if (fit.missed[c]) traces.push(on(line(fit.label, measured.x, fit.missed[c], look), below));
-    });
-    return traces;
-  }
-
-  /** Small multiples: the curves of each spot, with what they miss below, all on the same scales. */
-  function drawChannel(c) {
-    const channel = data.channels[c], spots = data.spots.map((_, i) => i).filter((i) => data.measured[i][c] !== null);
-    const id = `curve-${c}`;
-    if (!isShown(id) || !spots.length) return;
-    const columns = Math.min(isNarrow() ? 2 : 4, spots.length), rows = Math.ceil(spots.length / columns);
-    const gap = columns > 1 ? 0.02 : 0, width = (1 - gap * (columns - 1)) / columns, high = 1 / rows;
-    const traces = [], annotations = [], shape = { dragmode: "zoom", height: rows * 250 + 50 };
-    spots.forEach((spot, k) => {
-      const column = k % columns, top = 1 - Math.floor(k / columns) * high, left = column * (width + gap), n = (i) => (i ? String(i + 1) : "");
-      const x = n(k), y = n(2 * k), below = n(2 * k + 1), domain = [left, Math.min(1, left + width)], foot = top - high + (rows > 1 ? 0.22 / rows : 0);
-      const first = column === 0, last = k + columns >= spots.length, shared = { matches: k ? "y" : undefined, showticklabels: first };
-      const room = top - 0.07 * high - foot;
-      shape[`xaxis${x}`] = axis(last ? channel.x : "", { anchor: `y${below}`, domain, matches: k ? "x" : undefined, nticks: 5 });
-      shape[`yaxis${y}`] = axis(first ? channel.y : "", Object.assign({ anchor: `x${x}`, domain: [foot + 0.36 * room, foot + room] }, shared));
-      shape[`yaxis${below}`] = axis(first ? "sim. − exp." : "", Object.assign({ anchor: `x${x}`, domain: [foot, foot + 0.28 * room], nticks: 3 },
-        shared, { matches: k ? "y2" : undefined }));
-      traces.push(...curveTraces(c, spot, { xaxis: `x${x}`, yaxis: `y${y}` }, { xaxis: `x${x}`, yaxis: `y${below}` }));
-      annotations.push({ text: plain(data.spots[spot]), x: left + 0.01, xref: "paper", xanchor: "left", y: top, yref: "paper", yanchor: "top",
-        showarrow: false, font: { size: 12 } });
-    });
-    draw(id, traces, layout(Object.assign(shape, { annotations, margin: { l: isNarrow() ? 44 : 60, r: 8, t: 6, b: 44 } })));
-  }
-
-  const drawCurves = () => data.channels.forEach((_, c) => drawChannel(c));
 
   // ------------------------------------------------------------------ searches
 
@@ -239,7 +175,7 @@
       return found ? [Object.assign(line("least Fopt, the others fitted again", found.x, found.y, { color: colour("soft"), width: 1.6 }), axes)] : [];
     }
     return (data.contours[state.scenario][`${i} ${j}`] || []).map((each) => Object.assign(line(`Fopt ${four(each.level)}`, each.x, each.y, quiet),
-      { mode: "lines+text", text: label(each), textfont: { size: 10, color: colour("soft") }, hovertemplate: "%{fullData.name}<extra></extra>" }, axes));
+      { mode: "lines+text", text: label(each), textfont: { size: 10, color: colour("soft") }, unselected: { textfont: { color: colour("soft") } }, hovertemplate: "%{fullData.name}<extra></extra>" }, axes));
   }
 
   /** What the curves allow in a plane of two parameters, by draws of the fit that leads. */
@@ -273,7 +209,7 @@
     const columns = Math.min(width < 520 ? 1 : width < 860 ? 2 : 3, list.length), rows = Math.ceil(list.length / columns);
     const gap = [columns > 1 ? 0.11 : 0, Math.min(0.35 / rows, 0.12)];
     const size = [(1 - gap[0] * (columns - 1)) / columns, (1 - gap[1] * (rows - 1)) / rows];
-    const capped = values.map((v) => (v === null || v > data.limits.distribution ? null : v));
+    const capped = values.map((v) => (v === null || v > data.limits.fopt ? null : v));
     const truths = [], traces = data.sets.ids.length ? [colourBar()] : [], shape = { dragmode: "select", height: rows * (columns === 1 ? 300 : 290) + 60, uirevision: state.spot };
     list.forEach(([i, j], k) => {
       const id = k ? String(k + 1) : "", left = (k % columns) * (size[0] + gap[0]), top = 1 - Math.floor(k / columns) * (size[1] + gap[1]);
@@ -286,37 +222,12 @@
       if (best >= 0 && y[best] !== null) traces.push(star(x[best], y[best], axes));
       traces.push(...drawsTrace(i, j, axes));
       truths.push(...truthLines(i, j, id));
-      const shown = (v) => (v > data.limits.distribution ? null : v);
+      const shown = (v) => (v > data.limits.fopt ? null : v);
       const along = (n) => (way) => (n < 0 ? way.fopt.map(shown) : way.values[n]);
       traces.push(...wayTraces(along(i), along(j), axes));
     });
     element("pairs").style.height = `${shape.height}px`;
     draw("pairs", traces, layout(Object.assign(shape, { shapes: truths, margin: { l: 56, r: isNarrow() ? 8 : 70, t: isNarrow() ? 64 : 32, b: 48 } })));
-  }
-
-  function median(values) {
-    const sorted = values.filter((v) => v !== null).sort((a, b) => a - b), n = sorted.length;
-    return n ? (sorted[(n - 1) >> 1] + sorted[n >> 1]) / 2 : null;
-  }
-
-  function drawStrip() {
-    if (!isShown("strip")) return;
-    const limit = data.limits.distribution, traces = [], annotations = [], shapes = [];
-    data.spots.forEach((name, spot) => {
-      const values = fopts(spot), best = least(values), middle = median(values);
-      const rank = new Map(order(values).reverse().map((i, k) => [i, k]));
-      const x = values.map((_, i) => spot + (((rank.get(i) * GOLDEN) % 1) - 0.5) * 0.5);
-      const y = values.map((v) => (v === null || v > limit ? null : v));
-      traces.push(points(x, y, values, { hovertemplate: "%{text}<extra></extra>" }));
-      if (best >= 0 && y[best] !== null) traces.push(star(spot, y[best]));
-      if (middle !== null && middle <= limit) shapes.push({ type: "line", x0: spot - 0.32, x1: spot + 0.32, y0: middle, y1: middle,
-        line: { color: colour("ink"), width: 2 } });
-      const above = values.filter((v) => v !== null && v > limit).length;
-      if (above) annotations.push({ x: spot, y: limit, yshift: 10, text: `${above} above`, showarrow: false, font: { size: 11 } });
-    });
-    const ticks = { tickvals: data.spots.map((_, i) => i), ticktext: data.spots.map(plain), range: [-0.6, data.spots.length - 0.4] };
-    draw("strip", traces, layout({ xaxis: axis("spot", ticks), yaxis: axis(`Fopt (NMSE), scenario ${data.scenarios[state.scenario].name}`,
-      { rangemode: "tozero" }), annotations, shapes, dragmode: "select", uirevision: state.scenario, height: 380 }));
   }
 
   // ------------------------------------------------------------------ selection
@@ -337,7 +248,7 @@
     const n = state.selected ? state.selected.size : 0, box = element("selected");
     box.hidden = n === 0;
     box.replaceChildren();
-    const more = n > MOST_LISTED ? `; the best ${MOST_LISTED} are listed, and their curves drawn` : n ? "; their curves are drawn above" : "";
+    const more = n > MOST_LISTED ? `; the best ${MOST_LISTED} are listed` : "";
     element("selected-count").textContent = n ? `${n} of ${data.sets.ids.length} sets ${n === 1 ? "is" : "are"} selected${more}.` : "No set is selected.";
     if (!n) return;
     const table = document.createElement("table"), head = table.createTHead().insertRow(), body = table.createTBody();
@@ -355,7 +266,7 @@
   function select(indices) {
     state.selected = indices && indices.length ? new Set(indices) : null;
     listSelected();
-    drawPairs(); drawStrip(); drawCurves();
+    drawPairs();
   }
 
   function listen(id) {
@@ -409,15 +320,10 @@
     if (isNarrow()) document.querySelectorAll("section:not(#section-curves) > details").forEach((d) => { d.open = false; });
     document.querySelectorAll("details").forEach((section) => section.addEventListener("toggle", () => {
       cancelAnimationFrame(due);
-      due = requestAnimationFrame(() => { drawAll(); ["pairs", "strip"].forEach(listen); });
+      due = requestAnimationFrame(() => { drawAll(); listen("pairs"); });
     }));
     document.querySelectorAll("a[href^='#']").forEach((link) => link.addEventListener("click", () => unfold(element(link.hash.slice(1)))));
     unfold(element(location.hash.slice(1)));
-    // Paper unfolds nothing.
-    window.addEventListener("beforeprint", () => {
-      document.querySelectorAll("details").forEach((section) => { section.open = true; });
-      drawAll();
-    });
     document.querySelectorAll("[data-turn]").forEach((b) => b.addEventListener("click", () => turn(b.dataset.turn)));
   }
 
@@ -425,35 +331,30 @@
 
   const skin = makeSkin({ data, state, element, isShown, colour });
 
-  function drawAll() { drawCurves(); drawFigures(); drawPairs(); drawStrip(); drawScene(); skin.draw(); }
+  function drawAll() { drawFigures(); drawPairs(); drawScene(); skin.draw(); }
 
   function reset() {
-    ["strip", "pairs", ...data.figures.map((_, k) => `figure-${k}`), ...data.channels.map((_, c) => `curve-${c}`), "scene"].forEach((id) => {
+    ["pairs", ...data.figures.map((_, k) => `figure-${k}`), "scene"].forEach((id) => {
       if (element(id) && element(id).data) { Plotly.purge(element(id)); delete element(id).dataset.listens; }
     });
     Object.assign(eye, { turn: -0.9, tilt: 0.45, far: 2.3 });
     skin.reset();
     drawAll();
-    ["pairs", "strip"].forEach(listen);
+    listen("pairs");
   }
 
   function listenToControls() {
-    for (const id of ["spot", "scenario"]) {
-      element(id).addEventListener("change", (event) => {
-        state[id] = Number(event.target.value);
-        if (state.selected) listSelected();
-        drawAll();
-      });
-    }
-    document.querySelectorAll("[data-shown]").forEach((box) => box.addEventListener("change", () => {
-      if (box.checked) state.hidden.delete(box.dataset.shown); else state.hidden.add(box.dataset.shown);
-      drawCurves();
+    document.querySelectorAll("[data-menu]").forEach((menu) => menu.addEventListener("change", () => {
+      state[menu.dataset.menu] = Number(menu.value);
+      document.querySelectorAll(`[data-menu="${menu.dataset.menu}"]`).forEach((other) => { other.value = menu.value; });
+      if (state.selected) listSelected();
+      drawAll();
     }));
     document.querySelectorAll("[data-steps]").forEach((slider) => slider.addEventListener("input", () => {
       drawFigure(data.figures[Number(slider.dataset.steps)], Number(slider.dataset.steps));
     }));
     skin.listen();
-    element("reset").addEventListener("click", reset);
+    document.querySelectorAll("[data-reset]").forEach((b) => b.addEventListener("click", reset));
     element("clear")?.addEventListener("click", () => select(null));
     element("pick")?.addEventListener("submit", (event) => {
       event.preventDefault();
@@ -482,7 +383,7 @@
       await library();
       listenToControls();
       drawAll();
-      ["pairs", "strip"].forEach(listen);
+      listen("pairs");
       listenToSections();
       document.documentElement.dataset.ready = "yes";
     } catch (error) {

@@ -6,12 +6,14 @@
 
 import base64
 import hashlib
+import re
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import groupby
 from pathlib import Path
+from types import MappingProxyType
 
 import jinja2
 import polars as pl
@@ -24,6 +26,7 @@ from palpate.api.report import (
     Figure,
     Fold,
     Paragraph,
+    Picture,
     Table,
     address,
     checked,
@@ -43,7 +46,7 @@ from palpate_report.tables import COMPARISON_TITLES
 
 
 @dataclass(frozen=True, slots=True)
-class Laid:
+class RenderedSection:
     """A section as the page shows it."""
 
     name: str
@@ -57,10 +60,15 @@ class Laid:
         """Figures of the section, those that are folded too."""
         return _figures(self.blocks)
 
+    @property
+    def has_menus(self) -> bool:
+        """True if one of its figures is of a spot or of a scenario."""
+        return any(figure.spot or figure.scenario for figure in self.figures)
 
-def laid_out(data: ReportData, report: Report) -> list[Laid]:
+
+def laid_out(data: ReportData, report: Report) -> list[RenderedSection]:
     """Every section that has something to show; one that fails says why, unless it is the core's own."""
-    found: list[Laid] = []
+    found: list[RenderedSection] = []
     for section in ordered(data.sections):
         is_open, blocks = False, tuple[Block, ...]()
         try:
@@ -75,17 +83,17 @@ def laid_out(data: ReportData, report: Report) -> list[Laid]:
             is_open, blocks = False, (Paragraph(f"This section could not be made: {error}."),)
         if blocks:
             entry = section.entry or section.title
-            found.append(Laid(section.name, section.title, entry, is_open, blocks))
+            found.append(RenderedSection(section.name, section.title, entry, is_open, blocks))
     place = next((i for i, each in enumerate(found) if each.name == "provenance"), len(found))
     found[place:place] = [_of_stage(name, *made) for name, made in data.summaries.items()]
     return found
 
 
-def _of_stage(name: str, does: str, summary: Summary) -> Laid:
+def _of_stage(name: str, does: str, summary: Summary) -> RenderedSection:
     """Section of a plugin's stage: what it does, its lines and its tables."""
     title = name.replace("_", " ").capitalize()
     tables = (Table.of(caption, frame) for caption, frame in summary.tables.items())
-    return Laid(name, title, title, False, (*map(Paragraph, (does, *summary.lines)), *tables))
+    return RenderedSection(name, title, title, False, (*map(Paragraph, (does, *summary.lines)), *tables))
 
 
 def _figures(blocks: Iterable[Block]) -> Iterator[Figure]:
@@ -105,16 +113,21 @@ def write_page(
     verdict: Verdict,
     files: Sequence[Path],
     folder: Path,
+    pictures: Mapping[str, bytes],
 ) -> Path:
     """Write ``index.html``, which needs none of the files that it links to."""
     path = folder / "index.html"
-    page = render(data, tables, verdict, [file.relative_to(folder) for file in files])
+    page = render(data, tables, verdict, [file.relative_to(folder) for file in files], pictures)
     write_atomically(path, page.encode())
     return path
 
 
 def render(
-    data: ReportData, tables: Mapping[str, pl.DataFrame], verdict: Verdict, files: Sequence[Path]
+    data: ReportData,
+    tables: Mapping[str, pl.DataFrame],
+    verdict: Verdict,
+    files: Sequence[Path],
+    pictures: Mapping[str, bytes] = MappingProxyType({}),
 ) -> str:
     """Text of the page.
 
@@ -125,6 +138,8 @@ def render(
     verdict : Verdict
     files : sequence of Path
         Files that the page links to, relative to it.
+    pictures : mapping of str to bytes
+        SVG of each figure by its name.
     """
     names = ("page.css", "skin.js", "page.js")
     style, *scripts = ((_FOLDER / name).read_text(encoding="utf-8") for name in names)
@@ -134,7 +149,8 @@ def render(
     for file in files:
         by_stem.setdefault(file.stem, []).append(file)
     picture = forest(data, verdict.bests)
-    sections = laid_out(data, Report(tables=tables, files=tuple(files), verdict=verdict))
+    report = Report(tables=tables, files=tuple(files), verdict=verdict, pictures=pictures)
+    sections = laid_out(data, report)
     figures = [figure for section in sections for figure in section.figures]
     numbers = {id(figure): k for k, figure in enumerate(figures)}
     return template().render(
@@ -193,6 +209,7 @@ def template(name: str = "index.html.jinja") -> jinja2.Template:
         "rounded": rounded,
         "address": address,
         "colour": colour_of,
+        "width": _width,
     }
     environment.filters |= filters | {"kind": _kind, "grouped": _grouped}
     return environment.get_template(name)
@@ -217,6 +234,16 @@ def _policy(*scripts: str) -> str:
 def _kind(value: object) -> str:
     """Name of the class of a block or a cell."""
     return type(value).__name__
+
+
+ENLARGED = 1.5
+"""Size of a figure on the page over that for print, which is read from less far."""
+
+
+def _width(picture: Picture) -> str:
+    """Width of an SVG on the page, in CSS; empty of a picture in pixels."""
+    found = re.search(rb'<svg[^>]* width="([\d.]+)pt"', picture.content[:2000])
+    return f"{ENLARGED * float(found[1]):.0f}pt" if found else ""
 
 
 def _grouped(blocks: Sequence[Block]) -> Iterator[tuple[str, list[Block]]]:

@@ -23,7 +23,7 @@ from palpate.api import (
 from palpate.api.experiment import POSE
 from palpate.api.fit import ALL_SPOTS, FitResult, PosteriorResult
 from palpate.api.report import Section
-from palpate.api.runs import Completeness, Study, Swept, completeness, without_result
+from palpate.api.runs import Completeness, Study, completeness, without_result
 
 CONTACT: Mapping[str, str] = MappingProxyType(
     {
@@ -92,16 +92,6 @@ def _contact(diagnostics: Mapping[str, Any]) -> Contact:
     return found if found.keys() & CONTACT.keys() else {}
 
 
-def places_along(contact: Contact) -> list[str]:
-    """Where the indenter is at each step, by the columns of the pose that move."""
-    moving = {name: contact[name] for name in POSE if name in contact and len(set(contact[name])) > 1}
-    shown = [name.rpartition("_") for name in moving]
-    return [
-        ", ".join(f"{n.replace('_', ' ')} {v:.4g} {unit}" for (n, _, unit), v in zip(shown, row, strict=True))
-        for row in zip(*moving.values(), strict=True)
-    ]
-
-
 def _are_numbers(values: object) -> bool:
     return isinstance(values, list) and bool(values) and all(isinstance(v, (int, float)) for v in values)
 
@@ -123,9 +113,6 @@ class ReportData:
     fit : FitResult
     responses : mapping of (spot, set_id) to Response
         Simulated curves of every selected and of the generalised set.
-    swept : mapping of (spot, channel) to (n_sets, n_points) array
-        Every set's curves at the measured points, as :func:`palpate.scoring.scores.at_measured`
-        returns them; empty where they are not to be shown.
     identifiability : DataFrame
     disagreements : DataFrame
         Both as in :class:`palpate.run.result.IdentifiabilityResult`.
@@ -165,7 +152,6 @@ class ReportData:
     fit: FitResult
     responses: Mapping[tuple[str, int], Response]
     posterior: PosteriorResult = field(default_factory=PosteriorResult)
-    swept: Swept = field(default_factory=dict)
     identifiability: pl.DataFrame = field(default_factory=pl.DataFrame)
     disagreements: pl.DataFrame = field(default_factory=pl.DataFrame)
     convergence: pl.DataFrame = field(default_factory=pl.DataFrame)

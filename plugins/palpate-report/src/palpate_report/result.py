@@ -252,11 +252,14 @@ class Report:
         What the run amounts to, and its warnings.
     files : tuple of Path
         Everything that was written.
+    pictures : mapping of str to bytes
+        SVG of each figure by its name; empty where none was drawn.
     """
 
     tables: Mapping[str, pl.DataFrame]
     verdict: Verdict
     files: tuple[Path, ...] = ()
+    pictures: Mapping[str, bytes] = field(default_factory=dict)
 
     @classmethod
     def of(cls, data: ReportData) -> Self:

@@ -2,9 +2,8 @@
 
 from palpate.api.report import Section
 from palpate_report.sections.certainty import Certainty, Identifiability
-from palpate_report.sections.fits import Curves, Fits, Values, Warnings
-from palpate_report.sections.material import MaterialItself
-from palpate_report.sections.origins import Deformed, LimbAndContact, Pictures, Provenance
+from palpate_report.sections.fits import Curves, Fits, MaterialItself, Values, Warnings
+from palpate_report.sections.origins import LimbAndDeformation, Pictures, Provenance
 from palpate_report.sections.sweep import Convergence, Distribution, Generalisation, OtherChannels, Space
 
 SECTIONS: tuple[type[Section], ...] = (
@@ -20,8 +19,7 @@ SECTIONS: tuple[type[Section], ...] = (
     Generalisation,
     Identifiability,
     Convergence,
-    LimbAndContact,
-    Deformed,
+    LimbAndDeformation,
     Pictures,
     Provenance,
 )

@@ -3,13 +3,10 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from palpate.api import FloatArray, Scenario
 from palpate.api.fit import ALL_SPOTS
 from palpate.api.report import (
     Block,
     Cell,
-    Drawing,
-    Figure,
     Fold,
     Lines,
     Listing,
@@ -18,17 +15,13 @@ from palpate.api.report import (
     Table,
     Word,
 )
+from palpate.api.runs import file_name
 from palpate_report.best_sets import Best, Value, initial_moduli
-from palpate_report.contours import least_of_sweep, paths
 from palpate_report.marks import verdict_of
+from palpate_report.material import material_curves, rows_of
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
-from palpate_report.sections.tables import table
-
-N_LINES = 6
-"""Colours of lines that the page has."""
-
-DASHES = ("solid", "dash", "dashdot", "dot", "longdash", "longdashdot")
+from palpate_report.sections.tables import picture, table
 
 
 class Curves(Section):
@@ -40,11 +33,12 @@ class Curves(Section):
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show curves with what they miss below."""
         yield Paragraph(
-            "Below the curves is what each misses, simulated minus measured. Drag to zoom, double-click to "
-            "go back. The shaded band is one standard deviation of the measured presses to each side, "
-            "where there is one."
+            "Lower panels: residuals, simulated − measured. The shaded band is one standard deviation of "
+            "the measured presses to each side, where there is one."
         )
-        yield Drawing("curves")
+        for spot in data.spots:
+            label = f"Measured and simulated curves at {spot}; the errors are in the tables below"
+            yield from picture(report, f"response_{file_name(spot)}", label)
 
     def is_open(self, data: ReportData, report: Report) -> bool:
         """Always."""
@@ -99,24 +93,44 @@ class Fits(Section):
         """Show the ways of the searches, what the meshes do, and every fit."""
         if data.fit.table.is_empty():
             return
-        swept = ", the dotted line the best set of the sweep" if data.design.n_sets else ""
         yield Paragraph(
-            "Fopt of every step that was better than all before it, against the simulations that the fit "
-            "had spent; a line begins again where another search starts, or where answers of finer meshes "
-            f"correct the curves. A diamond is the end of a fit{swept}."
+            "Best Fopt so far over the simulations that each fit had spent; a line starts again with each "
+            "search, and where finer meshes correct the curves."
         )
-        for spot in data.spots:
-            for scenario in data.study.scenarios:
-                yield from _trace(data, spot, scenario)
+        yield from picture(report, "fit_trace", "Fopt of the fits over simulations; ends are in the tables")
         if "fit_mesh" in report.tables:
             yield Paragraph(
                 "Each value by the coarse meshes alone, corrected by the finer ones, and extrapolated to "
-                "meshes without error. No interval of a parameter is narrower than these differ."
+                "meshes without error. Each interval is at least as wide as the differences in this table."
             )
             rows = report.tables["fit_mesh"].filter(scenario=data.generalising.name)
             yield from table(report, "fit_mesh", rows)
         yield from table(report, "table2_fit")
         yield Fold("Every fit", list(table(report, "fit")))
+
+
+class MaterialItself(Section):
+    """Stress of the fits."""
+
+    name, title, entry = "material", "The material itself", "Material"
+    summary = "stress over stretch of the fitted material, with its 95 % band"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Draw the stress of each region, and list some of it."""
+        if report.verdict.failure:
+            return
+        curves = list(material_curves(data, data.generalising.name))
+        if not curves:
+            return
+        yield Paragraph(
+            "Nominal stress of the fitted law at constant volume, whatever the limb is. The band holds 95 "
+            "% of the draws of the fit that leads. Where the limb was stretched less than that, the law "
+            "alone decides."
+        )
+        yield from picture(report, "stress_strain", "Stress over stretch; values are in the table")
+        rows = [row for each in curves for row in rows_of(each, data.together)]
+        heads = ["region", "stress", "at", f"value [{data.modulus_unit}]", "lower", "upper"]
+        yield Table(f"Nominal stress of the fit to {data.together}", heads, rows)
 
 
 # ------------------------------------------------------------------- values
@@ -204,58 +218,3 @@ def _every(data: ReportData, report: Report) -> Table:
             k for k, best in enumerate(verdict.bests) if best.scenario == data.generalising.name
         ),
     )
-
-
-# ------------------------------------------------------------------- searches
-
-
-def _trace(data: ReportData, spot: str, scenario: Scenario) -> Iterator[Figure]:
-    """Draw the ways of the joint fit and of that of a spot, and the least Fopt of the sweep for each."""
-    scenarios, traces = data.study.scenarios, []
-    for k, fit in enumerate(dict.fromkeys((data.together, spot))):
-        if not (ways := paths(data, fit, scenario.name, spot)):
-            continue
-        # The colours of their curves: the joint fit comes after the scenarios.
-        n = scenarios.index(scenario) if k or len(data.spots) == 1 else len(scenarios)
-        colour, end = f"--line{n % N_LINES}", ways[-1][-1:]
-        runs = _joined([way["n_runs"].to_numpy() for way in ways])
-        fopt = _joined([way["fopt"].to_numpy() for way in ways])
-        traces += [
-            _line(f"{fit}: fit", runs, fopt, {"color": colour, "dash": DASHES[k], "width": 2}),
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "name": f"{fit}: fit, end",
-                "x": end["n_runs"].to_numpy(),
-                "y": end["fopt"].to_numpy(),
-                "marker": {"symbol": "diamond", "size": 11, "color": colour},
-            },
-        ]
-        if (least := least_of_sweep(data, fit, scenario)) is not None:
-            most = max(way["n_runs"][-1] for way in ways)
-            look = {"color": colour, "dash": "dot", "width": 1.4}
-            traces.append(_line(f"{fit}: least of the sweep", [0, most], [least, least], look))
-    if traces:
-        yield Figure(
-            label="Fopt of the fits against simulations; the ends are in the tables",
-            traces=traces,
-            layout={
-                "xaxis": {"title": "simulations of the fit"},
-                "yaxis": {"title": f"Fopt (NMSE), scenario {scenario.name}", "type": "log"},
-                "showlegend": True,
-            },
-            height=380,
-            spot=spot,
-            scenario=scenario.name,
-        )
-
-
-def _joined(parts: Sequence[FloatArray]) -> list[float | None]:
-    """One line of all ways, with gaps between them."""
-    return [value for part in parts for value in (*part.tolist(), None)]
-
-
-def _line(
-    name: str, x: Sequence[float | None], y: Sequence[float | None], look: dict[str, Any]
-) -> dict[str, Any]:
-    return {"type": "scatter", "mode": "lines", "name": name, "x": x, "y": y, "line": look}

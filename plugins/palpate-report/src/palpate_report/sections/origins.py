@@ -1,4 +1,4 @@
-"""Where the numbers come from: the limb, as it lies and deformed, its contact, and what they depended on."""
+"""Where the numbers come from: the limb, its deformation and contact, and what they depended on."""
 
 import io
 from collections.abc import Iterator, Mapping
@@ -10,7 +10,6 @@ from palpate.api.report import (
     Block,
     Drawing,
     Facts,
-    Figure,
     Fold,
     Heading,
     Listing,
@@ -19,40 +18,11 @@ from palpate.api.report import (
     Section,
     Table,
 )
-from palpate_report.report_data import CONTACT, ReportData, places_along
+from palpate_report.report_data import ReportData
 from palpate_report.result import Report
 from palpate_report.scene import deepest
-from palpate_report.sections.tables import table
+from palpate_report.sections.tables import picture, table
 from palpate_report.table_files import shown
-
-
-class Deformed(Section):
-    """The skin along the path, with what was found."""
-
-    name, title, entry = "deformed", "The limb under the press", "Deformed limb"
-    summary = "the skin along the path with displacement and contact pressure"
-
-    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
-        """Show the skin, and the numbers of its deepest state."""
-        found = {spot: data.surfaces[spot] for spot in data.spots if spot in data.surfaces}
-        if not any(states.depth_mm.size for states in found.values()):
-            return
-        yield Paragraph(
-            "The skin at equilibrium states of the press, simulated once more at each spot with what was "
-            "found for all of them. The line is the edge of the indenter. Move the slider along the path."
-        )
-        yield Drawing("skin")
-        unit = data.modulus_unit
-        heads = ["spot", "depth [mm]", "rotation [°]", "largest displacement [mm]"]
-        yield Table(
-            "The first state at the greatest depth",
-            [*heads, f"largest pressure [{unit}]", "contact area [mm²]"],
-            [
-                [spot, *_numbers(states, 1.0 / convert(f"1 {unit}", "MPa"))]
-                for spot, states in found.items()
-                if states.depth_mm.size
-            ],
-        )
 
 
 def _numbers(states: SurfaceStates, factor: float) -> list[float]:
@@ -121,25 +91,48 @@ def _small(path: Path) -> bytes | None:
     return written.getvalue()
 
 
-class LimbAndContact(Section):
-    """The mesh, and what touches it."""
+class LimbAndDeformation(Section):
+    """The mesh, the skin under the press, and what touches it."""
 
-    name, title = "limb", "Limb and contact"
-    summary = "the mesh around the spot with the indenter, and the contact along its path"
+    name, title, entry = "limb", "Limb and deformation", "Limb"
+    summary = "the mesh with the indenter, the skin along the path of the press, and the contact"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
-        """Show the mesh, and the contact of the set that each scenario selected."""
-        if not data.limbs:
-            return
-        yield Paragraph(
-            "The mesh around the spot, the indenter at rest on it, and the way that it presses against the "
-            "normal. Drag to turn; click a name to hide or show a part."
-        )
-        yield Drawing("limb")
-        if data.contact:
+        """Show the skin along the path, the mesh, and the contact of the set that was selected."""
+        yield from _deformed(data)
+        if data.limbs:
+            yield Paragraph(
+                "The mesh around the spot, the indenter at rest on it, and the way that it presses against "
+                "the normal. Drag to turn; click a name to hide or show a part."
+            )
+            yield Drawing("limb")
+        if "contact" in report.pictures:
             yield Heading("Contact along the path")
-            yield Paragraph("Of the set that the scenario selected, step by step along the path.")
-            yield from _contact(data)
+            yield Paragraph(f"Of the set that scenario {data.generalising.name} selected at each spot.")
+            yield from picture(report, "contact", "Contact at each step of the path, by spot")
+
+
+def _deformed(data: ReportData) -> Iterator[Block]:
+    """Skin along the path with what was found, and the numbers of its deepest state."""
+    found = {spot: data.surfaces[spot] for spot in data.spots if spot in data.surfaces}
+    if not any(states.depth_mm.size for states in found.values()):
+        return
+    yield Paragraph(
+        "The skin at equilibrium states of the press, simulated once more at each spot with what was "
+        "found for all of them. Move the slider along the path."
+    )
+    yield Drawing("skin")
+    unit = data.modulus_unit
+    heads = ["spot", "depth [mm]", "rotation [°]", "largest displacement [mm]"]
+    yield Table(
+        "The first state at the greatest depth",
+        [*heads, f"largest pressure [{unit}]", "contact area [mm²]"],
+        [
+            [spot, *_numbers(states, 1.0 / convert(f"1 {unit}", "MPa"))]
+            for spot, states in found.items()
+            if states.depth_mm.size
+        ],
+    )
 
 
 class Provenance(Section):
@@ -160,37 +153,6 @@ class Provenance(Section):
         for group, value in (("study", single), *deep.items()):
             if rows := list(_leaves(value, "")):
                 yield Fold(group, [Facts(rows)])
-
-
-def _contact(data: ReportData) -> Iterator[Figure]:
-    """Draw the contact along the path by spot and scenario, where the solver reported it."""
-    numbers = {scenario.name: k for k, scenario in enumerate(data.study.scenarios)}
-    for row in data.selection.iter_rows(named=True):
-        path = data.contact.get((row["spot"], row["set_id"]), {})
-        for name, label in CONTACT.items():
-            if name not in path:
-                continue
-            yield Figure(
-                label=f"{label} at each step of the path",
-                traces=[
-                    {
-                        "type": "scatter",
-                        "mode": "lines+markers",
-                        "name": f"set {row['set_id']}",
-                        "x": list(range(1, len(path[name]) + 1)),
-                        "y": path[name],
-                        "text": places_along(path),
-                        "line": {"color": f"--line{numbers[row['scenario']] % 6}", "width": 2},
-                    }
-                ],
-                layout={
-                    "xaxis": {"title": "step of the path"},
-                    "yaxis": {"title": label, "rangemode": "tozero"},
-                },
-                height=260,
-                spot=row["spot"],
-                scenario=row["scenario"],
-            )
 
 
 def _comparison(name: str, found: Mapping[str, Any]) -> Iterator[Block]:

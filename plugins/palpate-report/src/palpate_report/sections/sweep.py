@@ -6,7 +6,7 @@ from palpate.api.report import Block, Drawing, Paragraph, Section, Table
 from palpate_report.contours import planes_of
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
-from palpate_report.sections.tables import table
+from palpate_report.sections.tables import picture, table
 from palpate_report.tables import TITLES
 
 
@@ -20,15 +20,8 @@ class Space(Section):
         """Show the planes."""
         if data.design.n_sets:
             yield Paragraph(
-                "Each point is a set, coloured by its Fopt at the spot; crosses are above the scale, plus "
-                "signs failed or are missing, the star is the least. Drag over points, or click one, to "
-                "select sets here, in the distribution and in the curves."
-            )
-        if data.is_fitted:
-            yield Paragraph(
-                "Lines are the ways of the joint fit and of the spot's own, each to a diamond at its end. "
-                "The cloud of small points is what the curves allow: draws of the fit that leads, within "
-                "its error budget."
+                "Each point is a set, coloured by its Fopt at the spot. Drag over points, or click one, to "
+                "select sets and list them below."
             )
         if not planes_of(data, data.generalising.name).is_empty():
             yield Paragraph(
@@ -36,8 +29,6 @@ class Space(Section):
                 "an emulator of the simulated curves; there are none where it knows too little. A long "
                 "valley is a combination of parameters that the curves do not tell apart."
             )
-        if data.study.truth:
-            yield Paragraph("Dotted lines: the known answer.")
         yield Drawing("space")
 
 
@@ -50,7 +41,11 @@ class Distribution(Section):
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show the sets by spot, and the least of each."""
         if data.design.n_sets:
-            yield Drawing("distribution")
+            yield from picture(
+                report,
+                "nmse_distribution",
+                "Fopt of every set by spot; the least is in the table",
+            )
             yield from table(report, "table2_nmse")
 
 
@@ -77,10 +72,9 @@ class Generalisation(Section):
         """Show the set and its cost."""
         if "generalised" not in report.tables or len(data.spots) < 2:
             return
-        tick = "" if data.is_fitted else " Tick “one set for all spots” above to see its curves."
         yield Paragraph(
             "The set of the sweep with the least mean Fopt over all spots, and how much worse it fits each "
-            f"than the best set there.{tick}"
+            "than the best set there."
         )
         yield from table(report, "generalised")
         yield from table(report, "cost_of_one_set")

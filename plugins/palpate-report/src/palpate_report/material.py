@@ -6,14 +6,23 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from palpate.api import FloatArray, IsotropicMaterial, convert
 from palpate.api.mechanics import nominal_stress
-from palpate.api.report import Block, Figure, Paragraph, Section, Table
 from palpate_report.best_sets import every_value
 from palpate_report.headline import draws_of
 from palpate_report.report_data import ReportData
-from palpate_report.result import Report
+from palpate_report.style import (
+    DOUBLE_MM,
+    LEAST_COLOUR,
+    LINES,
+    MEASURED_COLOUR,
+    entitle,
+    legend_below,
+    sized,
+)
 
 BAND = (0.025, 0.975)
 """Quantiles of the band: 95 % of the draws."""
@@ -94,69 +103,34 @@ SHOWN = {"stretch": (0.7, 0.8, 0.9, 1.1, 1.2, 1.3), "amount of shear": (0.2, 0.4
 """Amounts in the table."""
 
 
-class MaterialItself(Section):
-    """Stress of the fits."""
-
-    name, title, entry = "material", "The material itself", "Material"
-    summary = "stress over stretch of the fitted material, with its 95 % band"
-
-    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
-        """Draw the stress of each region, and list some of it."""
-        if report.verdict.failure:
-            return
-        found = {s.name: list(material_curves(data, s.name)) for s in data.study.scenarios}
-        leading = found[data.generalising.name]
-        if not leading:
-            return
-        yield Paragraph(
-            "Nominal stress of the fitted law at constant volume, whatever the limb is. The band holds 95 "
-            "% of the draws of the fit that leads. Where the limb was stretched less than that, the law "
-            "alone decides."
-        )
-        for scenario, curves in found.items():
-            for each in curves:
-                yield _figure(data, each, scenario)
-        rows = [row for each in leading for row in _rows(each, data.together)]
-        heads = ["region", "stress", "at", f"value [{data.modulus_unit}]", "lower", "upper"]
-        yield Table(f"Nominal stress of the fit to {data.together}", heads, rows)
+def stress_strain(data: ReportData) -> Figure:
+    """Draw the stress of each searched region along each path, with its 95 % band."""
+    curves = list(material_curves(data, data.generalising.name))
+    figure = sized(DOUBLE_MM, 65.0 * -(-len(curves) // len(PATHS)) + 10.0)
+    axes = figure.subplots(-(-len(curves) // len(PATHS)), len(PATHS), squeeze=False)
+    for axis, each in zip(axes.flat, curves, strict=False):
+        _draw(axis, each, data.together)
+        of = f" of {each.region}" if len(data.study.space.regions) > 1 else ""
+        axis.set(xlabel=each.path.axis, ylabel=f"nominal {each.path.label}{of} [{data.modulus_unit}]")
+    legend_below(figure, list(axes.flat))
+    entitle(figure, f"{data.study.name}: material", data.notice)
+    return figure
 
 
-def _figure(data: ReportData, curves: MaterialCurves, scenario: str) -> Figure:
-    traces = []
+def _draw(axis: Axes, curves: MaterialCurves, leads: str) -> None:
     x = curves.path.amounts
     if curves.lower is not None and curves.upper is not None:
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "name": "95 %",
-                "x": np.concatenate([x, x[::-1]]),
-                "y": np.concatenate([curves.upper, curves.lower[::-1]]),
-                "fill": "toself",
-                "line": {"color": "--measured", "width": 0},
-                "opacity": 0.35,
-                "hoverinfo": "skip",
-            }
+        axis.fill_between(
+            x, curves.lower, curves.upper, color=MEASURED_COLOUR, alpha=0.25, linewidth=0, label="95 %"
         )
-    looks = {data.together: ("--line0", "solid", 2.4), "known answer": ("--least", "dot", 1.6)}
+    looks = {leads: (LINES[0][0], "-", 1.6), "known answer": (LEAST_COLOUR, ":", 1.2)}
     for label, stress in curves.stress.items():
-        colour, dash, width = looks.get(label, ("--soft", "dash", 1))
-        look = {"color": colour, "dash": dash, "width": width}
-        traces.append({"type": "scatter", "mode": "lines", "name": label, "x": x, "y": stress, "line": look})
-    of = f" of {curves.region}" if len(data.study.space.regions) > 1 else ""
-    return Figure(
-        label=f"{curves.path.label}{of} over {curves.path.axis}; values are in the table",
-        traces=traces,
-        layout={
-            "xaxis": {"title": curves.path.axis},
-            "yaxis": {"title": f"{curves.path.label}{of} [{data.modulus_unit}]"},
-            "showlegend": True,
-        },
-        scenario=scenario,
-    )
+        colour, dash, width = looks.get(label, ("0.5", "--", 0.6))
+        axis.plot(x, stress, color=colour, linestyle=dash, linewidth=width, label=label)
 
 
-def _rows(curves: MaterialCurves, leads: str) -> Iterator[list[str | float | None]]:
+def rows_of(curves: MaterialCurves, leads: str) -> Iterator[list[str | float | None]]:
+    """Rows of a table: region, stress, amount, then value and band of the fit that leads."""
     if leads not in curves.stress:
         return
     every = [curves.stress[leads], curves.lower, curves.upper]
