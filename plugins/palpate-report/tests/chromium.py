@@ -4,6 +4,7 @@ import base64
 import fcntl
 import json
 import os
+import re
 import select
 import shutil
 import subprocess
@@ -160,6 +161,11 @@ class Chromium:
     def _all(self) -> dict[str, Any]:
         size = self._call("Page.getLayoutMetrics")["cssContentSize"]
         return {"clip": {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}}
+
+    def n_printed_pages(self) -> int:
+        """Pages of A4 that the page is printed on."""
+        answer = self._call("Page.printToPDF", paperWidth=8.27, paperHeight=11.69)
+        return len(re.findall(rb"/Type\s*/Page\b", base64.b64decode(answer["data"])))
 
     def complaints(self) -> list[str]:
         """Errors that the page has printed or thrown, and refused requests."""

@@ -99,6 +99,14 @@ def test_it_is_drawn_at_every_width_in_light_and_dark_without_an_error_or_a_requ
 def test_print_has_the_bars_on_white_and_heads_of_whole_words(browser, page, dark):
     path = page(search=LeastSquares())
     browser.print_media(path, dark=dark)
+    assert browser.n_printed_pages() <= 6
+    shown = "[...document.querySelectorAll('.plot, canvas, [data-menu]')].filter(e => e.checkVisibility())"
+    assert browser.value(f"{shown}.length") == 0
+    sections = (
+        "[...document.querySelectorAll('main > section')].filter(e => e.checkVisibility()).map(e => e.id)"
+    )
+    assert {"verdict", "section-curves", "section-values", "section-warnings"} <= set(browser.value(sections))
+    assert "section-provenance" not in browser.value(sections)
     for bar in (".track i", ".track b", ".forest s", ".stack i", ".share i", ".legend b"):
         style = f"getComputedStyle(document.querySelector({bar!r}))"
         assert browser.value(f"{style}.printColorAdjust") == "exact", bar

@@ -60,11 +60,6 @@ class RenderedSection:
         """Figures of the section, those that are folded too."""
         return _figures(self.blocks)
 
-    @property
-    def has_menus(self) -> bool:
-        """True if one of its figures is of a spot or of a scenario."""
-        return any(figure.spot or figure.scenario for figure in self.figures)
-
 
 def laid_out(data: ReportData, report: Report) -> list[RenderedSection]:
     """Every section that has something to show; one that fails says why, unless it is the core's own."""
@@ -161,6 +156,7 @@ def render(
         verdict=verdict,
         sections=sections,
         number_of=lambda figure: numbers[id(figure)],
+        has_menus=lambda section: any(figure.spot or figure.scenario for figure in section.figures),
         data=page_data(data) | {"figures": [figure_data(figure) for figure in figures]},
         generalises="generalised" in tables and len(data.spots) > 1,
         files=by_stem,
