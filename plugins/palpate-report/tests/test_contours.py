@@ -10,9 +10,9 @@ from hypothesis import given, strategies as st
 from palpate.fit.least_squares import LeastSquares
 from palpate.run.result import PosteriorResult
 from palpate_report.contours import FIRST, MOST_LEVELS, along, contours, levels_from, planes_of
+from palpate_report.display_units import in_display_units
 from palpate_report.page_data import page_data
 from palpate_report.space import parameter_space
-from palpate_report.written_units import in_written_units
 
 NAMES = ("soft_tissue.stiffness", "soft_tissue.grip")
 
@@ -72,8 +72,8 @@ def test_a_fit_has_contours_in_the_units_of_the_study_on_page_and_figure(fitted)
     ends = fitted.fit.ends.filter(fit=fitted.together, scenario="I")
     assert least == pytest.approx(ends["fopt"][0], rel=0.05, abs=1e-6)
     units = replace(fitted, study=replace(fitted.study, units={NAMES[0]: "kPa"}))
-    factor = in_written_units(units).factors[NAMES[0]]
-    written = planes_of(in_written_units(units), "I")["value"].to_numpy()
+    factor = in_display_units(units).factors[NAMES[0]]
+    written = planes_of(in_display_units(units), "I")["value"].to_numpy()
     is_first = (planes_of(fitted, "I")["parameter"] == NAMES[0]).to_numpy()
     expected = planes_of(fitted, "I")["value"].to_numpy() * np.where(is_first, factor, 1.0)
     np.testing.assert_allclose(written, expected)

@@ -137,7 +137,7 @@ def _run_to_narrow(given: Path | None, out: Path | None) -> Path | None:
 
 def _show(session: Session, study: "Study", found: "Proposal") -> None:
     from palpate_planning.tables import proposal_tables
-    from palpate_report.written_units import rows_in_written_units
+    from palpate_report.display_units import rows_in_display_units
 
     tables = proposal_tables(found)
     if found.failed_checks:
@@ -150,7 +150,7 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
     for number, ranking in tables.ranking.group_by("step", maintain_order=True):
         title = f"Press {number[0]}: width after it, over that before"
         session.frame(title, ranking.drop("step").head(SHOWN))
-    intervals = rows_in_written_units(study, tables.intervals, ("value", "lower", "upper"))
+    intervals = rows_in_display_units(study, tables.intervals)
     session.frame("95 % intervals: now (step 0), and expected after each press", intervals)
     if tables.refused.height:
         session.frame("Refused", tables.refused)

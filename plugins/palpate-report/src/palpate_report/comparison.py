@@ -13,13 +13,13 @@ from palpate.api.files import write_atomically
 from palpate.api.fit import channel_of
 from palpate.api.runs import keep_only
 from palpate_report.best_sets import best_sets, leading
+from palpate_report.display_units import in_display_units
 from palpate_report.headline import NO_PARAMETERS, failure_of, headlines, moduli
 from palpate_report.marks import explained, mark_of
 from palpate_report.paper_tables import materials_of, paper_tables
 from palpate_report.report_data import ReportData
 from palpate_report.table_files import write_tables
 from palpate_report.tables import EXACT, weighted_channels
-from palpate_report.written_units import in_written_units
 
 MEANINGS = ((2.0, "as good as the best"), (7.0, "less support"), (np.inf, "hardly any support"))
 """What a difference of AICc up to each limit means (Burnham & Anderson, Model Selection, 2002, ch. 2.6)."""
@@ -49,7 +49,7 @@ NOT_COMPARABLE = (
 def named(runs: Mapping[Path, ReportData]) -> dict[str, ReportData]:
     """Runs under the names of their materials, or of their folders where these are the same."""
     for name in (lambda _, data: materials_of(data), lambda path, _: path.name, lambda path, _: str(path)):
-        found = {name(path, data): in_written_units(data) for path, data in runs.items()}
+        found = {name(path, data): in_display_units(data) for path, data in runs.items()}
         if len(found) == len(runs):
             return found
     return found

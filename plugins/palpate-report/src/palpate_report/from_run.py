@@ -22,13 +22,13 @@ from palpate.api.runs import (
     read_run,
     score,
 )
+from palpate_report.display_units import in_display_units
 from palpate_report.headline import with_verdicts
 from palpate_report.paper_tables import materials_of, paper_tables
 from palpate_report.report_data import ReportData, by_spot, contact_along
 from palpate_report.result import Report, make_verdict
 from palpate_report.table_files import write_tables
 from palpate_report.tables import make_tables
-from palpate_report.written_units import in_written_units
 
 
 def write_report(data: ReportData, folder: Path) -> Report:
@@ -38,7 +38,7 @@ def write_report(data: ReportData, folder: Path) -> Report:
     """
     from palpate_report.page import write_page
 
-    data = in_written_units(data)
+    data = in_display_units(data)
     tables = with_verdicts(data, make_tables(data))
     verdict = make_verdict(data, tables)
     paper = paper_tables({materials_of(data): data})

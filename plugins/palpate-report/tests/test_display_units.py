@@ -10,10 +10,10 @@ from palpate import AnisotropicMaterial
 from palpate.domain import ParameterSpace, RegionMaterial, Tie
 from palpate.fit.least_squares import LeastSquares
 from palpate_report.best_sets import initial_moduli
+from palpate_report.display_units import in_display_units, rows_in_display_units
 from palpate_report.from_run import write_report
 from palpate_report.result import make_verdict
 from palpate_report.tables import make_tables
-from palpate_report.written_units import in_written_units, rows_in_written_units
 
 STIFFNESS = "soft_tissue.stiffness"
 RELATIVE = ("relative_width", "identifiability", "correlation", "fopt_threshold", "n_as_good")
@@ -27,7 +27,7 @@ def both(content):
     row = {"fit": "all spots", "scenario": "I", "parameter": f"{STIFFNESS}@p1", "coarse": 0.3, "fine": 0.4,
            "extrapolated": 0.5}  # fmt: skip
     made = replace(made, fit=replace(made.fit, mesh=pl.DataFrame([row])))
-    return made, in_written_units(made)
+    return made, in_display_units(made)
 
 
 def test_every_value_is_a_thousand_times_that_in_mpa_and_no_judgement_changes(both):
@@ -86,7 +86,7 @@ def tied(content, tissue):
 
 
 def test_what_is_tied_has_the_unit_of_what_it_follows(tied):
-    made, shown = make_tables(tied), make_tables(in_written_units(tied))
+    made, shown = make_tables(tied), make_tables(in_display_units(tied))
     for tables, unit, truth in ((made, "MPa", 20.0), (shown, "kPa", 20000.0)):
         assert set(tables["table1_fit"]["unit"]) == set(tables["distance_to_truth"]["unit"]) == {unit}
         grip = pl.col("parameter").str.ends_with("grip")
@@ -133,11 +133,11 @@ def test_the_written_report_is_in_them(undrawn, both, tmp_path):
 def test_rows_of_a_table_are_in_them(both):
     study = both[0].study
     rows = pl.DataFrame({"parameter": [STIFFNESS, "p1 force"], "unit": ["MPa", "N"], "value": [0.4, 7.0]})
-    shown = rows_in_written_units(study, rows, ("value",))
+    shown = rows_in_display_units(study, rows)
     assert shown.rows() == [(STIFFNESS, "kPa", pytest.approx(400.0)), ("p1 force", "N", 7.0)]
-    assert rows_in_written_units(replace(study, units={}), rows, ("value",)) is rows
+    assert rows_in_display_units(replace(study, units={}), rows) is rows
 
 
 def test_without_other_units_nothing_is_converted(content):
     made = content(n_sets=12)
-    assert in_written_units(made) is made
+    assert in_display_units(made) is made

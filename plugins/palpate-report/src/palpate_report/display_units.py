@@ -1,0 +1,79 @@
+"""Results in the units in which a study gives its ranges; the stages have those of the materials."""
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Any, TypeVar
+
+import polars as pl
+
+from palpate.api import Design
+from palpate.api.fit import CertaintyResult, FitResult, PosteriorResult
+from palpate.api.runs import Study, in_units, unit_factors
+from palpate_report.report_data import ReportData
+
+Frames = TypeVar("Frames", ReportData, FitResult, CertaintyResult, PosteriorResult)
+
+VALUES = (
+    *("value", "lower", "upper", "noise_lower", "noise_upper", "optimum", "first_optimum", "second_optimum"),
+    *("sd", "mean", "mean_solved", "value_solved", "coarse", "fine", "extrapolated"),
+)
+"""Columns in the unit of the parameter that their row names."""
+
+
+def in_display_units(data: ReportData) -> ReportData:
+    """Convert every value of a parameter; the study's space alone stays as it is."""
+    study, design, factors = data.study, data.design, unit_factors(data.study)
+    if not factors:
+        return data
+    certainty = _converted(data.fit.certainty, study)
+    return replace(
+        _converted(data, study),
+        factors=factors,
+        study=replace(study, truth={name: factors.get(name, 1.0) * at for name, at in study.truth.items()}),
+        design=Design(
+            parameters=in_units(study, design.parameters),
+            values=design.values * [factors.get(p.name, 1.0) for p in design.parameters],
+            seed=design.seed,
+            n_drawn=design.n_drawn,
+            n_kept=design.n_kept,
+        ),
+        fit=replace(_converted(data.fit, study), certainty=certainty),
+        posterior=_converted(data.posterior, study),
+    )
+
+
+def _converted(tables: Frames, study: Study) -> Frames:
+    """Tables with every frame in the units of the study."""
+    found = {each.name: getattr(tables, each.name) for each in fields(tables)}
+    frames: dict[str, Any] = {
+        name: rows_in_display_units(study, frame)
+        for name, frame in found.items()
+        if isinstance(frame, pl.DataFrame)
+    }
+    return replace(tables, **frames)
+
+
+def rows_in_display_units(study: Study, frame: pl.DataFrame) -> pl.DataFrame:
+    """Convert columns of parameters, and ``VALUES`` in rows that name their parameter."""
+    if not study.units or frame.is_empty():
+        return frame
+    factors = unit_factors(study)
+    heads = {column: column.partition("@")[0] for column in frame.columns}
+    changed = {c: pl.col(c) * factors[head] for c, head in heads.items() if head in factors}
+    if "parameter" in heads:
+        changed |= {c: pl.col(c) * _factor("parameter", factors) for c in VALUES if c in heads}
+    if "other_value" in heads:
+        changed["other_value"] = pl.col("other_value") * _factor("other", factors)
+    if {"parameter", "unit"} <= heads.keys():
+        changed["unit"] = _head("parameter").replace_strict(
+            study.units, default=pl.col("unit"), return_dtype=pl.String
+        )
+    return frame.with_columns(**changed)
+
+
+def _head(column: str) -> pl.Expr:
+    return pl.col(column).str.split("@").list.first()
+
+
+def _factor(column: str, factors: Mapping[str, float]) -> pl.Expr:
+    return _head(column).replace_strict(factors, default=1.0, return_dtype=pl.Float64)
