@@ -404,7 +404,12 @@ def undrawn(monkeypatch):
     """Report without drawing, for what is not about the pictures."""
     from palpate_report import from_run
 
-    monkeypatch.setattr(from_run, "write_figures", lambda content, folder: (folder / "a figure.svg",))
+    def write_figures(content, folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "a figure.svg").write_text("<svg></svg>")
+        return (folder / "a figure.svg",)
+
+    monkeypatch.setattr(from_run, "write_figures", write_figures)
 
 
 PRESSED = Path(__file__).parent / "tests" / "data" / "plugins" / "pressed_tissue.py"

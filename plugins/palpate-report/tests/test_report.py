@@ -38,7 +38,7 @@ def outlined(monkeypatch):
         files = [stem.with_name(f"{stem.name}{suffix}") for suffix in (".svg", ".pdf", ".png")]
         figure.draw_without_rendering()
         for file in files:
-            file.touch()
+            file.write_text("<svg></svg>")
         return files
 
     monkeypatch.setattr(figures, "save", save)
@@ -200,7 +200,6 @@ def test_fitted_curves_take_the_place_of_the_sweeps_those_of_the_joint_fit_besid
     ]
     curve = made.fit.responses["all spots", "I", "p1"]["force"]
     assert np.array_equal(lines[-1].get_ydata(), curve.ordinate)
-    assert "one material for all spots" in generalised(made).get_suptitle()
     assert np.array_equal(generalised(made).axes[0].get_lines()[-1].get_ydata(), curve.ordinate)
 
 
@@ -258,8 +257,7 @@ def test_the_distribution_has_every_set_within_its_limits(content):
 def test_intervals_are_drawn_around_each_fitted_value(content):
     made = content(search=LeastSquares(), truth={"soft_tissue.stiffness": 0.4})
     panel, other = interval_plot(made).axes
-    lines = [line for line in panel.get_lines() if line.get_label().startswith("scenario")]
-    drawn = sorted(tuple(line.get_xdata()) for line in lines)
+    drawn = sorted(tuple(line.get_xdata()) for line in panel.get_lines() if line.get_marker() == "|")
     rows = made.fit.certainty.intervals.filter(parameter="soft_tissue.stiffness")
     assert drawn == sorted(rows.select("lower", "upper").rows())
     assert [label.get_text() for label in panel.get_yticklabels()] == ["all spots", "p1", "p2"]

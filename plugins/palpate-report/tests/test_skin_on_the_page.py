@@ -9,12 +9,14 @@ from hypothesis import given, strategies as st
 
 from palpate.domain import SurfaceStates
 from palpate_report.page import render
-from palpate_report.result import make_verdict
+from palpate_report.result import Report, make_verdict
 from palpate_report.scene import MOST_BYTES, MOST_STATES, deepest, shown_states, skins
 from palpate_report.sections.origins import LimbAndDeformation
 from palpate_report.tables import make_tables
 
 from .dimple import dimple
+
+UNDRAWN = Report(tables={}, verdict=None)
 
 
 def unpacked(part, *shape):
@@ -85,7 +87,7 @@ def test_both_ends_and_the_deepest_state_are_shown(n, last):
 
 def test_the_section_comes_with_a_surface_and_lists_its_deepest_state(shown, content):
     data, states = shown(turned=3)
-    blocks = list(LimbAndDeformation().blocks(data, None))
+    blocks = list(LimbAndDeformation().blocks(data, UNDRAWN))
     (row,) = blocks[-1].rows
     k = deepest(states)
     assert row[:3] == ["p1", states.depth_mm[k], states.rotation_deg[k]]
@@ -95,7 +97,7 @@ def test_the_section_comes_with_a_surface_and_lists_its_deepest_state(shown, con
     page = render(data, tables, make_verdict(data, tables), [])
     assert 'id="skin"' in page
     without = replace(data, surfaces={})
-    assert list(LimbAndDeformation().blocks(without, None)) == []
+    assert list(LimbAndDeformation().blocks(without, UNDRAWN)) == []
     assert 'id="skin"' not in render(without, tables, make_verdict(without, tables), [])
 
 
@@ -109,4 +111,4 @@ def test_a_skin_without_a_state_or_a_triangle_is_none(shown):
     for bare in (replace(states, **empty), replace(states, triangles=states.triangles[:0])):
         assert skins(replace(data, surfaces={"p1": bare})) == [None, None]
     data = replace(data, surfaces={"p1": replace(states, **empty)})
-    assert list(LimbAndDeformation().blocks(data, None)) == []
+    assert list(LimbAndDeformation().blocks(data, UNDRAWN)) == []

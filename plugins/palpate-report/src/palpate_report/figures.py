@@ -1,6 +1,7 @@
 """The paper's figures, for any channels, spots, parameters and scenarios, and those of single presses."""
 
 import gc
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import cycle, product
@@ -12,6 +13,7 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from palpate.api import Channel, Curve, CurveError, FloatArray, Response, interpolate
 from palpate.api.fit import ALL_SPOTS
@@ -33,10 +35,10 @@ from palpate_report.style import (
     SINGLE_MM,
     STYLE,
     Dash,
-    entitle,
     legend_below,
     save,
     set_log,
+    show_notice,
     sized,
 )
 
@@ -100,9 +102,12 @@ def responses(data: ReportData, spot: str) -> Figure:
                 below.plot(curve.abscissa, residuals(curve, fit[channel]), color=colour, linestyle=dash)
         axis.set_xlabel("")
         below.axhline(0.0, color="0.4", linewidth=0.6)
-        below.set(xlabel=data.channels[channel].abscissa_label, ylabel="sim. − exp.")
+        below.set(
+            xlabel=data.channels[channel].abscissa_label, ylabel=f"residual{_unit(data.channels[channel])}"
+        )
+    figure.align_ylabels()
     legend_below(figure, list(grid[0]))
-    entitle(figure, f"{data.study.name}, spot {spot}: least NMSE by scenario", data.notice)
+    show_notice(figure, data.notice)
     return figure
 
 
@@ -169,6 +174,12 @@ def _label(axis: Axes, channel: Channel) -> None:
     axis.set_ylabel(channel.ordinate_label)
 
 
+def _unit(channel: Channel) -> str:
+    """Unit of the ordinate, as its label ends with it in brackets; empty without one."""
+    found = re.search(r" *[\[(][^\])]*[\])]$", channel.ordinate_label)
+    return found[0] if found else ""
+
+
 def _draw(axis: Axes, curve: Curve, colour: str, dash: Dash, label: str) -> None:
     axis.plot(curve.abscissa, curve.ordinate, color=colour, linestyle=dash, label=label)
 
@@ -193,9 +204,8 @@ def generalised(data: ReportData) -> Figure:
     """Show the joint fit, or the one set for all spots, on the measured curves of every spot."""
     channels, spots = data.measured_channels, data.spots
     figure = sized(DOUBLE_MM if len(spots) > 1 else SINGLE_MM, 46.0 * len(channels) + 22.0)
-    axes = figure.subplots(len(channels), len(spots), squeeze=False)
+    axes = figure.subplots(len(channels), len(spots), squeeze=False, sharex="row", sharey="row")
     rows = data.fit.joint(data.generalising.name)
-    found = "one set for all spots" if rows.is_empty() else "one material for all spots"
     rows = data.generalisation if rows.is_empty() else rows
     fopt = {row["spot"]: float(row["fopt"]) for row in rows.iter_rows(named=True)}
     colour, dash = LINES[0]
@@ -209,12 +219,11 @@ def generalised(data: ReportData) -> Figure:
                 axis.set_axis_off()
             if channel in simulated:
                 _draw(axis, simulated[channel], colour, dash, label)
+            if j:
+                axis.set_ylabel("")
         axes[0, j].set_title(f"spot {spot}: Fopt {fopt[spot]:.3g}" if spot in fopt else f"spot {spot}")
     legend_below(figure, list(axes.flat))
-    spread = f" ± {np.std(list(fopt.values()), ddof=1):.2g}" if len(fopt) > 1 else ""
-    mean = f", mean Fopt {np.mean(list(fopt.values())):.4g}{spread}" if fopt else ""
-    title = f"{data.study.name}: {found}{mean}"
-    entitle(figure, title, data.notice)
+    show_notice(figure, data.notice)
     return figure
 
 
@@ -244,7 +253,10 @@ def _compared(runs: Mapping[str, ReportData]) -> Figure:
         axis.set_title(f"spot {spot}")
     legend_below(figure, list(axes.flat))
     notices = dict.fromkeys(data.notice for data in runs.values() if data.notice)
-    entitle(figure, "measured and fitted curves", "; ".join(notices))
+    for axis in axes.flat:
+        if not axis.has_data():
+            axis.set_axis_off()
+    show_notice(figure, "; ".join(notices))
     return figure
 
 
@@ -265,11 +277,16 @@ def fit_trace(data: ReportData) -> Figure:
             least, color=MEASURED_COLOUR, linestyle="--", label=f"{data.together}: least of the sweep"
         )
     set_log(axis, "y")
+    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
     axis.set_xlabel("simulations of the fit")
     axis.set_ylabel(f"Fopt (NMSE), scenario {scenario.name}")
     legend_below(figure, [axis])
-    entitle(figure, f"{data.study.name}: searches", data.notice)
+    show_notice(figure, data.notice)
     return figure
+
+
+MARKERS = ("o", "s", "^", "D", "v", "P")
+"""Of the scenarios."""
 
 
 def interval_plot(data: ReportData) -> Figure:
@@ -285,20 +302,21 @@ def interval_plot(data: ReportData) -> Figure:
                 continue
             i = scenarios.index(row["scenario"])
             at = spots.index(row["fit"]) + 0.6 * ((i + 0.5) / len(scenarios) - 0.5)
-            colour, dash = LINES[i % len(LINES)]
-            look = {"color": colour, "linestyle": dash, "label": f"scenario {row['scenario']}"}
-            span = ends.get((row["fit"], row["scenario"], name), (row[name],) * 2)
-            axis.plot(span, [at, at], linewidth=1.6, **look)
-            axis.plot(row[name], at, "o", markersize=3.0, color=colour)
+            look = {"color": LINES[i % len(LINES)][0], "marker": MARKERS[i % len(MARKERS)], "markersize": 3.5}
+            if span := ends.get((row["fit"], row["scenario"], name)):
+                axis.plot(span, [at, at], "-|", linewidth=1.0, color=look["color"], markersize=4.0)
+            axis.plot(row[name], at, linestyle="none", label=f"scenario {row['scenario']}", **look)
         if (truth := data.study.truth.get(name)) is not None:
             axis.axvline(truth, color="black", linewidth=0.8, label="known answer")
         if parameter.scale == "log":
             set_log(axis, "x")
+        else:
+            axis.locator_params(axis="x", nbins=4)
         axis.set_xlabel(label_of(parameter))
     axes[0].set_yticks(range(len(spots)), spots)
     axes[0].invert_yaxis()
     legend_below(figure, list(axes))
-    entitle(figure, f"{data.study.name}: parameters with 95 % intervals", data.notice)
+    show_notice(figure, data.notice)
     return figure
 
 
@@ -319,9 +337,7 @@ def nmse_distribution(data: ReportData) -> Figure:
     axis.set_xlabel("spot")
     axis.set_ylabel(f"Fopt (NMSE), scenario {data.generalising.name}")
     legend_below(figure, [axis])
-    found = data.completeness
-    sets = found.n_sets if found.is_complete else f"up to {max(found.simulated.values())} of {found.n_sets}"
-    entitle(figure, f"{data.study.name}: NMSE of {sets} sets per spot", data.notice)
+    show_notice(figure, data.notice)
     return figure
 
 
@@ -361,7 +377,7 @@ def draw_presses(
             _draw_channel(axis, [each[name] for each in presses.values() if name in each.curves], curve)
             _label(axis, channels[name])
         legend_below(figure, list(axes))
-        entitle(figure, f"spot {spot}: measured curves", notice)
+        show_notice(figure, notice)
         return figure
 
     return tuple(_saved(draw, folder / "curves"))

@@ -1,7 +1,7 @@
 """The material that was found, as stress over stretch."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -19,8 +19,8 @@ from palpate_report.style import (
     LEAST_COLOUR,
     LINES,
     MEASURED_COLOUR,
-    entitle,
     legend_below,
+    show_notice,
     sized,
 )
 
@@ -78,7 +78,7 @@ def material_curves(data: ReportData, scenario: str) -> Iterator[MaterialCurves]
         found["known answer"] = dict(data.study.truth)
     draws = draws_of(data, scenario, MOST_DRAWS).to_dicts()
     unit = convert(f"1 {data.modulus_unit}", "MPa")
-    for region, path in product(data.study.space.regions, PATHS):
+    for region, path in product(data.study.space.regions, _paths(data)):
         if not data.study.space.columns_of(region.region):
             continue
         every = {fit: _stress(data, region.region, path, row) / unit for fit, row in found.items()}
@@ -87,6 +87,15 @@ def material_curves(data: ReportData, scenario: str) -> Iterator[MaterialCurves]
         ends = np.quantile(band, BAND, axis=0) if band.size and np.isfinite(band).all() else (None, None)
         if stress:
             yield MaterialCurves(region=region.region, path=path, stress=stress, lower=ends[0], upper=ends[1])
+
+
+def _paths(data: ReportData) -> tuple[Path, ...]:
+    """Paths, in a test of a specimen as far as it was stretched."""
+    if data.study.protocol is not None:
+        return PATHS
+    measured = [curve.abscissa for each in data.measured.values() for curve in each.curves.values()]
+    low, high = min(0.7, *map(np.min, measured)), max(1.3, *map(np.max, measured))
+    return replace(PATHS[0], amounts=np.linspace(low, high, PATHS[0].amounts.size)), *PATHS[1:]
 
 
 def _stress(data: ReportData, name: str, path: Path, row: Mapping[str, Any]) -> FloatArray:
@@ -113,7 +122,7 @@ def stress_strain(data: ReportData) -> Figure:
         of = f" of {each.region}" if len(data.study.space.regions) > 1 else ""
         axis.set(xlabel=each.path.axis, ylabel=f"nominal {each.path.label}{of} [{data.modulus_unit}]")
     legend_below(figure, list(axes.flat))
-    entitle(figure, f"{data.study.name}: material", data.notice)
+    show_notice(figure, data.notice)
     return figure
 
 

@@ -354,6 +354,10 @@
       drawFigure(data.figures[Number(slider.dataset.steps)], Number(slider.dataset.steps));
     }));
     skin.listen();
+    document.querySelectorAll("[data-copy]").forEach((b) => b.addEventListener("click", () => {
+      const rows = [...b.closest("details").querySelectorAll(":scope > .wide tr")];
+      navigator.clipboard.writeText(rows.map((r) => [...r.cells].map((c) => c.textContent.trim()).join("\t")).join("\n"));
+    }));
     document.querySelectorAll("[data-reset]").forEach((b) => b.addEventListener("click", reset));
     element("clear")?.addEventListener("click", () => select(null));
     element("pick")?.addEventListener("submit", (event) => {

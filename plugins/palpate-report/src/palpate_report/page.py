@@ -8,8 +8,9 @@ import base64
 import hashlib
 import re
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from functools import cache
 from itertools import groupby
 from pathlib import Path
@@ -151,6 +152,13 @@ def render(
     return template().render(
         answer=answer(data, verdict, picture),
         forest=picture,
+        stress=[
+            Picture(label="Stress over stretch of the fitted material, with its 95 % band", content=svg)
+            for name, svg in pictures.items()
+            if name == "stress_strain"
+        ],
+        versions=[v for name, v in data.manifest.get("versions", {}).items() if name == "palpate"],
+        date=datetime.now().astimezone().date().isoformat(),
         report=data,
         study=data.study,
         verdict=verdict,
@@ -200,9 +208,10 @@ def template(name: str = "index.html.jinja") -> jinja2.Template:
     )
     environment.policies["json.dumps_kwargs"] = {"allow_nan": False, "separators": (",", ":")}
     filters = {
-        "shown": shown,
+        "shown": _with_minus(shown),
+        "minus": _with_minus(str),
         "heading": heading,
-        "rounded": rounded,
+        "rounded": _with_minus(rounded),
         "address": address,
         "colour": colour_of,
         "width": _width,
@@ -230,6 +239,11 @@ def _policy(*scripts: str) -> str:
 def _kind(value: object) -> str:
     """Name of the class of a block or a cell."""
     return type(value).__name__
+
+
+def _with_minus(text: Callable[..., str]) -> Callable[..., str]:
+    """Filter with true minus signs in front of numbers, not within names and dates."""
+    return lambda *values: re.sub(r"(?<![\w.-])-(?=\d)", "−", text(*values))
 
 
 ENLARGED = 1.5

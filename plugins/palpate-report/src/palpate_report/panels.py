@@ -13,8 +13,8 @@ from palpate_report.style import (
     LEAST_COLOUR,
     LINES,
     SINGLE_MM,
-    entitle,
     legend_below,
+    show_notice,
     sized,
 )
 
@@ -35,7 +35,7 @@ def profiles(data: ReportData) -> Figure:
             axis.axvline(truth[name], color=LEAST_COLOUR, linewidth=0.8, label="known answer")
         axis.set(xlabel=label_of(data.searched[name]), ylabel="rise of −2 log density")
     legend_below(figure, axes)
-    entitle(figure, f"{data.study.name}: profiles", data.notice)
+    show_notice(figure, data.notice)
     return figure
 
 
@@ -60,7 +60,7 @@ def sobol_indices(data: ReportData) -> Figure:
             )
             axis.set(xlabel=f"point of the {channel}", ylabel=f"share at {spot} [%]", ylim=(0.0, 100.0))
     legend_below(figure, list(axes.flat))
-    entitle(figure, f"{data.study.name}: shares of the variance", data.notice)
+    show_notice(figure, data.notice)
     return figure
 
 
@@ -78,7 +78,7 @@ def contact(data: ReportData) -> Figure:
                 axis.plot(steps, path[name], color=colour, linestyle=dash, marker=".", label=spot)
         axis.set(xlabel="step of the path", ylabel=CONTACT[name], ylim=(0.0, None))
     legend_below(figure, axes)
-    entitle(figure, f"{data.study.name}: contact", data.notice)
+    show_notice(figure, data.notice)
     return figure
 
 

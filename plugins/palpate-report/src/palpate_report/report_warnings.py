@@ -221,10 +221,10 @@ def _about_meshes(data: ReportData) -> Iterator[ReportWarning]:
     for row in data.fit.mesh.iter_rows(named=True):
         left = abs(row["extrapolated"] / row["fine"] - 1.0) if row["fine"] else 0.0
         if (row["fit"], row["scenario"]) == (data.together, data.generalising.name) and left > MESH_SHARE:
-            name = data.searched[row["parameter"].partition("@")[0]].name
+            p = data.searched[row["parameter"].partition("@")[0]]
             moved.append(
-                f"{name} from {row['coarse']:.4g} by the coarse meshes to {row['fine']:.4g} by the finer "
-                f"ones, extrapolated {row['extrapolated']:.4g}"
+                f"{p.name} from {row['coarse']:.4g} by the coarse meshes to {row['fine']:.4g} by the finer "
+                f"ones, extrapolated {row['extrapolated']:.4g}{'' if p.unit == '1' else ' ' + p.unit}"
             )
     yield from _listed(
         f"Finer meshes may move a parameter by more than {100 * MESH_SHARE:g} %",

@@ -22,9 +22,23 @@ const makeSkin = ({ data, state, element, isShown, colour }) => {
       const moves = Float32Array.from(pressures, (_, i) => Math.hypot(...displacements.subarray(3 * i, 3 * i + 3)));
       const size = pressures.slice(0, skin.n).reduce((most, _, i) => Math.max(most, Math.hypot(...points.subarray(3 * i, 3 * i + 3))), 1e-9);
       const tool = skin.indenter.reduce((most, x) => Math.max(most, Math.hypot(...x)), 0);
-      known.set(spot, { ...skin, points, displacements, size: tool ? Math.min(size, REACH * tool) : size, quantities: { displacement: moves, pressure: pressures } });
+      known.set(spot, { ...skin, points, displacements, size: tool ? Math.min(size, REACH * tool) : size, quantities: { displacement: moves, pressure: pressures, slip: slips({ ...skin, points, displacements, pressures }) } });
     }
     return known.get(spot);
+  }
+
+  /** Distance along the tool that each point in contact has slipped since the deepest state. */
+  function slips({ n, first, points, displacements, pressures, positions, rotations }) {
+    const inTool = (step, i) => {
+      const p = [0, 1, 2].map((d) => points[3 * i + d] + displacements[3 * (step * n + i) + d] - positions[step][d]);
+      return [0, 1, 2].map((k) => dot(p, rotations[step].map((row) => row[k])));
+    };
+    return Float32Array.from(pressures, (pressure, at) => {
+      const [step, i] = [Math.floor(at / n), at % n];
+      if (step <= first || !(pressure > 0 && pressures[first * n + i] > 0)) return 0;
+      const [a, b] = [inTool(step, i), inTool(first, i)];
+      return Math.hypot(...a.map((x, d) => x - b[d]));
+    });
   }
 
   /** Axes of the view: to the right, up, and towards the eye. */
@@ -81,6 +95,10 @@ const makeSkin = ({ data, state, element, isShown, colour }) => {
     context.beginPath();
     hull(seen).forEach((p) => context.lineTo(...p));
     context.closePath();
+    context.globalAlpha = 0.12;
+    context.fillStyle = colour("ink");
+    context.fill();
+    context.globalAlpha = 1;
     context.stroke();
   }
 
@@ -112,7 +130,7 @@ const makeSkin = ({ data, state, element, isShown, colour }) => {
     const step = Number(slider.value), quantity = element("skin-quantity").value, values = skin.quantities[quantity];
     const unit = quantity === "pressure" ? skin.unit : "mm", most = values.reduce((a, b) => Math.max(a, b), 1e-12);
     const now = values.subarray(step * skin.n, (step + 1) * skin.n).reduce((a, b) => Math.max(a, b), 0);
-    const what = quantity === "pressure" ? "contact pressure" : "displacement";
+    const what = { pressure: "contact pressure", displacement: "displacement", slip: "slip" }[quantity];
     element("skin-label").textContent = `${skin.labels[step]}: largest ${what} ${Number(now.toPrecision(3))} ${unit}`;
     canvas.setAttribute("aria-label", `Skin under the indenter at ${element("skin-label").textContent}`);
     const [width, height] = [canvas.clientWidth, canvas.clientHeight], fine = window.devicePixelRatio || 1;

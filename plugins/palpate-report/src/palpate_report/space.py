@@ -23,9 +23,9 @@ from palpate_report.style import (
     MEASURED_COLOUR,
     SINGLE_MM,
     PlainNumbers,
-    entitle,
     legend_below,
     set_log,
+    show_notice,
     sized,
 )
 
@@ -79,9 +79,7 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
     if n > 1 and np.isfinite(fopt).any():
         _colour_bar(figure, flat, data, fopt)
     legend_below(figure, flat[-1:])
-    n_sets = int(np.isfinite(values[:, 0]).sum())
-    shown = f", spot {spot}: {n_sets} sets and their NMSE" if spot else ": the way of the fit"
-    entitle(figure, f"{data.study.name}{shown}", data.notice)
+    show_notice(figure, data.notice)
     return figure
 
 

@@ -40,7 +40,9 @@ STYLE: Mapping[str, Any] = MappingProxyType(
         "grid.color": "0.9",
         "grid.linewidth": 0.5,
         "axes.axisbelow": True,
-        "axes.formatter.limits": (-2, 4),
+        # No offset or power of ten beside an axis, where it collides with the label.
+        "axes.formatter.limits": (-6, 6),
+        "axes.formatter.useoffset": False,
         "axes.formatter.use_mathtext": False,  # it is parsed for each tick of each file
         "legend.frameon": False,
         "legend.fontsize": 6.5,
@@ -108,9 +110,10 @@ def set_log(axis: Axes, *names: str) -> None:
         one.set_minor_formatter(PlainNumbers())
 
 
-def entitle(figure: Figure, title: str, notice: str) -> None:
-    """Put the title above a figure, and below it the notice on the data."""
-    figure.suptitle(f"{title}\n{notice}" if notice else title, fontsize=8)
+def show_notice(figure: Figure, notice: str) -> None:
+    """Put the notice on the data, such as that they are simulated, above a figure."""
+    if notice:
+        figure.suptitle(notice, fontsize=6.5, color="0.35")
 
 
 def legend_below(figure: Figure, axes: Sequence[Axes]) -> None:

@@ -123,11 +123,10 @@ class MaterialItself(Section):
         if not curves:
             return
         yield Paragraph(
-            "Nominal stress of the fitted law at constant volume, whatever the limb is. The band holds 95 "
-            "% of the draws of the fit that leads. Where the limb was stretched less than that, the law "
-            "alone decides."
+            "Nominal stress of the fitted law at constant volume, drawn at the top of the page. The band "
+            "holds 95 % of the draws of the joint fit. Where the tissue was stretched less, the law alone "
+            "decides."
         )
-        yield from picture(report, "stress_strain", "Stress over stretch; values are in the table")
         rows = [row for each in curves for row in rows_of(each, data.together)]
         heads = ["region", "stress", "at", f"value [{data.modulus_unit}]", "lower", "upper"]
         yield Table(f"Nominal stress of the fit to {data.together}", heads, rows)

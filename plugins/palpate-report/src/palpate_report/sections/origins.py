@@ -9,7 +9,6 @@ from palpate.api import SurfaceStates, convert
 from palpate.api.report import (
     Block,
     Drawing,
-    Facts,
     Fold,
     Heading,
     Listing,
@@ -150,9 +149,9 @@ class Provenance(Section):
             yield from _comparison(name, comparison if isinstance(comparison, Mapping) else {})
         deep = {key: value for key, value in data.manifest.items() if isinstance(value, (Mapping, list))}
         single = {key: value for key, value in data.manifest.items() if key not in deep}
-        for group, value in (("study", single), *deep.items()):
-            if rows := list(_leaves(value, "")):
-                yield Fold(group, [Facts(rows)])
+        rows = [leaf for group, value in (("study", single), *deep.items()) for leaf in _leaves(value, group)]
+        yield Drawing("copy")
+        yield Table("Everything that decides the numbers", ["what", "value"], rows)
 
 
 def _comparison(name: str, found: Mapping[str, Any]) -> Iterator[Block]:
