@@ -197,13 +197,14 @@ class IdentifiabilityResult:
     ----------
     identifiability : DataFrame
         One row per row of the selection and parameter, then those of all spots together: spot,
-        scenario, parameter, unit, value (of the best set); optimum, where the fitted Fopt is
+        scenario, parameter, unit, value (of the best set); optimum, where Fopt by emulated curves is
         least; lower and upper, the interval within the range; relative_width, its length over that of
         the range; identifiability, the word for it; most_correlated_with and correlation, the parameter
-        that compensates for it best; fopt_threshold, the Fopt up to which a set is about as good (the
-        fitted least plus itself, or plus what the measured spread or the error of the fit makes, whichever is
-        more); n_as_good, sets of the sweep within it; q2, the share of variation that the fit
-        predicts at sets left out of it. What is unknown is null, and its word is "unclear".
+        that compensates for it best; fopt_threshold, the Fopt up to which a set is about as good (that
+        least plus itself, or plus what the measured spread or the error of the emulator makes, whichever
+        is more); n_as_good, sets of the sweep within it; q2, the share of variation that the emulator
+        predicts at sets left out of it, null where there are too few sets for one. What is unknown is
+        null, and its word is "unclear".
     disagreements : DataFrame
         One row per spot, pair of scenarios without a common channel that no set fits about as
         well as each alone, and parameter: spot, first and second (channels), parameter, unit,

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.api import Design, FloatArray, PalpateError, Simulation
+from palpate.api import Design, FloatArray, IntArray, PalpateError, Simulation
 from palpate.api.fit import Case, NotRankedError, Problem, SpotInputs, Trial, channel_of, is_same_job, pieces
 from palpate_certainty.emulator import Emulator, Runs
 
@@ -138,14 +138,19 @@ def runs_of_sets(simulated: SimulatedCurves, design: Design, swept: Sequence[Sim
     if not ended:
         return None
     misfit = np.array([(((y - simulated.measured) / simulated.peak) ** 2).sum() for _, y in ended])
-    best = np.argsort(misfit, kind="stable")[:MOST_SETS]
-    chosen = [ended[i] for i in np.unique(np.concatenate([best, np.arange(min(MOST_SETS, misfit.size))]))]
+    chosen = [ended[i] for i in best_and_first(misfit)]
     ordinates = np.stack([y for _, y in chosen])
     return Runs(
         values=np.stack([v for v, _ in chosen]),
         ordinates=ordinates,
         slopes=np.full((*ordinates.shape, values[0].size), np.nan),
     )
+
+
+def best_and_first(misfit: FloatArray) -> IntArray:
+    """Places of the sets of least misfit (n,), and of as many others, by which curves are emulated."""
+    best = np.argsort(misfit, kind="stable")[:MOST_SETS]
+    return np.unique(np.concatenate([best, np.arange(min(MOST_SETS, misfit.size))]))
 
 
 class ScenarioDensity:

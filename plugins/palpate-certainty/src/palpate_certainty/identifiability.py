@@ -1,12 +1,12 @@
 """Identifiability of the parameters, from the curves of the sweep.
 
-Every simulated curve, read at the measured points, is fitted as a polynomial of the parameters
-(:mod:`~palpate_certainty.surrogate`), which makes Fopt a quadratic over the box of their ranges. Its minimum
-is the fitted optimum. The interval of a parameter ends where Fopt passes a threshold, with the other
-parameters adjusted within their ranges. It needs no further simulation.
+The curves of each spot, read at the measured points, are emulated between the sets
+(:mod:`~palpate_certainty.emulator`). The optimum is where emulated curves fit best. By their slopes Fopt is
+a quadratic over the box of the ranges: the interval of a parameter ends where it passes a threshold, with the
+other parameters adjusted. It needs no further simulation.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -14,8 +14,9 @@ from typing import Any
 
 import numpy as np
 import polars as pl
+from scipy.optimize import brentq, lsq_linear
 
-from palpate.api import Design, FloatArray, IntArray, Parameter, Response, Scenario
+from palpate.api import BoolArray, Design, FloatArray, IntArray, Parameter, Response, Scenario
 from palpate.api.fit import (
     ALL_SPOTS,
     DISAGREEMENTS,
@@ -28,7 +29,9 @@ from palpate.api.fit import (
     word_of,
 )
 from palpate.api.runs import Study, Swept, answering_for, objectives, scored_points
-from palpate_certainty.surrogate import LEAST_Q2, QuadraticForm, fit_slopes, together
+from palpate_certainty.emulated_curves import best_and_first
+from palpate_certainty.emulator import Emulator, Runs
+from palpate_certainty.profiles import Residuals, best_point, slopes_of
 
 FLOOR = 1e-6
 """Smallest threshold, as a share of the median Fopt: simulated curves are not exact."""
@@ -36,8 +39,11 @@ FLOOR = 1e-6
 APART = 0.05
 """Share of a range by which two fits must differ to be called in disagreement."""
 
-N_MOVES = 3
-"""Iterations that move the polynomial to its optimum, where its slopes are most accurate."""
+LEAST_Q2 = 0.8
+"""Smallest share of the curves' variation that is predicted at sets left out of the emulator."""
+
+SETS_PER_COEFFICIENT = 1.5
+"""Sets that an emulator needs for each coefficient of a linear polynomial of the parameters."""
 
 
 def assess_identifiability(
@@ -66,18 +72,18 @@ def assess_identifiability(
         Where it has a row for a spot, or for all of them together, that is the best set. No interval
         is narrower than what the mesh leaves open.
     """
-    curves = _Curves(study=study, measured=measured, swept=swept, ranked=objectives(scores, study.scenarios))
+    curves = _Curves(
+        study=study, design=design, measured=measured, swept=swept, ranked=objectives(scores, study.scenarios)
+    )
     chosen = {(row["spot"], row["scenario"]): row for row in selection.iter_rows(named=True)} | fit.of_spots()
     scenarios = {scenario.name: scenario for scenario in study.scenarios}
-    cases = [
-        curves.case(spot, scenarios[name], [spot], best, design, fit) for (spot, name), best in chosen.items()
-    ]
+    cases = [curves.case(spot, scenarios[name], [spot], best, fit) for (spot, name), best in chosen.items()]
     joint = fit.joint(study.generalise_by)
     of_all = generalisation if joint.is_empty() else joint
     if len(measured) > 1 and not of_all.is_empty():
         spots = of_all["spot"].to_list()
         best = of_all.row(0, named=True) | {"fopt": of_all["fopt"].mean()}
-        cases.append(curves.case(ALL_SPOTS, scenarios[study.generalise_by], spots, best, design, fit))
+        cases.append(curves.case(ALL_SPOTS, scenarios[study.generalise_by], spots, best, fit))
     return IdentifiabilityResult(
         identifiability=pl.DataFrame([row for case in cases for row in case.rows()], schema=IDENTIFIABILITY),
         disagreements=pl.DataFrame(
@@ -86,11 +92,102 @@ def assess_identifiability(
     )
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class QuadraticForm:
+    """Fopt(u) = |matrix u + offset|² + rest over the box 0 ≤ u ≤ 1.
+
+    Parameters
+    ----------
+    matrix : (p, p) array
+    offset : (p,) array
+    """
+
+    matrix: FloatArray
+    offset: FloatArray
+    rest: float
+
+    @classmethod
+    def near(cls, residuals: Residuals, origin: FloatArray) -> "QuadraticForm":
+        """Sum of squares of residuals that go on from a point (p,) as they do there."""
+        slopes, here = slopes_of(residuals, origin), residuals(origin[None])[0]
+        q, matrix = np.linalg.qr(slopes)
+        along = q.T @ here
+        rest = max(0.0, float(here @ here - along @ along))
+        return cls(matrix=matrix, offset=along - matrix @ origin, rest=rest)
+
+    def __call__(self, u: FloatArray) -> float:
+        """Fopt at ``u`` (p,)."""
+        return float(((self.matrix @ u + self.offset) ** 2).sum()) + self.rest
+
+    def minimum(self) -> FloatArray:
+        """Where Fopt is least in the box: (p,)."""
+        return _least_in_box(self.matrix, self.offset)
+
+    def interval(self, i: int, limit: float) -> tuple[float, float]:
+        """Find the least and largest u_i at which Fopt ≤ limit, the others free within the box."""
+        optimum = self.minimum()
+
+        def excess(value: float) -> float:
+            u = np.insert(self._profile(i, value), i, value)
+            return self(u) - limit
+
+        low, high = (_end(excess, float(optimum[i]), bound) for bound in (0.0, 1.0))
+        return low, high
+
+    def _profile(self, i: int, value: float) -> FloatArray:
+        """Best values of the other parameters where the i-th is given."""
+        others = np.delete(self.matrix, i, axis=1)
+        return _least_in_box(others, self.offset + self.matrix[:, i] * value)
+
+    def correlation(self) -> FloatArray:
+        """Correlation (p, p) of the parameters among sets that fit about as well, the box aside."""
+        sizes, axes = np.linalg.eigh(self.matrix.T @ self.matrix)
+        # A direction without effect has a very large width, not an infinite one.
+        covariance = (axes / np.maximum(sizes, 1e-12 * max(sizes[-1], 1e-300))) @ axes.T
+        widths = np.sqrt(np.diag(covariance))
+        correlation: FloatArray = covariance / np.outer(widths, widths)
+        return correlation
+
+
+def together(forms: Iterable[tuple[float, QuadraticForm]]) -> float:
+    """Least value over the box of the sum of weight · Fopt of several forms."""
+    weighted = list(forms)
+    matrix = np.concatenate([np.sqrt(weight) * form.matrix for weight, form in weighted])
+    offset = np.concatenate([np.sqrt(weight) * form.offset for weight, form in weighted])
+    u = _least_in_box(matrix, offset)
+    return sum(weight * form(u) for weight, form in weighted)
+
+
+def _least_in_box(matrix: FloatArray, offset: FloatArray) -> FloatArray:
+    """Minimise |matrix u + offset| over 0 ≤ u ≤ 1; the middle along directions without effect."""
+    n = matrix.shape[1]
+    if n == 0:
+        return np.zeros(0)
+    weak = 1e-8 * max(float(np.linalg.norm(matrix)), 1e-150)
+    found = lsq_linear(
+        np.concatenate([matrix, weak * np.eye(n)]),
+        np.concatenate([-offset, np.full(n, 0.5 * weak)]),
+        bounds=(0.0, 1.0),
+        method="bvls",
+    )
+    u: FloatArray = np.clip(found.x, 0.0, 1.0)
+    return u
+
+
+def _end(excess: Callable[[float], float], inside: float, bound: float) -> float:
+    if inside == bound or excess(bound) <= 0.0:
+        return bound
+    if excess(inside) >= 0.0:
+        return inside
+    return float(brentq(excess, inside, bound, xtol=1e-6))
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Curves:
-    """Simulated and measured curves as residuals whose sum of squares is Fopt."""
+    """Simulated, emulated and measured curves."""
 
     study: Study
+    design: Design
     measured: Mapping[str, Response]
     swept: Swept
     ranked: pl.DataFrame
@@ -101,34 +198,55 @@ class _Curves:
         scenario: Scenario,
         spots: Sequence[str],
         best: Mapping[str, Any],
-        design: Design,
         fit: FitResult,
     ) -> "_Case":
         """Collect the fits of some spots together in a scenario."""
         rows = self.ranked.filter(pl.col("scenario") == scenario.name, pl.col("spot").is_in(list(spots)))
         means = rows.group_by("set_id").agg(pl.len(), pl.col("fopt").mean())
         means = means.filter(pl.col("len") == len(spots)).sort("set_id")
-        sets = means["set_id"].to_numpy()
-        weighted = [
+        weighed = [
             (spot, name, weight)
             for spot in spots
             for name, weight in scenario.weighed.items()
             if channel_of(name) in self.measured[spot].curves
         ]
-        parts = [self._residuals(*each, sets) for each in weighted]
-        spread = sum(self._spread(*each) for each in weighted)
         return _Case(
+            curves=self,
             spot=label,
             scenario=scenario,
-            design=design,
-            sets=sets,
-            fopt=means["fopt"].to_numpy(),
-            residuals=np.concatenate(parts, axis=1) / np.sqrt(len(spots)),
-            spread=spread / len(spots),
+            spots=spots,
+            fopt=dict(means.select("set_id", "fopt").iter_rows()),
+            spread=sum(self._spread(*each) for each in weighed) / len(spots),
             best=best,
             is_fitted="fit" in best,
             mesh=fit.mesh_errors(label, scenario.name),
         )
+
+    @cached_property
+    def emulated(self) -> Mapping[str, "_Emulated | None"]:
+        """Emulated curves of each spot; None where there are too few sets for it."""
+        return {spot: self._emulated(spot) for spot in self.measured}
+
+    def _emulated(self, spot: str) -> "_Emulated | None":
+        curves = self.measured[spot].curves
+        values = np.concatenate([self.swept[spot, name] for name in curves], axis=1)
+        measured = np.concatenate([curve.ordinate for curve in curves.values()])
+        peaks = [np.full(c.ordinate.size, np.abs(c.ordinate).max() or 1.0) for c in curves.values()]
+        peak = np.concatenate(peaks)
+        # A point that hardly any set reaches is left out, and then a set that does not reach all others.
+        reached = np.isfinite(values).mean(axis=0) > 0.5
+        ranked = np.isin(np.arange(len(values)), self.ranked.filter(spot=spot)["set_id"].to_numpy())
+        complete = np.flatnonzero(ranked & np.isfinite(values[:, reached]).all(axis=1))
+        parameters = self.design.parameters
+        if not reached.any() or complete.size < SETS_PER_COEFFICIENT * (1 + len(parameters)):
+            return None
+        misfit = (((values[complete] - measured) / peak)[:, reached] ** 2).sum(axis=1)
+        sets = complete[best_and_first(misfit)]
+        at, ordinates = _scaled(parameters, self.design.values[sets]), values[np.ix_(sets, reached)]
+        none = np.full((*ordinates.shape, len(parameters)), np.nan)
+        runs = Runs(values=at, ordinates=ordinates, slopes=none)
+        process = Emulator(parameters, runs, peak[reached])
+        return _Emulated(sets=sets, ordinates=ordinates, reached=reached, process=process)
 
     def _spread(self, spot: str, name: str, weight: float) -> float:
         """Weighted NMSE between curves that are one measured standard deviation apart."""
@@ -139,18 +257,33 @@ class _Curves:
         scale = score.scale(curve, scored_points(score, curve, name) > 0.0, weight)
         return float(((scale * curve.std) ** 2).sum())
 
-    def _residuals(self, spot: str, name: str, weight: float, sets: IntArray) -> FloatArray:
-        """Residuals (n_sets, n_points) of one channel, or phase, at one spot."""
-        channel = channel_of(name)
-        curve, values = self.measured[spot][channel], self.swept[spot, channel][sets]
-        # A point that hardly any set reaches is left out.
-        if not sets.size:
-            return values
-        score = self.study.scoring.score
-        reached = (np.isfinite(values).mean(axis=0) > 0.5) & (scored_points(score, curve, name) > 0.0)
-        # A set that does not reach all of them has residuals that are NaN.
-        with answering_for(score, f"scoring '{name}'"):
-            return score.weighted(curve, values, reached, weight)[:, reached]
+    def residuals(self, scenario: Scenario, spot: str, ordinates: FloatArray) -> FloatArray:
+        """Residuals (n, n_points) of a scenario by the ordinates of all reached points of a spot."""
+        emulated, response, score = self.emulated[spot], self.measured[spot], self.study.scoring.score
+        assert emulated is not None
+        values = np.full((len(ordinates), emulated.reached.size), np.nan)
+        values[:, emulated.reached] = ordinates
+        sizes = [curve.ordinate.size for curve in response.curves.values()]
+        places = {n: slice(sum(sizes[:i]), sum(sizes[: i + 1])) for i, n in enumerate(response.curves)}
+        parts = []
+        for name, weight in scenario.weighed.items():
+            if (place := places.get(channel_of(name))) is None:
+                continue
+            curve = response[channel_of(name)]
+            reached = emulated.reached[place] & (scored_points(score, curve, name) > 0.0)
+            with answering_for(score, f"scoring '{name}'"):
+                parts.append(score.weighted(curve, values[:, place], reached, weight)[:, reached])
+        return np.concatenate(parts, axis=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Emulated:
+    """Curves of a spot: sets (n,) of the design, their ordinates at the points that are reached."""
+
+    sets: IntArray
+    ordinates: FloatArray
+    reached: BoolArray
+    process: Emulator
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,34 +307,63 @@ class _Fit:
 class _Case:
     """The fit of one spot, or of all, in one scenario."""
 
+    curves: _Curves
     spot: str
     scenario: Scenario
-    design: Design
-    sets: IntArray
-    fopt: FloatArray
-    residuals: FloatArray
+    spots: Sequence[str]
+    fopt: Mapping[int, float]
     spread: float
     best: Mapping[str, Any]
     is_fitted: bool
     mesh: Mapping[str, float]
 
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the design."""
+        return self.curves.design.parameters
+
+    def residuals(self, points: FloatArray) -> FloatArray:
+        """Residuals (n, m) whose sum of squares is Fopt, by emulated curves at points (n, p) of the box."""
+        parts = []
+        for spot in self.spots:
+            emulated = self.curves.emulated[spot]
+            assert emulated is not None
+            parts.append(self.curves.residuals(self.scenario, spot, emulated.process(points)))
+        found: FloatArray = np.concatenate(parts, axis=1) / np.sqrt(len(self.spots))
+        return found
+
     @cached_property
     def fit(self) -> _Fit | None:
-        """Fitted Fopt, moved to its optimum; None if it is not reliable."""
-        complete = np.isfinite(self.residuals).all(axis=1)
-        at = _scaled(self.design.parameters, self.design.values[self.sets[complete]])
-        origin, found = self.at, None
-        for _ in range(N_MOVES):
-            slopes = fit_slopes(at - origin, self.residuals[complete], self.fopt[complete])
-            if slopes is None:
-                return None
-            form = slopes.form(origin)
-            origin = form.minimum()
-            least = form(origin)
-            known = float(self.best["fopt"]) if self.is_fitted else least
-            margin = max(known, self.spread, slopes.error, FLOOR * float(np.median(self.fopt)))
-            found = _Fit(form=form, optimum=origin, least=least, margin=margin, q2=slopes.q2)
-        return found
+        """Fopt around the optimum of the emulated curves; None where there are too few sets for them."""
+        emulated = [self.curves.emulated[spot] for spot in self.spots]
+        if not all(each is not None and self.fopt.keys() & set(each.sets.tolist()) for each in emulated):
+            return None
+        errors = [self._errors(spot) for spot in self.spots]
+        missed, variation = (float(np.mean(each)) for each in zip(*errors, strict=True))
+        origin, _ = best_point(self.residuals, self.at)
+        form = QuadraticForm.near(self.residuals, origin)
+        optimum = form.minimum()
+        least = form(optimum)
+        known = float(self.best["fopt"]) if self.is_fitted else least
+        margin = max(known, self.spread, missed, FLOOR * float(np.median(list(self.fopt.values()))))
+        q2 = 1.0 - missed / variation if variation > 0.0 else -np.inf
+        return _Fit(form=form, optimum=optimum, least=least, margin=margin, q2=q2)
+
+    def _errors(self, spot: str) -> tuple[float, float]:
+        """Mean square error at a set left out of the emulator, and variation; sets that fit count more."""
+        emulated = self.curves.emulated[spot]
+        assert emulated is not None
+        rows = np.flatnonzero([i in self.fopt for i in emulated.sets.tolist()])
+        ordinates, left_out = emulated.ordinates[rows], emulated.process.left_out[rows]
+        here, there = (
+            self.curves.residuals(self.scenario, spot, each) for each in (ordinates, ordinates - left_out)
+        )
+        fopt = np.array([self.fopt[i] for i in emulated.sets[rows].tolist()])
+        weights = 1.0 / (fopt + max(float(fopt.min()), 1e-3 * float(np.median(fopt)), 1e-300))
+        mean = np.average(here, axis=0, weights=weights)
+        squares = ((each**2).sum(axis=1) for each in (here - there, here - mean))
+        missed, variation = (float(np.average(each, weights=weights)) for each in squares)
+        return missed, variation
 
     @property
     def is_usable(self) -> bool:
@@ -211,15 +373,15 @@ class _Case:
     @property
     def at(self) -> FloatArray:
         """Where the best set is in the box."""
-        values = np.array([[self.best[p.name] for p in self.design.parameters]])
-        at: FloatArray = _scaled(self.design.parameters, values)[0]
+        values = np.array([[self.best[p.name] for p in self.parameters]])
+        at: FloatArray = _scaled(self.parameters, values)[0]
         return at
 
     def rows(self) -> Iterator[dict[str, Any]]:
         fit = self.fit
         fopt = float(self.best["fopt"])
         threshold = 2.0 * fopt if fit is None else (fopt if self.is_fitted else fit.least) + fit.margin
-        for i, parameter in enumerate(self.design.parameters):
+        for i, parameter in enumerate(self.parameters):
             row = {
                 "spot": self.spot,
                 "scenario": self.scenario.name,
@@ -228,7 +390,7 @@ class _Case:
                 "value": self.best[parameter.name],
                 "identifiability": UNCLEAR,
                 "fopt_threshold": threshold,
-                "n_as_good": int((self.fopt <= threshold).sum()),
+                "n_as_good": sum(fopt <= threshold for fopt in self.fopt.values()),
                 "q2": None if fit is None else fit.q2,
             }
             yield row | self._interval(parameter, i, fit) if fit is not None and self.is_usable else row
@@ -250,7 +412,7 @@ class _Case:
             "upper": _value(parameter, high),
             "relative_width": high - low,
             "identifiability": word_of(high - low),
-            "most_correlated_with": None if partner is None else self.design.parameters[partner].name,
+            "most_correlated_with": None if partner is None else self.parameters[partner].name,
             "correlation": None if partner is None else correlation[i, partner],
         }
 
@@ -268,7 +430,7 @@ def _disagreement(a: _Case, b: _Case) -> Iterator[dict[str, Any]]:
     by_name = [{row["parameter"]: row for row in case.rows()} for case in (a, b)]
     seen = [
         (i, parameter)
-        for i, parameter in enumerate(a.design.parameters)
+        for i, parameter in enumerate(a.parameters)
         if all(rows[parameter.name]["identifiability"] != "not" for rows in by_name)
     ]
     if seen and max(abs(fits[0].optimum[i] - fits[1].optimum[i]) for i, _ in seen) <= APART:

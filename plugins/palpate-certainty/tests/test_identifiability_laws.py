@@ -5,7 +5,8 @@ import pytest
 from hypothesis import assume, given, strategies as st
 from scipy.optimize import minimize
 
-from palpate_certainty.surrogate import LEAST_Q2, QuadraticForm, fit_slopes, together
+from palpate_certainty.emulator import NO_SLOPES, GaussianProcess
+from palpate_certainty.identifiability import LEAST_Q2, QuadraticForm, together
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -19,15 +20,15 @@ def linear_problem(seed, n_parameters, n_sets=60, n_points=25):
     return sets, offset + sets @ slopes, offset, slopes
 
 
-def fitted(sets, residuals):
-    origin = sets[np.argmin((residuals**2).sum(axis=1))]
-    return fit_slopes(sets - origin, residuals, (residuals**2).sum(axis=1)).form(origin)
+def emulated(sets, residuals):
+    none = np.zeros((sets.shape[1], 0, residuals.shape[1]))
+    return GaussianProcess(2.0 * sets - 1.0, NO_SLOPES, residuals, none)
 
 
 @given(seed=SEEDS, n_parameters=st.integers(1, 4), more=st.floats(0.01, 3.0))
 def test_where_curves_follow_the_parameters_the_ends_are_the_farthest_sets_as_good(seed, n_parameters, more):
     sets, residuals, offset, slopes = linear_problem(seed, n_parameters)
-    form = fitted(sets, residuals)
+    form = QuadraticForm.near(lambda points: offset + points @ slopes, sets[0])
 
     def fopt(u):
         return float(((offset + u @ slopes) ** 2).sum())
@@ -55,8 +56,8 @@ def test_where_curves_follow_the_parameters_the_ends_are_the_farthest_sets_as_go
 
 @given(seed=SEEDS, larger=st.floats(1.1, 10.0))
 def test_a_wider_limit_makes_no_interval_narrower(seed, larger):
-    sets, residuals, _, _ = linear_problem(seed, 3)
-    form = fitted(sets, residuals)
+    sets, _, offset, slopes = linear_problem(seed, 3)
+    form = QuadraticForm.near(lambda points: offset + points @ slopes, sets[0])
     limit = 1.5 * form(form.minimum())
     for i in range(3):
         narrow, wide = form.interval(i, limit), form.interval(i, limit * larger)
@@ -65,37 +66,26 @@ def test_a_wider_limit_makes_no_interval_narrower(seed, larger):
 
 
 @given(seed=SEEDS)
-def test_curves_of_second_degree_have_the_slopes_at_the_origin(seed):
-    sets, residuals, offset, slopes = linear_problem(seed, 2)
-    bend = np.random.default_rng(seed + 1).normal(size=residuals.shape[1])
-    bent = residuals + np.outer(sets[:, 0] * sets[:, 1] + sets[:, 0] ** 2, bend)
-    found = fit_slopes(sets, bent, (bent**2).sum(axis=1))
-    np.testing.assert_allclose(found.slopes, slopes, atol=1e-8)
-    np.testing.assert_allclose(found.residuals, offset, atol=1e-8)
-
-
-@given(seed=SEEDS)
 def test_noise_is_not_taken_for_an_identification(seed):
     random = np.random.default_rng(seed)
     sets, residuals = random.uniform(0.0, 1.0, (20, 3)), random.normal(size=(20, 40))
-    assert fit_slopes(sets, residuals, (residuals**2).sum(axis=1)).q2 < LEAST_Q2
+    missed = (emulated(sets, residuals).left_out ** 2).sum()
+    assert 1.0 - missed / ((residuals - residuals.mean(axis=0)) ** 2).sum() < LEAST_Q2
 
 
-@given(seed=SEEDS, curved=st.floats(0.0, 1.0), noise=st.sampled_from([0.0, 1e-3, 0.1]))
+@pytest.mark.slow
+@given(seed=SEEDS, curved=st.floats(0.0, 1.0), noise=st.sampled_from([0.0, 1e-3]))
 def test_a_parameter_without_effect_reaches_across_its_range(seed, curved, noise):
-    sets, residuals, offset, slopes = linear_problem(seed, 3)
+    sets, _, offset, slopes = linear_problem(seed, 3)
     slopes[2] = 0.0  # the third decides nothing
     residuals = offset + (sets + curved * sets**3) @ slopes
     residuals = residuals + noise * np.random.default_rng(seed).normal(size=residuals.shape)
-    fopt = (residuals**2).sum(axis=1)
-    origin = sets[np.argmin(fopt)]
-    found = fit_slopes(sets - origin, residuals, fopt)
-    form = found.form(origin)
+    process, fopt = emulated(sets, residuals), (residuals**2).sum(axis=1)
+    form = QuadraticForm.near(lambda points: process(2.0 * points - 1.0), sets[np.argmin(fopt)])
     least = form(form.minimum())
-    margin = max(least, found.error, 1e-6 * float(np.median(fopt)))
-    low, high = form.interval(2, least + margin)
-    # Noise of a tenth of the slopes is a slope to 60 sets, by chance: then never a narrow interval.
-    assert high - low > (0.8 if noise < 0.1 else 0.3)
+    missed = float((process.left_out**2).sum(axis=1).mean())
+    low, high = form.interval(2, least + max(least, missed, 1e-6 * float(np.median(fopt))))
+    assert high - low > 0.8
 
 
 @given(seed=SEEDS)
@@ -108,9 +98,3 @@ def test_two_forms_together_are_no_less_than_each_alone(seed):
     alone = [form(form.minimum()) for form in forms]
     assert together([(0.5, form) for form in forms]) >= np.mean(alone) - 1e-9
     assert together([(1.0, forms[0])]) == pytest.approx(alone[0], rel=1e-6)
-
-
-@given(n_sets=st.integers(1, 5))
-def test_too_few_sets_are_unclear(n_sets):
-    sets, residuals, _, _ = linear_problem(0, 3, n_sets)
-    assert fit_slopes(sets, residuals, (residuals**2).sum(axis=1)) is None
