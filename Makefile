@@ -90,8 +90,9 @@ bench: $(VENV)/installed ## timings, each with a peer of the same run
 	$(BIN)/python benchmarks/bench_elements.py
 	@echo "more: make coverage, bench-core, bench-executors, bench-fit, bench-logs, bench-ledger, bench-next, bench-search, bench-solver, bench-sparse"
 
-coverage: $(VENV)/installed ## how often 95 % intervals hold the truth, over 600 simulated experiments
-	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_coverage.py
+coverage: $(VENV)/installed ## how often 95 % intervals hold the truth, by simulated experiments and errors over the budget's
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_coverage.py --errors 0.5 1 2 3
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_coverage.py --mesh-shape
 
 coverage-fe: $(VENV)/installed ## the same by finite elements, and models that do not describe the data
 	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/bench_inadequate.py

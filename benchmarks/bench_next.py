@@ -3,9 +3,9 @@
 Simulated sessions on strips of tissue in closed form, at four spots of different thickness. Each has random
 parameters; presses have noise and an onset of their own; gains, friction and what the model leaves out are
 drawn once, in part for each spot. One way presses four spots alike, as the paper; others press the first spot
-so, and then twice where the next press is expected to narrow most: by Fopt, by generalised least squares, and
-by these the force of a tool. Prints each session as it ends, then how wide the intervals are relative to the
-four alike by Fopt, how many hold the truth, and the width that was expected over that of the fit.
+so, and then twice where the next press is expected to narrow most: the parameters, or the force of a tool.
+Prints each session as it ends, then how wide the intervals are relative to the four alike, how many hold the
+truth, and the width that was expected over that of the fit.
 
     python benchmarks/bench_next.py --n 50
 """
@@ -64,12 +64,8 @@ TOOL = Tool(
     spots=(StudySpot(spot=Spot(name="p1"), measured={}, mesh=None),),
     threshold_MPa=None,
 )
-WAYS = {
-    "three, fopt": ("fopt", False),
-    "three, gls": ("gls", False),
-    "three for the tool, gls": ("gls", True),
-}
-"""Estimator, and whether presses are chosen for the tool."""
+WAYS = {"three": False, "three for the tool": True}
+"""Whether presses are chosen for the tool."""
 
 
 class Spots(strips.Layered):
@@ -162,11 +158,10 @@ class World:
         """A press as a spot of a study."""
         return StudySpot(spot=Spot(name=name), measured={}, mesh=None, protocol=protocol)
 
-    def fitted(self, presses: dict[str, tuple[Indentation, Response]], estimator: str) -> PlanningStage:
+    def fitted(self, presses: dict[str, tuple[Indentation, Response]]) -> PlanningStage:
         """Fit presses by name, and what can be planned from there."""
         spots = tuple(self.spot(name, protocol) for name, (protocol, _) in presses.items())
-        budget = self.study.budget.model_copy(update={"estimator": estimator})
-        study = replace(self.study, spots=spots, budget=budget)
+        study = replace(self.study, spots=spots)
         measured = {name: response for name, (_, response) in presses.items()}
         parameters = study.space.parameters
         stage = JointFit(
@@ -219,18 +214,18 @@ def widths_of(world: World, stage: PlanningStage) -> tuple[np.ndarray, np.ndarra
     return widths, np.append((low <= truth) & (truth <= high), ends[0] <= force <= ends[1])
 
 
-def chosen(world: World, first: tuple, estimator: str, *, for_tool: bool) -> dict:
+def chosen(world: World, first: tuple, *, for_tool: bool) -> dict:
     """The first press and those that are chosen after it."""
     options = PlanOptions(n_points=N_POINTS, tool=world.tool if for_tool else None)
     made = {"p1": first}
-    stage = world.fitted(made, estimator)
+    stage = world.fitted(made)
     widths, expected, names = [widths_of(world, stage)[0]], [], []
     for _ in range(N_CHOSEN):
         best = stage.run(world.candidates, options, {}).steps[0].chosen
         press = best.press.press
         names.append(press.name)
         made[f"{press.name}#{len(made)}"] = (press.protocol, world.press(press.spot, press.protocol))
-        stage = world.fitted(made, estimator)
+        stage = world.fitted(made)
         after, holds = widths_of(world, stage)
         expected.append(best.widths / (after / widths[-1])[: len(NAMES)])
         widths.append(after)
@@ -248,41 +243,31 @@ def compared(world: World, ways: list[str]) -> dict:
     alike = {
         spot: (usual[f"{spot}-10-22.5"], world.press(spot, usual[f"{spot}-10-22.5"])) for spot in THICKNESS
     }
-    found = {}
-    for estimator in ("fopt", "gls"):
-        widths, holds = widths_of(world, world.fitted(alike, estimator))
-        found[f"four alike, {estimator}"] = {"widths": widths, "holds": holds}
+    widths, holds = widths_of(world, world.fitted(alike))
+    found = {"four alike": {"widths": widths, "holds": holds}}
     for way in ways:
-        estimator, for_tool = WAYS[way]
-        found[way] = chosen(world, alike["p1"], estimator, for_tool=for_tool)
+        found[way] = chosen(world, alike["p1"], for_tool=WAYS[way])
     return found
 
 
 def bound(seed: int) -> dict:
-    """Least largest width of the parameters, of any two presses after the first, over four alike by Fopt.
+    """Least largest width of the parameters, of any two presses after the first, over four alike.
 
     Widths are expected ones at the truth; "all" is every candidate at once.
     """
     world = World(seed)
     first = protocol_of(10.0, TWISTS_DEG[1])
-    design = world.fitted({"p1": (first, world.press("p1", first))}, "fopt").design()
+    design = world.fitted({"p1": (first, world.press("p1", first))}).design()
     point = design.problem.box.point(world.row)[None]
-    found, of = {}, None
-    for estimator in ("fopt", "gls"):
-        budget = design.study.budget.model_copy(update={"estimator": estimator})
-        by = replace(design, study=replace(design.study, budget=budget))
-        each = {s.press.name: s.at[0].information for s in simulated_presses(by, CANDIDATES, point) if s.at}
-        alike = [each[f"{spot}-10-22.5"] for spot in THICKNESS]
-        of = _sds(alike) if of is None else of
-        pairs = [
-            (alike[0] + each[a].again(a, 1) + each[b].again(b, 2))
-            for a, b in combinations_with_replacement(each, 2)
-        ]
-        ratios = [_sds([pair]) / of for pair in pairs]
-        found[f"four alike, {estimator}"] = _sds(alike) / of
-        found[f"best three, {estimator}"] = min(ratios, key=lambda ratio: ratio.max())
-        found[f"all {len(each)}, {estimator}"] = _sds(list(each.values())) / of
-    return found
+    each = {s.press.name: s.at[0].information for s in simulated_presses(design, CANDIDATES, point) if s.at}
+    alike = [each[f"{spot}-10-22.5"] for spot in THICKNESS]
+    of = _sds(alike)
+    pairs = [
+        (alike[0] + each[a].again(a, 1) + each[b].again(b, 2))
+        for a, b in combinations_with_replacement(each, 2)
+    ]
+    best = min((_sds([pair]) / of for pair in pairs), key=lambda ratio: ratio.max())
+    return {"best three": best, f"all {len(each)}": _sds(list(each.values())) / of}
 
 
 def _sds(information: list) -> np.ndarray:
@@ -290,8 +275,8 @@ def _sds(information: list) -> np.ndarray:
 
 
 def table(found: list[dict]) -> None:
-    """Print every way relative to four alike by Fopt."""
-    of = [each["four alike, fopt"]["widths"] for each in found]
+    """Print every way relative to four alike."""
+    of = [each["four alike"]["widths"] for each in found]
     say("| presses | " + " | ".join(f"{n}: width, wider by 10 %, holds" for n in (*NAMES, "tool")) + " |")
     say("|---|---|---|---|---|")
     for way in found[0]:

@@ -8,7 +8,6 @@ import pytest
 
 import palpate_report
 from palpate.domain import ParameterSpace, RegionMaterial, Relaxation, Response, Simulation, Status
-from palpate.errors import StudyError
 from palpate.fit.fitted import Fitted
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
@@ -17,11 +16,9 @@ from palpate.plugins.catalogue import Plugins
 from palpate.plugins.interfaces import SetFilter
 from palpate.plugins.score import Score, ScoringRules
 from palpate.plugins.search import Trial
-from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
 from palpate.run.result import FitResult, PosteriorResult
 from palpate.stages import pipeline
-from palpate.stages.stage import Run
 from palpate.study.model import BudgetTable
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.emulated_curves import ScenarioDensity, SimulatedCurves
@@ -36,7 +33,6 @@ from palpate_certainty.error_sources import (
     error_sources_of,
     noted_errors,
 )
-from palpate_certainty.stages import Posteriors
 from palpate_certainty.tables import certainty_result
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Ogden
@@ -268,7 +264,7 @@ def test_intervals_hold_the_truth(assessed):
 
 
 def test_most_likely_values_have_the_intervals_and_draws_of_their_own(ended):
-    budget = BudgetTable.model_validate({"estimator": "gls", "friction": 0.3})
+    budget = BudgetTable.model_validate({"friction": 0.3})
     study, measured, case, _ = ended(spots=("p1", "p2"), budget=budget)
     found = Assessment(study=study, measured=measured).run([case])
     row = {"fit": "all spots", "scenario": "I", "fopt": 0.1} | case.values()
@@ -386,13 +382,6 @@ def test_filters_that_reject_all_that_describes_the_curves_leave_no_intervals_an
     found = Assessment(study=study, measured=measured, progress=notes).run([case])
     assert found.intervals.is_empty()
     assert "filters reject all 1,024 values that describe the curves as well as the fit" in notes.texts[-1]
-
-
-def test_posteriors_are_refused_where_intervals_are_those_of_another_centre(make_study, tmp_path):
-    study = make_study(budget=BudgetTable(estimator="gls"))
-    run = Run(study=study, directory=RunDirectory(tmp_path / "run"))
-    with pytest.raises(StudyError, match=r"around the least Fopt.* leave \[budget\] estimator out"):
-        Posteriors().run(run, SILENT)
 
 
 def test_where_slopes_fail_at_the_fit_there_are_no_intervals_and_no_error(ended, notes):

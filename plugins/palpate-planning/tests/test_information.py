@@ -8,9 +8,9 @@ from hypothesis import given, settings, strategies as st
 
 from palpate.domain import Curve
 from palpate.fit.spot_term import Correction
-from palpate_certainty.laplace import Laplace, laplace
+from palpate_certainty.laplace import Laplace, laplace, scores_of
 from palpate_certainty.noise_model import ResidualLayout
-from palpate_planning.information import ErrorSizes, FoptInformation, press_information
+from palpate_planning.information import ErrorSizes, FisherInformation, press_information
 from palpate_planning.narrowing import Expected
 from palpate_planning.presses import _as_of
 
@@ -40,7 +40,7 @@ def _press(rng, n=24, span=1.0):
     return slopes, rows, known
 
 
-def _information(press, site, is_gls):
+def _information(press, site):
     slopes, rows, known = press
     return press_information(
         slopes,
@@ -50,7 +50,6 @@ def _information(press, site, is_gls):
         ERRORS,
         channels=("force", "torque"),
         site=site,
-        is_gls=is_gls,
     )
 
 
@@ -60,7 +59,7 @@ def test_rows_that_are_added_are_those_of_direct_inverse(seed, same):
     rng = np.random.default_rng(seed)
     sites = ["p1", "p1" if same else "p2", "p1"]
     spans = [1.0, 1.0, 2.0]
-    each = [_information(_press(rng, span=span), site, True) for span, site in zip(spans, sites, strict=True)]
+    each = [_information(_press(rng, span=span), site) for span, site in zip(spans, sites, strict=True)]
     each[2] = each[2].again("p1", 1)
     found = (each[0] + each[1] + each[2]).covariance(range_sd=1.0)
     # Every cause as one more parameter, with a prior of variance 1: one inverse of all of them.
@@ -83,7 +82,7 @@ def test_rows_that_are_added_are_those_of_direct_inverse(seed, same):
     assert found == pytest.approx(expected, rel=1e-6)
 
 
-def _of_joint_fit(presses, sites, is_gls):
+def _of_joint_fit(presses, sites):
     """Covariance by the residuals of all presses together."""
     slopes = np.concatenate([press[0] for press in presses])
     rows = [press[1] for press in presses]
@@ -101,22 +100,23 @@ def _of_joint_fit(presses, sites, is_gls):
     causes = {"errors": vectors * np.sqrt(np.maximum(values, 0.0))}
     for name in presses[0][2]:
         causes[name] = np.concatenate([press[2][name] for press in presses])[:, None]
-    return laplace(np.full(3, 0.5), np.zeros(len(slopes)), slopes, causes, is_gls=is_gls).covariance
+    scores = scores_of(slopes, together.curve)
+    fit = laplace(np.full(3, 0.5), np.zeros(len(slopes)), slopes, causes, scores, range_sd=1.0)
+    return fit.covariance
 
 
 @given(
     seed=st.integers(0, 10_000),
     same=st.booleans(),
     span=st.sampled_from([1.0, 2.0]),
-    is_gls=st.booleans(),
 )
-def test_sum_is_covariance_of_joint_fit(seed, same, span, is_gls):
+def test_sum_is_covariance_of_joint_fit(seed, same, span):
     rng = np.random.default_rng(seed)
     presses = [_press(rng), _press(rng, span=span)]
     sites = ["p1", "p1" if same else "p2"]
-    one, two = (_information(press, site, is_gls) for press, site in zip(presses, sites, strict=True))
+    one, two = (_information(press, site) for press, site in zip(presses, sites, strict=True))
     found = (one + two).covariance(range_sd=1.0)
-    expected = _of_joint_fit(presses, sites, is_gls)
+    expected = _of_joint_fit(presses, sites)
     sizes = np.sqrt(np.diag(expected))
     assert np.abs(found - expected).max() <= 0.02 * np.outer(sizes, sizes).max()
     assert np.sqrt(np.diag(found)) == pytest.approx(sizes, rel=0.02)
@@ -134,11 +134,9 @@ def test_a_repeated_press_leaves_the_part_of_the_mesh_as_it_is(seed):
     term = SimpleNamespace(corrections={"force": correction}, measured={"force": curve})
 
     def information(added):
-        return FoptInformation(
-            information=slopes.T @ slopes,
-            noise=1e-9 * slopes.T @ slopes,  # next to nothing
-            causes={"mesh: ": (slopes.T @ added)[:, None]},
-        )
+        # Next to no noise.
+        scores = np.linalg.svd(slopes, full_matrices=False)[0].T / 3e-5
+        return FisherInformation.of(scores @ slopes, {"mesh: ": (scores @ added)[:, None]})
 
     once = information(correction.at(curve.ordinate))
     again = information(_as_of(term, "force", curve).at(curve.ordinate))

@@ -32,7 +32,6 @@ def weighed(tmp_path, soft_region):
         region=soft_region,
         sampling={"n_sets": 0},
         fit={"search": "least_squares"},
-        budget={"estimator": "gls"},
     )
 
 

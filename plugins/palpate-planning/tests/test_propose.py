@@ -14,6 +14,7 @@ from palpate.mesh.specimens.blocks import block
 from palpate.stages import pipeline
 from palpate.study.reading import read_study
 from palpate.study.tool import read_tool
+from palpate_certainty.laplace import RANGE_SD
 from palpate_planning import propose as planning
 from palpate_planning.candidates import (
     Allowed,
@@ -58,12 +59,10 @@ def test_every_step_is_ranked_after_those_before_it(run):
     assert widths == sorted(widths, reverse=True)
 
 
-@pytest.mark.parametrize("estimator", ["fopt", "gls"])
-def test_intervals_now_are_those_of_the_fit(run, tmp_path, estimator):
+def test_intervals_now_are_those_of_the_fit(run, tmp_path):
     study, _, plugins = run
-    study = replace(study, budget=study.budget.model_copy(update={"estimator": estimator}))
-    fit = pipeline.run_study(study, tmp_path / estimator, plugins).fit
-    found = _proposed((study, tmp_path / estimator, plugins))
+    fit = pipeline.run_study(study, tmp_path / "again", plugins).fit
+    found = _proposed((study, tmp_path / "again", plugins))
     rows = fit.certainty.intervals.filter(fit="p1", scenario=study.generalise_by)
     now = proposal_tables(found).intervals.filter(step=0)
     assert now["parameter"].equals(rows["parameter"])
@@ -136,7 +135,8 @@ def test_prediction_of_a_tool_is_narrowed(run, tool):
     widths = tables.intervals.filter(parameter="tool at p1")["width"].to_list()
     assert found.goal.name == "prediction"
     assert widths[0] == 1.0
-    assert widths[1] == pytest.approx(found.steps[0].chosen.goal, rel=0.1)
+    # The goal is of a normal density, the width is cut off at the ranges.
+    assert widths[1] == pytest.approx(found.steps[0].chosen.goal, rel=0.2)
     by_all = _proposed(run).steps[0].ranked
     of_same = {each.press.press.name: each.goal for each in found.steps[0].ranked}
     assert found.steps[0].chosen.goal <= of_same[by_all[0].press.press.name]
@@ -430,7 +430,7 @@ def test_first_presses_are_planned_over_the_ranges(run, tmp_path):
         options=PlanOptions(allowed=ALLOWED, n_points=4, n_presses=2),
     )
     shares = np.sqrt(np.diag(found.expected.before))
-    assert shares == pytest.approx(1.0, rel=0.1)  # nothing is known but the ranges
+    assert shares == pytest.approx(RANGE_SD, rel=0.1)  # nothing is known but the ranges
     assert found.steps[0].chosen.press.press.keys["twist"]  # one press of force alone cannot tell both
     assert found.steps[0].chosen.goal < 0.7
     assert found.steps[1].chosen.goal < 1.0

@@ -11,6 +11,7 @@ from hypothesis import given, strategies as st
 from palpate.domain import Relaxation
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.sections import Table, Word
+from palpate.run.result import CertaintyResult
 from palpate_report import answer as answer_module
 from palpate_report.answer import CAUSES, answer, budget_bars
 from palpate_report.forest import Axis, _percent, _widened, forest
@@ -90,20 +91,13 @@ def test_a_spot_apart_from_the_joint_fit_is_named(fitted):
         assert ("p2 (grip)" if apart else "none differs") in spots
 
 
-def test_the_chart_names_what_fewer_channels_tell_better_and_why(fitted):
+def test_the_chart_says_why_values_are_not_those_of_the_least_fopt(fitted):
     data = passed(fitted)
-    rows = data.fit.certainty.intervals.with_columns(
-        upper=pl.col("lower") + pl.when(pl.col("scenario") == "III").then(1.0).otherwise(2.0)
-    )
-    changed = replace(data, fit=replace(data.fit, certainty=replace(data.fit.certainty, intervals=rows)))
-    verdict = make_verdict(changed, make_tables(changed))
-    assert forest(changed, verdict.bests).narrower == ("stiffness by III", "grip by III")
-    assert "narrower than by I: stiffness by III, grip by III (Fopt counts channels alike" in render(
-        changed, make_tables(changed), verdict, []
-    )
-    same = rows.with_columns(upper=pl.col("lower") + 2.0)
-    changed = replace(data, fit=replace(data.fit, certainty=replace(data.fit.certainty, intervals=same)))
-    assert forest(changed, make_verdict(changed, {}).bests).narrower == ()
+    tables = make_tables(data)
+    said = "Values count each curve by what it may be wrong by, and so differ from those of the least Fopt"
+    assert said in render(data, tables, make_verdict(data, tables), [])
+    bare = replace(data, fit=replace(data.fit, certainty=CertaintyResult()))
+    assert said not in render(bare, make_tables(bare), make_verdict(bare, make_tables(bare)), [])
 
 
 def _wide(rows):

@@ -249,8 +249,7 @@ class FitResult:
     def estimates(self) -> pl.DataFrame:
         """The table with the values that the intervals are of, where there are intervals.
 
-        They differ from those of the least Fopt by the ``gls`` estimator alone; Fopt, NMSE and R² stay those
-        of the least Fopt.
+        They weigh every curve by what it may be wrong by; Fopt, NMSE and R² are those of the least Fopt.
         """
         table, known = self.table, self.certainty.intervals
         if known.is_empty() or "spot" not in table.columns:

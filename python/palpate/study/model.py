@@ -407,16 +407,6 @@ class BudgetTable(Table):
         description="What a good model leaves unexplained, over the largest ordinate. One that leaves "
         "four times as much does not describe the data.",
     )
-    estimator: Literal["fopt", "gls"] = Field(
-        default="fopt",
-        description="Values that intervals are of: fopt, those of the least Fopt; gls, the most likely ones, "
-        "where every point counts by what it may be wrong by in this budget (generalised least squares).",
-    )
-
-    @property
-    def is_gls(self) -> bool:
-        """Whether intervals are those of generalised least squares."""
-        return self.estimator == "gls"
 
 
 class ScenarioTable(Table):

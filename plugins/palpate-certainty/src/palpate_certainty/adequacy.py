@@ -26,7 +26,7 @@ class Check:
 
     Parameters
     ----------
-    name : {"discrepancy", "spots", "ranges", "estimators", "relaxation"}
+    name : {"discrepancy", "spots", "ranges", "relaxation"}
     channel : int
         Number of the channel; negative for all.
     probability : float
@@ -130,7 +130,6 @@ def checks(
     found: Mapping[int, Misfit],
     expected: float,
     in_ranges: float,
-    agreement: float | None = None,
 ) -> Iterator[Check]:
     """Check the residuals of a fit.
 
@@ -146,8 +145,6 @@ def checks(
         Discrepancy of a good model, over the peak.
     in_ranges : float
         Probability of a fit that, without its bounds, would end as far outside of the ranges.
-    agreement : float, optional
-        Probability of most likely values as far from those of the least Fopt, where these are wanted.
     """
     for channel, misfit in found.items():
         over = misfit.unexplained / expected
@@ -157,8 +154,6 @@ def checks(
         p = _spots(residuals, jacobian, covariance, rows)
         yield Check(name="spots", channel=-1, probability=p, is_failed=p < RARE)
     yield Check(name="ranges", channel=-1, probability=in_ranges, is_failed=in_ranges < RARE)
-    if agreement is not None:
-        yield Check(name="estimators", channel=-1, probability=agreement, is_failed=agreement < RARE)
 
 
 def _spots(

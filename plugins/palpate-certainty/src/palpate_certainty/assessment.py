@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -21,13 +22,26 @@ from palpate_certainty.error_sources import (
     error_sources_of,
     is_stated,
 )
-from palpate_certainty.laplace import RANGE, agreement, laplace, whitening
-from palpate_certainty.noise_model import ResidualLayout, estimate, grouped, groups_of, layout_of
+from palpate_certainty.laplace import FLAT_SD, laplace, scores_of, whitening
+from palpate_certainty.noise_model import (
+    NoiseModel,
+    ResidualLayout,
+    estimate,
+    excess,
+    grouped,
+    groups_of,
+    layout_of,
+)
 from palpate_certainty.profiles import planes_of_fits
-from palpate_certainty.tables import Assessed, certainty_result, density_of
-
-NOISE, DISCREPANCY, PRIORS = "noise", "model", "priors"
-"""Error sources besides those of :mod:`~palpate_certainty.error_sources`."""
+from palpate_certainty.tables import (
+    DISCREPANCY,
+    NOISE,
+    PRIORS,
+    Assessed,
+    certainty_result,
+    density_of,
+    most_likely,
+)
 
 NONE: Mapping[ErrorSource, str] = MappingProxyType({})
 
@@ -66,13 +80,18 @@ class Assessment:
         try:
             self._check_score(by)
             columns, failures = self.columns(by)
+            first = self.assess(by, columns, failures)
         except StoppedError:
             raise
-        except PalpateError as error:
+        except (PalpateError, np.linalg.LinAlgError) as error:
             self.progress.note(f"warning: no intervals: {error}")
             return []
-        wanted = [by] if joint_only else ended
-        return [each for case in wanted if (each := self._assessed(case, columns, failures))]
+        others = [] if joint_only else [case for case in ended if case is not by]
+        found = [
+            first,
+            *(each for case in others if (each := self._assessed(case, columns, failures, first))),
+        ]
+        return sorted(found, key=lambda each: ended.index(each.case))
 
     def planes(
         self, assessed: Sequence[Assessed], design: Design, swept: Sequence[Simulation]
@@ -86,9 +105,11 @@ class Assessment:
             self.progress.note(f"warning: no contours of Fopt: {error}")
             return pl.DataFrame()
 
-    def _assessed(self, case: Case, columns: Columns, failures: Mapping[ErrorSource, str]) -> Assessed | None:
+    def _assessed(
+        self, case: Case, columns: Columns, failures: Mapping[ErrorSource, str], first: Assessed
+    ) -> Assessed | None:
         try:
-            return self.assess(case, columns, failures)
+            return self.assess(case, columns, failures, first)
         except StoppedError:
             raise
         except (PalpateError, np.linalg.LinAlgError) as error:
@@ -107,8 +128,14 @@ class Assessment:
             self.progress.note(f"warning: intervals are without the cause '{cause.name}': {why}")
         return columns, failures
 
-    def assess(self, case: Case, columns: Columns, failures: Mapping[ErrorSource, str] = NONE) -> Assessed:
-        """Estimate noise and discrepancy of a case, and its covariance.
+    def assess(
+        self,
+        case: Case,
+        columns: Columns,
+        failures: Mapping[ErrorSource, str] = NONE,
+        first: Assessed | None = None,
+    ) -> Assessed:
+        """Assess a case: its covariance, and whether the model describes its data.
 
         Parameters
         ----------
@@ -117,12 +144,15 @@ class Assessment:
             Of the causes that could be simulated.
         failures : mapping of ErrorSource to str
             Why the others could not.
+        first : Assessed, optional
+            One whose noise and discrepancy are those of this one too, if it has all of its channels: errors
+            of some curves are no smaller because others are left out.
         """
         end = case.end
         assert end is not None
         assert end.best is not None
         residuals, jacobian, point = _at_end(end)
-        rows, channels = layout_of(end.problem.terms, residuals.size)
+        rows, channels = layout_of(end.problem.terms, residuals.size, first.channels if first else ())
         known = self._known(end, residuals, rows, columns)
         groups = groups_of(rows)
         of_points, points = residuals, rows
@@ -133,42 +163,35 @@ class Assessment:
             raise PalpateError(f"{residuals.size} measured points for {point.size} parameters; fix some")
         expected = self.study.budget.discrepancy
         every = np.concatenate(list(known.values()), axis=1)
-        errors = estimate(residuals, jacobian, every, rows, expected=expected)
-        parts = {NOISE: _root(errors.noise_covariance), DISCREPANCY: _root(errors.discrepancy_covariance)}
-        covariance = every @ every.T + errors.noise_covariance + errors.discrepancy_covariance
-        is_gls = self.study.budget.is_gls
-        of_all = laplace(point, residuals, jacobian, {**known, **parts}, is_gls=is_gls)
-        box, agrees = end.problem.box, None
-        if is_gls:
-            agrees = agreement(laplace(point, residuals, jacobian, {**known, **parts}), of_all)
-            point, noise_only = np.clip(of_all.centre, 0.0, 1.0), of_all.by(NOISE, PRIORS, RANGE)
-            values = box.lower + point * (box.upper - box.lower)
-        else:
-            values = box.values(end.best.point)
-            of_noise = {NOISE: parts[NOISE], PRIORS: known[PRIORS]}
-            noise_only = laplace(point, residuals, jacobian, of_noise)
-        missed = misfits(of_points, jacobian, covariance, every, points, groups)
-        found = checks(residuals, jacobian, covariance, rows, missed, expected, of_all.in_ranges, agrees)
+        errors, noise, discrepancy, excessive = _errors(residuals, jacobian, every, rows, expected, first)
+        rest = noise + discrepancy
+        stated = every @ every.T + rest
+        missed = misfits(of_points, jacobian, stated, every, points, groups)
+        known = {name: part if name == PRIORS else excessive * part for name, part in known.items()}
+        covariance = np.sum([rest, *map(_gram, known.values())], axis=0)
+        causes = {**known, NOISE: _root(noise), DISCREPANCY: _root(discrepancy)}
+        scores = scores_of(jacobian, rows.curve)
+        weighed = partial(laplace, point, residuals, jacobian, causes, scores)
+        of_all, in_range = weighed(), weighed(range_sd=FLAT_SD)
+        density = density_of(of_all, end.problem)
+        point = most_likely(of_all, density, end.problem)
+        found = checks(residuals, jacobian, stated, rows, missed, expected, of_all.in_ranges)
         return Assessed(
             case=case,
             end=end,
             point=point,
-            values=values,
+            values=end.problem.box.lower + point * (end.problem.box.upper - end.problem.box.lower),
             laplace=of_all,
-            noise_only=noise_only,
-            density=density_of(of_all, end.problem),
-            white=whitening(jacobian, covariance, groups),
+            in_range=in_range,
+            density=density,
+            white=whitening(scores, covariance, groups),
             errors=errors,
+            excess=excessive,
             misfits=missed,
             checks=(*found, *self._relaxation(case)),
             channels=channels,
             has_usual_mesh_error=self._has_usual_mesh_error(end),
-            left_out={
-                (c.of if c.kind == "fixed" else c.name): why
-                for c, why in failures.items()
-                if any(map(c.is_at, case.spots))
-            }
-            | self._of_score,
+            left_out=_left_out(case, failures) | self._of_score,
         )
 
     def _check_score(self, case: Case) -> None:
@@ -231,6 +254,36 @@ class Assessment:
             if any(np.any(each) for each in columns.values())
         }
         return known | {PRIORS: np.diag(np.where(rows.channel < 0, end.problem.noise, 0.0))}
+
+
+def _errors(
+    residuals: FloatArray,
+    jacobian: FloatArray,
+    known: FloatArray,
+    rows: ResidualLayout,
+    expected: float,
+    first: Assessed | None,
+) -> tuple[NoiseModel, FloatArray, FloatArray, float]:
+    """Sizes of noise and discrepancy, the covariances by both, and how much larger than stated causes are."""
+    if first is not None and first.errors.noise.keys() >= set(rows.channels):
+        return first.errors, *first.errors.covariances(rows), first.excess
+    errors = estimate(residuals, jacobian, known, rows, expected=expected)
+    noise, discrepancy = errors.covariances(rows)
+    return errors, noise, discrepancy, excess(residuals, jacobian, known, noise + discrepancy)
+
+
+def _left_out(case: Case, failures: Mapping[ErrorSource, str]) -> dict[str, str]:
+    """Why causes that may be wrong at the spots of a case are in no interval."""
+    return {
+        (cause.of if cause.kind == "fixed" else cause.name): why
+        for cause, why in failures.items()
+        if any(map(cause.is_at, case.spots))
+    }
+
+
+def _gram(factor: FloatArray) -> FloatArray:
+    gram: FloatArray = factor @ factor.T
+    return gram
 
 
 def _at_end(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -1,34 +1,36 @@
-"""Normal approximation of a least-squares fit, from what its residuals may be wrong by.
+"""Normal approximation of the most efficient fit by scores, from what its residuals may be wrong by.
 
-A fit at the least Σ r² solves Jᵀr = 0. With residuals of covariance C, the scores Jᵀr hold the information
-JᵀJ (JᵀCJ)⁻¹ JᵀJ on the parameters: its inverse is the covariance of the fit, whatever the weights of
-Fopt are (the sandwich of generalised estimating equations: Liang & Zeger, Biometrika 73, 1986). Generalised
-least squares weighs all residuals by C⁻¹ instead (Aitken, Proc. R. Soc. Edinb. 55, 1935): the information is
-JᵀC⁻¹J, never less, and one step leads from the fit to the most likely values. A wide normal density over each
-range is added, and what is outside the ranges is cut off, so that a direction which no curve shows is as wide
-as the ranges.
+Within a curve all points count as in Fopt: what it says of the parameters is in its scores Uᵀr, with
+orthonormal columns U that span its slopes. The scores of all curves, with slopes G = UᵀJ and covariance UᵀCU,
+are weighed by what they may be wrong by (generalised method of moments: Hansen, Econometrica 50, 1982): the
+information is Gᵀ(UᵀCU)⁻¹G, and one step leads from the fit to the most likely values. Fopt's weights and zero
+are among these, so that no further curve takes information away. Weights of single points (generalised least
+squares) would rest on the shape of each error as well. What is outside of the ranges is cut off.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.optimize import lsq_linear
+from scipy.linalg import null_space, solve_triangular
+from scipy.optimize import OptimizeResult, lsq_linear
 from scipy.special import ndtr, ndtri
 from scipy.stats import chi2, qmc
 
-from palpate.api import FloatArray, PalpateError
+from palpate.api import FloatArray, IntArray, PalpateError
 from palpate.api.fit import LEVEL
 
 RANGE = "range"
 """Name of the share that is due to the width of the range alone."""
 
-RANGE_SD = 1.0
-"""Standard deviation, in ranges, of what is known without any curve."""
+RANGE_SD = 10.0
+"""Standard deviation, in ranges, of what is known without any curve: flat within the range."""
 
-LEAST_GAIN = 1e-3
-"""Least share of a variance that one density has to be narrower by than another to be compared with it."""
+FLAT_SD = 12.0**-0.5
+"""Standard deviation, in ranges, of a value that may be anywhere in its range: nothing is outside of it."""
+
+LEAST_SLOPE = 1e-9
+"""Least slope of a curve, over its largest, that is not rounding."""
 
 N_DRAWS = 1024
 """Points that stand for the density in the box."""
@@ -72,9 +74,18 @@ class Laplace:
     @property
     def in_ranges(self) -> float:
         """Probability of a centre as far outside of the ranges as this one, or farther."""
+        return float(chi2.sf(2.0 * self._nearest.cost, self.centre.size))
+
+    @property
+    def most_likely(self) -> FloatArray:
+        """Point (n_parameters,) of the ranges where the density is largest."""
+        likely: FloatArray = np.clip(self._nearest.x, 0.0, 1.0)
+        return likely
+
+    @property
+    def _nearest(self) -> OptimizeResult:
         whiten = np.linalg.inv(np.linalg.cholesky(self.covariance))
-        nearest = lsq_linear(whiten, whiten @ self.centre, bounds=(0.0, 1.0)).cost
-        return float(chi2.sf(2.0 * nearest, self.centre.size))
+        return lsq_linear(whiten, whiten @ self.centre, bounds=(0.0, 1.0))
 
     def within(self, prior: Callable[[FloatArray], FloatArray] | None = None) -> "Density":
         """Cut off what is outside the box; a prior weighs points (n, n_parameters), unless all by 0."""
@@ -114,6 +125,13 @@ class Density:
         ends = np.stack([_quantiles(column, self.weights, tails) for column in self.points.T], axis=1)
         return np.minimum(ends[0], point), np.maximum(ends[1], point)
 
+    @property
+    def nearest(self) -> FloatArray:
+        """Of the points with a weight, that where the normal density is largest (n_parameters,)."""
+        points = self.points[self.weights > 0.0]
+        nearest: FloatArray = points[np.argmin(self._squares(points))]
+        return nearest
+
     def draws(self, n: int) -> FloatArray:
         """Points (n, n_parameters), spread evenly over the weights."""
         # In random order: every 16th point of a Sobol sequence lies in one narrow slab.
@@ -135,16 +153,26 @@ class Density:
         return squares
 
 
+def scores_of(jacobian: FloatArray, curves: IntArray) -> FloatArray:
+    """Orthonormal columns (n, m) that span the slopes of each curve, where ``curves`` (n,) numbers these."""
+    parts = []
+    for curve in np.unique(curves):
+        axes, sizes, _ = np.linalg.svd(jacobian * (curves == curve)[:, None], full_matrices=False)
+        parts.append(axes[:, sizes > LEAST_SLOPE * max(float(sizes.max()), 1e-300)])
+    scores: FloatArray = np.concatenate(parts, axis=1)
+    return scores
+
+
 def laplace(
     point: FloatArray,
     residuals: FloatArray,
     jacobian: FloatArray,
     causes: Mapping[str, FloatArray],
+    scores: FloatArray,
     *,
     range_sd: float = RANGE_SD,
-    is_gls: bool = False,
 ) -> Laplace:
-    """Normal density around a fit, and the part of each cause in its covariance.
+    """Normal density around the most likely values, and the part of each cause in its covariance.
 
     Parameters
     ----------
@@ -155,39 +183,21 @@ def laplace(
         Of the residuals, per range.
     causes : mapping of name to (n, m) array
         What each makes of the residuals: F with the covariance F Fᵀ. At least one is noise of every residual.
+    scores : (n, k) array
+        What is weighed, as :func:`scores_of` returns it.
     range_sd : float
         Standard deviation of each parameter before any curve; infinite for none.
-    is_gls : bool
-        Whether every residual counts by its own errors: generalised least squares. Else as in Fopt.
     """
-    left: FloatArray = np.eye(len(jacobian))
-    if not is_gls:
-        left = np.linalg.svd(jacobian, full_matrices=False)[0].astype(np.float64)
-    parts = {name: _gram(left.T @ factor) for name, factor in causes.items()}
-    slopes = left.T @ jacobian
+    parts = {name: _gram(scores.T @ factor) for name, factor in causes.items()}
+    slopes = scores.T @ jacobian
     gain = np.linalg.solve(np.sum(list(parts.values()), axis=0), slopes)
     prior = np.eye(jacobian.shape[1]) / range_sd**2
     covariance: FloatArray = np.linalg.inv(slopes.T @ gain + prior).astype(np.float64)
     through = covariance @ gain.T
     made = {name: through @ part @ through.T for name, part in parts.items()}
     made[RANGE] = covariance @ prior @ covariance
-    centre = point - through @ (left.T @ residuals)
+    centre = point - through @ (scores.T @ residuals)
     return Laplace(centre=centre, covariance=(covariance + covariance.T) / 2.0, parts=made)
-
-
-def agreement(robust: Laplace, efficient: Laplace) -> float:
-    """Probability of centres as far apart as these, or farther, if both rest on the right errors.
-
-    The covariance of their difference is that of the wider density less that of the narrower one
-    (Hausman, Econometrica 46, 1978). Directions in which both are equally wide tell nothing.
-    """
-    root = np.linalg.cholesky(robust.covariance)
-    apart = np.linalg.solve(root, efficient.centre - robust.centre)
-    narrower, axes = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, efficient.covariance).T))
-    gained = 1.0 - narrower
-    used = gained > LEAST_GAIN
-    square = float(((axes.T @ apart)[used] ** 2 / gained[used]).sum())
-    return float(chi2.sf(square, used.sum())) if used.any() else 1.0
 
 
 def _gram(factor: FloatArray) -> FloatArray:
@@ -224,20 +234,20 @@ def _quantiles(values: FloatArray, weights: FloatArray, at: list[float]) -> Floa
     return quantiles
 
 
-def whitening(jacobian: FloatArray, covariance: FloatArray, groups: FloatArray) -> FloatArray:
+def whitening(scores: FloatArray, covariance: FloatArray, groups: FloatArray) -> FloatArray:
     """Matrix (m, n) from the n residuals of a problem to independent ones of variance 1.
+
+    The scores (m, k) are apart from what is left of the curves, which moves no fit.
 
     Parameters
     ----------
-    jacobian : (m, n_parameters) array
+    scores : (m, k) array
     covariance : (m, m) array
-        Of the averages ``groups`` (m, n) of the residuals, as the slopes are.
+        Of the averages ``groups`` (m, n) of the residuals, as the scores are.
     """
-    axes, sizes, _ = np.linalg.svd(jacobian, full_matrices=True)
-    n_seen = int((sizes > 1e-9 * sizes.max()).sum())
     white = [
         solve_triangular(_root(part.T @ covariance @ part), part.T, lower=True)
-        for part in (axes[:, :n_seen], axes[:, n_seen:])
+        for part in (scores, null_space(scores.T))
     ]
     found: FloatArray = np.concatenate(white) @ groups
     return found

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.linalg import null_space
+from scipy.linalg import null_space, solve_triangular
 from scipy.linalg.lapack import dposv, dpotri
 from scipy.optimize import minimize
 
@@ -60,6 +60,12 @@ class ResidualLayout:
         """Numbers of the channels."""
         return [int(each) for each in np.unique(self.channel) if each >= 0]
 
+    @property
+    def curve(self) -> IntArray:
+        """Number (n,) of the curve that each residual is of; those of priors are one."""
+        curves: IntArray = np.unique(np.stack([self.spot, self.channel]), axis=1, return_inverse=True)[1]
+        return curves
+
     def noise(self, channel: int, points: float) -> FloatArray:
         """Covariance (n, n) of noise of size 1 over the largest ordinate, correlated over so many points.
 
@@ -99,9 +105,15 @@ def path_of(abscissa: FloatArray) -> FloatArray:
     return path
 
 
-def layout_of(terms: Sequence[SpotTerm], n: int) -> tuple[ResidualLayout, tuple[str, ...]]:
-    """Where each of ``n`` residuals is, those of priors last; and the names of the channels."""
-    channels = tuple(dict.fromkeys(channel_of(name) for term in terms for name in term.weights))
+def layout_of(
+    terms: Sequence[SpotTerm], n: int, first: Sequence[str] = ()
+) -> tuple[ResidualLayout, tuple[str, ...]]:
+    """Where each of ``n`` residuals is, those of priors last; and the names of the channels by their numbers.
+
+    Channels that are known already come ``first``.
+    """
+    names = (channel_of(name) for term in terms for name in term.weights)
+    channels = tuple(dict.fromkeys([*first, *names]))
     spots, sites = [term.spot for term in terms], [term.site for term in terms]
     found = {name: np.zeros(n) for name in ("point", "path", "scale", "envelope")}
     spot, site, channel = (np.full(n, -1) for _ in range(3))
@@ -169,19 +181,38 @@ class NoiseModel:
 
     Parameters
     ----------
-    noise, discrepancy : mapping of channel number to float
-        Standard deviations, over the largest ordinate.
-    noise_covariance, discrepancy_covariance : (n, n) array
-        Of the residuals.
+    of_lengths : mapping of (points, length) to (noise, discrepancy)
+        Of each pair of correlation lengths, of noise and discrepancy, the variances of both by the number of
+        the channel, over the square of the largest ordinate, times the probability of the pair.
     correlations : mapping of (points, length) to float
-        Probability of each pair of correlation lengths, of noise and discrepancy.
+        Probability of each pair.
     """
 
-    noise: Mapping[int, float]
-    discrepancy: Mapping[int, float]
-    noise_covariance: FloatArray
-    discrepancy_covariance: FloatArray
+    of_lengths: Mapping[tuple[float, float], tuple[Mapping[int, float], Mapping[int, float]]]
     correlations: Mapping[tuple[float, float], float]
+
+    @property
+    def noise(self) -> dict[int, float]:
+        """Standard deviation by channel, over the largest ordinate."""
+        return self._sizes(0)
+
+    @property
+    def discrepancy(self) -> dict[int, float]:
+        """Standard deviation by channel, over the largest ordinate."""
+        return self._sizes(1)
+
+    def _sizes(self, kind: int) -> dict[int, float]:
+        each = [variances[kind] for variances in self.of_lengths.values()]
+        return {channel: float(np.sqrt(sum(of[channel] for of in each))) for channel in each[0]}
+
+    def covariances(self, rows: ResidualLayout) -> tuple[FloatArray, FloatArray]:
+        """Covariance (n, n) of residuals by noise, and that by discrepancy."""
+        noise, discrepancy = np.zeros((2, rows.spot.size, rows.spot.size))
+        for (points, length), (of_noise, of_discrepancy) in self.of_lengths.items():
+            for channel in rows.channels:
+                noise += of_noise[channel] * rows.noise(channel, points)
+                discrepancy += of_discrepancy[channel] * rows.discrepancy(channel, length)
+        return noise, discrepancy
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,8 +220,6 @@ class _Mode:
     """The most likely sizes for one correlation and one length."""
 
     lengths: tuple[float, float]
-    noise: list[FloatArray]
-    discrepancy: list[FloatArray]
     likelihood: "_Likelihood"
     squares: FloatArray
     value: float
@@ -222,32 +251,44 @@ def estimate(
     best = max(mode.value for mode in modes)
     weights = np.exp(np.array([mode.value for mode in modes]) - best)
     weights /= weights.sum()
-    n, k = residuals.size, len(channels)
-    noise, discrepancy = np.zeros((n, n)), np.zeros((n, n))
-    sizes = np.zeros(2 * k)
+    k, of_lengths, likely = len(channels), {}, {}
     for weight, mode in zip(weights, modes, strict=True):
         if weight < 0.02:
             continue
         squares = mode.squares.copy()
         for i in range(k):
             squares[k + i] = mode.likelihood.averaged(mode.squares, i)
-        noise += weight * _sum(squares[:k], mode.noise)
-        discrepancy += weight * _sum(squares[k:], mode.discrepancy)
-        sizes += weight * squares
-    sizes = np.sqrt(sizes)
-    likely = {mode.lengths: float(w) for w, mode in zip(weights, modes, strict=True) if w >= 0.02}
+        both = (weight * squares).reshape(2, k)
+        noise, discrepancy = (dict(zip(channels, each.tolist(), strict=True)) for each in both)
+        of_lengths[mode.lengths], likely[mode.lengths] = (noise, discrepancy), float(weight)
     return NoiseModel(
-        noise=dict(zip(channels, sizes[:k].tolist(), strict=True)),
-        discrepancy=dict(zip(channels, sizes[k:].tolist(), strict=True)),
-        noise_covariance=noise,
-        discrepancy_covariance=discrepancy,
+        of_lengths=of_lengths,
         correlations={lengths: weight / sum(likely.values()) for lengths, weight in likely.items()},
     )
 
 
-def _sum(squares: FloatArray, covariances: Sequence[FloatArray]) -> FloatArray:
-    total: FloatArray = np.tensordot(squares, np.stack(covariances), axes=1)
-    return total
+def excess(residuals: FloatArray, jacobian: FloatArray, known: FloatArray, rest: FloatArray) -> float:
+    """How many times larger than stated the known causes are, as far as the residuals show it; 1 at least.
+
+    Birge's ratio (Phys. Rev. 40, 1932): the root of χ² over its degrees of freedom, here of what no parameter
+    explains along the directions in which the causes are larger than all else.
+
+    Parameters
+    ----------
+    residuals : (n,) array
+    jacobian : (n, n_parameters) array
+    known : (n, m) array
+        What the known causes make of the residuals, one standard deviation each.
+    rest : (n, n) array
+        Covariance by noise and discrepancy.
+    """
+    free = null_space(jacobian.T)
+    root = np.linalg.cholesky(free.T @ rest @ free)
+    axes, sizes, _ = np.linalg.svd(solve_triangular(root, free.T @ known, lower=True), full_matrices=False)
+    seen = sizes > 1.0
+    along = axes[:, seen].T @ solve_triangular(root, free.T @ residuals, lower=True)
+    square = float((along**2 / (1.0 + sizes[seen] ** 2)).sum())
+    return float(np.sqrt(max(1.0, square / max(1, seen.sum()))))
 
 
 def _modes(
@@ -269,7 +310,7 @@ def _modes(
         stacked = np.stack([seen[id(part)] for part in parts])
         likelihood = _Likelihood(free, fixed @ fixed.T, stacked, expected, most)
         squares, value = likelihood.mode()
-        yield _Mode((points, length), noises[points], others[length], likelihood, squares, value)
+        yield _Mode((points, length), likelihood, squares, value)
 
 
 def _seen(residuals: FloatArray, rows: ResidualLayout, channel: int) -> float:

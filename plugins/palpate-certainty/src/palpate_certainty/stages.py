@@ -78,11 +78,6 @@ class Posteriors(Stage):
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Draws of the posteriors, and what follows from them."""
         study = inputs.study
-        if study.budget.is_gls:
-            raise StudyError(
-                f'{study.file}: posteriors are around the least Fopt, and the intervals of estimator = "gls" '
-                "are around the most likely values; leave [budget] estimator out to draw posteriors"
-            )
         cases = cases_of(inputs)
         assessed = assessment_of(inputs, cases).assessed(cases)
         stage = PosteriorSampling(study=study, design=inputs.design, swept=inputs.swept(), progress=progress)

@@ -24,8 +24,11 @@ from palpate.api.fit import (
 from palpate.api.runs import Study
 from palpate_certainty.adequacy import ALLOWED, Check, Misfit
 from palpate_certainty.error_sources import MESH
-from palpate_certainty.laplace import Density, Laplace
+from palpate_certainty.laplace import RANGE, Density, Laplace
 from palpate_certainty.noise_model import NoiseModel
+
+NOISE, DISCREPANCY, PRIORS = "noise", "model", "priors"
+"""Error sources besides those of :mod:`~palpate_certainty.error_sources`."""
 
 LEAST_POWER = 0.15
 """Power of a parameter, over the largest one, below which it is left out."""
@@ -96,16 +99,20 @@ class Assessed:
     case : Case
     end : Fit
     point : (n_parameters,) array
-        Where it has ended, as shares of the ranges; with the ``gls`` estimator the most likely values.
+        The most likely values, as shares of the ranges.
     values : (n_parameters,) array
         The same, in the units of the parameters.
-    laplace, noise_only : Laplace
-        By all causes, and by the noise alone.
+    laplace : Laplace
+        By all causes.
+    in_range : Laplace
+        The same, where every value is known to be within its range: as wide as the intervals.
     density : Density
         By all causes, within the ranges and the filters.
     white : (m, n) array
         From the residuals to independent ones of variance 1, by all causes.
     errors : NoiseModel
+    excess : float
+        How many times larger than the budget has them known causes are taken.
     misfits : mapping of channel number to Misfit
     checks : tuple of Check
     channels : tuple of str
@@ -121,15 +128,21 @@ class Assessed:
     point: FloatArray
     values: FloatArray
     laplace: Laplace
-    noise_only: Laplace
+    in_range: Laplace
     density: Density
     white: FloatArray
     errors: NoiseModel
+    excess: float
     misfits: Mapping[int, Misfit]
     checks: tuple[Check, ...]
     channels: tuple[str, ...]
     has_usual_mesh_error: bool = False
     left_out: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def noise_only(self) -> Laplace:
+        """What the noise alone makes of the density."""
+        return self.laplace.by(NOISE, PRIORS, RANGE)
 
 
 def density_of(found: Laplace, problem: Problem) -> Density:
@@ -151,6 +164,14 @@ def density_of(found: Laplace, problem: Problem) -> Density:
         return even
 
     return found.within(weights)
+
+
+def most_likely(found: Laplace, density: Density, problem: Problem) -> FloatArray:
+    """Point (n_parameters,), as shares of the ranges, where a density is largest and the filters accept."""
+    box, likely = problem.box, found.most_likely
+    if problem.accepts(box.point(box.lower + (box.upper - box.lower) * likely)[None])[0]:
+        return likely
+    return density.nearest
 
 
 def certainty_result(assessed: Sequence[Assessed], study: Study) -> CertaintyResult:
@@ -201,15 +222,15 @@ def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
 
 def _is_mostly_mesh(each: Assessed, parameter: int) -> bool:
     """True if the usual error of a mesh is the largest cause of a parameter's interval."""
-    shares = {cause: float(share[parameter]) for cause, share in each.laplace.shares.items()}
+    shares = {cause: float(share[parameter]) for cause, share in each.in_range.shares.items()}
     return each.has_usual_mesh_error and max(shares, key=shares.__getitem__) == MESH
 
 
 def _budget(each: Assessed) -> Iterator[dict[str, Any]]:
     box = each.end.problem.box
     for i, name in enumerate(box.names):
-        sd = float(each.laplace.sd[i] * (box.upper - box.lower)[i])
-        shares = {cause: float(share[i]) for cause, share in each.laplace.shares.items()}
+        sd = float(each.in_range.sd[i] * (box.upper - box.lower)[i])
+        shares = {cause: float(share[i]) for cause, share in each.in_range.shares.items()}
         for cause, share in sorted(shares.items(), key=lambda item: -item[1]):
             sd_of_cause = sd * float(np.sqrt(share))
             row = _about(each) | {"parameter": name, "cause": cause}
@@ -220,7 +241,7 @@ def _budget(each: Assessed) -> Iterator[dict[str, Any]]:
 
 def _directions(each: Assessed) -> Iterator[dict[str, Any]]:
     box, width = each.end.problem.box, each.end.problem.box.upper - each.end.problem.box.lower
-    for found in parameter_combinations(box.names, each.values, width, each.laplace.covariance):
+    for found in parameter_combinations(box.names, each.values, width, each.in_range.covariance):
         yield _about(each) | {
             "combination": found.text,
             "relative_width": found.relative_width,
@@ -242,8 +263,6 @@ def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
             "discrepancy": "" if channel is None else _missed(each, check.channel, study),
             "spots": "the spots disagree on the parameters by more than their intervals",
             "ranges": "the curves ask for parameters outside of their ranges",
-            "estimators": "the most likely values are farther from those of the least Fopt than the errors "
-            "allow that both rest on",
             "relaxation": check.message,
         }
         yield _about(each) | {

@@ -1,31 +1,24 @@
 """Fisher information of each press on the parameters, in sums that presses add to.
 
-The covariance of a fit is that of :mod:`palpate_certainty.laplace`. With slopes J of the residuals and their
-covariance C a fit by Fopt needs no more than JᵀJ and JᵀCJ. Both are sums: the first over the presses, the
-second over the presses and over every cause, whose columns F give (JᵀF)(JᵀF)ᵀ with JᵀF a sum over the presses
-that share the cause. For generalised least squares the information is JᵀC⁻¹J, with all causes in C: a press
-adds its rows to a Cholesky factor of C. So a press that is simulated once is added to any others in
-milliseconds.
+The covariance of a fit is that of :mod:`palpate_certainty.laplace`: with slopes G of the scores of all curves
+and their covariance C, by every cause, the information is GᵀC⁻¹G. A press adds the rows of its scores to a
+Cholesky factor of C. So a press that is simulated once is added to any others in milliseconds.
 """
 
 import functools
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Self, TypeVar, final
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from typing_extensions import override
 
 from palpate.api import FloatArray
+from palpate_certainty.laplace import FLAT_SD, scores_of
 from palpate_certainty.noise_model import COMMON, ResidualLayout, matern
 
 SPACING = 0.1
 """Distance, in correlation lengths, of the places on a path between which a discrepancy is interpolated."""
-
-FLAT_SD = 12.0**-0.5
-"""Standard deviation, in ranges, of a value that may be anywhere in its range: nothing is outside of it."""
 
 SEEN = 1e-12
 """Share of the largest information below which a direction counts as not seen."""
@@ -59,77 +52,6 @@ class ErrorSizes:
         return found
 
 
-class FisherInformation(ABC):
-    """Information of some presses on the parameters; the sum of two is that of both."""
-
-    __slots__ = ()
-
-    @abstractmethod
-    def __add__(self, other: Self) -> Self: ...
-
-    @abstractmethod
-    def again(self, press: str, number: int) -> Self:
-        """Information of the same press when it is made once more: its own error sources are drawn again."""
-
-    @abstractmethod
-    def covariance(self, range_sd: float = FLAT_SD) -> FloatArray:
-        """Covariance (n_parameters, n_parameters) of the fit of these presses, in shares of the ranges."""
-
-
-@final
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FoptInformation(FisherInformation):
-    """Information of presses that are fitted by least Fopt.
-
-    Parameters
-    ----------
-    information : (n_parameters, n_parameters) array
-        JᵀJ, per range of each parameter.
-    noise : (n_parameters, n_parameters) array
-        JᵀCJ by what no two presses share.
-    causes : mapping of name to (n_parameters, m) array
-        JᵀF of each cause that presses may share.
-    """
-
-    information: FloatArray
-    noise: FloatArray
-    causes: Mapping[str, FloatArray]
-
-    def __add__(self, other: Self) -> Self:
-        names = dict.fromkeys([*self.causes, *other.causes])
-        return replace(
-            self,
-            information=self.information + other.information,
-            noise=self.noise + other.noise,
-            causes={name: _sum(self.causes.get(name), other.causes.get(name)) for name in names},
-        )
-
-    @override
-    def again(self, press: str, number: int) -> Self:
-        return replace(self, causes=_renamed(self.causes, press, number))
-
-    @override
-    def covariance(self, range_sd: float = FLAT_SD) -> FloatArray:
-        # As palpate_certainty.laplace has it.
-        scores = self.noise + sum(part @ part.T for part in self.causes.values())
-        sizes, axes = np.linalg.eigh(self.information)
-        seen = sizes > SEEN * sizes[-1]
-        roots = axes[:, seen] * np.sqrt(sizes[seen])
-        inverse = axes[:, seen] / np.sqrt(sizes[seen])
-        gained = roots @ np.linalg.solve(inverse.T @ scores @ inverse, roots.T)
-        covariance: FloatArray = np.linalg.inv(gained + np.eye(len(gained)) / range_sd**2)
-        return (covariance + covariance.T) / 2.0
-
-
-def _sum(one: FloatArray | None, other: FloatArray | None) -> FloatArray:
-    """Sum of columns; those of the shorter path are zero beyond its end."""
-    given = sorted((part for part in (one, other) if part is not None), key=lambda part: part.shape[1])
-    summed = given[-1].copy()
-    for part in given[:-1]:
-        summed[:, : part.shape[1]] += part
-    return summed
-
-
 Named = TypeVar("Named")
 
 
@@ -141,8 +63,8 @@ def _renamed(causes: Mapping[str, Named], press: str, number: int) -> dict[str, 
 
 @final
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GlsInformation(FisherInformation):
-    """Information of presses that are fitted by generalised least squares.
+class FisherInformation:
+    """Information of some presses on the parameters; the sum of two is that of both.
 
     With white noise and the columns F of all causes, residuals have the covariance LLᵀ = 1 + FFᵀ. A further
     press adds rows to L: only what it shares with the presses so far, and its own block, is factorised.
@@ -178,12 +100,12 @@ class GlsInformation(FisherInformation):
             causes=(*self.causes, *other.causes),
         )
 
-    @override
     def again(self, press: str, number: int) -> Self:
+        """Information of the same press when it is made once more: its own error sources are drawn again."""
         return replace(self, causes=tuple(_renamed(each, press, number) for each in self.causes))
 
-    @override
     def covariance(self, range_sd: float = FLAT_SD) -> FloatArray:
+        """Covariance (n_parameters, n_parameters) of the fit of these presses, in shares of the ranges."""
         information = self.scores.T @ self.scores
         inverse = np.linalg.inv(information + np.eye(len(information)) / range_sd**2)
         covariance: FloatArray = inverse.astype(np.float64)
@@ -225,7 +147,6 @@ def press_information(
     *,
     channels: tuple[str, ...],
     site: str,
-    is_gls: bool = False,
 ) -> FisherInformation:
     """Make the information of one press.
 
@@ -243,25 +164,15 @@ def press_information(
         By their numbers in ``rows``.
     site : str
         Presses at one site share what the model leaves out there.
-    is_gls : bool
-        Whether the fit is by generalised least squares.
     """
-    noise = _noise(rows, errors, channels)
-    causes = {name: column[:, None] for name, column in known.items()} | _left_out(
-        rows, errors, channels, site
-    )
-    if not is_gls:
-        slopes = _without(free, slopes)
-        return FoptInformation(
-            information=slopes.T @ slopes,
-            noise=slopes.T @ noise @ slopes,
-            causes={name: slopes.T @ part for name, part in causes.items()},
-        )
-    root = _factor(noise)
-    white = [_divided(root, columns) for columns in (slopes, *causes.values())]
-    fitted = _divided(root, free)
+    scores = scores_of(np.concatenate([slopes, free], axis=1), rows.curve).T
+    left_out = _left_out(rows, errors, channels, site)
+    causes = {name: column[:, None] for name, column in known.items()} | left_out
+    root = _factor(scores @ _noise(rows, errors, channels) @ scores.T)
+    white = [_divided(root, scores @ columns) for columns in (slopes, *causes.values())]
+    fitted = _divided(root, scores @ free)
     own, *parts = (_without(fitted, columns) for columns in white)
-    return GlsInformation.of(own, dict(zip(causes, parts, strict=True)))
+    return FisherInformation.of(own, dict(zip(causes, parts, strict=True)))
 
 
 def _without(free: FloatArray, columns: FloatArray) -> FloatArray:

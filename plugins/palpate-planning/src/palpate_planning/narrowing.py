@@ -152,9 +152,6 @@ ALL, WORST, PREDICTION = "all", "worst", "prediction"
 """Goals: the volume of the joint region, the relative width of the parameter that is known least, and the
 force of a tool."""
 
-MOST_WIDER = 1.1
-"""Width of an interval, over that before, up to which a press counts as one that widens none."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Goal:
@@ -256,13 +253,10 @@ class Plan:
         return self._information[0].covariance(RANGE_SD)
 
     def ranked(self, presses: Sequence[SimulatedPress]) -> list[Narrowing]:
-        """What each of these presses would do next, the best first; last those that widen an interval.
-
-        Fopt weighs every press alike, so that one that shows a parameter badly may widen its interval.
-        """
+        """What each of these presses would do next, the best first."""
         before = [information.covariance() for information in self._information]
         found = [self._narrowing(each, before) for each in presses if each.at]
-        return sorted(found, key=lambda each: (each.widths.max() > MOST_WIDER, each.goal))
+        return sorted(found, key=lambda each: each.goal)
 
     def add(self, press: SimulatedPress) -> None:
         """Make a press part of what is known."""

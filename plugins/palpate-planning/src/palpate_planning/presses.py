@@ -340,7 +340,6 @@ def _information(
         design.errors,
         channels=channels,
         site=term.site,
-        is_gls=design.study.budget.is_gls,
     )
 
 

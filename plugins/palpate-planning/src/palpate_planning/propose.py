@@ -25,7 +25,7 @@ from palpate_planning.candidates import (
     limited_curves,
     limits_of,
 )
-from palpate_planning.information import ErrorSizes, FisherInformation, FoptInformation, GlsInformation
+from palpate_planning.information import ErrorSizes, FisherInformation
 from palpate_planning.narrowing import (
     ALL,
     PREDICTION,
@@ -364,12 +364,7 @@ def of_priors(design: DesignProblem) -> FisherInformation:
         prior = problem.parameters[number].prior
         if prior is not None:
             rates[i] = (problem.box.upper - problem.box.lower)[number] / prior.sd
-    if design.study.budget.is_gls:
-        return GlsInformation.of(np.diag(rates), {"prior": np.zeros((len(shared), 0))})
-    size = problem.noise * np.sqrt(len(problem.terms))  # of a residual; slopes are as large
-    return FoptInformation(
-        information=np.diag((size * rates) ** 2), noise=np.diag((size**2 * rates) ** 2), causes={}
-    )
+    return FisherInformation.of(np.diag(rates), {"prior": np.zeros((len(shared), 0))})
 
 
 def _refusal(press: SimulatedPress, limits: Mapping[str, Limit]) -> str:

@@ -8,9 +8,6 @@ from palpate_report.best_sets import Best, Value, leading
 from palpate_report.marks import rounded
 from palpate_report.report_data import ReportData, label_of
 
-NARROWER = 0.9
-"""Width of an interval over that of the one that leads below which it is named."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mark:
@@ -56,14 +53,10 @@ class Axis:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Forest:
-    """Rows of the joint fit, if there is one, and of every spot.
-
-    ``narrower`` names parameters whose interval by fewer channels is narrower than the one that leads.
-    """
+    """Rows of the joint fit, if there is one, and of every spot."""
 
     axes: tuple[Axis, ...]
     rows: tuple[Row, ...]
-    narrower: tuple[str, ...] = ()
 
     @property
     def apart(self) -> dict[str, tuple[str, ...]]:
@@ -87,23 +80,7 @@ def forest(data: ReportData, bests: Sequence[Best]) -> Forest:
         )
         own = found.get(data.generalising.name)
         rows.append(Row(label=spot, differs=tuple(_differs(data, own, lead)), marks=marks))
-    return Forest(axes=axes, rows=tuple(rows), narrower=tuple(_narrower(data, bests, lead)))
-
-
-def _narrower(data: ReportData, bests: Sequence[Best], lead: Best | None) -> Iterator[str]:
-    """Name parameters with the scenario by which their interval is narrower by more than a tenth."""
-    if lead is None or data.study.budget.is_gls:
-        return
-    for best in bests:
-        if best.spot == lead.spot and best.scenario != lead.scenario:
-            for parameter, one, other in zip(data.searched.values(), lead.values, best.values, strict=True):
-                widths = [
-                    each.upper - each.lower
-                    for each in (one, other)
-                    if each.is_sure and each.lower is not None and each.upper is not None
-                ]
-                if len(widths) == 2 and widths[1] < NARROWER * widths[0]:
-                    yield f"{parameter.name} by {best.scenario}"
+    return Forest(axes=axes, rows=tuple(rows))
 
 
 def _differs(data: ReportData, own: Best | None, lead: Best | None) -> Iterator[str]:

@@ -41,8 +41,6 @@ INADEQUATE = {
     "spots": "Check position, normal and mesh of the spot that differs; where the tissue differs, search its "
     'parameters with `by = "spot"`.',
     "ranges": "Widen the ranges, if the material law allows it; else it does not describe the tissue.",
-    "estimators": 'Use estimator = "fopt": errors of the model, such as those of its mesh, are not of the '
-    "kind that the budget assumes.",
 }
 """What to do about a fit whose model does not describe the data, by check."""
 
