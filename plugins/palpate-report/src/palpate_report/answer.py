@@ -32,7 +32,7 @@ MOST_CAUSES = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class SummaryCard:
     """The card: title, what it is of, values, facts by name, and whether intervals are of 95 %."""
 
     title: str
@@ -42,7 +42,7 @@ class Answer:
     is_sure: bool
 
 
-def answer(data: ReportData, verdict: Verdict, picture: Forest) -> Answer:
+def answer(data: ReportData, verdict: Verdict, picture: Forest) -> SummaryCard:
     """Sum up what leads: the joint fit, the set for all spots, or the best set of the only spot."""
     n_spots = len(data.spots)
     material = " and ".join(
@@ -62,7 +62,7 @@ def answer(data: ReportData, verdict: Verdict, picture: Forest) -> Answer:
         "Known": _known(data, verdict),
         "Rests on": verdict.spent or f"{sum(data.completeness.simulated.values())} simulations of the sweep.",
     }
-    return Answer(
+    return SummaryCard(
         title="No parameters from this run"
         if verdict.failure
         else f"{material.capitalize()}, one for {where}",
