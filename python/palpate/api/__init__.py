@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         Mesh as Mesh,
         Normaliser as Normaliser,
         Parameter as Parameter,
+        ParameterName as ParameterName,
         ParameterSpace as ParameterSpace,
         Prior as Prior,
         Protocol as Protocol,

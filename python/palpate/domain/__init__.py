@@ -30,7 +30,7 @@ from palpate.domain.curves import (
 from palpate.domain.equilibrium_states import EquilibriumStates as EquilibriumStates, pose_columns
 from palpate.domain.indenter import Indenter
 from palpate.domain.material import Material
-from palpate.domain.parameter import Parameter as Parameter, Prior as Prior
+from palpate.domain.parameter import Parameter as Parameter, ParameterName as ParameterName, Prior as Prior
 from palpate.domain.parameters import (
     ParameterSpace as ParameterSpace,
     RegionMaterial as RegionMaterial,

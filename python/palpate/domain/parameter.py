@@ -1,8 +1,8 @@
-"""One parameter of a material: its unit, physical range and prior."""
+"""One parameter: its full name, unit, physical range and prior."""
 
 import sys
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 
@@ -22,6 +22,48 @@ class Prior:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.value) and np.isfinite(self.sd) and self.sd > 0.0):
             raise ParameterError(f"a prior of {self.value} with sd {self.sd}; give a finite value and sd > 0")
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterName:
+    """Full name of a parameter, ``region.name@spot`` in tables and files.
+
+    Parameters
+    ----------
+    region : str
+        Whose material it is of, or ``gain``; empty for what belongs to no region, such as friction.
+    name : str
+        Name in the material, or the channel of a gain.
+    spot : str
+        The only spot whose value it is; empty where all spots share it.
+    """
+
+    region: str
+    name: str
+    spot: str = ""
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Name as it is in a table or a file."""
+        shared, _, spot = text.partition("@")
+        region, dot, name = shared.partition(".")
+        return cls(region, name, spot) if dot else cls("", region, spot)
+
+    def __str__(self) -> str:
+        return f"{self.shared}@{self.spot}" if self.spot else self.shared
+
+    @property
+    def shared(self) -> str:
+        """``region.name``, the name without its spot."""
+        return f"{self.region}.{self.name}" if self.region else self.name
+
+    def at(self, spot: str) -> Self:
+        """Name of the same parameter at a spot; with an empty one, at all spots."""
+        return type(self)(self.region, self.name, spot)
+
+    def counts_at(self, spot: str) -> bool:
+        """True if its value is that of the spot, or of all spots."""
+        return self.spot in ("", spot)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

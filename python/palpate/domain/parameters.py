@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.domain.curves import FloatArray
 from palpate.domain.material import Material
-from palpate.domain.parameter import Parameter
+from palpate.domain.parameter import Parameter, ParameterName
 from palpate.errors import SamplingError
 
 
@@ -71,6 +71,15 @@ class RegionMaterial:
         ratios = (tie.factor for tie in self.tied.values() if isinstance(tie.factor, Parameter))
         return (*self.searched, *ratios)
 
+    def name_of(self, parameter: str) -> str:
+        """Full name of a parameter of the region."""
+        return str(ParameterName(self.region, parameter))
+
+    @property
+    def full_names(self) -> dict[str, str]:
+        """Full names of all parameters of the material, by their names in it."""
+        return {p.name: self.name_of(p.name) for p in self.material.parameters}
+
     @property
     def room(self) -> dict[str, float]:
         """Relative distance of each fixed parameter that is not 0 to the nearer end of its physical range."""
@@ -99,17 +108,17 @@ class ParameterSpace:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Searched parameters and ratios with their full names, in design column order."""
-        return tuple(replace(p, name=f"{r.region}.{p.name}") for r in self.regions for p in r.columns)
+        return tuple(replace(p, name=r.name_of(p.name)) for r in self.regions for p in r.columns)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Full names of the parameters."""
-        return tuple(f"{r.region}.{p.name}" for r in self.regions for p in r.columns)
+        return tuple(r.name_of(p.name) for r in self.regions for p in r.columns)
 
     @property
     def ties(self) -> dict[str, Tie]:
         """Ties by the full name of the parameter that follows."""
-        return {f"{r.region}.{name}": tie for r in self.regions for name, tie in r.tied.items()}
+        return {r.name_of(name): tie for r in self.regions for name, tie in r.tied.items()}
 
     def root(self, name: str) -> str:
         """Full name at the end of the ties of a parameter: its own where it follows none."""
@@ -126,8 +135,8 @@ class ParameterSpace:
 
     def columns_of(self, region: str) -> tuple[int, ...]:
         """Design columns that the material of a region depends on."""
-        (material,) = (r.material for r in self.regions if r.region == region)
-        roots = {root for p in material.parameters for root in self.roots(f"{region}.{p.name}")}
+        (material,) = (r for r in self.regions if r.region == region)
+        roots = {root for name in material.full_names.values() for root in self.roots(name)}
         return tuple(i for i, name in enumerate(self.names) if name in roots)
 
     def complete(self, known: Mapping[str, float]) -> dict[str, float]:
@@ -135,7 +144,7 @@ class ParameterSpace:
 
         What is not known is what the study fixes it to, or follows by its tie; NaN where neither gives it.
         """
-        fixed = {f"{r.region}.{name}": value for r in self.regions for name, value in r.fixed.items()}
+        fixed = {r.name_of(name): value for r in self.regions for name, value in r.fixed.items()}
         given, ties = {**fixed, **known}, self.ties
 
         def value(name: str) -> float:
@@ -146,11 +155,7 @@ class ParameterSpace:
                 factor = given.get(ratio_of(name), np.nan)
             return factor * value(ties[name].source)
 
-        return {
-            name: value(name)
-            for r in self.regions
-            for name in (f"{r.region}.{p.name}" for p in r.material.parameters)
-        }
+        return {name: value(name) for r in self.regions for name in r.full_names.values()}
 
     def thetas(self, row: FloatArray) -> dict[str, FloatArray]:
         """Textbook parameters by region for one design row of shape (n_parameters,)."""
@@ -159,17 +164,17 @@ class ParameterSpace:
             raise SamplingError(f"a design row of {len(row)} values for {len(names)} searched parameters")
         values = self.complete(dict(zip(names, row.tolist(), strict=True)))
         return {
-            r.region: r.theta({p.name: values[f"{r.region}.{p.name}"] for p in r.material.parameters})
+            r.region: r.theta({name: values[full] for name, full in r.full_names.items()})
             for r in self.regions
         }
 
     def written(self, thetas: Mapping[str, FloatArray]) -> dict[str, float]:
         """Values of all parameters and ratios by full name, as regions write them; undoes :meth:`thetas`."""
         values = {
-            f"{r.region}.{p.name}": float(value)
+            name: float(value)
             for r in self.regions
-            for p, value in zip(
-                r.material.parameters,
+            for name, value in zip(
+                r.full_names.values(),
                 r.material.from_textbook(thetas[r.region], r.convention),
                 strict=True,
             )

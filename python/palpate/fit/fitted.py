@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.domain import Job, Response
+from palpate.domain import Job, ParameterName, Response
 from palpate.errors import StudyError
 from palpate.plugins.guard import answering_for
 from palpate.plugins.parametrisation import SpotInputs, at_spot
@@ -84,9 +84,9 @@ def _values(
     is_fit = any("fit" in row for row in by_spot.values())
     with answering_for(study.parametrisation, "asking what it searches"):
         searched = study.parametrisation.parameters(study.space, spots)
-    for name in [p.name for p in searched] if is_fit else study.space.names:
-        head, _, spot = name.partition("@")
-        yield name, float(by_spot[spot or spots[0]][head])
+    for text in [p.name for p in searched] if is_fit else study.space.names:
+        name = ParameterName.parse(text)
+        yield text, float(by_spot[name.spot or spots[0]][name.shared])
 
 
 def inputs_at(
@@ -96,7 +96,7 @@ def inputs_at(
     protocol = study.protocol_at(spot) or homogeneous_tests(measured[spot])
     at = at_spot(values, spot)
     searched = study.parametrisation.parameters(study.space, study.spot_names)
-    if not {p.name.partition("@")[0] for p in searched} <= at.keys():
+    if not {ParameterName.parse(p.name).shared for p in searched} <= at.keys():
         row = np.array([at[name] for name in study.space.names])
         return SpotInputs(thetas=study.space.thetas(row), protocol=protocol)
     with answering_for(study.parametrisation, f"what it gives spot '{spot}'"):

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from palpate.domain import Indentation, Parameter, ParameterSpace, Prior, Protocol
+from palpate.domain import Indentation, Parameter, ParameterName, ParameterSpace, Prior, Protocol
 from palpate.domain.component import Settings
 from palpate.errors import PalpateError
 from palpate.plugins.parametrisation import Parametrisation, SpotInputs, at_spot, for_each_spot
@@ -122,12 +122,12 @@ class StandardParametrisation(Parametrisation[StandardSettings]):
     def start(self, protocols: Mapping[str, Protocol]) -> dict[str, float]:
         """The study's own friction, no offset, and gains of 1."""
         frictions = {spot: p.friction for spot, p in protocols.items() if isinstance(p, Indentation)}
-        start = {f"{FRICTION}@{spot}": friction for spot, friction in frictions.items()}
+        start = {str(ParameterName("", FRICTION, spot)): friction for spot, friction in frictions.items()}
         if frictions:
             start[FRICTION] = float(np.mean(list(frictions.values())))
         start |= {OFFSET: 0.0} | {f"{GAIN}.{channel}": 1.0 for channel in self.settings.gains}
         searched = {p.name for p in self._own()}
-        return {name: value for name, value in start.items() if name.partition("@")[0] in searched}
+        return {name: value for name, value in start.items() if ParameterName.parse(name).shared in searched}
 
     def unusable(self, channels: Sequence[str], *, indents: bool) -> Iterator[tuple[tuple[str, ...], str]]:
         """Friction and onset of homogeneous tests, and gains of channels that no curve shows."""

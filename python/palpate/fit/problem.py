@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from palpate.domain import BoolArray, FloatArray, Job, Parameter, Simulation, channel_of
+from palpate.domain import BoolArray, FloatArray, Job, Parameter, ParameterName, Simulation, channel_of
 from palpate.errors import PalpateError, ParameterError
 from palpate.fit.box import Box
 from palpate.fit.spot_term import (
@@ -199,7 +199,7 @@ class Problem:
         usual, to_point = self._usual(), self.box.exact_point if exact else self.box.point
         point = np.full(len(self.parameters), 0.5)
         for i, parameter in enumerate(self.parameters):
-            head = parameter.name.partition("@")[0]
+            head = ParameterName.parse(parameter.name).shared
             prior = {} if parameter.prior is None else {parameter.name: parameter.prior.value}
             for given in (known, prior, usual):
                 if parameter.name in given or head in given:
@@ -212,7 +212,7 @@ class Problem:
     def values_of(self, row: Mapping[str, float]) -> FloatArray:
         """Values (n_parameters,) of a set of the sweep, given by name; where it varies none, the usual."""
         given = {**self._usual(), **row}
-        known = [given.get(name, given.get(name.partition("@")[0], np.nan)) for name in self.names]
+        known = [given.get(name, given.get(ParameterName.parse(name).shared, np.nan)) for name in self.names]
         # To the last bit those of the sweep, which by way of the box they are not.
         return np.clip(np.where(np.isnan(known), self.start, known), self.box.lower, self.box.upper)
 

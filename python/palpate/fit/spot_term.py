@@ -18,6 +18,7 @@ from palpate.domain import (
     Indentation,
     Job,
     Normaliser,
+    ParameterName,
     Protocol,
     Response,
     Scenario,
@@ -310,7 +311,10 @@ def along_slopes(
     steps = {FRICTION: _friction(inputs.protocol) - _friction(base.protocol)}
     for region, material in simulation.job.materials.items():
         moved = (inputs.thetas[region] - base.thetas[region]).tolist()
-        steps |= {f"{region}.{p.name}": step for p, step in zip(material.parameters, moved, strict=True)}
+        steps |= {
+            str(ParameterName(region, p.name)): step
+            for p, step in zip(material.parameters, moved, strict=True)
+        }
     taken = {name: step for name, step in steps.items() if step}
     if simulation.response is None or not taken:
         return simulation

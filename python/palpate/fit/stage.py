@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import polars as pl
 
-from palpate.domain import Design, FloatArray, Response, Scenario, Simulation, channel_of
+from palpate.domain import Design, FloatArray, ParameterName, Response, Scenario, Simulation, channel_of
 from palpate.errors import PalpateError
 from palpate.fit.mesh_correction import NEAR, EndSlopes, FineRun, errors_of, fine_run
 from palpate.fit.problem import Problem
@@ -318,8 +318,8 @@ class _End:
 
 def _at_spot(values: Mapping[str, float], spot: str) -> dict[str, float]:
     """Values that a joint fit has found for one spot, under their names at that spot."""
-    split = {name: name.partition("@") for name in values}
-    return {head: values[name] for name, (head, _, at) in split.items() if at == spot}
+    named = ((ParameterName.parse(name), value) for name, value in values.items())
+    return {name.shared: value for name, value in named if name.spot == spot}
 
 
 def _same(one: Mapping[str, Correction], other: Mapping[str, Correction]) -> bool:

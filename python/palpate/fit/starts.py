@@ -4,7 +4,7 @@ import numpy as np
 import polars as pl
 from scipy.stats import qmc
 
-from palpate.domain import Design, FloatArray, channel_of
+from palpate.domain import Design, FloatArray, ParameterName, channel_of
 from palpate.fit.box import Box
 from palpate.fit.problem import Problem
 from palpate.fit.spot_term import pieces
@@ -53,7 +53,7 @@ def accepted_start(problem: Problem, start: FloatArray) -> FloatArray:
     if problem.accepts(start[None])[0]:
         return start
     of_materials = {p.name for p in problem.study.space.parameters}
-    moved = np.array([name.partition("@")[0] in of_materials for name in problem.names])
+    moved = np.array([ParameterName.parse(name).shared in of_materials for name in problem.names])
     points = np.tile(start, (1024, 1))
     points[:, moved] = qmc.Sobol(int(moved.sum()), scramble=False).random(1024)
     accepted = points[problem.accepts(points)]

@@ -4,7 +4,7 @@ from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from palpate.domain import FloatArray, Parameter, ParameterSpace, Protocol
+from palpate.domain import FloatArray, Parameter, ParameterName, ParameterSpace, Protocol
 from palpate.domain.component import Component, SettingsT
 
 
@@ -87,13 +87,13 @@ class Parametrisation(Component[SettingsT]):
 def for_each_spot(parameters: Sequence[Parameter], spots: Sequence[str]) -> tuple[Parameter, ...]:
     """Parameters, those ``by_spot`` once for each of several spots as ``<name>@<spot>``."""
     return tuple(
-        replace(parameter, name=f"{parameter.name}{at}")
+        replace(parameter, name=str(ParameterName.parse(parameter.name).at(spot)))
         for parameter in parameters
-        for at in ([f"@{spot}" for spot in spots] if parameter.by_spot and len(spots) > 1 else [""])
+        for spot in (spots if parameter.by_spot and len(spots) > 1 else [""])
     )
 
 
 def at_spot(values: Mapping[str, float], spot: str) -> dict[str, float]:
     """Values that count at a spot, by name without ``@<spot>``."""
-    split = ((*name.partition("@"), value) for name, value in values.items())
-    return {head: value for head, _, at, value in split if at in ("", spot)}
+    named = ((ParameterName.parse(name), value) for name, value in values.items())
+    return {name.shared: value for name, value in named if name.counts_at(spot)}

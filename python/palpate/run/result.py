@@ -7,7 +7,7 @@ from typing import Any
 
 import polars as pl
 
-from palpate.domain import Design, Limb, Response
+from palpate.domain import Design, Limb, ParameterName, Response
 
 LEVEL = 0.95
 """Probability with which an interval holds the truth."""
@@ -255,12 +255,12 @@ class FitResult:
         if known.is_empty() or "spot" not in table.columns:
             return table
         for parameter in known["parameter"].unique(maintain_order=True):
-            name, _, spot = parameter.partition("@")
+            name = ParameterName.parse(parameter)
             values = known.filter(parameter=parameter).select("fit", "scenario", estimate="value")
-            here = pl.col("estimate").is_not_null() & (pl.lit(not spot) | (pl.col("spot") == spot))
+            here = pl.col("estimate").is_not_null() & (pl.lit(not name.spot) | (pl.col("spot") == name.spot))
             table = (
                 table.join(values, on=["fit", "scenario"], how="left", maintain_order="left")
-                .with_columns(pl.when(here).then("estimate").otherwise(name).alias(name))
+                .with_columns(pl.when(here).then("estimate").otherwise(name.shared).alias(name.shared))
                 .drop("estimate")
             )
         return table
@@ -351,6 +351,6 @@ class FitResult:
         own = self.mesh.filter(pl.col("fit").is_in([fit, ALL_SPOTS]), scenario=scenario)
         errors: dict[str, float] = {}
         for row in (self.mesh if own.is_empty() else own).iter_rows(named=True):
-            name, moved = row["parameter"].partition("@")[0], (row["coarse"], row["extrapolated"])
+            name, moved = ParameterName.parse(row["parameter"]).shared, (row["coarse"], row["extrapolated"])
             errors[name] = max(errors.get(name, 0.0), *(abs(value - row["fine"]) for value in moved))
         return errors

@@ -12,6 +12,7 @@ from palpate.domain import (
     HomogeneousTests,
     Job,
     Limb,
+    ParameterName,
     Response,
     Simulation,
 )
@@ -151,15 +152,15 @@ def _check_searched(study: Study) -> None:
     for region in study.space.regions:
         with answering_for(study.solver, f"naming what it ignores of '{region.material.name}'"):
             ignored = study.solver.ignored(region.material)
-        seen = (p.name for p in region.material.parameters if p.name not in ignored)
-        used |= {root for name in seen for root in study.space.roots(f"{region.region}.{name}")}
+        seen = (full for name, full in region.full_names.items() if name not in ignored)
+        used |= {root for name in seen for root in study.space.roots(name)}
     for parameter in study.space.parameters:
         if parameter.name not in used:
-            region_name, _, name = parameter.name.partition(".")
+            name = ParameterName.parse(parameter.name)
             raise StudyError(
-                f"{study.place('region', region_name, 'parameters', name)}: is searched, but "
+                f"{study.place('region', name.region, 'parameters', name.name)}: is searched, but "
                 f"solver '{study.solver.name}' with these settings does not use this parameter; "
-                f'fix it, e.g. {name} = "{parameter.lower:g} {parameter.unit}"'
+                f'fix it, e.g. {name.name} = ""{parameter.lower:g} {parameter.unit}"'
             )
 
 

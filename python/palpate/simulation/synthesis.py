@@ -211,7 +211,7 @@ def _true_materials(study: Study) -> Iterator[tuple[str, FloatArray, dict[str, f
     """Region, textbook values and the numbers as the study writes them."""
     values_of = study.space.complete(study.truth)
     for region in study.space.regions:
-        numbers = {p.name: values_of[f"{region.region}.{p.name}"] for p in region.material.parameters}
+        numbers = {name: values_of[full] for name, full in region.full_names.items()}
         values = np.array(list(numbers.values()))
         yield region.region, region.material.to_textbook(values, region.convention), numbers
 

@@ -155,7 +155,7 @@ class SavedRun:
         chosen = regions[region or next(iter(regions))]
         inputs = inputs_at(self.study, spot or spots[0], self.headline.values, self.run.measured)
         every = self.study.space.written(inputs.thetas)
-        values = {p.name: every[f"{chosen.region}.{p.name}"] for p in chosen.material.parameters}
+        values = {name: every[full] for name, full in chosen.full_names.items()}
         known = self.intervals
         if not known.is_empty():
             known = known.filter(pl.col("parameter").str.starts_with(f"{chosen.region}."))

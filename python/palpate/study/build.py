@@ -251,9 +251,9 @@ def check_budget(
     except PalpateError as error:
         context.problems.add(("budget", "radius"), str(error))
     searched = {p.name for p in space.parameters}
-    every = (f"{r.region}.{p.name}" for r in space.regions for p in r.material.parameters)
+    every = (name for r in space.regions for name in r.full_names.values())
     known = {name: None for name in every if name not in searched}
-    room = {f"{r.region}.{name}": share for r in space.regions for name, share in r.room.items()}
+    room = {r.name_of(name): share for r in space.regions for name, share in r.room.items()}
     for name, sd in budget.parameters.items() if space.regions else ():
         if name in searched:
             reason = "is searched, so that its spread is the result; remove the key"

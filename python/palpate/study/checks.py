@@ -39,7 +39,7 @@ def setting_warnings(study: Study) -> Iterator[str]:
             )
     for region in study.space.regions:
         for parameter in region.searched:
-            name = f"{region.region}.{parameter.name}"
+            name = region.name_of(parameter.name)
             yield from _range(name, region, parameter)
             if study.protocol is not None and _only_volume(study.space, region, name):
                 yield (

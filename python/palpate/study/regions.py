@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from palpate.domain import FloatArray, Parameter, ParameterSpace, Prior, RegionMaterial, Tie
+from palpate.domain import FloatArray, Parameter, ParameterName, ParameterSpace, Prior, RegionMaterial, Tie
 from palpate.domain.material import Material
 from palpate.domain.parameters import ratio_of
 from palpate.errors import PalpateError
@@ -54,16 +54,17 @@ def with_ties(
     for region in space.regions:
         names = [p.name for p in region.material.parameters]
         for name, table in tables[region.region].parameters.items():
-            full, written = f"{region.region}.{name}", {}
+            full, written = region.name_of(name), {}
             for key, (factor, source) in (ties_in(table, names) if name in names else {}).items():
-                written[key] = factor, source if "." in source else f"{region.region}.{source}"
-            sources = {source.partition(".")[0] for _, source in written.values()}
+                written[key] = factor, source if "." in source else region.name_of(source)
+            sources = {ParameterName.parse(source).region for _, source in written.values()}
             if not written or sources & (tables.keys() - {r.region for r in space.regions}):
                 continue  # no tie, or the mistake in that region is reported already
             with problems.at(*_key(full)):
                 ties[full] = _tie(table, written, every, full)
+    named = [(ParameterName.parse(name), tie) for name, tie in ties.items()]
     regions = [
-        replace(r, tied={n.partition(".")[2]: t for n, t in ties.items() if n.partition(".")[0] == r.region})
+        replace(r, tied={name.name: tie for name, tie in named if name.region == r.region})
         for r in space.regions
     ]
     circles = [name for name in ties if name in _followed(name, ties)]
@@ -77,8 +78,8 @@ def with_ties(
 
 
 def _key(full: str) -> Key:
-    region, _, name = full.partition(".")
-    return ("region", region, "parameters", name)
+    name = ParameterName.parse(full)
+    return ("region", name.region, "parameters", name.name)
 
 
 def _tie(
@@ -97,7 +98,7 @@ def _tie(
         )
     if table.value is not None:
         return Tie(source=sources[0], factor=factors["value"])
-    per, own, name = every[sources[0]], every[follower], follower.partition(".")[2]
+    per, own, name = every[sources[0]], every[follower], ParameterName.parse(follower).name
     if ratio_of(follower) in every:
         raise ValueError(f"the material has a parameter '{ratio_of(name)}' of its own; fix the ratio")
     prior = Prior(value=factors["prior.value"], sd=factors["prior.sd"]) if table.prior else None
@@ -255,9 +256,7 @@ def _in_convention(material: Material, convention: str) -> Iterator[Parameter]:
 
 def _every(space: ParameterSpace) -> dict[str, Parameter]:
     """Every parameter of every region by full name, in the convention of its region."""
-    return {
-        f"{r.region}.{p.name}": p for r in space.regions for p in _in_convention(r.material, r.convention)
-    }
+    return {r.name_of(p.name): p for r in space.regions for p in _in_convention(r.material, r.convention)}
 
 
 def written_units(tables: Mapping[str, RegionTable], space: ParameterSpace) -> dict[str, str]:
@@ -265,7 +264,7 @@ def written_units(tables: Mapping[str, RegionTable], space: ParameterSpace) -> d
 
     What is tied to a parameter of the same unit has the one that this is written in.
     """
-    own = {f"{r.region}.{p.name}": p.unit for r in space.regions for p in r.material.parameters}
+    own = {r.name_of(p.name): p.unit for r in space.regions for p in r.material.parameters}
     shown = {*space.names, *space.ties} & own.keys()
     written = {name: _written_unit(tables, space.root(name)) for name in shown}
     return {
@@ -277,8 +276,8 @@ def written_units(tables: Mapping[str, RegionTable], space: ParameterSpace) -> d
 
 def _written_unit(tables: Mapping[str, RegionTable], name: str) -> str:
     """Unit in which the range or the value of a parameter is written; empty where it has none."""
-    region, _, parameter = name.partition(".")
-    table = tables[region].parameters.get(parameter, ParameterTable())
+    named = ParameterName.parse(name)
+    table = tables[named.region].parameters.get(named.name, ParameterTable())
     given = table.lower if table.value is None else table.value
     return unit_of(given) if isinstance(given, str) else ""
 

@@ -10,7 +10,7 @@ from palpate.units import convert
 
 def unit_factors(study: Study) -> dict[str, float]:
     """Factors from the materials' units to those in which a study writes its ranges, by full name."""
-    own = {f"{r.region}.{p.name}": p.unit for r in study.space.regions for p in r.material.parameters}
+    own = {r.name_of(p.name): p.unit for r in study.space.regions for p in r.material.parameters}
     return {name: 1.0 / convert(f"1 {unit}", own[name]) for name, unit in study.units.items()}
 
 

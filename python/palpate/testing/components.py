@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate import mechanics
-from palpate.domain import FloatArray, Indentation, Job
+from palpate.domain import FloatArray, Indentation, Job, ParameterName
 from palpate.domain.component import Component
 from palpate.domain.material import Material
 from palpate.errors import MaterialError
@@ -164,7 +164,7 @@ def neighbours(job: Job) -> Iterator[tuple[str, float, Job, Job]]:
             except MaterialError:
                 continue  # next to a limit of its physical range
             ahead, behind = (replace(job, thetas={**job.thetas, region: other}) for other in both)
-            yield f"{region}.{parameter.name}", step, ahead, behind
+            yield str(ParameterName(region, parameter.name)), step, ahead, behind
     press = job.protocol
     if isinstance(press, Indentation) and press.friction > 0.0:
         step = SLOPE_STEP * press.friction

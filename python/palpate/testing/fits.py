@@ -12,6 +12,7 @@ from palpate.domain import (
     FloatArray,
     Indentation,
     Parameter,
+    ParameterName,
     ParameterSpace,
     Protocol,
     RegionMaterial,
@@ -221,8 +222,8 @@ class ParametrisationContract(ComponentContract):
 
     def test_starts_what_it_searches(self, tried: "_Tried") -> None:
         given = tried.parametrisation.start(dict.fromkeys(tried.spots, tried.protocol))
-        names = {name for p in tried.box.names for name in (p, p.partition("@")[0])}
-        every = {f"{name}@{spot}" for name in names for spot in tried.spots} | names
+        searched = {*map(ParameterName.parse, tried.box.names)}
+        every = {str(name.at(spot)) for name in searched for spot in ("", *tried.spots)}
         assert set(given) <= every, f"starts {sorted(set(given) - every)}, which it does not search"
         assert all(np.isfinite(value) for value in given.values()), f"starts at {dict(given)}"
 

@@ -15,6 +15,7 @@ from palpate.domain import (
     Indentation,
     Job,
     Limb,
+    ParameterName,
     Simulation,
     Status,
     moving_span,
@@ -243,7 +244,9 @@ class SolverContract(ComponentContract):
         simulation = solver.simulate(replace(job, slopes=True), limb)
         self.assert_scaled(simulation, answer, 1.0)
         assert simulation.response is not None
-        names = {f"{region}.{p.name}" for region, m in job.materials.items() for p in m.parameters}
+        names = {
+            str(ParameterName(region, p.name)) for region, m in job.materials.items() for p in m.parameters
+        }
         names |= {"friction"} if isinstance(job.protocol, Indentation) else set()
         for channel, curve in simulation.response.curves.items():
             assert set(curve.slopes) == names, (

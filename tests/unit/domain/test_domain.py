@@ -3,8 +3,9 @@
 import sys
 
 import pytest
+from hypothesis import assume, given, strategies as st
 
-from palpate.domain import Indentation, Parameter
+from palpate.domain import Indentation, Parameter, ParameterName
 from palpate.domain.indenter import Sphere
 from palpate.errors import MaterialError, StudyError
 
@@ -30,3 +31,17 @@ def test_a_physical_range_is_reported_in_plain_numbers(lower, upper, message):
 def test_a_friction_that_is_none_is_refused(friction):
     with pytest.raises(StudyError, match="give a coefficient >= 0"):
         Indentation(indenter=Sphere(radius_mm=7.5), path=[(0.0, 0.0), (1.0, 0.0)], friction=friction)
+
+
+@given(
+    region=st.from_regex(r"[\w-]*", fullmatch=True),
+    name=st.from_regex(r"[\w-]+(\.[\w-]+)?", fullmatch=True),
+    spot=st.text(),
+)
+def test_the_name_of_a_parameter_is_read_as_it_is_written(region: str, name: str, spot: str) -> None:
+    assume(region or "." not in name)
+    written = ParameterName(region, name, spot)
+    assert ParameterName.parse(str(written)) == written
+    assert ParameterName.parse(written.shared) == written.at("")
+    assert written.counts_at(spot)
+    assert written.counts_at(f"{spot}+") == (not spot)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.api import Design, FloatArray, IntArray, PalpateError, Simulation
+from palpate.api import Design, FloatArray, IntArray, PalpateError, ParameterName, Simulation
 from palpate.api.fit import Case, NotRankedError, Problem, SpotInputs, Trial, channel_of, is_same_job, pieces
 from palpate_certainty.emulator import Emulator, Runs
 
@@ -88,7 +88,7 @@ class EmulatedCurves:
         for spot in dict.fromkeys(spot for spot, _ in simulated.places):
             places = [at for (of, _), at in simulated.places.items() if of == spot]
             at = slice(places[0].start, places[-1].stop)
-            own = [i for i, p in enumerate(parameters) if p.name.partition("@")[2] in ("", spot)]
+            own = [i for i, p in enumerate(parameters) if ParameterName.parse(p.name).counts_at(spot)]
             of_spot = Runs(
                 values=runs.values[:, own],
                 ordinates=runs.ordinates[:, at],

@@ -16,6 +16,7 @@ from palpate.api import (
     Indentation,
     Parameter,
     ParameterError,
+    ParameterName,
     ParameterSpace,
     Protocol,
     Response,
@@ -183,7 +184,7 @@ def error_sources_of(
     searched : sequence of str
         Names of what is fitted: that is no cause.
     """
-    heads = {name.partition("@")[0] for name in searched}
+    heads = {ParameterName.parse(name).shared for name in searched}
     return [each for each in _causes(study, measured) if each.sd > 0.0 and _value(each) not in heads]
 
 
@@ -210,7 +211,7 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[ErrorSou
     for region in study.space.regions:
         room = region.room
         for parameter in region.material.parameters:
-            if (name := f"{region.region}.{parameter.name}") not in searched:
+            if (name := region.name_of(parameter.name)) not in searched:
                 possible = min(RELATIVE, room.get(parameter.name, np.inf))
                 yield ErrorSource(kind="fixed", of=name, sd=budget.parameters.get(name, possible))
 
@@ -272,8 +273,8 @@ def _changed(space: ParameterSpace, inputs: SpotInputs, cause: ErrorSource, by: 
     if cause.kind == "gain":
         return replace(inputs, gains={**inputs.gains, cause.of: inputs.gains.get(cause.of, 1.0) * (1.0 + by)})
     if cause.kind == "fixed":
-        (region,) = (r for r in space.regions if cause.of.startswith(f"{r.region}."))
-        factors = [1.0 + by * (f"{region.region}.{p.name}" == cause.of) for p in region.material.parameters]
+        (region,) = (r for r in space.regions if ParameterName.parse(cause.of).region == r.region)
+        factors = [1.0 + by * (name == cause.of) for name in region.full_names.values()]
         theta = inputs.thetas[region.region] * np.array(factors)
         return replace(inputs, thetas={**inputs.thetas, region.region: theta})
     assert isinstance(protocol, Indentation)

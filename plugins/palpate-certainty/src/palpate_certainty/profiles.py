@@ -10,7 +10,7 @@ import polars as pl
 from scipy.optimize import least_squares, lsq_linear
 from scipy.stats import qmc
 
-from palpate.api import BoolArray, Design, FloatArray, Simulation
+from palpate.api import BoolArray, Design, FloatArray, ParameterName, Simulation
 from palpate.api.fit import RISE, Problem, channel_of, pieces
 from palpate_certainty.emulated_curves import (
     EmulatedCurves,
@@ -354,7 +354,7 @@ def _rows(each: Assessed, curves: EmulatedCurves) -> Iterator[dict[str, Any]]:
     )
     about = {"fit": each.case.label, "scenario": each.case.scenario.name}
     sds = each.laplace.sd * (box.upper - box.lower) / box.rates(best.point)
-    shared = [i for i, name in enumerate(box.names) if "@" not in name]
+    shared = [i for i, name in enumerate(box.names) if not ParameterName.parse(name).spot]
     for held in [*combinations(shared, 2)][:MOST_PLANES] + [(i,) for i in shared]:
         axes = [_along(float(best.point[i]), float(sds[i])) for i in held]
         points = np.tile(best.point, (int(np.prod([axis.size for axis in axes])), 1))

@@ -5,6 +5,7 @@ from importlib.resources import files
 
 import polars as pl
 
+from palpate.api import ParameterName
 from palpate.api.runs import RunResult
 
 GENERALISED = {"c1": 0.0129, "c2": -2.016e-3, "c3": 2.7623e-4}
@@ -73,7 +74,7 @@ def _spots(printed: pl.DataFrame, material: str) -> pl.DataFrame:
 
 
 def _coefficients(material: str, result: RunResult) -> pl.DataFrame:
-    names = {p.name: p.name.split(".", 1)[1] for p in result.design.parameters}
+    names = {p.name: ParameterName.parse(p.name).name for p in result.design.parameters}
     here = (
         result.selected.selection.select("spot", "scenario", *names)
         .rename(names)
@@ -102,7 +103,7 @@ def _generalised(material: str, result: RunResult) -> pl.DataFrame:
     here = {"mean Fopt": row.get("fopt_mean"), "sd of Fopt": row.get("fopt_sd")}
     units = {}
     for parameter in result.design.parameters:
-        name = parameter.name.split(".", 1)[1]
+        name = ParameterName.parse(parameter.name).name
         here[name], units[name] = row.get(parameter.name), parameter.unit or "1"
     rows = [(material, key, units.get(key, "1"), paper.get(key), value) for key, value in here.items()]
     schema = {

@@ -43,6 +43,7 @@ from palpate.api import (
     Limb,
     Material,
     PalpateError,
+    ParameterName,
     Provides,
     Response,
     Settings,
@@ -420,7 +421,7 @@ def _simulation(
 ) -> Simulation:
     """Curves up to the first point without a finite stress."""
     ((region, material),) = job.materials.items()
-    names = [f"{region}.{p.name}" for p in material.parameters]
+    names = [str(ParameterName(region, p.name)) for p in material.parameters]
     curves, problems, without = {}, [], {}
     for mode, stress in stresses.items():
         path = _tests(job).paths[mode]

@@ -22,7 +22,7 @@ from functools import partial
 import jax
 import numpy as np
 
-from palpate.api import FloatArray, IntArray, Material
+from palpate.api import FloatArray, IntArray, Material, ParameterName
 from palpate.api.mechanics import Array, moduli_at_rest
 from palpate_jax.contact import Answer, Change, ContactLaw, ContactState, Motion
 from palpate_jax.model import Linearised, Model
@@ -215,7 +215,7 @@ class Sensitivity:
     ) -> None:
         self._accuracy = max(ACCURACY * tolerance, FINEST)
         own = [(region, k, p.name) for region in thetas for k, p in enumerate(materials[region].parameters)]
-        self._names = (*(f"{region}.{name}" for region, _, name in own), FRICTION)
+        self._names = (*(str(ParameterName(region, name)) for region, _, name in own), FRICTION)
         self._model, self._thetas, self._law = model, thetas, law
         n = len(self._names)
         self._friction = np.eye(n)[-1]

@@ -12,6 +12,7 @@ from palpate.api import (
     FloatArray,
     Limb,
     Parameter,
+    ParameterName,
     ParameterSpace,
     Protocol,
     Response,
@@ -89,7 +90,7 @@ def check_tool(design: DesignProblem, tool: Tool) -> None:
         raise StudyError(
             f"tool '{tool.name}' is pressed by force, so its force is known; give it a depth instead"
         )
-    materials = {name.partition("@")[0] for name in design.problem.names if "@" in name}
+    materials = {name.shared for name in map(ParameterName.parse, design.problem.names) if name.spot}
     if own := sorted(materials & set(design.study.space.names)):
         raise StudyError(
             f"{', '.join(own)} is fitted for each spot by itself, so presses do not share what a tool at "

@@ -13,6 +13,7 @@ from palpate.api import (
     FloatArray,
     Job,
     PalpateError,
+    ParameterName,
     Response,
     Scenario,
     Simulation,
@@ -66,7 +67,7 @@ class DesignProblem:
     @property
     def shared(self) -> list[int]:
         """Numbers of the searched values that all presses share; the others belong to one spot."""
-        return [i for i, name in enumerate(self.problem.names) if "@" not in name]
+        return [i for i, name in enumerate(self.problem.names) if not ParameterName.parse(name).spot]
 
     def term(self, spot: str) -> SpotTerm:
         """Term of the press so far at a spot, or of the first that there is."""
@@ -330,8 +331,8 @@ def _information(
         for name, column in of_label.items()
         if column.any()
     }
-    own = [i for i, name in enumerate(problem.names) if "@" in name]
-    kept = [i for i, name in enumerate(problem.names) if "@" not in name]
+    own = [i for i, name in enumerate(problem.names) if ParameterName.parse(name).spot]
+    kept = [i for i in range(len(problem.names)) if i not in own]
     return press_information(
         groups @ slopes[:, kept],
         groups @ slopes[:, own],

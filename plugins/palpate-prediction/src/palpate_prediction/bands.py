@@ -8,7 +8,7 @@ import polars as pl
 from scipy.special import ndtri
 
 from palpate.api import Curve, FloatArray, ParameterSpace, Simulation, StudyError
-from palpate.api.fit import FRICTION, FitResult, Fitted, PosteriorResult
+from palpate.api.fit import FRICTION, FitResult, Fitted, PosteriorResult, at_spot
 
 LEVEL = 0.90
 """Probability of a band."""
@@ -46,7 +46,7 @@ def linear(
     """
     if not curve.slopes or not drawn:
         return np.empty((0, curve.ordinate.size))
-    names = [f"{r.region}.{p.name}" for r in space.regions for p in r.material.parameters]
+    names = [name for r in space.regions for name in r.full_names.values()]
     slopes = np.array([curve.slopes[name] for name in names])
     flat = np.array([_flat(thetas, space) - _flat(best, space) for thetas in drawn])
     by_friction = curve.slopes.get(FRICTION, np.zeros(curve.ordinate.size))
@@ -77,7 +77,7 @@ def check_shared(values: Mapping[str, float], names: Sequence[str], spot: str) -
     ------
     StudyError
     """
-    known = {name.partition("@")[0] for name in values if name.partition("@")[2] in ("", spot)}
+    known = at_spot(values, spot)
     if missing := [name for name in names if name not in known]:
         raise StudyError(
             f"spot '{spot}': {', '.join(missing)} was fitted for each spot by itself, and not for this one; "

@@ -149,11 +149,9 @@ def budget_bars(data: ReportData) -> Iterator[tuple[str, list[tuple[str, float]]
         return
     rows = budget.filter(fit=data.together, scenario=data.generalising.name).drop_nulls("share")
     for (name,), causes in rows.group_by("parameter", maintain_order=True):
-        head, at, spot = str(name).partition("@")
-        brief = data.searched[head].name if head in data.searched else head
         shares = causes.sort("share", descending=True).select("cause", "share").iter_rows()
         yield (
-            f"{brief}{at}{spot}",
+            data.brief_name(str(name)),
             [
                 (CAUSES.get(cause, cause), round(100.0 * share, 1))
                 for cause, share in shares

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.api import FloatArray, IsotropicMaterial, PalpateError, Parameter, convert
+from palpate.api import FloatArray, IsotropicMaterial, PalpateError, Parameter, ParameterName, convert
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, share_of_range, weighed_phases
 from palpate.api.mechanics import initial_moduli as moduli_of
 from palpate_report.report_data import ReportData
@@ -77,7 +77,7 @@ def best_sets(data: ReportData) -> Iterator[Best]:
         (r["spot"], r["scenario"], r["parameter"]): r for r in data.identifiability.iter_rows(named=True)
     }
     sure = {
-        (r["fit"], r["scenario"], r["parameter"].removesuffix(f"@{r['fit']}")): r | {"is_sure": True}
+        (r["fit"], r["scenario"], r["parameter"]): r | {"is_sure": True}
         for r in data.fit.certainty.intervals.iter_rows(named=True)
     }
     chosen = (*data.selection.iter_rows(named=True), *data.fit.ends.iter_rows(named=True))
@@ -109,7 +109,7 @@ def _value(
 ) -> Value:
     word = interval.get("identifiability", UNCLEAR)
     optimum = None if "fit" in best else interval.get("optimum")
-    at_bound = {each.partition("@")[0] for each in (best.get("at_bound") or "").split(", ")}
+    at_bound = {ParameterName.parse(each).shared for each in (best.get("at_bound") or "").split(", ")}
     ends, is_sure = (interval.get("lower"), interval.get("upper")), "is_sure" in interval
     found = Value(best.get(name), optimum, *ends, word, name in at_bound, is_sure)
     if "fit" in best or name not in data.brief:

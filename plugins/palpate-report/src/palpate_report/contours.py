@@ -7,7 +7,7 @@ import numpy as np
 import polars as pl
 from matplotlib.figure import Figure
 
-from palpate.api import FloatArray, Scenario
+from palpate.api import FloatArray, ParameterName, Scenario
 from palpate.api.fit import ALL_SPOTS
 from palpate.api.runs import objectives
 from palpate_report.report_data import ReportData
@@ -25,7 +25,8 @@ def paths(data: ReportData, fit: str, scenario: str, spot: str) -> list[pl.DataF
     if trace.is_empty():
         return []
     names = {
-        p.name: p.name if p.name in trace.columns else f"{p.name}@{spot}" for p in data.design.parameters
+        p.name: p.name if p.name in trace.columns else str(ParameterName.parse(p.name).at(spot))
+        for p in data.design.parameters
     }
     rows = trace.filter(fit=fit, scenario=scenario).drop_nulls("fopt")
     ways = (

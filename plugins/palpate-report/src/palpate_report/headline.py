@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import polars as pl
 
+from palpate.api import ParameterName
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, FitResult
 from palpate_report.best_sets import Best, Value, best_sets, initial_moduli, leading
 from palpate_report.marks import NOT, REFUSED, TIED, mark_of, rounded, verdict_of
@@ -85,20 +86,17 @@ def headlines(data: ReportData, bests: Sequence[Best]) -> list[Headline]:
     main = {"fit": data.together, "scenario": data.generalising.name}
     rows = data.fit.certainty.intervals
     rows = rows if rows.is_empty() else rows.filter(**main)
-    found = []
-    for row in rows.iter_rows(named=True):
-        head, at, spot = row["parameter"].partition("@")
-        name = data.searched[head].name if head in data.searched else head
-        found.append(
-            Headline(
-                parameter=f"{name}{at}{spot}",
-                name=row["parameter"],
-                level=0.95,
-                at_bound=at_bound.get(head, False),
-                is_refused=is_refused,
-                **{key: row[key] for key in ("unit", "value", "lower", "upper", "identifiability")},
-            )
+    found = [
+        Headline(
+            parameter=data.brief_name(row["parameter"]),
+            name=row["parameter"],
+            level=0.95,
+            at_bound=at_bound.get(ParameterName.parse(row["parameter"]).shared, False),
+            is_refused=is_refused,
+            **{key: row[key] for key in ("unit", "value", "lower", "upper", "identifiability")},
         )
+        for row in rows.iter_rows(named=True)
+    ]
     if found:
         return found
     swept = data.identified(together=True)
@@ -237,7 +235,7 @@ class Verdicts:
         best = (self.of_fit if is_fit else self.of_sweep).get((spot, scenario))
         if self.failure or self._is_refused(best, spot, scenario, is_fit=is_fit):
             return REFUSED
-        head, searched = name.partition("@")[0], list(self.data.searched)
+        head, searched = ParameterName.parse(name).shared, list(self.data.searched)
         if head in self.data.study.space.ties and head not in searched:
             return TIED
         i = searched.index(head) if head in searched else -1

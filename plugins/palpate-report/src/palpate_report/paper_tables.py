@@ -19,7 +19,7 @@ Ends = tuple[float, float]
 def intervals(data: ReportData) -> dict[tuple[str, str, str], Ends]:
     """Ends of the 95 % intervals by fit, scenario and full name of the parameter."""
     return {
-        (r["fit"], r["scenario"], r["parameter"].removesuffix(f"@{r['fit']}")): (r["lower"], r["upper"])
+        (r["fit"], r["scenario"], r["parameter"]): (r["lower"], r["upper"])
         for r in data.fit.certainty.intervals.iter_rows(named=True)
     }
 

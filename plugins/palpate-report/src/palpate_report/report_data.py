@@ -13,6 +13,7 @@ from palpate.api import (
     Design,
     Limb,
     Parameter,
+    ParameterName,
     Response,
     Scenario,
     Simulation,
@@ -194,9 +195,15 @@ class ReportData:
         """:attr:`brief`, and what a fit has searched besides, such as friction."""
         study, fitted = self.study, set(self.fit.table.columns)
         every = study.parametrisation.parameters(study.space, self.spots) if fitted else ()
-        heads = {p.name.partition("@")[0]: p for p in every}
+        heads = {ParameterName.parse(p.name).shared: p for p in every}
         more = {name: replace(p, name=name) for name, p in heads.items() if name in fitted}
         return self.brief | {name: p for name, p in more.items() if name not in self.brief}
+
+    def brief_name(self, name: str) -> str:
+        """Name of what is searched, as brief as :attr:`searched` has it, with its spot."""
+        full = ParameterName.parse(name)
+        brief = self.searched[full.shared].name if full.shared in self.searched else full.shared
+        return str(ParameterName.parse(brief).at(full.spot))
 
     @property
     def together(self) -> str:
@@ -253,9 +260,9 @@ class ReportData:
 
 def named_briefly(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
     """Parameters without the name of their region, where there is only one."""
-    if len({p.name.partition(".")[0] for p in parameters}) > 1:
+    if len({ParameterName.parse(p.name).region for p in parameters}) > 1:
         return tuple(parameters)
-    return tuple(replace(p, name=p.name.partition(".")[2]) for p in parameters)
+    return tuple(replace(p, name=ParameterName.parse(p.name).name) for p in parameters)
 
 
 def label_of(parameter: Parameter) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import polars as pl
 
+from palpate.api import ParameterName
 from palpate.api.fit import UNCLEAR, UNSEEN, UNSETTLED
 from palpate.api.report import ReportWarning
 from palpate.api.runs import (
@@ -219,7 +220,7 @@ def _about_meshes(data: ReportData) -> Iterator[ReportWarning]:
     for row in data.fit.mesh.iter_rows(named=True):
         left = abs(row["extrapolated"] / row["fine"] - 1.0) if row["fine"] else 0.0
         if (row["fit"], row["scenario"]) == (data.together, data.generalising.name) and left > MESH_SHARE:
-            p = data.searched[row["parameter"].partition("@")[0]]
+            p = data.searched[ParameterName.parse(row["parameter"]).shared]
             moved.append(
                 f"{p.name} from {row['coarse']:.4g} by the coarse meshes to {row['fine']:.4g} by the finer "
                 f"ones, extrapolated {row['extrapolated']:.4g}{'' if p.unit == '1' else ' ' + p.unit}"
@@ -298,7 +299,7 @@ def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
     names = together.filter(identifiability="not")["parameter"].unique(maintain_order=True)
     if not names.is_empty():
         yield ReportWarning(
-            f"Not identifiable: {', '.join(_brief(data, name) for name in names)}",
+            f"Not identifiable: {', '.join(data.brief_name(name) for name in names)}",
             "Values that fit about as well reach across most of the range, or are as large as the value; "
             "do not read it as the tissue's.",
         )
@@ -343,11 +344,6 @@ def _about_posterior(data: ReportData) -> Iterator[ReportWarning]:
         "Do not read its means and intervals as results; fix what the curves do not decide, or narrow its "
         "range, and run palpate certainty again.",
     )
-
-
-def _brief(data: ReportData, name: str) -> str:
-    head, at, spot = name.partition("@")
-    return f"{data.searched[head].name if head in data.searched else head}{at}{spot}"
 
 
 def _about_one_set(data: ReportData) -> Iterator[ReportWarning]:

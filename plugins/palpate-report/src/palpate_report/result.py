@@ -7,7 +7,7 @@ from typing import Self
 
 import polars as pl
 
-from palpate.api import Parameter, PluginError
+from palpate.api import Parameter, ParameterName, PluginError
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, WORDS
 from palpate.api.report import ReportWarning, Section, is_own
 from palpate.api.runs import answering_for
@@ -136,7 +136,7 @@ def _not_included(data: ReportData) -> Iterator[str]:
         yield "position"
     if data.fit.certainty.intervals.is_empty():
         return
-    searched = {name.partition("@")[0] for name in data.fit.certainty.intervals["parameter"]}
+    searched = {ParameterName.parse(name).shared for name in data.fit.certainty.intervals["parameter"]}
     if study.protocol is not None and budget.friction == 0.0 and "friction" not in searched:
         yield "friction (stated as exact)"
     for name, sd in budget.parameters.items():

@@ -18,7 +18,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from palpate.api import FloatArray, MaterialError, RegionMaterial, Run
+from palpate.api import FloatArray, MaterialError, ParameterName, RegionMaterial, Run
 from palpate.api.fit import FitResult, Fitted, inputs_at
 from palpate.api.mechanics import EnergyForm
 from palpate_prediction.cards.card import (
@@ -263,8 +263,11 @@ def cards_of(run: Run) -> Iterator[CardData]:
     thetas = inputs_at(study, found.spots[0], found.values, run.measured).thetas
     for number, region in enumerate(study.space.regions, start=1):
         theta = thetas[region.region]
-        full = {p.name: f"{region.region}.{p.name}" for p in region.material.parameters}
-        searched = {p: known.get(name) or known.get(f"{name}@{found.spots[0]}") for p, name in full.items()}
+        full = region.full_names
+        searched = {
+            p: known.get(name) or known.get(str(ParameterName.parse(name).at(found.spots[0])))
+            for p, name in full.items()
+        }
         source = "fitted" if found.source == "fit" else "selected"
         yield CardData(
             title=f"{study.name}, region {region.region}, material {region.material.name} ({found.source}, "
@@ -291,12 +294,12 @@ def _intervals(
     rows = table.filter(fit=found.fit, scenario=found.scenario).iter_rows(named=True)
     known = {}
     for row in rows:
-        name, _, spot = row["parameter"].partition("@")
-        if spot in ("", found.spots[0]):  # whose values these are
-            known[name] = (row["lower"], row["upper"])
+        name = ParameterName.parse(row["parameter"])
+        if name.counts_at(found.spots[0]):  # whose values these are
+            known[name.shared] = (row["lower"], row["upper"])
     intervals = {}
     for i, parameter in enumerate(region.material.parameters):
-        if (ends := known.get(f"{region.region}.{parameter.name}")) is None or None in ends:
+        if (ends := known.get(region.name_of(parameter.name))) is None or None in ends:
             continue
         values = np.tile(region.material.from_textbook(theta, region.convention), (2, 1))
         values[:, i] = ends
