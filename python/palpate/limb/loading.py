@@ -18,6 +18,9 @@ from palpate.plugins.guard import answering_for
 from palpate.study.reading import Study, StudySpot
 from palpate.study.spots import mesh_note
 
+RIM = (0.733, 1.133)
+"""Distances from the spot between which a press is refined, over the reach of its deepest contact."""
+
 SAME_FRAME = 0.25
 """Difference of the boxes around two meshes of one limb, over the element size, up to which frames agree."""
 
@@ -70,7 +73,8 @@ def _add_fine(study: Study, spot: StudySpot, limbs: dict[str, Limb]) -> None:
     place, near_mm = f"{spot.place}: {spot.fine_mesh or ''}".removesuffix(": "), _near_mm(study, name)
     if spot.fine_edge_mm:
         try:
-            limbs[fine] = refined(limbs[name], near_mm, spot.fine_edge_mm)
+            within, beyond = _refined_mm(study, name)
+            limbs[fine] = refined(limbs[name], within, spot.fine_edge_mm, beyond)
         except MeshError as error:
             raise MeshError(f"{place}: {error}") from error
     if fine in limbs:
@@ -81,6 +85,18 @@ def _near_mm(study: Study, spot: str) -> float:
     """Distance from a spot up to which its elements are under the indenter."""
     protocol = study.protocol_at(spot)
     return NEAR * protocol.indenter.radius_mm if isinstance(protocol, Indentation) else 0.0
+
+
+def _refined_mm(study: Study, spot: str) -> tuple[float, float]:
+    """Distances from a spot that refined edges come within, and beyond.
+
+    The torque's error by the mesh comes from the edge of the contact: a straight press is refined there.
+    """
+    protocol = study.protocol_at(spot)
+    if not isinstance(protocol, Indentation) or protocol.aside is not None:
+        return _near_mm(study, spot), 0.0
+    reach_mm = protocol.indenter.reach_mm(float(protocol.path[:, 0].max()))
+    return RIM[1] * reach_mm, RIM[0] * reach_mm
 
 
 def size_at_contact(study: Study, limb: Limb) -> float:

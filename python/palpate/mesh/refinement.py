@@ -62,11 +62,11 @@ class _Elements:
     on_surface: BoolArray
 
 
-def refined(limb: Limb, near_mm: float, edge_mm: float) -> Limb:
+def refined(limb: Limb, near_mm: float, edge_mm: float, beyond_mm: float = 0.0) -> Limb:
     """Bisect edges until none near the spot is longer than asked for, at the contact surface.
 
-    Below it edges may be longer by :data:`GROWTH` times their depth. A new node is in a node set if all
-    nodes of its edge, or of its face, are.
+    Below it, and nearer to the spot than ``beyond_mm``, edges may be longer by :data:`GROWTH` times
+    their distance from there. A new node is in a node set if all nodes of its edge, or of its face, are.
 
     Parameters
     ----------
@@ -76,6 +76,8 @@ def refined(limb: Limb, near_mm: float, edge_mm: float) -> Limb:
         Distance from the spot that an edge comes within.
     edge_mm : float
         Longest edge, between its ends.
+    beyond_mm : float
+        Distance from the spot that an edge reaches; below ``near_mm`` an annulus is left, 0: a disc.
 
     Raises
     ------
@@ -89,7 +91,8 @@ def refined(limb: Limb, near_mm: float, edge_mm: float) -> Limb:
             "mesh the limb again with smaller elements"
         )
     now, contact = _quadratic(limb), list(mesh.node_sets).index("contact")
-    while (wanted := _too_long(now, contact, limb.spot.position_mm, near_mm, edge_mm)).any():
+    where = limb.spot.position_mm, near_mm, beyond_mm
+    while (wanted := _too_long(now, contact, *where, edge_mm)).any():
         now = _bisected(now, *_longest(now, wanted))
         if len(now.cells) > MOST_CELLS:
             raise MeshError(
@@ -141,7 +144,9 @@ def _edges_of(now: _Elements) -> tuple[IntArray, IntArray]:
     return np.stack(np.divmod(keys, len(now.points)), axis=1), edges.reshape(-1, 6)
 
 
-def _too_long(now: _Elements, contact: int, spot_mm: FloatArray, near_mm: float, edge_mm: float) -> BoolArray:
+def _too_long(
+    now: _Elements, contact: int, spot_mm: FloatArray, near_mm: float, beyond_mm: float, edge_mm: float
+) -> BoolArray:
     """Which edges (n_edges,) are longer than they may be where they are."""
     ends, _ = _edges_of(now)
     first, other = now.points[ends.T]
@@ -151,7 +156,9 @@ def _too_long(now: _Elements, contact: int, spot_mm: FloatArray, near_mm: float,
     away = ((first + share[:, None] * along - spot_mm) ** 2).sum(axis=1)
     wanted: BoolArray = (squares > edge_mm**2) & (away <= near_mm**2)
     depths = np.asarray(cKDTree(now.points[now.in_sets[:, contact]]).query(now.points[ends[wanted]])[0])
-    wanted[wanted] = squares[wanted] > (edge_mm + GROWTH * depths.min(axis=1)) ** 2
+    reached = np.linalg.norm(now.points[ends[wanted]] - spot_mm, axis=2).max(axis=1)
+    away = np.maximum(depths.min(axis=1), beyond_mm - reached)
+    wanted[wanted] = squares[wanted] > (edge_mm + GROWTH * away) ** 2
     return wanted
 
 

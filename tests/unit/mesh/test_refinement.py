@@ -186,6 +186,19 @@ def test_edges_under_the_indenter_alone_get_shorter():
     check_depth(fine, Indentation(indenter=Sphere(radius_mm=5.0), path=[(0, 0), (4.0, 0)], friction=0.0))
 
 
+def test_an_annulus_is_refined_and_its_middle_is_not():
+    limb = block("tet10", n_across=6, n_down=4, width_mm=60.0, height_mm=20.0)
+    disc, ring = refined(limb, 12.0, 3.0), refined(limb, 12.0, 3.0, 9.0)
+    n_middle = [np.count_nonzero(np.hypot(*each.mesh.points_mm[:, :2].T) < 5.0) for each in (disc, ring)]
+    assert n_middle[1] < 0.5 * n_middle[0]
+    edges = ring.mesh.cells["tet10"][:, np.array(CELLS["tet10"].edges)].reshape(-1, 2)
+    ends = ring.mesh.points_mm[edges[np.isin(edges, ring.mesh.node_sets["contact"]).all(axis=1)]]
+    away = np.linalg.norm(ends, axis=2)
+    there = (away.min(axis=1) <= 12.0) & (away.max(axis=1) >= 9.0)
+    assert there.any()
+    assert np.linalg.norm(np.diff(ends[there], axis=1), axis=2).max() <= 3.0
+
+
 def test_other_elements_are_refused():
     with pytest.raises(MeshError, match="elements of kind hex8 cannot be refined, only tet4 or only tet10"):
         refined(block("hex8"), 5.0, 1.0)
