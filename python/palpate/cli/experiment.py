@@ -161,7 +161,7 @@ def look_into(file: Path, other: Path | None, session: Session, loader: str | No
                 kind = catalogue[name]
                 if not isinstance(kind, FileInspector):
                     raise CurveError(f"{file}: loader '{name}' cannot inspect files; use one that can")
-                return kind.inspect(file, other)
+                return kind.inspect(file) if other is None else kind.inspect(file, other)
         except CurveError as error:
             refusals.append(str(error) if len(asked) == 1 else f"{name}: {error}")
     if not refusals:
