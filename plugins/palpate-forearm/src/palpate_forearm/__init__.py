@@ -34,7 +34,7 @@ def palpate_studies() -> "list[StudyTemplate]":
     from palpate.api import StudyTemplate
 
     summaries = {
-        "forearm-demo": "four spots on coarse meshes, a small design; 4 minutes on 2 cores (simulated)",
+        "forearm-demo": "four spots on coarse meshes, a small design; some minutes on 2 cores (simulated)",
         "forearm": "four spots in the paper's manner, 250 sets; hours (simulated)",
         "forearm-layered": "skin over soft tissue, identified together at one spot (simulated)",
     }
