@@ -101,9 +101,8 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
     offset_s = 0.0
     if channels.clocks == "own":
         offset_s = clock_offset_s(series["position"], series["force"])
-        on_pose = {id(series[name].time_s): series[name].time_s - offset_s for name in ("force", "moment")}
         for name in ("force", "moment"):
-            series[name] = replace(series[name], time_s=on_pose[id(series[name].time_s)])
+            series[name] = replace(series[name], time_s=series[name].time_s - offset_s)
     if turned := series.get("orientation"):
         q = quaternions(given.form, turned.values, given.sequence)
         series["orientation"] = replace(

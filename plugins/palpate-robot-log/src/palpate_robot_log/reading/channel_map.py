@@ -111,14 +111,13 @@ class LogFiles(Settings):
     @classmethod
     def of(cls, pose: Path, wrench: Path) -> "LogFiles":
         """Names with the beginning that both share, or else the end of their stems, left open."""
-        n_begin = _n_alike(pose.stem, wrench.stem)
-        n_end = 0 if n_begin else _n_alike(pose.stem[::-1], wrench.stem[::-1])
-        names = (
-            f"{file.stem[: len(file.stem) - n_end] if n_end else ''}{'{}' if n_begin or n_end else ''}"
-            f"{file.suffix if n_end else file.name[n_begin:]}"
-            for file in (pose, wrench)
-        )
-        return cls(pose=next(names), wrench=next(names))
+        if n := _n_alike(pose.stem, wrench.stem):
+            names = ["{}" + file.name[n:] for file in (pose, wrench)]
+        elif n := _n_alike(pose.stem[::-1], wrench.stem[::-1]):
+            names = [file.stem[:-n] + "{}" + file.suffix for file in (pose, wrench)]
+        else:
+            names = [pose.name, wrench.name]
+        return cls(pose=names[0], wrench=names[1])
 
 
 def _n_alike(first: str, second: str) -> int:

@@ -47,8 +47,7 @@ def inspect_log(path: Path, wrench: Path | None = None, request: Request | None 
         proposal = propose(log)
     else:
         log = read_both(path, wrench, request)
-        names = LogFiles.of(path, wrench).model_dump()
-        proposal = replace(propose(log), clocks="own", files=names)
+        proposal = replace(propose(log), files=LogFiles.of(path, wrench).model_dump())
     proposal = judged(log, proposal)
     # A force of three components is a sensor's, whatever else the log has of depth.
     text = "" if "force" in proposal.guesses else curves_text(log)

@@ -12,14 +12,14 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from palpate.api import CurveError, FloatArray
+from palpate_robot_log.processing.press import LARGEST_TURN_AXIS_ANGLE_DEG
 from palpate_robot_log.reading.assembly import assemble
 from palpate_robot_log.reading.channel_map import ChannelMap
-from palpate_robot_log.reading.proposal import QUANTITIES, Proposal, channel_map
+from palpate_robot_log.reading.proposal import QUANTITIES, Guess, Proposal, channel_map
 from palpate_robot_log.reading.raw import RawLog
 from palpate_robot_log.recording import Recording, rotated
 
 _LEAST_TURN_DEG = 3.0
-_LARGEST_TILT_DEG = 15.0
 _LEAST_PRESS_MM = 0.3
 _ALONG = 0.8
 
@@ -46,9 +46,10 @@ def judged(log: RawLog, proposal: Proposal) -> Proposal:
     first = proposal.guesses["orientation"]
     readings = [replace(first, also=()), *first.also]
     motions = [_motion(log, _with_orientation(proposal, one)) for one in readings]
-    fitting = [k for k, motion in enumerate(motions) if motion and motion.tilt_deg <= _LARGEST_TILT_DEG]
-    # Two that fit alike are told apart by how well they do.
-    best = min(fitting, key=lambda k: (round(motions[k].tilt_deg / 5.0), k), default=0)  # type: ignore[union-attr]
+    tilts = {k: motion.tilt_deg for k, motion in enumerate(motions) if motion is not None}
+    fitting = [k for k, tilt_deg in tilts.items() if tilt_deg <= LARGEST_TURN_AXIS_ANGLE_DEG]
+    # Of two that fit alike the likelier one is taken.
+    best = min(fitting, key=lambda k: (round(tilts[k] / 5.0), k), default=0)
     others = tuple(one for k, one in enumerate(readings) if k != best)
     reason = "the order and the axes of the orientation: those are taken about which the tool twists"
     if first.also and not fitting:
@@ -58,8 +59,8 @@ def judged(log: RawLog, proposal: Proposal) -> Proposal:
     return chosen if (motion := motions[best]) is None else _with_side(chosen, motion)
 
 
-def _with_orientation(proposal: Proposal, orientation: object) -> Proposal:
-    return replace(proposal, guesses={**proposal.guesses, "orientation": orientation})  # type: ignore[dict-item]
+def _with_orientation(proposal: Proposal, orientation: Guess) -> Proposal:
+    return replace(proposal, guesses={**proposal.guesses, "orientation": orientation})
 
 
 def _with_side(proposal: Proposal, motion: _Motion) -> Proposal:

@@ -161,7 +161,6 @@ class Proposal:
     wrench_frame: str = "sensor"
     wrench_reason: str = ""
     skips_missing: bool = False
-    clocks: str = "common"
     files: Mapping[str, str] | None = None
 
     def used_streams(self) -> tuple[str, ...]:
@@ -379,8 +378,8 @@ def channel_map(proposal: Proposal) -> dict[str, object]:
         chosen |= {"acts_on": proposal.acts_on, "wrench_frame": proposal.wrench_frame}
     if proposal.skips_missing:
         chosen["missing"] = "skip"
-    if proposal.clocks != "common":
-        chosen["clocks"] = proposal.clocks
+    if proposal.files:
+        chosen["clocks"] = "own"
     return chosen
 
 
@@ -437,8 +436,8 @@ def study_text(log: RawLog, proposal: Proposal) -> str:
     ]
     if proposal.skips_missing:
         lines.append('missing = "skip"  # rows of one topic have no values of another')
-    if proposal.clocks != "common":
-        lines.append(f'clocks = "{proposal.clocks}"  # or "common": one clock stamped both files')
+    if proposal.files:
+        lines.append('clocks = "own"  # or "common": one clock stamped both files')
     lines += [
         "",
         "[experiment.settings.gravity]",
