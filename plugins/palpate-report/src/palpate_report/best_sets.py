@@ -155,7 +155,7 @@ def initial_moduli(data: ReportData, best: Mapping[str, Any]) -> Iterator[tuple[
     space, unit = data.study.space, convert(f"1 {data.modulus_unit}", "MPa")
     every = every_value(data, best)
     for region in (each for each in space.regions if isinstance(each.material, IsotropicMaterial)):
-        values = {p.name: every[f"{region.region}.{p.name}"] for p in region.material.parameters}
+        values = {p.name: every[region.name_of(p.name)] for p in region.material.parameters}
         if space.columns_of(region.region) and np.isfinite(list(values.values())).all():
             try:
                 mu, kappa = moduli_of(region.material, region.theta(values))

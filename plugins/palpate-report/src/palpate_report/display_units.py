@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 import polars as pl
 
-from palpate.api import Design
+from palpate.api import Design, ParameterName
 from palpate.api.fit import CertaintyResult, FitResult, PosteriorResult
 from palpate.api.runs import Study, in_units, unit_factors
 from palpate_report.report_data import ReportData
@@ -58,22 +58,23 @@ def rows_in_display_units(study: Study, frame: pl.DataFrame) -> pl.DataFrame:
     if not study.units or frame.is_empty():
         return frame
     factors = unit_factors(study)
-    heads = {column: column.partition("@")[0] for column in frame.columns}
+    heads = {column: ParameterName.parse(column).shared for column in frame.columns}
     changed = {c: pl.col(c) * factors[head] for c, head in heads.items() if head in factors}
     if "parameter" in heads:
         changed |= {c: pl.col(c) * _factor("parameter", factors) for c in VALUES if c in heads}
     if "other_value" in heads:
         changed["other_value"] = pl.col("other_value") * _factor("other", factors)
     if {"parameter", "unit"} <= heads.keys():
-        changed["unit"] = _head("parameter").replace_strict(
+        changed["unit"] = shared_names("parameter").replace_strict(
             study.units, default=pl.col("unit"), return_dtype=pl.String
         )
     return frame.with_columns(**changed)
 
 
-def _head(column: str) -> pl.Expr:
+def shared_names(column: str) -> pl.Expr:
+    """Full names in a column without their spots."""
     return pl.col(column).str.split("@").list.first()
 
 
 def _factor(column: str, factors: Mapping[str, float]) -> pl.Expr:
-    return _head(column).replace_strict(factors, default=1.0, return_dtype=pl.Float64)
+    return shared_names(column).replace_strict(factors, default=1.0, return_dtype=pl.Float64)

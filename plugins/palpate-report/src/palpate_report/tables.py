@@ -8,6 +8,7 @@ import polars as pl
 from palpate.api import Scenario
 from palpate.api.fit import ALL_SPOTS
 from palpate.api.runs import Completeness, by_reason, failures, unranked
+from palpate_report.display_units import shared_names
 from palpate_report.marks import mark_of
 from palpate_report.report_data import ReportData
 
@@ -112,8 +113,8 @@ def _with_units(data: ReportData, mesh: pl.DataFrame) -> pl.DataFrame:
     if mesh.is_empty():
         return mesh
     units = {name: p.unit for name, p in data.searched.items()}
-    heads = pl.col("parameter").str.split("@").list.first()
-    return mesh.with_columns(unit=heads.replace_strict(units, default="1", return_dtype=pl.String))
+    names = shared_names("parameter")
+    return mesh.with_columns(unit=names.replace_strict(units, default="1", return_dtype=pl.String))
 
 
 def _with_simulated(table: pl.DataFrame, found: Completeness) -> pl.DataFrame:
@@ -147,8 +148,8 @@ def coefficients(data: ReportData, best: pl.DataFrame) -> pl.DataFrame:
             "spot": row["spot"],
             "scenario": row["scenario"],
             "parameter": parameter.name,
-            "value": row[f"{region.region}.{parameter.name}"],
-            "unit": units[f"{region.region}.{parameter.name}"],
+            "value": row[region.name_of(parameter.name)],
+            "unit": units[region.name_of(parameter.name)],
         }
         for region in data.study.space.regions
         for parameter in region.material.parameters
@@ -161,7 +162,7 @@ def coefficients(data: ReportData, best: pl.DataFrame) -> pl.DataFrame:
 def _units(data: ReportData) -> dict[str, str]:
     """Units of the values here, by full name, of what is searched, tied and fixed."""
     space = data.study.space
-    own = {f"{r.region}.{p.name}": p.unit for r in space.regions for p in r.material.parameters}
+    own = {r.name_of(p.name): p.unit for r in space.regions for p in r.material.parameters}
     written = {name: data.study.units[name] for name in data.factors}
     return own | {p.name: p.unit for p in data.design.parameters} | written
 
