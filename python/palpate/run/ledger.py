@@ -7,8 +7,8 @@
                   little-endian doubles; without a channel, surface: states of the skin as .npz
     jobs          spot and set_id → key, for the sweep begun last
 
-Whoever is told that a simulation is stored may lose power: it is on the disk then. Any SQLite reads it, while
-somebody writes to it too: ``numpy.frombuffer(data)`` makes an array of a blob.
+A simulation that is reported as stored is on the disk, and outlives a loss of power. Any SQLite reads the file,
+while somebody writes to it too: ``numpy.frombuffer(data)`` makes an array of a blob.
 """
 
 import contextlib
@@ -212,7 +212,7 @@ class Writer:
         with disk_errors(self.path):
             folder.mkdir(parents=True, exist_ok=True)
             self._connection = _opened(self.path, "rwc")
-            # The journal's removal, which commits, is on the disk too before anybody is told.
+            # The journal's removal, which commits, is on the disk too before anything is reported as stored.
             self._connection.execute("PRAGMA synchronous = EXTRA")
             if not _is_sound(self._connection, self.path):
                 self._connection.executescript(TABLES)
