@@ -7,7 +7,7 @@
                   little-endian doubles; without a channel, surface: states of the skin as .npz
     jobs          spot and set_id → key, for the sweep begun last
 
-A simulation that is reported as stored is on the disk, and outlives a loss of power. Any SQLite reads the file,
+A simulation that is reported as stored is on the disk, and outlives a loss of power. Any SQLite reads it,
 while somebody writes to it too: ``numpy.frombuffer(data)`` makes an array of a blob.
 """
 
