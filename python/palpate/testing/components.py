@@ -4,7 +4,7 @@ import pickle
 import re
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Never
+from typing import Any, Never
 
 import numpy as np
 import pytest
@@ -75,9 +75,14 @@ DIMENSIONAL = re.compile(
 """Names of settings whose value has a unit."""
 
 
-def missing(fixture: str, contract: str) -> Never:
-    """Fail, because a plugin's suite has to override a fixture."""
-    pytest.fail(f"{contract}: override the fixture '{fixture}'")
+def overridden(says: str) -> Any:  # noqa: ANN401 - a subclass has a fixture of its own type
+    """Fixture of a contract that provides nothing: a plugin's suite has to override it."""
+
+    @pytest.fixture
+    def fixture(self: object, request: pytest.FixtureRequest) -> Never:
+        pytest.fail(f"{type(self).__name__}: override the fixture '{request.fixturename}' with {says}")
+
+    return fixture
 
 
 def check_described(component: Component) -> None:
@@ -98,10 +103,7 @@ def check_described(component: Component) -> None:
 class ComponentContract:
     """What holds for every component."""
 
-    @pytest.fixture
-    def component(self) -> Component:
-        """Provide the component under test; each contract fills it in."""
-        missing("component", type(self).__name__)
+    component = overridden("the component under test; each contract fills it in")
 
     def test_says_what_it_is(self, component: Component) -> None:
         check_described(component)

@@ -13,7 +13,7 @@ from palpate.domain.material import IsotropicMaterial
 from palpate.plugins.execution import Batch, Executor, Limits
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
-from palpate.testing.components import ComponentContract, missing
+from palpate.testing.components import ComponentContract, overridden
 
 FAILING = 2
 """Number of the set whose simulation raises."""
@@ -65,10 +65,7 @@ class ExecutorContract(ComponentContract):
     time_s = 60.0
     """Longest time for one job."""
 
-    @pytest.fixture
-    def executor(self) -> Executor:
-        """Provide the executor under test."""
-        missing("executor", type(self).__name__)
+    executor = overridden("the executor under test")
 
     @pytest.fixture(autouse=True)
     def _closed(self, executor: Executor) -> Iterator[None]:

@@ -15,7 +15,7 @@ from palpate.errors import CurveError, MeshError, PalpateError
 from palpate.limb.loading import check_limb
 from palpate.plugins.interfaces import ExperimentLoader, LimbSource
 from palpate.plugins.optional import CurveWriter, LoadingDrawer
-from palpate.testing.components import ComponentContract, missing
+from palpate.testing.components import ComponentContract, overridden
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,20 +41,11 @@ class LoaderContract(ComponentContract):
     channel: str | None = None
     """Passed to ``load`` where a file holds one channel that the study names."""
 
-    @pytest.fixture
-    def loader(self) -> ExperimentLoader:
-        """Provide the loader under test."""
-        missing("loader", type(self).__name__)
+    loader = overridden("the loader under test")
 
-    @pytest.fixture
-    def good_file(self, tmp_path: Path) -> Path:
-        """Provide a file that it reads."""
-        missing("good_file", type(self).__name__)
+    good_file = overridden("a file that it reads")
 
-    @pytest.fixture
-    def bad_files(self, tmp_path: Path) -> Sequence[Path]:
-        """Provide files that it must refuse, such as an empty one and one with text in a curve."""
-        missing("bad_files", type(self).__name__)
+    bad_files = overridden("files that it must refuse, such as an empty one and one with text in a curve")
 
     @pytest.fixture
     def expected(self) -> Mapping[str, Expected]:
@@ -175,20 +166,11 @@ class LimbSourceContract(ComponentContract):
     extent_mm = (5.0, 1000.0)
     """Least and largest extent of the limb of ``good_file``, to tell millimetres from metres."""
 
-    @pytest.fixture
-    def limb_source(self) -> LimbSource:
-        """Provide the limb source under test."""
-        missing("limb_source", type(self).__name__)
+    limb_source = overridden("the limb source under test")
 
-    @pytest.fixture
-    def good_file(self, tmp_path: Path) -> Path:
-        """Provide a file that it reads."""
-        missing("good_file", type(self).__name__)
+    good_file = overridden("a file that it reads")
 
-    @pytest.fixture
-    def bad_files(self, tmp_path: Path) -> Sequence[Path]:
-        """Provide files that it must refuse."""
-        missing("bad_files", type(self).__name__)
+    bad_files = overridden("files that it must refuse")
 
     @pytest.fixture
     def spot(self) -> Spot:

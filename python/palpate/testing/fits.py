@@ -23,17 +23,14 @@ from palpate.fit.box import Box
 from palpate.plugins.interfaces import Sampler, SetFilter
 from palpate.plugins.parametrisation import Parametrisation, SpotInputs
 from palpate.plugins.search import Evaluation, Search, SearchSpace, Trial
-from palpate.testing.components import ComponentContract, missing
+from palpate.testing.components import ComponentContract, overridden
 from palpate.testing.executors import LinearMaterial
 
 
 class SamplerContract(ComponentContract):
     """Laws of a sampler; override ``sampler``."""
 
-    @pytest.fixture
-    def sampler(self) -> Sampler:
-        """Provide the sampler under test."""
-        missing("sampler", type(self).__name__)
+    sampler = overridden("the sampler under test")
 
     @pytest.fixture
     def component(self, sampler: Sampler) -> Component:
@@ -63,20 +60,11 @@ class SamplerContract(ComponentContract):
 class SetFilterContract(ComponentContract):
     """Laws of a set filter; override ``set_filter``, ``space`` and ``values``."""
 
-    @pytest.fixture
-    def set_filter(self) -> SetFilter:
-        """Provide the filter under test."""
-        missing("set_filter", type(self).__name__)
+    set_filter = overridden("the filter under test")
 
-    @pytest.fixture
-    def space(self) -> ParameterSpace:
-        """Provide what is searched."""
-        missing("space", type(self).__name__)
+    space = overridden("what is searched")
 
-    @pytest.fixture
-    def values(self) -> FloatArray:
-        """Provide sets (n_sets, n_parameters) of which the filter keeps some and drops some."""
-        missing("values", type(self).__name__)
+    values = overridden("sets (n_sets, n_parameters) of which the filter keeps some and drops some")
 
     @pytest.fixture
     def component(self, set_filter: SetFilter) -> Component:
@@ -112,10 +100,7 @@ class SetFilterContract(ComponentContract):
 class ParametrisationContract(ComponentContract):
     """Laws of a parametrisation; override ``parametrisation``, and the study that it is for if need be."""
 
-    @pytest.fixture
-    def parametrisation(self) -> Parametrisation:
-        """Provide the parametrisation under test."""
-        missing("parametrisation", type(self).__name__)
+    parametrisation = overridden("the parametrisation under test")
 
     @pytest.fixture
     def component(self, parametrisation: Parametrisation) -> Component:
@@ -395,10 +380,7 @@ def _valley() -> tuple[FloatArray, FloatArray]:
 class SearchContract(ComponentContract):
     """Laws of a search; override ``search``, and ``left`` if it is not to find the optimum."""
 
-    @pytest.fixture
-    def search(self) -> Search:
-        """Provide the search under test."""
-        missing("search", type(self).__name__)
+    search = overridden("the search under test")
 
     @pytest.fixture
     def component(self, search: Search) -> Component:

@@ -14,7 +14,7 @@ from palpate.domain import FloatArray
 from palpate.domain.component import Array, Component
 from palpate.domain.material import AnisotropicMaterial, IsotropicMaterial, Material
 from palpate.errors import MaterialError
-from palpate.testing.components import ComponentContract, missing
+from palpate.testing.components import ComponentContract, overridden
 
 
 def _same(got: ArrayLike, expected: ArrayLike, said: str, *, rtol: float = 1e-7, atol: float = 0.0) -> None:
@@ -43,10 +43,7 @@ class MaterialContract(ComponentContract):
     largest_ratio = 300.0
     """Most that the larger initial modulus may differ from the largest modulus parameter, as a factor."""
 
-    @pytest.fixture
-    def material(self) -> Material:
-        """Provide the material under test."""
-        missing("material", type(self).__name__)
+    material = overridden("the material under test")
 
     @pytest.fixture
     def component(self, material: Material) -> Component:

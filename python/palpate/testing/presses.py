@@ -15,16 +15,13 @@ from palpate.domain.equilibrium_states import EquilibriumStates
 from palpate.domain.indenter import Indenter
 from palpate.domain.waypoints import DEPTH, MOST_WAYPOINTS, Waypoints
 from palpate.plugins.motion import Motion
-from palpate.testing.components import ComponentContract, missing
+from palpate.testing.components import ComponentContract, overridden
 
 
 class ScenarioContract:
     """Laws of a scenario; override ``scenario``, and ``channels`` where they are your own."""
 
-    @pytest.fixture
-    def scenario(self) -> Scenario:
-        """Provide the scenario under test."""
-        missing("scenario", type(self).__name__)
+    scenario = overridden("the scenario under test")
 
     @pytest.fixture
     def channels(self) -> Collection[str]:
@@ -64,10 +61,7 @@ class ChannelContract:
     tolerance = 1e-9
     """Largest relative deviation from its degree and its sign."""
 
-    @pytest.fixture
-    def channel(self) -> Channel:
-        """Provide the channel under test."""
-        missing("channel", type(self).__name__)
+    channel = overridden("the channel under test")
 
     @pytest.fixture
     def states(self) -> EquilibriumStates:
@@ -161,10 +155,7 @@ class ChannelContract:
 class MotionContract(ComponentContract):
     """Laws of a motion; override ``motion``."""
 
-    @pytest.fixture
-    def motion(self) -> Motion:
-        """Provide the motion under test."""
-        missing("motion", type(self).__name__)
+    motion = overridden("the motion under test")
 
     @pytest.fixture
     def component(self, motion: Motion) -> Component:
@@ -210,10 +201,7 @@ class IndenterContract(ComponentContract):
     kinks = 0.05
     """Largest share of points whose curvature may jump within a step of finite differences."""
 
-    @pytest.fixture
-    def indenter(self) -> Indenter:
-        """Provide the indenter under test."""
-        missing("indenter", type(self).__name__)
+    indenter = overridden("the indenter under test")
 
     @pytest.fixture
     def component(self, indenter: Indenter) -> Component:

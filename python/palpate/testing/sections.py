@@ -33,7 +33,7 @@ from palpate.plugins.sections import (
 from palpate.plugins.showable import checked, figure_data
 from palpate.run.directory import RunDirectory
 from palpate.stages.stage import read_run
-from palpate.testing.components import ComponentContract, missing, plugins_with
+from palpate.testing.components import ComponentContract, overridden, plugins_with
 
 MOST_BYTES = 500_000
 """Most bytes of the figures and pictures of a section of a small run."""
@@ -114,10 +114,7 @@ def small_runs() -> Mapping[str, SmallRun]:
 class SectionContract(ComponentContract):
     """Laws of a section; override ``section``, and ``runs`` where it needs others to show anything."""
 
-    @pytest.fixture
-    def section(self) -> Section:
-        """Provide the section under test."""
-        missing("section", type(self).__name__)
+    section = overridden("the section under test")
 
     @pytest.fixture
     def runs(self) -> Mapping[str, SmallRun]:

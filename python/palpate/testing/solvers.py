@@ -34,9 +34,9 @@ from palpate.testing.components import (
     SMALL_STRAIN,
     ComponentContract,
     half_space_peaks,
-    missing,
     moved_values,
     neighbours,
+    overridden,
     small_strain_modulus,
 )
 
@@ -75,15 +75,9 @@ class SolverContract(ComponentContract):
     Name one only with the reason: a solver that ignores an input of the study answers another one.
     """
 
-    @pytest.fixture
-    def solver(self) -> Solver:
-        """Provide the solver under test."""
-        missing("solver", type(self).__name__)
+    solver = overridden("the solver under test")
 
-    @pytest.fixture
-    def job(self) -> Job:
-        """Provide a job that the solver can do, with materials whose moduli may be scaled."""
-        missing("job", type(self).__name__)
+    job = overridden("a job that the solver can do, with materials whose moduli may be scaled")
 
     @pytest.fixture
     def limb(self) -> Limb | None:

@@ -24,7 +24,7 @@ from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
 from palpate.stages.stage import Run, Stage, Summary, in_order, read_run
 from palpate.study.reading import Study
-from palpate.testing.components import ComponentContract, missing
+from palpate.testing.components import ComponentContract, overridden
 from palpate.testing.studies import StudyRunner
 
 
@@ -42,10 +42,7 @@ def _fitted() -> tuple[Study, Path, Plugins, tempfile.TemporaryDirectory[str]]:
 class StageContract(ComponentContract):
     """Laws of a stage; override ``stage``, and ``run`` where it needs more than a fit with intervals."""
 
-    @pytest.fixture
-    def stage(self) -> Stage:
-        """Provide the stage under test."""
-        missing("stage", type(self).__name__)
+    stage = overridden("the stage under test")
 
     @pytest.fixture
     def component(self, stage: Stage) -> Component:
@@ -117,10 +114,7 @@ class ScoreContract(ComponentContract):
     has_unit: ClassVar[bool] = False
     """Whether the misfit has the unit of the ordinate, so that N and mN give other numbers."""
 
-    @pytest.fixture
-    def score(self) -> Score:
-        """Provide the score under test."""
-        missing("score", type(self).__name__)
+    score = overridden("the score under test")
 
     @pytest.fixture
     def component(self, score: Score) -> Component:
