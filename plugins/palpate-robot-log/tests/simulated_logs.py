@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from palpate.domain import FloatArray
-from palpate_robot_log.processing.chain import process
-from palpate_robot_log.processing.processed import Processed
+from palpate_robot_log.processing.chain import Processed, process
 from palpate_robot_log.processing.settings import ProcessingSettings
 from palpate_robot_log.recording import Recording
 

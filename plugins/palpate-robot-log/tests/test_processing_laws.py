@@ -36,8 +36,8 @@ def in_frame(recording: Recording, turn: Rotation, offset) -> Recording:
 
 
 def same_curves(one, other, share):
-    for channel, curve in one.response.curves.items():
-        again = other.response.curves[channel]
+    for channel, curve in one.curves.items():
+        again = other.curves[channel]
         assert again.abscissa == pytest.approx(curve.abscissa, abs=share * np.abs(curve.abscissa).max())
         assert again.ordinate == pytest.approx(curve.ordinate, abs=share * np.abs(curve.ordinate).max())
 

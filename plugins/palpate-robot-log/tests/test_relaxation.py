@@ -29,7 +29,7 @@ def worst(response):
 @pytest.mark.parametrize("spot", logs.SPOTS)
 def test_five_percent_in_a_rest_are_flagged(spot):
     fall, tau_s = RELAXED[spot]
-    found = worst(process(relaxed(spot, fall, tau_s), logs.settings()).response)
+    found = worst(process(relaxed(spot, fall, tau_s), logs.settings()))
     assert found.is_beyond
     assert found.share == pytest.approx(fall, abs=0.01)
     assert found.rest.duration_s == pytest.approx(1.0, abs=0.05)
@@ -38,6 +38,6 @@ def test_five_percent_in_a_rest_are_flagged(spot):
 
 @pytest.mark.parametrize("spot", logs.SPOTS)
 def test_an_elastic_tissue_is_not_flagged(spot):
-    found = worst(logs.processed(spot).response)
+    found = worst(logs.processed(spot))
     assert not found.is_beyond
     assert abs(found.share) < 0.01

@@ -53,8 +53,8 @@ def slid(angle_deg=25.0, tilt_deg=20.0, bend_mm=0.0, noise_N=0.005, seed=1):
 def test_the_lateral_force_is_that_along_the_first_stroke(angle_deg):
     recording, shift, lateral = slid(angle_deg)
     processed = process(recording, SETTINGS)
-    curve = processed.response["lateral_force"]
-    assert list(processed.response) == ["force", "lateral_force"]
+    curve = processed.curves["lateral_force"]
+    assert list(processed.curves) == ["force", "lateral_force"]
     assert [phase.name for phase in processed.phases if "slide" in phase.name] == ["slide_1", "slide_2"]
     assert [curve.abscissa[stop - 1] for _, stop in curve.branches] == pytest.approx(
         [5.0, -3.0], abs=0.03

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate.api import FloatArray, IntArray
 from palpate_report.style import STYLE
-from palpate_robot_log.processing.processed import Processed
+from palpate_robot_log.processing.chain import Processed
 from palpate_robot_log.recording import Recording
 
 N_BUCKETS = 1000  # stretches of a long signal of which a picture shows the least and the greatest value

@@ -11,14 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from palpate.api import CurveError, FloatArray, IntArray
 
-UNIT_QUATERNION_TOLERANCE = 1e-3  # which printing with few digits explains
-_WIDTHS = {"time_s": 0, "position_mm": 3, "quaternion": 4, "force_N": 3, "moment_Nmm": 3, "rows": 0}
+_SIGNALS = ("time_s", "position_mm", "quaternion", "force_N", "moment_Nmm", "rows")
 _MAD_TO_STD = 1.4826
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recording:
-    """Pose and wrench over time, all at the same instants.
+    """Pose and wrench over time, all at the same instants, read-only; checked where they are read.
 
     Parameters
     ----------
@@ -38,12 +37,6 @@ class Recording:
         Line, row or message number in the file, for messages.
     row_word : str
         What messages call them.
-
-    Raises
-    ------
-    CurveError
-        Shapes differ, fewer than two rows, a value that is not finite, time that does
-        not increase, or a quaternion whose length is not 1.
     """
 
     source: str
@@ -56,46 +49,12 @@ class Recording:
     row_word: str = "row"
 
     def __post_init__(self) -> None:
-        for name in _WIDTHS:
+        for name in _SIGNALS:
             kind = np.int64 if name == "rows" else np.float64
             # A view, so that freezing it leaves the caller's array as it was.
             values = np.asarray(getattr(self, name), dtype=kind).view()
             values.setflags(write=False)
             object.__setattr__(self, name, values)
-        for name, width in _WIDTHS.items():
-            expected, shape = (self.n_rows, width) if width else (self.n_rows,), getattr(self, name).shape
-            if shape != expected:
-                raise self.fault(
-                    f"{name} has shape {shape} where {expected} is needed; give every row a value"
-                )
-        if self.n_rows < 2:
-            raise self.fault(
-                f"{self.n_rows} row(s); a press needs many more, check that the file is complete"
-            )
-        for name, width in _WIDTHS.items():
-            values = getattr(self, name)
-            # A sum is finite only when all its terms are: one pass in the usual case.
-            if not np.isfinite(values.sum()) and (bad := np.argwhere(~np.isfinite(values))).size:
-                which = f"{name}[{'xyzw'[bad[0, 1]]}]" if width else name
-                number = values[tuple(bad[0])]
-                raise self.fault(f"{which} is {number}; repair or remove the row", int(bad[0, 0]))
-        steps = np.diff(self.time_s)
-        if steps.min() <= 0.0:
-            index = int(np.argmax(steps <= 0.0))
-            raise self.fault(
-                f"time does not increase: {self.time_s[index + 1]:.6f} s follows {self.time_s[index]:.6f} s; "
-                "remove the repeated or misplaced row",
-                index + 1,
-            )
-        squares = np.einsum("ij,ij->i", self.quaternion, self.quaternion)
-        off = np.abs(np.sqrt(squares) - 1.0)
-        worst = int(np.argmax(off))
-        if off[worst] > UNIT_QUATERNION_TOLERANCE:
-            raise self.fault(
-                f"the quaternion has length {np.sqrt(squares[worst]):.4f} and not 1; "
-                "check that its four columns are x, y, z, w of one orientation",
-                worst,
-            )
 
     @property
     def n_rows(self) -> int:
@@ -115,7 +74,7 @@ class Recording:
         return CurveError(f"{self.source}: {where}{message}")
 
     def changed(self, **fields: FloatArray | IntArray) -> "Recording":
-        """Copy with other fields, checked like a new one."""
+        """Copy with other fields."""
         values: dict[str, Any] = fields
         return replace(self, **values)
 
@@ -125,7 +84,7 @@ class Recording:
 
     def part(self, chosen: slice | IntArray) -> "Recording":
         """Only some rows, in order."""
-        return self.changed(**{name: getattr(self, name)[chosen] for name in _WIDTHS})
+        return self.changed(**{name: getattr(self, name)[chosen] for name in _SIGNALS})
 
 
 def rows_between(time_s: FloatArray, start_s: float, stop_s: float) -> slice:

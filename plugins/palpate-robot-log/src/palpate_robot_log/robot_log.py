@@ -57,8 +57,7 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
 
         reading, gravity = self._read(path), self.settings.gravity
         processed = process(reading.recording, self.settings)
-        found = processed.response
-        curves = found.curves
+        curves = processed.curves
         if channel is not None and channel not in curves:
             raise CurveError(
                 f"{path}: no channel '{channel}' comes of this log (found: {', '.join(curves)}); "
@@ -71,7 +70,7 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
             bias_N, down = processed.bias.force_N, np.array(gravity.direction)
             if warning := weight_left_in(processed.raw, bias_N, down, peak):
                 record["warnings"] = [warning]
-        relaxations = [item for item in found.relaxations if item.channel in wanted]
+        relaxations = [item for item in processed.relaxations if item.channel in wanted]
         return Response(curves=wanted, relaxations=relaxations, record=record)
 
     def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:

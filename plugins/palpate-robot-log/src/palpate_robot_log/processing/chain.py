@@ -1,14 +1,20 @@
 """The steps in their order: from a recording to curves, with a record of each."""
 
-from dataclasses import replace
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from palpate.api import Curve, FloatArray, IntArray
+from palpate.api import Curve, FloatArray, IntArray, Relaxation
 from palpate.api.mesh import SpotWrench, spot_axes
+from palpate_robot_log.processing.contact import Motion, Normal, Onset
 from palpate_robot_log.processing.corrections import (
+    FEWEST_FREE_ROWS,
     Bias,
     Drift,
+    Lag,
     ToolLoad,
     find_bias,
     find_drift,
@@ -18,7 +24,7 @@ from palpate_robot_log.processing.corrections import (
     without_weight,
 )
 from palpate_robot_log.processing.curves import Signal, Smoothed, curve_of, relaxation
-from palpate_robot_log.processing.phases import find_slide, name_phases
+from palpate_robot_log.processing.phases import Phase, Slide, find_slide, name_phases
 from palpate_robot_log.processing.press import (
     Located,
     aligned,
@@ -28,9 +34,146 @@ from palpate_robot_log.processing.press import (
     onset_of,
     wrench_at_spot,
 )
-from palpate_robot_log.processing.processed import Processed, with_record
 from palpate_robot_log.processing.settings import ProcessingSettings
 from palpate_robot_log.recording import Recording, mean_orientation, rotated, rows_between, thinned
+
+UNITS = "mm, N, N·mm, s, degrees"  # units of all numbers in the record
+_MOST_LISTED = 50
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Processed:
+    """One press, from its log to its curves; what a step found is None where it is switched off.
+
+    Parameters
+    ----------
+    curves : mapping of str to Curve
+        ``force`` [N] over depth [mm] of the press; where there are such phases ``torque`` [N·mm] over
+        rotation [degrees] of the twist and ``lateral_force`` [N] over shift [mm] of the slide. All
+        carry standard deviations.
+    signals : mapping of str to Signal
+        The rows that the curves come from.
+    smoothings : mapping of str to sequence of Smoothed
+        How each channel's branches were smoothed.
+    phases : tuple of Phase
+        In order, without gaps.
+    block : int
+        Rows of the log that thinning averaged to one.
+    spiky_rows : array of int
+        Rows in which spikes were replaced.
+    raw : Recording
+        The rows that were used, after the lag was taken out.
+    tared : Recording
+        Without weight, drift and bias.
+    free : (n,) array of row indices
+        In free air.
+    depth_mm : (n,) array
+        Travel from the onset.
+    wrench : SpotWrench
+        In the spot's frame about the contact axis.
+    drift_std_per_s : mapping of str to float
+        Standard deviation of the drift of force [N/s] and torque [N·mm/s].
+    """
+
+    settings: ProcessingSettings
+    curves: Mapping[str, Curve]
+    signals: Mapping[str, Signal]
+    smoothings: Mapping[str, Sequence[Smoothed]]
+    slide: Slide | None
+    phases: tuple[Phase, ...]
+    block: int
+    spiky_rows: IntArray
+    raw: Recording
+    tared: Recording
+    free: IntArray
+    motion: Motion
+    depth_mm: FloatArray
+    wrench: SpotWrench
+    lag: Lag
+    normal: Normal
+    onset: Onset
+    relaxations: tuple[Relaxation, ...]
+    tool: ToolLoad | None
+    drift: Drift | None
+    bias: Bias | None
+    drift_std_per_s: Mapping[str, float]
+
+    def phase(self, name: str) -> Phase:
+        """The phase of a name, such as ``press`` or ``twist_1``."""
+        return next(phase for phase in self.phases if phase.name == name)
+
+    @property
+    def record(self) -> Mapping[str, Any]:
+        """Every step's settings and findings, of plain values that JSON holds."""
+        last, raw = self.phases[-1], self.raw
+        from_s = self.phase("press").start.time_s
+        pressing = (raw.time_s >= from_s) & (
+            raw.time_s <= (last.start.time_s if last.name == "departure" else raw.time_s[-1])
+        )
+        found: dict[str, Any] = {
+            "window": {
+                "first_row": raw.rows[0],
+                "last_row": raw.rows[-1],
+                "from_s": raw.time_s[0],
+                "to_s": raw.time_s[-1],
+                "rate_hz": raw.rate_hz,
+            },
+            "thinning": {"rows_averaged": self.block},
+            "spikes": {"rows": self.spiky_rows[:_MOST_LISTED], "count": self.spiky_rows.size},
+            "alignment": asdict(self.lag),
+            "normal": asdict(self.normal),
+            "gravity": self.tool and asdict(self.tool),
+            "drift": self.drift and asdict(self.drift),
+            "tare": (asdict(self.bias) if self.bias else {}) | {"free_rows": self.free.size},
+            "frame": {"farthest_from_axis_mm": self.motion.lateral_mm[pressing].max()},
+            "onset": asdict(self.onset),
+            "smoothing": {
+                name: [
+                    {"noise": s.noise, "bias": s.bias, "window_s": s.window_s, "largest_std": s.std.max()}
+                    for s in each
+                ]
+                for name, each in self.smoothings.items()
+            },
+            "resampling": {"points": {name: curve.abscissa.size for name, curve in self.curves.items()}},
+            "slide": {} if self.slide is None else {"along": self.slide.along},
+            "relaxation": {"dwells": [asdict(item) | {"share": item.share} for item in self.relaxations]},
+        }
+        steps = [
+            {
+                "step": name,
+                "settings": getattr(self.settings, name).model_dump(mode="json"),
+                "found": of or {},
+            }
+            for name, of in found.items()
+        ]
+        phases = [
+            {
+                "name": phase.name,
+                "start_s": phase.start.time_s,
+                "stop_s": phase.stop.time_s,
+                "start_std_s": phase.start.std_s,
+                "stop_std_s": phase.stop.std_s,
+            }
+            for phase in self.phases
+        ]
+        uncertainty = {"depth_mm": self.onset.std_mm, "drift": self._drift_at_ends()}
+        record: Mapping[str, Any] = plain(
+            {"units": UNITS, "uncertainty": uncertainty, "steps": steps, "phases": phases}
+        )
+        return record
+
+    def _drift_at_ends(self) -> dict[str, float]:
+        """Standard deviation of each channel where its curve ends, by the drift since the touch."""
+        rates = dict(self.drift_std_per_s)
+        if rates:
+            rates["lateral_force"] = rates["force"]
+        kinds = {"force": "press", "torque": "twist", "lateral_force": "slide"}
+        ends = {
+            channel: [phase.stop.time_s for phase in self.phases if phase.name.startswith(kind)]
+            for channel, kind in kinds.items()
+        }
+        touch_s = self.phase("press").start.time_s
+        return {c: rate * (ends[c][-1] - touch_s) for c, rate in rates.items() if ends[c]}
 
 
 def process(recording: Recording, settings: ProcessingSettings | None = None) -> Processed:
@@ -47,7 +190,7 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
         used, block = thinned(used, settings.thinning.max_rows)
     calm, spikes = without_spikes(used) if settings.spikes.enabled else (used, np.array([], dtype=np.int64))
     located = locate(calm, settings.normal, slides=settings.slide.enabled)
-    located, lag, lag_taken = aligned(located, settings)
+    located, lag = aligned(located, settings)
     raw, motion, normal, slide = located.recording, located.motion, located.normal, None
     if settings.slide.enabled:
         slide = find_slide(raw, motion, located.strokes, normal.vector)
@@ -96,11 +239,15 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
         # Before the twist there is no torque that could relax.
         if channel == "force" or phase.start.time_s > located.strokes.press.stop.time_s
     ]
-    processed = Processed(
+    return Processed(
+        settings=settings,
         curves=curves,
         signals=signals,
+        smoothings=smoothings,
         slide=slide,
         phases=phases,
+        block=block,
+        spiky_rows=used.rows[spikes],
         raw=raw,
         tared=tared,
         free=free,
@@ -114,14 +261,6 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
         tool=tool,
         drift=drift,
         bias=bias,
-    )
-    return with_record(
-        processed,
-        settings,
-        smoothings,
-        block=block,
-        spiky_rows=used.rows[spikes],
-        lag_taken=lag_taken,
         drift_std_per_s=drift_std_per_s,
     )
 
@@ -149,8 +288,12 @@ def _cleaned(
     recording, weighed = located.recording, settings.gravity.method != "off"
     before, after = free_rows(located, *onset_of(located, settings.onset), any_orientation=weighed)
     free = np.concatenate([before, after]) if settings.drift.enabled else before
-    if free.size == 0:
-        raise recording.fault("no row in free air before the press; start the log earlier", 0)
+    if before.size < (FEWEST_FREE_ROWS if settings.drift.enabled or settings.tare.enabled else 1):
+        raise recording.fault(
+            f"{before.size} rows in free air before the press; start the log earlier, so that the sensor's "
+            "drift and bias can be determined, or give drift.enabled = false and tare.enabled = false",
+            0,
+        )
     tool = tool_of(recording, free, settings.gravity)
     if tool is not None:
         recording = without_weight(recording, tool, np.array(settings.gravity.direction))
@@ -180,3 +323,16 @@ def _zero_std(
     fixed = along_normal(*((zero, zero) if bias is None else (bias.force_std_N, bias.moment_std_Nmm)))
     elapsed = np.abs(recording.time_s - recording.time_s[free].mean())
     return {name: np.hypot(std, elapsed * rates.get(name, 0.0)) for name, std in fixed.items()}, rates
+
+
+def plain(value: Any) -> Any:  # noqa: ANN401 - whatever a finding holds
+    """The value in what JSON holds: arrays as lists, numbers that are not finite as None."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return int(value) if isinstance(value, np.integer) else value

@@ -77,11 +77,12 @@ def _repaired(values: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lag:
-    """How far the wrench comes after the pose [s], its standard deviation, and bends that gave it."""
+    """How far the wrench comes after the pose [s], its standard deviation, and how many bends gave it."""
 
     seconds: float = 0.0
     std_s: float = float("inf")
     n_bends: int = 0
+    taken_out: bool = False
 
     @property
     def significant(self) -> bool:
@@ -265,12 +266,6 @@ def find_drift(recording: Recording, before: IntArray, after: IntArray) -> Drift
 
     The tool's weight is out, unless the tool is oriented alike in all these rows.
     """
-    if before.size < FEWEST_FREE_ROWS:
-        raise recording.fault(
-            f"{before.size} rows in free air before the press; start the log earlier, so that the sensor's "
-            "drift and bias can be determined, or give drift.enabled = false",
-            0,
-        )
     if after.size < FEWEST_FREE_ROWS:
         raise recording.fault(
             f"the log stops before the tool is clear of the limb ({after.size} rows in free air after the "
@@ -316,12 +311,6 @@ class Bias:
 
 def find_bias(recording: Recording, free: IntArray) -> Bias:
     """Mean wrench over rows in free air, once weight and drift are out."""
-    if free.size < FEWEST_FREE_ROWS:
-        raise recording.fault(
-            f"{free.size} rows in free air before the press, so the bias cannot be determined; start "
-            "the log earlier, or give tare.enabled = false",
-            0,
-        )
 
     def mean(values: FloatArray) -> tuple[FloatArray, FloatArray]:
         mean = values.mean(axis=0)

@@ -87,25 +87,22 @@ def locate(recording: Recording, choice: NormalChoice, *, slides: bool = False) 
     return Located(recording=recording, contact=contact, normal=normal, motion=motion, strokes=strokes)
 
 
-def aligned(located: Located, settings: ProcessingSettings) -> tuple[Located, Lag, bool]:
-    """The press without the wrench's lag, the known one or the estimated one where it is significant.
-
-    The lag is returned too, and whether it is out.
-    """
+def aligned(located: Located, settings: ProcessingSettings) -> tuple[Located, Lag]:
+    """The press without the wrench's lag, the known one or the estimated one where it is significant."""
     choice = settings.alignment
     if not choice.enabled:
-        return located, Lag(), False
+        return located, Lag()
     if choice.lag is not None:
-        lag, taken = Lag(seconds=choice.lag, std_s=0.0), choice.lag != 0.0
+        lag = Lag(seconds=choice.lag, std_s=0.0, taken_out=choice.lag != 0.0)
     else:
         recording, motion, normal = located.recording, located.motion, located.normal.vector
         wrench = wrench_at_spot(recording, motion.origin_mm, normal, np.zeros(3), transport=False)
         lag = estimate_lag(recording.time_s, wrench.twisting, located.strokes.twists)
-        taken = lag.significant
-    if not taken:
-        return located, lag, False
+        lag = replace(lag, taken_out=lag.significant)
+    if not lag.taken_out:
+        return located, lag
     late = shifted(located.recording, lag.seconds)
-    return locate(late, settings.normal, slides=settings.slide.enabled), lag, True
+    return locate(late, settings.normal, slides=settings.slide.enabled), lag
 
 
 def wrench_at_spot(
