@@ -207,18 +207,14 @@ class LoadControl:
         way, displacements = np.eye(6)[component], at.balance.displacements
         load, move = ContactState(pose(at.position), memory, self._law), motion(at.position, way)
         here = self._model.linearised(displacements, self._thetas)
-        rate, rates = here.rate(load, move), Rates(self._model, displacements, load)
+        rate, rates = here.rate(load, move), Rates(self._model, displacements, load, self._thetas)
         step = self._model.linear.solve(
             here.matrix(load), partial(here.preconditioner, load), -rate, ACCURACY
         )
         moved = rates.carried(self._model.straight(np.zeros_like(displacements), step), move)
-        answer = self._model.answer(displacements, self._thetas, load)
         change = rates.change(moved, np.zeros_like(memory.anchors), motion=move)
-        force, moment, _ = rates.answer(change, move)
-        if self._model.bonded.size:
-            more = rates.of_bonded(self._thetas, moved)
-            force, moment = force + more[0], moment + more[1]
-        return _Slope(moved, wrench_rates(force, moment, answer, tip_at(at.position), way))
+        force, moment, _ = rates.answer(change, moved, move)
+        return _Slope(moved, wrench_rates(force, moment, rates.at_rest(), tip_at(at.position), way))
 
 
 def _missing(loads: FloatArray, aim: Aim) -> FloatArray:

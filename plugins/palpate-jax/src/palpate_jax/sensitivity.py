@@ -40,8 +40,10 @@ class Rates:
     displacements : (n_nodes, 3) array
     """
 
-    def __init__(self, model: Model, displacements: FloatArray, load: ContactState) -> None:
-        self._model, self._displacements, self._load = model, displacements, load
+    def __init__(
+        self, model: Model, displacements: FloatArray, load: ContactState, thetas: Mapping[str, FloatArray]
+    ) -> None:
+        self._model, self._displacements, self._load, self._thetas = model, displacements, load, thetas
         self.touched = model.contact.touched(displacements, load)
         self._turn, where = load.pose.rotation, self.touched.where
         self._every = model.contact.positions(displacements)
@@ -80,20 +82,28 @@ class Rates:
         return np.asarray(rate)
 
     def answer(
-        self, change: Change, motion: Motion | None = None
+        self, change: Change, moved: FloatArray, motion: Motion | None = None, body: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Change of force and moment (3,) of the contact, as in ``Answer``, and of the friction (k, 3)."""
+        """Change of force and moment (3,), as in ``Answer``, and of the friction (k, 3) of the contact.
+
+        Nodes move by ``moved`` (n_nodes, 3); ``body`` (n_nodes, 3), if given, is the change of the internal
+        forces where no node moves.
+        """
         at = change.of(self.touched.where)
         traction, friction = self.touched.points.rates(at)
         d_loads, d_arms = self._areas * self._turned(traction, motion), at.positions @ self._turn.T
         if motion is not None:
             d_arms = d_arms + self._with_indenter(self._arms, motion)
-        moment = np.cross(d_arms, self._loads) + np.cross(self._arms, d_loads)
-        return -d_loads.sum(axis=0), moment.sum(axis=0), friction
+        moments = np.cross(d_arms, self._loads) + np.cross(self._arms, d_loads)
+        force, moment = -d_loads.sum(axis=0), moments.sum(axis=0)
+        if self._model.bonded.size:
+            pull, turn = self._of_bonded(moved, body)
+            force, moment = force + pull, moment + turn
+        return force, moment, friction
 
-    def at_rest(self, thetas: Mapping[str, FloatArray]) -> Answer:
+    def at_rest(self) -> Answer:
         """Force and moment at the state itself."""
-        return self._model.answer(self._displacements, thetas, self._load)
+        return self._model.answer(self._displacements, self._thetas, self._load)
 
     def carried(self, moved: FloatArray, motion: Motion) -> FloatArray:
         """Rates of the nodes with those of the bonded ones, which move with the indenter."""
@@ -102,23 +112,18 @@ class Rates:
         result[model.bonded] = self._with_indenter(places, motion)
         return result
 
-    def of_bonded(
-        self, thetas: Mapping[str, FloatArray], moved: FloatArray, body: FloatArray | None = None
-    ) -> tuple[FloatArray, FloatArray]:
-        """Change of force and moment (3,) by the bonded nodes, as nodes move by ``moved`` (n_nodes, 3).
-
-        ``body`` (n_nodes, 3), if given, is the change of the internal forces where no node moves.
-        """
+    def _of_bonded(self, moved: FloatArray, body: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        """Change of force and moment (3,) by the bonded nodes."""
         model, size = self._model, float(np.abs(moved).max())
         pulls = np.zeros((model.bonded.size, 3)) if body is None else body[model.bonded].copy()
         if size > 0.0:
             probe = PROBE_MM / size
-            ahead, _ = model.body.force(self._displacements + probe * moved, thetas)
-            behind, _ = model.body.force(self._displacements - probe * moved, thetas)
+            ahead, _ = model.body.force(self._displacements + probe * moved, self._thetas)
+            behind, _ = model.body.force(self._displacements - probe * moved, self._thetas)
             pulls += (ahead - behind)[model.bonded] / (2.0 * probe)
         moment = np.cross((model.points + self._displacements)[model.bonded], pulls).sum(axis=0)
         if moved[model.bonded].any():
-            held, _ = model.body.force(self._displacements, thetas)
+            held, _ = model.body.force(self._displacements, self._thetas)
             moment = moment + np.cross(moved[model.bonded], held[model.bonded]).sum(axis=0)
         return -pulls.sum(axis=0), moment
 
@@ -241,7 +246,7 @@ class Sensitivity:
             return
         model = self._model
         here = model.linearised(displacements, self._thetas)
-        rates = Rates(model, displacements, load)
+        rates = Rates(model, displacements, load, self._thetas)
         body = self._body_rates(displacements)
         held = np.zeros_like(self._moved)
         external = [rates.force(change) for change in self._changes(rates, held)]
@@ -250,7 +255,7 @@ class Sensitivity:
             self._moved = self._solved(here, load, rhs)
         else:
             self._controlled(here, load, rates, rhs, body, control)
-        self._follow(rates, displacements, load, body, control)
+        self._follow(rates, load, body, control)
 
     def _body_rates(self, displacements: FloatArray) -> FloatArray:
         """∂f_body/∂θ (m, n_nodes, 3), none for the friction."""
@@ -326,37 +331,25 @@ class Sensitivity:
         body: FloatArray | None = None,
     ) -> FloatArray:
         """Change of the loads (k, 6) as nodes, points and the indenter's position (k, 6) change."""
-        answer = rates.at_rest(self._thetas)
+        answer = rates.at_rest()
         force, moment = np.zeros((2, len(moved), 3))
         for k, change in enumerate(changes):
-            force[k], moment[k], _ = rates.answer(change, motion(at, position[k]))
-            if self._model.bonded.size:
-                more = rates.of_bonded(self._thetas, moved[k], None if body is None else body[k])
-                force[k], moment[k] = force[k] + more[0], moment[k] + more[1]
+            internal = None if body is None else body[k]
+            force[k], moment[k], _ = rates.answer(change, moved[k], motion(at, position[k]), internal)
         return wrench_rates(force, moment, answer, tip_at(at), position)
 
-    def _follow(
-        self,
-        rates: Rates,
-        displacements: FloatArray,
-        load: ContactState,
-        body: FloatArray,
-        control: Control | None,
-    ) -> None:
+    def _follow(self, rates: Rates, load: ContactState, body: FloatArray, control: Control | None) -> None:
         """Store the derivatives of force, moment and anchors; compare ``Contact.remember``."""
-        model, where = self._model, rates.touched.where
+        where = rates.touched.where
         slip = rates.touched.points.friction / load.law.penalty
         force, moment = np.zeros((2, len(self._names), 3))
         motions = None if control is None else [motion(control.position, way) for way in self._position]
         for k, change in enumerate(self._changes(rates, self._moved, motions)):
-            force[k], moment[k], friction = rates.answer(change, motions[k] if motions else None)
+            way = motions[k] if motions else None
+            force[k], moment[k], friction = rates.answer(change, self._moved[k], way, body[k])
             anchors = change.positions.copy()
             anchors[where] -= (friction - change.penalty * slip) / load.law.penalty
             self._anchors[k] = anchors
-            if model.bonded.size:
-                more = rates.of_bonded(self._thetas, self._moved[k], body[k])
-                force[k], moment[k] = force[k] + more[0], moment[k] + more[1]
         if control is not None:
-            answer = model.answer(displacements, self._thetas, load)
-            self._loads = wrench_rates(force, moment, answer, load.pose.tip, self._position)
+            self._loads = wrench_rates(force, moment, rates.at_rest(), load.pose.tip, self._position)
         self.slopes = Slopes(self._names, force, moment, self._position)
