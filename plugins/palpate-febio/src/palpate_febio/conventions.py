@@ -8,7 +8,6 @@ in every convention that the material knows, and the one that fits is used.
 
 import contextlib
 import json
-import os
 import re
 import tempfile
 import xml.etree.ElementTree as ET
@@ -17,9 +16,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import platformdirs
 
 from palpate.api import FloatArray, IsotropicMaterial, Material, MaterialError
-from palpate.api.files import ProcessLimits, run_program
+from palpate.api.files import ProcessLimits, run_program, write_atomically
 from palpate_febio.deck import DECK_NAME, LOG_NAME, control_of, leaf, leaves, to_bytes
 from palpate_febio.log import read_log
 from palpate_febio.outcome import RecordError, read_record
@@ -221,12 +221,6 @@ for _array in (STRETCHES, GRADIENT):
     _array.setflags(write=False)
 
 
-def cache_folder() -> Path:
-    """Folder of the user's cache that keeps the results."""
-    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "palpate" / "febio"
-
-
 def remembered(material: Material, digest: str, probe: Callable[[], Fit], folder: Path | None = None) -> Fit:
     """Result of a probe of this material with this binary, from the cache if it is there.
 
@@ -237,9 +231,9 @@ def remembered(material: Material, digest: str, probe: Callable[[], Fit], folder
     probe : callable
         Runs the probe; what it raises is not remembered.
     folder : Path, optional
-        Default: :func:`cache_folder`.
+        Default: ``febio`` in palpate's folder of the user's cache.
     """
-    folder = cache_folder() if folder is None else folder
+    folder = folder or platformdirs.user_cache_path("palpate") / "febio"
     file = folder / f"{digest[:32]}.json"
     known = _read(file)
     key = _key(material)
@@ -286,8 +280,4 @@ def _write(file: Path, known: dict[str, Fit]) -> None:
     """Replace the file whole; a folder that cannot be written costs a probe more next time."""
     rows = {k: {"convention": f.convention, "deviations": dict(f.deviations)} for k, f in known.items()}
     with contextlib.suppress(OSError):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=file.parent, prefix=".new-")
-        with os.fdopen(handle, "w") as stream:
-            json.dump(rows, stream, indent=1)
-        Path(name).replace(file)
+        write_atomically(file, json.dumps(rows, indent=1).encode())
