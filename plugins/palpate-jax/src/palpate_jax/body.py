@@ -44,6 +44,15 @@ class Block:
     mean_dilatation: bool = True
     fields: Mapping[str, FloatArray] = field(default_factory=dict)
 
+    def deformation(self, displacements: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """F (e, q, 3, 3) of displacements (n_nodes, 3), and the factor (e, q) to make it the material's."""
+        F = np.eye(3) + np.einsum("eai,eqaj->eqij", displacements[self.nodes], self.gradients)
+        J = np.linalg.det(F)
+        if not self.mean_dilatation:
+            return F, np.ones_like(J)
+        mean = (self.volumes * J).sum(axis=1, keepdims=True) / self.volumes.sum(axis=1, keepdims=True)
+        return F, np.cbrt(mean / J)
+
 
 def blocks(mesh: Mesh, mean_dilatation: bool | Collection[str] = True) -> tuple[Block, ...]:
     """Split a mesh into blocks of one element kind and one region each.

@@ -145,11 +145,6 @@ class _Dual:
     common: FloatArray
     surface: FloatArray
 
-    def closeness(self) -> FloatArray:
-        """Share of a pair's surface that becomes internal when it is joined, (p,)."""
-        joint: FloatArray = self.common / self.surface[self.pairs].sum(axis=1)
-        return joint
-
     def joined(self, labels: IntArray) -> "_Dual":
         """The patches after a relabelling to 0, 1, ... by patch."""
         ends = np.sort(labels[self.pairs], axis=1)
@@ -203,8 +198,9 @@ def _dual(points_mm: FloatArray, tets: IntArray) -> _Dual:
 def _paired(dual: _Dual, allowed: BoolArray) -> IntArray:
     """Labels after joining pairs, the closest first, each patch at most once."""
     pairs = dual.pairs[allowed]
-    # Rounded, so that ties are decided by number and not by the last bit of an area.
-    order = np.lexsort((pairs[:, 1], pairs[:, 0], -np.round(dual.closeness()[allowed], 9)))
+    # Share of a pair's surface that becomes internal, rounded: the last bit of an area decides no tie.
+    closeness = np.round(dual.common[allowed] / dual.surface[pairs].sum(axis=1), 9)
+    order = np.lexsort((pairs[:, 1], pairs[:, 0], -closeness))
     rank = np.empty(len(pairs), dtype=np.int64)
     rank[order] = np.arange(len(pairs))
     partner = np.arange(len(dual.surface))

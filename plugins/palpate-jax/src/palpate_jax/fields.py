@@ -159,7 +159,7 @@ def cell_fields(
         The largest first.
     J : (c,) array
     """
-    gradients = np.eye(3) + np.einsum("eai,eqaj->eqij", displacements[block.nodes], block.gradients)
+    gradients, _ = block.deformation(displacements)
     stresses, J = _cauchy(material, theta, block, gradients, axes)
     volumes = block.volumes[places]
     now = volumes * J[places]

@@ -194,10 +194,10 @@ class LoadControl:
         stuck = (change == 0.0) & (wanted != 0.0)
         if stuck.any() and (stuck | met).all():
             k = free[int(np.argmax(stuck))]
-            unit = WRENCH[k].rpartition("_")[2].replace("Nmm", "N·mm")
-            farthest, _, of = POSE[k].rpartition("_")
+            (load, _, unit), (farthest, _, of) = WRENCH[k].rpartition("_"), POSE[k].rpartition("_")
+            unit = unit.replace("Nmm", "N·mm")
             raise NotReachedError(
-                f"{_said(k)} of {aim.asked[k]:g} {unit} is not reached up to the farthest "
+                f"{load.replace('_', ' ')} of {aim.asked[k]:g} {unit} is not reached up to the farthest "
                 f"{farthest.replace('_', ' ')} allowed, {at.position[k]:g} {of}: the largest is "
                 f"{self._largest[k]:.4g} {unit}; allow more, or ask for less"
             )
@@ -225,8 +225,3 @@ def _missing(loads: FloatArray, aim: Aim) -> FloatArray:
         roots = force ** (1 / HERTZ), wanted ** (1 / HERTZ)
         missing[aim.free == DEPTH] = HERTZ * force ** (1 - 1 / HERTZ) * (roots[1] - roots[0])
     return np.asarray(missing)
-
-
-def _said(component: int) -> str:
-    """Name of a load in a sentence."""
-    return WRENCH[component].rpartition("_")[0].replace("_", " ")

@@ -9,7 +9,6 @@ import numpy as np
 
 from palpate.api import FloatArray, IsotropicMaterial, Material
 from palpate.api.mechanics import principal_derivatives
-from palpate_jax.body import Block
 from palpate_jax.contact import Answer, ContactLaw, ContactState, Memory
 from palpate_jax.initial_guess import InitialGuess
 from palpate_jax.load_control import Aim, LoadControl, NotReachedError, Trial
@@ -297,12 +296,12 @@ def explained(
         return f"{stop.reason} ({where})"
     least = np.inf
     for block in model.body.blocks:
-        F, J = _deformation(block, stop.displacements)
-        least = min(least, float(J[block.volumes > 0.0].min()))
+        F, factor = (each[block.volumes > 0.0] for each in block.deformation(stop.displacements))
+        least = min(least, float(np.linalg.det(F).min()))
         material = materials[block.region]
         if not isinstance(material, IsotropicMaterial):
             continue
-        stretches: FloatArray = np.linalg.svd(F[block.volumes > 0.0], compute_uv=False).astype(np.float64)
+        stretches: FloatArray = factor[:, None] * np.linalg.svd(F, compute_uv=False)
         stiffness = _least_stiffness(material, stretches, thetas[block.region])
         if stiffness.min() <= 0.0:
             worst = ", ".join(f"{s:.2f}" for s in stretches[int(np.argmin(stiffness))])
@@ -326,16 +325,6 @@ def _place(position: FloatArray) -> str:
     for name, unit, pair in (("shift", "mm", aside[:2]), ("tilt", "degrees", aside[2:])):
         words += [f"{name} ({pair[0]:.2f}, {pair[1]:.2f}) {unit}"] if any(pair) else []
     return ", ".join(words)
-
-
-def _deformation(block: Block, displacements: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Deformation gradient (e, q, 3, 3) of the material, and J (e, q)."""
-    F = np.eye(3) + np.einsum("eai,eqaj->eqij", displacements[block.nodes], block.gradients)
-    J = np.linalg.det(F)
-    if block.mean_dilatation:
-        mean = (block.volumes * J).sum(axis=1, keepdims=True) / block.volumes.sum(axis=1, keepdims=True)
-        F = np.cbrt(mean / J)[..., None, None] * F
-    return F, J
 
 
 def _least_stiffness(material: IsotropicMaterial, stretches: FloatArray, theta: FloatArray) -> FloatArray:

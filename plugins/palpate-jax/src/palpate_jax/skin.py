@@ -8,7 +8,6 @@ import numpy as np
 
 from palpate.api import FloatArray, IntArray, Limb, Mesh, SurfaceStates
 from palpate.api.mesh import outer_faces, spot_axes, triangles_of
-from palpate_jax.body import Block
 from palpate_jax.contact import Contact, Points
 from palpate_jax.load_stepping import LoadStep
 from palpate_jax.model import Model
@@ -30,10 +29,8 @@ def strain_ranges(limb: Limb, model: Model, reached: Sequence[LoadStep]) -> dict
     for state in reached:
         by_region: dict[str, list[tuple[FloatArray, FloatArray]]] = {}
         for block in model.body.blocks:
-            F = np.eye(3) + np.einsum("eai,eqaj->eqij", state.displacements[block.nodes], block.gradients)
-            squares = (
-                np.linalg.eigvalsh(F.swapaxes(-1, -2) @ F) * _dilated(block, np.linalg.det(F))[..., None]
-            )
+            F, factor = block.deformation(state.displacements)
+            squares = np.linalg.eigvalsh(F.swapaxes(-1, -2) @ F) * (factor**2)[..., None]
             centres = np.repeat(limb.mesh.points_mm[block.nodes].mean(axis=1)[:, None], F.shape[1], axis=1)
             real = block.volumes > 0.0  # points that fill up a patch are none
             by_region.setdefault(block.region, []).append((squares[real], centres[real]))
@@ -42,14 +39,6 @@ def strain_ranges(limb: Limb, model: Model, reached: Sequence[LoadStep]) -> dict
             for name, value in _ends(squares, centres).items():
                 found.setdefault(region, {}).setdefault(name, []).append(value)
     return found
-
-
-def _dilated(block: Block, J: FloatArray) -> FloatArray:
-    """Factor (e, q) on squared stretches from those of the displacements to those that the material has."""
-    if not block.mean_dilatation:
-        return np.ones_like(J)
-    mean = (block.volumes * J).sum(axis=1, keepdims=True) / block.volumes.sum(axis=1, keepdims=True)
-    return np.asarray(np.cbrt(mean / J) ** 2)
 
 
 def _ends(squares: FloatArray, centres_mm: FloatArray) -> dict[str, Any]:

@@ -196,7 +196,8 @@ class JaxSolver(Solver[JaxSettings]):
             message="" if stop is None else explained(stop, prepared.model, prepared.materials, job.thetas),
             seconds=time.perf_counter() - started,
             diagnostics=_diagnostics(reached, stepping)
-            | _strains(prepared, job, reached)
+            # What a prediction or a card compares, where the skin is wanted too.
+            | ({"strain": strain_ranges(own, prepared.model, reached)} if job.surface else {})
             | ({} if pilots is None else {"n_pilots": len(pilots)}),
             surface=surface_states(own, prepared.model, reached) if job.surface else None,
         )
@@ -371,11 +372,6 @@ def _wrench(pose: FloatArray, found: Sequence[tuple[FloatArray, FloatArray]]) ->
     values[1:] = np.reshape(found, (-1, 2, 3))
     from_tip = np.column_stack([-pose[:, 1:3], pose[:, 0]])
     return SpotWrench(force_N=values[:, 0], moment_Nmm=-values[:, 1]).on_tissue(from_tip)
-
-
-def _strains(prepared: _Prepared, job: Job, reached: Sequence[LoadStep]) -> dict[str, Any]:
-    """What of the strains a prediction or a card compares, where the skin is wanted too."""
-    return {"strain": strain_ranges(prepared.limb, prepared.model, reached)} if job.surface else {}
 
 
 def _diagnostics(reached: list[LoadStep], stepping: LoadStepping) -> dict[str, Any]:
