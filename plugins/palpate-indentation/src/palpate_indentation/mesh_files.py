@@ -160,7 +160,7 @@ def _refuse_hdf_links(path: Path) -> None:
         return  # meshio cannot read it either, and its message shows that
     try:
         with h5py.File(path, "r", locking=False) as file:
-            elsewhere = _hdf_elsewhere(h5py, file)
+            elsewhere = file.visititems_links(_link_elsewhere) or file.visititems(_stored_elsewhere)
     except (OSError, RuntimeError, KeyError, ValueError) as error:
         raise MeshError(
             f"{path}: corrupt HDF5 ({' '.join(str(error).split())[:200]}); write it again"
@@ -183,24 +183,14 @@ def _is_hdf(path: Path) -> bool:
     return False
 
 
-def _hdf_elsewhere(h5py: Any, file: Any) -> str:  # noqa: ANN401 - h5py has no types
-    """Name of the first link or array that leads to another file; empty where there is none."""
-    waiting, seen = [file], set[int]()
-    while waiting:
-        group = waiting.pop()
-        for key in group:
-            link = group.get(key, getlink=True)
-            if isinstance(link, h5py.ExternalLink):
-                return f"{group.name}/{key}"
-            if not isinstance(link, h5py.HardLink):
-                continue  # an internal link, whose target is checked itself
-            item = group[key]
-            if isinstance(item, h5py.Group) and (place := h5py.h5o.get_info(item.id).addr) not in seen:
-                seen.add(place)
-                waiting.append(item)
-            elif isinstance(item, h5py.Dataset) and (item.external or item.is_virtual):
-                return str(item.name)
-    return ""
+def _link_elsewhere(name: str, link: Any) -> str | None:  # noqa: ANN401 - h5py has no types
+    """Name of a link that leads to another file."""
+    return name if type(link).__name__ == "ExternalLink" else None
+
+
+def _stored_elsewhere(name: str, item: Any) -> str | None:  # noqa: ANN401 - h5py has no types
+    """Name of an array that is stored in another file."""
+    return name if getattr(item, "external", None) or getattr(item, "is_virtual", False) else None
 
 
 def _included(path: Path, by: frozenset[Path] = frozenset()) -> Iterator[str]:
