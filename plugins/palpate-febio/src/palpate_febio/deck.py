@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.api import FloatArray, IntArray, Mesh
+from palpate.api import IntArray, Mesh
 from palpate_febio.contact_meshes import contact_faces, sphere_mesh
 from palpate_febio.settings import PENALTY, FebioSettings, Method
 from palpate_febio.spelling import DENSITY_T_PER_MM3, Written
@@ -334,10 +334,5 @@ def _load_data(root: ET.Element, steps: Steps) -> None:
         leaf(curve, "interpolate", form)
         leaf(curve, "extend", "CONSTANT")
         points = ET.SubElement(curve, "points")
-        for line in points_of(values):
-            leaf(points, "pt", line)
-
-
-def points_of(values: FloatArray) -> list[str]:
-    """A load curve's points: time and value."""
-    return [f"{k},{_number(value)}" for k, value in enumerate(values.tolist())]
+        for time, value in enumerate(values.tolist()):
+            leaf(points, "pt", f"{time},{_number(value)}")
