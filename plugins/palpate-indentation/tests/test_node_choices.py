@@ -10,7 +10,7 @@ from palpate.domain import Mesh, Spot
 from palpate.errors import MeshError
 from palpate.limb.loading import check_limb
 from palpate_forearm import Phantom, write_phantom
-from palpate_forearm.phantom import write_stl
+from palpate_forearm.phantom import write_surface
 from palpate_indentation import MeshioSettings, MeshioSource
 
 pytestmark = pytest.mark.usefixtures("meshes_here")
@@ -69,7 +69,7 @@ def test_nodes_are_fixed_by_their_distance_to_a_bone(tmp_path: Path) -> None:
     # A tube laid under the block: its uppermost line touches the base.
     points = bone.points_mm - bone.points_mm.mean(axis=0)
     low = points - np.array([0.0, 0.0, points[:, 2].max() + 12.0])
-    write_stl(tmp_path / "bone.stl", type(bone)(points_mm=low, faces=bone.faces))
+    write_surface(tmp_path / "bone.stl", type(bone)(points_mm=low, faces=bone.faces))
     sets = {"fixed": {"surface": "bone.stl", "within": "1.5 mm"}, "contact": "pressed"}
     settings = MeshioSettings.model_validate(GROUPS["two_layers.msh"] | {"node_sets": sets})
     mesh = MeshioSource(settings).load(tmp_path / "m.msh", SPOT).mesh
