@@ -9,7 +9,7 @@ from pydantic import Field
 
 from palpate.api import CurveError, Quantity, Settings
 from palpate.api.files import ProcessLimits, TextFormat, TextTable, run_function
-from palpate_robot_log.reading import array_files
+from palpate_robot_log.reading import column_files
 from palpate_robot_log.reading.raw import RawLog, Stream
 
 _MOST_OUTPUT_BYTES = 10_000_000_000
@@ -124,19 +124,15 @@ def _read(path: Path, head: bytes, request: Request) -> RawLog:
 
         return read_bag(path, request.streams)
     if head.startswith(b"PAR1"):
-        from palpate_robot_log.reading.columnar import read_parquet
-
-        return read_parquet(path, request.columns)
+        return column_files.read_parquet(path, request.columns)
     if head.startswith((b"\x93NUMPY", b"PK\x03\x04")):
-        return array_files.read_numpy(path)
+        return column_files.read_numpy(path)
     if _HDF5_MAGIC in (head[:8], head[512:520]):
-        return array_files.read_hdf5(path)
+        return column_files.read_hdf5(path)
     if head[126:128] in (b"IM", b"MI") and head.startswith(b"MATLAB"):
-        return array_files.read_matlab5(path)
+        return column_files.read_matlab5(path)
     if head.startswith(b"TDSm"):
-        from palpate_robot_log.reading.columnar import read_tdms
-
-        return read_tdms(path)
+        return column_files.read_tdms(path)
     if head and path.suffix.lower() in _BINARY:
         raise CurveError(
             f"{path}: the {path.suffix} file is damaged or cut off at its beginning; save it again"
