@@ -30,14 +30,6 @@ class Limits:
     n_attempts: int = 2
 
 
-def _always() -> bool:
-    return True
-
-
-def _ignored(n_running: int) -> None:
-    """Ignore the number of running jobs."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Batch:
     """Jobs that run together, with what they share.
@@ -62,8 +54,8 @@ class Batch:
     limits: Limits
     n_workers: int = 0
     plugin_files: Sequence[Path] = ()
-    should_continue: Callable[[], bool] = _always
-    running: Callable[[int], None] = _ignored
+    should_continue: Callable[[], bool] = lambda: True
+    running: Callable[[int], None] = lambda n_running: None
 
 
 class Executor(Component[SettingsT]):

@@ -17,10 +17,6 @@ from palpate.domain import BoolArray, FloatArray, Parameter
 from palpate.domain.component import Component, SettingsT
 
 
-def _all(points: FloatArray) -> BoolArray:
-    return np.ones(len(points), dtype=np.bool_)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SearchSpace:
     """What a search may know of a problem.
@@ -46,7 +42,7 @@ class SearchSpace:
     exact_slopes: bool
     accuracy: float
     seed: int
-    accepts: Callable[[FloatArray], BoolArray] = _all
+    accepts: Callable[[FloatArray], BoolArray] = lambda points: np.ones(len(points), dtype=np.bool_)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
