@@ -105,17 +105,39 @@ class Processed:
     @property
     def record(self) -> Mapping[str, Any]:
         """Every step's settings and findings, of plain values that JSON holds."""
-        last, raw = self.phases[-1], self.raw
-        from_s = self.phase("press").start.time_s
-        pressing = (raw.time_s >= from_s) & (
-            raw.time_s <= (last.start.time_s if last.name == "departure" else raw.time_s[-1])
-        )
-        found: dict[str, Any] = {
+        steps = [
+            {
+                "step": name,
+                "settings": getattr(self.settings, name).model_dump(mode="json"),
+                "found": each or {},
+            }
+            for name, each in self._found().items()
+        ]
+        phases = [
+            {
+                "name": phase.name,
+                "start_s": phase.start.time_s,
+                "stop_s": phase.stop.time_s,
+                "start_std_s": phase.start.std_s,
+                "stop_std_s": phase.stop.std_s,
+            }
+            for phase in self.phases
+        ]
+        uncertainty = {"depth_mm": self.onset.std_mm, "drift": self._drift_at_ends()}
+        record = {"units": UNITS, "uncertainty": uncertainty, "steps": steps, "phases": phases}
+        return {name: plain(part) for name, part in record.items()}
+
+    def _found(self) -> dict[str, Any]:
+        """Findings by step."""
+        time, last, raw = self.raw.time_s, self.phases[-1], self.raw
+        until_s = last.start.time_s if last.name == "departure" else time[-1]
+        pressing = (time >= self.phase("press").start.time_s) & (time <= until_s)
+        return {
             "window": {
                 "first_row": raw.rows[0],
                 "last_row": raw.rows[-1],
-                "from_s": raw.time_s[0],
-                "to_s": raw.time_s[-1],
+                "from_s": time[0],
+                "to_s": time[-1],
                 "rate_hz": raw.rate_hz,
             },
             "thinning": {"rows_averaged": self.block},
@@ -138,29 +160,6 @@ class Processed:
             "slide": {} if self.slide is None else {"along": self.slide.along},
             "relaxation": {"dwells": [asdict(item) | {"share": item.share} for item in self.relaxations]},
         }
-        steps = [
-            {
-                "step": name,
-                "settings": getattr(self.settings, name).model_dump(mode="json"),
-                "found": of or {},
-            }
-            for name, of in found.items()
-        ]
-        phases = [
-            {
-                "name": phase.name,
-                "start_s": phase.start.time_s,
-                "stop_s": phase.stop.time_s,
-                "start_std_s": phase.start.std_s,
-                "stop_std_s": phase.stop.std_s,
-            }
-            for phase in self.phases
-        ]
-        uncertainty = {"depth_mm": self.onset.std_mm, "drift": self._drift_at_ends()}
-        record: Mapping[str, Any] = plain(
-            {"units": UNITS, "uncertainty": uncertainty, "steps": steps, "phases": phases}
-        )
-        return record
 
     def _drift_at_ends(self) -> dict[str, float]:
         """Standard deviation of each channel where its curve ends, by the drift since the touch."""
