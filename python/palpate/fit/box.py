@@ -11,12 +11,7 @@ _NUDGES = np.array(sorted(range(-8, 9), key=abs), dtype=np.float64)
 
 
 class Box:
-    """Goes between values and the unit box, in logarithms where a modulus has a range above zero.
-
-    Parameters
-    ----------
-    parameters : sequence of Parameter
-    """
+    """Goes between values and the unit box, in logarithms where a modulus has a range above zero."""
 
     def __init__(self, parameters: Sequence[Parameter]) -> None:
         self.parameters = tuple(parameters)

@@ -26,7 +26,6 @@ class Fitted:
         ``fit``, or ``set 12`` of the sweep.
     fit : str
         Its label in the tables of the fit: ``all spots``, or the only spot.
-    scenario : str
     values : mapping of name to float
         What was searched, ``<name>@<spot>`` where each spot has its own, in the units of the materials.
     spots : tuple of str

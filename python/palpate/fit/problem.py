@@ -71,12 +71,10 @@ class Problem:
 
     Parameters
     ----------
-    study : Study
     terms : sequence of SpotTerm
         One for each spot.
     simulate : callable
         From jobs to their simulations.
-    parametrisation : Parametrisation
     noise : float
         Relative misfit (root of NMSE) that one standard deviation of a prior is worth.
     fine : bool

@@ -28,7 +28,6 @@ class Fit:
 
     Parameters
     ----------
-    problem : Problem
     start : (n_parameters,) array
         Point of the box where the search starts.
 

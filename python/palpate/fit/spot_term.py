@@ -87,14 +87,11 @@ class SpotTerm:
 
     Parameters
     ----------
-    spot : str
-    measured : Response
     weights : mapping of name to float
         Of the channels, and phases such as ``torque/unload``, that count here, above zero.
     protocol : Protocol
         As the study has it at this spot.
     materials : mapping of region to Material
-    rules : ScoringRules
     abscissae : mapping of channel to str
         Names of the abscissae, such as ``depth_mm``, by which offsets go.
     corrections : mapping of channel to Correction

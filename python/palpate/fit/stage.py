@@ -76,15 +76,12 @@ class FitStage:
 
     Parameters
     ----------
-    study : Study
-    design : Design
     measured : mapping of spot name to Response
     scores : DataFrame
         Of the sweep; empty where there was none.
     simulations : Simulations
         Where jobs are simulated and kept.
     abscissae : mapping of channel name to str
-    progress : Progress
     follow : callable
         Called with how far the fit is, after each step.
     first_start : mapping of parameter name to value

@@ -19,10 +19,8 @@ def basins(design: Design, fopt: pl.DataFrame, most: int) -> list[dict[str, floa
 
     Parameters
     ----------
-    design : Design
     fopt : DataFrame
         Columns set_id and fopt.
-    most : int
 
     Returns
     -------

@@ -126,7 +126,6 @@ class PressDrawer(Protocol):
 
         Parameters
         ----------
-        spot : str
         presses : mapping of file name to Response
         mean : Response
             What becomes of them.
@@ -134,7 +133,6 @@ class PressDrawer(Protocol):
             Axes and labels.
         notice : str
             What the picture must state of the data; empty for nothing.
-        folder : Path
 
         Returns
         -------

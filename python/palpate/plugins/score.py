@@ -110,7 +110,6 @@ class Score(Component[SettingsT]):
 
         Parameters
         ----------
-        measured : Curve
         counted : (n,) array of bool
             Points of the channel, or phase.
         abscissa, simulated
@@ -138,12 +137,9 @@ def weighted(
 
     Parameters
     ----------
-    score : Score
-    measured : Curve
     simulated : (..., n) array
         Whatever, also NaN, where not ``used``.
     used : (n,) array of bool
-    weight : float
 
     Raises
     ------
@@ -262,7 +258,6 @@ class ScoringRules:
 
     Parameters
     ----------
-    score : Score
     minimum_coverage : float
         Smallest share of measured points, each counted with its weight, that a simulated curve
         must reach to be ranked.

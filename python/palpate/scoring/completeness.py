@@ -52,7 +52,6 @@ def completeness(scores: pl.DataFrame, spots: Sequence[str], design: Design) -> 
         As :func:`palpate.scoring.scores.score` returns it.
     spots : sequence of str
         Every spot of the study.
-    design : Design
     """
     pairs = scores.select("spot", "set_id").unique().filter(pl.col("set_id") < design.n_sets)
     by_spot = dict(pairs.group_by("spot").len().iter_rows())

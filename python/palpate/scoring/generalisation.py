@@ -25,7 +25,6 @@ def generalise(
         As :func:`palpate.scoring.scores.score` returns it.
     scenario : Scenario
         Whose Fopt is averaged.
-    design : Design
     spots : sequence of str
         Every spot of the study; a set without a score at one of them is not considered. A spot
         that measures no channel of the scenario does not count.

@@ -104,9 +104,7 @@ def score(
 
     Parameters
     ----------
-    simulations : iterable of Simulation
     measured : mapping of spot name to Response
-    rules : ScoringRules
     scenarios : sequence of Scenario
         The phases that they weigh are scored too, under names such as ``torque/unload``.
 

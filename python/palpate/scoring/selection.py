@@ -19,7 +19,6 @@ def objectives(scores: pl.DataFrame, scenarios: Sequence[Scenario]) -> pl.DataFr
     ----------
     scores : DataFrame
         As :func:`palpate.scoring.scores.score` returns it.
-    scenarios : sequence of Scenario
 
     Returns
     -------
@@ -113,12 +112,6 @@ def weighed_spots(scores: pl.DataFrame, scenario: Scenario, spots: Sequence[str]
 
 def select(scores: pl.DataFrame, scenarios: Sequence[Scenario], design: Design) -> pl.DataFrame:
     """Choose the set with the least Fopt for each spot and scenario; ties go to the lower set_id.
-
-    Parameters
-    ----------
-    scores : DataFrame
-    scenarios : sequence of Scenario
-    design : Design
 
     Returns
     -------

@@ -66,8 +66,6 @@ class PressEmulator:
 
     Parameters
     ----------
-    width_mm : float
-    runs : Simulated
     lengths : five floats, optional
         Correlation lengths, in half ranges; the most likely ones by default.
 

@@ -54,7 +54,6 @@ def simulate_press(layers_mm: Sequence[float], ratios: Sequence[float], width_mm
         Thickness of skin, fat and muscle.
     ratios : two floats
         Young's modulus of skin and of fat over that of muscle.
-    width_mm : float
 
     Raises
     ------

@@ -25,8 +25,6 @@ class CardData:
     ----------
     title : str
         Study, region, and where the values come from.
-    region : str
-    material : Material
     theta : (n_parameters,) array
         Textbook values.
     intervals : mapping of parameter to (lower, upper)
