@@ -4,7 +4,7 @@ As ``study_mesh_size.py``, with the limbs and places of ``bench_limbs.py``: all 
 proportion to the edge under the sphere, and Richardson's extrapolation gives the limit. ``--skin 1.5``
 adds a layer of a neo-Hookean skin (E 0.15 MPa, ν 0.45) over the tissue. ``--depth`` is that of the press.
 ``--bisect 0.28`` takes the default mesh in place of those of ``--sizes``, as it is and with edges above this
-share of the radius bisected under the sphere, as a fit's ``fine_edge`` does.
+share of the radius bisected at the edge of the contact, as a fit's ``fine_edge`` does.
 All meshes have the same few load steps, to save time.
 """
 
@@ -19,6 +19,7 @@ from study_mesh_size import PATH, RADIUS_MM, THETA, extrapolated, peaks, plan
 
 from palpate.domain import Indentation, Job, Limb, Response
 from palpate.domain.indenter import Sphere
+from palpate.limb.loading import RIM
 from palpate.mesh.refinement import refined
 from palpate.mesh.spot_frame import NEAR, contact_edge_mm
 from palpate_jax.solver import JaxSettings, JaxSolver
@@ -89,7 +90,11 @@ def bisected(segment: Segment, shares: list[float], depth_mm: float) -> None:
     near_mm = NEAR * RADIUS_MM
     for share in (None, *shares):
         start = cpu_s()
-        finer = limb if share is None else refined(limb, near_mm, share * RADIUS_MM)
+        finer = (
+            limb
+            if share is None
+            else refined(limb, RIM[1] * RADIUS_MM, share * RADIUS_MM, RIM[0] * RADIUS_MM)
+        )
         force, torque = peaks(pressed(finer, depth_mm))
         edge_mm, n_nodes = contact_edge_mm(finer, near_mm), finer.mesh.n_nodes
         sys.stdout.write(

@@ -24,8 +24,13 @@ def both(content):
     """A run in the units of the material, and with the stiffness in kPa."""
     truth = {STIFFNESS: 0.4, "soft_tissue.grip": 20.0}
     made = content(assessed=False, search=LeastSquares(), truth=truth, units={STIFFNESS: "kPa"})
-    row = {"fit": "all spots", "scenario": "I", "parameter": f"{STIFFNESS}@p1", "coarse": 0.3, "fine": 0.4,
-           "extrapolated": 0.5}  # fmt: skip
+    row = {
+        "fit": "all spots",
+        "scenario": "I",
+        "parameter": f"{STIFFNESS}@p1",
+        "coarse": 0.3,
+        "corrected": 0.4,
+    }
     made = replace(made, fit=replace(made.fit, mesh=pl.DataFrame([row])))
     return made, in_display_units(made)
 
@@ -59,7 +64,7 @@ def test_tables_name_the_unit(both):
             "stiffness": "kPa", "grip": "MPa",
         }  # fmt: skip
     mesh = shown["fit_mesh"].row(0, named=True)
-    assert [mesh[key] for key in ("coarse", "fine", "extrapolated", "unit")] == [300.0, 400.0, 500.0, "kPa"]
+    assert [mesh[key] for key in ("coarse", "corrected", "unit")] == [300.0, 400.0, "kPa"]
     for name in ("fit", "generalised"):
         assert shown[name][f"{STIFFNESS} [kPa]"].to_list() == pytest.approx(
             (1000.0 * made[name][STIFFNESS]).to_list()

@@ -177,7 +177,7 @@ def test_every_table_of_a_full_run_is_on_the_page(content):
     failed = made.scores.with_columns(nmse=pl.when(pl.col("set_id") > 1).then("nmse"))
     row = {
         "fit": "all spots", "scenario": "I", "parameter": "soft_tissue.stiffness",
-        "coarse": 0.3, "fine": 0.4, "extrapolated": 0.42,
+        "coarse": 0.3, "corrected": 0.4,
     }  # fmt: skip
     fit = replace(made.fit, mesh=pl.DataFrame([row]))
     made = replace(made, fit=fit, verification=verification, scores=failed)

@@ -112,22 +112,6 @@ def test_a_fit_that_ends_at_a_bound_or_is_not_settled_is_named(content):
     assert about(unseen, "Not every search") is None
 
 
-@pytest.mark.parametrize(("extrapolated", "is_named"), [(0.43, True), (0.401, False)])
-def test_what_finer_meshes_leave_open_is_named(content, extrapolated, is_named):
-    made = content(search=LeastSquares())
-    row = {
-        "fit": "all spots", "scenario": "I", "parameter": "soft_tissue.stiffness",
-        "coarse": 0.3, "fine": 0.4, "extrapolated": extrapolated,
-    }  # fmt: skip
-    corrected = replace(made, fit=replace(made.fit, mesh=pl.DataFrame([row])))
-    why = about(corrected, "Finer meshes may move")
-    assert (why is not None) is is_named
-    if is_named:
-        assert why.startswith("stiffness from 0.3 by the coarse meshes to 0.4 by the finer ones, ")
-    elsewhere = replace(corrected, fit=replace(made.fit, mesh=pl.DataFrame([row | {"scenario": "II"}])))
-    assert about(elsewhere, "Finer meshes") is None
-
-
 def test_with_one_spot_its_set_leads_and_nothing_is_generalised(content):
     made = content()
     one = pl.col("spot") == "p1"

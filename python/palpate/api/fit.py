@@ -17,6 +17,9 @@ if TYPE_CHECKING:
         inputs_at as inputs_at,
         job_of as job_of,
     )
+    from palpate.fit.mesh_correction import (
+        left_over as left_over,
+    )
     from palpate.fit.parametrisation import (
         FRICTION as FRICTION,
         GAIN as GAIN,
@@ -43,8 +46,7 @@ if TYPE_CHECKING:
     from palpate.fit.stage import (
         Case as Case,
     )
-    from palpate.fit.tables import (
-        ORDER as ORDER,
+    from palpate.limb.loading import (
         refinement as refinement,
     )
     from palpate.plugins.parametrisation import (

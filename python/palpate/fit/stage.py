@@ -86,6 +86,8 @@ class FitStage:
         Called with how far the fit is, after each step.
     first_start : mapping of parameter name to value
         Where the joint fit starts before the basins of the sweep; empty: only there.
+    refinement : mapping of spot name to float
+        Element size under the indenter over that of the finer mesh.
     """
 
     study: Study
@@ -97,6 +99,7 @@ class FitStage:
     progress: Progress = SILENT
     follow: Callable[[FitState], None] = lambda state: None
     first_start: Mapping[str, float] = field(default_factory=dict)
+    refinement: Mapping[str, float] = field(default_factory=dict)
     _cases: list[Case] = field(default_factory=list)
     _n_known: int = 0
     _fine: dict[str, list[FineRun]] = field(default_factory=dict)
@@ -236,7 +239,9 @@ class FitStage:
         jobs = [end.term.job(end.inputs, -1, slopes=False, fine=True) for end in wanted.values()]
         for end, fine in zip(wanted.values(), self.simulations.of(jobs), strict=True):
             try:
-                self._fine.setdefault(end.spot, []).append(fine_run(end.term, end.inputs, end.coarse, fine))
+                ratio = self.refinement.get(end.spot, 1.0)
+                found = fine_run(end.term, end.inputs, end.coarse, fine, ratio)
+                self._fine.setdefault(end.spot, []).append(found)
             except NotRankedError as error:
                 self.progress.note(f"warning: no correction by the finer mesh: {error}")
 

@@ -11,15 +11,11 @@ from palpate.domain import FloatArray, Response, channel_of, weighed_phases
 from palpate.fit.running import Fit
 from palpate.fit.spot_term import SpotTerm
 from palpate.fit.stage import Case
-from palpate.limb.loading import size_at_contact
 from palpate.plugins.parametrisation import at_spot
 from palpate.plugins.score import weighted
 from palpate.run.result import UNSETTLED, FitResult
 from palpate.scoring.scores import relative_variance
 from palpate.simulation.sweep import Simulations
-
-ORDER = 2.0
-"""Power of the element size under the indenter with which the error of the curves falls."""
 
 
 def fit_result(cases: Sequence[Case], simulations: Simulations) -> FitResult:
@@ -47,8 +43,7 @@ def fit_result(cases: Sequence[Case], simulations: Simulations) -> FitResult:
             rows.append(_row(case, end, term, values, phases) | {"n_runs": _spent(case, n_runs)})
             responses[case.label, case.scenario.name, term.spot] = _response(term, values)
     traces = [row for case in cases for row in _trace(case, n_runs)]
-    ratios = refinement(simulations) if any(case.n_fine for case in cases) else {}
-    meshes = [row for case in cases for row in _mesh(case, ratios)]
+    meshes = [row for case in cases for row in _mesh(case)]
     return FitResult(table=_frame(rows), trace=_frame(traces), mesh=_frame(meshes), responses=responses)
 
 
@@ -165,29 +160,8 @@ def _trace(case: Case, n_runs: Mapping[int, Sequence[int]]) -> Iterator[dict[str
             }
 
 
-def refinement(simulations: Simulations) -> dict[str, float]:
-    """Element size under the indenter over that of the finer mesh, of each spot that has one."""
-    limbs, study = simulations.limbs, simulations.study
-    return {
-        spot: size_at_contact(study, limbs[spot]) / size_at_contact(study, limbs[f"{spot}/fine"])
-        for spot in study.spot_names
-        if f"{spot}/fine" in limbs
-    }
-
-
-def _mesh(case: Case, ratios: Mapping[str, float]) -> Iterator[dict[str, Any]]:
-    """What the coarse meshes, the finer ones, and meshes without error would give."""
-    fine = case.values()
-    if not case.coarse or not case.n_fine or not fine:
-        return
-    ratio = np.mean([ratios[spot] ** ORDER for spot in case.spots if spot in ratios])
-    for name, value in fine.items():
-        coarse = case.coarse[name]
-        extrapolated = value + (value - coarse) / (float(ratio) - 1.0)
-        yield {
-            **_about(case),
-            "parameter": name,
-            "coarse": coarse,
-            "fine": value,
-            "extrapolated": extrapolated,
-        }
+def _mesh(case: Case) -> Iterator[dict[str, Any]]:
+    """What the coarse meshes, and the corrected ones, give."""
+    if case.coarse and case.n_fine:
+        for name, value in case.values().items():
+            yield {**_about(case), "parameter": name, "coarse": case.coarse[name], "corrected": value}

@@ -21,6 +21,13 @@ from palpate.study.spots import mesh_note
 RIM = (0.733, 1.133)
 """Distances from the spot between which a press is refined, over the reach of its deepest contact."""
 
+AUTOMATIC = 1.0 / 3.0
+"""Longest edge there over the reach, at most, where a study names none: then the torque is within 0.5 % on the
+forearm's phantom.
+
+Nor is it longer than the mesh's mean edge: two meshes of nearly one size would not tell the error.
+"""
+
 SAME_FRAME = 0.25
 """Difference of the boxes around two meshes of one limb, over the element size, up to which frames agree."""
 
@@ -71,14 +78,31 @@ def _add_fine(study: Study, spot: StudySpot, limbs: dict[str, Limb]) -> None:
     """Check a spot's finer mesh, or make it."""
     name, fine = spot.spot.name, f"{spot.spot.name}/fine"
     place, near_mm = f"{spot.place}: {spot.fine_mesh or ''}".removesuffix(": "), _near_mm(study, name)
-    if spot.fine_edge_mm:
+    edge_mm = _automatic_mm(study, limbs[name]) if spot.fine_edge_mm is None else spot.fine_edge_mm
+    if edge_mm:
         try:
             within, beyond = _refined_mm(study, name)
-            limbs[fine] = refined(limbs[name], within, spot.fine_edge_mm, beyond)
+            limbs[fine] = refined(limbs[name], within, edge_mm, beyond)
         except MeshError as error:
             raise MeshError(f"{place}: {error}") from error
+        if spot.fine_edge_mm is None and not _is_finer(limbs[name], limbs[fine], near_mm):
+            del limbs[fine]
     if fine in limbs:
         check_fine(limbs[name], limbs[fine], near_mm, place)
+
+
+def _automatic_mm(study: Study, limb: Limb) -> float:
+    """Longest edge under the indenter of a limb's finer mesh where the study names none; 0: no finer mesh."""
+    protocol, kinds = study.protocol_at(limb.spot.name), limb.mesh.cells.keys()
+    can = study.solver.provides.slopes and study.search.name != "sweep" and study.fine_runs
+    if not can or not isinstance(protocol, Indentation) or kinds not in ({"tet4"}, {"tet10"}):
+        return 0.0
+    reach_mm = protocol.indenter.reach_mm(float(protocol.path[:, 0].max()))
+    return min(AUTOMATIC * reach_mm, size_at_contact(study, limb))
+
+
+def _is_finer(coarse: Limb, fine: Limb, near_mm: float) -> bool:
+    return contact_edge_mm(fine, near_mm) <= FINER * contact_edge_mm(coarse, near_mm)
 
 
 def _near_mm(study: Study, spot: str) -> float:
@@ -102,6 +126,15 @@ def _refined_mm(study: Study, spot: str) -> tuple[float, float]:
 def size_at_contact(study: Study, limb: Limb) -> float:
     """Mean edge [mm] of a limb's skin under the study's indenter."""
     return contact_edge_mm(limb, _near_mm(study, limb.spot.name))
+
+
+def refinement(study: Study, limbs: Mapping[str, Limb]) -> dict[str, float]:
+    """Element size under the indenter over that of the finer mesh, of each spot that has one."""
+    return {
+        spot: size_at_contact(study, limbs[spot]) / size_at_contact(study, limbs[f"{spot}/fine"])
+        for spot in study.spot_names
+        if f"{spot}/fine" in limbs
+    }
 
 
 def _load(study: Study, spot: Spot, path: Path) -> Limb:
@@ -156,8 +189,8 @@ def check_fine(coarse: Limb, fine: Limb, near_mm: float, place: str) -> None:
                 f"{place}: a fine mesh of another limb or frame: {part} ends {distance:.3g} mm from where it "
                 f"ends in the mesh, and {allowed:.2g} mm are allowed; mesh the same limb in the same frame"
             )
-    sizes = [contact_edge_mm(limb, near_mm) for limb in (coarse, fine)]
-    if sizes[1] > FINER * sizes[0]:
+    if not _is_finer(coarse, fine, near_mm):
+        sizes = [contact_edge_mm(limb, near_mm) for limb in (coarse, fine)]
         raise MeshError(
             f"{place}: not finer under the indenter: edges of {sizes[1]:.2f} mm, where the mesh has "
             f"{sizes[0]:.2f} mm; at most {FINER * sizes[0]:.2f} mm correct it. Set [fit] fine_edge to refine "

@@ -127,7 +127,7 @@ def _spot(study: Study, spot: StudySpot) -> dict[str, Any]:
         found["protocol"] = _protocol(spot.protocol)
     if spot.loader is not None:
         found["loader"] = _component(spot.loader)
-    if spot.fine_edge_mm:
+    if spot.fine_edge_mm != 0.0:
         found["fine_edge_mm"] = spot.fine_edge_mm
     for key, mesh in (("mesh", spot.mesh), ("fine_mesh", spot.fine_mesh)):
         if mesh is not None and (note := mesh_note(mesh)) is not None:

@@ -234,7 +234,7 @@ class FitResult:
         message and what was searched, under the names of the search.
     mesh : DataFrame
         Where finer meshes were simulated: fit, scenario, parameter, coarse (value by the coarse meshes
-        alone), fine (corrected by the finer ones) and extrapolated to meshes without error.
+        alone) and corrected (by the finer ones, extrapolated to meshes without error).
     responses : mapping of (fit, scenario, spot) to Response
         Fitted curves at the measured abscissae.
     """
@@ -341,7 +341,7 @@ class FitResult:
         return next(whys, "")
 
     def mesh_errors(self, fit: str, scenario: str) -> dict[str, float]:
-        """How far the finer meshes moved each parameter, or meshes without error would, whichever is more.
+        """How far the finer meshes moved each parameter.
 
         A fit that began with corrections found by another one does not show all that they move: the
         joint fit counts too, and where neither has any values, the most of all.
@@ -351,6 +351,6 @@ class FitResult:
         own = self.mesh.filter(pl.col("fit").is_in([fit, ALL_SPOTS]), scenario=scenario)
         errors: dict[str, float] = {}
         for row in (self.mesh if own.is_empty() else own).iter_rows(named=True):
-            name, moved = ParameterName.parse(row["parameter"]).shared, (row["coarse"], row["extrapolated"])
-            errors[name] = max(errors.get(name, 0.0), *(abs(value - row["fine"]) for value in moved))
+            name = ParameterName.parse(row["parameter"]).shared
+            errors[name] = max(errors.get(name, 0.0), abs(row["coarse"] - row["corrected"]))
         return errors

@@ -14,6 +14,7 @@ from palpate.fit.searches import BestSet
 from palpate.fit.stage import Case, FitStage
 from palpate.fit.surfaces import simulate_surfaces
 from palpate.fit.tables import fit_result
+from palpate.limb.loading import refinement
 from palpate.progress import Progress, ShowsPlace
 from palpate.run.directory import design_files, measured_files
 from palpate.run.fit_state import FitState, write_fit_state
@@ -325,6 +326,7 @@ def cases_of(inputs: Run, *, look: Callable[[], None] = lambda: None) -> list[Ca
         progress=inputs.progress,
         follow=follow,
         first_start=inputs.directory.fit_start,
+        refinement=refinement(inputs.study, inputs.simulations.limbs),
     )
     inputs.shared["cases"] = stage.run()
     return list(inputs.shared["cases"])

@@ -349,11 +349,11 @@ class FitTable(Table):
     fine_runs: int = Field(
         default=3, ge=0, le=20, description="Most simulations of each spot's finer mesh that correct a fit."
     )
-    fine_edge: Length = Field(
-        default=0.0,
-        ge=0.0,
+    fine_edge: Literal["auto"] | Annotated[Length, Field(ge=0.0)] = Field(
+        default="auto",
         description="Longest edge under the indenter to which each spot's own mesh is refined, as the finer "
-        "mesh of spots without a fine_mesh; 0: none.",
+        "mesh of spots without a fine_mesh; 0: none; auto: a third of the contact's radius, or the mesh's "
+        "mean edge there, for tetrahedra and a solver with slopes.",
     )
 
 

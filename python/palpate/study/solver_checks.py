@@ -38,7 +38,7 @@ def check_body(context: Context, solver: Solver, tables: Tables) -> None:
         add(("limb",), f"{name} takes no mesh; remove the table")
     if provides.body == "specimen" and tables.protocol is not None:
         add(("protocol",), f"{name} makes homogeneous tests and has no protocol; remove the table")
-    if not provides.mesh and tables.fit and tables.fit.fine_edge:
+    if not provides.mesh and tables.fit and tables.fit.fine_edge not in ("auto", 0.0):
         add(("fit", "fine_edge"), f"{name} takes no mesh; remove the key")
     for index, spot in enumerate(tables.spot):
         if provides.mesh and spot.mesh is None:

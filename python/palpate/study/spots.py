@@ -52,8 +52,9 @@ class StudySpot:
         None for a specimen in homogeneous tests.
     fine_mesh : Path or None
         A finer mesh of the same limb.
-    fine_edge_mm : float
-        Longest edge under the indenter of the mesh refined, which is the finer one then; 0: none.
+    fine_edge_mm : float or None
+        Longest edge under the indenter of the mesh refined, which is the finer one then; 0: none; None: of
+        the contact's size.
     place : str
         Where the study file names the finer mesh, as messages start.
     protocol : Protocol or None
@@ -66,7 +67,7 @@ class StudySpot:
     measured: Mapping[str | None, tuple[Path, ...]]
     mesh: Path | None
     fine_mesh: Path | None = None
-    fine_edge_mm: float = 0.0
+    fine_edge_mm: float | None = 0.0
     place: str = ""
     protocol: Protocol | None = None
     loader: ExperimentLoader | None = None
@@ -96,6 +97,7 @@ def build_spots(context: Context, tables: Tables, need_measured: bool = True) ->
     """Build the spots; names are unique, files exist, channels are known."""
     spots = []
     fine_edge = tables.fit.fine_edge if tables.fit else 0.0
+    fine_edge_mm = None if fine_edge == "auto" else fine_edge
     for index, table in enumerate(tables.spot):
         key: Key = ("spot", index)
         if table.name in [earlier.name for earlier in tables.spot[:index]]:
@@ -117,7 +119,7 @@ def build_spots(context: Context, tables: Tables, need_measured: bool = True) ->
                     measured=measured,
                     mesh=mesh,
                     fine_mesh=fine_mesh,
-                    fine_edge_mm=0.0 if fine_mesh else fine_edge,
+                    fine_edge_mm=0.0 if fine_mesh else fine_edge_mm,
                     place=context.problems.place((*key, "fine_mesh") if fine_mesh else ("fit", "fine_edge")),
                     protocol=protocol,
                     loader=loader,

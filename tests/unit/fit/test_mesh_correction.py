@@ -8,7 +8,7 @@ from hypothesis import assume, given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from palpate.domain import Response, Simulation, Status
-from palpate.fit.mesh_correction import NEAR, EndSlopes, FineRun, errors_of, fine_run
+from palpate.fit.mesh_correction import NEAR, ORDER, EndSlopes, FineRun, errors_of, fine_run
 from palpate.fit.spot_term import NotRankedError
 from palpate.fit.tables import _mesh
 from palpate.plugins.interfaces import Solver
@@ -46,13 +46,13 @@ class Softening(Solver):
 def fit(pressed, stage_of, notes):
     """Fit curves of a fine mesh with a coarse one that is 5 to 10 % stiffer; returns stage and cases."""
 
-    def made(spots=("p1",), fine=("p1",), solver=None, noise=0.0, **changes):
+    def made(spots=("p1",), fine=("p1",), solver=None, noise=0.0, refinement=None, **changes):
         coarse = solver or pressed.Pressed(pressed.PressedSettings(stiffer=0.05))
         study = pressed.study_of(Ogden(), ("c1", "m1"), solver=coarse, spots=spots, **changes)
         exact = replace(study, solver=pressed.Pressed(pressed.PressedSettings(stiffer=0.05)))
         measured = pressed.measured_at(exact, TRUTH, noise=noise, fine=True)
         stage = stage_of(study, measured, {f"{spot}/fine": None for spot in fine})
-        stage.progress = notes
+        stage.progress, stage.refinement = notes, refinement or {}
         return stage, stage.run()
 
     return made
@@ -71,13 +71,26 @@ def test_the_corrected_fit_has_the_truth_of_the_fine_mesh(fit, noise):
     assert case.is_settled
 
 
-def test_the_extrapolation_is_of_order_two_in_the_size_under_the_indenter(fit):
-    _, (case,) = fit()
-    rows = list(_mesh(case, {"p1": 1.5}))
-    assert [row["parameter"] for row in rows] == list(NAMES)
-    for row in rows:
-        share = (row["fine"] - row["coarse"]) / (row["extrapolated"] - row["coarse"])
-        assert share == pytest.approx(1.0 - 1.5**-2)
+@given(
+    channel=st.sampled_from(["force", "torque"]),
+    ratio=st.floats(1.05, 5.0),
+    error=st.floats(-0.2, 0.2),
+)
+def test_an_error_of_the_order_of_its_channel_is_extrapolated_away(channel, ratio, error):
+    exact = np.array([0.0, 1.0, 3.0])
+    coarse, fine = ((1.0 + error * size ** ORDER[channel == "force"]) * exact for size in (1.0, 1.0 / ratio))
+    run = FineRun(coarse={channel: coarse}, fine={channel: fine}, refinement=ratio)
+    assert coarse + run.corrections[channel].added == pytest.approx(exact, abs=1e-9)
+
+
+def test_a_fit_extrapolates_by_the_sizes_of_its_meshes(fit):
+    moved = []
+    for ratio in (1.0, 1.5):
+        stage, (case,) = fit(refinement={"p1": ratio}, fine_runs=1)
+        (row,) = (row for row in _mesh(case) if row["parameter"] == "tissue.c1")
+        moved.append(row["corrected"] - row["coarse"])
+        assert [run.refinement for run in stage._fine["p1"]] == [ratio]
+    assert abs(moved[1]) > 1.1 * abs(moved[0])
 
 
 def test_what_is_fitted_is_the_fine_residual(fit):

@@ -10,12 +10,15 @@ import pytest
 from palpate.domain import Indentation, Limb, Mesh, Spot
 from palpate.domain.indenter import Sphere
 from palpate.errors import MeshError, PluginError, StudyError
+from palpate.fit.least_squares import LeastSquares
+from palpate.fit.searches import BestSet
 from palpate.limb.loading import (
     check_depth,
     check_fine,
     check_limb,
     limb_warnings,
     load_limbs,
+    refinement,
     size_at_contact,
 )
 from palpate.limb.mesh_joints import holes
@@ -372,6 +375,41 @@ def test_a_mesh_is_refined_where_the_study_asks_for_shorter_edges(make_study, ti
         loaded(9.0)
     with pytest.raises(MeshError, match=r"^study\.toml:9: elements of kind hex8 cannot be refined"):
         loaded(4.0, "hex.vtu")
+
+
+@pytest.mark.parametrize(
+    ("mesh", "changes", "is_refined"),
+    [
+        ("a.vtu", {}, True),
+        ("hex.vtu", {}, False),
+        ("a.vtu", {"fine_runs": 0}, False),
+        ("a.vtu", {"search": BestSet()}, False),
+        ("a.vtu", {"protocol": None}, False),
+    ],
+)
+def test_a_mesh_is_refined_to_the_size_of_the_contact_where_a_fit_can_use_it(
+    make_study, tissue, tmp_path, mesh, changes, is_refined
+):
+    class Meshed(tissue.Analytic):
+        provides = Provides(slopes=True)
+
+    class Blocks(Source):
+        def load(self, path, spot):
+            return replace(block("hex8" if path.name == "hex.vtu" else "tet10"), spot=spot)
+
+    pressed = Indentation(indenter=Sphere(radius_mm=7.5), path=[(0, 0), (8.0, 0)], friction=0.0)
+    spot = replace(
+        make_study().spots[0], spot=Spot(name="p1"), mesh=tmp_path / mesh, fine_edge_mm=None, protocol=None
+    )
+    settings = {"protocol": pressed, "search": LeastSquares(), "fine_runs": 1, "spots": (spot,), **changes}
+    study = make_study(solver=Meshed(), limb_source=Blocks(), **settings)
+    limbs = load_limbs(study)
+    assert ("p1/fine" in limbs) is is_refined
+    if is_refined:
+        assert size_at_contact(study, limbs["p1/fine"]) <= 2.5
+        assert refinement(study, limbs)["p1"] > 2.0
+        slopeless = replace(study, solver=type("Slopeless", (Meshed,), {"provides": Provides()})())
+        assert load_limbs(slopeless).keys() == {"p1"}
 
 
 def test_a_source_that_returns_no_limb_is_named(make_study, tissue, tmp_path):

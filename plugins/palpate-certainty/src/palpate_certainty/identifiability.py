@@ -230,6 +230,8 @@ class _Curves:
     def _emulated(self, spot: str) -> "_Emulated | None":
         curves = self.measured[spot].curves
         values = np.concatenate([self.swept[spot, name] for name in curves], axis=1)
+        if not len(values):
+            return None
         measured = np.concatenate([curve.ordinate for curve in curves.values()])
         peaks = [np.full(c.ordinate.size, np.abs(c.ordinate).max() or 1.0) for c in curves.values()]
         peak = np.concatenate(peaks)

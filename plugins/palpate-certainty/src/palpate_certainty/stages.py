@@ -166,7 +166,7 @@ def no_intervals(inputs: Run) -> StudyError:
 def _meshes(inputs: Run, *, is_refined: bool) -> dict[str, SpotMesh]:
     """Mesh of each spot that has one, as far as its error goes."""
     study, limbs = inputs.study, inputs.simulations.limbs
-    ratios = refinement(inputs.simulations) if is_refined else {}
+    ratios = refinement(inputs.study, inputs.simulations.limbs) if is_refined else {}
     meshes = {}
     for each in study.spots:
         protocol, name = study.protocol_at(each.spot.name), each.spot.name

@@ -14,7 +14,7 @@ import numpy as np
 
 from palpate.api import Curve, FloatArray, Indentation, Simulation, Status, SurfaceStates, convert
 from palpate.api.experiment import DEPTH
-from palpate.api.fit import ORDER
+from palpate.api.fit import left_over
 from palpate_prediction.bands import ends, scores
 
 
@@ -196,7 +196,7 @@ def mesh_error(value: float | None, coarser: float | None, refinement: float, le
     """
     if not value or coarser is None or not refinement > 1.0:
         return least
-    return max(abs(1.0 - coarser / value) / float(refinement**ORDER - 1.0), least)
+    return max(abs(1.0 - coarser / value) * left_over("force", refinement), least)
 
 
 def mesh_errors(

@@ -4,7 +4,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import polars as pl
 
-from palpate.api import ParameterName
 from palpate.api.fit import UNCLEAR, UNSEEN, UNSETTLED
 from palpate.api.report import ReportWarning
 from palpate.api.runs import (
@@ -50,9 +49,6 @@ CAUSES = (
     "and force, a wrong friction, "
 )
 """Why force and torque of a press may disagree."""
-
-MESH_SHARE = 0.05
-"""Change of a fitted value from finer meshes to meshes without error beyond which it is a warning."""
 
 FAILED_SHARE = 0.1
 """Share of simulations without a rank from which it is a warning."""
@@ -216,20 +212,6 @@ def _about_meshes(data: ReportData) -> Iterator[ReportWarning]:
             "How far the mesh moves the parameters is unknown",
             "No finer mesh corrected the fit; make finer ones with `palpate limb --fine`.",
         )
-    moved = []
-    for row in data.fit.mesh.iter_rows(named=True):
-        left = abs(row["extrapolated"] / row["fine"] - 1.0) if row["fine"] else 0.0
-        if (row["fit"], row["scenario"]) == (data.together, data.generalising.name) and left > MESH_SHARE:
-            p = data.searched[ParameterName.parse(row["parameter"]).shared]
-            moved.append(
-                f"{p.name} from {row['coarse']:.4g} by the coarse meshes to {row['fine']:.4g} by the finer "
-                f"ones, extrapolated {row['extrapolated']:.4g}{'' if p.unit == '1' else ' ' + p.unit}"
-            )
-    yield from _listed(
-        f"Finer meshes may move a parameter by more than {100 * MESH_SHARE:g} %",
-        moved,
-        "Refine the meshes before the value is read as the tissue's.",
-    )
 
 
 def _about_measured(data: ReportData) -> Iterator[ReportWarning]:

@@ -100,8 +100,8 @@ class Fits(Section):
         yield from picture(report, "fit_trace", "Fopt of the fits over simulations; ends are in the tables")
         if "fit_mesh" in report.tables:
             yield Paragraph(
-                "Each value by the coarse meshes alone, corrected by the finer ones, and extrapolated to "
-                "meshes without error. Each interval is at least as wide as the differences in this table."
+                "Each value by the coarse meshes alone, and corrected: the finer ones extrapolate the curves "
+                "to meshes without error."
             )
             rows = report.tables["fit_mesh"].filter(scenario=data.generalising.name)
             yield from table(report, "fit_mesh", rows)
