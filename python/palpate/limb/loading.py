@@ -22,8 +22,8 @@ RIM = (0.733, 1.133)
 """Distances from the spot between which a press is refined, over the reach of its deepest contact."""
 
 AUTOMATIC = 1.0 / 3.0
-"""Longest edge there over the reach, at most, where a study names none: then the torque is within 0.5 % on the
-forearm's phantom.
+"""Longest edge there over the reach, at most, where a study names none: then the torque of the forearm's
+phantom is within 0.5 %.
 
 Nor is it longer than the mesh's mean edge: two meshes of nearly one size would not tell the error.
 """
