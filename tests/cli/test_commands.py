@@ -289,7 +289,7 @@ def test_run_prints_results_to_stdout_and_progress_to_stderr(call: Call, study: 
     assert Path("here/design.parquet").is_file()
 
 
-LABELS = ["Verdict", "Parameters", "Warnings", "Time", "Page"]
+LABELS = ["Conclusion", "Parameters", "Warnings", "Time", "Page"]
 
 
 @pytest.mark.slow
@@ -323,7 +323,7 @@ def test_a_set_that_does_not_fit_has_no_parameters(call: Call, study: Path) -> N
     for name in ("s1.txt", "s2.txt"):
         (study / name).write_text("1 0\n1.2 -1\n1.5 -2\n2 -3\n")
     said = dict(line.split(maxsplit=1) for line in call("run", study).out.splitlines())
-    assert "No parameters can be read from this run: the best set does not fit pull at " in said["Verdict"]
+    assert "No parameters can be read from this run: the best set does not fit pull at " in said["Conclusion"]
     assert said["Parameters"] == "none, for the reason above"
     assert call("report", study, "--json").json["intervals"] == []
 
@@ -349,7 +349,7 @@ def test_the_stages_one_by_one_choose_what_run_chooses(call: Call, study: Path) 
     assert len(results["score"]["scores"]) >= 40
     assert results["score"]["warnings"] == results["select"]["warnings"] == []
     assert results["report"]["warnings"] == whole["warnings"]
-    assert results["report"]["verdict"] == whole["verdict"]
+    assert results["report"]["conclusion"] == whole["conclusion"]
     assert results["select"]["selection"] == whole["selection"]
     assert results["select"]["generalisation"] == whole["generalisation"]
     assert any(file.endswith(".svg") for file in results["report"]["files"])

@@ -1,4 +1,4 @@
-"""What any loader has measured of relaxation reaches the warnings, the verdict and the tables."""
+"""What any loader has measured of relaxation reaches the warnings, the conclusion and the tables."""
 
 from pathlib import Path
 

@@ -190,7 +190,7 @@ def test_a_run_without_the_plugin_of_the_report_ends_with_what_was_found(call, s
     outcome = call("--no-plugin", "report", "run", study, "--json")
     assert outcome.code == 0, outcome.err
     assert outcome.json["generalisation"]
-    assert "verdict" not in outcome.json
+    assert "conclusion" not in outcome.json
     assert not (Path("runs") / "toy" / "report").exists()
     again = call("--no-plugin", "report", "run", study)
     assert again.code == 0

@@ -253,7 +253,7 @@ def test_tables_have_a_row_of_each_parameter_with_its_causes(assessed):
         of_it = found.budget.filter(parameter=row["parameter"])
         assert of_it["share"].sum() == pytest.approx(1.0)
         assert {"noise", "model", "gain", "onset", "tissue.kappa"} <= set(of_it["cause"])
-    assert found.directions.height == 2
+    assert found.parameter_combinations.height == 2
     assert not found.adequacy["failed"].any()
     assert set(found.adequacy["check"]) == {"discrepancy", "spots", "ranges"}
 
@@ -471,7 +471,7 @@ def test_a_run_keeps_its_intervals(make_study, plugins, tmp_path):
     kept = RunDirectory(tmp_path / "run").fit().certainty
     fits = result.fit.table.select("fit", "scenario").n_unique()
     assert kept.intervals.height == 2 * fits
-    for name in ("intervals", "budget", "directions", "adequacy"):
+    for name in ("intervals", "budget", "parameter_combinations", "adequacy"):
         assert getattr(kept, name).equals(getattr(result.fit.certainty, name))
     assert "intervals" in result.report.tables
 
@@ -484,4 +484,4 @@ def test_without_the_plugin_a_run_ends_after_its_fit_and_its_words_are_unclear(m
     assert with_it.fit.certainty.intervals.height
     assert without.fit.table.equals(with_it.fit.table)
     assert without.fit.certainty.intervals.is_empty()
-    assert {each.identifiability for each in without.report.verdict.estimates} == {"unclear"}
+    assert {each.identifiability for each in without.report.conclusion.estimates} == {"unclear"}

@@ -147,8 +147,8 @@ def test_what_is_printed_was_solved_again(sampled):
     )
     assert tables.profiles.filter(parameter="tissue.m1")["rise"].min() == 0.0
     assert tables.profiles["rise"].max() > RISE
-    assert set(tables.ribbons["channel"]) == {"force", "torque"}
-    assert tables.ribbons.height == 2 * (20 + 41)
+    assert set(tables.sobol_indices["channel"]) == {"force", "torque"}
+    assert tables.sobol_indices.height == 2 * (20 + 41)
     assert tables.volumes["ratio"].to_list()[0] == 1.0
     assert tables.volumes["ratio"].to_list()[1] > 1.0
     assert tables.emulator["error"].max() <= PRECISE

@@ -65,7 +65,7 @@ def fit(pressed, stage_of):
     cases = stage.run()
     assessed = certainty.assessed(cases)
     n_simulated = len(stage.simulations.known)
-    planes = certainty.planes(assessed, stage.design, ())
+    planes = certainty.profile_planes(assessed, stage.design, ())
     assert len(stage.simulations.known) == n_simulated
     return assessed, planes
 

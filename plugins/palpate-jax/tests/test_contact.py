@@ -128,10 +128,10 @@ def test_stiffness_is_the_derivative_of_the_force(contact, shape, anchored, coup
 def test_a_point_is_anchored_where_its_way_met_the_surface(contact, at_rest):
     """A straight way through the surface, in one step or in two, pulls the same."""
     sticky = ContactLaw(LAW.shape, LAW.penalty, 1e6)
-    aside = np.full_like(at_rest, (0.2, 0.0, 0.0))
-    once = contact.answer(aside, ContactState(pose(PRESSED), untouched(contact), sticky))
-    memory = contact.remember(0.5 * aside, ContactState(pose(0.5 * PRESSED), untouched(contact), sticky))
-    twice = contact.answer(aside, ContactState(pose(PRESSED), memory, sticky))
+    lateral = np.full_like(at_rest, (0.2, 0.0, 0.0))
+    once = contact.answer(lateral, ContactState(pose(PRESSED), untouched(contact), sticky))
+    memory = contact.remember(0.5 * lateral, ContactState(pose(0.5 * PRESSED), untouched(contact), sticky))
+    twice = contact.answer(lateral, ContactState(pose(PRESSED), memory, sticky))
     assert once.force_N[0] > 0.1 * once.force_N[2]
     assert twice.force_N[0] == pytest.approx(once.force_N[0], rel=0.02)
 
@@ -176,14 +176,14 @@ def test_the_drag_is_the_change_of_the_force_with_the_indenters_motion(contact, 
 
 def test_a_node_that_slides_along_the_indenter_keeps_its_depth(contact, at_rest):
     load = ContactState(pose(PRESSED), touched(contact, at_rest), LAW)
-    aside = np.full_like(at_rest, (0.4, 0.0, 0.0))
-    along = contact.along(at_rest, aside, load)
+    lateral = np.full_like(at_rest, (0.4, 0.0, 0.0))
+    along = contact.along(at_rest, lateral, load)
     shape, rest = LAW.shape, load.pose.into(contact._rest[contact._nodes])
     flat = shape.distance(rest) + 0.4 * shape.normals(rest)[0][:, 0]
     reached = shape.distance(load.pose.into((contact._rest + along)[contact._nodes]))
     near = np.abs(shape.distance(rest)) < 0.5
     np.testing.assert_allclose(reached[near], flat[near], atol=1e-3)
-    assert np.abs(along - aside).max() > 5e-3
+    assert np.abs(along - lateral).max() > 5e-3
 
 
 @pytest.mark.slow

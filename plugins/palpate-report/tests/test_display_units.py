@@ -12,7 +12,7 @@ from palpate.fit.least_squares import LeastSquares
 from palpate_report.best_sets import initial_moduli
 from palpate_report.display_units import in_display_units, rows_in_display_units
 from palpate_report.from_run import write_report
-from palpate_report.result import make_verdict
+from palpate_report.result import make_conclusion
 from palpate_report.tables import make_tables
 
 STIFFNESS = "soft_tissue.stiffness"
@@ -37,7 +37,7 @@ def both(content):
 
 def test_every_value_is_a_thousand_times_that_in_mpa_and_no_judgement_changes(both):
     made, shown = both
-    one, other = (make_verdict(each, make_tables(each)) for each in both)
+    one, other = (make_conclusion(each, make_tables(each)) for each in both)
     assert one.parameters == ("stiffness [MPa]", "grip [MPa]")
     assert other.parameters == ("stiffness [kPa]", "grip [MPa]")
     for a, b in zip(one.bests, other.bests, strict=True):
@@ -123,15 +123,15 @@ def test_fibres_have_no_modulus_that_is_the_same_in_every_direction(content, tis
     region = replace(made.study.space.regions[0], material=material)
     fibred = replace(made, study=replace(made.study, space=ParameterSpace(regions=(region,))))
     assert not dict(initial_moduli(fibred, made.study.truth))
-    verdict = make_verdict(fibred, make_tables(fibred))
-    assert verdict.moduli == ()
-    assert "modulus" not in verdict.lead
+    conclusion = make_conclusion(fibred, make_tables(fibred))
+    assert conclusion.moduli == ()
+    assert "modulus" not in conclusion.lead
 
 
 def test_the_written_report_is_in_them(undrawn, both, tmp_path):
     made, _ = both
     report = write_report(made, tmp_path)
-    assert "kPa" in report.verdict.lead
+    assert "kPa" in report.conclusion.lead
     assert "stiffness [kPa]" in (tmp_path / "index.html").read_text()
 
 

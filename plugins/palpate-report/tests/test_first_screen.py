@@ -16,7 +16,7 @@ from palpate_report import answer as answer_module
 from palpate_report.answer import CAUSES, answer, budget_bars
 from palpate_report.forest import Axis, _percent, _widened, forest
 from palpate_report.page import laid_out, render
-from palpate_report.result import Report, make_verdict
+from palpate_report.result import Report, make_conclusion
 from palpate_report.stage import summary_of
 from palpate_report.tables import make_tables, printed
 
@@ -38,8 +38,8 @@ def passed(data):
 
 
 def card(data):
-    verdict = make_verdict(data, make_tables(data))
-    return answer(data, verdict, forest(data, verdict.bests))
+    conclusion = make_conclusion(data, make_tables(data))
+    return answer(data, conclusion, forest(data, conclusion.bests))
 
 
 @given(st.lists(NUMBERS, min_size=1), st.booleans())
@@ -86,7 +86,7 @@ def test_a_spot_apart_from_the_joint_fit_is_named(fitted):
     for moved, apart in ((rows, {}), (rows.with_columns(far), {"p2": ("grip",)})):
         certainty = replace(data.fit.certainty, intervals=_wide(moved))
         changed = replace(data, fit=replace(data.fit, certainty=certainty))
-        assert forest(changed, make_verdict(changed, {}).bests).apart == apart
+        assert forest(changed, make_conclusion(changed, {}).bests).apart == apart
         (spots,) = (text for name, text in card(changed).facts if name == "Spots")
         assert ("p2 (grip)" if apart else "none differs") in spots
 
@@ -95,9 +95,9 @@ def test_the_chart_says_why_values_are_not_those_of_the_least_fopt(fitted):
     data = passed(fitted)
     tables = make_tables(data)
     said = "Values count each curve by what it may be wrong by, and so differ from those of the least Fopt"
-    assert said in render(data, tables, make_verdict(data, tables), [])
+    assert said in render(data, tables, make_conclusion(data, tables), [])
     bare = replace(data, fit=replace(data.fit, certainty=CertaintyResult()))
-    assert said not in render(bare, make_tables(bare), make_verdict(bare, make_tables(bare)), [])
+    assert said not in render(bare, make_tables(bare), make_conclusion(bare, make_tables(bare)), [])
 
 
 def _wide(rows):
@@ -107,16 +107,16 @@ def _wide(rows):
 
 def test_where_the_model_fails_a_banner_takes_the_place_of_parameters(fitted):
     tables = make_tables(fitted)
-    verdict = make_verdict(fitted, tables)
-    assert verdict.failure.startswith(
+    conclusion = make_conclusion(fitted, tables)
+    assert conclusion.failure.startswith(
         "No parameters can be read from this run: the force differs from the model"
     )
-    assert verdict.warnings[0].what == "The model does not describe the data"
-    page = render(fitted, tables, verdict, [])
-    assert f'<p class="banner" role="alert">{verdict.failure[:60]}' in page
+    assert conclusion.warnings[0].what == "The model does not describe the data"
+    page = render(fitted, tables, conclusion, [])
+    assert f'<p class="banner" role="alert">{conclusion.failure[:60]}' in page
     assert 'class="answer"' not in page
     data = passed(fitted)
-    page = render(data, make_tables(data), make_verdict(data, {}), [])
+    page = render(data, make_tables(data), make_conclusion(data, {}), [])
     assert 'class="banner"' not in page
     assert 'class="answer"' in page
 
@@ -139,17 +139,17 @@ def relaxing(data, share):
 def test_a_tissue_that_relaxed_has_apparent_moduli_below_a_banner(fitted):
     sentence = "The tissue at p1 relaxed by 12 % in 1 s; these are apparent moduli of this rate"
     data = relaxing(passed(fitted), 0.12)
-    verdict = make_verdict(data, make_tables(data))
-    assert verdict.failure == ""
-    assert f"{sentence}." in verdict.sentences
-    assert verdict.warnings[0].what == sentence
-    page = render(data, make_tables(data), verdict, [])
+    conclusion = make_conclusion(data, make_tables(data))
+    assert conclusion.failure == ""
+    assert f"{sentence}." in conclusion.sentences
+    assert conclusion.warnings[0].what == sentence
+    page = render(data, make_tables(data), conclusion, [])
     assert f'<p class="banner" role="alert">{sentence}.</p>' in page
     assert 'class="answer"' in page
     calm = relaxing(passed(fitted), 0.01)
-    verdict = make_verdict(calm, make_tables(calm))
-    assert not verdict.apparent
-    assert 'class="banner"' not in render(calm, make_tables(calm), verdict, [])
+    conclusion = make_conclusion(calm, make_tables(calm))
+    assert not conclusion.apparent
+    assert 'class="banner"' not in render(calm, make_tables(calm), conclusion, [])
 
 
 def test_the_failed_check_of_a_tissue_that_relaxed_takes_no_parameters_away(fitted):
@@ -160,10 +160,10 @@ def test_the_failed_check_of_a_tissue_that_relaxed_takes_no_parameters_away(fitt
     words = certainty.intervals.with_columns(identifiability=pl.lit("unclear"))
     changed = replace(certainty, adequacy=checks, intervals=words)
     data = replace(data, fit=replace(data.fit, certainty=changed))
-    verdict = make_verdict(data, make_tables(data))
-    assert verdict.failure == ""
-    assert {each.identifiability for each in verdict.estimates} == {"unclear"}
-    heads = [warning.what for warning in verdict.warnings]
+    conclusion = make_conclusion(data, make_tables(data))
+    assert conclusion.failure == ""
+    assert {each.identifiability for each in conclusion.estimates} == {"unclear"}
+    heads = [warning.what for warning in conclusion.warnings]
     assert heads[0].startswith("The tissue at p1 relaxed")
     assert not [what for what in heads if "does not describe" in what or "is unclear" in what]
     assert "relaxation" in make_tables(data)["inadequate"]["check"].to_list()
@@ -172,7 +172,7 @@ def test_the_failed_check_of_a_tissue_that_relaxed_takes_no_parameters_away(fitt
 def test_warnings_of_what_leads_come_before_those_of_other_fits(fitted):
     data = passed(fitted)
     table = data.fit.table.with_columns(at_bound=pl.lit("soft_tissue.grip"))
-    ends = [w.why for w in make_verdict(replace(data, fit=replace(data.fit, table=table)), {}).warnings
+    ends = [w.why for w in make_conclusion(replace(data, fit=replace(data.fit, table=table)), {}).warnings
             if "end of their range" in w.what]  # fmt: skip
     assert ends[0].startswith("grip at all spots, scenario I.")
     assert "grip at p1, scenario I" in ends[1]
@@ -181,13 +181,13 @@ def test_warnings_of_what_leads_come_before_those_of_other_fits(fitted):
 def test_one_set_of_words_is_on_the_page_of_a_fit(fitted):
     data = passed(fitted)
     tables = make_tables(data)
-    verdict = make_verdict(data, tables)
+    conclusion = make_conclusion(data, tables)
     row = data.fit.certainty.intervals.row(0, named=True)
-    assert verdict.identifiability[0] == (
+    assert conclusion.identifiability[0] == (
         f"stiffness: {row['value']:.4g} MPa, 95 % interval {row['lower']:.4g} to {row['upper']:.4g} MPa; "
         "well identifiable."
     )
-    (sweep,) = (made for made in laid_out(data, Report(tables=tables, files=(), verdict=verdict))
+    (sweep,) = (made for made in laid_out(data, Report(tables=tables, files=(), conclusion=conclusion))
                 if made.name == "identifiability")  # fmt: skip
     cells = [cell for block in sweep.blocks if isinstance(block, Table) for row in block.rows for cell in row]
     assert cells
@@ -196,7 +196,7 @@ def test_one_set_of_words_is_on_the_page_of_a_fit(fitted):
 
 def test_a_cause_has_one_colour_whatever_its_rank(fitted):
     data = passed(fitted)
-    page = render(data, make_tables(data), make_verdict(data, {}), [])
+    page = render(data, make_tables(data), make_conclusion(data, {}), [])
     found = {}
     for colour, name in re.findall(r'background:([^"]+)" aria-hidden="true"></i> ([^<]+?) \d+ %', page):
         found.setdefault(name, set()).add(colour)
@@ -218,7 +218,7 @@ def test_causes_are_printed_side_by_side_in_percent(fitted):
 
 def said(data):
     """Lines of the terminal by their labels."""
-    return summary_of(data.study, Report(verdict=make_verdict(data, {}), tables={})).labelled
+    return summary_of(data.study, Report(conclusion=make_conclusion(data, {}), tables={})).labelled
 
 
 def test_the_card_lists_what_no_interval_includes(fitted, monkeypatch):
@@ -230,10 +230,10 @@ def test_the_card_lists_what_no_interval_includes(fitted, monkeypatch):
     assert said(data)["Parameters"].endswith(". NOT included in intervals: bone, position")
     (region,) = study.space.regions
     layered = replace(study.space, regions=(region, replace(region, region="skin")))
-    assert make_verdict(replace(data, study=replace(study, space=layered)), {}).not_included[1] == "layers"
+    assert make_conclusion(replace(data, study=replace(study, space=layered)), {}).not_included[1] == "layers"
     budget = study.budget.model_copy(update={"friction": 0.0, "parameters": {"soft_tissue.bulk": 0.0}})
     stated = replace(data, study=replace(study, budget=budget))
-    assert make_verdict(stated, {}).not_included[2:] == (
+    assert make_conclusion(stated, {}).not_included[2:] == (
         "friction (stated as exact)",
         "soft_tissue.bulk (stated as exact)",
     )
@@ -252,7 +252,7 @@ def test_a_cause_that_failed_is_on_the_card_and_a_warning(fitted):
     data = replace(data, fit=replace(data.fit, certainty=failed))
     found = card(data)
     assert dict(found.facts)["NOT included"] == "onset p1 (failed)"
-    warned = {each.what: each.why for each in make_verdict(data, make_tables(data)).warnings}
+    warned = {each.what: each.why for each in make_conclusion(data, make_tables(data)).warnings}
     why = warned["Intervals are without causes that could not be simulated"]
     assert why.startswith("onset p1: p1: diverged: too deep.")
     assert all("onset p1" not in dict(causes) for _, causes in budget_bars(data))

@@ -64,5 +64,5 @@ def test_without_draws_there_is_no_band_and_without_a_fit_no_curve(fitted):
 def test_no_stress_is_shown_of_a_material_that_does_not_fit(fitted):
     data, report = small_runs()["a fit alone"]
     assert len(list(MaterialItself().blocks(data, report))) == 2
-    verdict = replace(report.verdict, failure="No parameters")
-    assert not list(MaterialItself().blocks(data, replace(report, verdict=verdict)))
+    conclusion = replace(report.conclusion, failure="No parameters")
+    assert not list(MaterialItself().blocks(data, replace(report, conclusion=conclusion)))

@@ -51,7 +51,7 @@ def test_profiles_and_shares_along_the_path_come_with_a_posterior(fitted):
         for spot in fitted.spots
         for name, share in zip(NAMES, (0.7, -0.01), strict=True)
     )
-    more = replace(fitted, posterior=PosteriorResult(profiles=rises, ribbons=shares))
+    more = replace(fitted, posterior=PosteriorResult(profiles=rises, sobol_indices=shares))
     axes = sobol_indices(more).axes
     assert [axis.get_ylabel() for axis in axes] == [f"share at {spot} [%]" for spot in fitted.spots]
     tops = [area.get_paths()[0].vertices[:, 1].max() for area in axes[0].collections]

@@ -144,8 +144,8 @@ def test_marks_are_those_of_the_verdict_and_are_explained_once(refused):
     for row in intervals.iter_rows(named=True):
         at_end = row["parameter"].startswith("soft_tissue.grip")
         assert row["verdict"] == verdict_of(row["identifiability"], at_bound=at_end)
-    directions = data.fit.certainty.directions.with_columns(identifiability=pl.lit("not"))
-    (shown,) = with_verdicts(data, {"directions": directions}).values()
+    combinations = data.fit.certainty.parameter_combinations.with_columns(identifiability=pl.lit("not"))
+    (shown,) = with_verdicts(data, {"parameter_combinations": combinations}).values()
     assert set(shown["identifiability"]) == {"not identified"}
     assert "not" not in set(intervals["identifiability"])
     tex = paper_tables({"spongy": data})["paper_table1"]

@@ -9,7 +9,7 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
 from palpate.plugins.sections import Bar, Figure, Paragraph, Picture, Section, Shares, Step, Table
 from palpate_report.page import render
-from palpate_report.result import make_verdict
+from palpate_report.result import make_conclusion
 from palpate_report.tables import make_tables
 
 from .chromium import COMMAND, Chromium
@@ -47,7 +47,7 @@ def page(content, folder):
             limb = block("tet4", n_across=4, n_down=3)
             shown = change(replace(content(**changes), limbs={"p1": limb, "p2": limb}))
             tables = make_tables(shown)
-            path.write_text(render(shown, tables, make_verdict(shown, tables), []))
+            path.write_text(render(shown, tables, make_conclusion(shown, tables), []))
         return path
 
     return made
@@ -105,7 +105,9 @@ def test_print_has_the_bars_on_white_and_heads_of_whole_words(browser, page, dar
     sections = (
         "[...document.querySelectorAll('main > section')].filter(e => e.checkVisibility()).map(e => e.id)"
     )
-    assert {"verdict", "section-curves", "section-values", "section-warnings"} <= set(browser.value(sections))
+    assert {"conclusion", "section-curves", "section-values", "section-warnings"} <= set(
+        browser.value(sections)
+    )
     assert "section-provenance" not in browser.value(sections)
     for bar in (".track i", ".track b", ".forest s", ".stack i", ".share i", ".legend b"):
         style = f"getComputedStyle(document.querySelector({bar!r}))"
@@ -245,7 +247,7 @@ def test_a_selection_is_the_same_everywhere(browser, page):
 def test_the_keyboard_reaches_every_control_in_the_order_of_the_page(browser, page):
     browser.open(page())
     browser.press("Tab")
-    assert browser.value("document.activeElement.getAttribute('href')") == "#verdict"
+    assert browser.value("document.activeElement.getAttribute('href')") == "#conclusion"
     assert browser.value("document.activeElement.getBoundingClientRect().x") >= 0.0
     seen = []
     for _ in range(200):

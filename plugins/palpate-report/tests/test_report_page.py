@@ -27,7 +27,7 @@ from palpate_report.limb_view import limb_view
 from palpate_report.page import render
 from palpate_report.page_data import MOST_SETS, page_data
 from palpate_report.report_data import contact_along
-from palpate_report.result import make_verdict
+from palpate_report.result import make_conclusion
 from palpate_report.scene import edge_of_contact, scene
 from palpate_report.tables import TITLES, make_tables
 
@@ -74,7 +74,7 @@ def page(content):
         shown = change(content(**changes))
         tables = make_tables(shown)
         files = [Path("tables/a%20b.csv"), Path("figures/x.svg")]
-        return Page(render(shown, tables, make_verdict(shown, tables), files))
+        return Page(render(shown, tables, make_conclusion(shown, tables), files))
 
     return made
 
@@ -117,7 +117,7 @@ def test_the_page_is_below_its_limit_with_many_sets_and_meshes(content):
         design=replace(made.design, values=values),
         limbs={"p1": limb, "p2": limb},
     )
-    assert 1_000_000 < len(render(many, {}, make_verdict(many, {}), []).encode()) < 5_000_000
+    assert 1_000_000 < len(render(many, {}, make_conclusion(many, {}), []).encode()) < 5_000_000
 
 
 def test_of_too_many_sets_the_best_are_shown(content):
@@ -190,7 +190,7 @@ def test_every_table_of_a_full_run_is_on_the_page(content):
     assert set(tables) == set(TITLES) - {"convergence", "parameters", "errors", "criteria"}
     captions = [
         text
-        for tag, _, text in Page(render(made, tables, make_verdict(made, tables), [])).elements
+        for tag, _, text in Page(render(made, tables, make_conclusion(made, tables), [])).elements
         if tag == "caption"
     ]
     shown = {"identifiability": "Intervals in scenario I"}
@@ -201,7 +201,7 @@ def test_the_page_leads_with_the_joint_fit_and_its_spots_beside_it(content):
     truth = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
     made = content(assessed=False, search=LeastSquares(), truth=truth)
     tables = make_tables(made)
-    shown = Page(render(made, tables, make_verdict(made, tables), []))
+    shown = Page(render(made, tables, make_conclusion(made, tables), []))
     heads = [text for _, a, text in shown.all("th") if a.get("scope") == "col"]
     assert heads[:4] == ["parameter", "value", "about as good", "identified"]
     heads = heads[7:]  # after the card and the forest
@@ -276,7 +276,7 @@ def test_provenance_has_every_leaf_of_the_manifest_and_each_solver_comparison(pa
         assert word in text
     assert "no solver here" in text
     assert "Compared: a 1." in text
-    assert text.count("were not found to agree") == 2  # once more in the verdict
+    assert text.count("were not found to agree") == 2  # once more in the conclusion
 
 
 # ------------------------------------------------------------------- sections

@@ -9,14 +9,14 @@ from hypothesis import given, strategies as st
 
 from palpate.domain import SurfaceStates
 from palpate_report.page import render
-from palpate_report.result import Report, make_verdict
+from palpate_report.result import Report, make_conclusion
 from palpate_report.scene import MOST_BYTES, MOST_STATES, deepest, shown_states, skins
 from palpate_report.sections.origins import LimbAndDeformation
 from palpate_report.tables import make_tables
 
 from .dimple import dimple
 
-UNDRAWN = Report(tables={}, verdict=None)
+UNDRAWN = Report(tables={}, conclusion=None)
 
 
 def unpacked(part, *shape):
@@ -94,11 +94,11 @@ def test_the_section_comes_with_a_surface_and_lists_its_deepest_state(shown, con
     assert row[3] == pytest.approx(np.linalg.norm(states.displacements_mm[k], axis=1).max())
     assert row[5] == pytest.approx((states.areas_mm2 * states.touching)[k].sum())
     tables = make_tables(data)
-    page = render(data, tables, make_verdict(data, tables), [])
+    page = render(data, tables, make_conclusion(data, tables), [])
     assert 'id="skin"' in page
     without = replace(data, surfaces={})
     assert list(LimbAndDeformation().blocks(without, UNDRAWN)) == []
-    assert 'id="skin"' not in render(without, tables, make_verdict(without, tables), [])
+    assert 'id="skin"' not in render(without, tables, make_conclusion(without, tables), [])
 
 
 def test_a_skin_without_a_state_or_a_triangle_is_none(shown):

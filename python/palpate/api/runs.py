@@ -113,6 +113,10 @@ if TYPE_CHECKING:
     from palpate.stages.stage import (
         read_run as read_run,
     )
+    from palpate.study.display_units import (
+        in_units as in_units,
+        unit_factors as unit_factors,
+    )
     from palpate.study.reading import (
         Study as Study,
         StudySpot as StudySpot,
@@ -125,10 +129,6 @@ if TYPE_CHECKING:
     from palpate.study.tool import (
         Tool as Tool,
         read_tool as read_tool,
-    )
-    from palpate.study.written_units import (
-        in_units as in_units,
-        unit_factors as unit_factors,
     )
 
 if not TYPE_CHECKING:

@@ -109,7 +109,7 @@ def _as_json(study: "Study", checked: "StudyInputs", left: "Cost") -> "CheckOutp
 
 
 def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
-    from palpate.study.written_units import in_units
+    from palpate.study.display_units import in_units
 
     odd = f", warnings on stderr: {len(checked.warnings)}" if checked.warnings else ""
     session.say(f"{study.name}: no mistakes found{odd}; {data_notice(study)}")

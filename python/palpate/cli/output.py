@@ -91,7 +91,7 @@ class RunOutput(Closed):
     generalisation: list[Row]
     fit: list[Row]
     verification: list[Row]
-    verdict: NotRequired[list[str]]
+    conclusion: NotRequired[list[str]]
     intervals: NotRequired[list[IntervalOutput]]
     warnings: NotRequired[list[str]]
     tables: NotRequired[dict[str, list[Row]]]

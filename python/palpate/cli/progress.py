@@ -255,7 +255,7 @@ class _Side:
             before = now
             # The sweep itself reports what is wrong with the folder.
             with contextlib.suppress(PalpateError, OSError):
-                parts.append(best(watcher.look().best) if watcher else "")
+                parts.append(best(watcher.status().best) if watcher else "")
             self.text = _joined(*parts)
             next_s = time.monotonic() + 20.0 * (time.monotonic() - now[0])
 

@@ -31,7 +31,7 @@ def status(
     from palpate.stages.status import Watcher
 
     session, watcher = Session.of(context), Watcher(find_run(run))
-    seen = watcher.look()
+    seen = watcher.status()
     if watch and seen.runner is not None:
         seen = _watched(session, watcher, seen)
     if as_json:
@@ -50,7 +50,7 @@ def _watched(session: Session, watcher: "Watcher", seen: "RunStatus") -> "RunSta
     with Live(said, console=session.stderr, transient=True, auto_refresh=False) as live:
         while seen.runner is not None:
             time.sleep(INTERVAL_S)
-            seen = watcher.look()
+            seen = watcher.status()
             if session.stderr.is_terminal:
                 live.update(_line(seen), refresh=True)
             elif _counts(seen) not in said:

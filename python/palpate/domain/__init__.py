@@ -162,7 +162,7 @@ class Indentation:
         Coulomb coefficient, ≥ 0.
     tilt_deg : pair of float
         Rotation vector of the axis of press and twist from the normal, along x and y of the spot's frame.
-    aside : (n_waypoints, 4) array, optional
+    lateral : (n_waypoints, 4) array, optional
         Shifts and tilts, and ``loads`` (n_waypoints, 6) and ``time_s`` (n_waypoints,), as in
         :class:`Waypoints`; where a load moves a component, its value is the farthest that it may move to.
     """
@@ -171,7 +171,7 @@ class Indentation:
     path: FloatArray
     friction: float
     tilt_deg: tuple[float, float] = field(default=(0.0, 0.0), metadata={"in_key": "unless default"})
-    aside: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
+    lateral: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
     loads: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
     time_s: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
 
@@ -192,12 +192,12 @@ class Indentation:
         if len(tilt_deg) != 2 or not np.hypot(*tilt_deg) < MOST_TILT_DEG:
             raise StudyError(f"protocol: tilt {tilt_deg}; give two angles below {MOST_TILT_DEG:g}°")
         object.__setattr__(self, "tilt_deg", tilt_deg)
-        if self.aside is not None and np.shape(self.aside) != (len(path), 4):
-            raise StudyError(f"protocol: shifts and tilts of shape {np.shape(self.aside)}; give four a row")
+        if self.lateral is not None and np.shape(self.lateral) != (len(path), 4):
+            raise StudyError(f"protocol: shifts and tilts of shape {np.shape(self.lateral)}; give four a row")
         checked = self.waypoints
-        for name in ("aside", "loads", "time_s"):
+        for name in ("lateral", "loads", "time_s"):
             if getattr(self, name) is not None:
-                values = checked.pose[:, 1:5] if name == "aside" else getattr(checked, name)
+                values = checked.pose[:, 1:5] if name == "lateral" else getattr(checked, name)
                 object.__setattr__(self, name, values)
 
     @classmethod
@@ -208,7 +208,7 @@ class Indentation:
             indenter=indenter,
             path=pose[:, [DEPTH, ROTATION]],
             friction=friction,
-            aside=pose[:, 1:5] if pose[:, 1:5].any() else None,
+            lateral=pose[:, 1:5] if pose[:, 1:5].any() else None,
             loads=None if loads is None or np.isnan(loads).all() else loads,
             time_s=waypoints.time_s,
         )
@@ -216,8 +216,8 @@ class Indentation:
     @property
     def waypoints(self) -> Waypoints:
         """The whole motion."""
-        aside = np.zeros((len(self.path), 4)) if self.aside is None else self.aside
-        pose = np.column_stack([self.path[:, 0], aside, self.path[:, 1]])
+        lateral = np.zeros((len(self.path), 4)) if self.lateral is None else self.lateral
+        pose = np.column_stack([self.path[:, 0], lateral, self.path[:, 1]])
         return Waypoints(pose=pose, loads=self.loads, time_s=self.time_s)
 
     @property

@@ -94,7 +94,7 @@ class EquilibriumStates:
     @property
     def columns(self) -> dict[str, FloatArray]:
         """Every column (k,) by name."""
-        return {**pose_columns(self.pose, self.time_s), **self._felt(self.wrench), **self.others}
+        return {**pose_columns(self.pose, self.time_s), **self._wrench_columns(self.wrench), **self.others}
 
     def observed(self, channels: Iterable[Channel]) -> Response:
         """Curves of the channels, each over the part of the path where its abscissa moves.
@@ -103,7 +103,8 @@ class EquilibriumStates:
         """
         columns, curves = self.columns, {}
         rates = {
-            name: self._felt(slope) | self._placed(self.pose_slopes.get(name, np.zeros_like(slope)))
+            name: self._wrench_columns(slope)
+            | self._pose_columns(self.pose_slopes.get(name, np.zeros_like(slope)))
             for name, slope in self.slopes.items()
         }
         for channel in channels:
@@ -136,7 +137,7 @@ class EquilibriumStates:
             pose_slopes={name: values[rows] for name, values in self.pose_slopes.items()},
         )
 
-    def _placed(self, pose: FloatArray) -> dict[str, FloatArray]:
+    def _pose_columns(self, pose: FloatArray) -> dict[str, FloatArray]:
         """Columns of a derivative (k, 6) of the pose."""
         along = {
             "slide_mm": pose[:, _SHIFT] @ _first_direction(self.pose[:, _SHIFT]),
@@ -144,7 +145,7 @@ class EquilibriumStates:
         }
         return dict(zip(POSE, pose.T, strict=True)) | along
 
-    def _felt(self, wrench: FloatArray) -> dict[str, FloatArray]:
+    def _wrench_columns(self, wrench: FloatArray) -> dict[str, FloatArray]:
         """Columns of a wrench (k, 6), or of a derivative of it: they are linear in it."""
         along = {
             "lateral_force_N": wrench[:, _SHIFT] @ _first_direction(self.pose[:, _SHIFT]),

@@ -136,8 +136,8 @@ def run_searches(
         jobs: list[Job] = []
         finishing = [fit.problem.begin(trials, jobs) for (fit, _), trials in zip(asking, wanted, strict=True)]
         simulations = simulate(jobs)
-        going_on, asking, wanted = asking, [], []
-        for (fit, asked), finish in zip(going_on, finishing, strict=True):
+        unfinished, asking, wanted = asking, [], []
+        for (fit, asked), finish in zip(unfinished, finishing, strict=True):
             evaluations = finish(simulations)
             fit.take(evaluations)
             _next(search, fit, asked, evaluations, asking, wanted)

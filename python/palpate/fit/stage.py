@@ -82,7 +82,7 @@ class FitStage:
     simulations : Simulations
         Where jobs are simulated and kept.
     abscissae : mapping of channel name to str
-    follow : callable
+    on_progress : callable
         Called with how far the fit is, after each step.
     first_start : mapping of parameter name to value
         Where the joint fit starts before the basins of the sweep; empty: only there.
@@ -97,7 +97,7 @@ class FitStage:
     simulations: Simulations
     abscissae: Mapping[str, str]
     progress: Progress = SILENT
-    follow: Callable[[FitState], None] = lambda state: None
+    on_progress: Callable[[FitState], None] = lambda state: None
     first_start: Mapping[str, float] = field(default_factory=dict)
     refinement: Mapping[str, float] = field(default_factory=dict)
     _cases: list[Case] = field(default_factory=list)
@@ -176,7 +176,7 @@ class FitStage:
     def _stepped(self, fit: Fit) -> None:
         case = next(case for case in self._cases if fit in case.fits)
         n_spots = [len(self._weighed_spots(scenario)) for scenario in self.study.scenarios]
-        self.follow(
+        self.on_progress(
             FitState(
                 fit=case.label,
                 scenario=case.scenario.name,

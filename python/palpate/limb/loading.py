@@ -117,7 +117,7 @@ def _refined_mm(study: Study, spot: str) -> tuple[float, float]:
     The torque's error by the mesh comes from the edge of the contact: a straight press is refined there.
     """
     protocol = study.protocol_at(spot)
-    if not isinstance(protocol, Indentation) or protocol.aside is not None:
+    if not isinstance(protocol, Indentation) or protocol.lateral is not None:
         return _near_mm(study, spot), 0.0
     reach_mm = protocol.indenter.reach_mm(float(protocol.path[:, 0].max()))
     return RIM[1] * reach_mm, RIM[0] * reach_mm

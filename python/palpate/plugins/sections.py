@@ -221,7 +221,7 @@ class Section(Component[SettingsT]):
         data : palpate_report.report_data.ReportData
             What the stages have left, in the study's units.
         report : palpate_report.result.Report
-            Tables, verdict and files that were made of it.
+            Tables, conclusion and files that were made of it.
         """
 
     def is_open(self, data: Any, report: Any) -> bool:  # noqa: ANN401 - of palpate-report

@@ -9,9 +9,9 @@
     ledger.sqlite           simulations: states, attempts, timings, reasons, curves, states of the skin
     scores.parquet  selection.parquet  generalisation.parquet
     fit.parquet  fit_trace.parquet  fit_mesh.parquet  fit_curves.parquet
-    intervals.parquet  budget.parquet  directions.parquet  adequacy.parquet  draws.parquet  planes.parquet
-    posterior.parquet  posterior_draws.parquet  profiles.parquet  profile_ends.parquet
-    ribbons.parquet  volumes.parquet  emulator.parquet  posterior_planes.parquet
+    intervals.parquet  budget.parquet  parameter_combinations.parquet  adequacy.parquet  draws.parquet
+    profile_planes.parquet  posterior.parquet  posterior_draws.parquet  profiles.parquet
+    profile_ends.parquet  sobol_indices.parquet  volumes.parquet  emulator.parquet  posterior_planes.parquet
     identifiability.parquet  disagreements.parquet
     fit.json                how far the fit is, while it goes on
     next.json               which presses to make next

@@ -150,7 +150,7 @@ def _protocol(protocol: Protocol | None) -> dict[str, Any]:
 
 def _unused(protocol: Indentation) -> tuple[str, ...]:
     """What only other motions than a press and twist have."""
-    return tuple(name for name in ("aside", "loads", "time_s") if getattr(protocol, name) is None)
+    return tuple(name for name in ("lateral", "loads", "time_s") if getattr(protocol, name) is None)
 
 
 def _fields(value: Any, left_out: tuple[str, ...] = ()) -> dict[str, Any]:  # noqa: ANN401 - any dataclass

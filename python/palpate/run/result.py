@@ -92,7 +92,7 @@ class CertaintyResult:
         One row per fit, scenario, parameter and cause, the largest first: share of the variance, which sum
         to 1, sd in the parameter's unit, and status: "included", or why a cause could not be simulated, whose
         share and sd are null.
-    directions : DataFrame
+    parameter_combinations : DataFrame
         One row per fit, scenario and principal direction, the best known first: combination (such as
         ``c1 · m1^0.3``), relative_width of its 95 % interval, identifiability.
     adequacy : DataFrame
@@ -101,7 +101,7 @@ class CertaintyResult:
     draws : DataFrame
         One row per draw from the density of each fit, cut off at the ranges and the filters: fit, scenario
         and what was searched.
-    planes : DataFrame
+    profile_planes : DataFrame
         Fopt of the joint fits by emulated curves, the other parameters fitted again, over the planes of two
         parameters and along each: fit, scenario, parameter, other (null along one), value, other_value, fopt
         (null where the emulator knows too little).
@@ -109,10 +109,10 @@ class CertaintyResult:
 
     intervals: pl.DataFrame = field(default_factory=pl.DataFrame)
     budget: pl.DataFrame = field(default_factory=pl.DataFrame)
-    directions: pl.DataFrame = field(default_factory=pl.DataFrame)
+    parameter_combinations: pl.DataFrame = field(default_factory=pl.DataFrame)
     adequacy: pl.DataFrame = field(default_factory=pl.DataFrame)
     draws: pl.DataFrame = field(default_factory=pl.DataFrame)
-    planes: pl.DataFrame = field(default_factory=pl.DataFrame)
+    profile_planes: pl.DataFrame = field(default_factory=pl.DataFrame)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,7 +134,7 @@ class PosteriorResult:
     profile_ends : DataFrame
         One row per parameter and end: fit, scenario, parameter, unit, end ("lower" or "upper"), value,
         value_solved (fitted again with the real solver; null where that failed), at_bound.
-    ribbons : DataFrame
+    sobol_indices : DataFrame
         One row per point of a curve and parameter: spot, channel, point (its number), abscissa, parameter,
         first (Sobol index over the ranges) and total.
     volumes : DataFrame
@@ -145,14 +145,14 @@ class PosteriorResult:
         n_solved (draws that were simulated), error (largest at these, over the measured peak), left_out
         (largest error at runs left out, anywhere in the ranges).
     posterior_planes : DataFrame
-        As ``planes`` of :class:`CertaintyResult`, by this emulator.
+        As ``profile_planes`` of :class:`CertaintyResult`, by this emulator.
     """
 
     posterior: pl.DataFrame = field(default_factory=pl.DataFrame)
     posterior_draws: pl.DataFrame = field(default_factory=pl.DataFrame)
     profiles: pl.DataFrame = field(default_factory=pl.DataFrame)
     profile_ends: pl.DataFrame = field(default_factory=pl.DataFrame)
-    ribbons: pl.DataFrame = field(default_factory=pl.DataFrame)
+    sobol_indices: pl.DataFrame = field(default_factory=pl.DataFrame)
     volumes: pl.DataFrame = field(default_factory=pl.DataFrame)
     emulator: pl.DataFrame = field(default_factory=pl.DataFrame)
     posterior_planes: pl.DataFrame = field(default_factory=pl.DataFrame)

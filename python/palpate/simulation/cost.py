@@ -197,8 +197,8 @@ class FitTime:
         self._swept, self._progress = swept, progress
         self._is_said = False
 
-    def look(self) -> None:
-        """Look whether the time is known."""
+    def update(self) -> None:
+        """See whether the time is known."""
         if self._is_said:
             return
         left = replace(cost(self._study, self._swept, self._folder, self._limbs), n_left=0)

@@ -260,8 +260,8 @@ class SearchForBest(OfEveryRun):
         """Ends and traces of the searches; nothing where the selection has the answer already."""
         if isinstance(inputs.study.search, BestSet):
             return {}
-        look = fit_time(inputs).look
-        return fit_files(cases_of(inputs, look=look), inputs)
+        on_progress = fit_time(inputs).update
+        return fit_files(cases_of(inputs, on_progress=on_progress), inputs)
 
 
 class Surface(Stage):
@@ -296,22 +296,22 @@ STAGES: tuple[type[Stage], ...] = (
 # ------------------------------------------------------------------ what the fit's stages share
 
 
-def cases_of(inputs: Run, *, look: Callable[[], None] = lambda: None) -> list[Case]:
+def cases_of(inputs: Run, *, on_progress: Callable[[], None] = lambda: None) -> list[Case]:
     """Fits of every case of a study; a fit that was made before has all its simulations at hand.
 
     Parameters
     ----------
-    look : callable
+    on_progress : callable
         Called before the searches and after each of their steps.
     """
     if "cases" in inputs.shared:
         return list(inputs.shared["cases"])
     if isinstance(inputs.study.search, BestSet):
         return []
-    look()
+    on_progress()
 
-    def follow(state: FitState) -> None:
-        look()
+    def show(state: FitState) -> None:
+        on_progress()
         write_fit_state(inputs.directory.folder, state)
         if isinstance(inputs.progress, ShowsPlace):
             inputs.progress.at(str(state))
@@ -324,7 +324,7 @@ def cases_of(inputs: Run, *, look: Callable[[], None] = lambda: None) -> list[Ca
         simulations=inputs.simulations,
         abscissae=abscissae_of(inputs.channels),
         progress=inputs.progress,
-        follow=follow,
+        on_progress=show,
         first_start=inputs.directory.fit_start,
         refinement=refinement(inputs.study, inputs.simulations.limbs),
     )

@@ -67,7 +67,7 @@ class Watcher:
     _scores: list[pl.DataFrame] = field(default_factory=list)
     _scored: set[str] = field(default_factory=set)
 
-    def look(self) -> RunStatus:
+    def status(self) -> RunStatus:
         """Read the state of the run.
 
         Raises

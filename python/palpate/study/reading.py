@@ -28,7 +28,7 @@ from palpate.study.build import (
 )
 from palpate.study.model import BudgetTable, ExecutorTable, Tables
 from palpate.study.problems import ModelT, Problems, read_tables, require
-from palpate.study.regions import build_space, build_truth, written_units
+from palpate.study.regions import build_space, build_truth, display_units
 from palpate.study.solver_checks import check_body, check_channels, check_protocols, check_regions
 from palpate.study.source_positions import MOST_BYTES, MOST_SIMULATIONS, Key, KeyLines, check_plain, dotted
 from palpate.study.spots import StudySpot, build_protocol, build_spots
@@ -366,7 +366,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         search=require(parts.search),
         parametrisation=require(parts.parametrisation),
         truth=truth,
-        units=written_units(tables.region, space),
+        units=display_units(tables.region, space),
         n_workers=require(tables.solver).n_workers,
         time_limit_s=require(tables.solver).time_limit,
         plugin_files=context.plugins.files,

@@ -259,7 +259,7 @@ def _every(space: ParameterSpace) -> dict[str, Parameter]:
     return {r.name_of(p.name): p for r in space.regions for p in _in_convention(r.material, r.convention)}
 
 
-def written_units(tables: Mapping[str, RegionTable], space: ParameterSpace) -> dict[str, str]:
+def display_units(tables: Mapping[str, RegionTable], space: ParameterSpace) -> dict[str, str]:
     """Units in which ranges are written, by full name, where they are not the material's.
 
     What is tied to a parameter of the same unit has the one that this is written in.

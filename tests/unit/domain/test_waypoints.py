@@ -31,7 +31,7 @@ def test_an_indentation_moves_along_its_waypoints():
 def test_a_press_and_twist_has_no_more_than_its_path():
     pose = np.array([[0.0] * 6, [3.0, 0, 0, 0, 0, 0], [3.0, 0, 0, 0, 0, -9.0]])
     press = Indentation.along(Waypoints(pose=pose, loads=NO_LOADS), **PRESS)
-    assert (press.aside, press.loads, press.time_s) == (None, None, None)
+    assert (press.lateral, press.loads, press.time_s) == (None, None, None)
     assert press.moves == ("depth", "rotation")
 
 
@@ -57,6 +57,6 @@ def test_a_motion_that_cannot_be_is_refused(given, reason):
 
 def test_shifts_need_a_row_for_each_waypoint():
     with pytest.raises(StudyError, match="give four a row"):
-        Indentation(path=[(0, 0), (1, 0)], aside=np.zeros((3, 4)), **PRESS)
+        Indentation(path=[(0, 0), (1, 0)], lateral=np.zeros((3, 4)), **PRESS)
     with pytest.raises(StudyError, match="outside the limb"):
         Indentation(path=[(0, 0), (-1, 0)], **PRESS)

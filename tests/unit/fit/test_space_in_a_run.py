@@ -186,7 +186,7 @@ def test_a_ratio_is_found(run, by_spot):
     coefficients = result.report.tables["table1_coefficients"]
     assert coefficients["parameter"].unique(maintain_order=True).to_list() == ["e"]
     assert coefficients["region"].unique(maintain_order=True).to_list() == ["skin", "fat"]
-    lead = result.report.verdict.lead
+    lead = result.report.conclusion.lead
     assert ("fat.e_ratio by spot" if by_spot else "fat.e_ratio = 0.6,") in lead
     assert "initial shear modulus of skin " in lead
     assert ("initial shear modulus of fat " in lead) is not by_spot
@@ -198,7 +198,7 @@ def test_a_gain_is_found_and_a_prior_counts(run):
     known = space(prior=Prior(value=0.5, sd=0.1))
     result = run(TRUTH, known, searched, torque_gain=1.3, reported=True, scenarios=ONE)
     assert row(result, "all spots", "p1")["gain.torque"] == pytest.approx(1.3, rel=1e-3)
-    assert "gain.torque = 1.3" in result.report.verdict.lead
+    assert "gain.torque = 1.3" in result.report.conclusion.lead
 
 
 @pytest.fixture
@@ -269,7 +269,7 @@ def test_the_posterior_asks_for_no_set_of_the_sweep_again(run, asked, plugins, m
     def run_study(study, folder, plugins):
         found = real(study, folder, plugins)
         del asked[:]
-        monkeypatch.setattr(FitTime, "look", lambda self: pytest.fail("no fit is to be made"))
+        monkeypatch.setattr(FitTime, "update", lambda self: pytest.fail("no fit is to be made"))
         pipeline.run_stage("certainty", study, folder, plugins)
         return found
 

@@ -18,7 +18,7 @@ def test_a_fit_without_a_sweep_finds_the_tissue_and_is_reported(make_study, plug
     fitted = result.fit.of_spots()["p1", "I"]
     assert fitted["soft_tissue.stiffness"] == pytest.approx(0.4, rel=1e-5)
     assert fitted["soft_tissue.grip"] == pytest.approx(20.0, rel=1e-5)
-    assert not result.report.verdict.without_result
+    assert not result.report.conclusion.without_result
     assert all(path.exists() for path in result.report.files)
 
 
@@ -29,6 +29,6 @@ def test_at_the_end_no_fit_is_left(pressed, stage_of):
     whole = pressed.measured_at(study, next(pressed.truths(study, 1, seed=3)))
     pressed_only = Response(curves={"force": whole["force"]})
     stage, states = stage_of(study, {"p1": whole, "p2": pressed_only}), []
-    stage.follow = states.append
+    stage.on_progress = states.append
     assert len(stage.run()) == 5
     assert (states[-1].n_ended, states[-1].n_fits) == (5, 5)

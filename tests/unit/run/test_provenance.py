@@ -85,7 +85,7 @@ def test_a_damaged_file_names_the_stage_that_makes_it_again(done, plugins, damag
         path.write_bytes(whole)
     (run / "measured" / "p1.parquet").write_bytes(b"")
     with pytest.raises(StudyError, match=r"p1\.parquet: damaged or replaced"):
-        Watcher(run).look()
+        Watcher(run).status()
     pipeline.run_study(study, run, plugins)
 
 

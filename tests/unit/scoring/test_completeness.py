@@ -14,7 +14,7 @@ from palpate.stages import pipeline
 from palpate.stages.core_stages import selected
 from palpate_report import from_run
 from palpate_report.figures import nmse_distribution, responses
-from palpate_report.result import make_verdict
+from palpate_report.result import make_conclusion
 from palpate_report.space import parameter_space
 from palpate_report.tables import make_tables
 
@@ -48,12 +48,12 @@ def test_every_stage_reports_what_is_missing_of_the_sweep(partial, plugins, undr
     for note in notes.texts:
         assert note.startswith(f"warning: incomplete sweep, {n_done} of 24 simulations (")
         assert missing in note
-    (why,) = [each.why for each in report.verdict.warnings[:2] if each.what == "Incomplete sweep"]
+    (why,) = [each.why for each in report.conclusion.warnings[:2] if each.what == "Incomplete sweep"]
     assert missing in why
     for table in report.tables.values():
         assert "simulated" in table.columns
     assert f"Incomplete sweep: {n_done} of 24" in (folder / "report" / "index.html").read_text()
-    assert any("thin sweep" in each.what for each in report.verdict.warnings)
+    assert any("thin sweep" in each.what for each in report.conclusion.warnings)
     if n_done > 12:
         assert report.tables["table2_nmse"]["simulated"].to_list() == ["12 of 12", "8 of 12"]
         assert not chosen.without_result
@@ -62,7 +62,7 @@ def test_every_stage_reports_what_is_missing_of_the_sweep(partial, plugins, undr
         assert {spot for spot, _ in chosen.without_result} == {"p2"}
         assert "no simulation was scored" in described(chosen.without_result)
         assert any(
-            each.what == "No result for 3 of 6 spots and scenarios" for each in report.verdict.warnings
+            each.what == "No result for 3 of 6 spots and scenarios" for each in report.conclusion.warnings
         )
 
 
@@ -79,7 +79,7 @@ def test_a_set_that_is_not_simulated_is_missing(make_study, plugins, tmp_path, n
 def test_the_set_for_all_spots_reports_their_number(content):
     made = content()
     partial = replace(made, scores=made.scores.filter((pl.col("spot") == "p1") | (pl.col("set_id") < 30)))
-    lead = make_verdict(partial, make_tables(partial)).lead
+    lead = make_conclusion(partial, make_tables(partial)).lead
     assert lead.startswith("One set for all 2 spots, of 30 sets simulated at each: set ")
 
 
@@ -116,7 +116,7 @@ def test_a_scenario_that_no_set_can_be_ranked_in_is_named_with_the_reason(
     missing = result.selected.without_result
     assert set(missing) == {(spot, name) for spot in ("p1", "p2") for name in ("I", "II")}
     assert "no curve 'torque'" in missing["p1", "I"]
-    named = {each.what: each.why for each in result.report.verdict.warnings}
+    named = {each.what: each.why for each in result.report.conclusion.warnings}
     assert "p1, scenario I" in named["No result for 4 of 6 spots and scenarios"]
     assert "torque at p1" in named["A measured channel could not be compared with any simulation"]
     assert "NaN" not in (tmp_path / "run" / "report" / "index.html").read_text().split("<script")[0]

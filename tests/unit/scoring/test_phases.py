@@ -122,5 +122,5 @@ def test_a_run_with_phases_is_fitted_and_reported(make_study, plugins, tmp_path,
     assert set(left_out["unfitted"]) == {"torque", "torque/load"}
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
     assert manifest["scenarios"]["mixed"] == {"force": 1.0, "torque/unload": 0.5}
-    best = Watcher(tmp_path / "run").look().best.filter(scenario="back")
+    best = Watcher(tmp_path / "run").status().best.filter(scenario="back")
     assert best["fopt"].to_list() == result.selected.selection.filter(scenario="back")["fopt"].to_list()

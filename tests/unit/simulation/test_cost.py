@@ -106,13 +106,13 @@ class Noted(Silent):
 def test_the_time_of_a_fit_is_said_once_before_it_goes_on(make_study, tmp_path, monkeypatch, knows):
     study, progress = make_study(n_sets=0, search=LeastSquares()), Noted()
     time = FitTime(study, tmp_path / "run", {}, {}, progress)
-    time.look()
+    time.update()
     assert progress.notes == []  # nothing has been simulated
     monkeypatch.setattr(
         stages_cost, "cost", lambda *_: Cost(n_left=3, seconds_each=9.0, n_workers=1, n_fit=4 * knows)
     )
-    time.look()
-    time.look()
+    time.update()
+    time.update()
     assert progress.notes == (["about 4 simulations of the fit, about 36 s (workers: 1)"] if knows else [])
 
 

@@ -14,7 +14,7 @@ from palpate.run.directory import RunDirectory
 from palpate.stages import pipeline
 from palpate.stages.core_stages import selected
 from palpate_report.page import render
-from palpate_report.result import make_verdict
+from palpate_report.result import make_conclusion
 from palpate_report.tables import make_tables
 
 MESSAGE = "so it is"
@@ -137,5 +137,5 @@ def test_the_report_shows_every_proof_and_distrusts_what_failed(doubting, conten
     table = tables["verification"]
     assert "key" not in table.columns
     n_failed = table.height - table["passed"].sum()
-    text = render(found, tables, make_verdict(found, tables), ())
+    text = render(found, tables, make_conclusion(found, tables), ())
     assert f"{n_failed} of {table.height} selected sets failed verification" in text

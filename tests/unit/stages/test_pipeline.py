@@ -68,7 +68,7 @@ def test_a_run_finds_the_tissue_and_reports_it(make_study, plugins, tmp_path):
         # Four more are for the error budget: a press with onset and friction moved to either side.
         assert spent + 4 == len(ledger.seconds()) - 60
     assert set(result.report.tables) == {
-        "intervals", "budget", "directions", "inadequate",
+        "intervals", "budget", "parameter_combinations", "inadequate",
         "table1_fit", "table2_fit", "table1_coefficients", "table2_nmse", "unfitted_channels",
         "cross_channel", "generalised", "fit",
         "distance_to_truth", "identifiability", "cost_of_one_set",

@@ -11,7 +11,7 @@ from palpate.plugins.sections import ReportWarning
 from palpate.run.result import FitResult
 from palpate.stages import pipeline
 from palpate.stages.core_stages import selected
-from palpate_report.result import Report, Verdict
+from palpate_report.result import Conclusion, Report
 
 
 @pytest.fixture
@@ -66,7 +66,7 @@ def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
     assert palpate.select(study, scores, design).equals(chosen.selection)
     assert palpate.generalise(study, scores, design).equals(chosen.generalisation)
     warning = ReportWarning(what="A thin sweep", why="Few <sets>.")
-    verdict = Verdict(parameters=(), bests=(), lead="c1 = 2", identifiability=(), warnings=(warning,))
+    conclusion = Conclusion(parameters=(), bests=(), lead="c1 = 2", identifiability=(), warnings=(warning,))
     result = palpate.RunResult(
         folder=tmp_path,
         measured={},
@@ -75,7 +75,7 @@ def test_the_frames_are_those_of_a_run(make_study, plugins, tmp_path):
         scores=kept,
         selected=chosen,
         fit=FitResult(),
-        report=Report(tables={}, files=(), verdict=verdict),
+        report=Report(tables={}, files=(), conclusion=conclusion),
     )
     assert repr(result) == f"RunResult({tmp_path}: 0 simulations, {chosen.selection.height} chosen sets)"
 

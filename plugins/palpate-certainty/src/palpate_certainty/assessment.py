@@ -93,7 +93,7 @@ class Assessment:
         ]
         return sorted(found, key=lambda each: ended.index(each.case))
 
-    def planes(
+    def profile_planes(
         self, assessed: Sequence[Assessed], design: Design, swept: Sequence[Simulation]
     ) -> pl.DataFrame:
         """Fopt of the joint fits in the planes of the parameters; empty where there is no emulator."""

@@ -10,7 +10,7 @@ from scipy.stats import qmc
 from palpate.api import FloatArray
 from palpate.api.fit import PosteriorResult
 from palpate_certainty.posterior_sampling import Posterior, Sampled
-from palpate_certainty.profiles import planes
+from palpate_certainty.profiles import profile_planes
 
 N_BASE = 512
 """Points of each of the two matrices of the estimators."""
@@ -59,10 +59,10 @@ def posterior_result(found: Sampled, seed: int) -> PosteriorResult:
         posterior_draws=pl.concat([_draws(each) for each in found.posteriors], how="diagonal"),
         profiles=pl.from_dicts(list(_profiles(found))),
         profile_ends=pl.from_dicts(list(_ends(found)), infer_schema_length=None),
-        ribbons=pl.from_dicts(list(_ribbons(found, seed))),
+        sobol_indices=pl.from_dicts(list(_sobol_indices(found, seed))),
         volumes=pl.from_dicts(list(_volumes(found))),
         emulator=pl.from_dicts(list(_emulator(found))),
-        posterior_planes=planes([each.assessed for each in found.posteriors], found.curves),
+        posterior_planes=profile_planes([each.assessed for each in found.posteriors], found.curves),
     )
 
 
@@ -124,7 +124,7 @@ def _ends(found: Sampled) -> Iterator[dict[str, Any]]:
             }
 
 
-def _ribbons(found: Sampled, seed: int) -> Iterator[dict[str, Any]]:
+def _sobol_indices(found: Sampled, seed: int) -> Iterator[dict[str, Any]]:
     simulated = found.curves.simulated
     problem = simulated.problem
     first, total = sobol_indices(

@@ -325,11 +325,11 @@ def planes_of_fits(
     simulated = SimulatedCurves(first.end.problem, sorted(channels))
     runs, others = runs_of_fits(simulated, [a.case for a in joint]), runs_of_sets(simulated, design, swept)
     curves = EmulatedCurves(simulated, runs if others is None else runs.and_others(others))
-    return planes(joint, curves)
+    return profile_planes(joint, curves)
 
 
-def planes(joint: Sequence[Assessed], curves: EmulatedCurves) -> pl.DataFrame:
-    """``planes`` of :class:`palpate.run.result.CertaintyResult` for joint fits."""
+def profile_planes(joint: Sequence[Assessed], curves: EmulatedCurves) -> pl.DataFrame:
+    """``profile_planes`` of :class:`palpate.run.result.CertaintyResult` for joint fits."""
     rows = [row for each in joint for row in _rows(each, curves)]
     return pl.from_dicts(rows, schema=SCHEMA)
 

@@ -34,10 +34,10 @@ class Intervals(Stage):
         {
             "intervals": "Value and 95 % interval of each parameter.",
             "budget": "Share of each cause in the variance of each parameter.",
-            "directions": "Combinations of parameters, the best known first.",
+            "parameter_combinations": "Combinations of parameters, the best known first.",
             "adequacy": "Checks of whether the model describes the data.",
             "draws": "Draws from the density of each fit.",
-            "planes": "Fopt over the planes of two parameters.",
+            "profile_planes": "Fopt over the planes of two parameters.",
         }
     )
 
@@ -52,8 +52,8 @@ class Intervals(Stage):
         cases = cases_of(inputs)
         stage = assessment_of(inputs, cases)
         assessed = stage.assessed(cases)
-        planes = stage.planes(assessed, inputs.design, inputs.swept())
-        found = replace(certainty_result(assessed, inputs.study), planes=planes)
+        planes = stage.profile_planes(assessed, inputs.design, inputs.swept())
+        found = replace(certainty_result(assessed, inputs.study), profile_planes=planes)
         return tables_of(found)
 
 
@@ -68,7 +68,7 @@ class Posteriors(Stage):
             "posterior_draws": "Draws.",
             "profiles": "Least Fopt along each parameter.",
             "profile_ends": "Ends of the profiles.",
-            "ribbons": "What each parameter does to the curves.",
+            "sobol_indices": "What each parameter does to the curves.",
             "volumes": "Volumes of the posteriors by scenario.",
             "posterior_planes": "Densities over the planes of two parameters.",
             "emulator": "Errors of the emulated curves.",

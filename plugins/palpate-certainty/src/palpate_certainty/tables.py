@@ -179,7 +179,7 @@ def certainty_result(assessed: Sequence[Assessed], study: Study) -> CertaintyRes
     return CertaintyResult(
         intervals=_frame(row for each in assessed for row in _intervals(each)),
         budget=_frame(row for each in assessed for row in _budget(each)),
-        directions=_frame(row for each in assessed for row in _directions(each)),
+        parameter_combinations=_frame(row for each in assessed for row in _parameter_combinations(each)),
         adequacy=_frame(row for each in assessed for row in _adequacy(each, study)),
         draws=_frame(row for each in assessed for row in _draws(each)),
     )
@@ -239,7 +239,7 @@ def _budget(each: Assessed) -> Iterator[dict[str, Any]]:
             yield _about(each) | {"parameter": name, "cause": cause, "share": None, "sd": None, "status": why}
 
 
-def _directions(each: Assessed) -> Iterator[dict[str, Any]]:
+def _parameter_combinations(each: Assessed) -> Iterator[dict[str, Any]]:
     box, width = each.end.problem.box, each.end.problem.box.upper - each.end.problem.box.lower
     for found in parameter_combinations(box.names, each.values, width, each.in_range.covariance):
         yield _about(each) | {

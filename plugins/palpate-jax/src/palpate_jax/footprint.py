@@ -65,8 +65,8 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
     """
     mesh = in_spot_frame(limb)
     radius, depth = protocol.indenter.radius_mm, float(protocol.path[:, 0].max())
-    aside = _aside_mm(protocol)
-    most = protocol.indenter.reach_mm(depth) + aside
+    lateral_mm = _lateral_mm(protocol)
+    most = protocol.indenter.reach_mm(depth) + lateral_mm
     rim = _rim(mesh)
     # The edge on the limb's other side does not matter.
     lowest = depth + max(radius, -float(protocol.indenter.bounds_mm[0, 2]))
@@ -78,7 +78,7 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
         distances = np.hypot(*offsets.T)
         near = np.flatnonzero(distances < most)
         directions = offsets[near] / np.maximum(distances[near], 1e-12)[:, None]
-        reach = _reach(protocol, depth, directions) + aside
+        reach = _reach(protocol, depth, directions) + lateral_mm
         if (within := reach - distances[near]).size and within.max() > 0.0:
             worst = int(np.argmax(within))
             raise MeshError(
@@ -89,13 +89,13 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
             )
 
 
-def _aside_mm(protocol: Indentation) -> float:
+def _lateral_mm(protocol: Indentation) -> float:
     """How far tilts, and shifts by loads, may move the contact from the prescribed way."""
     waypoints, indenter = protocol.waypoints, protocol.indenter
     tilt = np.radians(np.hypot(waypoints.pose[:, 3], waypoints.pose[:, 4]).max())
-    aside = 2.0 * indenter.radius_mm * float(np.sin(tilt))
+    lateral_mm = 2.0 * indenter.radius_mm * float(np.sin(tilt))
     pushed = np.where(_is_pushed(waypoints), waypoints.pose[:, 1:3], 0.0)
-    return aside + float(np.linalg.norm(pushed, axis=1).max())
+    return lateral_mm + float(np.linalg.norm(pushed, axis=1).max())
 
 
 def _is_pushed(waypoints: Waypoints) -> BoolArray:

@@ -176,8 +176,8 @@ class LoadStepping:
             return state.displacements
         step = self.linear.solve(here.matrix(ahead), partial(here.preconditioner, ahead), -rate, 1e-3)
         straight = model.straight(state.displacements, step)
-        is_aside = way[1:5].any() or state.position[1:5].any()
-        return straight if is_aside else model.along_arcs(state.displacements, straight)
+        is_lateral = way[1:5].any() or state.position[1:5].any()
+        return straight if is_lateral else model.along_arcs(state.displacements, straight)
 
     def _start(
         self, state: _State, load: ContactState, position: FloatArray, guesses: Sequence[FloatArray]
@@ -320,9 +320,9 @@ def explained(
 
 def _place(position: FloatArray) -> str:
     """Position (6,) in words; shifts and tilts only where there are any."""
-    depth, *aside, rotation = position.tolist()
+    depth, *lateral, rotation = position.tolist()
     words = [f"depth {depth:.2f} mm", f"rotation {rotation:.1f} degrees"]
-    for name, unit, pair in (("shift", "mm", aside[:2]), ("tilt", "degrees", aside[2:])):
+    for name, unit, pair in (("shift", "mm", lateral[:2]), ("tilt", "degrees", lateral[2:])):
         words += [f"{name} ({pair[0]:.2f}, {pair[1]:.2f}) {unit}"] if any(pair) else []
     return ", ".join(words)
 

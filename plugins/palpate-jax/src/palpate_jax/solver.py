@@ -206,7 +206,7 @@ class JaxSolver(Solver[JaxSettings]):
         """Those of a job's pilots that reached the end of the path."""
         assert job.pilots is not None
         values = {region: job.pilots[region] for region in prepared.materials}
-        motion = (protocol.path, protocol.aside, protocol.loads, protocol.time_s)
+        motion = (protocol.path, protocol.lateral, protocol.loads, protocol.time_s)
         arrays = [b"" if each is None else each.tobytes() for each in (*motion, *values.values())]
         key = (protocol.indenter, protocol.friction, *arrays)
         if key not in prepared.pilots:

@@ -77,8 +77,8 @@ def test_a_rigid_arc_presses_like_a_foundation_and_nearly_like_a_band(along, obs
 def test_an_arc_that_slips_round_the_limb_needs_friction_times_pressure_times_radius(along):
     """Pressed, then turned about the arc's axis: a tilt, a slide and a lift together."""
     turn = 5.0 * DEPTH / RADIUS
-    aside, up = RADIUS * np.sin(turn), RADIUS * (1.0 - np.cos(turn))
-    poses = [[DEPTH, 0, 0, 0, 0, 0], [DEPTH + up, aside, 0, 0, np.degrees(turn), 0]]
+    lateral, up = RADIUS * np.sin(turn), RADIUS * (1.0 - np.cos(turn))
+    poses = [[DEPTH, 0, 0, 0, 0, 0], [DEPTH + up, lateral, 0, 0, np.degrees(turn), 0]]
     answer, load = along(6, poses, FRICTION)
     assert answer.sticking == 0.0
     centre = np.array([0.0, 0.0, -RADIUS - DEPTH])

@@ -9,7 +9,7 @@ from palpate_report.forest import Forest
 from palpate_report.headline import Headline, r2_by_spot
 from palpate_report.report_data import ReportData
 from palpate_report.report_warnings import GOOD_R2, NO_FIT_R2
-from palpate_report.result import Verdict
+from palpate_report.result import Conclusion
 
 CAUSES: Mapping[str, str] = MappingProxyType(
     {
@@ -42,7 +42,7 @@ class SummaryCard:
     is_sure: bool
 
 
-def answer(data: ReportData, verdict: Verdict, picture: Forest) -> SummaryCard:
+def answer(data: ReportData, conclusion: Conclusion, picture: Forest) -> SummaryCard:
     """Sum up what leads: the joint fit, the set for all spots, or the best set of the only spot."""
     n_spots = len(data.spots)
     material = " and ".join(
@@ -55,35 +55,36 @@ def answer(data: ReportData, verdict: Verdict, picture: Forest) -> SummaryCard:
     start = "the sweep" if data.study.n_sets else "the middle of the ranges"
     by = f"Searched from {start}" if data.is_fitted else "Best set of the sweep"
     facts = {
-        "Fit": "; ".join(_quality(data, verdict)),
-        "Spots": _spots(data, verdict, picture),
+        "Fit": "; ".join(_quality(data, conclusion)),
+        "Spots": _spots(data, conclusion, picture),
         "Certainty": _causes(data),
-        "NOT included": ", ".join(verdict.not_included),
-        "Known": _known(data, verdict),
-        "Rests on": verdict.spent or f"{sum(data.completeness.simulated.values())} simulations of the sweep.",
+        "NOT included": ", ".join(conclusion.not_included),
+        "Known": _known(data, conclusion),
+        "Rests on": conclusion.spent
+        or f"{sum(data.completeness.simulated.values())} simulations of the sweep.",
     }
     return SummaryCard(
         title="No parameters from this run"
-        if verdict.failure
+        if conclusion.failure
         else f"{material.capitalize()}, one for {where}",
         about=f"{by}, {fitted}",
-        lines=(*verdict.estimates, *verdict.moduli),
+        lines=(*conclusion.estimates, *conclusion.moduli),
         facts=tuple((name, text) for name, text in facts.items() if text),
-        is_sure=any(value.is_sure for each in verdict.bests for value in each.values),
+        is_sure=any(value.is_sure for each in conclusion.bests for value in each.values),
     )
 
 
-def _known(data: ReportData, verdict: Verdict) -> str:
+def _known(data: ReportData, conclusion: Conclusion) -> str:
     """Whether the intervals of simulated data hold the known answer."""
     names = {parameter.name: name for name, parameter in data.searched.items()}
     outside = []
-    for each in verdict.estimates:
+    for each in conclusion.estimates:
         truth = data.study.truth.get(names.get(each.parameter, ""))
         if truth is None or each.lower is None or each.upper is None:
             return ""
         if not each.lower <= truth <= each.upper:
             outside.append(f"{each.parameter} ({truth:.4g})")
-    if not verdict.estimates:
+    if not conclusion.estimates:
         return ""
     return (
         f"the true value is outside for {', '.join(outside)}"
@@ -92,8 +93,8 @@ def _known(data: ReportData, verdict: Verdict) -> str:
     )
 
 
-def _quality(data: ReportData, verdict: Verdict) -> Iterator[str]:
-    rows = list(r2_by_spot(data, verdict.bests))
+def _quality(data: ReportData, conclusion: Conclusion) -> Iterator[str]:
+    rows = list(r2_by_spot(data, conclusion.bests))
     for channel in dict.fromkeys(name for name, _, _ in rows):
         r2, spot = min((r2, spot) for name, spot, r2 in rows if name == channel)
         word = "good" if r2 >= GOOD_R2 else "poor" if r2 >= NO_FIT_R2 else "no fit"
@@ -101,7 +102,7 @@ def _quality(data: ReportData, verdict: Verdict) -> Iterator[str]:
         yield f"{channel}: {word}, R² {r2:.4g}{least}"
 
 
-def _spots(data: ReportData, verdict: Verdict, picture: Forest) -> str:
+def _spots(data: ReportData, conclusion: Conclusion, picture: Forest) -> str:
     """Which spots are used, and which of them differs from the joint fit."""
     used = f"{len(data.spots)} used ({', '.join(data.spots[:6])}{', …' if len(data.spots) > 6 else ''})"
     if len(data.spots) == 1 or not data.is_fitted:
@@ -109,7 +110,7 @@ def _spots(data: ReportData, verdict: Verdict, picture: Forest) -> str:
     if picture.apart:
         apart = "; ".join(f"{spot} ({', '.join(names)})" for spot, names in picture.apart.items())
         return f"{used}; intervals apart from the joint fit's: {apart}"
-    if verdict.failure or not any(each.level for each in verdict.estimates):
+    if conclusion.failure or not any(each.level for each in conclusion.estimates):
         return used
     return f"{used}; none differs from the joint fit by more than the intervals"
 

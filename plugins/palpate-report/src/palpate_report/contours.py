@@ -79,11 +79,11 @@ class Contour:
 
 
 def planes_of(data: ReportData, scenario: str) -> pl.DataFrame:
-    """Fopt of the fit that leads, as ``planes`` of :class:`palpate.run.result.CertaintyResult` has it.
+    """Fopt of the fit that leads, as ``profile_planes`` of :class:`palpate.run.result.CertaintyResult`.
 
     By the emulator of the posterior where there is one.
     """
-    for frame in (data.posterior.posterior_planes, data.fit.certainty.planes):
+    for frame in (data.posterior.posterior_planes, data.fit.certainty.profile_planes):
         if not frame.is_empty():
             return frame.filter(fit=data.together, scenario=scenario)
     return pl.DataFrame()

@@ -65,7 +65,7 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
         drawings["stress_strain"] = partial(stress_strain, data)
     if not data.posterior.profiles.is_empty():
         drawings["profiles"] = partial(profiles, data)
-    if not data.posterior.ribbons.is_empty():
+    if not data.posterior.sobol_indices.is_empty():
         drawings["sobol_indices"] = partial(sobol_indices, data)
     if data.contact:
         drawings["contact"] = partial(contact, data)

@@ -26,7 +26,7 @@ from palpate_report.display_units import in_display_units
 from palpate_report.headline import with_verdicts
 from palpate_report.paper_tables import materials_of, paper_tables
 from palpate_report.report_data import ReportData, by_spot, contact_along
-from palpate_report.result import Report, make_verdict
+from palpate_report.result import Report, make_conclusion
 from palpate_report.table_files import write_tables
 from palpate_report.tables import make_tables
 
@@ -40,16 +40,16 @@ def write_report(data: ReportData, folder: Path) -> Report:
 
     data = in_display_units(data)
     tables = with_verdicts(data, make_tables(data))
-    verdict = make_verdict(data, tables)
+    conclusion = make_conclusion(data, tables)
     paper = paper_tables({materials_of(data): data})
-    failures = [verdict.failure] if verdict.failure else []
+    failures = [conclusion.failure] if conclusion.failure else []
     written = write_tables(tables, folder / "tables", paper, failures)
     figures = write_figures(data, folder / "figures")
     files = (*written, *figures)
     pictures = {file.stem: file.read_bytes() for file in figures if file.suffix == ".svg"}
-    page = write_page(data, tables, verdict, files, folder, pictures)
+    page = write_page(data, tables, conclusion, files, folder, pictures)
     keep_only(folder, (*files, page))
-    return Report(tables=tables, files=(*files, page), verdict=verdict)
+    return Report(tables=tables, files=(*files, page), conclusion=conclusion)
 
 
 def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:

@@ -41,7 +41,7 @@ from palpate_report.forest import forest
 from palpate_report.marks import rounded
 from palpate_report.page_data import page_data
 from palpate_report.report_data import ReportData
-from palpate_report.result import Report, Verdict, ordered
+from palpate_report.result import Conclusion, Report, ordered
 from palpate_report.table_files import shown
 from palpate_report.tables import COMPARISON_TITLES
 
@@ -106,14 +106,14 @@ _FOLDER = Path(__file__).parent
 def write_page(
     data: ReportData,
     tables: Mapping[str, pl.DataFrame],
-    verdict: Verdict,
+    conclusion: Conclusion,
     files: Sequence[Path],
     folder: Path,
     pictures: Mapping[str, bytes],
 ) -> Path:
     """Write ``index.html``, which needs none of the files that it links to."""
     path = folder / "index.html"
-    page = render(data, tables, verdict, [file.relative_to(folder) for file in files], pictures)
+    page = render(data, tables, conclusion, [file.relative_to(folder) for file in files], pictures)
     write_atomically(path, page.encode())
     return path
 
@@ -121,7 +121,7 @@ def write_page(
 def render(
     data: ReportData,
     tables: Mapping[str, pl.DataFrame],
-    verdict: Verdict,
+    conclusion: Conclusion,
     files: Sequence[Path],
     pictures: Mapping[str, bytes] = MappingProxyType({}),
 ) -> str:
@@ -131,7 +131,7 @@ def render(
     ----------
     data : ReportData
     tables : mapping of name to DataFrame
-    verdict : Verdict
+    conclusion : Conclusion
     files : sequence of Path
         Files that the page links to, relative to it.
     pictures : mapping of str to bytes
@@ -144,13 +144,13 @@ def render(
     by_stem: dict[str, list[Path]] = {}
     for file in files:
         by_stem.setdefault(file.stem, []).append(file)
-    picture = forest(data, verdict.bests)
-    report = Report(tables=tables, files=tuple(files), verdict=verdict, pictures=pictures)
+    picture = forest(data, conclusion.bests)
+    report = Report(tables=tables, files=tuple(files), conclusion=conclusion, pictures=pictures)
     sections = laid_out(data, report)
     figures = [figure for section in sections for figure in section.figures]
     numbers = {id(figure): k for k, figure in enumerate(figures)}
     return template().render(
-        answer=answer(data, verdict, picture),
+        answer=answer(data, conclusion, picture),
         forest=picture,
         stress=[
             Picture(label="Stress over stretch of the fitted material, with its 95 % band", content=svg)
@@ -161,7 +161,7 @@ def render(
         date=datetime.now().astimezone().date().isoformat(),
         report=data,
         study=data.study,
-        verdict=verdict,
+        conclusion=conclusion,
         sections=sections,
         number_of=lambda figure: numbers[id(figure)],
         has_menus=lambda section: any(figure.spot or figure.scenario for figure in section.figures),

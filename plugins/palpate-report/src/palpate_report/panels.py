@@ -41,7 +41,7 @@ def profiles(data: ReportData) -> Figure:
 
 def sobol_indices(data: ReportData) -> Figure:
     """Draw the share of each parameter in the variance along each curve, a row for each spot."""
-    table = data.posterior.ribbons
+    table = data.posterior.sobol_indices
     spots, channels, names = (
         list(dict.fromkeys(table[column].to_list())) for column in ("spot", "channel", "parameter")
     )

@@ -48,7 +48,7 @@ _ORDER = [*(word for _, word in WORDS), UNCLEAR]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Verdict:
+class Conclusion:
     """The first thing that a reader of the report sees.
 
     Parameters
@@ -104,12 +104,12 @@ class Verdict:
         return tuple(sentence for sentence in found if sentence)
 
 
-def make_verdict(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Verdict:
+def make_conclusion(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Conclusion:
     """Sum up a run, from what its stages have left."""
     bests = tuple(best_sets(data))
     no_fit, (about, values, quality) = failure_of(data, bests), _lead(data, bests)
     best, found = leading(data, bests), headlines(data, bests)
-    return Verdict(
+    return Conclusion(
         parameters=tuple(map(label_of, data.searched.values())),
         bests=bests,
         headline=no_fit or (f"{about}: {quality}" if about else ""),
@@ -248,7 +248,7 @@ class Report:
     Parameters
     ----------
     tables : mapping of name to DataFrame
-    verdict : Verdict
+    conclusion : Conclusion
         What the run amounts to, and its warnings.
     files : tuple of Path
         Everything that was written.
@@ -257,7 +257,7 @@ class Report:
     """
 
     tables: Mapping[str, pl.DataFrame]
-    verdict: Verdict
+    conclusion: Conclusion
     files: tuple[Path, ...] = ()
     pictures: Mapping[str, bytes] = field(default_factory=dict)
 
@@ -267,4 +267,4 @@ class Report:
         from palpate_report.tables import make_tables
 
         tables = make_tables(data)
-        return cls(tables=tables, verdict=make_verdict(data, tables))
+        return cls(tables=tables, conclusion=make_conclusion(data, tables))

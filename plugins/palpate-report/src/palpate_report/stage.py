@@ -20,7 +20,7 @@ from palpate_report.table_files import shown
 class ReportOutput(Closed):
     """Files that were written, what they amount to, and warnings, the most severe first."""
 
-    verdict: list[str]
+    conclusion: list[str]
     intervals: list[IntervalOutput]
     warnings: list[str]
     files: list[str]
@@ -35,7 +35,7 @@ class CompareOutput(Closed):
 
 
 NOTHING = "no set fits all spots"
-"""Verdict where nothing leads."""
+"""Conclusion where nothing leads."""
 
 OF_INTERVALS = ("parameter", "unit", "value", "lower", "upper", "identifiability", "verdict", "level")
 """What JSON has of each value that leads."""
@@ -84,12 +84,14 @@ class ReportStage(Stage):
 
 
 def summary_of(study: Study, report: Report) -> Summary:
-    """Verdict, parameters, warnings and page of a report, with its tables."""
-    verdict = report.verdict
+    """Conclusion, parameters, warnings and page of a report, with its tables."""
+    conclusion = report.conclusion
     data = "measured data" if study.data != "simulated" else "SIMULATED curves, not a real experiment"
-    found = "; ".join(map(str, (*verdict.estimates, *verdict.moduli)))
+    found = "; ".join(map(str, (*conclusion.estimates, *conclusion.moduli)))
     missing = (
-        f". NOT included in intervals: {', '.join(verdict.not_included)}" if verdict.not_included else ""
+        f". NOT included in intervals: {', '.join(conclusion.not_included)}"
+        if conclusion.not_included
+        else ""
     )
     pages = [page for page in report.files if page.suffix == ".html"]
     return Summary(
@@ -99,21 +101,23 @@ def summary_of(study: Study, report: Report) -> Summary:
             if frame.height
         },
         labelled={
-            "Verdict": f"{study.name} ({data}): {verdict.headline or NOTHING}",
+            "Conclusion": f"{study.name} ({data}): {conclusion.headline or NOTHING}",
             "Parameters": f"{found}{missing}" if found else "none, for the reason above",
-            "Warnings": _warnings(verdict.warnings),
-            "Time": verdict.spent,
+            "Warnings": _warnings(conclusion.warnings),
+            "Time": conclusion.spent,
             "Page": " ".join(page.resolve().as_uri() for page in pages),
         },
         values={
-            "verdict": verdict.sentences,
-            "intervals": [{name: getattr(each, name) for name in OF_INTERVALS} for each in verdict.estimates],
-            "warnings": list(map(str, verdict.warnings)),
+            "conclusion": conclusion.sentences,
+            "intervals": [
+                {name: getattr(each, name) for name in OF_INTERVALS} for each in conclusion.estimates
+            ],
+            "warnings": list(map(str, conclusion.warnings)),
             "files": report.files,
             "tables": {name: frame.to_dicts() for name, frame in report.tables.items()},
         },
-        missing=f"no set could be selected at {described(verdict.without_result)}"
-        if verdict.without_result
+        missing=f"no set could be selected at {described(conclusion.without_result)}"
+        if conclusion.without_result
         else "",
     )
 
@@ -142,7 +146,7 @@ def _side_by_side(name: str, frame: pl.DataFrame) -> pl.DataFrame:
         return frame.pivot("parameter", index=["spot", "scenario"], values="verdict")
     if name == "intervals":
         return _intervals(frame)
-    if name in ("budget", "directions") and ALL_SPOTS in frame["fit"]:
+    if name in ("budget", "parameter_combinations") and ALL_SPOTS in frame["fit"]:
         frame = frame.filter(fit=ALL_SPOTS)
     if name == "budget":
         percent = frame.with_columns((pl.col("share") * 100.0).round(0), cause=pl.col("cause") + " [%]")

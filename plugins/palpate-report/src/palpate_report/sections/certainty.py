@@ -34,12 +34,12 @@ class Certainty(Section):
             [[n, Shares(parts)] for n, parts in bars],
         )
         yield from table(report, "inadequate")
-        every = [t for name in ("intervals", "directions", "budget") for t in table(report, name)]
+        every = [t for name in ("intervals", "parameter_combinations", "budget") for t in table(report, name)]
         yield Fold("Every interval, combinations that are known better, and every cause", every)
         if "posterior" in report.tables:
             names = ("posterior", "profile_ends", "volumes", "emulator")
             found = [t for name in names for t in table(report, name)]
-            if not data.posterior.ribbons.is_empty():
+            if not data.posterior.sobol_indices.is_empty():
                 yield Paragraph(
                     "Which parameter rules the curves where: its share of the variance over the ranges by "
                     "itself (first-order Sobol index), along the path."
@@ -75,7 +75,7 @@ class Identifiability(Section):
             "more. Fopt is fitted to the sweep's own curves; the fitted optimum is where it is least. In a "
             f"bar the thick line is the interval, the dot the best value{thin}."
         )
-        is_sure = any(each.level for each in report.verdict.estimates)
+        is_sure = any(each.level for each in report.conclusion.estimates)
         if is_sure:
             yield Paragraph(
                 "How well a parameter is identified is said by the 95 % intervals of the fit, which have "
@@ -86,7 +86,7 @@ class Identifiability(Section):
                 "Up to 10 % of the range is called well identifiable, up to 30 % roughly, up to 80 % "
                 "poorly, beyond that not. Unclear: too few sets, or curves that the slopes do not predict."
             )
-            yield Listing([("", sentence) for sentence in report.verdict.identifiability])
+            yield Listing([("", sentence) for sentence in report.conclusion.identifiability])
         main = data.generalising.name
         own = [row for row in rows if row["scenario"] == main]
         yield _table(f"Intervals in scenario {main}", own, words=not is_sure)

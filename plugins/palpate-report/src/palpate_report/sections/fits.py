@@ -53,12 +53,12 @@ class Warnings(Section):
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """List the warnings."""
-        if found := report.verdict.warnings:
+        if found := report.conclusion.warnings:
             yield Listing([(f"{warning.what}.", warning.why) for warning in found])
 
     def is_open(self, data: ReportData, report: Report) -> bool:
         """Where there are few."""
-        return len(report.verdict.warnings) < 6
+        return len(report.conclusion.warnings) < 6
 
 
 class Values(Section):
@@ -69,13 +69,13 @@ class Values(Section):
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show what leads, then every best set."""
-        verdict = report.verdict
-        if verdict.lead and not verdict.failure:
-            yield Paragraph(verdict.lead)
-        leading = [best for best in verdict.bests if best.scenario == data.generalising.name]
+        conclusion = report.conclusion
+        if conclusion.lead and not conclusion.failure:
+            yield Paragraph(conclusion.lead)
+        leading = [best for best in conclusion.bests if best.scenario == data.generalising.name]
         if any(best.found == "fit" for best in leading):
             yield _leading(data, report, leading)
-            yield Paragraph(verdict.spent)
+            yield Paragraph(conclusion.spent)
             yield Fold("Every scenario", [_every(data, report)])
         else:
             yield _every(data, report)
@@ -117,7 +117,7 @@ class MaterialItself(Section):
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Draw the stress of each region, and list some of it."""
-        if report.verdict.failure:
+        if report.conclusion.failure:
             return
         curves = list(material_curves(data, data.generalising.name))
         if not curves:
@@ -141,7 +141,7 @@ def _cell(value: Value, report: Report) -> Lines:
         lines += [f"optimum {value.optimum:.4g}"] if value.optimum is not None else []
         lines.append(f"{value.lower:.4g} to {value.upper:.4g}")
     verdict = verdict_of(
-        value.identifiability, at_bound=value.is_at_bound, is_refused=bool(report.verdict.failure)
+        value.identifiability, at_bound=value.is_at_bound, is_refused=bool(report.conclusion.failure)
     )
     return Lines([*lines, *map(Word, verdict.split(", "))])
 
@@ -158,7 +158,7 @@ def _leading(data: ReportData, report: Report, bests: Sequence[Best]) -> Table:
     truth = data.study.truth
     known: list[Cell] = [None] if truth else []
     rows: list[list[Cell]] = []
-    for i, (name, label) in enumerate(zip(data.searched, report.verdict.parameters, strict=True)):
+    for i, (name, label) in enumerate(zip(data.searched, report.conclusion.parameters, strict=True)):
         rows.append(
             [label, *(_cell(best.values[i], report) for best in bests), *([truth.get(name)] if truth else [])]
         )
@@ -189,13 +189,13 @@ def _moduli(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, list
 
 
 def _every(data: ReportData, report: Report) -> Table:
-    verdict, channels = report.verdict, data.measured_channels
+    conclusion, channels = report.conclusion, data.measured_channels
     return Table(
-        f"Best values by spot and scenario; below each {_below(verdict.bests)}",
+        f"Best values by spot and scenario; below each {_below(conclusion.bests)}",
         [
             "spot",
             "scenario",
-            *verdict.parameters,
+            *conclusion.parameters,
             "Fopt",
             *(f"R² {c}" for c in channels),
             "fitted to",
@@ -211,9 +211,9 @@ def _every(data: ReportData, report: Report) -> Table:
                 best.fitted_to,
                 best.found,
             ]
-            for best in verdict.bests
+            for best in conclusion.bests
         ],
         strong=frozenset(
-            k for k, best in enumerate(verdict.bests) if best.scenario == data.generalising.name
+            k for k, best in enumerate(conclusion.bests) if best.scenario == data.generalising.name
         ),
     )

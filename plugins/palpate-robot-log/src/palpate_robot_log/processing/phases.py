@@ -201,10 +201,10 @@ def find_slide(recording: Recording, motion: Motion, strokes: Strokes, normal: F
         )
     farthest = int(np.argmax(sizes))
     along = inside[farthest] / sizes[farthest]
-    aside = float(np.linalg.norm(inside - np.outer(inside @ along, along), axis=1).max())
-    if aside > LARGEST_CURVE * sizes[farthest]:
+    lateral = float(np.linalg.norm(inside - np.outer(inside @ along, along), axis=1).max())
+    if lateral > LARGEST_CURVE * sizes[farthest]:
         raise recording.fault(
-            f"the slide leaves its line by {aside:.2g} mm of {sizes[farthest]:.3g} mm; slide to and fro on "
+            f"the slide leaves its line by {lateral:.2g} mm of {sizes[farthest]:.3g} mm; slide to and fro on "
             "one line, or give window.start and window.stop",
             rows.start + farthest,
         )

@@ -1,4 +1,4 @@
-"""The verdict has the result and its warnings, and no warning without a cause."""
+"""The conclusion has the result and its warnings, and no warning without a cause."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -13,17 +13,17 @@ from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
 from palpate.run.result import UNSEEN, UNSETTLED
 from palpate.scoring.selection import by_reason, failures, unranked
 from palpate_report import report_warnings
-from palpate_report.result import make_verdict
+from palpate_report.result import make_conclusion
 from palpate_report.style import DOUBLE_MM, SINGLE_MM, STYLE
 from palpate_report.tables import cost_of_one_set, make_tables, weighted_channels
 
 
-def verdict(content):
-    return make_verdict(content, make_tables(content))
+def conclusion(content):
+    return make_conclusion(content, make_tables(content))
 
 
 def distrusted(content):
-    return {warning.what: warning.why for warning in verdict(content).warnings}
+    return {warning.what: warning.why for warning in conclusion(content).warnings}
 
 
 def about(content, words):
@@ -35,7 +35,7 @@ def about(content, words):
 
 def test_the_best_of_each_spot_and_scenario_with_what_fits_as_well(content):
     made = content()
-    found = verdict(made)
+    found = conclusion(made)
     assert found.parameters == ("stiffness [MPa]", "grip [MPa]")
     assert [(b.spot, b.scenario, b.fitted_to) for b in found.bests[:2]] == [
         ("p1", "I", "force + torque"), ("p1", "II", "torque"),
@@ -53,7 +53,7 @@ def test_the_best_of_each_spot_and_scenario_with_what_fits_as_well(content):
 
 def test_the_joint_fit_leads_and_those_of_spots_replace_the_sweeps_sets(content):
     made = content(assessed=False, search=LeastSquares())
-    found = verdict(made)
+    found = conclusion(made)
     assert [best.where for best in found.bests[2:5]] == [
         "all spots, scenario III", "p1, scenario I", "p1, scenario II",
     ]  # fmt: skip
@@ -83,7 +83,7 @@ def test_a_fit_of_some_spots_alone_stands_beside_sets_of_the_sweep(content):
     gone = {name: pl.when(pl.col("fit") != "p1").then(pl.lit(value)).otherwise(pl.col(name)).alias(name)
             for name, value in reason.items()}  # fmt: skip
     part = replace(made, fit=replace(made.fit, table=table.with_columns(**gone)))
-    found = verdict(part)
+    found = conclusion(part)
     assert [best.found.partition(" ")[0] for best in found.bests] == ["fit"] * 3 + ["set"] * 3
     assert found.lead.startswith("One set for all 2 spots: set ")
     why = about(part, "of the fits have no result")
@@ -98,14 +98,14 @@ def test_a_fit_that_ends_at_a_bound_or_is_not_settled_is_named(content):
         return replace(made, fit=replace(made.fit, table=table.with_columns(n_fine=2)))
 
     assert about(made, "end of their range") is None
-    at_grip = verdict(ended(at_bound="soft_tissue.grip@p1")).bests[0]
+    at_grip = conclusion(ended(at_bound="soft_tissue.grip@p1")).bests[0]
     assert [value.is_at_bound for value in at_grip.values] == [False, True]
     at_bound = about(ended(at_bound="soft_tissue.grip, soft_tissue.stiffness"), "Best values are")
     assert at_bound.startswith("stiffness at all spots, scenario I; grip at all spots, scenario I. ")
     unsettled = ended(message=f"converged; {UNSETTLED}")
     assert about(unsettled, "has not settled").startswith("all spots, scenario I; all spots, scenario II; ")
     assert about(unsettled, "Not every search") is None
-    assert " of the fit and 18 of finer meshes." in verdict(unsettled).spent
+    assert " of the fit and 18 of finer meshes." in conclusion(unsettled).spent
     unseen = ended(message=f"converged; {UNSEEN} depends on soft_tissue.grip")
     why = about(unseen, "that the curves do not decide")
     assert why.startswith("all spots, scenario I: no curve depends on soft_tissue.grip; ")
@@ -122,7 +122,7 @@ def test_with_one_spot_its_set_leads_and_nothing_is_generalised(content):
         scores=made.scores.filter(one),
         identifiability=made.identifiability.filter(one),
     )
-    found = verdict(alone)
+    found = conclusion(alone)
     assert found.lead.startswith("At p1, fitted to force + torque (scenario I): stiffness = ")
     assert about(alone, "set for all spots") is None
     assert "cost_of_one_set" not in make_tables(alone)
@@ -134,13 +134,13 @@ def test_how_well_each_parameter_is_identified_is_a_sentence(content):
         identifiability=pl.when(pl.col("spot") == "p2").then(pl.lit("not")).otherwise(pl.lit("well")),
         correlation=pl.lit(-0.97),
     )
-    found = verdict(replace(made, identifiability=worse)).identifiability
+    found = conclusion(replace(made, identifiability=worse)).identifiability
     together = made.identifiability.filter(spot="all spots").row(0, named=True)
     assert found[0].startswith(f"stiffness: fitted optimum {together['optimum']:.4g} MPa, ")
     assert "well identifiable by all spots together; spot by spot: " in found[0]
     assert "well identifiable at 1 of 2 spots, not identifiable at 1 of 2 spots" in found[0]
     assert "most correlated with grip (correlation -0.97, spot p1)" in found[0]
-    unknown = verdict(replace(made, identifiability=made.identifiability[:0])).identifiability
+    unknown = conclusion(replace(made, identifiability=made.identifiability[:0])).identifiability
     assert unknown[0] == "stiffness: nothing is known of how well it is identified."
 
 
@@ -210,7 +210,7 @@ def test_a_best_set_outside_the_interval_of_the_optimum_is_named(content):
 
 
 def best_of(content):
-    return verdict(content).bests[0]
+    return conclusion(content).bests[0]
 
 
 def test_a_set_that_does_not_fit_is_reported_first_instead_of_parameters(content):
@@ -221,7 +221,7 @@ def test_a_set_that_does_not_fit_is_reported_first_instead_of_parameters(content
         selection=made.selection.with_columns(r2_torque=r2),
         generalisation=made.generalisation.with_columns(r2_torque=r2),
     )
-    found = verdict(wrong)
+    found = conclusion(wrong)
     assert found.lead.startswith(
         "No parameters can be read from this run: the best set does not fit torque at p2"
     )
@@ -237,7 +237,7 @@ def test_a_set_that_does_not_fit_is_reported_first_instead_of_parameters(content
         scores=made.scores.filter(one),
         identifiability=made.identifiability.filter(one),
     )
-    assert verdict(alone).lead.startswith("No parameters can be read")
+    assert conclusion(alone).lead.startswith("No parameters can be read")
 
 
 def test_channels_that_disagree_are_named_with_values_and_typical_causes(content):
@@ -360,7 +360,7 @@ def test_identifiability_that_was_not_assessed_names_the_commands(content, searc
     why = about(made, "not been assessed")
     assert "`palpate identifiability`" in why
     assert ("`palpate intervals`" in why) is (search is not None)
-    assert {each.identifiability for best in verdict(made).bests for each in best.values} == {"unclear"}
+    assert {each.identifiability for best in conclusion(made).bests for each in best.values} == {"unclear"}
     assert about(replace(made, unfinished="3 of 9"), "not been assessed") is None
 
 
