@@ -47,8 +47,8 @@ if TYPE_CHECKING:
     from palpate.cli.stages import (
         stage_command as stage_command,
     )
-    from palpate.plugins.subcommands import (
-        SubCommand as SubCommand,
+    from palpate.plugins.commands import (
+        Command as Command,
     )
 
 if not TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import Annotated, Any, TypeAlias
 import typer
 from typer.core import TyperGroup
 
-from palpate.plugins.subcommands import name_of as name_of
+from palpate.plugins.commands import name_of as name_of
 from palpate.study.source_positions import MOST_SETS
 
 START, RUN, STAGES, MORE = "Start", "Run", "Stages, each from files to files", "More"

@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING
 import pluggy
 
 if TYPE_CHECKING:
-    import typer
-
     from palpate.domain import Channel, Scenario, StudyTemplate
     from palpate.domain.component import Component
     from palpate.domain.indenter import Indenter
     from palpate.domain.material import Material
+    from palpate.plugins.commands import Command
     from palpate.plugins.execution import Executor
     from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
     from palpate.plugins.motion import Motion
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from palpate.plugins.score import Score
     from palpate.plugins.search import Search
     from palpate.plugins.sections import Section
-    from palpate.plugins.subcommands import SubCommand
 
 hookspec = pluggy.HookspecMarker("palpate")
 
@@ -172,7 +170,7 @@ def palpate_stages() -> "Iterable[type[Component]]":  # type: ignore[empty-body]
     """Stages, from tables to tables: subclasses of ``palpate.api.Stage``.
 
     Each is a command; ``palpate run`` includes those that a study asks for with ``[stages.NAME]``, each after
-    the stages that it needs. The core's come through this hook too. A plugin whose ``palpate_subcommands``
+    the stages that it needs. The core's come through this hook too. A plugin whose ``palpate_commands``
     has commands of their own lists those of its stages there, with ``palpate.api.cli.stage_command``.
     """
 
@@ -187,14 +185,10 @@ def palpate_sections() -> "Iterable[type[Section]]":  # type: ignore[empty-body]
 
 
 @hookspec
-def palpate_commands(app: "typer.Typer") -> None:
-    """Add commands to the command line; called when it starts, with the Typer application."""
+def palpate_commands() -> "Iterable[Command]":  # type: ignore[empty-body]
+    """Commands of their own, or of a stage, with the type of what they print with ``--json``.
 
-
-@hookspec
-def palpate_subcommands() -> "Iterable[SubCommand]":  # type: ignore[empty-body]
-    """Commands of their own, with the type of what they print with ``--json``, or under a stage.
-
-    Stages are ``palpate experiment`` and ``palpate limb``. One that names suffixes
-    is also called by a file alone: ``palpate limb arm.ply``.
+    A ``palpate.api.cli.Command`` is a Typer command with its place. Stages that take commands are
+    ``palpate experiment`` and ``palpate limb``; a command of theirs that names suffixes is also called by a
+    file alone: ``palpate limb arm.ply``.
     """

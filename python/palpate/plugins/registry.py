@@ -23,8 +23,8 @@ import pluggy
 from palpate.errors import PluginError
 from palpate.fingerprints import CONTENT_HASH, content_hash
 from palpate.plugins import hookspecs
+from palpate.plugins.commands import command_names, refuse_command_clashes
 from palpate.plugins.guard import guarded
-from palpate.plugins.subcommands import command_names, refuse_command_clashes
 from palpate.plugins.versions import API_VERSION, FIRST_PARTY, THIS_VERSION
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from palpate.domain.component import Component
     from palpate.domain.material import Material
-    from palpate.plugins.subcommands import SubCommand
+    from palpate.plugins.commands import Command
 
 DOMAIN, INTERFACES = "palpate.domain", "palpate.plugins.interfaces"
 
@@ -113,7 +113,7 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
 )
 """The catalogues in pipeline order, by the name of their attribute in :class:`Plugins`."""
 
-HOOKS = frozenset({*(kind.hook for kind in KINDS.values()), "palpate_commands", "palpate_subcommands"})
+HOOKS = frozenset({*(kind.hook for kind in KINDS.values()), "palpate_commands"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -255,8 +255,7 @@ class Registry:
             before = command_names(app)
             try:
                 with guarded():
-                    self._call(name, "palpate_commands")(app=app)
-                    added = self._subcommands(name)
+                    added = self._own_commands(name)
                     for command in added:
                         command.add_to(app)
                     if add_stage is not None and all(command.stage for command in added):
@@ -275,13 +274,13 @@ class Registry:
         found: dict[str, Any] = {}
         for name in self.sources:
             with guarded():
-                commands = [each for each in self._subcommands(name) if each.output]
+                commands = [each for each in self._own_commands(name) if each.output]
                 found |= {each.name: pkgutil.resolve_name(each.output) for each in commands}
         return found
 
-    def _subcommands(self, plugin: str) -> "list[SubCommand]":
-        results = self._call(plugin, "palpate_subcommands")()
-        return [command for result in results for command in _as_items(result, "palpate_subcommands")]
+    def _own_commands(self, plugin: str) -> "list[Command]":
+        results = self._call(plugin, "palpate_commands")()
+        return [command for result in results for command in _as_items(result, "palpate_commands")]
 
     def _stages(self, plugin: str) -> "list[type[Component]]":
         """Stages of a plugin besides the core: through its hook, and as single components."""

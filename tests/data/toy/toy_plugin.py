@@ -8,6 +8,7 @@ import typer
 from pydantic import Field
 
 from palpate import hookimpl
+from palpate.api.cli import Command
 from palpate.domain import (
     Channel,
     Curve,
@@ -227,8 +228,10 @@ def palpate_studies():
 
 
 @hookimpl
-def palpate_commands(app):
-    @app.command("toy-hello")
-    def hello() -> None:
-        """Say hello."""
-        typer.echo("hello from a plugin")
+def palpate_commands():
+    return [Command(function=toy_hello)]
+
+
+def toy_hello() -> None:
+    """Say hello."""
+    typer.echo("hello from a plugin")

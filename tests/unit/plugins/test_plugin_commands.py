@@ -34,14 +34,14 @@ def test_a_plugin_with_broken_commands_adds_none(write: Write, name: str, then: 
 
 SUBCOMMAND = """
 from palpate.api import hookimpl
-from palpate.api.cli import SubCommand
+from palpate.api.cli import Command
 
 def {name}() -> None:
     pass
 
 @hookimpl
-def palpate_subcommands():
-    return [SubCommand(stage="limb", function={name}), SubCommand(stage="{stage}", function={name})]
+def palpate_commands():
+    return [Command(stage="limb", function={name}), Command(stage="{stage}", function={name})]
 """
 
 

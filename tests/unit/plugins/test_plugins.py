@@ -60,7 +60,7 @@ def test_every_hook_fills_a_catalogue_or_adds_commands() -> None:
 
     specified = {name for name, value in vars(hookspecs).items() if hasattr(value, "palpate_spec")}
     assert specified == HOOKS
-    assert {kind.hook for kind in KINDS.values()} == HOOKS - {"palpate_commands", "palpate_subcommands"}
+    assert {kind.hook for kind in KINDS.values()} == HOOKS - {"palpate_commands"}
 
 
 def test_a_file_provides_a_component(write: Write) -> None:
@@ -72,12 +72,14 @@ def test_a_file_provides_a_component(write: Write) -> None:
 
 COMMAND = """
 from palpate import hookimpl
+from palpate.api.cli import Command
+
+def {name}() -> None:
+    pass
 
 @hookimpl
-def palpate_commands(app):
-    @app.command("{name}")
-    def anything() -> None:
-        pass
+def palpate_commands():
+    yield Command(function={name})
     {then}
 """
 

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 from palpate.api import deferred, hookimpl
 
 if TYPE_CHECKING:
-    import typer
-
     from palpate.api import StudyTemplate
+    from palpate.api.cli import Command
     from palpate_multis.layered_block import simulate_press as simulate_press
     from palpate_multis.person_study import write_study as write_study
     from palpate_multis.population import (
@@ -26,16 +25,16 @@ if not TYPE_CHECKING:
 
 
 @hookimpl
-def palpate_commands(app: "typer.Typer") -> None:
+def palpate_commands() -> "list[Command]":
     """``predict-press``."""
-    from palpate.api.cli import examples, name_of
+    from palpate.api.cli import Command, examples
     from palpate_multis.command import predict_press
 
     lines = (
         "palpate predict-press presses.csv",
         "palpate predict-press presses.csv --fitted-to measured.csv --json",
     )
-    app.command(name_of(predict_press), rich_help_panel="Limbs", epilog=examples(*lines))(predict_press)
+    return [Command(function=predict_press, panel="Limbs", epilog=examples(*lines))]
 
 
 @hookimpl

@@ -6,7 +6,7 @@ from palpate.api import hookimpl
 
 if TYPE_CHECKING:
     from palpate.api import Stage
-    from palpate.api.cli import SubCommand
+    from palpate.api.cli import Command
 
 __version__ = "0.1.0"
 
@@ -20,9 +20,9 @@ def palpate_stages() -> "list[type[Stage]]":
 
 
 @hookimpl
-def palpate_subcommands() -> "list[SubCommand]":
+def palpate_commands() -> "list[Command]":
     """Provide the commands of the stages."""
-    from palpate.api.cli import STAGES, SubCommand, examples, stage_command
+    from palpate.api.cli import STAGES, Command, examples, stage_command
 
     does = {
         "intervals": "Find how certain the fitted parameters are, and what from.",
@@ -30,6 +30,6 @@ def palpate_subcommands() -> "list[SubCommand]":
         "identifiability": "Find how well the curves of the sweep identify each parameter.",
     }
     return [
-        SubCommand(function=stage_command(name, text), panel=STAGES, epilog=examples(f"palpate {name} arm"))
+        Command(function=stage_command(name, text), panel=STAGES, epilog=examples(f"palpate {name} arm"))
         for name, text in does.items()
     ]

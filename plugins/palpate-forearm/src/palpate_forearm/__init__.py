@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 from palpate.api import deferred, hookimpl
 
 if TYPE_CHECKING:
-    import typer
-
     from palpate.api import StudyTemplate
+    from palpate.api.cli import Command
     from palpate_forearm.phantom import (
         InkMark as InkMark,
         Phantom as Phantom,
@@ -46,12 +45,12 @@ def palpate_studies() -> "list[StudyTemplate]":
 
 
 @hookimpl
-def palpate_commands(app: "typer.Typer") -> None:
-    """Add the command that repeats the paper's study."""
-    from palpate.api.cli import RUN, examples
+def palpate_commands() -> "list[Command]":
+    """Provide the command that repeats the paper's study."""
+    from palpate.api.cli import RUN, Command, examples
     from palpate_forearm.reproduce_command import reproduce
 
     calls = examples(
         "palpate reproduce", "palpate reproduce --minutes 60", "palpate reproduce --sets 250 --fine"
     )
-    app.command(rich_help_panel=RUN, epilog=calls)(reproduce)
+    return [Command(function=reproduce, panel=RUN, epilog=calls)]

@@ -6,7 +6,7 @@ from palpate.api import hookimpl
 
 if TYPE_CHECKING:
     from palpate.api import Indenter
-    from palpate.api.cli import SubCommand
+    from palpate.api.cli import Command
 
 
 @hookimpl
@@ -18,13 +18,13 @@ def palpate_indenters() -> "list[type[Indenter]]":
 
 
 @hookimpl
-def palpate_subcommands() -> "list[SubCommand]":
+def palpate_commands() -> "list[Command]":
     """``palpate limb SCAN``."""
-    from palpate.api.cli import SubCommand, examples
+    from palpate.api.cli import Command, examples
     from palpate_limb.cli import SCAN_SUFFIXES, scan
 
     calls = examples(
         "palpate limb scan.ply --bones radius.stl --bones ulna.stl",
         'palpate limb scan.ply --options limb.toml --mark p1=red --size "2 mm"',
     )
-    return [SubCommand(stage="limb", function=scan, suffixes=SCAN_SUFFIXES, epilog=calls)]
+    return [Command(stage="limb", function=scan, suffixes=SCAN_SUFFIXES, epilog=calls)]

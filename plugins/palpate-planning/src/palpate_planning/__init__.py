@@ -5,17 +5,17 @@ from typing import TYPE_CHECKING
 from palpate.api import hookimpl
 
 if TYPE_CHECKING:
-    from palpate.api.cli import SubCommand
+    from palpate.api.cli import Command
 
 
 @hookimpl
-def palpate_subcommands() -> "list[SubCommand]":
+def palpate_commands() -> "list[Command]":
     """``palpate next`` and ``palpate extend``."""
-    from palpate.api.cli import RUN, SubCommand, examples
+    from palpate.api.cli import RUN, Command, examples
     from palpate_planning.commands import extend, next_
 
     return [
-        SubCommand(
+        Command(
             function=next_,
             panel=RUN,
             output="palpate_planning.tables:ProposalOutput",
@@ -25,7 +25,7 @@ def palpate_subcommands() -> "list[SubCommand]":
                 "palpate next arm --presses 4 --allowed allowed.toml",
             ),
         ),
-        SubCommand(
+        Command(
             function=extend,
             panel=RUN,
             output="palpate.api.cli:RunOutput",

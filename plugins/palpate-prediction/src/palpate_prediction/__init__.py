@@ -5,23 +5,23 @@ from typing import TYPE_CHECKING
 from palpate.api import hookimpl
 
 if TYPE_CHECKING:
-    from palpate.api.cli import SubCommand
+    from palpate.api.cli import Command
 
 
 @hookimpl
-def palpate_subcommands() -> "list[SubCommand]":
+def palpate_commands() -> "list[Command]":
     """``palpate predict`` and ``palpate card``."""
-    from palpate.api.cli import RUN, SubCommand, examples
+    from palpate.api.cli import RUN, Command, examples
     from palpate_prediction.commands import card, predict
 
     return [
-        SubCommand(
+        Command(
             function=predict,
             panel=RUN,
             output="palpate_prediction.files:PredictOutput",
             epilog=examples("palpate predict runs/arm --tool cuff.toml"),
         ),
-        SubCommand(
+        Command(
             function=card,
             panel=RUN,
             output="palpate_prediction.files:CardOutput",

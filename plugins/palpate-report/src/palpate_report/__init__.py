@@ -6,7 +6,7 @@ from palpate.api import hookimpl
 
 if TYPE_CHECKING:
     from palpate.api import Stage
-    from palpate.api.cli import SubCommand
+    from palpate.api.cli import Command
     from palpate.api.report import Section
 
 
@@ -27,20 +27,20 @@ def palpate_sections() -> "list[type[Section]]":
 
 
 @hookimpl
-def palpate_subcommands() -> "list[SubCommand]":
+def palpate_commands() -> "list[Command]":
     """``palpate report`` and ``palpate compare``."""
-    from palpate.api.cli import RUN, STAGES, SubCommand, examples
+    from palpate.api.cli import RUN, STAGES, Command, examples
     from palpate_report.commands import compare, report
 
     home = "palpate_report.stage"
     return [
-        SubCommand(
+        Command(
             function=report,
             panel=STAGES,
             output=f"{home}:ReportOutput",
             epilog=examples("palpate report runs/arm --open"),
         ),
-        SubCommand(
+        Command(
             function=compare,
             panel=RUN,
             output=f"{home}:CompareOutput",

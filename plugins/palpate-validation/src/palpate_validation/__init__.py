@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING
 from palpate.api import hookimpl
 
 if TYPE_CHECKING:
-    import typer
+    from palpate.api.cli import Command
 
 __version__ = "0.1.0"
 
 
 @hookimpl
-def palpate_commands(app: "typer.Typer") -> None:
+def palpate_commands() -> "list[Command]":
     """``certify``."""
-    from palpate.api.cli import examples
+    from palpate.api.cli import Command, examples
     from palpate_validation.certify import certify
 
     lines = (
@@ -22,4 +22,4 @@ def palpate_commands(app: "typer.Typer") -> None:
         "palpate certify --solver my_solver",
         "palpate certify --study arm --out /scratch/arm",
     )
-    app.command(rich_help_panel="Verification", epilog=examples(*lines))(certify)
+    return [Command(function=certify, panel="Verification", epilog=examples(*lines))]

@@ -16,7 +16,7 @@ def name_of(command: Callable[..., object]) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SubCommand:
+class Command:
     """A command such as ``palpate predict``, or one under a stage, such as ``palpate limb scan``.
 
     Parameters
