@@ -72,7 +72,7 @@ class SleepSettings(Settings):
     pause_s: float = Field(0.0, description="Time of a job.")
 class Sleep(Solver[SleepSettings]):
     name, summary, provides = "sleep", "sleeps", Provides(body="layers", channels=("force",))
-    def n_pilots(self, number):
+    def n_warm_starts(self, number):
         return 36 if number >= 36 else 0
     def simulate(self, job, limb):
         time.sleep(self.settings.pause_s)

@@ -9,7 +9,7 @@ say otherwise.
     One path on blocks of tet10 and on meshes of a forearm, next to the same solver with new factors
     for every linear system; peak memory; the exponent of cost ∝ n^p.
 ``--many N``
-    N sets of a sweep in one process, which start from its pilots, next to cold runs: each in a process
+    N sets of a sweep in one process, which have warm starts, next to cold runs: each in a process
     that imports, prepares the limb and solves. Some sets stand for all. Where a set spends its time.
 ``--slopes``
     One path with the derivatives in the three parameters and the friction, next to without.
@@ -55,13 +55,13 @@ N_COLD = 5
 """Cold runs that stand for all."""
 
 LEAST_SETS = 110
-"""Fewest sets with some after the pilots."""
+"""Fewest sets with some after the warm starts."""
 
 N_TURNS = 3
 """Runs of a path without and with derivatives."""
 
 N_LATE = 30
-"""Sets after the pilots that stand for all of them."""
+"""Sets after the warm starts that stand for all of them."""
 
 MOST_WITH_PEER = 15_000
 """Unknowns beyond which the peer, with new factors for every system, is left out."""
@@ -242,32 +242,34 @@ def cold(mesh: str, n_sets: int, k: int) -> dict[str, Any]:
     return {"seconds": time.process_time(), "status": simulation.status.value}
 
 
-def with_pilots(sets: np.ndarray, limb: Any, solver: Any) -> list[Any]:
-    """The jobs of a sweep: each set with its pilots."""
+def with_warm_starts(sets: np.ndarray, limb: Any, solver: Any) -> list[Any]:
+    """The jobs of a sweep: each set with its warm starts."""
     work = []
     for job in jobs(sets, limb):
-        n = solver.n_pilots(job.set_id)
-        pilots = dict.fromkeys(limb.mesh.regions, sets[:n]) if n else None
-        work.append(replace(job, pilots=pilots, is_pilot=job.set_id < solver.n_pilots(len(sets))))
+        n = solver.n_warm_starts(job.set_id)
+        warm_starts = dict.fromkeys(limb.mesh.regions, sets[:n]) if n else None
+        work.append(
+            replace(job, warm_starts=warm_starts, is_warm_start=job.set_id < solver.n_warm_starts(len(sets)))
+        )
     return work
 
 
-def from_pilots(mesh: str, n_sets: int, n_late: int) -> dict[str, Any]:
-    """The pilots of a sweep and some of its other sets, in one process: where the time of each goes."""
-    from palpate_jax.initial_guess import PilotStates
+def from_warm_starts(mesh: str, n_sets: int, n_late: int) -> dict[str, Any]:
+    """The warm starts of a sweep and some of its other sets, in one process: where the time of each goes."""
+    from palpate_jax.initial_guess import WarmStartStates
     from palpate_jax.solver import JaxSolver
 
     limb, clock, solver = load(mesh), watched(), JaxSolver()
-    work = with_pilots(designed(n_sets), limb, solver)
+    work = with_warm_starts(designed(n_sets), limb, solver)
     groups: dict[int, list[Any]] = {}
-    for job in work[: solver.n_pilots(n_sets)]:
-        groups.setdefault(solver.n_pilots(job.set_id), []).append(job)
-    late = np.unique(np.linspace(solver.n_pilots(n_sets), n_sets - 1, n_late).astype(int))
-    groups[solver.n_pilots(n_sets)] = [work[k] for k in late]
+    for job in work[: solver.n_warm_starts(n_sets)]:
+        groups.setdefault(solver.n_warm_starts(job.set_id), []).append(job)
+    late = np.unique(np.linspace(solver.n_warm_starts(n_sets), n_sets - 1, n_late).astype(int))
+    groups[solver.n_warm_starts(n_sets)] = [work[k] for k in late]
     clock.shares()
     found = {"ready_s": time.process_time(), "groups": {}}
     with TemporaryDirectory() as folder:
-        solver._states = PilotStates(Path(folder))  # nothing from an earlier run
+        solver._states = WarmStartStates(Path(folder))  # nothing from an earlier run
         for name, group in groups.items():
             simulations = [solver.simulate(job, limb) for job in group]
             rows = [s.diagnostics for s in simulations]
@@ -298,7 +300,7 @@ def with_slopes(mesh: str) -> dict[str, Any]:
     return best
 
 
-CHILDREN = {f.__name__: f for f in (one_path, cold, from_pilots, with_slopes)}
+CHILDREN = {f.__name__: f for f in (one_path, cold, from_warm_starts, with_slopes)}
 
 
 def in_own_process(
@@ -386,7 +388,7 @@ def many(name: str, mesh: str, n_sets: int) -> None:
     sample = np.unique(np.linspace(0, n_sets - 1, N_COLD).astype(int)).tolist()
     alone = [in_own_process(cold, mesh, n_sets, k) for k in sample]
     cold_s = float(np.mean([a["seconds"] for a in alone]))
-    found = in_own_process(from_pilots, mesh, n_sets, N_LATE)
+    found = in_own_process(from_warm_starts, mesh, n_sets, N_LATE)
     groups = found["groups"]
     each = {group: sum(g["spent"].values()) / g["n"] for group, g in groups.items()}
     *first, late = groups
@@ -397,10 +399,10 @@ def many(name: str, mesh: str, n_sets: int) -> None:
     write("cold, each a process", len(sample), f"{cold_s:.2f}", "–", "–", "–", "–")
     for group, g in groups.items():
         counts = (f"{g['iterations']:.0f}", f"{g['factors']:.1f}", g["cuts"], g["ok"])
-        write(f"from {group} pilots", g["n"], f"{each[group]:.2f}", *counts)
+        write(f"from {group} warm starts", g["n"], f"{each[group]:.2f}", *counts)
     ratio = n_sets * cold_s / sweep_s
     sys.stdout.write(
-        f"{n_sets} sets: cold {n_sets * cold_s:.0f} s, with pilots {sweep_s:.0f} s of one core, "
+        f"{n_sets} sets: cold {n_sets * cold_s:.0f} s, with warm starts {sweep_s:.0f} s of one core, "
         f"{ratio:.1f} times (wanted {WANTED_MANY:.0f}); imports and the mesh {found['ready_s']:.1f} s; "
         f"peak {found['peak_MB']:.0f} MB\n"
     )
@@ -409,7 +411,7 @@ def many(name: str, mesh: str, n_sets: int) -> None:
 
 def profile(groups: dict[str, dict[str, Any]]) -> None:
     """Print where the time of a set goes."""
-    heading("ms of a set", *(f"from {group} pilots" for group in groups))
+    heading("ms of a set", *(f"from {group} warm starts" for group in groups))
     *_, late = groups.values()
     for part in sorted(late["spent"], key=lambda part: -late["spent"][part]):
         write(part, *(f"{1e3 * g['spent'].get(part, 0.0) / g['n']:.0f}" for g in groups.values()))
@@ -450,7 +452,9 @@ def main() -> None:
     parser.add_argument("--mesh", action="append", default=[], metavar="FILE")
     given = parser.parse_args()
     if given.many and given.many < LEAST_SETS:
-        parser.error(f"--many {given.many}: give at least {LEAST_SETS} sets; the first 108 are the pilots")
+        parser.error(
+            f"--many {given.many}: give at least {LEAST_SETS} sets; the first 108 are the warm starts"
+        )
     everything = not (given.sizes or given.many or given.slopes)
     forearms = {f"forearm, {Path(mesh).stem}": mesh for mesh in given.mesh}
     forearms = forearms or {f"forearm, {study}": forearm(study) for study in FOREARMS}

@@ -271,7 +271,7 @@ class Design:
     n_kept : int
         Number of first sets that come from an earlier design with wider ranges.
     earlier_first : (n, n_parameters) array, optional
-        First sets of that earlier design: its kept sets were simulated with these as pilots.
+        First sets of that earlier design: its kept sets were simulated with these as warm starts.
     """
 
     parameters: tuple[Parameter, ...]
@@ -299,7 +299,7 @@ class Design:
 
     @property
     def first_values(self) -> FloatArray:
-        """Sets (n, n_parameters) as first drawn, of which the pilots are the first."""
+        """Sets (n, n_parameters) as first drawn, of which the warm starts are the first."""
         return self.values if self.earlier_first is None else self.earlier_first
 
 
@@ -348,9 +348,9 @@ class Job:
         What to observe of the equilibrium states, where the solver has them; by itself force and torque.
     surface : bool
         Whether the states of the skin are wanted too; only for a solver that provides ``surface``.
-    pilots : mapping of region to (n_pilots, n_parameters) array, optional
+    warm_starts : mapping of region to (n_warm_starts, n_parameters) array, optional
         Sets that the solver may start this one from, with values as in ``thetas``.
-    is_pilot : bool
+    is_warm_start : bool
         Whether other jobs start from this one; decides nothing of its result.
     """
 
@@ -363,8 +363,8 @@ class Job:
     fine: bool = False
     channels: tuple[Channel, ...] = PRESS_AND_TWIST
     surface: bool = False
-    pilots: Mapping[str, FloatArray] | None = None
-    is_pilot: bool = False
+    warm_starts: Mapping[str, FloatArray] | None = None
+    is_warm_start: bool = False
 
     @property
     def limb_name(self) -> str:

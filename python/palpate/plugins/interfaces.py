@@ -125,11 +125,11 @@ class Solver(Component[SettingsT]):
         """Names of the material's parameters that cannot change an answer; a study has to fix them."""
         return ()
 
-    def n_pilots(self, number: int) -> int:
+    def n_warm_starts(self, number: int) -> int:
         """How many of the first sets of a design the set of this number, from 0, may start from.
 
-        They become its ``Job.pilots`` and are simulated before it. It never falls as the number grows, and
-        is at most the number.
+        They become its ``Job.warm_starts`` and are simulated before it. It never falls as the number grows,
+        and is at most the number.
         """
         return 0
 

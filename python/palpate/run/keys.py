@@ -32,7 +32,7 @@ def job_key(job: Job, limb: Limb | None, solver: Solver, trusted: Mapping[str, s
     """Hash of everything that decides the result of a job.
 
     That is the mesh, the spot, each region's material with its code, settings and values, the
-    protocol, the solver with its version, code and settings, the pilots, whether slopes or the skin are
+    protocol, the solver with its version, code and settings, the warm starts, whether slopes or the skin are
     wanted, and which channels beyond force and torque. The ``set_id`` is a name and decides nothing.
     ``trusted`` has fingerprints of earlier code whose results count as those of the code as it is, by
     ``material:NAME`` or ``solver:NAME``.
@@ -84,7 +84,7 @@ class JobKeys:
         # The object itself is kept next to the answer, so that no other object gets its id.
         self._heads: dict[tuple[str, int], tuple[Protocol, hashlib._Hash]] = {}
         self._regions: dict[tuple[str, int], tuple[Material, bytes]] = {}
-        self._pilots: dict[int, tuple[object, bytes]] = {}
+        self._warm_starts: dict[int, tuple[object, bytes]] = {}
 
     def key(self, job: Job) -> str:
         """Key of a job on its limb."""
@@ -100,16 +100,16 @@ class JobKeys:
             _add(digest, "channels", [_observation(channel) for channel in job.channels])
         if job.surface:
             _add(digest, "surface")
-        if job.pilots:
-            digest.update(self._pilots_of(job.pilots))
+        if job.warm_starts:
+            digest.update(self._warm_starts_of(job.warm_starts))
         return digest.hexdigest()
 
-    def _pilots_of(self, pilots: Mapping[str, FloatArray]) -> bytes:
-        found = self._pilots.get(id(pilots))
+    def _warm_starts_of(self, warm_starts: Mapping[str, FloatArray]) -> bytes:
+        found = self._warm_starts.get(id(warm_starts))
         if found is None:
             digest = hashlib.sha256()
-            _add(digest, "pilots", pilots)
-            found = self._pilots[id(pilots)] = (pilots, digest.digest())
+            _add(digest, "warm_starts", warm_starts)
+            found = self._warm_starts[id(warm_starts)] = (warm_starts, digest.digest())
         return found[1]
 
     def _head(self, protocol: Protocol, limb: str) -> "hashlib._Hash":

@@ -12,7 +12,7 @@ from palpate.sampling.drawing import draw_design, kept_sets
 from palpate.study.reading import Study
 
 MOST_FIRST = 1024
-"""First sets of an earlier design that are remembered: more than any solver has pilots."""
+"""First sets of an earlier design that are remembered: more than any solver has warm starts."""
 
 
 def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:

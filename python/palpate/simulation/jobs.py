@@ -31,11 +31,11 @@ def jobs(study: Study, design: Design, measured: Mapping[str, Response]) -> list
     """Every job of the sweep: spots in the study's order, and the same sets at each.
 
     Without a protocol a job is homogeneous tests along the measured abscissae. Where the solver uses
-    pilots, they are the first sets of the design: the same however a sweep is stopped, resumed, extended or
-    spread.
+    warm starts, they are the first sets of the design: the same however a sweep is stopped, resumed, extended
+    or spread.
     """
     thetas = [study.space.thetas(row) for row in design.values]
-    is_pilot, pilots = _pilots(study, design)
+    is_warm_start, warm_starts = _warm_starts(study, design)
     firsts = [_job(study, spot.spot.name, 0, thetas[0], measured) for spot in study.spots] if thetas else []
     return [
         Job(
@@ -45,32 +45,32 @@ def jobs(study: Study, design: Design, measured: Mapping[str, Response]) -> list
             thetas=thetas[set_id],
             protocol=first.protocol,
             channels=first.channels,
-            pilots=pilots[set_id],
-            is_pilot=is_pilot[set_id],
+            warm_starts=warm_starts[set_id],
+            is_warm_start=is_warm_start[set_id],
         )
         for first in firsts
         for set_id in range(design.n_sets)
     ]
 
 
-def _pilots(study: Study, design: Design) -> tuple[list[bool], list[Mapping[str, FloatArray] | None]]:
-    """Whether each set is a pilot of others, and the values of its own pilots."""
-    with answering_for(study.solver, "asking for its pilots"):
-        if not study.solver.n_pilots(sys.maxsize):
+def _warm_starts(study: Study, design: Design) -> tuple[list[bool], list[Mapping[str, FloatArray] | None]]:
+    """Whether each set is a warm start of others, and the values of its own warm starts."""
+    with answering_for(study.solver, "asking for its warm starts"):
+        if not study.solver.n_warm_starts(sys.maxsize):
             return [False] * design.n_sets, [None] * design.n_sets
     first = design.first_values
     numbers = {row.tobytes(): number for number, row in reversed([*enumerate(first)])}
     number = [numbers.get(row.tobytes(), len(first)) for row in design.values]
-    with answering_for(study.solver, "asking for its pilots"):
-        counts = list(map(study.solver.n_pilots, number))
-    n_pilots = max(counts, default=0)
-    thetas = [study.space.thetas(row) for row in first[:n_pilots]]
+    with answering_for(study.solver, "asking for its warm starts"):
+        counts = list(map(study.solver.n_warm_starts, number))
+    n_warm_starts = max(counts, default=0)
+    thetas = [study.space.thetas(row) for row in first[:n_warm_starts]]
     regions = thetas[0] if thetas else ()
     stacked = {region: np.array([each[region] for each in thetas]) for region in regions}
-    pilots: dict[int, Mapping[str, FloatArray] | None] = {0: None}
+    warm_starts: dict[int, Mapping[str, FloatArray] | None] = {0: None}
     for n in {*counts} - {0}:
-        pilots[n] = {region: values[:n] for region, values in stacked.items()}
-    return [k < n_pilots for k in number], [pilots[n] for n in counts]
+        warm_starts[n] = {region: values[:n] for region, values in stacked.items()}
+    return [k < n_warm_starts for k in number], [warm_starts[n] for n in counts]
 
 
 def job_for(study: Study, spot: str, set_id: int, row: FloatArray, measured: Mapping[str, Response]) -> Job:

@@ -151,7 +151,7 @@ class Simulations:
     def _simulated(self, by_key: Mapping[str, Job]) -> _Found:
         if not by_key or not self.progress.should_continue():
             return
-        for batch in _pilots_first(by_key):
+        for batch in _warm_starts_first(by_key):
             keys, jobs = list(batch), list(batch.values())
             for index, simulation in results(self.study, self._executor, jobs, self.limbs, self.progress):
                 self._writer.store(keys[index], simulation)
@@ -191,13 +191,13 @@ class Simulations:
             )
 
 
-def _pilots_first(by_key: Mapping[str, Job]) -> Iterator[dict[str, Job]]:
+def _warm_starts_first(by_key: Mapping[str, Job]) -> Iterator[dict[str, Job]]:
     """Batches, those first that others start from: so no worker has to repeat them."""
     batches: dict[int, dict[str, Job]] = {}
     for key, job in by_key.items():
-        n_pilots = len(next(iter(job.pilots.values()))) if job.pilots else 0
-        batches.setdefault(n_pilots, {})[key] = job
-    return (batches[n_pilots] for n_pilots in sorted(batches))
+        n_warm_starts = len(next(iter(job.warm_starts.values()))) if job.warm_starts else 0
+        batches.setdefault(n_warm_starts, {})[key] = job
+    return (batches[n_warm_starts] for n_warm_starts in sorted(batches))
 
 
 def of_job(simulation: Simulation, job: Job) -> Simulation:

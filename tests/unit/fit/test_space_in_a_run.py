@@ -214,7 +214,7 @@ def asked(monkeypatch):
         return replace(found, response=Response(curves={"force": force, "torque": torque}))
 
     monkeypatch.setattr(Layers, "simulate", recorded)
-    monkeypatch.setattr(Layers, "n_pilots", lambda self, number: 2 * (number >= 2))
+    monkeypatch.setattr(Layers, "n_warm_starts", lambda self, number: 2 * (number >= 2))
     return jobs
 
 
@@ -239,7 +239,7 @@ def test_contours_simulate_nothing_and_know_the_sets_of_the_sweep(run, asked, mo
     real = assessment.planes_of_fits
     monkeypatch.setattr(assessment, "planes_of_fits", planes_of_fits)
     result = run(TRUTH, space(), SEARCHED, n_sets=7, scenarios=ONE)
-    assert sum(bool(job.pilots) for job in asked) == 2 * 5
+    assert sum(bool(job.warm_starts) for job in asked) == 2 * 5
     ((planes, runs, design, simulated),) = made
     assert not planes.is_empty()
     np.testing.assert_array_equal(runs.values[:, :2], design.values)

@@ -157,7 +157,7 @@ class ManySettings(Settings):
 
 
 def test_what_is_asked_of_a_solver_beyond_its_curves_is_in_the_key(tissue, key):
-    asked = ({}, {"slopes": True}, {"surface": True}, {"pilots": {"m": np.ones((1, 1))}})
+    asked = ({}, {"slopes": True}, {"surface": True}, {"warm_starts": {"m": np.ones((1, 1))}})
     assert len({key(tissue.Spongy(), **each) for each in asked}) == len(asked)
 
 

@@ -241,17 +241,17 @@ def test_workers_finish_their_jobs_and_start_no_more(make_study, tissue, tmp_pat
     assert all(has_ended(int(line.split()[-1])) for line in log.read_text().splitlines())
 
 
-def has_pilots(tissue, monkeypatch):
+def has_warm_starts(tissue, monkeypatch):
     """A solver whose third set starts from the first two, and all later ones from the first four."""
 
-    def n_pilots(self, number):
+    def n_warm_starts(self, number):
         return max(n for n in (0, 2, 4) if n <= number)
 
-    monkeypatch.setattr(tissue.Analytic, "n_pilots", n_pilots)
+    monkeypatch.setattr(tissue.Analytic, "n_warm_starts", n_warm_starts)
 
 
-def test_pilots_are_simulated_before_what_starts_from_them(sweep, tissue, tmp_path, monkeypatch):
-    has_pilots(tissue, monkeypatch)
+def test_warm_starts_are_simulated_before_what_starts_from_them(sweep, tissue, tmp_path, monkeypatch):
+    has_warm_starts(tissue, monkeypatch)
     log = tmp_path / "log.txt"
     found = sweep(tissue.Analytic(tissue.AnalyticSettings(log=str(log))), n_sets=7, executor=InProcess())
     sets = [int(line.split()[1]) for line in log.read_text().splitlines()]
@@ -259,12 +259,12 @@ def test_pilots_are_simulated_before_what_starts_from_them(sweep, tissue, tmp_pa
     assert groups == [[0, 1], [2, 3], [4, 5, 6]]
     for job in (each.job for each in found):
         n = {0: 0, 1: 0, 2: 2, 3: 2}.get(job.set_id, 4)
-        assert (0 if job.pilots is None else len(job.pilots["soft_tissue"])) == n
-        assert job.is_pilot == (job.set_id < 4)
+        assert (0 if job.warm_starts is None else len(job.warm_starts["soft_tissue"])) == n
+        assert job.is_warm_start == (job.set_id < 4)
 
 
-def test_an_extended_sweep_has_the_same_pilots(sweep, tissue, tmp_path, monkeypatch):
-    has_pilots(tissue, monkeypatch)
+def test_an_extended_sweep_has_the_same_warm_starts(sweep, tissue, tmp_path, monkeypatch):
+    has_warm_starts(tissue, monkeypatch)
     log = tmp_path / "log.txt"
     solver = tissue.Analytic(tissue.AnalyticSettings(log=str(log)))
     for n_total in (3, 5, 9, 4):
@@ -272,15 +272,18 @@ def test_an_extended_sweep_has_the_same_pilots(sweep, tissue, tmp_path, monkeypa
     assert len(log.read_text().splitlines()) == 9
 
 
-def test_pilots_are_in_the_key_of_what_starts_from_them(make_study, tissue, monkeypatch):
-    has_pilots(tissue, monkeypatch)
+def test_warm_starts_are_in_the_key_of_what_starts_from_them(make_study, tissue, monkeypatch):
+    has_warm_starts(tissue, monkeypatch)
     study = make_study(solver=tissue.Analytic())
     *_, job = jobs_for(study, 5)
-    (region,) = job.pilots
-    others = {region: job.pilots[region] * 1.01}
-    fewer = {region: job.pilots[region][:2]}
-    changed = [replace(job, pilots=pilots) for pilots in (others, fewer, None)]
+    (region,) = job.warm_starts
+    others = {region: job.warm_starts[region] * 1.01}
+    fewer = {region: job.warm_starts[region][:2]}
+    changed = [replace(job, warm_starts=warm_starts) for warm_starts in (others, fewer, None)]
     keys = simulation.keys(study, [job, *changed], {})
     assert len(set(keys)) == 4
-    copied, no_pilot = replace(job, pilots={region: job.pilots[region].copy()}), replace(job, is_pilot=True)
-    assert simulation.keys(study, [copied, no_pilot], {}) == [keys[0]] * 2
+    copied, no_warm_start = (
+        replace(job, warm_starts={region: job.warm_starts[region].copy()}),
+        replace(job, is_warm_start=True),
+    )
+    assert simulation.keys(study, [copied, no_warm_start], {}) == [keys[0]] * 2

@@ -1,7 +1,7 @@
-"""Initial guesses of a set's displacements from those of its pilots: the sets that it may start from.
+"""Initial guesses of a set's displacements from those of its warm starts: the sets that it may start from.
 
 With prescribed motion the displacements of all sets are similar: they do not change when all moduli
-are scaled, and depend smoothly on the other parameters. So they are interpolated between the pilots at
+are scaled, and depend smoothly on the other parameters. So they are interpolated between the warm starts at
 every load step, and corrected by what the interpolation missed at the step before.
 """
 
@@ -27,8 +27,8 @@ MOST_OF_FREE = 0.2
 """The same as a share of what is free on the disk."""
 
 
-class PilotStates:
-    """Displacements of pilots by key: on disk, or in memory where that is impossible.
+class WarmStartStates:
+    """Displacements of warm starts by key: on disk, or in memory where that is impossible.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class PilotStates:
     """
 
     def __init__(self, folder: Path | None = None) -> None:
-        self._folder = folder or platformdirs.user_cache_path("palpate") / "pilots"
+        self._folder = folder or platformdirs.user_cache_path("palpate") / "warm_starts"
         self._in_memory: dict[str, NDArray[np.float32]] = {}
 
     def load(self, key: str) -> NDArray[np.float32] | None:
@@ -83,25 +83,25 @@ class PilotStates:
 
 
 MOST_SETS = 24
-"""Pilots that a guess is interpolated from: the nearest."""
+"""Warm starts that a guess is interpolated from: the nearest."""
 
 SAME = 1e-12
 """Relative difference of parameters that counts as none."""
 
 RIDGE = 1e-7
-"""Ridge of the correction, relative to the mean square of the pilots' displacements."""
+"""Ridge of the correction, relative to the mean square of the warm starts' displacements."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InitialGuess:
-    """Displacements interpolated between pilots, at rest and at the load steps of a path.
+    """Displacements interpolated between warm starts, at rest and at the load steps of a path.
 
     Parameters
     ----------
     coefficients : (m,) array
         Their sum is one.
     stacks : m arrays (n_load_steps + 1, n_nodes, 3)
-        Displacements [mm] of the pilots.
+        Displacements [mm] of the warm starts.
     """
 
     coefficients: FloatArray
@@ -134,7 +134,7 @@ class InitialGuess:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pilot:
+class WarmStart:
     """A set that reached every load step.
 
     Parameters
@@ -151,16 +151,18 @@ class Pilot:
     stack: NDArray[np.float32]
 
 
-class Pilots:
-    """Pilots of one limb, path and choice of materials."""
+class WarmStarts:
+    """Warm starts of one limb, path and choice of materials."""
 
-    def __init__(self, materials: Mapping[str, Material], pilots: Sequence[Pilot]) -> None:
+    def __init__(self, materials: Mapping[str, Material], warm_starts: Sequence[WarmStart]) -> None:
         parameters = [(region, p) for region, m in materials.items() for p in m.parameters]
         self._regions = tuple(materials)
         self._moduli = np.array([p.kind == "modulus" for _, p in parameters])
         self._logarithmic = self._moduli & np.array([p.lower * p.upper > 0.0 for _, p in parameters])
-        self._stacks = [pilot.stack for pilot in pilots]
-        self._features = np.array([self._of(pilot.thetas, pilot.modulus_MPa) for pilot in pilots])
+        self._stacks = [warm_start.stack for warm_start in warm_starts]
+        self._features = np.array(
+            [self._of(warm_start.thetas, warm_start.modulus_MPa) for warm_start in warm_starts]
+        )
 
     def __len__(self) -> int:
         return len(self._stacks)
@@ -175,7 +177,7 @@ class Pilots:
         return features
 
     def initial_guess(self, thetas: Mapping[str, FloatArray], modulus_MPa: float) -> InitialGuess | None:
-        """Interpolated displacements; None without pilots."""
+        """Interpolated displacements; None without warm starts."""
         if not self._stacks:
             return None
         spread = self._features.std(axis=0)

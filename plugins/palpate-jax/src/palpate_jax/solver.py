@@ -34,7 +34,7 @@ from palpate.api.mesh import SpotWrench, indentation_of
 from palpate.api.runs import job_key
 from palpate_jax.contact import ContactLaw
 from palpate_jax.footprint import check_footprint, check_touch
-from palpate_jax.initial_guess import InitialGuess, Pilot, Pilots, PilotStates
+from palpate_jax.initial_guess import InitialGuess, WarmStart, WarmStarts, WarmStartStates
 from palpate_jax.load_stepping import LoadStep, LoadStepping, Stop, explained
 from palpate_jax.model import Model
 from palpate_jax.schedule import REST, Schedule, schedule
@@ -81,10 +81,11 @@ class JaxSettings(Settings):
         "incompressible tissue from locking: in all regions, in none, or in the named ones; without it, "
         "for comparison with other programs, tet4 overstates force by half and more",
     )
-    pilots: bool = Field(
+    warm_starts: bool = Field(
         True,
-        description="start the sets of a sweep from an interpolation between its first sets, the pilots, "
-        "whose displacements are kept in the user's cache folder; without it, every set is solved alone",
+        description="start the sets of a sweep from an interpolation between its first sets, the warm "
+        "starts, whose displacements are kept in the user's cache folder; without it, every set is solved "
+        "alone",
     )
     fields: Literal["none", "end", "all"] = Field(
         "none",
@@ -101,12 +102,12 @@ class JaxSettings(Settings):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Prepared:
-    """Model of a limb, and pilots by their values and protocol."""
+    """Model of a limb, and warm starts by their values and protocol."""
 
     limb: Limb
     materials: Mapping[str, Material]
     model: Model
-    pilots: dict[tuple[object, ...], Pilots] = field(default_factory=dict)
+    warm_starts: dict[tuple[object, ...], WarmStarts] = field(default_factory=dict)
 
 
 class JaxSolver(Solver[JaxSettings]):
@@ -128,15 +129,15 @@ class JaxSolver(Solver[JaxSettings]):
         super().__init__(settings)
         self._materials: dict[tuple[type[Material], str], Material] = {}
         self._recent: list[_Prepared] = []
-        self._states = PilotStates()
+        self._states = WarmStartStates()
 
     def __reduce__(self) -> tuple[type["JaxSolver"], tuple[JaxSettings]]:
         """Class and settings: what it keeps of limbs and states stays in this process."""
         return type(self), (self.settings,)
 
-    def n_pilots(self, number: int) -> int:
-        """Pilots of a set: those of the largest group that ends before it."""
-        return max(n for n in (0, *GROUPS) if n <= number) if self.settings.pilots else 0
+    def n_warm_starts(self, number: int) -> int:
+        """Warm starts of a set: those of the largest group that ends before it."""
+        return max(n for n in (0, *GROUPS) if n <= number) if self.settings.warm_starts else 0
 
     def check(self, job: Job, limb: Limb | None) -> None:
         """Refuse what cannot be simulated, before the first step.
@@ -168,24 +169,24 @@ class JaxSolver(Solver[JaxSettings]):
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Simulate the protocol's path; if it cannot be finished, ``diverged`` with partial curves.
 
-        With pilots every state starts from a guess, which changes no result by more than the tolerance,
-        as long as ``n_cuts`` is 0 without pilots too. Where a guess avoids halving a step, friction
+        With warm starts every state starts from a guess, which changes no result by more than the tolerance,
+        as long as ``n_cuts`` is 0 without warm starts too. Where a guess avoids halving a step, friction
         follows the longer step.
         """
         protocol, own = indentation_of(job, limb, self.name)
         prepared = self._prepared(own, job.materials)
         started = time.perf_counter()
-        pilots = self._pilots(prepared, protocol, job, limb) if job.pilots else None
+        warm_starts = self._warm_starts(prepared, protocol, job, limb) if job.warm_starts else None
         try:
             modulus = self._modulus(prepared, job.thetas)
         except MaterialError as error:
             return Simulation(job=job, status=Status.DIVERGED, response=None, message=str(error))
-        initial_guess = None if pilots is None else pilots.initial_guess(job.thetas, modulus)
+        initial_guess = None if warm_starts is None else warm_starts.initial_guess(job.thetas, modulus)
         stepping, reached, stop = self._walk(prepared, protocol, job, modulus, initial_guess)
         # A negative set_id is that of a set outside the design, which has no folder.
         if self.settings.fields != "none" and reached and job.set_id >= 0:
             self._write_fields(prepared, job, reached)
-        if job.is_pilot:
+        if job.is_warm_start:
             self._states.store(
                 self._states_key(job, limb), [prepared.model.rest(), *(s.displacements for s in reached)]
             )
@@ -198,48 +199,50 @@ class JaxSolver(Solver[JaxSettings]):
             diagnostics=_diagnostics(reached, stepping)
             # What a prediction or a card compares, where the skin is wanted too.
             | ({"strain": strain_ranges(own, prepared.model, reached)} if job.surface else {})
-            | ({} if pilots is None else {"n_pilots": len(pilots)}),
+            | ({} if warm_starts is None else {"n_warm_starts": len(warm_starts)}),
             surface=surface_states(own, prepared.model, reached) if job.surface else None,
         )
 
-    def _pilots(self, prepared: _Prepared, protocol: Indentation, job: Job, limb: Limb | None) -> Pilots:
-        """Those of a job's pilots that reached the end of the path."""
-        assert job.pilots is not None
-        values = {region: job.pilots[region] for region in prepared.materials}
+    def _warm_starts(
+        self, prepared: _Prepared, protocol: Indentation, job: Job, limb: Limb | None
+    ) -> WarmStarts:
+        """Those of a job's warm starts that reached the end of the path."""
+        assert job.warm_starts is not None
+        values = {region: job.warm_starts[region] for region in prepared.materials}
         motion = (protocol.path, protocol.lateral, protocol.loads, protocol.time_s)
         arrays = [b"" if each is None else each.tobytes() for each in (*motion, *values.values())]
         key = (protocol.indenter, protocol.friction, *arrays)
-        if key not in prepared.pilots:
+        if key not in prepared.warm_starts:
             n_steps = len(self._schedule(protocol).targets)
             n = len(next(iter(values.values())))
-            found: dict[int, Pilot] = {}
+            found: dict[int, WarmStart] = {}
             # Each worker begins with another one, so that they share what none of them has.
             for i in np.roll(np.arange(n), os.getpid() % n):
                 thetas = {region: each[i] for region, each in values.items()}
-                stack = self._states_of(self._pilot(job, values, int(i)), limb)
+                stack = self._states_of(self._warm_start(job, values, int(i)), limb)
                 if stack is not None and len(stack) == 1 + n_steps:
-                    found[int(i)] = Pilot(thetas, self._modulus(prepared, thetas), stack)
-            prepared.pilots[key] = Pilots(prepared.materials, [found[i] for i in sorted(found)])
-        return prepared.pilots[key]
+                    found[int(i)] = WarmStart(thetas, self._modulus(prepared, thetas), stack)
+            prepared.warm_starts[key] = WarmStarts(prepared.materials, [found[i] for i in sorted(found)])
+        return prepared.warm_starts[key]
 
-    def _pilot(self, job: Job, values: Mapping[str, FloatArray], i: int) -> Job:
-        """The job of a pilot, with the pilots that it has itself."""
-        n = self.n_pilots(i)
+    def _warm_start(self, job: Job, values: Mapping[str, FloatArray], i: int) -> Job:
+        """The job of a warm start, with the warm starts that it has itself."""
+        n = self.n_warm_starts(i)
         return replace(
             job,
             set_id=-1,
             thetas={region: each[i] for region, each in values.items()},
-            pilots={region: each[:n] for region, each in values.items()} if n else None,
+            warm_starts={region: each[:n] for region, each in values.items()} if n else None,
             slopes=False,
             surface=False,
-            is_pilot=True,
+            is_warm_start=True,
         )
 
-    def _states_of(self, pilot: Job, limb: Limb | None) -> NDArray[np.float32] | None:
-        """Displacements of a pilot, simulated here if nobody has kept them."""
-        key = self._states_key(pilot, limb)
+    def _states_of(self, warm_start: Job, limb: Limb | None) -> NDArray[np.float32] | None:
+        """Displacements of a warm start, simulated here if nobody has kept them."""
+        key = self._states_key(warm_start, limb)
         if (stack := self._states.load(key)) is None:
-            self.simulate(pilot, limb)
+            self.simulate(warm_start, limb)
             stack = self._states.load(key)
         return stack
 
