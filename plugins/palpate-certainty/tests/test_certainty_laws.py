@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from scipy.linalg import null_space
 from scipy.stats import binom, chi2
 
 from palpate_certainty.adequacy import checks, misfits
@@ -200,7 +201,7 @@ def test_causes_that_are_larger_than_stated_are_seen_and_none_is_taken_smaller(t
     known = 0.05 * np.stack([rows.path ** (k + 0.5) * (rows.channel == k % 2) for k in range(6)], axis=1)
     for _ in range(200):
         residuals = fitted(drawn(rng, rest) + times * known @ rng.normal(size=6), jacobian)
-        found.append(excess(residuals, jacobian, known, rest))
+        found.append(excess(residuals, null_space(jacobian.T), known, rest))
     assert min(found) == 1.0
     assert np.mean(np.square(found)) == pytest.approx(times**2, rel=0.3)
 
@@ -221,7 +222,8 @@ def test_noise_and_discrepancy_are_found_in_residuals(noise, discrepancy):
     rng, found = np.random.default_rng(3), []
     for _ in range(10):
         residuals = fitted(drawn(rng, errors_of(rows, noise, discrepancy)), jacobian)
-        found.append(estimate(residuals, jacobian, np.zeros((len(residuals), 1)), rows, expected=0.005))
+        known, free = np.zeros((len(residuals), 1)), null_space(jacobian.T)
+        found.append(estimate(residuals, free, known, rows, expected=0.005))
     for channel in (0, 1):
         assert np.median([each.noise[channel] for each in found]) == pytest.approx(noise, rel=0.2)
         size = np.median([each.discrepancy[channel] for each in found])
@@ -232,13 +234,13 @@ def missed(residuals, rows, jacobian, found, known=None):
     """Largest differences of residuals that were not averaged."""
     known = np.zeros((len(residuals), 1)) if known is None else known
     covariance = sum(found.covariances(rows)) + known @ known.T
-    return misfits(residuals, jacobian, covariance, known, rows, np.eye(len(residuals)))
+    return misfits(residuals, null_space(jacobian.T), covariance, known, rows, np.eye(len(residuals)))
 
 
 def check(errors, rows, jacobian):
     residuals = fitted(errors, jacobian)
     known = np.zeros((len(residuals), 1))
-    found = estimate(residuals, jacobian, known, rows, expected=0.005)
+    found = estimate(residuals, null_space(jacobian.T), known, rows, expected=0.005)
     covariance = sum(found.covariances(rows))
     return {
         each.name
@@ -274,7 +276,8 @@ def test_the_larger_of_two_misfits_is_the_one_that_is_refused(shape):
     seen = []
     for size in (0.005, 0.02, 0.05, 0.1, 0.2, 0.4):
         residuals = fitted(noise + size * left, jacobian)
-        found = estimate(residuals, jacobian, np.zeros((len(residuals), 1)), rows, expected=0.005)
+        known, free = np.zeros((len(residuals), 1)), null_space(jacobian.T)
+        found = estimate(residuals, free, known, rows, expected=0.005)
         for channel, misfit in missed(residuals, rows, jacobian, found).items():
             inside = rows.channel == channel
             assert misfit.share == np.abs(residuals[inside]).max() == abs(residuals[misfit.row])
@@ -293,7 +296,7 @@ def test_what_the_budget_explains_is_no_misfit_of_the_model():
     known = 0.1 * (rows.path**0.5 * (rows.channel == 0))[:, None]
     residuals = fitted(drawn(rng, errors_of(rows, 1e-3, 0.0)) + known[:, 0], jacobian)
     with_cause, without = (
-        estimate(residuals, jacobian, k, rows, expected=0.005) for k in (known, 0.0 * known)
+        estimate(residuals, null_space(jacobian.T), k, rows, expected=0.005) for k in (known, 0.0 * known)
     )
     assert missed(residuals, rows, jacobian, with_cause, known)[0].unexplained < 0.01
     assert missed(residuals, rows, jacobian, without)[0].unexplained > 0.01

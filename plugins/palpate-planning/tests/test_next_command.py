@@ -8,10 +8,11 @@ import palpate_materials
 from palpate.domain import Job
 from palpate.errors import StudyError
 from palpate.run.directory import RunDirectory
+from palpate.study.reading import read_options
 from palpate.testing import bench
 from palpate.testing.studies import StudyRunner
 from palpate_planning import commands
-from palpate_planning.candidates import candidates, read_allowed
+from palpate_planning.candidates import Allowed, candidates
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
@@ -101,7 +102,7 @@ def _never_widens(found):
 
 def _measure(study, plugins, folder, name):
     """Write what a proposed press measures where the parameters are known."""
-    presses = candidates(study, plugins, read_allowed(folder / "allowed.toml"))
+    presses = candidates(study, plugins, read_options(folder / "allowed.toml", Allowed, {}))
     (protocol,) = (press.protocol for press in presses if press.name == name)
     materials = {region.region: region.material for region in study.space.regions}
     thetas = study.space.thetas(np.array([study.truth[p.name] for p in study.space.parameters]))

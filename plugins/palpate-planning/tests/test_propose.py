@@ -12,7 +12,7 @@ from palpate.domain import Channel, Indentation, Job, Response, Status, SurfaceS
 from palpate.errors import StudyError
 from palpate.mesh.specimens.blocks import block
 from palpate.stages import pipeline
-from palpate.study.reading import read_study
+from palpate.study.reading import read_options, read_study
 from palpate.study.tool import read_tool
 from palpate_certainty.laplace import RANGE_SD
 from palpate_planning import propose as planning
@@ -23,14 +23,13 @@ from palpate_planning.candidates import (
     candidates,
     described,
     limits_of,
-    read_allowed,
     usual,
     with_presses,
 )
 from palpate_planning.figure import draw
 from palpate_planning.narrowing import tool_forces
 from palpate_planning.presses import simulated_presses, with_pressures
-from palpate_planning.propose import PlanOptions, before_any_press, choose_presses, plan, propose
+from palpate_planning.propose import PlanOptions, before_any_press, choose_presses, propose
 from palpate_planning.tables import ProposalOutput, for_robot, proposal_tables
 
 ALLOWED = Allowed(protocol={"depth": ["1 mm", "2 mm", "4 mm"], "twist": [[], ["20 deg", "0 deg"]]})
@@ -358,14 +357,14 @@ def test_what_is_not_allowed_is_named(run, changes, message):
 
 def test_file_of_candidates_names_its_mistake(tmp_path):
     file = tmp_path / "allowed.toml"
-    with pytest.raises(StudyError, match="cannot be read"):
-        read_allowed(file)
+    with pytest.raises(StudyError, match="no such file of options"):
+        read_options(file, Allowed, {})
     file.write_text("spot = ['p1']")
-    with pytest.raises(StudyError, match=r"allowed\.toml: spot: .*has spots, protocol, limits"):
-        read_allowed(file)
+    with pytest.raises(StudyError, match=r"allowed\.toml:1: spot: unknown key.*spots, protocol, limits"):
+        read_options(file, Allowed, {})
     file.write_text("spots = ['p1'\n")
     with pytest.raises(StudyError, match="invalid TOML"):
-        read_allowed(file)
+        read_options(file, Allowed, {})
 
 
 def test_usual_candidates_are_shares_of_each_spots_press(run):
@@ -393,15 +392,9 @@ def test_mistake_in_a_file_names_the_file_once(run, tmp_path):
     file = tmp_path / "allowed.toml"
     file.write_text('[protocol]\ndepht = ["1 mm", "2 mm"]\n')
     with pytest.raises(StudyError, match=r"allowed\.toml: protocol\.depht") as raised:
-        _proposed(run, read_allowed(file))
+        _proposed(run, read_options(file, Allowed, {}))
     assert str(raised.value).count("\n") == 0
     assert "/study.toml" not in str(raised.value)
-
-
-def test_plan_leaves_a_fitted_run_alone(run):
-    study, folder, plugins = run
-    with pytest.raises(StudyError, match="has a fit"):
-        plan(study, folder, plugins, options=PlanOptions(allowed=ALLOWED))
 
 
 def test_study_keeps_what_was_written_by_hand(run):
@@ -423,7 +416,7 @@ def test_study_keeps_what_was_written_by_hand(run):
 def test_first_presses_are_planned_over_the_ranges(run, tmp_path):
     study, _, plugins = run
     unmeasured = read_study(study.file, plugins, need_measured=False)
-    found = plan(
+    found = propose(
         unmeasured,
         tmp_path / "plan",
         plugins,

@@ -33,7 +33,14 @@ from palpate.stages.stage import Run, Stage, Summary
 from palpate.study.reading import Study
 
 
-class OfEveryRun(Stage):
+class CoreStage(Stage):
+    """A stage of palpate itself."""
+
+    code_decides = False
+    is_on_page = True
+
+
+class OfEveryRun(CoreStage):
     """A stage without which there is no run."""
 
     may_fail = False
@@ -264,7 +271,7 @@ class SearchForBest(OfEveryRun):
         return fit_files(cases_of(inputs, on_progress=on_progress), inputs)
 
 
-class Surface(Stage):
+class Surface(CoreStage):
     """The skin under the fitted press."""
 
     name, summary = "surface", "Simulate the skin under the press with what was found."

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 import polars as pl
@@ -23,6 +23,14 @@ from palpate.study.reading import Study, read_study
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+@runtime_checkable
+class CurveDrawer(Protocol):
+    """A stage that draws the curves of a run, for :meth:`SavedRun.plot`."""
+
+    def draw_curves(self, run: Run) -> "Figure":
+        """Figure of the measured curves of each spot with those of the fit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,34 +170,17 @@ class SavedRun:
         return FittedMaterial(region=chosen, values=values, intervals=known)
 
     def plot(self) -> "Figure":
-        """Figure of the measured and the fitted curves: a row for each spot, a column for each channel.
+        """Figure of the measured curves of each spot with those of the fit, as the report draws it.
 
         Raises
         ------
         PluginError
-            matplotlib is not installed.
+            No installed plugin draws it.
         """
-        try:
-            from matplotlib.figure import Figure
-        except ImportError:
-            raise PluginError("matplotlib is not installed: pip install 'palpate[standard]'") from None
-        curves, channels = self.curves, self.curves["channel"].unique(maintain_order=True).to_list()
-        spots = self.run.measured
-        figure = Figure(figsize=(4.0 * len(channels), 3.0 * len(spots)), layout="constrained")
-        for row, spot in enumerate(spots):
-            for column, name in enumerate(channels):
-                axes: Any = figure.add_subplot(len(spots), len(channels), row * len(channels) + column + 1)
-                here = curves.filter(spot=spot, channel=name)
-                for (source, scenario), rows in here.group_by("source", "scenario", maintain_order=True):
-                    style = "k." if source == "measured" else "-"
-                    label = source if source == "measured" else f"fitted, {scenario}"
-                    axes.plot(rows["abscissa"], rows["ordinate"], style, label=label)
-                channel = self.run.channels[name]
-                axes.set_xlabel(channel.abscissa_label)
-                axes.set_ylabel(channel.ordinate_label)
-                axes.set_title(spot)
-        figure.axes[0].legend()
-        return figure
+        for stage in self.run.stages.values():
+            if isinstance(stage, CurveDrawer):
+                return stage.draw_curves(self.run)
+        raise PluginError("no plugin that draws curves is installed: pip install 'palpate[standard]'")
 
 
 def open_run(folder: Path | str, plugins: Plugins | None = None) -> SavedRun:

@@ -87,6 +87,12 @@ class Stage(Component[SettingsT]):
     comes_last: ClassVar[bool] = False
     """True if ``palpate run`` makes it after all others, whose results it may read."""
 
+    code_decides: ClassVar[bool] = True
+    """True if results are stale once its code has changed; a release of palpate keeps those of its own."""
+
+    is_on_page: ClassVar[bool] = False
+    """True if the page has sections on its tables, so that its summary is not another one."""
+
     def is_in_run(self, study: Study) -> bool:
         """True if ``palpate run`` includes the stage though the study has no table ``[stages.NAME]``."""
         return self.of_every_run
@@ -274,7 +280,7 @@ class Run:
             values = stage.decides(self.study)
         found = {what: "" if value is None else fingerprint(value) for what, value in values.items()}
         found |= {f"results of `palpate {need}`": self._fingerprint(need) for need in stage.needs}
-        if not type(stage).__module__.startswith("palpate."):
+        if stage.code_decides:
             found["settings or code of the stage"] = fingerprint(described(stage))
         return found
 

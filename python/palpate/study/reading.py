@@ -264,7 +264,7 @@ def study_plugins(path: Path | str) -> list[Path]:
 def read_options(path: Path | None, model: type[ModelT], given: Mapping[str, Any]) -> ModelT:
     """Options of a command, from a TOML file and from those ``given`` on the command line, which come first.
 
-    Validators find in their context the ``folder`` of the file, and ``given``.
+    Validators find in their context the ``file`` and its ``folder``, and ``given``.
 
     Raises
     ------
@@ -276,7 +276,7 @@ def read_options(path: Path | None, model: type[ModelT], given: Mapping[str, Any
     text, raw = parse_toml(path) if path is not None else ("", {})
     folder = Path() if path is None else path.parent
     problems = Problems(path or folder, KeyLines(text), raw, given)
-    return problems.validated(model, {**raw, **given}, {"folder": folder, "given": given})
+    return problems.validated(model, {**raw, **given}, {"file": path, "folder": folder, "given": given})
 
 
 def _study_file(path: Path | str) -> Path:

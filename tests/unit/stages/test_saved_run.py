@@ -1,6 +1,7 @@
 """A run is read back from its folder as one object."""
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -8,10 +9,11 @@ import pytest
 
 import palpate
 from palpate.domain import RegionMaterial
-from palpate.errors import MaterialError, StudyError
+from palpate.errors import MaterialError, PluginError, StudyError
 from palpate.stages import pipeline
 from palpate.stages.saved_run import FittedMaterial
 from palpate_materials.uncoupled import Yeoh
+from palpate_report.stage import ReportStage
 
 
 @pytest.fixture(scope="module")
@@ -54,8 +56,11 @@ def test_the_material_has_the_values_of_the_headline(saved):
         saved.material(spot="p9")
 
 
-def test_the_figure_has_an_axis_for_each_channel_of_the_spot(saved):
-    figure = saved.plot()
+def test_the_figure_is_that_of_the_report_with_an_axis_for_each_channel_of_the_spot(saved):
+    with pytest.raises(PluginError, match="no plugin that draws curves is installed"):
+        saved.plot()
+    stages = {**saved.run.stages, "report": ReportStage()}
+    figure = replace(saved, run=replace(saved.run, stages=stages)).plot()
     assert len(figure.axes) == 2
     assert all(axes.get_xlabel() and axes.get_ylabel() for axes in figure.axes)
 

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import null_space
 from scipy.stats import chi2, norm
 
 from palpate.api import FloatArray
@@ -66,7 +65,7 @@ class Misfit:
 
 def misfits(
     residuals: FloatArray,
-    jacobian: FloatArray,
+    free: FloatArray,
     covariance: FloatArray,
     known: FloatArray,
     rows: ResidualLayout,
@@ -81,7 +80,8 @@ def misfits(
     Parameters
     ----------
     residuals : (n_points,) array
-    jacobian : (n, n_parameters) array
+    free : (n, n - n_parameters) array
+        As for :func:`palpate_certainty.noise_model.estimate`.
     covariance : (n, n) array
         Of averaged residuals, by all causes.
     known : (n, m) array
@@ -91,7 +91,7 @@ def misfits(
     groups : (n, n_points) array
         As :func:`palpate_certainty.noise_model.groups_of` returns them.
     """
-    averaged, free = groups @ residuals, null_space(jacobian.T)
+    averaged = groups @ residuals
     within = free.T @ covariance @ free
     jitter = 1e-12 * np.trace(within) / len(within) * np.eye(len(within))
     explained = (

@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 import polars as pl
+from scipy.linalg import null_space
 
 from palpate.api import SILENT, Design, FloatArray, PalpateError, Progress, Response, ScoringError, Simulation
 from palpate.api.executors import StoppedError
@@ -161,12 +162,12 @@ class Assessment:
         rows = grouped(rows, groups)
         if residuals.size <= point.size:
             raise PalpateError(f"{residuals.size} measured points for {point.size} parameters; fix some")
-        expected = self.study.budget.discrepancy
+        free, expected = null_space(jacobian.T), self.study.budget.discrepancy
         every = np.concatenate(list(known.values()), axis=1)
-        errors, noise, discrepancy, excessive = _errors(residuals, jacobian, every, rows, expected, first)
+        errors, noise, discrepancy, excessive = _errors(residuals, free, every, rows, expected, first)
         rest = noise + discrepancy
         stated = every @ every.T + rest
-        missed = misfits(of_points, jacobian, stated, every, points, groups)
+        missed = misfits(of_points, free, stated, every, points, groups)
         known = {name: part if name == PRIORS else excessive * part for name, part in known.items()}
         covariance = np.sum([rest, *map(_gram, known.values())], axis=0)
         causes = {**known, NOISE: _root(noise), DISCREPANCY: _root(discrepancy)}
@@ -258,7 +259,7 @@ class Assessment:
 
 def _errors(
     residuals: FloatArray,
-    jacobian: FloatArray,
+    free: FloatArray,
     known: FloatArray,
     rows: ResidualLayout,
     expected: float,
@@ -267,9 +268,9 @@ def _errors(
     """Sizes of noise and discrepancy, the covariances by both, and how much larger than stated causes are."""
     if first is not None and first.errors.noise.keys() >= set(rows.channels):
         return first.errors, *first.errors.covariances(rows), first.excess
-    errors = estimate(residuals, jacobian, known, rows, expected=expected)
+    errors = estimate(residuals, free, known, rows, expected=expected)
     noise, discrepancy = errors.covariances(rows)
-    return errors, noise, discrepancy, excess(residuals, jacobian, known, noise + discrepancy)
+    return errors, noise, discrepancy, excess(residuals, free, known, noise + discrepancy)
 
 
 def _left_out(case: Case, failures: Mapping[ErrorSource, str]) -> dict[str, str]:

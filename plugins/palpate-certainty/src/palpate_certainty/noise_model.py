@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.linalg import null_space, solve_triangular
+from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dposv, dpotri
 from scipy.optimize import minimize
 
@@ -227,7 +227,7 @@ class _Mode:
 
 def estimate(
     residuals: FloatArray,
-    jacobian: FloatArray,
+    free: FloatArray,
     known: FloatArray,
     rows: ResidualLayout,
     *,
@@ -238,7 +238,8 @@ def estimate(
     Parameters
     ----------
     residuals : (n,) array
-    jacobian : (n, n_parameters) array
+    free : (n, n - n_parameters) array
+        Orthonormal directions that no parameter explains: the null space of the transposed Jacobian.
     known : (n, m) array
         What the known causes make of the residuals, one standard deviation each.
     rows : ResidualLayout
@@ -246,8 +247,7 @@ def estimate(
         Discrepancy that models usually have, over the largest ordinate.
     """
     channels = rows.channels
-    projection = null_space(jacobian.T)
-    modes = list(_modes(residuals, projection, known, rows, expected))
+    modes = list(_modes(residuals, free, known, rows, expected))
     best = max(mode.value for mode in modes)
     weights = np.exp(np.array([mode.value for mode in modes]) - best)
     weights /= weights.sum()
@@ -267,7 +267,7 @@ def estimate(
     )
 
 
-def excess(residuals: FloatArray, jacobian: FloatArray, known: FloatArray, rest: FloatArray) -> float:
+def excess(residuals: FloatArray, free: FloatArray, known: FloatArray, rest: FloatArray) -> float:
     """How many times larger than stated the known causes are, as far as the residuals show it; 1 at least.
 
     Birge's ratio (Phys. Rev. 40, 1932): the root of χ² over its degrees of freedom, here of what no parameter
@@ -276,13 +276,13 @@ def excess(residuals: FloatArray, jacobian: FloatArray, known: FloatArray, rest:
     Parameters
     ----------
     residuals : (n,) array
-    jacobian : (n, n_parameters) array
+    free : (n, n - n_parameters) array
+        Orthonormal directions that no parameter explains: the null space of the transposed Jacobian.
     known : (n, m) array
         What the known causes make of the residuals, one standard deviation each.
     rest : (n, n) array
         Covariance by noise and discrepancy.
     """
-    free = null_space(jacobian.T)
     root = np.linalg.cholesky(free.T @ rest @ free)
     axes, sizes, _ = np.linalg.svd(solve_triangular(root, free.T @ known, lower=True), full_matrices=False)
     seen = sizes > 1.0

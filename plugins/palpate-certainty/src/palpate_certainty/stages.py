@@ -28,6 +28,7 @@ class Intervals(Stage):
 
     name, summary = "intervals", "Find how certain the fitted parameters are, and what from."
     needs = ("fit",)
+    is_on_page = True
     may_fail = False
     of_every_run = True
     tables = MappingProxyType(
@@ -62,6 +63,7 @@ class Posteriors(Stage):
 
     name, summary = "certainty", "Draw the posteriors of the joint fits; simulates some more sets."
     needs = ("intervals",)
+    is_on_page = True
     tables = MappingProxyType(
         {
             "posterior": "Quantiles of each parameter.",
@@ -102,6 +104,7 @@ class Identifiability(Stage):
 
     name, summary = "identifiability", "Find how well the curves of the sweep identify each parameter."
     needs = ("score", "select", "intervals")
+    is_on_page = True
     of_every_run = True
     tables = MappingProxyType(
         {

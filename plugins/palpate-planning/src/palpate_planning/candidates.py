@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import tomlkit
-from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 from tomlkit.items import AoT
 
 from palpate.api import Channel, Protocol, StudyError, convert
@@ -157,33 +157,14 @@ class Allowed(BaseModel):
 
     _file: Path | None = PrivateAttr(None)
 
+    def model_post_init(self, context: Mapping[str, Any] | None, /) -> None:
+        """Keep the file that :func:`palpate.api.runs.read_options` reads."""
+        self._file = context["file"] if context else None
+
     @property
     def place(self) -> str:
         """How a message about it begins."""
         return f"{self._file}: " if self._file else ""
-
-
-def read_allowed(path: Path) -> Allowed:
-    """Read a file of candidates.
-
-    Raises
-    ------
-    StudyError
-        Naming the file and the key.
-    """
-    try:
-        allowed = Allowed.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-        allowed._file = path
-        return allowed
-    except OSError as error:
-        raise StudyError(f"{path}: cannot be read ({error.strerror}); check the path") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise StudyError(f"{path}: invalid TOML: {error}; fix the syntax") from None
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(map(str, first["loc"]))
-        keys = ", ".join(Allowed.model_fields)
-        raise StudyError(f"{path}: {key}: {first['msg']}; a file of candidates has {keys}") from None
 
 
 def usual(study: Study) -> list[tuple[str, dict[str, Any]]]:

@@ -85,10 +85,10 @@ def next_(  # named apart from the builtin
 
     Without a fit it is over the ranges of the study, and nothing needs to be measured.
     """
-    from palpate.api.runs import RunDirectory, load_limbs, read_tool
-    from palpate_planning.candidates import read_allowed
+    from palpate.api.runs import RunDirectory, load_limbs, read_options, read_tool
+    from palpate_planning.candidates import Allowed
     from palpate_planning.figure import draw
-    from palpate_planning.propose import PlanOptions, plan, propose
+    from palpate_planning.propose import PlanOptions, propose
 
     session, folder = Session.of(context), _run_to_narrow(run, out)
     if folder is not None:
@@ -98,7 +98,7 @@ def next_(  # named apart from the builtin
         assert run is not None
         study = session.study(run, need_measured=False)
     options = PlanOptions(
-        allowed=read_allowed(allowed) if allowed else None,
+        allowed=read_options(allowed, Allowed, {}) if allowed else None,
         tool=read_tool(tool, study, session.plugins) if tool else None,
         goal=goal,
         n_presses=n_presses or (FURTHER_PRESSES if folder else FIRST_PRESSES),
@@ -106,7 +106,7 @@ def next_(  # named apart from the builtin
     )
     where = folder or run_folder(study, out)
     with StageProgress(session, where) as progress:
-        found = (propose if folder else plan)(study, where, session.plugins, progress, options)
+        found = propose(study, where, session.plugins, progress, options)
     picture = draw(found, load_limbs(study, to_show=True), where)[0]
     if as_json:
         content: Any = {**RunDirectory(where).proposal(), "warnings": progress.warnings}

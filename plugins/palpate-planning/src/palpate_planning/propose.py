@@ -53,7 +53,7 @@ from palpate_planning.tables import for_robot
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanOptions:
-    """Options of :func:`propose` and :func:`plan`.
+    """Options of :func:`propose`.
 
     Parameters
     ----------
@@ -101,64 +101,43 @@ def propose(
     progress: Progress = SILENT,
     options: PlanOptions = USUAL,
 ) -> Proposal:
-    """Rank further presses by how much they would narrow the joint fit; simulates each at likely parameters.
+    """Rank presses by how much they would narrow the joint fit of a run; simulates each at likely parameters.
+
+    In a folder without a fit they are the first presses of the study, over its ranges and priors, and none
+    needs to be measured.
 
     Raises
     ------
     StudyError
-        There is no joint fit with intervals, or nothing that is allowed is possible.
+        There is a fit without intervals or of single spots, or nothing that is allowed is possible.
     """
-    allowed = options.allowed
+    allowed, tool = options.allowed, tool_limbs(study, options.tool)
     limits, presses = limits_of(allowed, study, plugins.channels), candidates(study, plugins, allowed)
-    tool = tool_limbs(study, options.tool)
-    with locked_run(study, run_folder, plugins, progress, needs=["fit"], more_limbs=tool) as run:
-        certain, assessed = joint_assessed(run)
-        stage = PlanningStage(
-            study=run.study,
-            measured=run.measured,
-            assessed=assessed,
-            columns=certain.columns(assessed.case)[0],
-            meshes=certain.meshes,
-            progress=progress,
-        )
-        proposal = stage.run(presses, options, limits)
-        run.directory.write_proposal(for_robot(proposal, run.limbs))
-        return proposal
-
-
-def plan(
-    study: Study,
-    run_folder: Path,
-    plugins: Plugins,
-    progress: Progress = SILENT,
-    options: PlanOptions = USUAL,
-) -> Proposal:
-    """Rank the first presses of a study, over its ranges and priors; none needs to be measured.
-
-    Raises
-    ------
-    StudyError
-        Nothing that is allowed is possible.
-    """
-    allowed = options.allowed
-    limits, presses = limits_of(allowed, study, plugins.channels), candidates(study, plugins, allowed)
-    tool = tool_limbs(study, options.tool)
-    limbs, run = load_limbs(study), RunDirectory(run_folder)
     if (run_folder / "fit.parquet").exists():
-        raise StudyError(
-            f"{run_folder}: has a fit; `palpate next {run_folder}` plans further presses; name another folder"
-        )
-    abscissae = abscissae_of(plugins.channels)
-    with run.locked(study, plugins.channels) as check_lock:
-        run.initialise(study, plugins.channels, simulating=True)
+        with locked_run(study, run_folder, plugins, progress, needs=["fit"], more_limbs=tool) as run:
+            certain, assessed = joint_assessed(run)
+            stage = PlanningStage(
+                study=run.study,
+                measured=run.measured,
+                assessed=assessed,
+                columns=certain.columns(assessed.case)[0],
+                meshes=certain.meshes,
+                progress=progress,
+            )
+            found = stage.run(presses, options, limits)
+            run.directory.write_proposal(for_robot(found, run.limbs))
+            return found
+    limbs, directory = load_limbs(study), RunDirectory(run_folder)
+    with directory.locked(study, plugins.channels) as check_lock:
+        directory.initialise(study, plugins.channels, simulating=True)
         with Simulations(study, run_folder, {**limbs, **tool}, progress, check_lock) as simulations:
             design, points = before_any_press(
-                study, study.generalising, simulations.of, abscissae, options.n_points
+                study, study.generalising, simulations.of, abscissae_of(plugins.channels), options.n_points
             )
             check_options(design, options)
             progress.begin("plan", 0)
             found = choose_presses(design, [], presses, points, options, limits)
-        run.write_proposal(for_robot(found, limbs))
+        directory.write_proposal(for_robot(found, limbs))
         return found
 
 

@@ -85,6 +85,12 @@ def _saved(draw: Callable[[], Figure], stem: Path) -> list[Path]:
         return save(draw(), stem)
 
 
+def for_notebook(data: ReportData) -> Figure:
+    """Figure of the measured and the fitted curves, in the style of the report."""
+    with mpl.rc_context(cast("Any", dict(STYLE))):
+        return generalised(data)
+
+
 # ------------------------------------------------------------ curves by scenario
 
 

@@ -59,10 +59,6 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
     return figures.write_figures(data, folder)
 
 
-SHOWN = ("palpate.", "palpate_certainty.")
-"""Modules of the stages whose tables the page's own sections show."""
-
-
 def report_data(run: Run, *, unfinished: str = "") -> ReportData:
     """Everything that a report shows; of an unfinished run, the best sets so far."""
     study, inputs, swept = run.study, run.inputs, run.swept()
@@ -162,7 +158,7 @@ def _summaries(run: Run) -> Mapping[str, tuple[str, Summary]]:
     """Summary and title of each stage of a plugin that has been run and is current."""
     found = {}
     for name, stage in run.stages.items():
-        if type(stage).__module__.startswith(SHOWN) or not run.directory.records.is_current(name):
+        if stage.is_on_page or not run.directory.records.is_current(name):
             continue
         try:
             with answering_for(stage, "summarising its tables"):

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import polars as pl
 
@@ -10,11 +11,15 @@ from palpate.api.cli import Closed, IntervalOutput, Row
 from palpate.api.fit import ALL_SPOTS
 from palpate.api.report import ReportWarning
 from palpate.api.runs import Files, Study, described
+from palpate_report.display_units import in_display_units
 from palpate_report.from_run import report_data, written
 from palpate_report.marks import mark_of
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
 from palpate_report.table_files import shown
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 class ReportOutput(Closed):
@@ -67,6 +72,12 @@ class ReportStage(Stage):
     def report(self, data: ReportData) -> Report:
         """Report of these data that is not written, for tests of sections."""
         return Report.of(data)
+
+    def draw_curves(self, run: Run) -> "Figure":
+        """Figure of the measured curves of each spot with those of the fit, for a notebook."""
+        from palpate_report import figures
+
+        return figures.for_notebook(in_display_units(report_data(run)))
 
     def draw_presses(
         self,
