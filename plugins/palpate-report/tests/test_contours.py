@@ -39,7 +39,7 @@ def known(data, fopt):
     about = {"fit": data.together, "scenario": "I", "parameter": NAMES[0]}
     planes = pl.concat([pl.DataFrame(about | rows) for rows in (plane, lines)], how="vertical_relaxed")
     planes = planes.with_columns(pl.col("fopt").fill_nan(None))
-    return replace(data, posterior=PosteriorResult(posterior_profile_planes=planes))
+    return replace(data, posterior=PosteriorResult(posterior_planes=planes))
 
 
 def test_contours_are_where_fopt_is_their_level(fitted):
