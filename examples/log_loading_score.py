@@ -8,7 +8,8 @@ does not count.
 import numpy as np
 from pydantic import Field
 
-from palpate.api import BoolArray, Curve, FloatArray, Score, Settings, hookimpl
+from palpate.api import BoolArray, Curve, FloatArray, Settings, hookimpl
+from palpate.api.scores import Score
 
 
 class LogLoadingSettings(Settings):

@@ -4,7 +4,9 @@
 """
 
 import dataclasses
+import importlib
 import inspect
+import pkgutil
 import re
 import sys
 from collections.abc import Iterator, Mapping
@@ -12,6 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import palpate.api
 from palpate.domain.component import Component
 from palpate.errors import PluginError
 from palpate.plugins import hookspecs
@@ -82,7 +85,7 @@ def _signature(function: Any) -> str:  # noqa: ANN401
 
 def _component(base: type[Component]) -> Iterator[str]:
     """List what a subclass sets, defines and may override."""
-    yield f"Subclass `palpate.api.{base.__name__}`:"
+    yield f"Subclass `{_public(base.__name__)}`:"
     yield ""
     yield f"| `{base.__name__}` | | |"
     yield "|---|---|---|"
@@ -93,6 +96,13 @@ def _component(base: type[Component]) -> Iterator[str]:
         yield f"| {'may set' if hasattr(base, name) else 'set'} | `{name}` | `{_short(shown)}` |"
     for cls in (*classes, *OPTIONAL.get(base, ())):
         yield from _methods(cls, "may override" if cls in classes else f"may add, as a `{cls.__name__}`")
+
+
+def _public(name: str) -> str:
+    """Where a plugin imports a name from."""
+    beside = [module.name for module in pkgutil.iter_modules(palpate.api.__path__, "palpate.api.")]
+    places = ("palpate.api", *beside)
+    return next(f"{place}.{name}" for place in places if name in dir(importlib.import_module(place)))
 
 
 def _methods(base: type[Any], else_called: str) -> Iterator[str]:
@@ -107,7 +117,7 @@ def _methods(base: type[Any], else_called: str) -> Iterator[str]:
 
 def _fields(base: type) -> Iterator[str]:
     """List the fields of a value."""
-    yield f"Values of `palpate.api.{base.__name__}`:"
+    yield f"Values of `{_public(base.__name__)}`:"
     yield ""
     yield f"| `{base.__name__}` | |"
     yield "|---|---|"

@@ -2,9 +2,10 @@
 
 Here are the values of a study, the base classes of what a plugin provides, and errors. Beside it:
 :mod:`palpate.api.experiment`, :mod:`palpate.api.mesh`, :mod:`palpate.api.mechanics`,
-:mod:`palpate.api.executors`, :mod:`palpate.api.fit`, :mod:`palpate.api.runs`, :mod:`palpate.api.report`,
-:mod:`palpate.api.files` and :mod:`palpate.api.cli`; and :mod:`palpate.testing`, the contracts. Names are
-imported when they are first used: ``from palpate.api import Curve`` costs what ``Curve`` needs.
+:mod:`palpate.api.scores`, :mod:`palpate.api.executors`, :mod:`palpate.api.fit`, :mod:`palpate.api.runs`,
+:mod:`palpate.api.report`, :mod:`palpate.api.files` and :mod:`palpate.api.cli`; and the contracts,
+:mod:`palpate.testing`. Names are imported when they are first used: ``from palpate.api import Curve`` costs
+what ``Curve`` needs.
 
 A plugin that needs this version or a newer one sets ``palpate_api = (1, 0)`` in its module; an older palpate
 leaves it out with that reason.
@@ -17,12 +18,6 @@ from palpate.lazy_imports import deferred as deferred
 from palpate.plugins.versions import API_VERSION as API_VERSION
 
 if TYPE_CHECKING:
-    from palpate._core import (
-        Measured as Measured,
-        branches as branches,
-        interpolate as interpolate,
-        nmse as nmse,
-    )
     from palpate.domain import (
         BoolArray as BoolArray,
         Channel as Channel,
@@ -35,11 +30,9 @@ if TYPE_CHECKING:
         Job as Job,
         Limb as Limb,
         Mesh as Mesh,
-        Normaliser as Normaliser,
         Parameter as Parameter,
         ParameterName as ParameterName,
         ParameterSpace as ParameterSpace,
-        Prior as Prior,
         Protocol as Protocol,
         RegionMaterial as RegionMaterial,
         Relaxation as Relaxation,
@@ -50,7 +43,6 @@ if TYPE_CHECKING:
         Status as Status,
         StudyTemplate as StudyTemplate,
         SurfaceStates as SurfaceStates,
-        Tie as Tie,
         Waypoints as Waypoints,
     )
     from palpate.domain.channels import (
@@ -100,11 +92,6 @@ if TYPE_CHECKING:
     )
     from palpate.plugins.provides import (
         Provides as Provides,
-    )
-    from palpate.plugins.score import (
-        Nmse as Nmse,
-        NmseSettings as NmseSettings,
-        Score as Score,
     )
     from palpate.progress import (
         SILENT as SILENT,

@@ -6,6 +6,8 @@ from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
     from palpate.domain import (
+        Prior as Prior,
+        Tie as Tie,
         channel_of as channel_of,
         weighed_phases as weighed_phases,
     )

@@ -9,7 +9,6 @@ if TYPE_CHECKING:
         Deformation as Deformation,
         ElementBlock as ElementBlock,
         SparseFactor as SparseFactor,
-        interpolate as interpolate,
     )
     from palpate.domain.component import Array as Array
     from palpate.mechanics import (

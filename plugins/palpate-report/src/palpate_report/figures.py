@@ -15,9 +15,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from palpate.api import Channel, Curve, CurveError, FloatArray, Response, interpolate
+from palpate.api import Channel, Curve, CurveError, FloatArray, Response
 from palpate.api.fit import ALL_SPOTS
 from palpate.api.runs import file_name, objectives
+from palpate.api.scores import interpolate
 from palpate_report import comparison
 from palpate_report.best_sets import best_sets
 from palpate_report.contours import least_of_sweep, paths

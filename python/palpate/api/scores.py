@@ -1,0 +1,25 @@
+"""Scores of simulated against measured curves, and the kernels of the one that is built in."""
+
+from typing import TYPE_CHECKING
+
+from palpate.lazy_imports import deferred
+
+if TYPE_CHECKING:
+    from palpate._core import (
+        Measured as Measured,
+        branches as branches,
+        interpolate as interpolate,
+        nmse as nmse,
+    )
+    from palpate.domain import Normaliser as Normaliser
+    from palpate.plugins.score import (
+        Nmse as Nmse,
+        NmseSettings as NmseSettings,
+        Score as Score,
+    )
+
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__getattr__("__all__")})
