@@ -27,9 +27,9 @@ $(VENV)/installed: $(RUST) $(PYPROJECTS)
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m pip install $(QUIET) --no-build-isolation -e . $(EDITABLE)
 	touch $@
 
-demo: $(VENV)/installed ## identify the material of a simulated forearm, end to end
-	test -d runs/demo || $(BIN)/palpate init --study forearm-demo runs/demo
-	$(BIN)/palpate run runs/demo --out runs/forearm-demo
+demo: $(VENV)/installed ## identify the stiffness of a simulated forearm, end to end
+	test -d runs/demo || $(BIN)/palpate init runs/demo
+	$(BIN)/palpate run runs/demo --out runs/first-press
 
 # Rust next to Python, whose lint uses one core.
 test: $(VENV)/installed ## what decides a merge: lint, types, Rust tests and the fast Python tests

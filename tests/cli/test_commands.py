@@ -289,16 +289,16 @@ def test_run_prints_results_to_stdout_and_progress_to_stderr(call: Call, study: 
     assert Path("here/design.parquet").is_file()
 
 
-LABELS = ["Conclusion", "Parameters", "Warnings", "Time", "Page"]
+LABELS = ["Conclusion", "Parameters", "Warnings", "Next", "Time", "Page"]
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("one_figure")
-def test_a_run_ends_with_five_lines_after_the_tables_that_are_asked_for(call: Call, study: Path) -> None:
+def test_a_run_ends_with_its_lines_after_the_tables_that_are_asked_for(call: Call, study: Path) -> None:
     edit(study, '"3 MPa"', '"2.0 MPa"')  # the truth is at the end of the range
     found = call("run", study, "--json").json
     plain, whole = call("run", study), call("report", study, "--tables")
-    for lines in (plain.out.splitlines(), whole.out.splitlines()[-5:]):
+    for lines in (plain.out.splitlines(), whole.out.splitlines()[-len(LABELS) :]):
         assert [line.split()[0] for line in lines] == LABELS
         said = dict(line.split(maxsplit=1) for line in lines)
         (k,) = found["intervals"]
@@ -314,7 +314,7 @@ def test_a_run_ends_with_five_lines_after_the_tables_that_are_asked_for(call: Ca
         assert "Simulations: 40 of the sweep" in said["Time"]
         assert said["Page"] == Path("runs/toy/report/index.html").resolve().as_uri()
     assert "distance to truth" in whole.out
-    assert len(plain.out.splitlines()) == 5
+    assert len(plain.out.splitlines()) == len(LABELS)
 
 
 @pytest.mark.slow

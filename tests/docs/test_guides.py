@@ -120,20 +120,20 @@ def write_block(path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("one_figure")
 def test_the_first_study_runs_from_log_to_report(tmp_path, monkeypatch, capsys):
-    """All its commands in order, on a simulated log; two sets instead of forty, a block, coarse steps."""
+    """All its commands in order, on a simulated log; a block, coarse steps, no finer mesh."""
     guide = ROOT / "docs" / "first-study.md"
     (study,) = re.findall(r"```toml\n(.*?)```", text_of(guide), flags=re.DOTALL)
     monkeypatch.chdir(tmp_path)
     pl.read_parquet(Path(str(ROBOT_LOG / "logs" / "simulated_p1.parquet"))).write_csv("press.csv")
     write_block(Path("limb.vtu"))
     steps = 'name = "jax"\nsettings = { depth_steps = 4, rotation_step_deg = 11.25 }'
-    study = study.replace("n_sets = 40", "n_sets = 2\nseed = 3").replace('name = "jax"', steps)
+    study = study.replace('fine_edge = "3 mm"', "fine_runs = 0").replace('name = "jax"', steps)
     here = '\n[executor]\nname = "in_process"\n'
     Path("study.toml").write_text(study + here, encoding="utf-8")
     calls = [line for line in commands_of(guide) if "init" not in line]
     assert len(calls) == 6
     for line in calls:
-        assert call(line.replace("--sets 80", "--sets 3")) == 0, (line, capsys.readouterr().err)
+        assert call(line.replace("--sets 12", "--sets 2")) == 0, (line, capsys.readouterr().err)
     out = capsys.readouterr().out
     proposed = tomllib.loads(study)["experiment"]["settings"]["channels"]
     for column in (*proposed["position"]["columns"], *proposed["force"]["columns"], proposed["time"]):

@@ -13,8 +13,9 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.sections import Table, Word
 from palpate.run.result import CertaintyResult
 from palpate_report import answer as answer_module
-from palpate_report.answer import CAUSES, answer, budget_bars
+from palpate_report.answer import answer, budget_bars
 from palpate_report.forest import Axis, _percent, _widened, forest
+from palpate_report.next_step import CAUSES
 from palpate_report.page import laid_out, render
 from palpate_report.result import Report, make_conclusion
 from palpate_report.stage import summary_of

@@ -12,7 +12,8 @@ from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session
 from palpate.errors import StudyError
 
-DEMO = "forearm-demo"
+FIRST = "first-press"
+"""The ready study that is copied where none is named."""
 
 
 def init(
@@ -20,7 +21,7 @@ def init(
     folder: Annotated[
         Path | None, typer.Argument(metavar="FOLDER", help="Folder to make; must be empty or new.")
     ] = None,
-    study: Annotated[str, typer.Option("--study", help="Name of a ready study.")] = DEMO,
+    study: Annotated[str, typer.Option("--study", help="Name of a ready study.")] = FIRST,
     as_json: AsJson = False,
 ) -> None:
     """Copy a ready study into FOLDER; without FOLDER, list the ready studies."""
@@ -34,7 +35,7 @@ def init(
                 "simulations": n_simulations(Path(studies[name].directory)),
                 "summary": studies[name].summary,
             }
-            for name in studies
+            for name in sorted(studies, key=lambda name: name != FIRST)
         ]
         if as_json:
             session.json(rows)

@@ -15,7 +15,7 @@ START, RUN, STAGES, MORE = "Start", "Run", "Stages, each from files to files", "
 
 EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "init": ("palpate init", "palpate init --study forearm-demo arm"),
+        "init": ("palpate init", "palpate init first", "palpate init --study forearm-demo arm"),
         "check": ("palpate check arm", "palpate check --schema > study.schema.json"),
         "run": (
             "palpate run arm",
@@ -137,5 +137,5 @@ TrustPlugins: TypeAlias = Annotated[
 ]
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON for a script.")]
 Tables: TypeAlias = Annotated[
-    bool, typer.Option("--tables", help="Print the tables of the report before the five lines.")
+    bool, typer.Option("--tables", help="Print the tables of the report before its last lines.")
 ]

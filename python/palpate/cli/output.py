@@ -94,6 +94,7 @@ class RunOutput(Closed):
     conclusion: NotRequired[list[str]]
     intervals: NotRequired[list[IntervalOutput]]
     warnings: NotRequired[list[str]]
+    next: NotRequired[str]
     tables: NotRequired[dict[str, list[Row]]]
     files: NotRequired[list[str]]
 

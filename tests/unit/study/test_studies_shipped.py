@@ -16,6 +16,7 @@ from palpate.plugins.catalogue import Plugins
 from palpate.study.checks import setting_warnings
 from palpate.study.reading import Study, read_study
 
+FIRST = "first-press"
 FOREARM = ("forearm-demo", "forearm")
 LAYERED = "forearm-layered"
 HOMOGENEOUS = ("treloar", "ecoflex")
@@ -36,7 +37,7 @@ def study(name: str) -> Study:
     return read_study(folder(name), plugins())
 
 
-@pytest.mark.parametrize("name", [*FOREARM, LAYERED, *HOMOGENEOUS])
+@pytest.mark.parametrize("name", [FIRST, *FOREARM, LAYERED, *HOMOGENEOUS])
 def test_every_spot_is_measured_in_every_channel_that_counts(name: str) -> None:
     measured = load_measured(study(name), plugins().channels)
     weighted = {c for scenario in study(name).scenarios for c, w in scenario.weights.items() if w}
@@ -66,9 +67,9 @@ def test_no_mesh_of_a_ready_study_gives_a_new_warning() -> None:
         assert all("is not resolved" in text for text in found)
 
 
-@pytest.mark.parametrize("name", [*FOREARM, LAYERED, *HOMOGENEOUS])
+@pytest.mark.parametrize("name", [FIRST, *FOREARM, LAYERED, *HOMOGENEOUS])
 def test_simulated_data_are_called_simulated(name: str) -> None:
-    simulated = name.startswith("forearm")
+    simulated = name not in HOMOGENEOUS
     text = (folder(name) / "study.toml").read_text()
     readme = (folder(name) / "README.md").read_text()
     assert f'data = "{"simulated" if simulated else "measured"}"' in text
@@ -201,6 +202,16 @@ def test_the_truth_is_the_one_that_made_the_data(name: str) -> None:
     factors = dict(zip((p.name for p in region.material.parameters), ones, strict=True))
     textbook = {key: value * factors[key.split(".")[1]] for key, value in study(name).truth.items()}
     assert textbook == pytest.approx(TRUTH)
+
+
+def test_the_first_study_is_a_spot_of_the_demo_with_all_but_the_stiffness_known() -> None:
+    first, demo = study(FIRST), folder("forearm-demo")
+    for file in ("measured/p1.csv", "meshes/p1.vtu"):
+        assert (folder(FIRST) / file).read_bytes() == (demo / file).read_bytes()
+    (region,) = first.space.regions
+    assert {f"soft_tissue.{name}": value for name, value in region.fixed.items() if name != "kappa"} | dict(
+        first.truth
+    ) == pytest.approx(TRUTH)
 
 
 def test_the_demo_can_find_the_truth_but_is_not_given_it() -> None:

@@ -1,32 +1,15 @@
 """The first card of the page: what was found, how sure it is, and what it rests on."""
 
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from types import MappingProxyType
 
 from palpate_report.forest import Forest
 from palpate_report.headline import Headline, r2_by_spot
+from palpate_report.next_step import CAUSES
 from palpate_report.report_data import ReportData
 from palpate_report.report_warnings import GOOD_R2, NO_FIT_R2
 from palpate_report.result import Conclusion
-
-CAUSES: Mapping[str, str] = MappingProxyType(
-    {
-        "noise": "noise",
-        "model": "misfit of the model",
-        "mesh": "mesh",
-        "zero": "drift",
-        "priors": "priors",
-        "range": "curves that hardly depend on it",
-        "gain": "calibration",
-        "onset": "onset of contact",
-        "indenter": "radius of the indenter",
-        "friction": "friction",
-        "tilt": "tilt",
-    }
-)
-"""Causes of intervals in words; others, such as fixed parameters, are named as they are."""
 
 MOST_CAUSES = 2
 
@@ -55,6 +38,7 @@ def answer(data: ReportData, conclusion: Conclusion, picture: Forest) -> Summary
     start = "the sweep" if data.study.n_sets else "the middle of the ranges"
     by = f"Searched from {start}" if data.is_fitted else "Best set of the sweep"
     facts = {
+        "Next": conclusion.next_step,
         "Fit": "; ".join(_quality(data, conclusion)),
         "Spots": _spots(data, conclusion, picture),
         "Certainty": _causes(data),

@@ -7,6 +7,7 @@ from pathlib import Path
 import polars as pl
 
 from palpate.api import SILENT, PluginError, Progress, Run, StudyError, Summary
+from palpate.api.files import write_atomically
 from palpate.api.fit import FitResult, IdentifiabilityResult, PosteriorResult
 from palpate.api.runs import (
     Ledger,
@@ -47,6 +48,8 @@ def write_report(data: ReportData, folder: Path) -> Report:
     figures = write_figures(data, folder / "figures")
     files = (*written, *figures)
     pictures = {file.stem: file.read_bytes() for file in figures if file.suffix == ".svg"}
+    files = (*files, folder / "methods.md")
+    write_atomically(files[-1], conclusion.methods.encode())
     page = write_page(data, tables, conclusion, files, folder, pictures)
     keep_only(folder, (*files, page))
     return Report(tables=tables, files=(*files, page), conclusion=conclusion)

@@ -355,8 +355,9 @@
     }));
     skin.listen();
     document.querySelectorAll("[data-copy]").forEach((b) => b.addEventListener("click", () => {
-      const rows = [...b.closest("details").querySelectorAll(":scope > .wide tr")];
-      navigator.clipboard.writeText(rows.map((r) => [...r.cells].map((c) => c.textContent.trim()).join("\t")).join("\n"));
+      const of = b.closest("details"), rows = [...of.querySelectorAll(":scope > .wide tr")];
+      const text = of.querySelector(":scope > .copied");
+      navigator.clipboard.writeText(text ? text.textContent : rows.map((r) => [...r.cells].map((c) => c.textContent.trim()).join("\t")).join("\n"));
     }));
     document.querySelectorAll("[data-reset]").forEach((b) => b.addEventListener("click", reset));
     element("clear")?.addEventListener("click", () => select(null));

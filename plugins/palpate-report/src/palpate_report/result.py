@@ -10,11 +10,16 @@ import polars as pl
 from palpate.api import Parameter, ParameterName, PluginError
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, WORDS
 from palpate.api.report import ReportWarning, Section, is_own
-from palpate.api.runs import answering_for
+from palpate.api.runs import Study, answering_for
 from palpate_report.best_sets import Best, best_sets, leading
 from palpate_report.headline import Headline, failure_of, headlines, moduli
+from palpate_report.methods import methods
+from palpate_report.next_step import next_step
 from palpate_report.report_data import ReportData, label_of
 from palpate_report.report_warnings import apparent, left_out, report_warnings
+
+NOTHING = "no set fits all spots"
+"""Conclusion where nothing leads."""
 
 
 def ordered(sections: Mapping[str, type[Section]]) -> list[type[Section]]:
@@ -76,6 +81,10 @@ class Conclusion:
         Why the parameters are those of one rate; empty where nothing shows it.
     not_included : tuple of str
         What may be wrong and is in no interval.
+    next_step : str
+        What to do next; empty where there is nothing to say.
+    methods : str
+        Paragraph on the methods for a paper, with references, as Markdown.
     failure : str
         Why no parameters can be read from the run, and what to check; empty where they can.
     without_result : mapping of (spot, scenario) to str
@@ -93,8 +102,24 @@ class Conclusion:
     warnings: tuple[ReportWarning, ...]
     apparent: str = ""
     not_included: tuple[str, ...] = ()
+    next_step: str = ""
+    methods: str = ""
     failure: str = ""
     without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
+
+    def lines(self, study: Study) -> dict[str, str]:
+        """Lines with which a run ends, by their label."""
+        data = "measured data" if study.data != "simulated" else "SIMULATED curves, not a real experiment"
+        found = "; ".join(map(str, (*self.estimates, *self.moduli)))
+        missing = f". NOT included in intervals: {', '.join(self.not_included)}" if self.not_included else ""
+        worst = ", the worst first" if len(self.warnings) > 1 else ""
+        warned = f"{len(self.warnings)}{worst}: {'; '.join(warning.what for warning in self.warnings)}"
+        return {
+            "Conclusion": f"{study.name} ({data}): {self.headline or NOTHING}",
+            "Parameters": f"{found}{missing}" if found else "none, for the reason above",
+            "Warnings": warned if self.warnings else "none",
+            **({"Next": self.next_step} if self.next_step else {}),
+        }
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -109,18 +134,21 @@ def make_conclusion(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Con
     bests = tuple(best_sets(data))
     no_fit, (about, values, quality) = failure_of(data, bests), _lead(data, bests)
     best, found = leading(data, bests), headlines(data, bests)
+    estimates, missing = () if no_fit else tuple(found), tuple(_not_included(data))
     return Conclusion(
         parameters=tuple(map(label_of, data.searched.values())),
         bests=bests,
         headline=no_fit or (f"{about}: {quality}" if about else ""),
-        estimates=() if no_fit else tuple(found),
+        estimates=estimates,
         moduli=() if no_fit or best is None else tuple(moduli(data, best)),
         lead=no_fit or (f"{about}: {', '.join(values)}; {quality}." if about else ""),
         identifiability=() if no_fit else tuple(_identified(data, found)),
         spent=_spent(data),
         warnings=(*report_warnings(data, bests, tables), *section_warnings(data)),
         apparent=apparent(data),
-        not_included=tuple(_not_included(data)),
+        not_included=missing,
+        methods=methods(data, estimates, missing),
+        next_step=next_step(data, found, is_refused=bool(no_fit)),
         failure=no_fit,
         without_result=data.without_result,
     )

@@ -1,6 +1,6 @@
 """The report as a stage: the last of each run, and what the terminal and JSON say of it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +9,6 @@ import polars as pl
 from palpate.api import Channel, Progress, Response, Run, Stage, Summary
 from palpate.api.cli import Closed, IntervalOutput, Row
 from palpate.api.fit import ALL_SPOTS
-from palpate.api.report import ReportWarning
 from palpate.api.runs import Files, Study, described
 from palpate_report.display_units import in_display_units
 from palpate_report.from_run import report_data, written
@@ -28,6 +27,7 @@ class ReportOutput(Closed):
     conclusion: list[str]
     intervals: list[IntervalOutput]
     warnings: list[str]
+    next: str
     files: list[str]
 
 
@@ -38,9 +38,6 @@ class CompareOutput(Closed):
     notes: list[str]
     files: list[str]
 
-
-NOTHING = "no set fits all spots"
-"""Conclusion where nothing leads."""
 
 OF_INTERVALS = ("parameter", "unit", "value", "lower", "upper", "identifiability", "verdict", "level")
 """What JSON has of each value that leads."""
@@ -97,13 +94,6 @@ class ReportStage(Stage):
 def summary_of(study: Study, report: Report) -> Summary:
     """Conclusion, parameters, warnings and page of a report, with its tables."""
     conclusion = report.conclusion
-    data = "measured data" if study.data != "simulated" else "SIMULATED curves, not a real experiment"
-    found = "; ".join(map(str, (*conclusion.estimates, *conclusion.moduli)))
-    missing = (
-        f". NOT included in intervals: {', '.join(conclusion.not_included)}"
-        if conclusion.not_included
-        else ""
-    )
     pages = [page for page in report.files if page.suffix == ".html"]
     return Summary(
         tables={
@@ -112,9 +102,7 @@ def summary_of(study: Study, report: Report) -> Summary:
             if frame.height
         },
         labelled={
-            "Conclusion": f"{study.name} ({data}): {conclusion.headline or NOTHING}",
-            "Parameters": f"{found}{missing}" if found else "none, for the reason above",
-            "Warnings": _warnings(conclusion.warnings),
+            **conclusion.lines(study),
             "Time": conclusion.spent,
             "Page": " ".join(page.resolve().as_uri() for page in pages),
         },
@@ -124,6 +112,7 @@ def summary_of(study: Study, report: Report) -> Summary:
                 {name: getattr(each, name) for name in OF_INTERVALS} for each in conclusion.estimates
             ],
             "warnings": list(map(str, conclusion.warnings)),
+            "next": conclusion.next_step,
             "files": report.files,
             "tables": {name: frame.to_dicts() for name, frame in report.tables.items()},
         },
@@ -131,13 +120,6 @@ def summary_of(study: Study, report: Report) -> Summary:
         if conclusion.without_result
         else "",
     )
-
-
-def _warnings(warnings: Sequence[ReportWarning]) -> str:
-    if not warnings:
-        return "none"
-    worst = ", the worst first" if len(warnings) > 1 else ""
-    return f"{len(warnings)}{worst}: {'; '.join(warning.what for warning in warnings)}"
 
 
 def _side_by_side(name: str, frame: pl.DataFrame) -> pl.DataFrame:

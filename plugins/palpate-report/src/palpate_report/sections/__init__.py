@@ -3,7 +3,7 @@
 from palpate.api.report import Section
 from palpate_report.sections.certainty import Certainty, Identifiability
 from palpate_report.sections.fits import Curves, Fits, MaterialItself, Values, Warnings
-from palpate_report.sections.origins import LimbAndDeformation, Pictures, Provenance
+from palpate_report.sections.origins import Cite, LimbAndDeformation, Pictures, Provenance
 from palpate_report.sections.sweep import Convergence, Distribution, Generalisation, OtherChannels, Space
 
 SECTIONS: tuple[type[Section], ...] = (
@@ -21,6 +21,7 @@ SECTIONS: tuple[type[Section], ...] = (
     Convergence,
     LimbAndDeformation,
     Pictures,
+    Cite,
     Provenance,
 )
 """In the order of the page."""

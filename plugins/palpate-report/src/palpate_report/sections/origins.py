@@ -134,6 +134,18 @@ def _deformed(data: ReportData) -> Iterator[Block]:
     )
 
 
+class Cite(Section):
+    """A paragraph for the methods of a paper, and what to cite."""
+
+    name, title, entry = "cite", "Methods and citation", "Cite"
+    summary = "a paragraph on the methods from the run's settings, and references in BibTeX"
+
+    def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
+        """Show the text with a button that copies it."""
+        yield Paragraph("The settings of this run as text; it is in methods.md, too.")
+        yield Drawing("methods")
+
+
 class Provenance(Section):
     """What every number depended on."""
 

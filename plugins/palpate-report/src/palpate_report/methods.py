@@ -1,0 +1,128 @@
+"""A paragraph on the methods of a run for a paper, from the run's own settings, and what to cite."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from palpate.api import Indentation
+from palpate_report.headline import Headline
+from palpate_report.next_step import CAUSES
+from palpate_report.report_data import ReportData
+
+_BIBTEX = Path(__file__).parent / "palpate.bib"
+
+
+def methods(data: ReportData, estimates: Sequence[Headline], not_included: Sequence[str]) -> str:
+    """Paragraph on what was done, with references in BibTeX, as Markdown.
+
+    Parameters
+    ----------
+    data : ReportData
+    estimates : sequence of Headline
+        Parameters of what leads; none where no parameters can be read.
+    not_included : sequence of str
+        What is in no interval.
+    """
+    sentences = (
+        *_experiment(data),
+        *_meshes(data),
+        *_materials(data),
+        *_search(data),
+        *_intervals(data, not_included),
+        *_found(estimates),
+    )
+    return f"{' '.join(sentences)}\n\n```bibtex\n{references(data)}```\n"
+
+
+def references(data: ReportData) -> str:
+    """BibTeX of this palpate and of the paper whose method it implements."""
+    version = str(data.manifest.get("versions", {}).get("palpate", ""))
+    return _BIBTEX.read_text(encoding="utf-8").replace("VERSION", version)
+
+
+def _experiment(data: ReportData) -> Iterator[str]:
+    versions, study = data.manifest.get("versions", {}), data.study
+    yield (
+        f"Parameters were identified with palpate {versions.get('palpate', '')} "
+        f"(solver {study.solver.name}, {versions.get(f'solver {study.solver.name}', 'version unknown')})."
+    )
+    measured = " and ".join(data.measured_channels)
+    were = "were measured" if study.data == "measured" else "were simulated, not measured"
+    protocol, n = study.protocol, len(data.spots)
+    spots = f"{n} spot{'s' if n > 1 else ''} ({', '.join(data.spots)})"
+    if not isinstance(protocol, Indentation):
+        yield f"The curves of {measured} {were}, of {spots}."
+        return
+    depth, turns = protocol.path[:, 0], protocol.path[:, 1]
+    twist = f" and rotated from {turns.min():g}° to {turns.max():g}° about it" if turns.any() else ""
+    tool = f"{protocol.indenter.name}, radius {protocol.indenter.radius_mm:g} mm"
+    yield (
+        f"At {spots} a rigid indenter ({tool}) was pressed {depth.max():g} mm along the "
+        f"surface normal{twist}; {measured} {were}. "
+        f"Contact had a Coulomb friction coefficient of {protocol.friction:g}."
+    )
+
+
+def _meshes(data: ReportData) -> Iterator[str]:
+    coarse = [limb.mesh.n_nodes for name, limb in data.limbs.items() if "/" not in name]
+    if coarse and data.study.solver.provides.mesh:
+        yield f"The mesh around each spot had {_range(coarse)} nodes."
+    fits = data.fit.table
+    if "n_fine" in fits.columns and (fits["n_fine"].sum() or 0) > 0:
+        fine = [limb.mesh.n_nodes for name, limb in data.limbs.items() if name.endswith("/fine")]
+        edges = [f"{spot.fine_edge_mm:g}" for spot in data.study.spots if spot.fine_edge_mm]
+        of = f" of {_range(fine)} nodes" if fine else ""
+        to = f", refined to edges of {edges[0]} mm at the contact" if edges else ""
+        yield f"Simulations with finer meshes{of}{to} corrected the fit."
+
+
+def _range(numbers: Sequence[int]) -> str:
+    low, high = min(numbers), max(numbers)
+    return f"{low:,}" if low == high else f"{low:,} to {high:,}"
+
+
+def _materials(data: ReportData) -> Iterator[str]:
+    for region in data.study.space.regions:
+        units = {p.name: "" if p.unit in ("", "1") else f" {p.unit}" for p in region.material.parameters}
+        fixed = ", ".join(f"{name} = {value:.4g}{units[name]}" for name, value in region.fixed.items())
+        tied = ", ".join(region.tied)
+        yield (
+            f"The region {region.region} had the material {region.material.name} ({region.convention})"
+            f"{f', with {fixed} fixed' if fixed else ''}{f', {tied} tied' if tied else ''}."
+        )
+    ranges = (
+        f"{p.name} from {p.lower:.4g} to {p.upper:.4g}{'' if p.unit in ('', '1') else f' {p.unit}'}"
+        for p in data.searched.values()
+    )
+    yield f"Searched were {', '.join(ranges)}."
+
+
+def _search(data: ReportData) -> Iterator[str]:
+    study, scenario = data.study, data.generalising
+    rules = study.scoring.score
+    weights = " + ".join(f"{weight:g} × {channel}" for channel, weight in scenario.weights.items() if weight)
+    if study.n_sets:
+        yield (
+            f"{data.design.n_sets} parameter sets (sampler {study.sampler.name}, seed {study.seed}) were "
+            "simulated first."
+        )
+    began = "their best" if study.n_sets else "the middle of the ranges"
+    how = (
+        f"The search {study.search.name} began at {began}" if data.is_fitted else "The best set was selected"
+    )
+    where = ", jointly over all spots" if len(data.spots) > 1 else ""
+    yield f"{how}, for the least score {rules.name} of {weights} (scenario {scenario.name}){where}."
+
+
+def _intervals(data: ReportData, not_included: Sequence[str]) -> Iterator[str]:
+    budget = data.fit.certainty.budget
+    if budget.is_empty():
+        return
+    main = {"fit": data.together, "scenario": data.generalising.name}
+    causes = budget.filter(**main, status="included")["cause"].unique(maintain_order=True)
+    listed = ", ".join(CAUSES.get(cause, cause) for cause in causes)
+    missing = f", and not {', '.join(not_included)}" if not_included else ""
+    yield f"The 95 % intervals include {listed}{missing}."
+
+
+def _found(estimates: Sequence[Headline]) -> Iterator[str]:
+    yield f"Found: {'; '.join(map(str, estimates))}." if estimates else "No parameters can be stated."

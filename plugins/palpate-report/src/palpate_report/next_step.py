@@ -1,0 +1,112 @@
+"""What to do next, in one line: by the largest cause of the widest interval."""
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+
+from palpate.api import Indentation
+from palpate_report.headline import Headline
+from palpate_report.report_data import ReportData
+
+WRITE_UP = "every parameter is identified: write it up (docs/write-it-up.md), with report/methods.md"
+STOP = "remove the reason for the refusal, then run again"
+
+CAUSES: Mapping[str, str] = MappingProxyType(
+    {
+        "noise": "noise",
+        "model": "misfit of the model",
+        "mesh": "mesh",
+        "zero": "drift",
+        "priors": "priors",
+        "range": "curves that hardly depend on it",
+        "gain": "calibration",
+        "onset": "onset of contact",
+        "indenter": "radius of the indenter",
+        "friction": "friction",
+        "tilt": "tilt",
+    }
+)
+"""Causes of intervals in words; others, such as fixed parameters, are named as they are."""
+
+REMEDIES: Mapping[str, str] = MappingProxyType(
+    {
+        "noise": "repeat the press; a mean of presses has less noise",
+        "model": "fit another material, and `palpate compare` both runs",
+        "zero": "reduce the drift of the sensor, and set `[budget] zero` to the rest",
+        "gain": "calibrate the sensor, and set `[budget] gain` to the rest",
+        "onset": "sample more densely at first contact, and set `[budget] onset` to the rest",
+        "indenter": "measure the radius, and set `[budget] radius`",
+        "friction": "measure it, and set `friction` and `[budget] friction`",
+        "tilt": "align the tool with the normal, and set `[budget] tilt` to the rest",
+    }
+)
+"""What makes each cause smaller."""
+
+FINER = 0.7
+"""Edge of the next finer mesh over that of the last one."""
+
+EDGE_IN_RADII = 1.0 / 3.0
+"""Edge of the first finer mesh over the indenter's radius."""
+
+
+def next_step(data: ReportData, estimates: Sequence[Headline], *, is_refused: bool) -> str:
+    """What narrows the widest interval, or that there is nothing left to do; one line.
+
+    Parameters
+    ----------
+    data : ReportData
+    estimates : sequence of Headline
+        Parameters of what leads.
+    is_refused : bool
+        No parameters can be read from the run.
+    """
+    if data.unfinished:
+        return "finish the run: `palpate run RUN`"
+    if is_refused:
+        return STOP
+    if at_end := ", ".join(each.parameter for each in estimates if each.at_bound):
+        return f"widen the range of {at_end} and run again; what is simulated is kept"
+    open_ones = [each for each in estimates if each.identifiability != "well"]
+    if not open_ones:
+        return WRITE_UP if estimates else ""
+    if any(each.level is None for each in open_ones):
+        return "search with a fit, which finds 95 % intervals and their causes (docs/fit.md)"
+    return _narrower(data, max(open_ones, key=_relative_width))
+
+
+def _relative_width(value: Headline) -> float:
+    if value.lower is None or value.upper is None:
+        return float("inf")
+    return (value.upper - value.lower) / (abs(value.lower + value.upper) or 1.0)
+
+
+def _narrower(data: ReportData, worst: Headline) -> str:
+    """What makes the largest cause of an interval smaller."""
+    budget = data.fit.certainty.budget
+    if not budget.is_empty():
+        main = {"fit": data.together, "scenario": data.generalising.name, "parameter": worst.name}
+        budget = budget.filter(**main).drop_nulls("share").sort("share", descending=True)
+    if budget.is_empty():
+        return f"{worst.parameter} is {worst.verdict}: read the warnings, the worst first"
+    cause, share = budget["cause"][0], f"{100.0 * budget['share'][0]:.0f} %"
+    if cause in ("range", "priors"):
+        return f"{worst.parameter} hardly changes the curves: {_more(data, worst)}, or fix its value"
+    remedy = _finer(data) if cause == "mesh" else REMEDIES.get(cause)
+    remedy = remedy or f"measure it elsewhere, and set `[budget.parameters]` (`{cause}`) to what is known"
+    return f"{CAUSES.get(cause, cause)}: {share} of the variance of {worst.parameter}; {remedy}"
+
+
+def _more(data: ReportData, worst: Headline) -> str:
+    if data.study.protocol is None:
+        return "measure another kind of test"
+    return f"press deeper or elsewhere (`palpate next RUN --for {worst.name}` ranks presses)"
+
+
+def _finer(data: ReportData) -> str:
+    """Setting of finer meshes that correct the fit."""
+    study = data.study
+    if any(spot.fine_mesh for spot in study.spots) or not isinstance(study.protocol, Indentation):
+        return "give finer meshes as `fine_mesh`"
+    edges = [spot.fine_edge_mm for spot in study.spots if spot.fine_edge_mm]
+    edge = FINER * min(edges) if edges else EDGE_IN_RADII * study.protocol.indenter.radius_mm
+    runs = "" if study.fine_runs else "`fine_runs = 1` and "
+    return f'set {runs}`fine_edge = "{edge:.2g} mm"` in `[fit]`'

@@ -1,0 +1,124 @@
+"""The line on what to do next names the cause that widens the worst interval, and what reduces it."""
+
+from dataclasses import replace
+
+import polars as pl
+import pytest
+
+from palpate.api import Indentation
+from palpate.api.fit import ALL_SPOTS
+from palpate.domain.indenter import Sphere
+from palpate.fit.least_squares import LeastSquares
+from palpate_report.answer import answer
+from palpate_report.forest import forest
+from palpate_report.next_step import CAUSES, REMEDIES, STOP, WRITE_UP
+from palpate_report.result import Report, make_conclusion
+from palpate_report.stage import summary_of
+
+WORST, OTHER = "soft_tissue.grip", "soft_tissue.stiffness"
+
+
+@pytest.fixture
+def fitted(content):
+    """A fit whose model describes the data; the interval of one of its two parameters is wide."""
+    data = content(search=LeastSquares(), truth={OTHER: 0.45, WORST: 22.0})
+    return with_words(data, {OTHER: "roughly", WORST: "poorly"})
+
+
+def with_words(data, words):
+    certainty = data.fit.certainty
+    is_worst = pl.col("parameter") == WORST
+    known = certainty.intervals.with_columns(
+        lower=pl.when(is_worst).then(pl.col("value") * 0.1).otherwise(pl.col("value") * 0.9),
+        upper=pl.when(is_worst).then(pl.col("value") * 1.9).otherwise(pl.col("value") * 1.1),
+        identifiability=pl.col("parameter").replace(words),
+    )
+    fine = certainty.adequacy.with_columns(failed=pl.lit(value=False), message=pl.lit(""))
+    changed = replace(certainty, intervals=known, adequacy=fine)
+    table = data.fit.table.with_columns(at_bound=pl.lit(""))
+    return replace(data, fit=replace(data.fit, certainty=changed, table=table))
+
+
+def because(data, cause, share=0.58):
+    """The data with a budget in which one cause of the wide interval leads; of the other one it is noise."""
+    rows = [(WORST, cause, share), (WORST, "other", 1.0 - share - 0.01), (OTHER, "noise", 1.0)]
+    budget = pl.DataFrame(
+        [
+            {"fit": ALL_SPOTS, "scenario": "I", "parameter": name, "cause": of, "share": part,
+             "sd": part, "status": "included"}
+            for name, of, part in rows
+        ]
+    )  # fmt: skip
+    certainty = replace(data.fit.certainty, budget=budget)
+    return replace(data, fit=replace(data.fit, certainty=certainty))
+
+
+def pressed(data, **changes):
+    """The data of a study that presses with a sphere."""
+    protocol = Indentation(indenter=Sphere(radius_mm=7.5), path=[[0.0, 0.0], [10.0, 0.0]], friction=1.0)
+    return replace(data, study=replace(data.study, protocol=protocol, **changes))
+
+
+def said(data):
+    return make_conclusion(data, {}).next_step
+
+
+@pytest.mark.parametrize("cause", sorted(REMEDIES))
+def test_each_cause_has_its_remedy_with_its_share_and_the_parameter(fitted, cause):
+    assert said(because(fitted, cause)) == f"{CAUSES[cause]}: 58 % of the variance of grip; {REMEDIES[cause]}"
+
+
+def test_every_cause_in_words_is_answered(fitted):
+    for cause in CAUSES:
+        assert "elsewhere" not in said(because(pressed(fitted), cause)).replace("deeper or elsewhere", "")
+
+
+def test_a_mesh_that_leads_is_refined_by_the_setting_that_is_missing(fitted):
+    first = because(pressed(fitted, fine_runs=0), "mesh")
+    assert said(first).endswith('; set `fine_runs = 1` and `fine_edge = "2.5 mm"` in `[fit]`')
+    spots = tuple(replace(spot, fine_edge_mm=2.0) for spot in fitted.study.spots)
+    finer = because(pressed(fitted, spots=spots, fine_runs=1), "mesh")
+    assert said(finer).endswith('; set `fine_edge = "1.4 mm"` in `[fit]`')
+
+
+@pytest.mark.parametrize("cause", ["range", "priors"])
+def test_a_parameter_that_the_curves_do_not_know_needs_another_press_or_test(fitted, cause):
+    data = because(fitted, cause)
+    test = replace(data, study=replace(data.study, protocol=None))
+    assert said(test) == ("grip hardly changes the curves: measure another kind of test, or fix its value")
+    assert f"`palpate next RUN --for {WORST}`" in said(pressed(data))
+
+
+def test_a_fixed_parameter_that_leads_is_to_be_measured(fitted):
+    step = said(because(fitted, "soft_tissue.kappa"))
+    assert step.startswith("soft_tissue.kappa: 58 % of the variance of grip; ")
+    assert "`[budget.parameters]`" in step
+
+
+def test_where_all_is_known_it_is_to_be_written_up(fitted):
+    known = with_words(fitted, {OTHER: "well", WORST: "well"})
+    assert said(because(known, "mesh")) == WRITE_UP
+
+
+def test_a_range_that_ends_too_early_comes_before_every_cause(fitted):
+    data = because(fitted, "friction")
+    ended = data.fit.table.with_columns(at_bound=pl.lit(WORST))
+    assert said(replace(data, fit=replace(data.fit, table=ended))).startswith("widen the range of grip ")
+
+
+def test_without_a_result_it_says_what_is_missing(content, fitted):
+    refused = content(search=LeastSquares())
+    assert make_conclusion(refused, {}).failure
+    assert said(refused) == STOP
+    assert "palpate run" in said(replace(fitted, unfinished="2 of 3"))
+    assert "search with a fit" in said(content())
+
+
+def test_page_terminal_and_json_have_the_same_line(fitted):
+    data = because(fitted, "friction")
+    report = Report(tables={}, conclusion=make_conclusion(data, {}))
+    step = report.conclusion.next_step
+    summary = summary_of(data.study, report)
+    assert dict(summary.labelled)["Next"] == summary.values["next"] == step
+    card = answer(data, report.conclusion, forest(data, report.conclusion.bests))
+    assert dict(card.facts)["Next"] == step
