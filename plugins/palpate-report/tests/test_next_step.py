@@ -76,9 +76,10 @@ def test_every_cause_in_words_is_answered(fitted):
 def test_a_mesh_that_leads_is_refined_by_the_setting_that_is_missing(fitted):
     first = because(pressed(fitted, fine_runs=0), "mesh")
     assert said(first).endswith('; set `fine_runs = 1` and `fine_edge = "2.5 mm"` in `[fit]`')
-    spots = tuple(replace(spot, fine_edge_mm=2.0) for spot in fitted.study.spots)
-    finer = because(pressed(fitted, spots=spots, fine_runs=1), "mesh")
-    assert said(finer).endswith('; set `fine_edge = "1.4 mm"` in `[fit]`')
+    for edge_mm, then in ((2.0, "1.4 mm"), (None, "1.8 mm")):
+        spots = tuple(replace(spot, fine_edge_mm=edge_mm) for spot in fitted.study.spots)
+        finer = because(pressed(fitted, spots=spots, fine_runs=1), "mesh")
+        assert said(finer).endswith(f'; set `fine_edge = "{then}"` in `[fit]`')
 
 
 @pytest.mark.parametrize("cause", ["range", "priors"])

@@ -106,7 +106,9 @@ def _finer(data: ReportData) -> str:
     study = data.study
     if any(spot.fine_mesh for spot in study.spots) or not isinstance(study.protocol, Indentation):
         return "give finer meshes as `fine_mesh`"
-    edges = [spot.fine_edge_mm for spot in study.spots if spot.fine_edge_mm]
-    edge = FINER * min(edges) if edges else EDGE_IN_RADII * study.protocol.indenter.radius_mm
+    edges = [spot.fine_edge_mm for spot in study.spots]
+    usual_mm = EDGE_IN_RADII * study.protocol.indenter.radius_mm
+    # None: refined as usual; 0: not refined.
+    edge = FINER * min(each or usual_mm for each in edges) if any(each != 0.0 for each in edges) else usual_mm
     runs = "" if study.fine_runs else "`fine_runs = 1` and "
     return f'set {runs}`fine_edge = "{edge:.2g} mm"` in `[fit]`'
