@@ -70,7 +70,7 @@ def test_the_generic_one_shows_every_hook_with_its_contract(made: dict[str, Path
     text = (made["generic"] / "src" / "palpate_my_generic" / "__init__.py").read_text()
     assert set(re.findall(r"^# (palpate_\w+)\(", text, flags=re.MULTILINE)) == HOOKS
     comments = " ".join(re.sub(r"\n#\s*", " ", text).split())
-    assert "Returns classes of Score (from palpate.api), tested by ScoreContract." in comments
+    assert "Returns classes of Score (from palpate.api.scores), tested by ScoreContract." in comments
     assert "Returns classes of Search (from palpate.api.fit), tested by SearchContract." in comments
     for kind in KINDS.values():
         assert not kind.contract or hasattr(testing, kind.contract)

@@ -33,7 +33,7 @@ def test_the_paragraph_has_the_settings_of_the_press(content, friction, depth):
     for parameter in data.searched.values():
         assert f"{parameter.name} from {parameter.lower:.4g} to {parameter.upper:.4g}" in text
     assert f"{data.design.n_sets} parameter sets" in text
-    assert "No parameters can be stated." in text
+    assert "No parameters can be read from this run." in text
 
 
 def test_the_intervals_name_their_causes_and_what_they_leave_out(fitted):

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from palpate.api import Indentation
-from palpate_report.headline import Headline
+from palpate_report.headline import NO_PARAMETERS, Headline
 from palpate_report.next_step import CAUSES
 from palpate_report.report_data import ReportData
 
@@ -125,4 +125,4 @@ def _intervals(data: ReportData, not_included: Sequence[str]) -> Iterator[str]:
 
 
 def _found(estimates: Sequence[Headline]) -> Iterator[str]:
-    yield f"Found: {'; '.join(map(str, estimates))}." if estimates else "No parameters can be stated."
+    yield f"Found: {'; '.join(map(str, estimates))}." if estimates else f"{NO_PARAMETERS}."
