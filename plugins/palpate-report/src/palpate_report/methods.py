@@ -71,7 +71,7 @@ def _meshes(data: ReportData) -> Iterator[str]:
         fine = [limb.mesh.n_nodes for name, limb in data.limbs.items() if name.endswith("/fine")]
         edges = [f"{spot.fine_edge_mm:g}" for spot in data.study.spots if spot.fine_edge_mm]
         of = f" of {_range(fine)} nodes" if fine else ""
-        to = f", refined to edges of {edges[0]} mm at the contact" if edges else ""
+        to = f", refined to edges of {edges[0]} mm at the contact," if edges else ""
         yield f"Simulations with finer meshes{of}{to} corrected the fit."
 
 
