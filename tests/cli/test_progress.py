@@ -240,4 +240,4 @@ def test_watching_ends_with_the_run_and_a_log_hears_of_changes_only(call, ran, m
     assert seen.code == 0
     assert seen.err.count("20 of 20 simulations (20 ok)") == 1
     assert "running: process" in seen.err
-    assert "Best so far" in seen.out
+    assert "Conclusion" in seen.out

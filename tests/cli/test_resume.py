@@ -18,6 +18,7 @@ from palpate.run.lock import locked
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
+LABELS = ["Conclusion", "Parameters", "Warnings", "Next", "Page"]
 GUIDE = Path(__file__).parents[2] / "docs" / "runs.md"
 TABLES = ("scores.parquet", "selection.parquet", "generalisation.parquet", "design.parquet")
 
@@ -94,7 +95,7 @@ def test_a_signal_outside_the_sweep_stops_at_once(call, study):
 
 
 @pytest.mark.slow
-def test_status_shows_the_best_so_far_and_why_simulations_failed(call, ran):
+def test_status_has_the_best_so_far_and_counts_what_is_simulated(call, ran):
     selection = pl.read_parquet(ran / "selection.parquet").to_dicts()
     best = call("status", "runs/toy", "--json").json["best"]
     chosen = {(row["spot"], row["scenario"]): row for row in selection}
@@ -102,6 +103,7 @@ def test_status_shows_the_best_so_far_and_why_simulations_failed(call, ran):
     for row in best:
         assert row["set_id"] == chosen[row["spot"], row["scenario"]]["set_id"]
         assert row["fopt"] == pytest.approx(chosen[row["spot"], row["scenario"]]["fopt"], rel=1e-12)
+    shutil.rmtree("runs/toy/report")  # a run that has not ended
     shown = call("status", "runs/toy").out
     assert "runs/toy: 20 of 20 simulations (20 ok)" in shown
     assert "Best so far" in shown
@@ -234,16 +236,50 @@ def test_a_change_that_costs_nothing_is_reported_and_the_run_continues(call, stu
 
 
 @pytest.mark.slow
-def test_a_run_and_its_study_move_together_and_a_lost_study_is_requested(call, study, tmp_path):
+def test_a_run_moves_with_its_study_and_goes_on_without_it(call, study, tmp_path):
     call("run", study, "--out", study / "run")
     moved = tmp_path / "moved"
     shutil.move(study, moved)
     assert call("run", moved / "run", "--trust-plugins", plugin=None).code == 0
     shutil.move(moved / "run", tmp_path / "alone")
+    alone = call("run", "alone", "--trust-plugins", plugin=None)
+    assert alone.code == 0, alone.err
+    assert "the copy in the run is used" in alone.err
+    shutil.rmtree("alone/inputs")
     lost = call("run", "alone", "--trust-plugins", plugin=None)
     assert lost.code == 2
     assert "--study FILE" in lost.err or "a plugin file of this run is not there" in lost.err
     assert call("run", "nowhere").code == 2
+
+
+@pytest.mark.usefixtures("one_figure")
+@pytest.mark.parametrize("command", [("report",), ("status",), ("card",), ("run",)])
+def test_each_command_works_on_a_run_that_was_moved_after_its_study_was_lost(
+    call, whole_run, tmp_path, command
+):
+    moved = shutil.copytree(whole_run, tmp_path / "far" / "away" / "run")
+    found = call(*command, moved, "--json") if command != ("card",) else call("card", moved)
+    assert found.code == 0, found.err
+    assert {"study.toml", "s1.txt", "s2.txt"} <= {file.name for file in (moved / "inputs").iterdir()}
+
+
+@pytest.mark.usefixtures("ran")
+def test_a_study_that_is_edited_after_its_run_counts_where_it_is_run_again_alone(call, study, ran):
+    path = study / "study.toml"
+    path.write_text(path.read_text() + '\n[scoring]\nnormaliser = "rms"\n')
+    assert call("report", ran, "--json").code == 0
+    assert "rms" not in (ran / "inputs" / "study.toml").read_text()
+    assert "rms" not in (ran / "study.toml").read_text()
+
+
+def test_status_of_a_finished_run_has_the_lines_that_it_ended_with(call, whole_run):
+    found = call("status", whole_run)
+    assert found.code == 0
+    labels = [line.split()[0] for line in found.out.splitlines() if line.split()]
+    assert [word for word in labels if word in LABELS] == LABELS
+    assert "; finished" in found.out
+    (page,) = (line.split()[-1] for line in found.out.splitlines() if line.startswith("Page"))
+    assert page == (whole_run / "report" / "index.html").resolve().as_uri()
 
 
 def test_the_manifest_holds_no_place_of_this_machine(whole_run):

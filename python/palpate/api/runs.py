@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     )
     from palpate.plugins.versions import FIRST_PARTY as FIRST_PARTY
     from palpate.run.directory import (
+        RESULT as RESULT,
         RunDirectory as RunDirectory,
         file_name as file_name,
     )

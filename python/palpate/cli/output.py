@@ -122,7 +122,7 @@ class FitStateOutput(Closed):
 class StatusOutput(Closed):
     """How far a run is; ``states`` counts simulations of the sweep by how they ended.
 
-    ``fit`` is null before a fit begins, and once it has ended.
+    ``fit`` is null before a fit begins, and once it has ended; ``result`` has the lines of a finished run.
     """
 
     folder: str
@@ -133,6 +133,7 @@ class StatusOutput(Closed):
     seconds_left: Number
     failures: list[Row]
     best: list[Row]
+    result: dict[str, str]
     fit: FitStateOutput | None
 
 

@@ -119,28 +119,42 @@ def original_study(
 ) -> tuple[Session, Path]:
     """Session with the plugin files of a run, and the study file that it was made from.
 
+    Where that file is not there any more, it is the copy that the run keeps.
+
     Raises
     ------
     StudyError
         The study file or a plugin file is not there any more, or plugin files are not trusted.
     """
     from palpate.run.directory import RunDirectory
+    from palpate.run.kept_inputs import kept_study
     from palpate.study.reading import study_plugins
 
     manifest = RunDirectory(run).manifest()
     file = _study_file(moved) if moved else run.joinpath(manifest["study_file"])
+    named = plugins_of(run, manifest)
+    kept = None if moved or file.is_file() else kept_study(run, manifest)
+    if kept is not None:
+        session.note(f"{file.name} is not where it was; the copy in the run is used: {kept}")
+        file = kept
     if not file.is_file():
         raise StudyError(
             f"{file}: the study file of this run is not there any more; put it back, with its meshes, or "
             f"name it once: palpate run {run} --study FILE"
         )
-    named = [*plugins_of(run, manifest), *([] if moved else study_plugins(file))]
+    named += [] if moved else study_plugins(file)
     return session_of_run(session, run, named, trust=trust, command=command), file.resolve()
 
 
 def plugins_of(run: Path, manifest: Mapping[str, Any]) -> list[Path]:
-    """Plugin files that the manifest of a run names."""
-    return [run / file for file in manifest["plugin_files"]]
+    """Plugin files that the manifest of a run names; where one is gone, its copy in the run."""
+    from palpate.run.kept_inputs import kept_plugin, kept_study
+    from palpate.study.reading import study_plugins
+
+    kept = kept_study(run, manifest)
+    copies = {file.name: file for file in study_plugins(kept)} if kept else {}
+    files = [run / file for file in manifest["plugin_files"]]
+    return [file if file.is_file() else copies.get(file.name, kept_plugin(run, file)) for file in files]
 
 
 def _ask(session: Session, run: Path, files: list[Path], command: str) -> None:

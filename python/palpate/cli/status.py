@@ -27,7 +27,7 @@ def status(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show how far a run is, why simulations failed, and the best set so far."""
+    """Show how far a run is and why simulations failed; of a finished run, what it found."""
     from palpate.stages.status import Watcher
 
     session, watcher = Session.of(context), Watcher(find_run(run))
@@ -60,10 +60,15 @@ def _watched(session: Session, watcher: "Watcher", seen: "RunStatus") -> "RunSta
 
 
 def _show(session: Session, seen: "RunStatus") -> None:
+    import polars as pl
+
     session.say(_line(seen))
-    for title, frame in (("Best so far", seen.best), ("Failures", seen.failures)):
+    best = pl.DataFrame() if seen.result else seen.best
+    for title, frame in (("Best so far", best), ("Failures", seen.failures)):
         if not frame.is_empty():
             session.frame(title, frame)
+    for label, text in seen.result.items():
+        session.labelled(label, text)
     if seen.is_unfinished:
         session.next(f"run {seen.folder}")
 
@@ -76,6 +81,8 @@ def _line(seen: "RunStatus") -> str:
         line += f"; running: {seen.runner}"
     elif seen.is_unfinished:
         line += "; not running"
+    elif seen.result:
+        line += "; finished"
     return line
 
 
@@ -99,5 +106,6 @@ def _as_json(seen: "RunStatus") -> "StatusOutput":
         "seconds_left": seen.seconds_left,
         "failures": seen.failures.to_dicts(),
         "best": seen.best.to_dicts(),
+        "result": dict(seen.result),
         "fit": cast("FitStateOutput | None", seen.fit and asdict(seen.fit)),
     }

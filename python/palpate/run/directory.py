@@ -3,6 +3,7 @@
 ::
 
     study.toml              as run
+    inputs/                 the study and the files that it names, so that the folder can be moved
     manifest.json           versions, hashes of the inputs, units, normaliser, conventions, seed
     measured/<spot>.parquet  measured/<spot>.json  measured/plots/<spot>/
     design.parquet  design.json
@@ -41,6 +42,7 @@ from palpate.errors import StudyError
 from palpate.executors.answers import plain
 from palpate.run.atomic_files import write_atomically
 from palpate.run.fit_state import remove_fit_state
+from palpate.run.kept_inputs import FOLDER as KEPT, keep_inputs
 from palpate.run.lock import locked
 from palpate.run.manifest import (
     IN_KEYS,
@@ -58,6 +60,9 @@ from palpate.run.result import CertaintyResult, FitResult, IdentifiabilityResult
 from palpate.run.result_files import Files, frame_of, parquet, response_of
 from palpate.study.reading import Study
 
+RESULT = "result.json"
+"""File in the folder of the report with the lines that a run ended with, by their label."""
+
 RELAXATIONS = "relaxations"
 """Key of what relaxed, in the record of measured curves."""
 
@@ -73,6 +78,15 @@ class RunDirectory:
     def report(self) -> Path:
         """Where tables, figures and the page go."""
         return self.folder / "report"
+
+    def result(self) -> dict[str, str]:
+        """Lines that the run ended with, by label, with the place of its page; empty before its end."""
+        try:
+            lines: dict[str, str] = json.loads((self.report / RESULT).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return {}
+        page = self.report / "index.html"
+        return lines | ({"Page": page.resolve().as_uri()} if page.is_file() else {})
 
     # ------------------------------------------------------------------ beginning
 
@@ -98,6 +112,7 @@ class RunDirectory:
             "measured": self._records(study),
             # Relative to this folder, for `palpate run`: both may move together.
             "study_file": _from(self.folder, study.file),
+            "kept_study": keep_inputs(self.folder, study),
             "plugin_files": [_from(self.folder, file) for file in study.plugin_files],
             "fingerprints": now,
             "trusted": recorded(study, before),
@@ -144,7 +159,8 @@ class RunDirectory:
     def refuse_other(self, study: Study, *, adopt: bool) -> None:
         """Refuse a folder with something else, or the run of another study file that is still there."""
         check_claimable(self.folder)
-        if not adopt and self.exists:
+        is_kept = study.file.resolve().is_relative_to((self.folder / KEPT).resolve())
+        if not adopt and self.exists and not is_kept:
             refuse_other(self.folder, self.folder / self.manifest()["study_file"], study.file)
 
     @property

@@ -176,6 +176,7 @@ class _ReadAgain(TypedDict):
 
     study: str
     study_file: str
+    kept_study: NotRequired[str]
     plugin_files: list[str]
     spots: dict[str, Any]
     scenarios: dict[str, dict[str, float]]
@@ -276,7 +277,7 @@ def recorded(study: Study, manifest: Mapping[str, Any]) -> dict[str, dict[str, l
     return record
 
 
-_ABOUT_NOTHING = ("measured", "study_file", "plugin_files", "trusted", "fit_start")
+_ABOUT_NOTHING = ("measured", "study_file", "kept_study", "plugin_files", "trusted", "fit_start")
 """Parts of a manifest that are no part of a study: they follow from others, or are the folder's own."""
 
 _CODE = "fingerprints."

@@ -16,6 +16,7 @@ from palpate.fit.fitted import Fitted, inputs_at
 from palpate.mechanics.homogeneous import nominal_stress
 from palpate.plugins.catalogue import Plugins
 from palpate.run.directory import RunDirectory
+from palpate.run.kept_inputs import kept_study
 from palpate.run.result import FitResult
 from palpate.run.result_files import frame_of
 from palpate.stages.stage import Run, read_run
@@ -203,6 +204,7 @@ def open_run(folder: Path | str, plugins: Plugins | None = None) -> SavedRun:
 
 
 def copied_study(folder: Path, plugins: Plugins) -> Study:
-    """A run's own copy of its study."""
-    original = folder.joinpath(RunDirectory(folder).manifest()["study_file"])
-    return read_study(folder / "study.toml", plugins, copy_of=original)
+    """A run's own copy of its study, with the files that the run keeps."""
+    manifest = RunDirectory(folder).manifest()
+    files_of = kept_study(folder, manifest) or folder / manifest["study_file"]
+    return read_study(folder / "study.toml", plugins, copy_of=files_of)

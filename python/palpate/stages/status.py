@@ -37,6 +37,9 @@ class RunStatus:
         spot, scenario, set_id, fopt: least so far.
     fit : FitState or None
         How far the fit is; None before it begins, and once it has ended.
+    result : mapping of label to str
+        Lines with which the run ended: conclusion, parameters, warnings, what to do next, and the page. Empty
+        while it goes on.
     """
 
     folder: Path
@@ -47,6 +50,7 @@ class RunStatus:
     failures: pl.DataFrame
     best: pl.DataFrame
     fit: FitState | None
+    result: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def n_finished(self) -> int:
@@ -83,6 +87,8 @@ class Watcher:
             counts, rows = ledger.counts(), ledger.sweep().drop_nulls("state")
             self._score(run, manifest, ledger, rows)
         runner, n_left = living_runner_of(self.folder), counts.pop("left", 0)
+        state = read_fit_state(self.folder)
+        is_ended = runner is None and not n_left and state is None
         return RunStatus(
             folder=self.folder,
             runner=runner,
@@ -91,7 +97,8 @@ class Watcher:
             seconds_left=_seconds_left(rows, n_left, runner),
             failures=failures(rows),
             best=self._best(manifest),
-            fit=read_fit_state(self.folder),
+            fit=state,
+            result=run.result() if is_ended else {},
         )
 
     def _score(

@@ -1,6 +1,7 @@
 """The report of a run directory, and what it is made of."""
 
 import contextlib
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from palpate.api import SILENT, PluginError, Progress, Run, StudyError, Summary
 from palpate.api.files import write_atomically
 from palpate.api.fit import FitResult, IdentifiabilityResult, PosteriorResult
 from palpate.api.runs import (
+    RESULT,
     Ledger,
     Plugins,
     RunDirectory,
@@ -48,8 +50,10 @@ def write_report(data: ReportData, folder: Path) -> Report:
     figures = write_figures(data, folder / "figures")
     files = (*written, *figures)
     pictures = {file.stem: file.read_bytes() for file in figures if file.suffix == ".svg"}
-    files = (*files, folder / "methods.md")
-    write_atomically(files[-1], conclusion.methods.encode())
+    texts = {"methods.md": conclusion.methods, RESULT: json.dumps(conclusion.lines(data.study), indent=2)}
+    for name, text in texts.items():
+        write_atomically(folder / name, text.encode())
+    files = (*files, *(folder / name for name in texts))
     page = write_page(data, tables, conclusion, files, folder, pictures)
     keep_only(folder, (*files, page))
     return Report(tables=tables, files=(*files, page), conclusion=conclusion)
