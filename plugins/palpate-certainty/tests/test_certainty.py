@@ -113,11 +113,15 @@ def test_what_a_finer_mesh_leaves_is_of_each_spot_and_channel(ended):
 
 
 @pytest.mark.parametrize(
-    ("budget", "has_fine_mesh", "word"),
-    [({}, False, "unclear"), ({"mesh": "7 %"}, False, "roughly"), ({}, True, "roughly")],
+    ("budget", "has_fine_mesh", "word", "shown_by"),
+    [
+        ({}, False, "unclear", "one mesh"),
+        ({"mesh": "7 %"}, False, "roughly", "the study"),
+        ({}, True, "roughly", "two meshes"),
+    ],
 )
 def test_the_usual_error_of_a_mesh_leaves_what_it_decides_unclear(
-    ended, monkeypatch, budget, has_fine_mesh, word
+    ended, monkeypatch, budget, has_fine_mesh, word, shown_by
 ):
     """But for one that a study states, or that a finer mesh shows."""
     study, measured, case, _ = ended()
@@ -134,6 +138,8 @@ def test_the_usual_error_of_a_mesh_leaves_what_it_decides_unclear(
     shares = found.budget.filter(parameter="tissue.c1", cause="mesh")["share"]
     words = dict(found.intervals.select("parameter", "identifiability").iter_rows())
     assert shares[0] > 0.5
+    errors = dict(found.mesh_errors.filter(shown_by=shown_by).select("channel", "relative_error").iter_rows())
+    assert errors == pytest.approx({"force": 0.07 if budget else 0.03, "torque": 0.07})
     assert words["tissue.c1"] == word
 
 

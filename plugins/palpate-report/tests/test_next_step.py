@@ -82,6 +82,21 @@ def test_a_mesh_that_leads_is_refined_by_the_setting_that_is_missing(fitted):
         assert said(finer).endswith(f'; set `fine_edge = "{then}"` in `[fit]`')
 
 
+def test_the_error_of_the_meshes_has_a_line_with_the_interval_that_it_decides_most(fitted):
+    data = because(fitted, "mesh")
+    errors = [("p1", "force", 0.003), ("p1", "torque", 0.0071), ("p2", "torque", 0.009)]
+    rows = [
+        {"fit": ALL_SPOTS, "scenario": "I", "spot": spot, "channel": channel, "relative_error": error}
+        for spot, channel, error in errors
+    ]
+    table = pl.DataFrame(rows).with_columns(shown_by=pl.lit("two meshes"))
+    certainty = replace(data.fit.certainty, mesh_errors=table)
+    found = make_conclusion(replace(data, fit=replace(data.fit, certainty=certainty)), {})
+    line = "0.9 % of torque, 0.3 % of force (two meshes), 58 % of the variance of grip"
+    assert found.lines(data.study)["Mesh"] == line
+    assert "Mesh" not in make_conclusion(data, {}).lines(data.study)
+
+
 @pytest.mark.parametrize("cause", ["range", "priors"])
 def test_a_parameter_that_the_curves_do_not_know_needs_another_press_or_test(fitted, cause):
     data = because(fitted, cause)

@@ -85,7 +85,7 @@ def test_the_page_names_every_file_and_reports_simulated_data(undrawn, content, 
     assert "these are simulated data, not a measurement" in text
     assert 'href="figures/a%20figure.svg"' in text
     for path in files:
-        unlisted = ("index.html", "a figure.svg", "methods.md")
+        unlisted = ("index.html", "a figure.svg", "methods.md", "result.json")
         assert f'"{path.parent.name}/{path.name}"' in text or path.name in unlisted
     write_report(content(data="measured"), tmp_path / "real")
     real = (tmp_path / "real" / "index.html").read_text()

@@ -98,6 +98,10 @@ class CertaintyResult:
     adequacy : DataFrame
         One row per fit, scenario, check and channel: check, channel (null for all), probability of
         residuals like these under a good model, failed, and message: what is wrong, empty where nothing is.
+    mesh_errors : DataFrame
+        One row per fit, scenario, spot and fitted curve: relative_error of the curve by its mesh (one
+        standard deviation over the curve, both as root of the mean square), and shown_by: "two meshes",
+        "one mesh" (the usual error of its edges) or "the study"; empty without meshes.
     draws : DataFrame
         One row per draw from the density of each fit, cut off at the ranges and the filters: fit, scenario
         and what was searched.
@@ -111,6 +115,7 @@ class CertaintyResult:
     budget: pl.DataFrame = field(default_factory=pl.DataFrame)
     parameter_combinations: pl.DataFrame = field(default_factory=pl.DataFrame)
     adequacy: pl.DataFrame = field(default_factory=pl.DataFrame)
+    mesh_errors: pl.DataFrame = field(default_factory=pl.DataFrame)
     draws: pl.DataFrame = field(default_factory=pl.DataFrame)
     profile_planes: pl.DataFrame = field(default_factory=pl.DataFrame)
 

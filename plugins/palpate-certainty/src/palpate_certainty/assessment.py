@@ -15,6 +15,7 @@ from palpate.api.fit import Case, CertaintyResult, Fit, channel_of
 from palpate.api.runs import Study, relaxation_of
 from palpate_certainty.adequacy import Check, checks, misfits
 from palpate_certainty.error_sources import (
+    MESH,
     Columns,
     ErrorSource,
     SpotMesh,
@@ -22,6 +23,7 @@ from palpate_certainty.error_sources import (
     error_budget,
     error_sources_of,
     is_stated,
+    mesh_errors,
 )
 from palpate_certainty.laplace import FLAT_SD, laplace, scores_of, whitening
 from palpate_certainty.noise_model import (
@@ -155,6 +157,8 @@ class Assessment:
         residuals, jacobian, point = _at_end(end)
         rows, channels = layout_of(end.problem.terms, residuals.size, first.channels if first else ())
         known = self._known(end, residuals, rows, columns)
+        mesh = known.get(MESH, np.zeros((residuals.size, 0)))
+        by_mesh = mesh_errors(end.problem.terms, residuals, mesh, self.study.budget.mesh)
         groups = groups_of(rows)
         of_points, points = residuals, rows
         residuals, jacobian = groups @ residuals, groups @ jacobian
@@ -191,6 +195,7 @@ class Assessment:
             misfits=missed,
             checks=(*found, *self._relaxation(case)),
             channels=channels,
+            mesh_errors=tuple(by_mesh) if mesh.any() else (),
             has_usual_mesh_error=self._has_usual_mesh_error(end),
             left_out=_left_out(case, failures) | self._of_score,
         )

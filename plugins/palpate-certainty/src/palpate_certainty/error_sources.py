@@ -399,6 +399,33 @@ def error_budget(
     return found
 
 
+def mesh_errors(
+    terms: Sequence[SpotTerm], residuals: FloatArray, errors: FloatArray, stated: Mapping[str, float]
+) -> Iterator[dict[str, Any]]:
+    """Relative error of each fitted curve by its mesh, one standard deviation, and what shows it.
+
+    Parameters
+    ----------
+    terms : sequence of SpotTerm
+    residuals : (n,) array
+        Simulated less measured.
+    errors : (n, m) array
+        What one standard deviation of each error of the mesh adds to the residuals.
+    stated : mapping of channel to float
+        Errors that the study states.
+    """
+    for term, name, at, scale in pieces(terms):
+        channel = channel_of(name)
+        fitted = residuals[at] + (scale * term.measured[channel].ordinate)[term.counted(name)]
+        by_two = "two meshes" if channel in term.corrections else "one mesh"
+        yield {
+            "spot": term.spot,
+            "channel": name,
+            "relative_error": float(np.linalg.norm(errors[at]) / np.linalg.norm(fitted)),
+            "shown_by": "the study" if is_stated(channel, stated) else by_two,
+        }
+
+
 def _added(correction: Correction, scale: FloatArray, inside: BoolArray, fitted: FloatArray) -> FloatArray:
     """What a correction adds to the residuals of a fitted curve (n,)."""
     fine = (scale * (correction.coarse + correction.added))[inside]

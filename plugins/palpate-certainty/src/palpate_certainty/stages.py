@@ -37,6 +37,7 @@ class Intervals(Stage):
             "budget": "Share of each cause in the variance of each parameter.",
             "parameter_combinations": "Combinations of parameters, the best known first.",
             "adequacy": "Checks of whether the model describes the data.",
+            "mesh_errors": "Error of each fitted curve by its mesh, over the curve.",
             "draws": "Draws from the density of each fit.",
             "profile_planes": "Fopt over the planes of two parameters.",
         }

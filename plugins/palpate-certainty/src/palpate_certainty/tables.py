@@ -117,6 +117,8 @@ class Assessed:
     checks : tuple of Check
     channels : tuple of str
         By their numbers.
+    mesh_errors : tuple of mapping
+        Rows of :func:`~palpate_certainty.error_sources.mesh_errors`.
     has_usual_mesh_error : bool
         A mesh's error is neither shown by a finer mesh nor stated by the study.
     left_out : mapping of cause to str
@@ -136,6 +138,7 @@ class Assessed:
     misfits: Mapping[int, Misfit]
     checks: tuple[Check, ...]
     channels: tuple[str, ...]
+    mesh_errors: tuple[dict[str, Any], ...] = ()
     has_usual_mesh_error: bool = False
     left_out: Mapping[str, str] = field(default_factory=dict)
 
@@ -181,6 +184,7 @@ def certainty_result(assessed: Sequence[Assessed], study: Study) -> CertaintyRes
         budget=_frame(row for each in assessed for row in _budget(each)),
         parameter_combinations=_frame(row for each in assessed for row in _parameter_combinations(each)),
         adequacy=_frame(row for each in assessed for row in _adequacy(each, study)),
+        mesh_errors=_frame(_about(each) | row for each in assessed for row in each.mesh_errors),
         draws=_frame(row for each in assessed for row in _draws(each)),
     )
 

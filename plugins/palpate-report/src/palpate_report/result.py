@@ -81,6 +81,8 @@ class Conclusion:
         Why the parameters are those of one rate; empty where nothing shows it.
     not_included : tuple of str
         What may be wrong and is in no interval.
+    mesh : str
+        What the meshes may be wrong by, and the largest share of that in an interval; empty without them.
     next_step : str
         What to do next; empty where there is nothing to say.
     methods : str
@@ -102,6 +104,7 @@ class Conclusion:
     warnings: tuple[ReportWarning, ...]
     apparent: str = ""
     not_included: tuple[str, ...] = ()
+    mesh: str = ""
     next_step: str = ""
     methods: str = ""
     failure: str = ""
@@ -116,6 +119,7 @@ class Conclusion:
         warned = f"{len(self.warnings)}{worst}: {'; '.join(warning.what for warning in self.warnings)}"
         return {
             "Conclusion": f"{study.name} ({data}): {self.headline or NOTHING}",
+            **({"Mesh": self.mesh} if self.mesh else {}),
             "Parameters": f"{found}{missing}" if found else "none, for the reason above",
             "Warnings": warned if self.warnings else "none",
             **({"Next": self.next_step} if self.next_step else {}),
@@ -148,6 +152,7 @@ def make_conclusion(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Con
         apparent=apparent(data),
         not_included=missing,
         methods=methods(data, estimates, missing),
+        mesh="" if no_fit else _mesh(data),
         next_step=next_step(data, found, is_refused=bool(no_fit)),
         failure=no_fit,
         without_result=data.without_result,
@@ -171,6 +176,25 @@ def _not_included(data: ReportData) -> Iterator[str]:
         if sd == 0.0:
             yield f"{name} (stated as exact)"
     yield from (f"{cause} (failed)" for cause in left_out(data))
+
+
+def _mesh(data: ReportData) -> str:
+    """Largest relative error of each channel by the meshes of what leads, and where it matters most."""
+    certainty = data.fit.certainty
+    if certainty.mesh_errors.is_empty():
+        return ""
+    main = {"fit": data.together, "scenario": data.generalising.name}
+    rows = certainty.mesh_errors.filter(**main).sort("relative_error", descending=True)
+    worst = rows.unique("channel", keep="first", maintain_order=True)
+    channels = ", ".join(
+        f"{100.0 * row['relative_error']:.1f} % of {row['channel']}" for row in worst.to_dicts()
+    )
+    shares = certainty.budget.filter(**main, cause="mesh").drop_nulls("share").sort("share", descending=True)
+    if shares.is_empty():
+        return ""
+    parameter, share = shares.select("parameter", "share").row(0)
+    of = data.brief_name(parameter)
+    return f"{channels} ({worst['shown_by'][0]}), {100.0 * share:.0f} % of the variance of {of}"
 
 
 def _lead(data: ReportData, bests: Sequence[Best]) -> tuple[str, list[str], str]:
