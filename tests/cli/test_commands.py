@@ -402,6 +402,7 @@ def test_a_single_job_shows_its_traceback(call: Call, study: Path) -> None:
         assert (refused.code, refused.err.count("\n")) == (2, 1), wrong
 
 
+@pytest.mark.slow
 def test_stages_for_people_end_with_the_command_to_run_next(call: Call, study: Path) -> None:
     following = {"experiment": "sample", "sample": "simulate", "simulate": "score", "score": "select"}
     for stage, then in following.items():

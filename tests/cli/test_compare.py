@@ -23,6 +23,7 @@ def undrawn(monkeypatch):
     monkeypatch.setattr("palpate_report.figures.save", save)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_two_runs_are_compared_without_their_study(call, study, ran):
     names = ("runs/first", "runs/second")

@@ -210,6 +210,7 @@ def with_plugin(without_sweep):
     return write
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("wrong", "key", "message"),
     [
@@ -237,6 +238,7 @@ def test_a_plugin_that_fails_at_the_start_is_refused_before_the_first_run(
     assert not (tmp_path / "runs").exists()
 
 
+@pytest.mark.slow
 def test_a_search_that_raises_later_leaves_its_best(call, with_plugin):
     ran = call("run", with_plugin(asks=MID), "--json")
     assert ran.code == 0, ran.err
@@ -246,6 +248,7 @@ def test_a_search_that_raises_later_leaves_its_best(call, with_plugin):
     assert "raised KeyError: 'gone'" in row["message"]
 
 
+@pytest.mark.slow
 def test_a_card_is_printed_or_written_and_what_cannot_be_is_refused(call, without_sweep, tmp_path):
     assert call("run", without_sweep).code == 0
     run = ("runs/toy", "--trust-plugins")

@@ -47,6 +47,7 @@ def test_a_change_is_a_new_version() -> None:
     assert hashlib.sha256(text.encode()).hexdigest()[:16] == PUBLISHED[VERSION]
 
 
+@pytest.mark.slow
 def test_what_a_study_prints_from_check_to_report(call: Call, study: Path) -> None:
     assert valid("check", call("check", study, "--json").json)["n_sets"] == 20
     for command in ("experiment", "limb", "sample", "simulate", "score", "select", "report"):

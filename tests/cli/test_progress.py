@@ -203,6 +203,7 @@ def test_the_use_of_workers_and_of_what_they_start_counts(until):
         child.wait()
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_too_small_is_reported_before_the_first_simulation(call, study, monkeypatch):
     import shutil
 

@@ -186,6 +186,7 @@ def test_the_page_is_opened_where_that_is_asked_for(call, study, monkeypatch):
     assert opened == [Path("runs/toy/report/index.html").resolve().as_uri()]
 
 
+@pytest.mark.slow
 def test_a_run_without_the_plugin_of_the_report_ends_with_what_was_found(call, study):
     outcome = call("--no-plugin", "report", "run", study, "--json")
     assert outcome.code == 0, outcome.err

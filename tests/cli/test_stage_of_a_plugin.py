@@ -3,10 +3,12 @@
 from pathlib import Path
 
 import polars as pl
+import pytest
 
 LOOP = Path(__file__).parents[2] / "examples" / "loop_work.py"
 
 
+@pytest.mark.slow
 def test_a_stage_that_a_study_asks_for_is_part_of_its_run(call, study, tmp_path):
     path = study / "study.toml"
     path.write_text(f"{path.read_text()}\n[stages.loop_work]\nchannel = 'pull'\n")
@@ -21,6 +23,7 @@ def test_a_stage_that_a_study_asks_for_is_part_of_its_run(call, study, tmp_path)
     assert schema["required"] == ["loop_work", "warnings"]
 
 
+@pytest.mark.slow
 def test_settings_of_a_stage_decide_its_table(call, study):
     path = study / "study.toml"
     text = path.read_text()

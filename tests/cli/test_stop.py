@@ -90,6 +90,7 @@ def read_to(process, words):
     return "".join(lines)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for processes in /proc")
 def test_ctrl_c_once_drains_and_leaves_no_process(start, tmp_path, until):
     process = start(n_free=2)

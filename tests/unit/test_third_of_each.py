@@ -19,6 +19,7 @@ CHANNELS = ("lateral_force", "wiped_force", "grip")
 pytestmark = pytest.mark.usefixtures("one_figure")
 
 
+@pytest.mark.slow
 def test_channels_of_a_plugin_are_simulated_fitted_and_reported(tmp_path):
     study, plugins = StudyRunner(tmp_path).study(
         load_file(PLUGIN),

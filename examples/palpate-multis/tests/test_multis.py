@@ -172,6 +172,7 @@ def test_the_command_predicts_a_table_without_results(
     assert "fat's share" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_presses_outside_of_what_was_simulated_have_a_status(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

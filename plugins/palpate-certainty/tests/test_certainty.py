@@ -432,6 +432,7 @@ def failing_deeper_than(most_mm, spot, simulate):
     return simulated
 
 
+@pytest.mark.slow
 def test_a_cause_that_cannot_be_simulated_is_left_out_alone_and_leaves_the_words_unclear(ended, notes):
     study, measured, _, stage = ended(spots=("p1", "p2"))
     cases = [case for case in stage._cases if case.scenario.name == "I"]
@@ -470,6 +471,7 @@ def test_fewer_points_than_parameters_have_no_interval(ended, notes):
     assert "2 measured points for 2 parameters" in notes.texts[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("one_figure")
 def test_a_run_keeps_its_intervals(make_study, plugins, tmp_path):
     study = make_study(n_sets=0, search=LeastSquares())
@@ -482,6 +484,7 @@ def test_a_run_keeps_its_intervals(make_study, plugins, tmp_path):
     assert "intervals" in result.report.tables
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_without_the_plugin_a_run_ends_after_its_fit_and_its_words_are_unclear(make_study, plugins, tmp_path):
     study = make_study(search=LeastSquares())

@@ -216,6 +216,7 @@ def fitted(errors, jacobian):
     return errors - jacobian @ np.linalg.lstsq(jacobian, errors, rcond=None)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("noise", "discrepancy"), [(0.01, 0.0), (0.002, 0.01), (0.0005, 0.002)])
 def test_noise_and_discrepancy_are_found_in_residuals(noise, discrepancy):
     rows, jacobian = press()
@@ -267,6 +268,7 @@ def test_a_curve_that_no_parameter_explains_is_seen():
     assert "discrepancy" in check(errors, rows, jacobian)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [lambda path: np.sin(6.0 * path), lambda path: np.exp(-8.0 * path)])
 def test_the_larger_of_two_misfits_is_the_one_that_is_refused(shape):
     """A misfit of where the curve is small is large of the ordinate reached so far, and small to a reader."""

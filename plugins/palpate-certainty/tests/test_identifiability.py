@@ -138,6 +138,7 @@ def test_where_no_fit_ended_the_set_of_the_sweep_counts(identified):
     assert identified(fit=FitResult(table=table)).equals(identified())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 @pytest.mark.parametrize("is_fitted", [False, True])
 def test_what_a_channel_cannot_see_is_not_identifiable_even_by_exact_curves(identified, noise, is_fitted):

@@ -70,6 +70,7 @@ def fit(pressed, stage_of):
     return assessed, planes
 
 
+@pytest.mark.slow
 def test_planes_have_the_fopt_of_real_simulations_as_far_as_they_are_known(fit):
     assessed, planes = fit
     for each in assessed:

@@ -343,6 +343,7 @@ echo $!
 """
 
 
+@pytest.mark.slow
 def test_jobs_of_a_batch_system_work_over_tls_and_end_with_the_run(
     study, tmp_path, monkeypatch, until, has_ended
 ):

@@ -51,6 +51,7 @@ def job_of(material=None, theta=YEOH, path=PATH, friction=1.0):
     )
 
 
+@pytest.mark.slow
 class TestFebioSolver(SolverContract):
     # The stand-in for FEBio computes a force and a torque from one number of the deck.
     blind_to = frozenset({"radius", "limb", "parameters"})
@@ -112,6 +113,7 @@ def test_a_run_that_diverges_by_every_method_keeps_what_it_reached(fake):
     assert "no balance at step" in simulation.message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "status"),
     [
@@ -134,6 +136,7 @@ def test_false_output_and_crashes_give_no_curve_and_no_second_attempt(fake, tmp_
     assert list((tmp_path / "tmp").iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_refused_deck_has_a_reason_without_a_log(fake, monkeypatch):
     solver = fake()
     solver.convention(Yeoh())
@@ -143,6 +146,7 @@ def test_a_refused_deck_has_a_reason_without_a_log(fake, monkeypatch):
     assert "rigid_bc" in simulation.message
 
 
+@pytest.mark.slow
 def test_a_hanging_run_is_ended(fake):
     simulation = fake("hang", time_limit="1.5 s").simulate(job_of(), LIMB)
     assert simulation.status is Status.TIMED_OUT
@@ -164,6 +168,7 @@ def test_runs_are_kept_on_request(fake, tmp_path):
 # ---------------------------------------------------------------------- verification
 
 
+@pytest.mark.slow
 def test_a_torque_with_friction_history_passes_verification(fake):
     simulation = fake(verification="every").simulate(job_of(), LIMB)
     verification = simulation.diagnostics["verification"]
@@ -186,6 +191,7 @@ def test_the_papers_contact_warns_and_fails_its_gates(fake):
     assert any("no memory" in remark for remark in simulation.diagnostics["remarks"])
 
 
+@pytest.mark.slow
 def test_there_is_nothing_to_prove_without_a_twist_or_friction(fake):
     for job in (job_of(path=PATH[:2]), job_of(friction=0.0)):
         assert fake(verification="every").simulate(job, LIMB).diagnostics["verification"] == {}
@@ -291,6 +297,7 @@ class Misspelled(Ogden):
     febio = ("Ogden", {"kapa": "k"})
 
 
+@pytest.mark.slow
 def test_a_third_partys_mapping_is_probed_too(fake):
     assert fake().convention(Silicone()).convention == "textbook"
     with pytest.raises(MaterialError, match="misnamed"):
@@ -299,6 +306,7 @@ def test_a_third_partys_mapping_is_probed_too(fake):
         fake().convention(Misspelled())
 
 
+@pytest.mark.slow
 def test_ogden_and_neo_hookean_fit_the_textbook(fake):
     for material in (Ogden(), NeoHookean()):
         found = fake().convention(material)

@@ -36,6 +36,7 @@ def stresses(solver, material, theta, modes=FREE, path=STRETCHES):
     return {mode: simulation.response[mode].ordinate for mode in modes}
 
 
+@pytest.mark.slow
 class TestCompressible(SolverContract):
     @pytest.fixture
     def solver(self):

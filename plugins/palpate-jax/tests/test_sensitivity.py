@@ -91,6 +91,7 @@ def check(case, names, found=None):
             assert error < BOUND * np.abs(difference).max() + rounding, (name, channel)
 
 
+@pytest.mark.slow
 def test_press_twist_and_reversal_with_sliding():
     case = yeoh_on_hexahedra(path=PATH[:4])
     simulation = run(case, slopes=True)

@@ -64,6 +64,7 @@ def test_tractions_add_up_to_the_force_and_the_moment(pressed):
     assert moment[-1, 2] == pytest.approx(wanted[-1, 2], rel=0.05 if bends else 1e-4)
 
 
+@pytest.mark.slow
 def test_shear_obeys_coulomb_and_pressure_presses(pressed):
     states = pressed[1].surface
     size = np.linalg.norm(states.shears_MPa, axis=2)
@@ -74,6 +75,7 @@ def test_shear_obeys_coulomb_and_pressure_presses(pressed):
     assert (np.linalg.norm(normal, axis=2) <= states.pressures_MPa * (1.0 + 1e-5)).all()
 
 
+@pytest.mark.slow
 def test_only_what_touches_is_loaded(pressed):
     states = pressed[1].surface
     assert ((states.touching > 0.0) == (states.pressures_MPa > 0.0)).all()
@@ -83,6 +85,7 @@ def test_only_what_touches_is_loaded(pressed):
     assert area.max() < np.pi * 7.5**2
 
 
+@pytest.mark.slow
 def test_the_surface_is_closed_to_the_outside_and_moves_with_the_tool(pressed):
     limb, simulation = pressed
     states = simulation.surface
@@ -118,6 +121,7 @@ def test_strains_of_a_constant_deformation_are_its_own(kind):
         np.testing.assert_allclose(found[name], [wanted, wanted], rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_strains_come_with_the_skin(pressed):
     found = pressed[1].diagnostics["strain"]["soft_tissue"]
     assert 0.3 < min(found["stretch_min"]) < 1.0 < max(found["stretch_max"]) < 3.0

@@ -80,6 +80,7 @@ def test_a_start_from_warm_starts_saves_effort_and_changes_no_result(limb):
         )
 
 
+@pytest.mark.slow
 def test_warm_starts_that_are_simulated_first_count_in_the_seconds(limb, monkeypatch):
     clock, walk = [0.0], JaxSolver._walk
 

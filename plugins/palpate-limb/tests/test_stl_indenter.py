@@ -43,6 +43,7 @@ def tool(folder, name, edge="1.5 mm", **more):
     return StlIndenter(StlSettings(file=folder / f"{name}.stl", edge=edge, **more))
 
 
+@pytest.mark.slow
 class TestPlate(IndenterContract):
     """A spline smears the jump of curvature at the ends of an edge: normals are 3 % off there."""
 

@@ -358,6 +358,7 @@ def test_the_command_refuses_what_it_cannot_do(
     assert message in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_poor_mesh_is_made_again_as_long_as_that_may_help(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Limb] = []
     poor = replace(layered(), mesh=block("tet10", n_across=2, n_down=1, width_mm=40.0, height_mm=9.0).mesh)

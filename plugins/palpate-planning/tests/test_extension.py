@@ -35,6 +35,7 @@ def extended(run, tmp_path):
     return proposal, extended
 
 
+@pytest.mark.slow
 def test_press_added_to_a_run_narrows_as_expected_and_starts_at_its_answer(run, extended, tmp_path):
     study, folder, plugins = run
     proposal, extended = extended

@@ -50,6 +50,7 @@ def test_presses_are_planned_over_the_ranges(call, weighed, tmp_path):
     assert ratio["upper"] - ratio["lower"] == pytest.approx(0.95 * 0.29, rel=0.01)
 
 
+@pytest.mark.slow
 def test_next_press_is_ranked_made_and_added(call, weighed, tmp_path):
     study, plugins = weighed
     assert call("run", study.file, "--out", "run", plugin=bench.__file__).code == 0

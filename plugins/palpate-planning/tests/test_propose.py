@@ -48,6 +48,7 @@ def test_press_with_a_twist_tells_what_presses_without_cannot(run):
     assert found.steps[0].chosen.goal < 0.95
 
 
+@pytest.mark.slow
 def test_every_step_is_ranked_after_those_before_it(run):
     found = _proposed(run, n_presses=3)
     goals = [step.chosen.goal for step in found.steps]
@@ -69,6 +70,7 @@ def test_intervals_now_are_those_of_the_fit(run, tmp_path):
         np.testing.assert_allclose(now[column], rows[column], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_goal_of_one_parameter_is_its_own_width(run):
     found = _proposed(run, goal="tissue.nu")
     best = found.steps[0].chosen
@@ -128,6 +130,7 @@ def test_tool_is_pressed_where_there_is_a_material(run, tool, monkeypatch):
     assert np.array_equal(goal.values, refused.estimate)
 
 
+@pytest.mark.slow
 def test_prediction_of_a_tool_is_narrowed(run, tool):
     found = _proposed(run, tool=tool)
     tables = proposal_tables(found)

@@ -146,6 +146,7 @@ def deviator(sigma):
     return sigma - np.trace(sigma) / 3.0 * np.eye(3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("program", READERS)
 def test_the_cards_formula_has_palpates_stress(program, name):

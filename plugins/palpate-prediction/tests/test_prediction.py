@@ -132,6 +132,7 @@ def tool_file(tmp_path, text=TOOL):
     return path
 
 
+@pytest.mark.slow
 def test_a_tool_is_predicted_with_its_band_and_what_extrapolates(fitted, plugins, tmp_path):
     study, run = fitted
     tool = read_tool(tool_file(tmp_path), study, plugins)

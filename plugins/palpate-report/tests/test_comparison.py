@@ -126,6 +126,7 @@ def test_a_run_is_named_by_its_material_or_by_its_folder(swept):
     assert list(named({Path("x/a"): swept, Path("y/a"): swept})) == ["x/a", "y/a"]
 
 
+@pytest.mark.slow
 def test_the_page_holds_the_tables_and_the_figure_and_asks_no_network(swept, tmp_path):
     made = write_comparison({"<b>one": swept, "two": other_limb(swept)}, tmp_path)
     page = (tmp_path / "index.html").read_text()

@@ -106,6 +106,7 @@ def _wide(rows):
     return rows.with_columns(lower=pl.col("lower") - 100.0, upper=pl.col("upper") + 100.0)
 
 
+@pytest.mark.slow
 def test_where_the_model_fails_a_banner_takes_the_place_of_parameters(fitted):
     tables = make_tables(fitted)
     conclusion = make_conclusion(fitted, tables)
@@ -137,6 +138,7 @@ def relaxing(data, share):
     return replace(data, measured={**data.measured, spot: replace(response, relaxations=[rest])})
 
 
+@pytest.mark.slow
 def test_a_tissue_that_relaxed_has_apparent_moduli_below_a_banner(fitted):
     sentence = "The tissue at p1 relaxed by 12 % in 1 s; these are apparent moduli of this rate"
     data = relaxing(passed(fitted), 0.12)

@@ -43,6 +43,7 @@ def test_a_picture_is_reduced_to_the_width_of_the_page_and_named(drawn):
     assert "more are" not in paragraph.text
 
 
+@pytest.mark.slow
 def test_pictures_that_do_not_fit_are_counted(drawn, monkeypatch):
     monkeypatch.setattr(pictures, "MOST_BYTES", 20_000)
     paragraph, fold = shown([drawn("a.png", (800, 800)), drawn("b.png", (80, 80))])

@@ -125,6 +125,7 @@ def test_the_csv_files_hold_every_digit(undrawn, content, tmp_path):
     assert float(rows[0]["II"]) == made.selection["fopt"][1]
 
 
+@pytest.mark.slow
 def test_an_earlier_report_leaves_nothing_behind(content, tmp_path, outlined):
     made = content()
     made = replace(made, measured={"p1": made.measured["p1"]}, generalisation=made.generalisation[:0])
@@ -146,6 +147,7 @@ def test_an_earlier_report_leaves_nothing_behind(content, tmp_path, outlined):
     assert found == {*files, folder / "files.json", folder / "tables" / "mine.csv"}
 
 
+@pytest.mark.slow
 def test_figures_are_drawn_alike_twice(content, tmp_path):
     made = content()
     for name in ("one", "two"):
@@ -158,6 +160,7 @@ def test_figures_are_drawn_alike_twice(content, tmp_path):
     assert np.ptp(picture) == 1.0
 
 
+@pytest.mark.slow
 def test_drawing_changes_nobodys_style(content, tmp_path, outlined):
     before = dict(rcParams)
     files = figures.write_figures(content(), tmp_path)
@@ -312,6 +315,7 @@ def test_any_number_of_parameters_is_shown(content, n, panels):
     assert len([a for a in figure.axes if a.get_label() != "<colorbar>"]) == panels
 
 
+@pytest.mark.slow
 def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
     make_study, plugins, tmp_path, tissue, outlined
 ):
@@ -367,6 +371,7 @@ def test_two_regions_keep_their_names(space):
     assert named_briefly(two) == two
 
 
+@pytest.mark.slow
 def test_what_draws_is_imported_when_something_is_drawn():
     names = "('matplotlib', 'plotly', 'jinja2')"
     code = f"import palpate.stages.pipeline, sys; sys.exit(any(name in sys.modules for name in {names}))"

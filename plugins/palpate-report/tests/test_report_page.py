@@ -221,6 +221,7 @@ def test_the_page_leads_with_the_joint_fit_and_its_spots_beside_it(content):
     assert [each["fit"] for each in data["searches"][0][0]] == ["all spots", "p1"]
 
 
+@pytest.mark.slow
 def test_a_fit_without_a_sweep_has_a_page_without_its_sections(page):
     made = page(assessed=False, n_sets=0, search=LeastSquares())
     ids = {a.get("id") for _, a, _ in made.elements}

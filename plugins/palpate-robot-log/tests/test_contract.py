@@ -23,6 +23,7 @@ CHANNELS = {
 }
 
 
+@pytest.mark.slow
 class TestRobotLog(LoaderContract):
     @pytest.fixture
     def loader(self) -> ExperimentLoader:

@@ -97,6 +97,7 @@ def test_every_format_gives_the_same_recording(
     assert_is_press(recording_of(tmp_path / name, channels), table)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["csv", "parquet", "matlab 5", "matlab 7.3", "ros 1 lz4", "ros 2 mcap"])
 def test_a_subprocess_gives_the_same(tmp_path: Path, kind: str) -> None:
     name, writer, channels = FORMATS[kind]

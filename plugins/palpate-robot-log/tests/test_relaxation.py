@@ -26,6 +26,7 @@ def worst(response):
     return relaxation_of({"p": response}, BudgetTable().gain)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spot", logs.SPOTS)
 def test_five_percent_in_a_rest_are_flagged(spot):
     fall, tau_s = RELAXED[spot]

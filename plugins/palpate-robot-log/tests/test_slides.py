@@ -49,6 +49,7 @@ def slid(angle_deg=25.0, tilt_deg=20.0, bend_mm=0.0, noise_N=0.005, seed=1):
     return recording, shift, lateral
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle_deg", [0.0, 100.0, -130.0])
 def test_the_lateral_force_is_that_along_the_first_stroke(angle_deg):
     recording, shift, lateral = slid(angle_deg)

@@ -76,6 +76,7 @@ def test_every_point_has_a_std_and_every_step_a_record():
     assert list(measured()["p1"].record["files"]) == ["logs/simulated_p1.parquet"]
 
 
+@pytest.mark.slow
 def test_a_weight_that_is_left_in_is_a_warning():
     one = replace(study(), spots=study().spots[3:])
     off = type(one.loader)(one.loader.settings.model_copy(update={"gravity": Gravity()}))

@@ -182,6 +182,7 @@ def two_files(folder: Path, offset_s: float = -1234.5, drift: float = 1e-4) -> t
     return pose_file, wrench_file
 
 
+@pytest.mark.slow
 def test_pose_and_wrench_in_two_files_with_their_own_clocks(reference: Any, tmp_path: Path) -> None:
     pose, wrench = two_files(tmp_path)
     found = inspect_log(pose, wrench)
@@ -240,6 +241,7 @@ def test_names_of_two_files_leave_open_what_they_have_alike(
         files.wrench_of(Path("other.dat"))
 
 
+@pytest.mark.slow
 def test_an_unknown_name_of_a_file_of_the_wrench_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValidationError, match="once at most"):
         LogFiles(pose="{}_{}.csv", wrench="{}_ft.csv")

@@ -296,6 +296,7 @@ def palpate_solvers():
 """
 
 
+@pytest.mark.slow
 def test_a_third_party_solver_is_compared_on_request(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.setenv("HOME", str(tmp_path))

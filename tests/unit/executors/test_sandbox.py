@@ -179,6 +179,7 @@ def test_a_function_returns_its_value_and_raises_its_errors():
         run_function(LIMITS, importlib.import_module, "no_such_module")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("function", "argument", "message"),
     [

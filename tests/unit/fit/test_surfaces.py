@@ -122,6 +122,7 @@ def test_a_run_goes_on_without_a_skin(skinned, plugins, tmp_path, monkeypatch):
     assert note.endswith("it slips")
 
 
+@pytest.mark.slow
 def test_the_cache_shares_the_skin_too(skinned, plugins, tmp_path):
     made, simulated = skinned
     study = replace(made(), cache=tmp_path / "cache")

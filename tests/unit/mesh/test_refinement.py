@@ -70,6 +70,7 @@ def limbs(draw):
 asked = st.tuples(st.floats(1.0, 6.0), st.floats(2.0, 5.0))
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(limbs(), asked)
 def test_a_refined_mesh_is_the_same_limb(limb, sizes):
@@ -82,6 +83,7 @@ def test_a_refined_mesh_is_the_same_limb(limb, sizes):
     assert np.array_equal(fine.mesh.points_mm[: limb.mesh.n_nodes], limb.mesh.points_mm)
 
 
+@pytest.mark.slow
 @settings(max_examples=15)
 @given(limbs(), asked)
 def test_a_refined_mesh_conforms(limb, sizes):

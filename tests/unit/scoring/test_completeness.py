@@ -66,6 +66,7 @@ def test_every_stage_reports_what_is_missing_of_the_sweep(partial, plugins, undr
         )
 
 
+@pytest.mark.slow
 def test_a_set_that_is_not_simulated_is_missing(make_study, plugins, tmp_path, notes):
     study, folder = make_study(n_total=16), tmp_path / "run"
     pipeline.run_study(study, folder, plugins)

@@ -150,6 +150,7 @@ class Counting(InProcess):
         self.n_closed += 1
 
 
+@pytest.mark.slow
 def test_all_stages_share_one_executor_which_is_closed_at_the_end(make_study, plugins, tmp_path, one_figure):
     executor = Counting()
     study = make_study(executor=executor, search=LeastSquares())

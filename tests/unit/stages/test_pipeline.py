@@ -230,6 +230,7 @@ def test_failures_are_rows_and_the_rest_is_ranked(make_study, plugins, tmp_path,
     assert not set(result.selected.selection["set_id"]) & {3, 4, 5}
 
 
+@pytest.mark.slow
 def test_partial_curves_are_ranked_on_request_and_marked_in_every_table(
     make_study, plugins, tmp_path, tissue
 ):

@@ -68,6 +68,7 @@ def test_press_to_a_force_is_press_to_the_depth_that_it_reaches(friction):
     np.testing.assert_allclose(by_depth.wrench[:n, 0], by_force.wrench[:, 0], atol=1e-6 * 0.5)
 
 
+@pytest.mark.slow
 def test_a_force_is_held_while_the_indenter_turns_and_slides():
     held = {"force": "0.5 N"}
     moves = (held, {"twist": "12 deg", **held}, {"slide": ["1 mm", "0 mm"], **held}, {"twist": "0 deg"})
@@ -78,6 +79,7 @@ def test_a_force_is_held_while_the_indenter_turns_and_slides():
     assert np.ptp(states.pose[n_held - 1 :, 0]) == 0.0, "what is not named stays where the force left it"
 
 
+@pytest.mark.slow
 def test_all_loads_are_met_together():
     moves = {"force": "0.5 N", "slide_force": ["0.03 N", "-0.02 N"], "tilt_moment": ["0.2 N*mm", "0.1 N*mm"]}
     states = states_of(protocol_of({"force": "0.3 N"}, moves, **LIMITS), tolerance=1e-4)
@@ -124,6 +126,7 @@ def test_a_slide_forth_and_its_mirror_image_are_mirror_images():
     assert forth.wrench[-1, 1] < 0.0, "friction holds the indenter back where it came from"
 
 
+@pytest.mark.slow
 def test_tilts_about_x_and_y_are_one_tilt_turned():
     def tilted(x, y):
         return states_of(protocol_of({"depth": "2 mm"}, {"tilt": [f"{x} deg", f"{y} deg"]})).wrench[-1]
@@ -134,6 +137,7 @@ def test_tilts_about_x_and_y_are_one_tilt_turned():
     np.testing.assert_allclose(back[[0, 3]], [about_x[0], -about_x[3]], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_motion_in_parts_is_the_whole():
     whole = states_of(protocol_of({"depth": "2 mm"}, {"slide": ["2 mm", "1 mm"], "twist": "12 deg"}))
     half = {"slide": ["1 mm", "0.5 mm"], "twist": "6 deg"}
@@ -154,6 +158,7 @@ def test_the_frame_of_the_spot_turns_the_motion():
     np.testing.assert_allclose(there.wrench, here.wrench, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_separation_and_return_forget_the_friction():
     press, away = {"depth": "2 mm"}, {"depth": "-1 mm"}
     once = states_of(protocol_of(press))
@@ -238,6 +243,7 @@ def test_a_force_is_reached_where_the_first_step_goes_beyond_it():
     np.testing.assert_allclose(states.wrench[1:, 0], 0.4 * (np.arange(1, 5) / 4) ** 1.5, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_force_is_reached_from_far_off_the_skin():
     small = block("hex8", n_across=4, n_down=2, width_mm=24.0, height_mm=10.0)
     held = {"force": "0.01 N"}

@@ -67,6 +67,7 @@ def errors_of_grip(simulated, radius_mm, n):
     return (moment[1::2] - moment[0::2]) / (16.0 / 3.0 * a**3 * np.deg2rad(step)) - 1.0
 
 
+@pytest.mark.slow
 def test_torque_of_a_sphere_that_grips(simulated, radius_mm, observed_order):
     """Friction that never slips: measured 16 and 9.4 % (root of mean square), order 1.3.
 
