@@ -127,6 +127,8 @@ def test_a_layered_mesh_is_on_its_surfaces_and_can_be_simulated() -> None:
     check_quality(quality, "p1", 3.2)
     assert quality.contact_edge_mm == pytest.approx(3.2, rel=0.25), "the size asked for"
     assert abs(quality.volume_error) < 0.01
+    mean, sd = quality.layers_mm["skin"]
+    assert (mean, sd < 0.05) == (pytest.approx(2.5, abs=0.05), True), "the thickness asked for"
     middles = mesh.points_mm[mesh.cells["tet10"][:, :4]].mean(axis=1)
     np.testing.assert_array_equal(below().contains(middles), mesh.cell_regions["tet10"])
     # Skin of 2.5 mm around 40 mm of limb, from the half-axes at its middle; 5 % are 0.12 mm of thickness.
@@ -178,6 +180,8 @@ def test_a_poor_mesh_is_refused() -> None:
     quality = assess(limb, segment(), 6.0)
     with pytest.raises(MeshError, match="edges under the indenter"):
         check_quality(quality, "p1", 0.7 * quality.contact_edge_mm)
+    with pytest.raises(MeshError, match="under the indenter with scaled Jacobian"):
+        check_quality(replace(quality, near_scaled_jacobian=0.09), "p1", 3.2)
     mesh = limb.mesh
     cells = mesh.cells["tet10"][:-100]
     holed = Limb(

@@ -149,6 +149,8 @@ def _show(session: Session, notes: Notes, regions: tuple[str, ...]) -> None:
     for name, repairs in first[0]["repairs"].items():
         session.say(f"{name}: {repairs}")
     for note in first:
+        for layer, (mean, sd) in note["quality"]["layers_mm"].items():
+            session.say(f"{note['spot']}: {layer} is {mean:.2f} ± {sd:.2f} mm thick under the indenter")
         for remark in note["remarks"]:
             session.say(f"{note['spot']}: {remark}")
     session.say("\n" + study_tables([note["spot"] for note in first], regions, list(notes)))

@@ -123,7 +123,7 @@ def limbs_of(scan: ReadScan, options: ScanOptions, *, finer: bool = False) -> It
         plan = plans[name].finer if finer else plans[name]
         segment = cut(scan.surface, scan.bones, found.spot, scan.axis, options.length_mm, stump=options.stump)
         limb, rise = moved_to_contact(sound_mesh(segment, plan), options.radius)
-        quality = assess(limb, segment, plan.size.radius_mm)
+        quality = assess(limb, segment, plan.size.radius_mm, rise)
         check_quality(quality, name, plan.size.fine_mm)
         check_limb(limb, limb.mesh.regions)
         remarks = (*found.remarks, *segment.remarks, *layers_at_bone(segment, plan.layers_mm))

@@ -5,15 +5,19 @@ a regular tetrahedron; an element has the least of its corners'. A curved elemen
 counts with its corners' own edges and with its Jacobian at the corners and in the middle.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from palpate.api import FloatArray, IntArray, Limb, MeshError
 from palpate.api.mesh import CELLS, contact_edge_mm, quadratic_simplex
 from palpate_limb.segment import Segment
 
 LEAST_SCALED_JACOBIAN = 0.02
+LEAST_NEAR = 0.1
+"""That of elements under the indenter: a sliver there changes the curves, elsewhere it costs steps."""
 LARGEST_VOLUME_ERROR = 0.01
 LONGEST_EDGE = 1.35
 """Mean edge under the indenter over the one asked for, at most."""
@@ -26,7 +30,9 @@ class Quality:
     """Figures of one mesh.
 
     Dihedral angles are of the straight-edged elements, ``contact_edge_mm`` is the mean edge of contact
-    faces within ``near_mm`` of the spot, ``volume_error`` the difference from the volume between scan, bones
+    faces within ``near_mm`` of the spot, ``near_scaled_jacobian`` the least of elements with their middle
+    there, ``layers_mm`` mean and standard deviation of each layer's thickness there, the outermost first,
+    ``volume_error`` the difference from the volume between scan, bones
     and cuts as a share of it, ``spot_gap_mm`` the distance from the spot to the nearest contact node, and
     ``regions`` the share of the volume of each.
     """
@@ -34,6 +40,7 @@ class Quality:
     n_nodes: int
     n_cells: int
     least_scaled_jacobian: float
+    near_scaled_jacobian: float
     median_scaled_jacobian: float
     least_dihedral_deg: float
     largest_dihedral_deg: float
@@ -43,10 +50,11 @@ class Quality:
     volume_error: float
     spot_gap_mm: float
     regions: dict[str, float]
+    layers_mm: dict[str, tuple[float, float]]
 
 
-def assess(limb: Limb, segment: Segment, near_mm: float) -> Quality:
-    """Figures of a limb's mesh against the segment that it fills."""
+def assess(limb: Limb, segment: Segment, near_mm: float, rise_mm: float = 0.0) -> Quality:
+    """Figures of a limb's mesh against the segment that it fills, ``rise_mm`` above it along the normal."""
     mesh = limb.mesh
     ((kind, cells),) = mesh.cells.items()
     points = mesh.points_mm
@@ -55,10 +63,12 @@ def assess(limb: Limb, segment: Segment, near_mm: float) -> Quality:
     volumes = cell_volumes(points, cells)
     whole = segment.tissue.volume_mm3
     ids = mesh.cell_regions[kind]
+    near = np.linalg.norm(points[cells[:, :4]].mean(axis=1), axis=1) < near_mm
     return Quality(
         n_nodes=mesh.n_nodes,
         n_cells=mesh.n_cells,
         least_scaled_jacobian=float(scaled.min()),
+        near_scaled_jacobian=float(scaled[near].min(initial=1.0)),
         median_scaled_jacobian=float(np.median(scaled)),
         least_dihedral_deg=float(angles.min()),
         largest_dihedral_deg=float(angles.max()),
@@ -68,7 +78,29 @@ def assess(limb: Limb, segment: Segment, near_mm: float) -> Quality:
         volume_error=float(volumes.sum() / whole - 1.0),
         spot_gap_mm=float(np.linalg.norm(points[mesh.node_sets["contact"]], axis=1).min()),
         regions={name: float(volumes[ids == i].sum() / volumes.sum()) for i, name in enumerate(mesh.regions)},
+        layers_mm=dict(_layers(limb, segment, near_mm, rise_mm)),
     )
+
+
+def _layers(
+    limb: Limb, segment: Segment, near_mm: float, rise_mm: float
+) -> Iterator[tuple[str, tuple[float, float]]]:
+    """Mean and standard deviation of each layer's thickness [mm] within ``near_mm`` of the normal."""
+    mesh = limb.mesh
+    ((kind, cells),) = mesh.cells.items()
+    regions = mesh.cell_regions[kind]
+    above, depth_above = np.zeros((1, 3)), np.zeros(1)
+    for i, name in enumerate(mesh.regions[:-1]):
+        shared = np.intersect1d(cells[regions <= i], cells[regions > i])
+        points = mesh.points_mm[shared]
+        under = (np.hypot(points[:, 0], points[:, 1]) < near_mm) & (points[:, 2] > -3.0 * near_mm)
+        if not under.any():
+            return
+        points = points[under]
+        depth = segment.skin.nearest(points + np.array([0.0, 0.0, rise_mm]))[1]
+        thickness = depth - depth_above[cKDTree(above).query(points)[1]]
+        yield name, (float(thickness.mean()), float(thickness.std()))
+        above, depth_above = points, depth
 
 
 def check_quality(quality: Quality, spot: str, wanted_mm: float) -> None:
@@ -77,6 +109,12 @@ def check_quality(quality: Quality, spot: str, wanted_mm: float) -> None:
         raise MeshError(
             f"spot '{spot}': an element with scaled Jacobian {quality.least_scaled_jacobian:.3g} "
             f"(at least {LEAST_SCALED_JACOBIAN} is needed); use smaller elements or another mesher"
+        )
+    if quality.near_scaled_jacobian < LEAST_NEAR:
+        raise MeshError(
+            f"spot '{spot}': an element under the indenter with scaled Jacobian "
+            f"{quality.near_scaled_jacobian:.3g} (at least {LEAST_NEAR} is needed there); use smaller "
+            "elements or another mesher"
         )
     if abs(quality.volume_error) > LARGEST_VOLUME_ERROR:
         raise MeshError(
