@@ -139,14 +139,20 @@ def test_plugins_that_do_not_exist(call: Call, arguments: list[str], message: st
     assert message in outcome.err
 
 
-def test_a_broken_plugin_is_shown_with_its_reason_and_the_rest_works(call: Call, tmp_path: Path) -> None:
+def test_a_broken_plugin_file_is_refused_with_its_line(call: Call, tmp_path: Path) -> None:
     bad = tmp_path / "bad.py"
-    bad.write_text("import nowhere_at_all\n")
+    bad.write_text("def work():\n    import nowhere_at_all\n\nwork()\n")
     outcome = call("plugins", "--plugin", bad)
-    assert outcome.code == 0
+    assert outcome.code == 2
+    reason = f"No module named 'nowhere_at_all' (line 2 of {bad})"
     assert "No module named 'nowhere_at_all'" in outcome.out
-    assert "plugin left out: bad" in outcome.err
+    assert f"plugin file {bad}: ModuleNotFoundError: {reason}" in outcome.err
     assert "spring" in outcome.out
+    assert "in work" not in outcome.err
+    assert "in work\n" in call("plugins", "--traceback", "--plugin", bad).err
+    for command in (["check", "toy"], ["toy-hello"]):
+        refused = call(*command, "--plugin", bad)
+        assert (refused.code, reason in refused.err) == (2, True)
     found = call("plugins", "--json", "--plugin", bad).json
     assert [(b["name"], b["source"]) for b in found["broken"] if b["name"] == "bad"] == [("bad", str(bad))]
 

@@ -125,8 +125,7 @@ def _run(app: typer.Typer, session: Session, given: Sequence[str]) -> int:
             from palpate.plugins.registry import add_commands
 
             adding = partial(add_stage, app, STAGES_PANEL)
-            for broken in add_commands(app, session.files, session.without, adding):
-                typer.echo(visible(broken.headline), err=True)
+            session.refuse_broken(add_commands(app, session.files, session.without, adding))
         app(list(given), obj=session, prog_name="palpate")
     except NothingSelectableError as error:
         return _fail(error, 1)

@@ -22,7 +22,7 @@ def doctor(
     from palpate.cli.doctor_checks import LABELS, examine
 
     session, begin = Session.of(context), perf_counter()
-    plugins = session.plugins
+    plugins = session.with_broken
     findings = examine(plugins, folder, perf_counter() - begin)
     n_wrong = sum(finding.level == "wrong" for finding in findings)
     if as_json:

@@ -36,31 +36,38 @@ def plugins(
     name: Annotated[
         str | None, typer.Argument(metavar="NAME", help="One entry of that kind, in full.")
     ] = None,
+    traceback: Annotated[
+        bool, typer.Option("--traceback", help="Show where in its code a broken plugin failed.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show what plugins provide, and which are broken and why."""
+    """Show what plugins provide, and which are broken and why; exit 2 where a --plugin FILE is broken."""
     from palpate.plugins.registry import KINDS
 
     session = Session.of(context)
     kinds = [kind.replace("-", "_")] if kind else [*KINDS, COMMANDS]
     found = {key: _entries(session, key, name) for key in kinds}
+    broken = session.with_broken.broken
     if as_json:
-        session.json({**found, "broken": [asdict(broken) for broken in session.plugins.broken]})
+        session.json({**found, "broken": [asdict(each) for each in broken]})
     elif name is not None:
         _show_one(session, found[kinds[0]][0])
     else:
         _show_all(session, found)
+    for each in broken if traceback else ():
+        session.stderr.print(each.traceback or f"{each}\n", markup=False, end="")
+    session.refuse_broken(broken)
 
 
 def _entries(session: Session, kind: str, name: str | None) -> list[dict[str, Any]]:
     """Describe all entries of a kind, or the one of this name."""
     if kind != COMMANDS:
-        loaded = session.plugins
+        loaded = session.with_broken
         return [describe(loaded, kind, each) for each in ([name] if name else loaded.catalogue(kind))]
     from palpate.plugins.catalogue import UnknownNameError
     from palpate.plugins.registry import suggestion
 
-    commands = session.plugins.commands(session.make_app())
+    commands = session.with_broken.commands(session.make_app())
     if name is not None and name not in commands:
         raise UnknownNameError(f"no plugin adds a command '{name}'{suggestion(name, commands)}")
     return [
@@ -124,7 +131,7 @@ def _show_all(session: Session, found: dict[str, list[dict[str, Any]]]) -> None:
         for entry in entries
     ]
     session.table("Provided by plugins", ["kind", "name", "plugin", "summary"], rows)
-    broken = [[b.name, b.component or "all of it", b.source, b.reason] for b in session.plugins.broken]
+    broken = [[b.name, b.component or "all of it", b.source, b.reason] for b in session.with_broken.broken]
     if broken:
         session.table("Left out", ["plugin", "what", "source", "reason"], broken)
 

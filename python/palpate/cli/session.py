@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any, cast
 
 import typer
 
-from palpate.errors import StudyError
+from palpate.errors import PluginError, StudyError
 
 if TYPE_CHECKING:
     import polars as pl
     from rich.console import Console
 
     from palpate.plugins.catalogue import Plugins
-    from palpate.plugins.registry import BrokenPlugin
+    from palpate.plugins.guard import BrokenPlugin
     from palpate.study.reading import Study
 
 MAX_ROWS = 30
@@ -67,15 +67,30 @@ class Session:
 
     @cached_property
     def plugins(self) -> "Plugins":
-        """Everything that plugins provide; a broken one is mentioned once, on stderr."""
-        from palpate.plugins.catalogue import Plugins
-
-        plugins = Plugins.load(self.files, without=self.without)
-        self._note_broken(plugins.broken)
+        """Everything that plugins provide; a broken one is mentioned once, or refused (`refuse_broken`)."""
+        plugins = self.with_broken
+        self.refuse_broken(plugins.broken)
         return plugins
 
-    def _note_broken(self, broken: Iterable["BrokenPlugin"]) -> None:
+    @cached_property
+    def with_broken(self) -> "Plugins":
+        """The same for a command that shows what is broken, files included."""
+        from palpate.plugins.catalogue import Plugins
+
+        return Plugins.load(self.files, without=self.without)
+
+    def refuse_broken(self, broken: Iterable["BrokenPlugin"]) -> None:
+        """Mention broken plugins on stderr.
+
+        Raises
+        ------
+        PluginError
+            One of them is a file that the command line names.
+        """
         for each in broken:
+            if not each.component and each.source in map(str, map(Path.resolve, self.files)):
+                remedy = f"correct it (palpate --plugin {each.source} plugins --traceback shows the calls)"
+                raise PluginError(f"plugin file {each.source}: {each.reason}; {remedy}")
             said, rest = each.headline.split(":", 1)
             self.note(f"[yellow]{said}:[/]{_escaped(rest)}")
 
@@ -99,7 +114,7 @@ class Session:
         _refuse_run(path)
         known = self.plugins.broken
         self.plugins = with_study_plugins(path, self.plugins)
-        self._note_broken(each for each in self.plugins.broken if each not in known)
+        self.refuse_broken(each for each in self.plugins.broken if each not in known)
         return read_study(path, self.plugins, need_measured=need_measured)
 
     def note(self, text: str) -> None:

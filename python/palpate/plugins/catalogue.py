@@ -19,10 +19,11 @@ from palpate.domain.indenter import Indenter
 from palpate.domain.material import Material
 from palpate.errors import PluginError
 from palpate.plugins.execution import Executor
+from palpate.plugins.guard import BrokenPlugin
 from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins.motion import Motion
 from palpate.plugins.parametrisation import Parametrisation
-from palpate.plugins.registry import KINDS, MORE, BrokenPlugin, Registry, registered, suggestion
+from palpate.plugins.registry import KINDS, MORE, Registry, registered, suggestion
 from palpate.plugins.score import Score
 from palpate.plugins.search import Search
 from palpate.plugins.sections import Section

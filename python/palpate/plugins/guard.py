@@ -4,7 +4,9 @@ import contextlib
 import signal
 import sys
 import threading
+import traceback
 from collections.abc import Iterator
+from dataclasses import dataclass
 from types import FrameType
 from typing import TYPE_CHECKING
 
@@ -13,6 +15,38 @@ from palpate.plugins.versions import THIS_VERSION
 
 if TYPE_CHECKING:
     from palpate.domain.component import Component
+
+_CALLERS = frozenset({"palpate", "pluggy", "importlib", "_frozen_importlib", "_frozen_importlib_external"})
+"""Packages between palpate and the first line of a plugin."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BrokenPlugin:
+    """A plugin that is left out, where it comes from, and why.
+
+    ``component`` names the one part that is left out of a plugin of which the rest works.
+    """
+
+    name: str
+    source: str
+    reason: str
+    component: str = ""
+    traceback: str = ""
+    """Of the exception in the plugin's code, if there was one."""
+
+    @classmethod
+    def of(cls, error: PluginError, name: str, source: str, component: str = "") -> "BrokenPlugin":
+        """Broken plugin, with the reason and the traceback of an error."""
+        cause = "".join(traceback.format_exception(error.__cause__)) if error.__cause__ else ""
+        return cls(name=name, source=source, reason=str(error), component=component, traceback=cause)
+
+    def __str__(self) -> str:
+        return f"{self.name} ({self.source}): {self.reason}"
+
+    @property
+    def headline(self) -> str:
+        """The same, and whether all of it is left out."""
+        return f"{'component' if self.component else 'plugin'} left out: {self}"
 
 
 @contextlib.contextmanager
@@ -40,7 +74,7 @@ def answering_for(component: "Component | type[Component]", doing: str) -> Itera
     except (Exception, SystemExit) as error:
         kind = component if isinstance(component, type) else type(component)
         where = f"{kind.__module__}.{kind.__qualname__}"
-        said, remedy = f": {error}", "check the file, or tell the plugin's author"
+        said, remedy = f": {error}{_line_of(error)}", "check the file, or tell the plugin's author"
         if type(error).__name__ == "TracerArrayConversionError":
             said, remedy = "", NUMPY_IN_ENERGY
         raise PluginError(
@@ -61,13 +95,26 @@ def guarded() -> Iterator[None]:
     except PluginError:
         raise
     except SystemExit as error:
-        raise PluginError(f"called sys.exit({error.code!r})") from error
+        raise PluginError(f"called sys.exit({error.code!r}){_line_of(error)}") from error
     except BaseException as error:
         if interrupts:
             raise
         if isinstance(error, ImportError) and error.name == "palpate.api":
             raise PluginError(f"{error.msg}; {THIS_VERSION}") from error
-        raise PluginError(f"{type(error).__name__}: {error}") from error
+        raise PluginError(f"{type(error).__name__}: {error}{_line_of(error)}") from error
+
+
+def _line_of(error: BaseException) -> str:
+    """Last line of the plugin in a traceback, as `` (line 3 of mine.py)``; empty if there is none."""
+    if isinstance(error, SyntaxError):
+        return ""  # its text has the line
+    places = [
+        (str(frame.f_globals.get("__name__")).partition(".")[0], frame.f_code.co_filename, line)
+        for frame, line in traceback.walk_tb(error.__traceback__)
+    ]
+    own = [place for place in places if place[0] not in _CALLERS]
+    last = [(file, line) for package, file, line in own if package == own[0][0]][-1:]
+    return "".join(f" (line {line} of {file})" for file, line in last)
 
 
 @contextlib.contextmanager

@@ -24,7 +24,7 @@ from palpate.errors import PluginError
 from palpate.fingerprints import CONTENT_HASH, content_hash
 from palpate.plugins import hookspecs
 from palpate.plugins.commands import command_names, refuse_command_clashes
-from palpate.plugins.guard import guarded
+from palpate.plugins.guard import BrokenPlugin, guarded
 from palpate.plugins.versions import API_VERSION, FIRST_PARTY, THIS_VERSION
 
 if TYPE_CHECKING:
@@ -116,27 +116,6 @@ KINDS: Mapping[str, Kind] = MappingProxyType(
 HOOKS = frozenset({*(kind.hook for kind in KINDS.values()), "palpate_commands"})
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BrokenPlugin:
-    """A plugin that is left out, where it comes from, and why.
-
-    ``component`` names the one part that is left out of a plugin of which the rest works.
-    """
-
-    name: str
-    source: str
-    reason: str
-    component: str = ""
-
-    def __str__(self) -> str:
-        return f"{self.name} ({self.source}): {self.reason}"
-
-    @property
-    def headline(self) -> str:
-        """The same, and whether all of it is left out."""
-        return f"{'component' if self.component else 'plugin'} left out: {self}"
-
-
 def suggestion(name: str, known: Iterable[str]) -> str:
     """Text that offers the close matches of ``name`` among ``known``, or is empty."""
     close = difflib.get_close_matches(name, list(known), n=3, cutoff=0.5)
@@ -174,12 +153,12 @@ class Registry:
             self._register(name, plugin)
             self._qualifiers[name] = qualifier or name
         except PluginError as error:
-            self._leave_out(name, source, str(error))
+            self._leave_out(name, source, error)
             return
         self.sources[name] = source
 
-    def _leave_out(self, name: str, source: str, reason: str, component: str = "") -> None:
-        self.broken.append(BrokenPlugin(name=name, source=source, reason=reason, component=component))
+    def _leave_out(self, name: str, source: str, error: PluginError, component: str = "") -> None:
+        self.broken.append(BrokenPlugin.of(error, name, source, component))
 
     def collect(self) -> None:
         """Ask every plugin for all that it provides; one that fails is listed as broken."""
@@ -188,7 +167,7 @@ class Registry:
                 provided = {kind: self._provided(name, kind) for kind in KINDS}
             except PluginError as error:
                 del self.sources[name]
-                self._leave_out(name, source, str(error))
+                self._leave_out(name, source, error)
                 continue
             for kind, items in provided.items():
                 for item in items:
@@ -198,7 +177,7 @@ class Registry:
             try:
                 self._add(kind, _single(kind, point), owner, source)
             except PluginError as error:
-                self._leave_out(owner, source, str(error), f"{KINDS[kind].noun} '{point.name}'")
+                self._leave_out(owner, source, error, f"{KINDS[kind].noun} '{point.name}'")
 
     def _add(self, kind: str, item: Any, owner: str, source: str) -> None:  # noqa: ANN401 -- any entry
         """Enter one item; of two with one name the first keeps it."""
@@ -212,7 +191,7 @@ class Registry:
             return
         remedy = f"a study names this one '{full}'" if is_class and owner != holder else "rename one"
         reason = f"{noun} '{name}' of plugin '{owner}' is already provided by plugin '{holder}'; {remedy}"
-        self._leave_out(owner, source, reason, f"{noun} '{name}'")
+        self._leave_out(owner, source, PluginError(reason), f"{noun} '{name}'")
 
     def _register(self, name: str, plugin: object) -> None:
         _check_hooks(plugin)
@@ -266,7 +245,7 @@ class Registry:
             except PluginError as error:
                 for part, commands, groups in kept:
                     part.registered_commands[:], part.registered_groups[:] = commands, groups
-                broken.append(BrokenPlugin(name=name, source=source, reason=str(error)))
+                broken.append(BrokenPlugin.of(error, name, source))
         return tuple(broken)
 
     def outputs(self) -> dict[str, Any]:

@@ -187,9 +187,17 @@ def test_a_broken_plugin_contributes_nothing_at_all(write: Write) -> None:
     text = (
         SAMPLER.format(name="half") + "\n@hookimpl\ndef palpate_solvers():\n    raise OSError('no engine')\n"
     )
-    plugins = load(write("half", text))
+    path = write("half", text)
+    plugins = load(path)
     assert "half" not in plugins.samplers
-    assert plugins.broken[0].reason == "OSError: no engine"
+    assert plugins.broken[0].reason == f"OSError: no engine (line {len(text.splitlines())} of {path})"
+
+
+def test_the_line_is_the_last_one_of_the_plugin_itself(write: Write) -> None:
+    path = write("deep", "import json\n\ndef read():\n    json.loads('{')\n\nread()\n")
+    (broken,) = load(path).broken
+    assert broken.reason.endswith(f" (line 4 of {path})")
+    assert "json/decoder.py" in broken.traceback
 
 
 def test_every_broken_plugin_is_listed(write: Write) -> None:
@@ -365,7 +373,8 @@ def test_an_entry_point_may_be_one_component(write: Write, installed: Callable[.
     assert plugins.samplers.provider("lab-grid:grid") == "lab-grid"
     mesh, none = plugins.broken
     assert mesh.reason == "palpate.samplers: 'mesh' provides 'grid'; give both one name"
-    assert (none.component, none.reason) == ("sampler 'none'", "RuntimeError: no engine")
+    assert none.component == "sampler 'none'"
+    assert none.reason.startswith("RuntimeError: no engine (line ")
 
 
 def test_an_installed_plugin_may_be_left_out(write: Write, installed: Callable[..., None]) -> None:
