@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import pytest
 
 from palpate import AnisotropicMaterial, IsotropicMaterial, Parameter
+from palpate.api import NO_FIELDS
 from palpate.testing import MaterialContract
 
 
@@ -92,6 +93,46 @@ class NotObjective(InF):
         return super().energy_from_F(F, theta) + theta[0] * (F[0, 0] - 1) ** 2
 
 
+class Fibrous(InF):
+    """Fibres along a cell field, in tension and compression."""
+
+    name, summary, fields = "fibrous", "fibres of a cell field, without fault", ("a",)
+
+    def energy_from_F(self, F, theta, fields=NO_FIELDS):  # noqa: N802
+        matrix = super().energy_from_F(F, theta)
+        return matrix + theta[0] * self.excess(F, fields) ** 2 if fields else matrix
+
+    def excess(self, F, fields):
+        return jnp.sum((F @ fields["a"]) ** 2) - 1
+
+
+class FibresInTension(Fibrous):
+    def energy_from_F(self, F, theta, fields=NO_FIELDS):  # noqa: N802
+        return super().energy_from_F(F, theta, fields) + (
+            0.1 * theta[0] * self.excess(F, fields) if fields else 0
+        )
+
+
+class FibresWithEnergy(Fibrous):
+    def energy_from_F(self, F, theta, fields=NO_FIELDS):  # noqa: N802
+        return super().energy_from_F(F, theta, fields) + (0.1 * theta[0] if fields else 0)
+
+
+class FibresFixedInSpace(Fibrous):
+    def excess(self, F, fields):
+        return super().excess(F, fields) + fields["a"][0] * ((F.T @ F)[0, 0] - 1)
+
+
+class FibresNotObjective(Fibrous):
+    def excess(self, F, fields):
+        return fields["a"] @ F @ fields["a"] - 1
+
+
+class AnotherField(Fibrous):
+    def excess(self, F, fields):
+        return super().excess(F, {"a": fields["b"]})
+
+
 @jax.custom_jvp
 def swirl(F):
     return jnp.zeros_like(F[0, 0])
@@ -111,14 +152,15 @@ class Swirling(InF):
 
 
 # One of each, so that the contract compiles it once.
-CONTRACT, SOUND, IN_F, SWIRLING = MaterialContract(), Sound(), InF(), Swirling()
+CONTRACT, SOUND, IN_F, SWIRLING, FIBROUS = MaterialContract(), Sound(), InF(), Swirling(), Fibrous()
 
 
 def hold(test, material):
     """Put one test of the contract to a material."""
     thetas = MaterialContract.thetas.__wrapped__(CONTRACT, material)
     gradients = MaterialContract.gradients.__wrapped__(CONTRACT)
-    offered = {"material": material, "thetas": thetas, "gradients": gradients}
+    fields = MaterialContract.fields.__wrapped__(CONTRACT, material, gradients)
+    offered = {"material": material, "thetas": thetas, "gradients": gradients, "fields": fields}
     method = getattr(CONTRACT, f"test_{test}")
     names = method.__code__.co_varnames[1 : method.__code__.co_argcount]
     method(**{name: offered[name] for name in names})
@@ -136,17 +178,25 @@ CASES = [
     ("rotating_the_specimen_rotates_the_stress", NotObjective(), "not objective"),
     ("tangent_is_symmetric", SWIRLING, "tangent is asymmetric"),
     ("stress_is_the_slope_of_the_energy", SWIRLING, "P00 is not the slope of the energy"),
+    ("rotating_the_specimen_rotates_the_stress", FibresNotObjective(), "not objective"),
+    ("fields_store_nothing_at_rest", FibresInTension(), "the undeformed state has a stress"),
+    ("fields_store_nothing_at_rest", FibresWithEnergy(), "the undeformed state has an energy"),
+    ("fields_turn_with_the_body", FibresFixedInSpace(), "is a direction fixed in space"),
+    ("moduli_scale_the_energy", AnotherField(), "'b'"),
 ]
 
 
 @pytest.mark.parametrize(("test", "material", "message"), CASES, ids=[type(m).__name__ for _, m, _ in CASES])
 def test_a_fault_is_reported(test, material, message):
-    with pytest.raises((AssertionError, ValueError), match=f"(?s){message}"):
+    with pytest.raises((AssertionError, ValueError, KeyError), match=f"(?s){message}"):
         hold(test, material)
 
 
 @pytest.mark.parametrize("test", sorted({test for test, _, _ in CASES}))
 def test_a_sound_material_passes(test):
+    if "fields" in test:
+        hold(test, FIBROUS)
+        return
     hold(test, SOUND)
     if test != "energy_is_symmetric_in_the_stretches":
         hold(test, IN_F)

@@ -19,12 +19,13 @@ from palpate_jax.homogeneous import HomogeneousSettings, HomogeneousSolver
 MU, K1, K2, KAPPA = THETA = np.array([0.02, 0.05, 2.0, 1.0])
 ALONG, ACROSS = (Reinforced(ReinforcedSettings(direction=a)) for a in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
 OBLIQUE = Reinforced(ReinforcedSettings(direction=(1.0, -1.0, 0.5)))
+IN_FIELD = Reinforced(ReinforcedSettings(field="fibre"))
 
 
 class TestReinforced(MaterialContract):
-    @pytest.fixture
-    def material(self):
-        return ALONG
+    @pytest.fixture(params=[ALONG, IN_FIELD], ids=["one direction", "a field"])
+    def material(self, request):
+        return request.param
 
     @pytest.fixture
     def gradients(self):

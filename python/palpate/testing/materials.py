@@ -1,6 +1,7 @@
 """Laws of materials."""
 
 import itertools
+from collections.abc import Mapping
 from functools import partial
 
 import jax
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from palpate import mechanics
 from palpate.domain import FloatArray
-from palpate.domain.component import Array, Component
+from palpate.domain.component import NO_FIELDS, Array, Component
 from palpate.domain.material import AnisotropicMaterial, IsotropicMaterial, Material
 from palpate.errors import MaterialError
 from palpate.testing.components import ComponentContract, overridden
@@ -27,8 +28,12 @@ _stress_and_tangent = jax.jit(mechanics.stress_and_tangent, static_argnums=0)
 
 
 @partial(jax.jit, static_argnums=0)
-def _energies_from_F(material: AnisotropicMaterial, F: FloatArray, theta: FloatArray) -> Array:  # noqa: N802
-    return jax.vmap(lambda f: material.energy_from_F(f, theta))(F)
+def _energies_from_F(  # noqa: N802
+    material: AnisotropicMaterial, F: FloatArray, theta: FloatArray, fields: Mapping[str, FloatArray]
+) -> Array:
+    if not fields:
+        return jax.vmap(lambda f: material.energy_from_F(f, theta))(F)
+    return jax.vmap(lambda f, own: material.energy_from_F(f, theta, own))(F, fields)
 
 
 class MaterialContract(ComponentContract):
@@ -72,16 +77,38 @@ class MaterialContract(ComponentContract):
         gradients: FloatArray = np.eye(3) + np.concatenate([special, random])
         return gradients
 
-    def energies(self, material: Material, F: FloatArray, theta: FloatArray) -> FloatArray:
+    @pytest.fixture
+    def fields(self, material: Material, gradients: FloatArray) -> Mapping[str, FloatArray]:
+        """Provide values at each of ``gradients`` of the cell fields that the material declares.
+
+        They are random unit vectors (n, 3); override it where a field is a number (n,).
+        """
+        random = np.random.default_rng(5).standard_normal((len(material.fields), len(gradients), 3))
+        unit = random / np.linalg.norm(random, axis=-1, keepdims=True)
+        return dict(zip(material.fields, unit, strict=True))
+
+    def energies(
+        self,
+        material: Material,
+        F: FloatArray,
+        theta: FloatArray,
+        fields: Mapping[str, FloatArray] = NO_FIELDS,
+    ) -> FloatArray:
         """Evaluate the energy (n,) of F (n, 3, 3), by numpy where the material is isotropic."""
         if isinstance(material, IsotropicMaterial):
             stretches = np.linalg.svd(F, compute_uv=False)
             return np.asarray(material.energy(stretches, theta))
-        return np.asarray(_energies_from_F(material, F, theta))
+        return np.asarray(_energies_from_F(material, F, theta, dict(fields)))
 
-    def stress(self, material: Material, F: FloatArray, theta: FloatArray) -> FloatArray:
+    def stress(
+        self,
+        material: Material,
+        F: FloatArray,
+        theta: FloatArray,
+        fields: Mapping[str, FloatArray] = NO_FIELDS,
+    ) -> FloatArray:
         """Evaluate the first Piola–Kirchhoff stress (n, 3, 3) of F (n, 3, 3)."""
-        return np.asarray(_stress_and_tangent(material, F, theta)[0])
+        return np.asarray(_stress_and_tangent(material, F, theta, dict(fields))[0])
 
     def test_parameters_say_what_they_are(self, material: Material) -> None:
         names = [p.name for p in material.parameters]
@@ -123,10 +150,14 @@ class MaterialContract(ComponentContract):
             )
 
     def test_energy_is_finite_and_positive_over_the_ranges(
-        self, material: Material, thetas: FloatArray, gradients: FloatArray
+        self,
+        material: Material,
+        thetas: FloatArray,
+        gradients: FloatArray,
+        fields: Mapping[str, FloatArray],
     ) -> None:
         for theta in thetas:
-            energy = self.energies(material, gradients, theta)
+            energy = self.energies(material, gradients, theta, fields)
             rest = np.abs(gradients - np.eye(3)).max(axis=(1, 2)) == 0.0
             bad = np.flatnonzero(~(np.isfinite(energy) & (rest | (energy > 0.0))))
             assert not bad.size, (
@@ -161,61 +192,112 @@ class MaterialContract(ComponentContract):
             np.testing.assert_allclose(traced, material.energy(stretches, theta), rtol=1e-11, atol=1e-15)
 
     def test_rotating_the_specimen_rotates_the_stress(
-        self, material: Material, thetas: FloatArray, gradients: FloatArray
+        self,
+        material: Material,
+        thetas: FloatArray,
+        gradients: FloatArray,
+        fields: Mapping[str, FloatArray],
     ) -> None:
         Q, _ = np.linalg.qr(np.random.default_rng(4).standard_normal((3, 3)))
         Q *= np.linalg.det(Q)
         theta = thetas[-1]
-        before = self.energies(material, gradients, theta)
-        after = self.energies(material, Q @ gradients, theta)
+        before = self.energies(material, gradients, theta, fields)
+        after = self.energies(material, Q @ gradients, theta, fields)
         _same(after, before, "not objective: a rotation after F changes the energy", rtol=1e-9, atol=1e-14)
-        P = self.stress(material, gradients, theta)
-        rotated = self.stress(material, Q @ gradients, theta)
+        P = self.stress(material, gradients, theta, fields)
+        rotated = self.stress(material, Q @ gradients, theta, fields)
         off = 1e-9 * float(np.abs(P).max())
         _same(rotated, Q @ P, "not objective: a rotation after F does not rotate the stress", atol=off)
 
     def test_stress_is_the_slope_of_the_energy(
-        self, material: Material, thetas: FloatArray, gradients: FloatArray
+        self,
+        material: Material,
+        thetas: FloatArray,
+        gradients: FloatArray,
+        fields: Mapping[str, FloatArray],
     ) -> None:
         theta = thetas[-1]
-        P = self.stress(material, gradients, theta)
+        P = self.stress(material, gradients, theta, fields)
         _, kappa = mechanics.initial_moduli(material, theta)
         step = 1e-5
         for i, j in np.ndindex(3, 3):
             dF = np.zeros((3, 3))
             dF[i, j] = step
-            rise = self.energies(material, gradients + dF, theta) - self.energies(
-                material, gradients - dF, theta
-            )
+            ahead, behind = (self.energies(material, gradients + dx, theta, fields) for dx in (dF, -dF))
+            rise = ahead - behind
             off = 1e-6 * (kappa + float(np.abs(P).max()))
             _same(P[:, i, j], rise / (2 * step), f"P{i}{j} is not the slope of the energy", atol=off)
 
     def test_tangent_is_symmetric(
-        self, material: Material, thetas: FloatArray, gradients: FloatArray
+        self,
+        material: Material,
+        thetas: FloatArray,
+        gradients: FloatArray,
+        fields: Mapping[str, FloatArray],
     ) -> None:
-        _, A = _stress_and_tangent(material, gradients, thetas[-1])
+        _, A = _stress_and_tangent(material, gradients, thetas[-1], dict(fields))
         swapped, off = np.transpose(A, (0, 3, 4, 1, 2)), 1e-9 * float(np.abs(A).max())
         _same(A, swapped, "the tangent is asymmetric: no energy has this stress", atol=off)
 
     def test_tangent_is_the_slope_of_the_stress(
-        self, material: Material, thetas: FloatArray, gradients: FloatArray
+        self,
+        material: Material,
+        thetas: FloatArray,
+        gradients: FloatArray,
+        fields: Mapping[str, FloatArray],
     ) -> None:
         theta = thetas[-1]
-        _, A = _stress_and_tangent(material, gradients, theta)
+        _, A = _stress_and_tangent(material, gradients, theta, dict(fields))
         step = 1e-6
         for k, m in np.ndindex(3, 3):
             dF = np.zeros((3, 3))
             dF[k, m] = step
-            rise = self.stress(material, gradients + dF, theta) - self.stress(material, gradients - dF, theta)
+            ahead, behind = (self.stress(material, gradients + dx, theta, fields) for dx in (dF, -dF))
+            rise = ahead - behind
             off = 1e-6 * float(np.abs(A).max())
             _same(A[..., k, m], rise / (2 * step), f"∂P/∂F{k}{m} is not the slope of the stress", atol=off)
 
     def test_moduli_scale_the_energy(
-        self, material: Material, thetas: FloatArray, gradients: FloatArray
+        self,
+        material: Material,
+        thetas: FloatArray,
+        gradients: FloatArray,
+        fields: Mapping[str, FloatArray],
     ) -> None:
         factors = np.array([2.5 if p.kind == "modulus" else 1.0 for p in material.parameters])
         for theta in thetas:
-            energy = self.energies(material, gradients, theta)
-            scaled = self.energies(material, gradients, factors * theta)
+            energy = self.energies(material, gradients, theta, fields)
+            scaled = self.energies(material, gradients, factors * theta, fields)
             said = "all moduli times 2.5 is not the energy times 2.5: which parameter is a modulus?"
             _same(scaled, 2.5 * energy, said, rtol=1e-12, atol=1e-15)
+
+    def test_fields_store_nothing_at_rest(
+        self, material: Material, thetas: FloatArray, fields: Mapping[str, FloatArray]
+    ) -> None:
+        if not fields:
+            pytest.skip("takes no cell fields")
+        rest = np.broadcast_to(np.eye(3), (len(next(iter(fields.values()))), 3, 3))
+        largest, step = float(np.abs(thetas[-1]).max()), 1e-5
+        energy = self.energies(material, rest, thetas[-1], fields)
+        _same(energy, 0.0, "with cell fields, the undeformed state has an energy", atol=1e-9 * largest)
+        for dF in step * np.eye(9).reshape(9, 3, 3):
+            ahead, behind = (self.energies(material, rest + dx, thetas[-1], fields) for dx in (dF, -dF))
+            slope = (ahead - behind) / (2 * step)
+            _same(slope, 0.0, "with cell fields, the undeformed state has a stress", atol=1e-6 * largest)
+
+    def test_fields_turn_with_the_body(
+        self,
+        material: Material,
+        thetas: FloatArray,
+        gradients: FloatArray,
+        fields: Mapping[str, FloatArray],
+    ) -> None:
+        if not fields:
+            pytest.skip("takes no cell fields")
+        Q, _ = np.linalg.qr(np.random.default_rng(6).standard_normal((3, 3)))
+        Q *= np.linalg.det(Q)
+        turned = {name: each @ Q.T if each.ndim > 1 else each for name, each in fields.items()}
+        before = self.energies(material, gradients, thetas[-1], fields)
+        after = self.energies(material, gradients @ Q.T, thetas[-1], turned)
+        said = "body and cell fields turned together have another energy; is a direction fixed in space?"
+        _same(after, before, said, rtol=1e-9, atol=1e-14)
