@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from palpate.domain.indenter import Sphere, SphereSettings
+from palpate.domain.indenter import Indenter, Sphere, SphereSettings
 from palpate.testing import IndenterContract
 
 
@@ -32,6 +32,27 @@ class Unbounded(Sphere):
     def __init__(self, settings=None):
         super().__init__(settings)
         self.bounds_mm = 0.8 * self.bounds_mm
+
+
+class Flaring(Sphere):
+    """A cone, rounded at its tip, that goes on above its bounds."""
+
+    normals = Indenter.normals
+
+    def distance(self, points):
+        xp = points.__array_namespace__()
+        radial = xp.sqrt(points[..., 0] ** 2 + points[..., 1] ** 2 + 1.0)
+        return (radial - 1.0 - points[..., 2]) / 2**0.5
+
+    def __init__(self, settings=None):
+        super().__init__(settings)
+        self.bounds_mm = np.array([[-21.0, -21.0, 0.0], [21.0, 21.0, 20.0]])
+
+
+class Pointed(Flaring):
+    def distance(self, points):
+        xp = points.__array_namespace__()
+        return (xp.sqrt(points[..., 0] ** 2 + points[..., 1] ** 2) - points[..., 2]) / 2**0.5
 
 
 class Empty(Sphere):
@@ -90,6 +111,7 @@ class Elsewhere(Sphere):
         ("test_the_bounds_hold_it", Unbounded, "not in bounds_mm"),
         ("test_the_distance_is_a_distance", Steep, "it is no distance"),
         ("test_normals_have_length_1", Long, "length of normals"),
+        ("test_normals_on_the_axis_are_finite", Pointed, "are NaN, where contact begins"),
         ("test_normals_are_derivatives_of_the_distance", Inward, "not the derivatives"),
         ("test_curvature_is_the_derivative_of_the_normals", Flat, "not the derivative"),
         ("test_the_edge_is_the_sharpest_curvature", Blunt, "give the smallest one"),
@@ -121,3 +143,9 @@ def test_a_body_that_equals_itself_alone_is_caught():
 
     with pytest.raises(AssertionError):
         IndenterContract().test_equal_settings_are_one_shape(OfItself(SphereSettings(radius="7.5 mm")))
+
+
+def test_a_body_may_be_wider_above_its_bounds():
+    flaring = Flaring(SphereSettings(radius="7.5 mm"))
+    IndenterContract().test_the_bounds_hold_it(flaring)
+    IndenterContract().test_normals_on_the_axis_are_finite(flaring)

@@ -20,7 +20,7 @@ from palpate import (
 )
 from palpate.domain import Limb, Mesh
 from palpate.domain.component import Settings
-from palpate.errors import MeshError
+from palpate.errors import CurveError, MeshError
 from palpate.executors import InProcess, Processes
 from palpate.mesh.specimens import block
 from palpate.testing import (
@@ -85,6 +85,31 @@ def test_a_loaders_units_and_branches(tmp_path, loader, message):
     offered = {"loader": loader, "good_file": path, "expected": EXPECTED}
     with pytest.raises(AssertionError, match=message) if message else contextlib.nullcontext():
         _hold(LoaderContract(), "keeps_units_and_branches", offered)
+
+
+class Unnamed(Table):
+    def load(self, path, channel=None):
+        raise CurveError("not a table")
+
+
+class Indexing(Table):
+    def load(self, path, channel=None):
+        return [][0]
+
+
+@pytest.mark.parametrize(
+    ("loader", "message"),
+    [
+        (Table(), "twist.txt: accepted; raise CurveError with its name"),
+        (Unnamed(), "twist.txt: the error does not name it: not a table"),
+        (Indexing(), "twist.txt: raises IndexError.*, not CurveError"),
+    ],
+)
+def test_a_bad_file_that_is_not_refused_is_named(tmp_path, loader, message):
+    path = tmp_path / "twist.txt"
+    np.savetxt(path, [(0, 0), (-20, -7)])
+    with pytest.raises((AssertionError, pytest.fail.Exception), match=message):
+        _hold(LoaderContract(), "refuses_bad_files_by_name", {"loader": loader, "bad_files": [path]})
 
 
 class Block(LimbSource):
