@@ -171,7 +171,10 @@ def test_run_and_study_mean_the_same_in_each_command(call, study, ran):
     for named in ([study], ["runs/elsewhere"], [], ["--out", "runs/elsewhere"]):
         files = call("report", *named, "--json").json["files"]
         assert {Path(file).parts[:2] for file in files} == {("runs", "elsewhere")}, named
-    for command in ("check", "score", "fit", "synthesise"):
+    for command in ("experiment", "score", "fit"):
+        assert call(command, "runs/elsewhere", "--json").code == 0, command
+    assert not Path("runs/toy").exists()
+    for command in ("check", "synthesise"):
         refused = call(command, "runs/elsewhere")
         assert (refused.code, "a run directory, not a study" in refused.err) == (2, True), command
 

@@ -86,6 +86,9 @@ class GroupedCommands(TyperGroup):
 StudyPath: TypeAlias = Annotated[
     Path, typer.Argument(metavar="STUDY", help="A study.toml, or the folder that holds one.")
 ]
+StudyOfStage: TypeAlias = Annotated[
+    Path, typer.Argument(metavar="STUDY|RUN", help="A study.toml, the folder that holds one, or a run.")
+]
 StudyOrRun: TypeAlias = Annotated[
     Path,
     typer.Argument(

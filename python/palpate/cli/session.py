@@ -230,8 +230,18 @@ def run_folder(study: "Study", out: Path | None) -> Path:
 
 
 def opened(context: typer.Context, study: Path, out: Path | None) -> tuple[Session, "Study", Path]:
-    """Session of the running command, its study, checked, and the folder of the run."""
+    """Session of the running command, its study, checked, and the folder of the run.
+
+    Of a run directory, the study that it was made from, or the copy that it keeps.
+    """
+    from palpate.cli.runs import original_study
+    from palpate.run.ownership import is_run
+
     session = Session.of(context)
+    if is_run(study):
+        command = context.info_name or "run"
+        session, file = original_study(session, run := study, trust=False, command=command)
+        return session, session.study(file), out or run
     checked = session.study(study)
     return session, checked, run_folder(checked, out)
 
