@@ -122,7 +122,7 @@ class Here(pressed.Here):
         return found
 
 
-def study_of(name: str, solver: Solver):
+def study_of(name: str, solver: Solver, spots: tuple[str, ...] = ("p1",)):
     regions = [
         RegionMaterial(
             region=region,
@@ -136,29 +136,37 @@ def study_of(name: str, solver: Solver):
         )
         for region, (material, searched) in STUDIES[name].items()
     ]
-    base = pressed.study_of(Ogden(), ("c1",), solver=solver)
+    base = pressed.study_of(Ogden(), ("c1",), solver=solver, spots=spots)
     filters = (pressed.Rising(),) if name == "yeoh" else ()
     return replace(base, space=ParameterSpace(regions=tuple(regions)), filters=filters)
 
 
 def measured_at(
-    study, row: np.ndarray, rng: np.random.Generator, *, times: float = 1.0, has_shape: bool = False
+    study,
+    row: np.ndarray,
+    rng: np.random.Generator,
+    *,
+    shared: np.random.Generator | None = None,
+    times: float = 1.0,
+    has_shape: bool = False,
 ) -> Response:
     """What is measured of a material, with everything wrong that the budget has, or ``times`` as much.
 
     With a shape the mesh's error is a wave along each curve, as large as that which the budget has.
+    ``shared`` draws what is alike at all spots: friction, fixed values, gains and half of a discrepancy.
     """
+    of_all = shared or rng
     budget = study.budget
     onset = times * rng.normal() * ONSET_MM
     path = study.protocol.path.copy()
     path[path[:, 0] > 0.0, 0] += onset
-    friction = 1.0 + times * RELATIVE * rng.normal()
+    friction = 1.0 + times * RELATIVE * of_all.normal()
     protocol = replace(study.protocol, path=path, friction=friction)
     regions = study.space.regions
     thetas = {
         region: theta
         * [
-            1.0 if p.name in {s.name for s in r.searched} else 1.0 + times * RELATIVE * rng.normal()
+            1.0 if p.name in {s.name for s in r.searched} else 1.0 + times * RELATIVE * of_all.normal()
             for p in r.material.parameters
         ]
         for r, (region, theta) in zip(regions, study.space.thetas(row).items(), strict=True)
@@ -179,10 +187,12 @@ def measured_at(
         if has_shape:
             y = y * (1.0 + 1.5 * change * np.sin(2.0 * np.pi * path + rng.uniform(0.0, 6.0)))
         along = np.exp(-0.5 * ((path[:, None] - path) / 0.4) ** 2) + 1e-9 * np.eye(x.size)
-        shape = np.linalg.cholesky(along) @ rng.normal(size=x.size)
+        drawn = rng.normal(size=x.size)
+        drawn = drawn if shared is None else np.sqrt(0.5) * (drawn + of_all.normal(size=x.size))
+        shape = np.linalg.cholesky(along) @ drawn
         left = times * budget.discrepancy * shape * np.maximum.accumulate(np.abs(y))
         noise = NOISE * np.abs(y).max() * rng.normal(size=x.size)
-        y = y * (1.0 + times * budget.gain * rng.normal()) + left + noise
+        y = y * (1.0 + times * budget.gain * of_all.normal()) + left + noise
         curves[name] = Curve(channel=name, abscissa=x, ordinate=y)
     return Response(curves=curves)
 

@@ -13,10 +13,10 @@ __version__ = "0.1.0"
 
 @hookimpl
 def palpate_stages() -> "list[type[Stage]]":
-    """``intervals``, ``certainty`` and ``identifiability``."""
-    from palpate_certainty.stages import Identifiability, Intervals, Posteriors
+    """``intervals``, ``validate``, ``certainty`` and ``identifiability``."""
+    from palpate_certainty.stages import Identifiability, Intervals, Posteriors, Validation
 
-    return [Intervals, Posteriors, Identifiability]
+    return [Intervals, Validation, Posteriors, Identifiability]
 
 
 @hookimpl
@@ -26,6 +26,7 @@ def palpate_commands() -> "list[Command]":
 
     does = {
         "intervals": "Find how certain the fitted parameters are, and what from.",
+        "validate": "Leave out each press in turn, predict it from the others, and compare.",
         "certainty": "Draw the posteriors of the joint fits; simulates some more sets.",
         "identifiability": "Find how well the curves of the sweep identify each parameter.",
     }

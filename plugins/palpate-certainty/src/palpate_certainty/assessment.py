@@ -41,6 +41,7 @@ from palpate_certainty.tables import (
     NOISE,
     PRIORS,
     Assessed,
+    LinearModel,
     certainty_result,
     density_of,
     most_likely,
@@ -164,6 +165,7 @@ class Assessment:
         residuals, jacobian = groups @ residuals, groups @ jacobian
         known = {name: groups @ part for name, part in known.items()}
         rows = grouped(rows, groups)
+        model = LinearModel(point=point, residuals=residuals, jacobian=jacobian, rows=rows, known=known)
         if residuals.size <= point.size:
             raise PalpateError(f"{residuals.size} measured points for {point.size} parameters; fix some")
         free, expected = null_space(jacobian.T), self.study.budget.discrepancy
@@ -190,6 +192,7 @@ class Assessment:
             in_range=in_range,
             density=density,
             white=whitening(scores, covariance, groups),
+            model=model,
             errors=errors,
             excess=excessive,
             misfits=missed,

@@ -7,7 +7,7 @@ likely once the parameters are fitted (restricted likelihood: Patterson & Thomps
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import product
 
 import numpy as np
@@ -15,7 +15,7 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dposv, dpotri
 from scipy.optimize import minimize
 
-from palpate.api import FloatArray, IntArray
+from palpate.api import BoolArray, FloatArray, IntArray
 from palpate.api.fit import SpotTerm, channel_of, pieces
 
 COMMON = 0.5
@@ -54,6 +54,10 @@ class ResidualLayout:
     path: FloatArray
     scale: FloatArray
     envelope: FloatArray
+
+    def only(self, kept: BoolArray) -> "ResidualLayout":
+        """Where some of the residuals, chosen by ``kept`` (n,), are."""
+        return ResidualLayout(**{each.name: getattr(self, each.name)[kept] for each in fields(self)})
 
     @property
     def channels(self) -> list[int]:
@@ -165,6 +169,8 @@ POINTS = (0.0, 1.0, 2.0, 4.0)
 LENGTHS = (0.15, 0.35, 0.8)
 """Correlation lengths of the discrepancy that are tried, in ranges of the abscissa."""
 
+PAIRS = tuple(product(POINTS, LENGTHS))
+
 LEAST_NOISE = 1e-5
 """Least noise, over the largest ordinate: simulated curves are not exact."""
 
@@ -232,6 +238,7 @@ def estimate(
     rows: ResidualLayout,
     *,
     expected: float,
+    lengths: Sequence[tuple[float, float]] = PAIRS,
 ) -> NoiseModel:
     """Estimate noise and discrepancy from the residuals of a fit.
 
@@ -245,9 +252,11 @@ def estimate(
     rows : ResidualLayout
     expected : float
         Discrepancy that models usually have, over the largest ordinate.
+    lengths : sequence of (points, length)
+        Pairs of correlation lengths that are tried.
     """
     channels = rows.channels
-    modes = list(_modes(residuals, free, known, rows, expected))
+    modes = list(_modes(residuals, free, known, rows, expected, lengths))
     best = max(mode.value for mode in modes)
     weights = np.exp(np.array([mode.value for mode in modes]) - best)
     weights /= weights.sum()
@@ -292,7 +301,12 @@ def excess(residuals: FloatArray, free: FloatArray, known: FloatArray, rest: Flo
 
 
 def _modes(
-    residuals: FloatArray, projection: FloatArray, known: FloatArray, rows: ResidualLayout, expected: float
+    residuals: FloatArray,
+    projection: FloatArray,
+    known: FloatArray,
+    rows: ResidualLayout,
+    expected: float,
+    lengths: Sequence[tuple[float, float]],
 ) -> Iterator[_Mode]:
     channels = rows.channels
     fixed = projection.T @ known
@@ -305,7 +319,7 @@ def _modes(
         for part in parts
     }
     most = [max(MOST_SEEN * _seen(residuals, rows, c), 2.0 * expected) for c in channels]
-    for points, length in product(POINTS, LENGTHS):
+    for points, length in lengths:
         parts = [*noises[points], *others[length]]
         stacked = np.stack([seen[id(part)] for part in parts])
         likelihood = _Likelihood(free, fixed @ fixed.T, stacked, expected, most)

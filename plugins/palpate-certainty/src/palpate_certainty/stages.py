@@ -17,10 +17,14 @@ from palpate.api.fit import (
 from palpate.api.runs import Files, Study, at_measured, mesh_note, size_at_contact
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.error_sources import SpotMesh, noted_errors
+from palpate_certainty.held_out import held_out, sentence
 from palpate_certainty.identifiability import assess_identifiability
 from palpate_certainty.posterior_sampling import PosteriorSampling
 from palpate_certainty.posterior_tables import posterior_result
 from palpate_certainty.tables import Assessed, certainty_result
+
+ENOUGH_SPOTS = 3
+"""Spots from which on every run holds each of them out in turn."""
 
 
 class Intervals(Stage):
@@ -57,6 +61,37 @@ class Intervals(Stage):
         planes = stage.profile_planes(assessed, inputs.design, inputs.swept())
         found = replace(certainty_result(assessed, inputs.study), profile_planes=planes)
         return tables_of(found)
+
+
+class Validation(Stage):
+    """Held-out presses."""
+
+    name, summary = "validate", "Predict each press from the others, and compare."
+    needs = ("intervals",)
+    tables = MappingProxyType({"held_out": "Each held-out curve against its prediction and its band."})
+
+    def is_in_run(self, study: Study) -> bool:
+        """Where there are enough spots that leaving one out tells something, and a fit."""
+        return len(study.spots) >= ENOUGH_SPOTS and not isinstance(study.search, BestSet)
+
+    def decides(self, study: Study) -> Mapping[str, object]:
+        """What the curves and the model may be wrong by."""
+        return {"budget": study.budget.model_dump(mode="json")}
+
+    def run(self, inputs: Run, progress: Progress) -> Files:
+        """Predictions by the joint fit's slopes; simulates nothing new."""
+        _, assessed = joint_assessed(inputs)
+        return {"held_out": held_out(assessed, inputs.study.budget.discrepancy)}
+
+    def summarise(self, inputs: Run) -> Summary:
+        """How many curves are inside of their bands, and which is farthest off."""
+        table = inputs.table("held_out")
+        if table.is_empty():
+            return Summary(lines=["One curve alone: nothing predicts it."])
+        text = sentence(table)
+        return Summary(
+            lines=[f"{text}."], labelled={"Held out": text}, tables={"Curves that were held out": table}
+        )
 
 
 class Posteriors(Stage):

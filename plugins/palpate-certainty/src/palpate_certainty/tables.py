@@ -25,7 +25,7 @@ from palpate.api.runs import Study
 from palpate_certainty.adequacy import ALLOWED, Check, Misfit
 from palpate_certainty.error_sources import MESH
 from palpate_certainty.laplace import RANGE, Density, Laplace
-from palpate_certainty.noise_model import NoiseModel
+from palpate_certainty.noise_model import NoiseModel, ResidualLayout
 
 NOISE, DISCREPANCY, PRIORS = "noise", "model", "priors"
 """Error sources besides those of :mod:`~palpate_certainty.error_sources`."""
@@ -91,6 +91,30 @@ N_DRAWS = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class LinearModel:
+    """A fit to first order around where it has ended.
+
+    Parameters
+    ----------
+    point : (n_parameters,) array
+        Its end, as shares of the ranges.
+    residuals : (n,) array
+        Simulated less measured; neighbours of long curves averaged.
+    jacobian : (n, n_parameters) array
+        Of the residuals, per range.
+    rows : ResidualLayout
+    known : mapping of cause to (n, m) array
+        What one standard deviation of each known cause adds to the residuals.
+    """
+
+    point: FloatArray
+    residuals: FloatArray
+    jacobian: FloatArray
+    rows: ResidualLayout
+    known: Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Assessed:
     """A fit with its covariance.
 
@@ -110,6 +134,7 @@ class Assessed:
         By all causes, within the ranges and the filters.
     white : (m, n) array
         From the residuals to independent ones of variance 1, by all causes.
+    model : LinearModel
     errors : NoiseModel
     excess : float
         How many times larger than the budget has them known causes are taken.
@@ -133,6 +158,7 @@ class Assessed:
     in_range: Laplace
     density: Density
     white: FloatArray
+    model: LinearModel
     errors: NoiseModel
     excess: float
     misfits: Mapping[int, Misfit]

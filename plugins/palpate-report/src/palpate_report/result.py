@@ -83,6 +83,8 @@ class Conclusion:
         What may be wrong and is in no interval.
     mesh : str
         What the meshes may be wrong by, and the largest share of that in an interval; empty without them.
+    of_stages : mapping of word to str
+        What stages of plugins have found, each under its word.
     next_step : str
         What to do next; empty where there is nothing to say.
     methods : str
@@ -105,6 +107,7 @@ class Conclusion:
     apparent: str = ""
     not_included: tuple[str, ...] = ()
     mesh: str = ""
+    of_stages: Mapping[str, str] = field(default_factory=dict)
     next_step: str = ""
     methods: str = ""
     failure: str = ""
@@ -121,6 +124,7 @@ class Conclusion:
             "Conclusion": f"{study.name} ({data}): {self.headline or NOTHING}",
             **({"Mesh": self.mesh} if self.mesh else {}),
             "Parameters": f"{found}{missing}" if found else "none, for the reason above",
+            **self.of_stages,
             "Warnings": warned if self.warnings else "none",
             **({"Next": self.next_step} if self.next_step else {}),
         }
@@ -153,6 +157,7 @@ def make_conclusion(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Con
         not_included=missing,
         methods=methods(data, estimates, missing),
         mesh="" if no_fit else _mesh(data),
+        of_stages={word: text for _, each in data.summaries.values() for word, text in each.labelled.items()},
         next_step=next_step(data, found, is_refused=bool(no_fit)),
         failure=no_fit,
         without_result=data.without_result,

@@ -1,0 +1,101 @@
+"""How often held-out presses raise an alarm: ``python benchmarks/bench_held_out.py --n 40``.
+
+Four presses of strips of tissue in closed form, as in bench_coverage.py. Where they are sound, everything
+that the budget has is wrong by as much as it says; where not, one press has besides an error that no budget
+has. Prints how many held-out curves are inside their 90 % bands, and how many studies are said to
+hold a press that does not belong to the others.
+"""
+
+import argparse
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import polars as pl
+from bench_coverage import MESH, RATIO, Here, Layered, LayeredSettings, measured_at, pressed, study_of
+
+from palpate import Response
+from palpate.domain import Design
+from palpate.fit.stage import FitStage
+from palpate_certainty.assessment import Assessment
+from palpate_certainty.error_sources import SpotMesh
+from palpate_certainty.held_out import held_out, is_apart
+
+SPOTS = ("p1", "p2", "p3", "p4")
+FAULTS = {
+    "sound": None,
+    "tissue a quarter stiffer": lambda curves: {name: (x, 1.25 * y) for name, (x, y) in curves.items()},
+    "torque a tenth too large": lambda curves: {
+        **curves,
+        "torque": (curves["torque"][0], 1.1 * curves["torque"][1]),
+    },
+    "onset off by 0.7 mm": lambda curves: {**curves, "force": (curves["force"][0], _late(*curves["force"]))},
+    "a tenth of the force relaxed": lambda curves: {
+        **curves,
+        "force": (curves["force"][0], _relaxed(*curves["force"])),
+    },
+}
+"""What is wrong at one press."""
+
+
+def _late(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return np.interp(x - 0.7, x, y)
+
+
+def _relaxed(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return y * (1.0 - 0.1 * x / x.max())
+
+
+def table_of(name: str, fault: str, seed: int) -> pl.DataFrame:
+    """Held-out curves of one study."""
+    rng = np.random.default_rng(seed)
+    coarse = MESH * rng.normal()
+    study = study_of(name, Layered(LayeredSettings(coarse=coarse, fine=coarse / RATIO)), spots=SPOTS)
+    (row,) = pressed.truths(study, 1, seed)
+    measured = {
+        spot: measured_at(study, row, rng, shared=np.random.default_rng(1000 + seed)) for spot in SPOTS
+    }
+    if change := FAULTS[fault]:
+        spot = SPOTS[seed % len(SPOTS)]
+        curves = measured[spot].curves
+        made = change({n: (c.abscissa, c.ordinate) for n, c in curves.items()})
+        measured[spot] = Response(curves={n: replace(curves[n], ordinate=made[n][1]) for n in curves})
+    none = np.zeros((0, len(row)))
+    stage = FitStage(
+        study=study,
+        design=Design(parameters=study.space.parameters, values=none, seed=1, n_drawn=0),
+        measured=measured,
+        scores=pl.DataFrame(),
+        simulations=Here(study.solver, {f"{spot}/fine": None for spot in SPOTS}),
+        abscissae={"force": "depth_mm", "torque": "rotation_deg"},
+    )
+    case = next(case for case in stage.run() if len(case.spots) > 1)
+    meshes = {spot: SpotMesh(refinement=RATIO**0.5) for spot in SPOTS}
+    assessment = Assessment(study=study, measured=measured, meshes=meshes)
+    (assessed,) = assessment.assessed([case], joint_only=True)
+    return held_out(assessed, study.budget.discrepancy)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--n", type=int, default=40, help="studies of each kind")
+    parser.add_argument("--studies", nargs="*", default=["yeoh", "ogden"], help="which studies")
+    parser.add_argument("--workers", type=int, help="processes; default: all cores")
+    chosen = parser.parse_args()
+    sys.stdout.write(
+        "| tissue | press | curves inside their bands | studies with an alarm |\n|---|---|---|---|\n"
+    )
+    with ProcessPoolExecutor(chosen.workers) as pool:
+        for name, fault in product(chosen.studies, FAULTS):
+            n = chosen.n if fault == "sound" else chosen.n // 2
+            found = list(pool.map(table_of, [name] * n, [fault] * n, range(n)))
+            inside = pl.concat(found)["inside"]
+            alarms = sum(map(is_apart, found))
+            sys.stdout.write(f"| {name} | {fault} | {inside.sum()} of {len(inside)} | {alarms} of {n} |\n")
+            sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

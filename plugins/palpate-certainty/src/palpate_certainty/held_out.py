@@ -1,0 +1,134 @@
+"""Held-out presses: each predicted from the others with a band, and compared with what was measured.
+
+Once a press is left out, the fit moves by one step along its slopes, weighed as the intervals weigh it
+(:mod:`palpate_certainty.laplace`); noise and discrepancy are estimated again without it. The band is what the
+errors of the parameters and of the press itself make of its curves. Nothing is simulated.
+"""
+
+from typing import Any
+
+import numpy as np
+import polars as pl
+from scipy.linalg import null_space
+from scipy.stats import chi2
+
+from palpate.api import BoolArray, FloatArray
+from palpate_certainty.laplace import FLAT_SD, scores_of
+from palpate_certainty.noise_model import NoiseModel, estimate, excess
+from palpate_certainty.tables import PRIORS, Assessed
+
+BAND = 0.9
+"""Probability that a curve is inside of its band."""
+
+RARE = 0.05
+"""Probability, over all held-out curves, under which one as far off does not belong to the others."""
+
+
+def held_out(assessed: Assessed, expected: float) -> pl.DataFrame:
+    """One row per held-out curve, as the table ``held_out`` has it: its difference, its band, and their odds.
+
+    Each spot is left out in turn; of one spot alone, each channel is. ``difference`` and ``band`` are roots
+    of the mean square along the curve over its peak, the latter with the probability :data:`BAND`.
+
+    Parameters
+    ----------
+    assessed : Assessed
+        The joint fit.
+    expected : float
+        Discrepancy that the study expects, over the largest ordinate.
+    """
+    rows, spots = assessed.model.rows, list(dict.fromkeys(term.spot for term in assessed.end.problem.terms))
+    parts = [rows.spot == i for i in range(len(spots))]
+    if len(spots) == 1:
+        parts = [rows.channel == channel for channel in rows.channels if len(rows.channels) > 1]
+    found = []
+    for out in parts:
+        difference, covariance = _predicted(assessed, out, expected)
+        spot, channels, scale = spots[rows.spot[out][0]], rows.channel[out], rows.scale[out]
+        for channel in np.unique(channels):
+            at = channels == channel
+            share = difference[at] / scale[at]
+            compared = _compared(share, covariance[np.ix_(at, at)] / np.outer(scale[at], scale[at]))
+            found.append({"spot": spot, "channel": assessed.channels[channel], **compared})
+    return pl.DataFrame(found)
+
+
+def _compared(share: FloatArray, covariance: FloatArray) -> dict[str, Any]:
+    """Root mean square of differences (n,) against that of errors with a covariance (n, n).
+
+    The sum of squares of correlated normal errors is nearly χ² over degrees of freedom that have its mean
+    and variance (Satterthwaite, Biometrics Bulletin 2, 1946).
+    """
+    mean, spread = float(np.trace(covariance)), float((covariance**2).sum())
+    freedom, unit = mean**2 / spread, spread / mean
+    square = float(share @ share)
+    probability = float(chi2.sf(square / unit, freedom))
+    return {
+        "difference": float(np.sqrt(square / share.size)),
+        "band": float(np.sqrt(unit * chi2.ppf(BAND, freedom) / share.size)),
+        "probability": probability,
+        "inside": probability >= 1.0 - BAND,
+    }
+
+
+def _predicted(assessed: Assessed, out: BoolArray, expected: float) -> tuple[FloatArray, FloatArray]:
+    """Differences (n,) of the curves left out from their prediction by the others, and their covariance."""
+    model, kept = assessed.model, ~out
+    residuals, jacobian = model.residuals[kept], model.jacobian[kept]
+    errors, times = _errors_without(assessed, kept, expected)
+    noise, discrepancy = errors.covariances(model.rows)
+    factors = [part if name == PRIORS else times * part for name, part in model.known.items()]
+    covariance = noise + discrepancy + sum(factor @ factor.T for factor in factors)
+    scores = scores_of(jacobian, model.rows.curve[kept])
+    slopes = scores.T @ jacobian
+    gain = np.linalg.solve(scores.T @ covariance[np.ix_(kept, kept)] @ scores, slopes)
+    prior = np.eye(jacobian.shape[1]) / FLAT_SD**2
+    of_point = np.linalg.inv(slopes.T @ gain + prior)
+    through = of_point @ gain.T @ scores.T
+    # Where the others tell nothing, a value is anywhere in its range.
+    moved = -through @ residuals - of_point @ prior @ (model.point - 0.5)
+    there = model.jacobian[out]
+    both = np.zeros((int(out.sum()), out.size))
+    both[:, out], both[:, kept] = np.eye(int(out.sum())), -there @ through
+    unknown = there @ of_point @ prior @ of_point @ there.T
+    return model.residuals[out] + there @ moved, both @ covariance @ both.T + unknown
+
+
+def _errors_without(assessed: Assessed, kept: BoolArray, expected: float) -> tuple[NoiseModel, float]:
+    """Noise and discrepancy, and how much larger than stated other causes are, by the curves that are kept.
+
+    By all curves where a channel is left out altogether.
+    """
+    model = assessed.model
+    rows = model.rows.only(kept)
+    if set(rows.channels) != set(model.rows.channels):
+        return assessed.errors, assessed.excess
+    residuals, free = model.residuals[kept], null_space(model.jacobian[kept].T)
+    known = np.concatenate(list(model.known.values()), axis=1)[kept]
+    errors = estimate(
+        residuals, free, known, rows, expected=expected, lengths=tuple(assessed.errors.of_lengths)
+    )
+    noise, discrepancy = errors.covariances(rows)
+    return errors, excess(residuals, free, known, noise + discrepancy)
+
+
+def sentence(table: pl.DataFrame) -> str:
+    """How many held-out curves are inside of their bands, and the one that is farthest off."""
+    inside = int(table["inside"].sum())
+    text = (
+        f"{inside} of {table.height} curves of held-out presses are inside their {100.0 * BAND:.0f} % bands"
+    )
+    if inside == table.height:
+        return text
+    worst = table.sort("probability").row(0, named=True)
+    text += (
+        f"; farthest off is {worst['channel']} at {worst['spot']}, by {100.0 * worst['difference']:.1f} % of "
+        f"its peak (band {100.0 * worst['band']:.1f} %)"
+    )
+    return f"{text}: it does not belong to the others" if is_apart(table) else text
+
+
+def is_apart(table: pl.DataFrame) -> bool:
+    """True if a held-out curve is so far off as hardly any would be by chance."""
+    least = table["probability"].min()
+    return isinstance(least, float) and least * table.height < RARE

@@ -1,0 +1,114 @@
+"""A held-out press is inside its band as often as the band says, and one that does not belong is found."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import polars as pl
+import pytest
+
+from palpate.domain import Response
+from palpate_certainty import held_out as module
+from palpate_certainty.assessment import Assessment
+from palpate_certainty.held_out import BAND, held_out, is_apart, sentence
+from palpate_certainty.noise_model import NoiseModel, ResidualLayout
+from palpate_certainty.tables import PRIORS, LinearModel
+from palpate_materials.uncoupled import Ogden
+
+SPOTS, POINTS = ("p1", "p2", "p3"), 12
+
+
+def layout():
+    """Two channels at each spot."""
+    n = len(SPOTS) * 2 * POINTS
+    spot, channel = np.repeat([0, 1, 2], 2 * POINTS), np.tile(np.repeat([0, 1], POINTS), len(SPOTS))
+    point = np.tile(np.arange(POINTS, dtype=float), 2 * len(SPOTS))
+    path = (point + 1.0) / POINTS
+    return ResidualLayout(
+        spot=spot, site=spot, channel=channel, point=point, path=path, scale=np.ones(n), envelope=path
+    )
+
+
+def test_curves_that_belong_are_inside_as_often_as_the_band_says(monkeypatch):
+    rng, rows = np.random.default_rng(5), layout()
+    errors = NoiseModel(
+        of_lengths={(0.0, 0.35): ({0: 1e-4, 1: 2e-4}, {0: 4e-4, 1: 1e-4})}, correlations={(0.0, 0.35): 1.0}
+    )
+    jacobian = rng.normal(size=(rows.spot.size, 3)) * rows.envelope[:, None] + np.array([1.0, 0.0, 0.5])
+    gains = 0.02 * np.stack([rows.channel == 0, rows.channel == 1], axis=1) * rows.envelope[:, None]
+    known = {"gain": gains, PRIORS: np.zeros((rows.spot.size, rows.spot.size))}
+    root = np.linalg.cholesky(sum(errors.covariances(rows)) + gains @ gains.T)
+    monkeypatch.setattr(module, "_errors_without", lambda *_: (errors, 1.0))
+    inside = []
+    for _ in range(100):
+        moved = 0.05 * rng.normal(size=3)
+        residuals = root @ rng.normal(size=rows.spot.size) + jacobian @ moved
+        model = LinearModel(point=0.5 + moved, residuals=residuals, jacobian=jacobian, rows=rows, known=known)
+        terms = [SimpleNamespace(spot=spot) for spot in SPOTS]
+        end = SimpleNamespace(problem=SimpleNamespace(terms=terms))
+        assessed = SimpleNamespace(model=model, end=end, channels=("force", "torque"))
+        inside += held_out(assessed, 0.01)["inside"].to_list()
+    assert np.mean(inside) == pytest.approx(BAND, abs=0.05)
+
+
+@pytest.fixture
+def assessed_of(pressed, stage_of):
+    """Assess the joint fit of as many spots, whose curves at p1 are multiplied."""
+
+    def made(spots, times=1.0):
+        study = pressed.study_of(Ogden(), ("c1",), spots=spots)
+        truth = np.array([0.08])
+        measured = {spot: pressed.measured_at(study, truth, 0.004, i) for i, spot in enumerate(spots)}
+        curves = measured["p1"].curves.items()
+        scaled = {name: replace(curve, ordinate=times * curve.ordinate) for name, curve in curves}
+        measured["p1"] = Response(curves=scaled)
+        cases = stage_of(study, measured).run()
+        joint = max(cases, key=lambda case: len(case.spots))
+        (found,) = Assessment(study=study, measured=measured).assessed([joint], joint_only=True)
+        return held_out(found, study.budget.discrepancy)
+
+    return made
+
+
+def test_a_press_of_a_stiffer_place_does_not_belong_to_the_others(assessed_of):
+    table = assessed_of(SPOTS, times=1.4)
+    worst = table.sort("probability").row(0, named=True)
+    assert (worst["spot"], worst["inside"]) == ("p1", False)
+    assert is_apart(table)
+    assert "at p1" in sentence(table)
+    assert sentence(table).endswith("it does not belong to the others")
+
+
+@pytest.mark.slow
+def test_presses_of_one_tissue_belong_together(assessed_of):
+    table = assessed_of(SPOTS)
+    assert table.select("spot", "channel").rows() == [(s, c) for s in SPOTS for c in ("force", "torque")]
+    assert not is_apart(table)
+    assert sentence(table).startswith(f"{table['inside'].sum()} of 6 curves of held-out presses are inside")
+
+
+def test_of_one_press_each_channel_is_predicted_by_the_other(assessed_of):
+    table = assessed_of(("p1",))
+    assert table["channel"].to_list() == ["force", "torque"]
+    assert (table["difference"] < 3.0 * table["band"]).all()
+
+
+def test_the_sentence_names_the_curve_that_is_farthest_off():
+    rows = [("p1", 0.5, True), ("p2", 0.04, False), ("p3", 0.6, True)]
+    table = pl.DataFrame(
+        [
+            {
+                "spot": spot,
+                "channel": "torque",
+                "difference": 0.041,
+                "band": 0.019,
+                "probability": p,
+                "inside": ok,
+            }
+            for spot, p, ok in rows
+        ]
+    )
+    assert sentence(table) == (
+        "2 of 3 curves of held-out presses are inside their 90 % bands; farthest off is torque at p2, "
+        "by 4.1 % of its peak (band 1.9 %)"
+    )
