@@ -120,6 +120,16 @@ def test_little_room_is_a_note():
     assert doctor._room("free memory", 1e6, "buy some").advice == ""
 
 
+def test_slow_plugins_are_named(tmp_path):
+    (tmp_path / "programs.py").write_text(SOLVERS)
+    plugins = Plugins.load([tmp_path / "programs.py"], entry_points=False)
+    assert set(plugins.import_s) == {"palpate", "programs"}
+    assert all(seconds > 0.0 for seconds in plugins.import_s.values())
+    found = next(doctor._speed(tmp_path, 9.0, {"quick": 0.5, "slow": 4.0, "a": 0.2, "b": 0.1}))
+    assert found.level == "note"
+    assert "slow 4 s, quick 0.5 s, a 0.2 s;" in found.advice
+
+
 def test_the_command_prints_it(capsys, tmp_path):
     assert main(["doctor", str(tmp_path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

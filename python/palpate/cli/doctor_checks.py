@@ -83,7 +83,7 @@ def examine(plugins: Plugins, folder: Path, plugins_s: float) -> list[Finding]:
         *_plugins(plugins),
         *_solvers(plugins),
         *_machine(folder),
-        *_speed(folder, plugins_s),
+        *_speed(folder, plugins_s, plugins.import_s),
     ]
 
 
@@ -164,10 +164,13 @@ def file_system(folder: Path, mounts: Path = Path("/proc/self/mounts")) -> str:
     return max(above, key=lambda each: len(each[0].parts), default=(folder, ""))[1]
 
 
-def _speed(folder: Path, plugins_s: float) -> Iterator[Finding]:
-    yield _timed(
-        "finding plugins", plugins_s, SLOW_PLUGINS_S, "a plugin imports much; see python -X importtime"
-    )
+def _speed(
+    folder: Path, plugins_s: float, import_s: Mapping[str, float] = MappingProxyType({})
+) -> Iterator[Finding]:
+    slowest = sorted(import_s.items(), key=lambda each: -each[1])[:3]
+    took = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in slowest)
+    advice = f"the slowest to import, each with what it was first to need: {took}; see python -X importtime"
+    yield _timed("finding plugins", plugins_s, SLOW_PLUGINS_S, advice)
     yield _timed(
         "scoring 1,000 curves", _score_s(), SLOW_SCORE_S, "the core may be a debug build; install a release"
     )

@@ -4,6 +4,7 @@ One plugin's mistake must not stop another: whatever a plugin does wrong while
 it is imported or asked becomes a :class:`BrokenPlugin` with the reason.
 """
 
+import contextlib
 import difflib
 import functools
 import importlib.metadata
@@ -12,9 +13,10 @@ import inspect
 import itertools
 import pkgutil
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from time import perf_counter
 from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -133,6 +135,8 @@ class Registry:
         self.sources: dict[str, str] = {}
         self.broken: list[BrokenPlugin] = []
         self.commands: dict[str, str] = {}
+        self.import_s: dict[str, float] = {}
+        """How long each plugin took to import, by the name under which it is listed."""
         self._qualifiers: dict[str, str] = {}
         self.points: list[tuple[str, importlib.metadata.EntryPoint]] = []
         """Entry points of single components by kind, imported when the catalogues are filled."""
@@ -147,7 +151,7 @@ class Registry:
                 name = qualifier
             if name in self.sources:
                 raise PluginError(f"the plugin name '{name}' is taken by {self.sources[name]}; rename one")
-            with guarded():
+            with self._timed(name), guarded():
                 plugin = load()
                 _check_version(plugin)
             self._register(name, plugin)
@@ -156,6 +160,14 @@ class Registry:
             self._leave_out(name, source, error)
             return
         self.sources[name] = source
+
+    @contextlib.contextmanager
+    def _timed(self, name: str) -> Iterator[None]:
+        begin = perf_counter()
+        try:
+            yield
+        finally:
+            self.import_s[name] = self.import_s.get(name, 0.0) + perf_counter() - begin
 
     def _leave_out(self, name: str, source: str, error: PluginError, component: str = "") -> None:
         self.broken.append(BrokenPlugin.of(error, name, source, component))
@@ -175,7 +187,9 @@ class Registry:
         for kind, point in self.points:
             owner, source = owner_of(point), _source(point)
             try:
-                self._add(kind, _single(kind, point), owner, source)
+                with self._timed(owner):
+                    item = _single(kind, point)
+                self._add(kind, item, owner, source)
             except PluginError as error:
                 self._leave_out(owner, source, error, f"{KINDS[kind].noun} '{point.name}'")
 
