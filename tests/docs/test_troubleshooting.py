@@ -1,10 +1,10 @@
-"""The guide to symptoms quotes what palpate prints."""
+"""Guides with tables of symptoms quote what palpate prints."""
 
 import re
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-GUIDE = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
+GUIDES = [(ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in ("troubleshooting", "mri")]
 PLACEHOLDER = r"\{[^\n]{1,160}?\}"
 
 
@@ -21,7 +21,7 @@ def is_printed(message: str, code: str) -> bool:
 
 def test_every_message_that_is_quoted_is_in_the_code() -> None:
     code = sources()
-    cells = re.findall(r"^\| (`[^|]+) \|", GUIDE, flags=re.MULTILINE)
+    cells = [cell for guide in GUIDES for cell in re.findall(r"^\| (`[^|]+) \|", guide, flags=re.MULTILINE)]
     quoted = [message for cell in cells for message in re.findall(r"`([^`]+)`", cell)]
     assert len(cells) > 50
     assert [message for message in quoted if not is_printed(message.removeprefix("… "), code)] == []

@@ -321,6 +321,18 @@ def test_bones_that_touch_are_one_hole_and_bones_that_cross_are_refused() -> Non
         cut(tube(), [bone, replace(tube(6.0, LENGTH, shift=9.0), name="b")], spot, axis)
 
 
+def test_bones_of_another_frame_are_remarked_where_none_is_left() -> None:
+    spot = locate_at("p1", np.array([0.0, RADIUS, 100.0]), tube()).spot
+    bone = replace(tube(6.0, 50.0), name="a")
+    elsewhere = replace(bone, points_mm=bone.points_mm * [-1.0, 1.0, 1.0] - 300.0 * UP)
+    segment = cut(tube(), [replace(elsewhere, faces=bone.faces[:, ::-1])], spot, UP)
+    assert segment.bones == ()
+    assert segment.remarks == (
+        "no bone is between the cuts (given: a); check that all are in the scan's frame",
+    )
+    assert cut(tube(), [], spot, UP).remarks == ()
+
+
 def test_a_bone_in_another_is_refused_however_large_the_other_bones_are() -> None:
     spot = locate_at("p1", np.array([0.0, RADIUS, 100.0]), tube()).spot
     thin, far, around_thin = (

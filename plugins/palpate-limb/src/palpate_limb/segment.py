@@ -157,6 +157,11 @@ def _tissue(
         pieces.append((bone.name, piece))
         taken, whole = taken + piece, whole + body
         inside.append(bone)
+    if bones and not inside:
+        names = ", ".join(bone.name for bone in bones)
+        remarks.append(
+            f"no bone is between the cuts (given: {names}); check that all are in the scan's frame"
+        )
     # Whole bones, and the cuts last: ends of bone and limb in one plane would leave a film between them.
     tissue = _in_one(_between(solid(skin) - whole, along, half))
     lost = 1.0 - tissue.volume_mm3 / (limb.volume() - taken.volume())
