@@ -61,6 +61,11 @@ class Silent:
 SILENT = Silent()
 
 
+def about(seconds: float) -> str:
+    """Format an estimate of a time, which is never "about 0 s"."""
+    return "less than a second" if seconds < 1.0 else f"about {duration(seconds)}"
+
+
 def duration(seconds: float) -> str:
     """Format a time in two units at most."""
     if seconds < 90:

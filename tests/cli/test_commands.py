@@ -77,7 +77,7 @@ def test_check_tells_how_long_the_sweep_takes_and_offers_a_first_look(
 ) -> None:
     from palpate.simulation import cost
 
-    assert "20 simulations to do, about 0 s; then about" in call("check", study).out
+    assert "20 simulations to do, each less than a second; then about" in call("check", study).out
     monkeypatch.setattr(cost, "timed", lambda *_: 90.0)
     shown = call("check", study).out
     assert "20 simulations to do, about 30 min; then about" in shown
@@ -87,7 +87,7 @@ def test_check_tells_how_long_the_sweep_takes_and_offers_a_first_look(
     found = call("check", study, "--json").json
     assert found["n_left"] == 8
     assert found["seconds"] < 90.0
-    assert "8 simulations to do, about 0 s; then about" in call("run", study).err
+    assert "8 simulations to do, each less than a second; then about" in call("run", study).err
     assert "simulations to do" not in call("check", study).out
 
 

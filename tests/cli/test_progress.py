@@ -155,7 +155,7 @@ def test_the_time_left_counts_nothing_that_was_reused(follow, monkeypatch, n_reu
         for _ in range(5):
             now[0] += 10.0
             following.step("ok")
-        assert following._left() == f"about {status_command.duration(10.0 * (95 - n_reused))} left"
+        assert following._left() == f"{status_command.about(10.0 * (95 - n_reused))} left"
 
 
 def test_the_side_shows_processor_memory_and_the_best_sets(whole_run, follow, monkeypatch, until):

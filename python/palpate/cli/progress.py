@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.cli.session import Session
 from palpate.errors import PalpateError, StoppedError
-from palpate.progress import FIRST_LOOK, LONG_S, duration
+from palpate.progress import FIRST_LOOK, LONG_S, about, duration
 
 if TYPE_CHECKING:
     import polars as pl
@@ -195,7 +195,7 @@ class StageProgress:
         n_left, n_done = self._total - self._done, self._done - n_before
         if n_left <= 0 or not n_done:
             return ""
-        return f"about {duration((time.monotonic() - begun) / n_done * n_left)} left"
+        return f"{about((time.monotonic() - begun) / n_done * n_left)} left"
 
     def _is_line_due(self) -> bool:
         tenth = max(1, self._total // 10)

@@ -9,7 +9,7 @@ import typer
 from palpate.cli.options import AsJson, RunPath
 from palpate.cli.runs import find_run
 from palpate.cli.session import Session
-from palpate.progress import duration
+from palpate.progress import about
 
 if TYPE_CHECKING:
     from palpate.cli.output import FitStateOutput, StatusOutput
@@ -76,7 +76,7 @@ def _show(session: Session, seen: "RunStatus") -> None:
 def _line(seen: "RunStatus") -> str:
     line = f"{seen.folder}: {_counts(seen)}"
     if seen.seconds_left is not None:  # before the runner: a narrow terminal cuts the end
-        line += f"; about {duration(seen.seconds_left)} left"
+        line += f"; {about(seen.seconds_left)} left"
     if seen.runner is not None:
         line += f"; running: {seen.runner}"
     elif seen.is_unfinished:

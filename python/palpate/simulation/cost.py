@@ -10,7 +10,7 @@ from palpate.domain import Job, Limb
 from palpate.executors import InProcess, Processes
 from palpate.executors.attempts import simulate_alone
 from palpate.executors.machine import n_fitting
-from palpate.progress import FIRST_LOOK, LONG_S, Progress, duration
+from palpate.progress import FIRST_LOOK, LONG_S, Progress, about, duration
 from palpate.run.ledger import Ledger
 from palpate.study.reading import Study
 
@@ -90,7 +90,10 @@ class Cost:
         if self.seconds_each is None:
             return ""
         if seconds is None:
-            return f", each about {duration(self.seconds_each)} here"
+            return f", each {about(self.seconds_each)} here"
+        # What starts and compiles then takes longer than all simulations.
+        if seconds < WORTH_SAYING_S and self.seconds_each < 1.0:
+            return f", each {about(self.seconds_each)}"
         return f", about {duration(seconds)}"
 
     def first_look(self, n_sets: int) -> str:

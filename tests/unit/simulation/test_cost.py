@@ -1,5 +1,6 @@
 """How long a sweep will take: from what is there, else from a simulation that is timed."""
 
+import re
 from dataclasses import replace
 
 import pytest
@@ -54,6 +55,15 @@ def test_results_of_another_mesh_or_range_tell_the_time_of_one(make_study, plugi
 def test_an_executor_that_is_not_known_gives_no_time_of_all():
     left = Cost(n_left=3, seconds_each=2.0, n_workers=0)
     assert (left.seconds, str(left)) == (None, "3 simulations to do, each about 2 s here; then the fit")
+
+
+@given(
+    seconds=st.floats(0.0, 1e6), n_left=st.integers(0, 10**5), n_fit=st.integers(0, 99), n=st.integers(0, 64)
+)
+def test_no_estimate_is_zero(seconds, n_left, n_fit, n):
+    text = str(Cost(n_left=n_left, seconds_each=seconds, n_workers=n, n_fit=n_fit, n_spots=4))
+    assert not re.search(r"\b0 s", text)
+    assert (" s " in f"{text} " or "min" in text or "second" in text) == (n_left + n_fit > 0)
 
 
 def test_the_paper_s_way_has_no_fit(make_study, tmp_path, plugins):
