@@ -11,6 +11,7 @@ from types import FrameType
 from typing import TYPE_CHECKING
 
 from palpate.errors import NUMPY_IN_ENERGY, PalpateError, PluginError
+from palpate.plugins.process_state import restored
 from palpate.plugins.versions import THIS_VERSION
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ class BrokenPlugin:
 def answering_for(component: "Component | type[Component]", doing: str) -> Iterator[None]:
     """Turn what a plugin's component raises beside a PalpateError into one that names it.
 
-    What it prints goes to stderr.
+    What it prints goes to stderr, and working directory, locale and numpy's error state are restored.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def answering_for(component: "Component | type[Component]", doing: str) -> Itera
     PluginError
     """
     try:
-        with contextlib.redirect_stdout(sys.stderr):
+        with contextlib.redirect_stdout(sys.stderr), restored():
             yield
     except PalpateError:
         raise
@@ -90,7 +91,7 @@ def guarded() -> Iterator[None]:
     """
     interrupts: list[int] = []
     try:
-        with contextlib.redirect_stdout(sys.stderr), noting_interrupts(interrupts):
+        with contextlib.redirect_stdout(sys.stderr), restored(), noting_interrupts(interrupts):
             yield
     except PluginError:
         raise

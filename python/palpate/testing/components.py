@@ -15,6 +15,7 @@ from palpate.domain.component import Component
 from palpate.domain.material import Material
 from palpate.errors import MaterialError
 from palpate.plugins.catalogue import Plugins
+from palpate.plugins.process_state import STATES, restored
 from palpate.units import Quantity
 
 RADIUS_MM = 7.5
@@ -104,6 +105,16 @@ class ComponentContract:
     """What holds for every component."""
 
     component = overridden("the component under test; each contract fills it in")
+
+    @pytest.fixture(autouse=True)
+    def _leaves_the_process_as_it_was(self) -> Iterator[None]:
+        """Fail a test in which the component changes what the whole process shares."""
+        with restored(STATES) as changed:
+            yield
+        assert not changed, (
+            f"it changes the {', '.join(changed)}, which all plugins share: restore it, or use a generator, "
+            "a context manager or a subprocess of its own"
+        )
 
     def test_says_what_it_is(self, component: Component) -> None:
         check_described(component)
