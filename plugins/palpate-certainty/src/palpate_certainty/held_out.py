@@ -42,7 +42,7 @@ def held_out(assessed: Assessed, expected: float) -> pl.DataFrame:
     if len(spots) == 1:
         parts = [rows.channel == channel for channel in rows.channels if len(rows.channels) > 1]
     found = []
-    for out in parts:
+    for out in filter(np.any, parts):
         difference, covariance = _predicted(assessed, out, expected)
         spot, channels, scale = spots[rows.spot[out][0]], rows.channel[out], rows.scale[out]
         for channel in np.unique(channels):
@@ -97,11 +97,11 @@ def _predicted(assessed: Assessed, out: BoolArray, expected: float) -> tuple[Flo
 def _errors_without(assessed: Assessed, kept: BoolArray, expected: float) -> tuple[NoiseModel, float]:
     """Noise and discrepancy, and how much larger than stated other causes are, by the curves that are kept.
 
-    By all curves where a channel is left out altogether.
+    By all curves where a channel is left out altogether, or too few points are kept to tell.
     """
     model = assessed.model
     rows = model.rows.only(kept)
-    if set(rows.channels) != set(model.rows.channels):
+    if set(rows.channels) != set(model.rows.channels) or rows.spot.size <= model.point.size:
         return assessed.errors, assessed.excess
     residuals, free = model.residuals[kept], null_space(model.jacobian[kept].T)
     known = np.concatenate(list(model.known.values()), axis=1)[kept]

@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from types import MappingProxyType
 
+import numpy as np
+
 from palpate.api import Indentation, Progress, Run, Stage, StudyError, Summary
 from palpate.api.fit import (
     BestSet,
@@ -81,7 +83,12 @@ class Validation(Stage):
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Predictions by the joint fit's slopes; simulates nothing new."""
         _, assessed = joint_assessed(inputs)
-        return {"held_out": held_out(assessed, inputs.study.budget.discrepancy)}
+        try:
+            return {"held_out": held_out(assessed, inputs.study.budget.discrepancy)}
+        except np.linalg.LinAlgError as error:
+            raise StudyError(
+                f"no prediction of held-out presses: {error}; see the warnings of `palpate intervals`"
+            ) from error
 
     def summarise(self, inputs: Run) -> Summary:
         """How many curves are inside of their bands, and which is farthest off."""
