@@ -55,6 +55,7 @@ def test_their_tests_pass_at_once(made: dict[str, Path]) -> None:
     # What a component need not do.
     choices = (
         ": draws nothing",
+        ": takes no cell fields",
         ": the solver declares no slopes",
         ": the solver declares no surface, or has no force",
     )

@@ -11,8 +11,8 @@ import polars as pl
 import pytest
 
 from palpate.cli.progress import StageProgress
-from palpate.cli.status import duration
 from palpate.errors import StoppedError
+from palpate.progress import duration
 from palpate.run.ledger import Ledger
 from palpate.run.lock import locked
 

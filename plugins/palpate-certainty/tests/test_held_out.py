@@ -11,7 +11,7 @@ from palpate.domain import Response
 from palpate_certainty import held_out as module
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.held_out import BAND, held_out, is_apart, sentence
-from palpate_certainty.noise_model import NoiseModel, ResidualLayout
+from palpate_certainty.noise_model import NoiseModel, ResidualLayout, grouped, groups_of
 from palpate_certainty.tables import PRIORS, LinearModel
 from palpate_materials.uncoupled import Ogden
 
@@ -43,12 +43,37 @@ def test_curves_that_belong_are_inside_as_often_as_the_band_says(monkeypatch):
     for _ in range(100):
         moved = 0.05 * rng.normal(size=3)
         residuals = root @ rng.normal(size=rows.spot.size) + jacobian @ moved
-        model = LinearModel(point=0.5 + moved, residuals=residuals, jacobian=jacobian, rows=rows, known=known)
+        model = LinearModel(
+            point=0.5 + moved,
+            residuals=residuals,
+            jacobian=jacobian,
+            rows=rows,
+            known=known,
+            n_points=np.ones(rows.spot.size, dtype=int),
+        )
         terms = [SimpleNamespace(spot=spot) for spot in SPOTS]
         end = SimpleNamespace(problem=SimpleNamespace(terms=terms))
         assessed = SimpleNamespace(model=model, end=end, channels=("force", "torque"))
         inside += held_out(assessed, 0.01)["inside"].to_list()
     assert np.mean(inside) == pytest.approx(BAND, abs=0.05)
+
+
+@pytest.mark.parametrize("n", [40, 64, 200, 640])
+def test_a_difference_is_the_share_that_it_is_however_many_points_there_are(n):
+    first, ones = np.zeros(n, dtype=int), np.ones(n)
+    rows = ResidualLayout(
+        spot=first,
+        site=first,
+        channel=first,
+        point=np.arange(n, dtype=float),
+        path=np.linspace(0.0, 1.0, n),
+        scale=ones,
+        envelope=ones,
+    )
+    groups = groups_of(rows)
+    share = groups @ (0.02 * ones) / grouped(rows, groups).scale
+    found = module._compared(share, 1e-4 * np.eye(share.size), int((groups > 0.0).sum()))
+    assert found["difference"] == pytest.approx(0.02)
 
 
 @pytest.fixture

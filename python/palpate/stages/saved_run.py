@@ -204,7 +204,8 @@ def open_run(folder: Path | str, plugins: Plugins | None = None) -> SavedRun:
 
 
 def copied_study(folder: Path, plugins: Plugins) -> Study:
-    """A run's own copy of its study, with the files that the run keeps."""
+    """A run's own copy of its study, with the original's files, or those that the run keeps."""
     manifest = RunDirectory(folder).manifest()
-    files_of = kept_study(folder, manifest) or folder / manifest["study_file"]
+    original = folder / manifest["study_file"]
+    files_of = original if original.is_file() else kept_study(folder, manifest) or original
     return read_study(folder / "study.toml", plugins, copy_of=files_of)

@@ -165,7 +165,14 @@ class Assessment:
         residuals, jacobian = groups @ residuals, groups @ jacobian
         known = {name: groups @ part for name, part in known.items()}
         rows = grouped(rows, groups)
-        model = LinearModel(point=point, residuals=residuals, jacobian=jacobian, rows=rows, known=known)
+        model = LinearModel(
+            point=point,
+            residuals=residuals,
+            jacobian=jacobian,
+            rows=rows,
+            n_points=(groups > 0.0).sum(axis=1),
+            known=known,
+        )
         if residuals.size <= point.size:
             raise PalpateError(f"{residuals.size} measured points for {point.size} parameters; fix some")
         free, expected = null_space(jacobian.T), self.study.budget.discrepancy

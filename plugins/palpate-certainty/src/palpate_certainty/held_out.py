@@ -48,13 +48,14 @@ def held_out(assessed: Assessed, expected: float) -> pl.DataFrame:
         for channel in np.unique(channels):
             at = channels == channel
             share = difference[at] / scale[at]
-            compared = _compared(share, covariance[np.ix_(at, at)] / np.outer(scale[at], scale[at]))
+            of_share = covariance[np.ix_(at, at)] / np.outer(scale[at], scale[at])
+            compared = _compared(share, of_share, int(assessed.model.n_points[out][at].sum()))
             found.append({"spot": spot, "channel": assessed.channels[channel], **compared})
     return pl.DataFrame(found)
 
 
-def _compared(share: FloatArray, covariance: FloatArray) -> dict[str, Any]:
-    """Root mean square of differences (n,) against that of errors with a covariance (n, n).
+def _compared(share: FloatArray, covariance: FloatArray, n_points: int) -> dict[str, Any]:
+    """Root mean square over so many points of differences (n,), against errors with a covariance (n, n).
 
     The sum of squares of correlated normal errors is nearly χ² over degrees of freedom that have its mean
     and variance (Satterthwaite, Biometrics Bulletin 2, 1946).
@@ -64,8 +65,8 @@ def _compared(share: FloatArray, covariance: FloatArray) -> dict[str, Any]:
     square = float(share @ share)
     probability = float(chi2.sf(square / unit, freedom))
     return {
-        "difference": float(np.sqrt(square / share.size)),
-        "band": float(np.sqrt(unit * chi2.ppf(BAND, freedom) / share.size)),
+        "difference": float(np.sqrt(square / n_points)),
+        "band": float(np.sqrt(unit * chi2.ppf(BAND, freedom) / n_points)),
         "probability": probability,
         "inside": probability >= 1.0 - BAND,
     }

@@ -196,7 +196,8 @@ def joint_assessed(inputs: Run) -> tuple[Assessment, Assessed]:
     """
     cases = cases_of(inputs)
     stage = assessment_of(inputs, cases)
-    if (assessed := next(iter(stage.assessed(cases, joint_only=True)), None)) is None:
+    assessed = next(iter(stage.assessed(cases, joint_only=True)), None)
+    if assessed is None or len(assessed.case.spots) < min(2, len(inputs.study.spots)):
         raise no_intervals(inputs)
     return stage, assessed
 

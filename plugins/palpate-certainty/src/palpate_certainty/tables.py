@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 from scipy.stats import norm
 
-from palpate.api import FloatArray
+from palpate.api import FloatArray, IntArray
 from palpate.api.fit import (
     INCLUDED,
     LEVEL,
@@ -103,6 +103,8 @@ class LinearModel:
     jacobian : (n, n_parameters) array
         Of the residuals, per range.
     rows : ResidualLayout
+    n_points : (n,) integer array
+        Measured points that each residual is the average of.
     known : mapping of cause to (n, m) array
         What one standard deviation of each known cause adds to the residuals.
     """
@@ -111,6 +113,7 @@ class LinearModel:
     residuals: FloatArray
     jacobian: FloatArray
     rows: ResidualLayout
+    n_points: IntArray
     known: Mapping[str, FloatArray]
 
 

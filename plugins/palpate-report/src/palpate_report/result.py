@@ -194,12 +194,13 @@ def _mesh(data: ReportData) -> str:
     channels = ", ".join(
         f"{100.0 * row['relative_error']:.1f} % of {row['channel']}" for row in worst.to_dicts()
     )
+    shown_by = ", ".join(worst["shown_by"].unique(maintain_order=True))
     shares = certainty.budget.filter(**main, cause="mesh").drop_nulls("share").sort("share", descending=True)
     if shares.is_empty():
         return ""
     parameter, share = shares.select("parameter", "share").row(0)
     of = data.brief_name(parameter)
-    return f"{channels} ({worst['shown_by'][0]}), {100.0 * share:.0f} % of the variance of {of}"
+    return f"{channels} ({shown_by}), {100.0 * share:.0f} % of the variance of {of}"
 
 
 def _lead(data: ReportData, bests: Sequence[Best]) -> tuple[str, list[str], str]:
