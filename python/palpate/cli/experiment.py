@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from palpate.cli.options import AsJson, OutFolder, StudyOfStage, examples
+from palpate.cli.options import AsJson, OutFolder, StudyOrRun, examples
 from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session, opened
 
@@ -21,7 +21,7 @@ Plots = Annotated[
 
 def experiment(
     context: typer.Context,
-    study: StudyOfStage,
+    study: StudyOrRun,
     out: OutFolder = None,
     plots: Plots = False,
     as_json: AsJson = False,

@@ -86,14 +86,9 @@ class GroupedCommands(TyperGroup):
 StudyPath: TypeAlias = Annotated[
     Path, typer.Argument(metavar="STUDY", help="A study.toml, or the folder that holds one.")
 ]
-StudyOfStage: TypeAlias = Annotated[
-    Path, typer.Argument(metavar="STUDY|RUN", help="A study.toml, the folder that holds one, or a run.")
-]
 StudyOrRun: TypeAlias = Annotated[
     Path,
-    typer.Argument(
-        metavar="STUDY|RUN", help="A study.toml, the folder that holds one, or a run directory to continue."
-    ),
+    typer.Argument(metavar="STUDY|RUN", help="A study.toml, the folder that holds one, or a run directory."),
 ]
 OutFolder: TypeAlias = Annotated[
     Path | None, typer.Option("--out", metavar="FOLDER", help="Run directory; default: runs/<study>.")

@@ -95,7 +95,7 @@ def session_of_run(
             )
     if others and not trust:
         _ask(session, run, others, command)
-    return Session((*session.files, *others), session.without, session.make_app)
+    return Session((*session.files, *others), session.without, session.make_app, session.given)
 
 
 def study_of_run(session: Session, run: Path, *, trust: bool) -> tuple[Session, "Study"]:
@@ -127,16 +127,16 @@ def original_study(
         The study file or a plugin file is not there any more, or plugin files are not trusted.
     """
     from palpate.run.directory import RunDirectory
-    from palpate.run.kept_inputs import kept_study
+    from palpate.run.kept_inputs import study_file
     from palpate.study.reading import study_plugins
 
     manifest = RunDirectory(run).manifest()
-    file = _study_file(moved) if moved else run.joinpath(manifest["study_file"])
+    file, original = study_file(run, manifest), run / manifest["study_file"]
+    if moved:
+        file = _study_file(moved)
+    elif file != original:
+        session.note(f"{original.name} is not where it was; the copy in the run is used: {file}")
     named = plugins_of(run, manifest)
-    kept = None if moved or file.is_file() else kept_study(run, manifest)
-    if kept is not None:
-        session.note(f"{file.name} is not where it was; the copy in the run is used: {kept}")
-        file = kept
     if not file.is_file():
         raise StudyError(
             f"{file}: the study file of this run is not there any more; put it back, with its meshes, or "

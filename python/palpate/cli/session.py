@@ -46,6 +46,8 @@ class Session:
         Installed plugins to leave out.
     make_app : callable
         Builds the application with the core's commands, to which plugins add theirs.
+    given : sequence of Path, optional
+        Those of the files that the command line names: no other one is refused because it is broken.
     """
 
     def __init__(
@@ -53,8 +55,10 @@ class Session:
         files: Sequence[Path] = (),
         without: Sequence[str] = (),
         make_app: Callable[[], typer.Typer] = typer.Typer,
+        given: Sequence[Path] | None = None,
     ) -> None:
         self.files = tuple(files)
+        self.given = self.files if given is None else tuple(given)
         self.without = tuple(without)
         self.make_app = make_app
         self.interrupts: list[int] = []
@@ -88,7 +92,7 @@ class Session:
             One of them is a file that the command line names.
         """
         for each in broken:
-            if not each.component and each.source in map(str, map(Path.resolve, self.files)):
+            if not each.component and each.source in map(str, map(Path.resolve, self.given)):
                 remedy = f"correct it (palpate --plugin {each.source} plugins --traceback shows the calls)"
                 raise PluginError(f"plugin file {each.source}: {each.reason}; {remedy}")
             said, rest = each.headline.split(":", 1)
@@ -240,8 +244,8 @@ def opened(context: typer.Context, study: Path, out: Path | None) -> tuple[Sessi
     session = Session.of(context)
     if is_run(study):
         command = context.info_name or "run"
-        session, file = original_study(session, run := study, trust=False, command=command)
-        return session, session.study(file), out or run
+        session, file = original_study(session, study, trust=False, command=command)
+        return session, session.study(file), out or study
     checked = session.study(study)
     return session, checked, run_folder(checked, out)
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.options import AsJson, OutFolder, StudyOfStage, examples
+from palpate.cli.options import AsJson, OutFolder, StudyOrRun, examples
 from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session, opened
 from palpate.errors import NothingSelectableError, StudyError
@@ -33,7 +33,7 @@ def stage_command(name: str, help_text: str) -> Callable[..., None]:
     """Typer command that runs one stage and prints its summary, or its tables as JSON."""
 
     def command(
-        context: typer.Context, study: StudyOfStage, out: OutFolder = None, as_json: AsJson = False
+        context: typer.Context, study: StudyOrRun, out: OutFolder = None, as_json: AsJson = False
     ) -> None:
         from palpate.stages import pipeline
 
@@ -71,7 +71,7 @@ def add_stage(app: typer.Typer, panel: str, stage: "type[Component]") -> None:
 
 def simulate(
     context: typer.Context,
-    study: StudyOfStage,
+    study: StudyOrRun,
     out: OutFolder = None,
     only: Annotated[
         str | None,

@@ -45,6 +45,12 @@ def kept_study(run: Path, manifest: Mapping[str, Any]) -> Path | None:
     return run / kept if kept and (run / kept).is_file() else None
 
 
+def study_file(run: Path, manifest: Mapping[str, Any]) -> Path:
+    """Study file that a run was made from; where it is gone, the copy that the run keeps, if there is one."""
+    file: Path = run / manifest["study_file"]
+    return file if file.is_file() else kept_study(run, manifest) or file
+
+
 def kept_plugin(run: Path, file: Path) -> Path:
     """Copy that a run keeps of a plugin file which its study does not name; it need not exist."""
     return run / FOLDER / PLUGINS / file.name

@@ -16,7 +16,7 @@ from palpate.fit.fitted import Fitted, inputs_at
 from palpate.mechanics.homogeneous import nominal_stress
 from palpate.plugins.catalogue import Plugins
 from palpate.run.directory import RunDirectory
-from palpate.run.kept_inputs import kept_study
+from palpate.run.kept_inputs import study_file
 from palpate.run.result import FitResult
 from palpate.run.result_files import frame_of
 from palpate.stages.stage import Run, read_run
@@ -205,7 +205,5 @@ def open_run(folder: Path | str, plugins: Plugins | None = None) -> SavedRun:
 
 def copied_study(folder: Path, plugins: Plugins) -> Study:
     """A run's own copy of its study, with the original's files, or those that the run keeps."""
-    manifest = RunDirectory(folder).manifest()
-    original = folder / manifest["study_file"]
-    files_of = original if original.is_file() else kept_study(folder, manifest) or original
-    return read_study(folder / "study.toml", plugins, copy_of=files_of)
+    original = study_file(folder, RunDirectory(folder).manifest())
+    return read_study(folder / "study.toml", plugins, copy_of=original)
