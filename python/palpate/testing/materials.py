@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Mapping
 from functools import partial
+from typing import TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -24,12 +25,20 @@ def _same(got: ArrayLike, expected: ArrayLike, said: str, *, rtol: float = 1e-7,
 
 
 # Compiled once for each material under test: shared by its tests.
+Fields: TypeAlias = Mapping[str, FloatArray]
+
 _stress_and_tangent = jax.jit(mechanics.stress_and_tangent, static_argnums=0)
+
+
+def _rotation(seed: int) -> FloatArray:
+    Q, _ = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))
+    rotation: FloatArray = Q * np.linalg.det(Q)
+    return rotation
 
 
 @partial(jax.jit, static_argnums=0)
 def _energies_from_F(  # noqa: N802
-    material: AnisotropicMaterial, F: FloatArray, theta: FloatArray, fields: Mapping[str, FloatArray]
+    material: AnisotropicMaterial, F: FloatArray, theta: FloatArray, fields: Fields
 ) -> Array:
     if not fields:
         return jax.vmap(lambda f: material.energy_from_F(f, theta))(F)
@@ -78,7 +87,7 @@ class MaterialContract(ComponentContract):
         return gradients
 
     @pytest.fixture
-    def fields(self, material: Material, gradients: FloatArray) -> Mapping[str, FloatArray]:
+    def fields(self, material: Material, gradients: FloatArray) -> Fields:
         """Provide values at each of ``gradients`` of the cell fields that the material declares.
 
         They are random unit vectors (n, 3); override it where a field is a number (n,).
@@ -88,11 +97,7 @@ class MaterialContract(ComponentContract):
         return dict(zip(material.fields, unit, strict=True))
 
     def energies(
-        self,
-        material: Material,
-        F: FloatArray,
-        theta: FloatArray,
-        fields: Mapping[str, FloatArray] = NO_FIELDS,
+        self, material: Material, F: FloatArray, theta: FloatArray, fields: Fields = NO_FIELDS
     ) -> FloatArray:
         """Evaluate the energy (n,) of F (n, 3, 3), by numpy where the material is isotropic."""
         if isinstance(material, IsotropicMaterial):
@@ -101,11 +106,7 @@ class MaterialContract(ComponentContract):
         return np.asarray(_energies_from_F(material, F, theta, dict(fields)))
 
     def stress(
-        self,
-        material: Material,
-        F: FloatArray,
-        theta: FloatArray,
-        fields: Mapping[str, FloatArray] = NO_FIELDS,
+        self, material: Material, F: FloatArray, theta: FloatArray, fields: Fields = NO_FIELDS
     ) -> FloatArray:
         """Evaluate the first Piola–Kirchhoff stress (n, 3, 3) of F (n, 3, 3)."""
         return np.asarray(_stress_and_tangent(material, F, theta, dict(fields))[0])
@@ -150,11 +151,7 @@ class MaterialContract(ComponentContract):
             )
 
     def test_energy_is_finite_and_positive_over_the_ranges(
-        self,
-        material: Material,
-        thetas: FloatArray,
-        gradients: FloatArray,
-        fields: Mapping[str, FloatArray],
+        self, material: Material, thetas: FloatArray, gradients: FloatArray, fields: Fields
     ) -> None:
         for theta in thetas:
             energy = self.energies(material, gradients, theta, fields)
@@ -192,14 +189,9 @@ class MaterialContract(ComponentContract):
             np.testing.assert_allclose(traced, material.energy(stretches, theta), rtol=1e-11, atol=1e-15)
 
     def test_rotating_the_specimen_rotates_the_stress(
-        self,
-        material: Material,
-        thetas: FloatArray,
-        gradients: FloatArray,
-        fields: Mapping[str, FloatArray],
+        self, material: Material, thetas: FloatArray, gradients: FloatArray, fields: Fields
     ) -> None:
-        Q, _ = np.linalg.qr(np.random.default_rng(4).standard_normal((3, 3)))
-        Q *= np.linalg.det(Q)
+        Q = _rotation(4)
         theta = thetas[-1]
         before = self.energies(material, gradients, theta, fields)
         after = self.energies(material, Q @ gradients, theta, fields)
@@ -210,11 +202,7 @@ class MaterialContract(ComponentContract):
         _same(rotated, Q @ P, "not objective: a rotation after F does not rotate the stress", atol=off)
 
     def test_stress_is_the_slope_of_the_energy(
-        self,
-        material: Material,
-        thetas: FloatArray,
-        gradients: FloatArray,
-        fields: Mapping[str, FloatArray],
+        self, material: Material, thetas: FloatArray, gradients: FloatArray, fields: Fields
     ) -> None:
         theta = thetas[-1]
         P = self.stress(material, gradients, theta, fields)
@@ -229,22 +217,14 @@ class MaterialContract(ComponentContract):
             _same(P[:, i, j], rise / (2 * step), f"P{i}{j} is not the slope of the energy", atol=off)
 
     def test_tangent_is_symmetric(
-        self,
-        material: Material,
-        thetas: FloatArray,
-        gradients: FloatArray,
-        fields: Mapping[str, FloatArray],
+        self, material: Material, thetas: FloatArray, gradients: FloatArray, fields: Fields
     ) -> None:
         _, A = _stress_and_tangent(material, gradients, thetas[-1], dict(fields))
         swapped, off = np.transpose(A, (0, 3, 4, 1, 2)), 1e-9 * float(np.abs(A).max())
         _same(A, swapped, "the tangent is asymmetric: no energy has this stress", atol=off)
 
     def test_tangent_is_the_slope_of_the_stress(
-        self,
-        material: Material,
-        thetas: FloatArray,
-        gradients: FloatArray,
-        fields: Mapping[str, FloatArray],
+        self, material: Material, thetas: FloatArray, gradients: FloatArray, fields: Fields
     ) -> None:
         theta = thetas[-1]
         _, A = _stress_and_tangent(material, gradients, theta, dict(fields))
@@ -258,11 +238,7 @@ class MaterialContract(ComponentContract):
             _same(A[..., k, m], rise / (2 * step), f"∂P/∂F{k}{m} is not the slope of the stress", atol=off)
 
     def test_moduli_scale_the_energy(
-        self,
-        material: Material,
-        thetas: FloatArray,
-        gradients: FloatArray,
-        fields: Mapping[str, FloatArray],
+        self, material: Material, thetas: FloatArray, gradients: FloatArray, fields: Fields
     ) -> None:
         factors = np.array([2.5 if p.kind == "modulus" else 1.0 for p in material.parameters])
         for theta in thetas:
@@ -272,7 +248,7 @@ class MaterialContract(ComponentContract):
             _same(scaled, 2.5 * energy, said, rtol=1e-12, atol=1e-15)
 
     def test_fields_store_nothing_at_rest(
-        self, material: Material, thetas: FloatArray, fields: Mapping[str, FloatArray]
+        self, material: Material, thetas: FloatArray, fields: Fields
     ) -> None:
         if not fields:
             pytest.skip("takes no cell fields")
@@ -286,16 +262,11 @@ class MaterialContract(ComponentContract):
             _same(slope, 0.0, "with cell fields, the undeformed state has a stress", atol=1e-6 * largest)
 
     def test_fields_turn_with_the_body(
-        self,
-        material: Material,
-        thetas: FloatArray,
-        gradients: FloatArray,
-        fields: Mapping[str, FloatArray],
+        self, material: Material, thetas: FloatArray, gradients: FloatArray, fields: Fields
     ) -> None:
         if not fields:
             pytest.skip("takes no cell fields")
-        Q, _ = np.linalg.qr(np.random.default_rng(6).standard_normal((3, 3)))
-        Q *= np.linalg.det(Q)
+        Q = _rotation(6)
         turned = {name: each @ Q.T if each.ndim > 1 else each for name, each in fields.items()}
         before = self.energies(material, gradients, thetas[-1], fields)
         after = self.energies(material, gradients @ Q.T, thetas[-1], turned)
