@@ -197,6 +197,19 @@ def measured_at(
     return Response(curves=curves)
 
 
+def stage_of(study, measured: dict[str, Response]) -> FitStage:
+    """Fit of measured curves, without a sweep."""
+    parameters = study.space.parameters
+    return FitStage(
+        study=study,
+        design=Design(parameters=parameters, values=np.zeros((0, len(parameters))), seed=1, n_drawn=0),
+        measured=measured,
+        scores=pl.DataFrame(),
+        simulations=Here(study.solver, {f"{spot}/fine": None for spot in measured}),
+        abscissae={"force": "depth_mm", "torque": "rotation_deg"},
+    )
+
+
 def experiment(
     name: str, seed: int, *, posterior: bool = False, measure: Callable[..., Response] = measured_at
 ) -> dict:
@@ -206,15 +219,7 @@ def experiment(
     study = study_of(name, Layered(LayeredSettings(coarse=coarse, fine=coarse / RATIO)))
     (row,) = pressed.truths(study, 1, seed)
     measured = {"p1": measure(study, row, rng)}
-    none = np.zeros((0, len(row)))
-    stage = FitStage(
-        study=study,
-        design=Design(parameters=study.space.parameters, values=none, seed=1, n_drawn=0),
-        measured=measured,
-        scores=pl.DataFrame(),
-        simulations=Here(study.solver, {"p1/fine": None}),
-        abscissae={"force": "depth_mm", "torque": "rotation_deg"},
-    )
+    stage = stage_of(study, measured)
     (case,) = stage.run()
     certainty = Assessment(study=study, measured=measured, meshes={"p1": SpotMesh(refinement=RATIO**0.5)})
     assessed = certainty.assess(case, *certainty.columns(case))

@@ -14,30 +14,22 @@ from itertools import product
 
 import numpy as np
 import polars as pl
-from bench_coverage import MESH, RATIO, Here, Layered, LayeredSettings, measured_at, pressed, study_of
+from bench_coverage import MESH, RATIO, Layered, LayeredSettings, measured_at, pressed, stage_of, study_of
 
 from palpate import Response
-from palpate.domain import Design
-from palpate.fit.stage import FitStage
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.error_sources import SpotMesh
 from palpate_certainty.held_out import held_out, is_apart
 
 SPOTS = ("p1", "p2", "p3", "p4")
-FAULTS = {
-    "sound": None,
-    "tissue a quarter stiffer": lambda curves: {name: (x, 1.25 * y) for name, (x, y) in curves.items()},
-    "torque a tenth too large": lambda curves: {
-        **curves,
-        "torque": (curves["torque"][0], 1.1 * curves["torque"][1]),
-    },
-    "onset off by 0.7 mm": lambda curves: {**curves, "force": (curves["force"][0], _late(*curves["force"]))},
-    "a tenth of the force relaxed": lambda curves: {
-        **curves,
-        "force": (curves["force"][0], _relaxed(*curves["force"])),
-    },
-}
-"""What is wrong at one press."""
+
+
+def _stiffer(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return 1.25 * y
+
+
+def _larger(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return 1.1 * y
 
 
 def _late(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -46,6 +38,16 @@ def _late(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 def _relaxed(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return y * (1.0 - 0.1 * x / x.max())
+
+
+FAULTS = {
+    "sound": {},
+    "tissue a quarter stiffer": {"force": _stiffer, "torque": _stiffer},
+    "torque a tenth too large": {"torque": _larger},
+    "onset off by 0.7 mm": {"force": _late},
+    "a tenth of the force relaxed": {"force": _relaxed},
+}
+"""What is wrong at one press, by channel."""
 
 
 def table_of(name: str, fault: str, seed: int) -> pl.DataFrame:
@@ -57,20 +59,13 @@ def table_of(name: str, fault: str, seed: int) -> pl.DataFrame:
     measured = {
         spot: measured_at(study, row, rng, shared=np.random.default_rng(1000 + seed)) for spot in SPOTS
     }
-    if change := FAULTS[fault]:
-        spot = SPOTS[seed % len(SPOTS)]
-        curves = measured[spot].curves
-        made = change({n: (c.abscissa, c.ordinate) for n, c in curves.items()})
-        measured[spot] = Response(curves={n: replace(curves[n], ordinate=made[n][1]) for n in curves})
-    none = np.zeros((0, len(row)))
-    stage = FitStage(
-        study=study,
-        design=Design(parameters=study.space.parameters, values=none, seed=1, n_drawn=0),
-        measured=measured,
-        scores=pl.DataFrame(),
-        simulations=Here(study.solver, {f"{spot}/fine": None for spot in SPOTS}),
-        abscissae={"force": "depth_mm", "torque": "rotation_deg"},
-    )
+    spot = SPOTS[seed % len(SPOTS)]
+    curves = dict(measured[spot].curves)
+    for channel, change in FAULTS[fault].items():
+        curve = curves[channel]
+        curves[channel] = replace(curve, ordinate=change(curve.abscissa, curve.ordinate))
+    measured[spot] = Response(curves=curves)
+    stage = stage_of(study, measured)
     case = next(case for case in stage.run() if len(case.spots) > 1)
     meshes = {spot: SpotMesh(refinement=RATIO**0.5) for spot in SPOTS}
     assessment = Assessment(study=study, measured=measured, meshes=meshes)
