@@ -158,8 +158,11 @@ class Assessment:
         residuals, jacobian, point = _at_end(end)
         rows, channels = layout_of(end.problem.terms, residuals.size, first.channels if first else ())
         known = self._known(end, residuals, rows, columns)
-        mesh = known.get(MESH, np.zeros((residuals.size, 0)))
-        by_mesh = mesh_errors(end.problem.terms, residuals, mesh, self.study.budget.mesh)
+        by_mesh = (
+            mesh_errors(end.problem.terms, residuals, known[MESH], self.study.budget.mesh)
+            if MESH in known
+            else ()
+        )
         groups = groups_of(rows)
         of_points, points = residuals, rows
         residuals, jacobian = groups @ residuals, groups @ jacobian
@@ -205,7 +208,7 @@ class Assessment:
             misfits=missed,
             checks=(*found, *self._relaxation(case)),
             channels=channels,
-            mesh_errors=tuple(by_mesh) if mesh.any() else (),
+            mesh_errors=tuple(by_mesh),
             has_usual_mesh_error=self._has_usual_mesh_error(end),
             left_out=_left_out(case, failures) | self._of_score,
         )

@@ -310,8 +310,9 @@ def _modes(
 ) -> Iterator[_Mode]:
     channels = rows.channels
     fixed = projection.T @ known
-    noises = {points: [rows.noise(c, points) for c in channels] for points in POINTS}
-    others = {length: [rows.discrepancy(c, length) for c in channels] for length in LENGTHS}
+    of_noise, of_discrepancy = map(set, zip(*lengths, strict=True))
+    noises = {points: [rows.noise(c, points) for c in channels] for points in of_noise}
+    others = {length: [rows.discrepancy(c, length) for c in channels] for length in of_discrepancy}
     free = projection.T @ residuals
     seen = {
         id(part): projection.T @ part @ projection

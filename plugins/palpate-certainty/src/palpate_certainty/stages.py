@@ -28,6 +28,9 @@ from palpate_certainty.tables import Assessed, certainty_result
 ENOUGH_SPOTS = 3
 """Spots from which on every run holds each of them out in turn."""
 
+ASSESSED = "assessed"
+"""Key of the assessed fits among what stages of one run share."""
+
 
 class Intervals(Stage):
     """Intervals of the fit."""
@@ -59,7 +62,7 @@ class Intervals(Stage):
             return {}
         cases = cases_of(inputs)
         stage = assessment_of(inputs, cases)
-        assessed = stage.assessed(cases)
+        assessed = inputs.shared[ASSESSED] = stage.assessed(cases)
         planes = stage.profile_planes(assessed, inputs.design, inputs.swept())
         found = replace(certainty_result(assessed, inputs.study), profile_planes=planes)
         return tables_of(found)
@@ -75,10 +78,6 @@ class Validation(Stage):
     def is_in_run(self, study: Study) -> bool:
         """Where there are enough spots that leaving one out tells something, and a fit."""
         return len(study.spots) >= ENOUGH_SPOTS and not isinstance(study.search, BestSet)
-
-    def decides(self, study: Study) -> Mapping[str, object]:
-        """What the curves and the model may be wrong by."""
-        return {"budget": study.budget.model_dump(mode="json")}
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Predictions by the joint fit's slopes; simulates nothing new."""
@@ -124,7 +123,7 @@ class Posteriors(Stage):
         """Draws of the posteriors, and what follows from them."""
         study = inputs.study
         cases = cases_of(inputs)
-        assessed = assessment_of(inputs, cases).assessed(cases)
+        assessed = inputs.shared.get(ASSESSED) or assessment_of(inputs, cases).assessed(cases)
         stage = PosteriorSampling(study=study, design=inputs.design, swept=inputs.swept(), progress=progress)
         if (sampled := stage.run(cases, assessed)) is None:
             raise no_intervals(inputs)
@@ -196,7 +195,8 @@ def joint_assessed(inputs: Run) -> tuple[Assessment, Assessed]:
     """
     cases = cases_of(inputs)
     stage = assessment_of(inputs, cases)
-    assessed = next(iter(stage.assessed(cases, joint_only=True)), None)
+    made = inputs.shared.get(ASSESSED) or stage.assessed(cases, joint_only=True)
+    assessed = next((each for each in made if each.case.scenario.name == inputs.study.generalise_by), None)
     if assessed is None or len(assessed.case.spots) < min(2, len(inputs.study.spots)):
         raise no_intervals(inputs)
     return stage, assessed
