@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from palpate.cli.options import AsJson, OutFolder, StudyOrRun, examples
+from palpate.cli.options import AsJson, OutFolder, StudyOrRun, TrustPlugins, examples
 from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session, opened
 
@@ -24,12 +24,13 @@ def experiment(
     study: StudyOrRun,
     out: OutFolder = None,
     plots: Plots = False,
+    trust_plugins: TrustPlugins = False,
     as_json: AsJson = False,
 ) -> None:
     """Read the measured curves into measured/<spot>.parquet."""
     from palpate.stages import pipeline
 
-    session, checked, folder = opened(context, study, out)
+    session, checked, folder = opened(context, study, out, trust=trust_plugins)
     with StageProgress(session) as progress:
         measured = pipeline.measure(checked, folder, session.plugins, progress, plots=plots)
     rows: list[dict[str, Any]] = []

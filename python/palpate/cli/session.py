@@ -233,7 +233,9 @@ def run_folder(study: "Study", out: Path | None) -> Path:
     return out if out is not None else Path("runs") / study.name
 
 
-def opened(context: typer.Context, study: Path, out: Path | None) -> tuple[Session, "Study", Path]:
+def opened(
+    context: typer.Context, study: Path, out: Path | None, *, trust: bool
+) -> tuple[Session, "Study", Path]:
     """Session of the running command, its study, checked, and the folder of the run.
 
     Of a run directory, the study that it was made from, or the copy that it keeps.
@@ -244,7 +246,7 @@ def opened(context: typer.Context, study: Path, out: Path | None) -> tuple[Sessi
     session = Session.of(context)
     if is_run(study):
         command = context.info_name or "run"
-        session, file = original_study(session, study, trust=False, command=command)
+        session, file = original_study(session, study, trust=trust, command=command)
         return session, session.study(file), out or study
     checked = session.study(study)
     return session, checked, run_folder(checked, out)

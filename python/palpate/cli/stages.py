@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.cli.options import AsJson, OutFolder, StudyOrRun, examples
+from palpate.cli.options import AsJson, OutFolder, StudyOrRun, TrustPlugins, examples
 from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session, opened
 from palpate.errors import NothingSelectableError, StudyError
@@ -33,11 +33,15 @@ def stage_command(name: str, help_text: str) -> Callable[..., None]:
     """Typer command that runs one stage and prints its summary, or its tables as JSON."""
 
     def command(
-        context: typer.Context, study: StudyOrRun, out: OutFolder = None, as_json: AsJson = False
+        context: typer.Context,
+        study: StudyOrRun,
+        out: OutFolder = None,
+        trust_plugins: TrustPlugins = False,
+        as_json: AsJson = False,
     ) -> None:
         from palpate.stages import pipeline
 
-        session, checked, folder = opened(context, study, out)
+        session, checked, folder = opened(context, study, out, trust=trust_plugins)
         with StageProgress(session) as progress:
             run = pipeline.run_stage(name, checked, folder, session.plugins, progress)
         summary = run.stages[name].summarise(run)
@@ -80,12 +84,13 @@ def simulate(
     traceback: Annotated[
         bool, typer.Option("--traceback", help="With --only: show where the solver failed.")
     ] = False,
+    trust_plugins: TrustPlugins = False,
     as_json: AsJson = False,
 ) -> None:
     """Simulate every set at every spot; each result is stored as it comes."""
     from palpate.stages import pipeline
 
-    session, checked, folder = opened(context, study, out)
+    session, checked, folder = opened(context, study, out, trust=trust_plugins)
     if only is not None:
         _simulate_one(session, checked, folder, only, traceback=traceback, as_json=as_json)
         return
