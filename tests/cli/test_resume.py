@@ -13,6 +13,7 @@ import pytest
 from palpate.cli.progress import StageProgress
 from palpate.errors import StoppedError
 from palpate.progress import duration
+from palpate.run.directory import RunDirectory
 from palpate.run.ledger import Ledger
 from palpate.run.lock import locked
 
@@ -258,8 +259,10 @@ def test_each_command_works_on_a_run_that_was_moved_after_its_study_was_lost(
     call, whole_run, tmp_path, command
 ):
     moved = shutil.copytree(whole_run, tmp_path / "far" / "away" / "run")
+    original = RunDirectory(moved).manifest()["study_file"]
     found = call(*command, moved, "--json") if command != ("card",) else call("card", moved)
     assert found.code == 0, found.err
+    assert RunDirectory(moved).manifest()["study_file"] == original, "where it may be again"
     assert {"study.toml", "s1.txt", "s2.txt"} <= {file.name for file in (moved / "inputs").iterdir()}
 
 
@@ -280,6 +283,28 @@ def test_status_of_a_finished_run_has_the_lines_that_it_ended_with(call, whole_r
     assert "; finished" in found.out
     (page,) = (line.split()[-1] for line in found.out.splitlines() if line.startswith("Page"))
     assert page == (whole_run / "report" / "index.html").resolve().as_uri()
+
+
+@pytest.mark.usefixtures("one_figure")
+def test_the_lines_of_an_earlier_end_are_not_those_of_a_run_that_goes_on(
+    call, whole_run, tmp_path, monkeypatch
+):
+    again = shutil.copytree(whole_run, tmp_path / "again")
+
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    assert RunDirectory(again).result()
+    monkeypatch.setattr("palpate_report.from_run.write_figures", stop)
+    assert call("run", again).code == 130
+    assert RunDirectory(again).result() == {}
+
+
+@pytest.mark.parametrize("text", ["", "[]", "null"])
+def test_a_damaged_file_of_last_lines_is_none(tmp_path, text):
+    (tmp_path / "report").mkdir()
+    (tmp_path / "report" / "result.json").write_text(text)
+    assert RunDirectory(tmp_path).result() == {}
 
 
 def test_the_manifest_holds_no_place_of_this_machine(whole_run):

@@ -29,7 +29,7 @@ import contextlib
 import io
 import json
 import os
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
@@ -43,7 +43,7 @@ from palpate.errors import StudyError
 from palpate.executors.answers import plain
 from palpate.run.atomic_files import write_atomically
 from palpate.run.fit_state import remove_fit_state
-from palpate.run.kept_inputs import FOLDER as KEPT, keep_inputs
+from palpate.run.kept_inputs import is_kept, keep_inputs
 from palpate.run.lock import locked
 from palpate.run.manifest import (
     IN_KEYS,
@@ -83,8 +83,10 @@ class RunDirectory:
     def result(self) -> dict[str, str]:
         """Lines that the run ended with, by label, with the place of its page; empty before its end."""
         try:
-            lines: dict[str, str] = json.loads((self.report / RESULT).read_text(encoding="utf-8"))
+            lines = json.loads((self.report / RESULT).read_text(encoding="utf-8"))
         except (OSError, ValueError):
+            return {}
+        if not isinstance(lines, dict):
             return {}
         page = self.report / "index.html"
         return lines | ({"Page": page.resolve().as_uri()} if page.is_file() else {})
@@ -101,20 +103,23 @@ class RunDirectory:
     ) -> None:
         """Write ``manifest.json`` and the study as run.
 
-        Unless ``simulating``, simulations of earlier code stay on record as such. Where the fit starts stays
-        as it was unless ``fit_start`` is given.
+        Unless ``simulating``, simulations of earlier code stay on record as such; otherwise the lines that
+        the run ended with before are removed. Where the fit starts stays as it was unless ``fit_start`` is
+        given.
         """
         before = self.manifest() if self.exists else {}
         now, earlier = fingerprints(study), before.get("fingerprints", {})
+        plugins = before.get("plugin_files", ())
         remove_fit_state(self.folder)
-        if not simulating:
+        if simulating:
+            (self.report / RESULT).unlink(missing_ok=True)
+        else:
             now |= {name: earlier[name] for name in now if name.startswith(IN_KEYS) and name in earlier}
         content = manifest(study, channels) | {
             "measured": self._records(study),
-            # Relative to this folder, for `palpate run`: both may move together.
-            "study_file": _from(self.folder, study.file),
+            "study_file": self._origin(study.file, [before.get("study_file", "")]),
             "kept_study": keep_inputs(self.folder, study),
-            "plugin_files": [_from(self.folder, file) for file in study.plugin_files],
+            "plugin_files": [self._origin(file, plugins) for file in study.plugin_files],
             "fingerprints": now,
             "trusted": recorded(study, before),
             "fit_start": dict(fit_start or before.get("fit_start", {})),
@@ -160,9 +165,13 @@ class RunDirectory:
     def refuse_other(self, study: Study, *, adopt: bool) -> None:
         """Refuse a folder with something else, or the run of another study file that is still there."""
         check_claimable(self.folder)
-        is_kept = study.file.resolve().is_relative_to((self.folder / KEPT).resolve())
-        if not adopt and self.exists and not is_kept:
+        if not adopt and self.exists and not is_kept(self.folder, study.file):
             refuse_other(self.folder, self.folder / self.manifest()["study_file"], study.file)
+
+    def _origin(self, file: Path, before: Iterable[str]) -> str:
+        """Path of a file from this folder, with which it may move; of a kept copy, that of its original."""
+        originals = {Path(place).name: place for place in before} if is_kept(self.folder, file) else {}
+        return originals.get(file.name) or _from(self.folder, file)
 
     @property
     def exists(self) -> bool:

@@ -15,22 +15,28 @@ MOST_BYTES = 64_000_000
 """Larger files are not kept: those of a log that recorded more than the press."""
 
 
+def is_kept(run: Path, file: Path) -> bool:
+    """Whether a file is one of the copies that a run keeps."""
+    return file.resolve().is_relative_to((run / FOLDER).resolve())
+
+
 def keep_inputs(run: Path, study: Study) -> str:
     """Place of the kept study file, relative to the run; the files around it keep their places.
 
     Kept are the study file, files that it names, and those next to a mesh with the same name. Nothing is
     copied where the study is the kept one. Empty where there is no study file.
     """
-    file, into = study.file.resolve(), (run / FOLDER).resolve()
-    if file.is_relative_to(into):
-        return file.relative_to(run.resolve()).as_posix()
+    if is_kept(run, study.file):
+        return study.file.resolve().relative_to(run.resolve()).as_posix()
+    # Not resolved: a link is found by its own name, beside what it is named with.
+    file, into = _absolute(study.file), run / FOLDER
     if not file.is_file():
         return ""
     named = {file, *_named(file)}
     root = Path(os.path.commonpath([path.parent for path in named]))
     places = {path: into / path.relative_to(root) for path in named}
     for path in study.plugin_files:
-        places.setdefault(path.resolve(), into / PLUGINS / path.name)
+        places.setdefault(_absolute(path), into / PLUGINS / path.name)
     for path, kept in places.items():
         if path.is_file() and path.stat().st_size <= MOST_BYTES:
             content = path.read_bytes()
@@ -60,15 +66,16 @@ def _named(file: Path) -> Iterator[Path]:
     """Files that a study file names, and those that lie next to one with the same stem."""
     for text in _texts(tomllib.loads(file.read_text(encoding="utf-8-sig"))):
         try:
-            path = (file.parent / text).resolve()
+            path = _absolute(file.parent / text)
             if text and not Path(text).is_absolute() and path.is_file():
-                yield from (
-                    each.resolve()
-                    for each in path.parent.iterdir()
-                    if each.stem == path.stem and each.is_file()
-                )
+                beside = path.parent.iterdir()
+                yield from (each for each in beside if each.stem == path.stem and each.is_file())
         except (OSError, ValueError):  # a text that is no file name
             continue
+
+
+def _absolute(path: Path) -> Path:
+    return Path(os.path.abspath(path))
 
 
 def _texts(value: object) -> Iterator[str]:

@@ -37,6 +37,15 @@ def test_the_study_and_what_it_names_keep_their_places(study, tmp_path):
     assert kept_plugin(run, study.plugin_files[0]).read_text() == "plugin"
 
 
+def test_a_link_is_kept_at_its_own_place(study, tmp_path):
+    file = tmp_path / "arm" / "p1.csv"
+    file.rename(tmp_path / "elsewhere" / "press 7.csv")
+    file.symlink_to(tmp_path / "elsewhere" / "press 7.csv")
+    kept = kept_study(tmp_path / "run", {"kept_study": keep_inputs(tmp_path / "run", study)})
+    assert kept is not None
+    assert (kept.parent / "p1.csv").read_text() == "0,0\n"
+
+
 def test_the_kept_study_is_not_copied_into_itself(study, tmp_path):
     run = tmp_path / "run"
     place = keep_inputs(run, study)
