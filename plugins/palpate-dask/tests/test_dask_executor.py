@@ -234,14 +234,14 @@ def test_an_address_without_a_scheduler_is_reported(study):
 
 def test_workers_of_other_versions_are_refused_with_both(study, monkeypatch):
     here = worker_runtime.versions
-    answers = iter([here(study.solver, ()) | {"palpate": "9.9", "extra": "1"}])
+    answers = iter([here(study.solver) | {"palpate": "9.9", "extra": "1"}])
     monkeypatch.setattr(worker_runtime, "versions", lambda *given: next(answers, None) or here(*given))
     with pytest.raises(ExecutorError, match=r"versions: palpate .* instead of 9\.9; extra absent instead"):
         list(DaskExecutor().results(batch_of(study)))
 
 
 def test_the_code_of_installed_plugins_is_among_the_versions(study):
-    found = worker_runtime.versions(study.solver, ())
+    found = worker_runtime.versions(study.solver)
     assert re.fullmatch(r"\d+\.\d+\.\d+, source [0-9a-f]{16}", found["palpate-materials"])
 
 

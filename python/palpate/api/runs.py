@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     )
     from palpate.plugins.registry import (
         load_file as load_file,
+        plugin_source as plugin_source,
     )
     from palpate.plugins.versions import FIRST_PARTY as FIRST_PARTY
     from palpate.run.directory import (

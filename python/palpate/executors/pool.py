@@ -23,6 +23,10 @@ from palpate.executors.attempts import Result
 from palpate.executors.machine import n_cores, thread_limits
 from palpate.executors.worker import packed, receive, send
 from palpate.plugins.execution import Batch
+from palpate.plugins.registry import plugin_source
+
+_Setup = tuple[tuple[tuple[Path, bytes], ...], bytes, float]
+"""Plugin files with their content, the packed solver, and the memory limit [MB]."""
 
 LARGEST_CHUNK = 16
 """Most jobs that a worker is handed at once."""
@@ -332,10 +336,11 @@ def _times(n: int) -> str:
     return {1: "once", 2: "twice"}.get(n, f"{n} times")
 
 
-def _setup(batch: Batch) -> tuple[tuple[Path, ...], bytes, float]:
-    """What a worker is sent before its first job, and keeps."""
+def _setup(batch: Batch) -> _Setup:
+    """What a worker is sent before its first job, and keeps: plugin files as this process has them."""
     solver = packed_or_refused(batch.solver, f"solver '{batch.solver.name}'")
-    return tuple(batch.plugin_files), solver, batch.limits.memory_MB
+    files = tuple((path, plugin_source(path)) for path in batch.plugin_files)
+    return files, solver, batch.limits.memory_MB
 
 
 def packed_or_refused(value: object, what: str) -> bytes:
@@ -360,7 +365,7 @@ class _Worker:
 
     def __init__(
         self,
-        setup: tuple[tuple[Path, ...], bytes, float],
+        setup: _Setup,
         n_threads: int,
         events: "queue.SimpleQueue[tuple[_Worker, tuple[Any, ...]]]",
     ) -> None:

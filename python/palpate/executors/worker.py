@@ -103,8 +103,8 @@ def _end_with(parent: int) -> None:
 def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
     try:
         plugin_files, solver_pickle, memory_MB = receive(inbox)
-        for path in plugin_files:
-            load_file(path)
+        for path, source in plugin_files:
+            load_file(path, source)
         solver = pickle.loads(solver_pickle)
         if memory_MB:
             _limit_memory(memory_MB)

@@ -316,13 +316,23 @@ def registered(
     return registry
 
 
-def load_file(path: Path) -> ModuleType:
-    """Import a one-file plugin, once per process and content.
+_SOURCES: dict[Path, bytes] = {}
+"""Content of each plugin file as this process has imported it last."""
+
+
+def plugin_source(path: Path) -> bytes:
+    """Content of a plugin file as this process has imported it, whatever the file has become since."""
+    return _SOURCES.get(path.resolve()) or path.read_bytes()
+
+
+def load_file(path: Path, source: bytes | None = None) -> ModuleType:
+    """Import a one-file plugin, once per process and content: by itself that of the file.
 
     The module's name in ``sys.modules`` follows from the file's name and content alone, so that a
-    worker process that loads the same file can unpickle instances of its classes.
+    worker process that loads the same content can unpickle instances of its classes.
     """
-    digest = content_hash(path.read_bytes())
+    _SOURCES[path.resolve()] = source = path.read_bytes() if source is None else source
+    digest = content_hash(source)
     name = f"palpate_plugin_{path.stem}_{digest}"
     if name in sys.modules:
         return sys.modules[name]
@@ -333,7 +343,7 @@ def load_file(path: Path) -> ModuleType:
     setattr(module, CONTENT_HASH, digest)
     sys.modules[name] = module
     try:
-        spec.loader.exec_module(module)
+        exec(compile(source, path, "exec", dont_inherit=True), vars(module))
     except BaseException:
         del sys.modules[name]
         raise

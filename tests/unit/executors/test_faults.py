@@ -268,6 +268,14 @@ def test_a_process_that_leaves_the_group_blocks_nothing(hard, tmp_path, monkeypa
 
 
 @pytest.mark.slow
+def test_a_worker_that_starts_after_a_plugin_file_was_edited_has_it_as_the_run_began(hard, tmp_path):
+    (tmp_path / "hard.py").write_text("half of a line that is being ed")
+    batch = batch_for(hard, 12)
+    ((_, found),) = Processes().results(replace(batch, jobs=batch.jobs[11:]))
+    assert found.status is Status.OK
+
+
+@pytest.mark.slow
 def test_a_killed_worker_costs_no_job(hard, tmp_path):
     batch = batch_for(hard, 40)
     found, hit = [], {}

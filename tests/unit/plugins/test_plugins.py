@@ -13,7 +13,7 @@ import typer
 
 from palpate.errors import PalpateError, PluginError
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.registry import HOOKS, KINDS, add_commands, load_file
+from palpate.plugins.registry import HOOKS, KINDS, add_commands, load_file, plugin_source
 from palpate.plugins.versions import FIRST_PARTY
 from palpate.stages.stage import in_order
 
@@ -299,6 +299,13 @@ def test_a_catalogue_is_an_ordinary_mapping() -> None:
 def test_an_unknown_kind_offers_what_is_close() -> None:
     with pytest.raises(PluginError, match=r"no kind of plugin 'material'; did you mean 'materials'"):
         load().catalogue("material")
+
+
+def test_a_plugin_file_that_was_edited_is_still_had_as_it_was_imported(write: Write) -> None:
+    file = write("mine", SAMPLER.format(name="same"))
+    module = load_file(file)
+    file.write_text("half of a line that is being ed")
+    assert load_file(file, plugin_source(file)) is module
 
 
 # ------------------------------------------------------------- entry points

@@ -9,7 +9,6 @@ import sys
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from distributed import Worker, WorkerPlugin, get_worker
 
 from palpate.api import Simulation, Solver
 from palpate.api.executors import Batch, ExecutorError, Limits, Pool, n_cores, packed
-from palpate.api.runs import installed_code, load_file
+from palpate.api.runs import installed_code, load_file, plugin_source
 
 IDLE_S = 300.0
 """Seconds after which idle processes are ended: their run may have ended."""
@@ -32,6 +31,8 @@ class Shared:
     ----------
     solver, limbs : bytes
         Packed.
+    plugin_files : tuple of (Path, bytes)
+        Each with its content, which a worker loads whatever is there.
     versions : mapping
         What :func:`versions` gave where the study is.
     """
@@ -39,7 +40,7 @@ class Shared:
     solver: bytes
     limbs: bytes
     limits: Limits
-    plugin_files: tuple[Path, ...]
+    plugin_files: tuple[tuple[Path, bytes], ...]
     versions: Mapping[str, str]
 
 
@@ -49,8 +50,8 @@ def shared_by(batch: Batch) -> Shared:
         solver=packed(batch.solver),
         limbs=packed(dict(batch.limbs)),
         limits=batch.limits,
-        plugin_files=tuple(path.resolve() for path in batch.plugin_files),
-        versions=versions(batch.solver, batch.plugin_files),
+        plugin_files=tuple((path.resolve(), plugin_source(path)) for path in batch.plugin_files),
+        versions=versions(batch.solver),
     )
 
 
@@ -63,18 +64,17 @@ class WorkerRuntime(WorkerPlugin):  # type: ignore[misc]
 
     def setup(self, worker: Worker) -> None:
         """Load the plugins; a worker that would compute with other versions is an ExecutorError."""
-        for path in self.shared.plugin_files:
-            if path.is_file():
-                load_file(path)
+        for path, source in self.shared.plugin_files:
+            load_file(path, source)
         solver = pickle.loads(self.shared.solver)
-        refuse_others(worker.address, self.shared.versions, versions(solver, self.shared.plugin_files))
+        refuse_others(worker.address, self.shared.versions, versions(solver))
         self._ended = threading.Event()
         self._batch = Batch(
             solver=solver,
             jobs=(),
             limbs=pickle.loads(self.shared.limbs),
             limits=self.shared.limits,
-            plugin_files=self.shared.plugin_files,
+            plugin_files=[path for path, _ in self.shared.plugin_files],
             should_continue=lambda: not self._ended.is_set(),
         )
         self._n_threads = max(1, n_cores() // worker.state.nthreads)
@@ -149,14 +149,10 @@ def run_tasks(runtime: str, tasks: bytes) -> bytes:
 # ----------------------------------------------------------------------- versions
 
 
-def versions(solver: Solver, plugin_files: Sequence[Path]) -> dict[str, str]:
-    """Versions of everything that decides a result, here."""
+def versions(solver: Solver) -> dict[str, str]:
+    """Versions of everything that decides a result and is not sent, here."""
     found = {"python": ".".join(map(str, sys.version_info[:2])), f"solver {solver.name}": solver.version()}
-    found |= {name: version(name) for name in ("palpate", "distributed", "numpy")} | installed_code()
-    for path in plugin_files:
-        is_there = path.is_file()
-        found[path.name] = sha256(path.read_bytes()).hexdigest()[:12] if is_there else f"no file {path}"
-    return found
+    return found | {name: version(name) for name in ("palpate", "distributed", "numpy")} | installed_code()
 
 
 def refuse_others(where: str, wanted: Mapping[str, str], found: Mapping[str, str]) -> None:
