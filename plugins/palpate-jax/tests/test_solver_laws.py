@@ -7,7 +7,7 @@ from importlib.resources import as_file, files
 import numpy as np
 import pytest
 
-from palpate.domain import Indentation, Job, Limb, Spot, Status
+from palpate.domain import Channel, Indentation, Job, Limb, Spot, Status
 from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
 from palpate_indentation.mesh_source import MeshioSource
@@ -49,6 +49,18 @@ def reference(solver, limb):
 
 def curve(simulation, channel):
     return simulation.response[channel].ordinate
+
+
+@pytest.mark.slow
+def test_contact_radius_and_sticking_are_channels_over_their_path(solver, limb):
+    labels = {"abscissa_label": "", "ordinate_label": ""}
+    radius = Channel(name="radius", abscissa="depth_mm", ordinate="contact_radius_mm", **labels)
+    sticking = Channel(name="sticking", abscissa="rotation_deg", ordinate="sticking_1", **labels)
+    found = solver.simulate(replace(make_job(path=PATH[:3]), channels=(radius, sticking)), limb)
+    radii, shares = (found.response[name].ordinate for name in ("radius", "sticking"))
+    assert radii[0] == 0.0
+    assert radii[-1] == pytest.approx(np.sqrt(7.5 * 2.0), rel=0.25)  # Hertz; cells are larger than 1 mm
+    assert shares[0] > shares[-1] >= 0.0  # the twist makes points slide
 
 
 @pytest.mark.slow

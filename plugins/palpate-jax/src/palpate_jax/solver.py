@@ -110,6 +110,10 @@ class _Prepared:
     warm_starts: dict[tuple[object, ...], WarmStarts] = field(default_factory=dict)
 
 
+CONTACT = {"contact_radius_mm": "contact_radius_mm", "sticking_1": "sticking"}
+"""Columns of the equilibrium states besides pose, wrench and time, and what of an answer they hold."""
+
+
 class JaxSolver(Solver[JaxSettings]):
     """Quasi-static finite elements of a limb under a rigid indenter, with friction and its history."""
 
@@ -118,7 +122,7 @@ class JaxSolver(Solver[JaxSettings]):
     provides = Provides(
         anisotropic=True,
         fields=True,
-        columns=STATE_COLUMNS,
+        columns=(*STATE_COLUMNS, *CONTACT),
         indenters=None,
         motions=("depth", "rotation", "shift", "tilt", "load"),
         slopes=True,
@@ -364,6 +368,7 @@ def equilibrium_states(reached: Sequence[LoadStep]) -> EquilibriumStates:
         pose=pose,
         wrench=_wrench(pose, answers),
         time_s=times if times.any() else None,
+        others={c: np.array([0.0, *(getattr(s.answer, of) for s in reached)]) for c, of in CONTACT.items()},
         slopes=wrench,
         pose_slopes=placed,
     )
