@@ -118,6 +118,9 @@ def test_columns_have_names_with_units_and_one_place_each():
     assert set(timed.columns) == set(STATE_COLUMNS)
     for name, values in zip((*POSE, *WRENCH), np.hstack([states.pose, states.wrench]).T, strict=True):
         np.testing.assert_array_equal(timed.columns[name], values)
+    for curve in timed.observed(EQUILIBRIUM_CHANNELS).curves.values():
+        assert len(curve.time_s) == len(curve.abscissa)
+    assert not any(curve.time_s for curve in states.observed(EQUILIBRIUM_CHANNELS).curves.values())
 
 
 @pytest.mark.parametrize(

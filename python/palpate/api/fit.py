@@ -26,6 +26,8 @@ if TYPE_CHECKING:
         FRICTION as FRICTION,
         GAIN as GAIN,
         OFFSET as OFFSET,
+        StandardParametrisation as StandardParametrisation,
+        StandardSettings as StandardSettings,
     )
     from palpate.fit.problem import (
         Problem as Problem,

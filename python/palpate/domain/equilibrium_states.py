@@ -122,6 +122,7 @@ class EquilibriumStates:
                 channel=channel.name,
                 abscissa=known[channel.abscissa],
                 ordinate=_ordinate(channel, known),
+                time_s=None if self.time_s is None else self.time_s[rows],
                 slopes={name: _rate(channel, known, rate, rows) for name, rate in slopes.items()},
             )
         return Response(curves=curves)

@@ -73,6 +73,7 @@ def _checked_curves(response: object) -> Response:
             abscissa=curve.abscissa,
             ordinate=curve.ordinate,
             std=curve.std,
+            time_s=curve.time_s,
             slopes=curve.slopes,
         )
     return Response(curves=curves)

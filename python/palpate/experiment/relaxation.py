@@ -1,7 +1,7 @@
 """Relaxation of a tissue in the rests of its presses, against what a model without time can describe."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +12,8 @@ LIMIT = 2.0
 """Gains of the budget by which a channel may fall in a rest."""
 
 REMEDY = (
-    "The model has no time: the relaxation changes the parameters by more than their intervals show. Press "
-    "and twist slower, rest longer before each motion, and report the rate with the values."
+    "The relaxation changes the parameters by more than their intervals show. Press and twist slower, rest "
+    "longer before each motion, and report the rate with the values."
 )
 """What it means where the fall is larger, and what to do."""
 
@@ -72,10 +72,13 @@ def relaxation_of(measured: Mapping[str, Response], gain: float) -> LargestRelax
     return max(found, key=lambda each: (each.is_beyond, each.share), default=None)
 
 
-def relaxation_warnings(measured: Mapping[str, Response], gain: float) -> tuple[str, ...]:
-    """Warn of spots whose tissue relaxed by more than the budget allows."""
+def relaxation_warnings(
+    measured: Mapping[str, Response], gain: float, modelled: Collection[str] = ()
+) -> tuple[str, ...]:
+    """Warn of spots whose tissue relaxed by more than the budget allows, and of what the model has of it."""
     found = relaxation_of(measured, gain)
-    return (f"{found.sentence}. {REMEDY}",) if found and found.is_beyond else ()
+    has = f"Only {', '.join(sorted(modelled))} relax in the model" if modelled else "The model has no time"
+    return (f"{found.sentence}. {has}. {REMEDY}",) if found and found.is_beyond else ()
 
 
 def _peak(response: Response, rest: Relaxation) -> float:

@@ -1,10 +1,11 @@
 """Parametrisations: from searched numbers to what is simulated at each spot."""
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
-from palpate.domain import FloatArray, Parameter, ParameterName, ParameterSpace, Protocol
+from palpate.domain import FloatArray, Parameter, ParameterName, ParameterSpace, Protocol, Response
 from palpate.domain.component import Component, SettingsT
 
 
@@ -22,16 +23,23 @@ class SpotInputs:
         Added to the measured abscissae of that name, such as ``depth_mm``, in its unit.
     gains : mapping of channel to float
         Factors on the simulated ordinates.
+    observe : callable, optional
+        From the simulated response to that which is measured, smooth in the searched values, such as by a
+        law of relaxation. By itself both are the same.
     """
 
     thetas: Mapping[str, FloatArray]
     protocol: Protocol
     offsets: Mapping[str, float] = field(default_factory=dict)
     gains: Mapping[str, float] = field(default_factory=dict)
+    observe: Callable[[Response], Response] | None = None
 
 
 class Parametrisation(Component[SettingsT]):
     """What is searched, and what it means at each spot."""
+
+    relaxing: ClassVar[frozenset[str]] = frozenset()
+    """Channels whose relaxation is part of the model: where a fit weighs no others, none is warned of."""
 
     @abstractmethod
     def parameters(self, space: ParameterSpace, spots: Sequence[str]) -> tuple[Parameter, ...]:

@@ -301,8 +301,8 @@ def _arrays(simulation: Simulation) -> _Arrays:
     found: dict[tuple[str, str], FloatArray] = {}
     for channel, curve in simulation.response.curves.items() if simulation.response is not None else ():
         found[channel, "abscissa"], found[channel, "ordinate"] = curve.abscissa, curve.ordinate
-        if curve.std is not None:
-            found[channel, "std"] = curve.std
+        optional = {"std": curve.std, "time_s": curve.time_s}
+        found |= {(channel, name): values for name, values in optional.items() if values is not None}
         found |= {(channel, SLOPE + name): slope for name, slope in curve.slopes.items()}
     arrays = {name: np.asarray(array, "<f8").tobytes() for name, array in found.items()}
     if simulation.surface is not None:
@@ -340,6 +340,7 @@ def _curve(channel: str, arrays: Mapping[str, FloatArray]) -> Curve:
         abscissa=arrays["abscissa"],
         ordinate=arrays["ordinate"],
         std=arrays.get("std"),
+        time_s=arrays.get("time_s"),
         slopes={n.removeprefix(SLOPE): a for n, a in arrays.items() if n.startswith(SLOPE)},
     )
 

@@ -100,15 +100,19 @@ class HalfSpaceOnMesh(HalfSpace):
 
 def _states(mu: float, kappa: float, press: Indentation, thickness_mm: float) -> EquilibriumStates:
     steps = np.linspace(0.0, 1.0, N_POINTS + 1)[1:, None]
-    ways = [start + steps * (end - start) for start, end in pairwise(press.path)]
-    walk: FloatArray = np.concatenate([press.path[:1], *ways])
-    depth, rotation = walk.T
+    path = np.column_stack([press.path, np.zeros(len(press.path)) if press.time_s is None else press.time_s])
+    walk: FloatArray = np.concatenate([path[:1], *(a + steps * (b - a) for a, b in pairwise(path))])
+    depth, rotation, time = walk.T
     contact = np.array([press.indenter.contact_radius_mm(float(d)) for d in depth])
     plane = 4.0 * mu * (3.0 * kappa + mu) / (3.0 * kappa + 4.0 * mu)  # E / (1 - ν²)
     force = 4.0 / 3.0 * plane * contact * depth * (1.0 + contact / thickness_mm)
     grip = 0.9 + 0.1 * press.friction / (1.0 + press.friction)
     torque = 16.0 / 3.0 * mu * contact**3 * grip * np.radians(rotation)
-    return EquilibriumStates(pose=pose_of(depth, rotation), wrench=pose_of(force, torque))
+    return EquilibriumStates(
+        pose=pose_of(depth, rotation),
+        wrench=pose_of(force, torque),
+        time_s=None if press.time_s is None else time,
+    )
 
 
 @hookimpl

@@ -9,6 +9,7 @@ from scipy.optimize import lsq_linear
 
 from palpate.domain import (
     BoolArray,
+    Curve,
     FloatArray,
     Indentation,
     Parameter,
@@ -16,6 +17,7 @@ from palpate.domain import (
     ParameterSpace,
     Protocol,
     RegionMaterial,
+    Response,
 )
 from palpate.domain.component import Component
 from palpate.domain.indenter import Sphere
@@ -237,6 +239,13 @@ class _Tried:
         return np.concatenate([_numbers(self.inputs(spot, point)) for spot in self.spots])
 
 
+_LINE = np.arange(5.0)
+PRESS = Response(
+    curves={"force": Curve(channel="force", abscissa=_LINE, ordinate=_LINE**2, time_s=2.0 * _LINE)}
+)
+"""A press of 4 mm in 8 s."""
+
+
 def _numbers(inputs: SpotInputs) -> FloatArray:
     parts = [np.ravel(inputs.thetas[region]) for region in sorted(inputs.thetas)]
     if isinstance(inputs.protocol, Indentation):
@@ -245,6 +254,8 @@ def _numbers(inputs: SpotInputs) -> FloatArray:
         parts += [inputs.protocol.paths[channel] for channel in sorted(inputs.protocol.paths)]
     for each in (inputs.offsets, inputs.gains):
         parts.append(np.array([each[name] for name in sorted(each)]))
+    if inputs.observe is not None:
+        parts += [curve.ordinate for curve in inputs.observe(PRESS).curves.values()]
     return np.concatenate(parts)
 
 

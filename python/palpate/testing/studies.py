@@ -152,4 +152,6 @@ def _rows(table: Mapping[str, Any]) -> str:
 def _toml(value: Any) -> str:  # noqa: ANN401 -- what a study file may hold
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{json.dumps(key)} = {_toml(item)}" for key, item in value.items()) + " }"
+    if isinstance(value, list):
+        return f"[{', '.join(map(_toml, value))}]"
     return json.dumps(value, ensure_ascii=False)

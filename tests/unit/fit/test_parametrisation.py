@@ -371,3 +371,18 @@ def test_what_no_curve_separates_is_reported(state, solver):
     fit, found = fitted(state(truth, {"gains": both}, solver=solver))
     assert fit.message == "converged"
     assert found == pytest.approx(truth, rel=2e-3)
+
+
+def test_what_is_observed_of_the_response_is_compared(state):
+    problem = state({"skin.e": 0.5, "fat.e": 0.5})
+    (term, *_), inputs = problem.terms, problem.inputs("p1", np.full(2, 0.3))
+    simulation = problem.simulated(term, inputs)
+
+    def louder(response):
+        curves = {n: replace(c, ordinate=1.1 * c.ordinate, slopes={}) for n, c in response.curves.items()}
+        return Response(curves=curves)
+
+    observed = term.residuals(simulation, replace(inputs, observe=louder))
+    gained = term.residuals(simulation, replace(inputs, gains={"force": 1.1, "torque": 1.1}))
+    assert np.array_equal(observed, gained)
+    assert not np.allclose(observed, term.residuals(simulation, inputs))

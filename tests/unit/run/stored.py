@@ -15,7 +15,7 @@ def response(scale=1.0, n=50, std=None):
     return Response(
         curves={
             "torque": Curve(channel="torque", abscissa=x, ordinate=scale * np.sin(x), std=std),
-            "force": Curve(channel="force", abscissa=x, ordinate=scale * x**1.5),
+            "force": Curve(channel="force", abscissa=x, ordinate=scale * x**1.5, time_s=2.0 * x),
         }
     )
 
@@ -44,3 +44,4 @@ def same(one, other):
         assert np.array_equal(one[name].abscissa, other[name].abscissa)
         assert np.array_equal(one[name].ordinate, other[name].ordinate)
         assert (one[name].std is None) == (other[name].std is None)
+        assert np.array_equal(one[name].time_s, other[name].time_s)

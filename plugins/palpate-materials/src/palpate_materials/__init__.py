@@ -1,4 +1,4 @@
-"""Hyperelastic materials, the Drucker stability filter, and studies of measured rubber and silicone.
+"""Hyperelastic materials, their relaxation, the Drucker filter, and studies of measured rubber and silicone.
 
 Names are imported when they are first used, so that loading the plugin is fast.
 """
@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from palpate.api import deferred, hookimpl
 
 if TYPE_CHECKING:
-    from palpate.api import Material, SetFilter, StudyTemplate
+    from palpate.api import Channel, Material, SetFilter, Stage, StudyTemplate
+    from palpate.api.fit import Parametrisation
     from palpate_materials.neo_hookean import NeoHookean as NeoHookean
     from palpate_materials.stability import Drucker as Drucker
     from palpate_materials.uncoupled import (
@@ -38,6 +39,30 @@ def palpate_set_filters() -> "list[type[SetFilter]]":
     from palpate_materials.stability import Drucker
 
     return [Drucker]
+
+
+@hookimpl
+def palpate_channels() -> "list[Channel]":
+    """Provide force and torque over time."""
+    from palpate_materials.relaxation import FORCE_OVER_TIME, TORQUE_OVER_TIME
+
+    return [FORCE_OVER_TIME, TORQUE_OVER_TIME]
+
+
+@hookimpl
+def palpate_parametrisations() -> "list[type[Parametrisation]]":
+    """Provide the relaxing tissue."""
+    from palpate_materials.relaxation import Relaxing
+
+    return [Relaxing]
+
+
+@hookimpl
+def palpate_stages() -> "list[type[Stage]]":
+    """Provide the relaxation that a fit has found."""
+    from palpate_materials.relaxation import RelaxationOverTime
+
+    return [RelaxationOverTime]
 
 
 @hookimpl

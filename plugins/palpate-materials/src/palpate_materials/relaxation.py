@@ -1,0 +1,307 @@
+"""Relaxation of a tissue under its press: quasi-linear viscoelasticity, from elastic curves.
+
+All moduli relax alike, by g(t) = 1 - Σ γ_i (1 - e^(-t/τ_i)). Under a prescribed motion the elastic
+deformation is then also that of the relaxing tissue, and a curve is g convolved with the elastic one,
+
+    F(t) = ∫ g(t - s) dFᵉ(s) = Fᵉ(t) - Σ γ_i (Fᵉ(t) - h_i(t)),    h_i(t) = ∫ e^(-(t - s)/τ_i) dFᵉ(s)
+
+(Fung, Biomechanics, 1993, section 7.6). That holds for the force of a press and a rest. A twist turns the
+stresses of the press, which have relaxed, so that its torque is larger: by 4 to 15 % of its peak in blocks of
+FEBio that had relaxed by a quarter. While the contact shrinks, and where the skin slips, it is an
+approximation too. The searched moduli are those at once.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from types import MappingProxyType
+from typing import Annotated
+
+import numpy as np
+import polars as pl
+from pydantic import Field, field_validator
+
+from palpate.api import (
+    Channel,
+    Curve,
+    FloatArray,
+    Indentation,
+    Parameter,
+    ParameterError,
+    ParameterSpace,
+    Progress,
+    Protocol,
+    Quantity,
+    Response,
+    Run,
+    Stage,
+    StudyError,
+    Summary,
+)
+from palpate.api.experiment import TIME
+from palpate.api.fit import SpotInputs, StandardParametrisation, StandardSettings, for_each_spot
+from palpate.api.runs import Files, Study
+
+FORCE_OVER_TIME = Channel(
+    name="force_over_time",
+    abscissa=TIME,
+    ordinate="force_N",
+    abscissa_label="time (s)",
+    ordinate_label="normal force (N)",
+    non_negative=True,
+    zero_at_start=True,
+    length_power=2,
+    mirrored=1,
+)
+
+TORQUE_OVER_TIME = Channel(
+    name="torque_over_time",
+    abscissa=TIME,
+    ordinate="torque_Nmm",
+    abscissa_label="time (s)",
+    ordinate_label="torque (N·mm)",
+    zero_at_start=True,
+    length_power=3,
+    mirrored=-1,
+)
+
+RELAXED = "relaxed"
+"""Region in the names of the shares; the name of one is its time."""
+
+USUAL_SHARE = 0.1
+"""Share of each time at which a search starts."""
+
+POINTS_PER_DECADE = 12
+"""Points of a curve over time after each corner of the motion: between them it is a straight line."""
+
+FINEST = 0.1
+"""First of these points, over the shortest time constant."""
+
+
+def reduced_relaxation(time_s: FloatArray, times_s: FloatArray, shares: FloatArray) -> FloatArray:
+    """Modulus (n, ...) after times (n,), over that at once; shares (m, ...) relax with constants (m,)."""
+    gone: FloatArray = -np.expm1(-time_s[:, None] / times_s)
+    left: FloatArray = 1.0 - gone @ shares
+    return left
+
+
+def relaxed(time_s: FloatArray, ordinate: FloatArray, times_s: FloatArray, shares: FloatArray) -> FloatArray:
+    """Ordinates (n,) of a relaxing tissue, from elastic ones (n,), straight between their times (n,).
+
+    Parameters
+    ----------
+    times_s, shares : (m,) array
+        Time constants, and the shares of the moduli that relax with them.
+    """
+    steps_s = np.diff(time_s)[:, None] / times_s
+    kept = np.exp(-steps_s)
+    # Mean of e^(-(t - s)/τ) over a step; of no duration, a jump.
+    added = np.where(steps_s > 0.0, -np.expm1(-steps_s) / np.where(steps_s > 0.0, steps_s, 1.0), 1.0)
+    history = np.empty((ordinate.size, times_s.size))
+    history[0] = ordinate[0]
+    for k, rise in enumerate(np.diff(ordinate)):
+        history[k + 1] = kept[k] * history[k] + added[k] * rise
+    found: FloatArray = ordinate - (ordinate[:, None] - history) @ shares
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Relaxed:
+    """Response of a relaxing tissue, from that of the elastic one.
+
+    Parameters
+    ----------
+    times_s, shares : (m,) array
+    """
+
+    times_s: FloatArray
+    shares: FloatArray
+
+    def __call__(self, response: Response) -> Response:
+        """Curves after relaxation, along the same path.
+
+        Raises
+        ------
+        StudyError
+            The solver gives no times.
+        """
+        return Response(curves={name: self._relaxed(curve) for name, curve in response.curves.items()})
+
+    def _relaxed(self, curve: Curve) -> Curve:
+        if curve.time_s is None:
+            raise StudyError(
+                f"'{curve.channel}' has no times to relax in; use a solver that gives them, as jax does"
+            )
+        time, abscissa, ordinate = curve.time_s, curve.abscissa, curve.ordinate
+        if np.array_equal(time, abscissa):
+            abscissa = _refined(time, FINEST * float(self.times_s.min()))
+            time, ordinate = abscissa, np.interp(abscissa, time, ordinate)
+        return Curve(
+            channel=curve.channel,
+            abscissa=abscissa,
+            ordinate=relaxed(time, ordinate, self.times_s, self.shares),
+            time_s=time,
+        )
+
+
+def _refined(time_s: FloatArray, finest_s: float) -> FloatArray:
+    """Times with more of them after each, the closer to it the more."""
+    found = [time_s[-1:]]
+    for start, end in pairwise(time_s.tolist()):
+        decades = np.log10(max((end - start) / finest_s, 1.0))
+        n = int(np.ceil(POINTS_PER_DECADE * decades))
+        found.append(np.r_[start, start + np.geomspace(finest_s, end - start, n, endpoint=False)])
+    return np.unique(np.concatenate(found))
+
+
+class RelaxingSettings(StandardSettings):
+    """What is searched besides the materials' parameters, with relaxation."""
+
+    relaxation_times: tuple[Annotated[float, Quantity("s")], ...] = Field(
+        (0.1, 1.0, 10.0, 100.0),
+        min_length=1,
+        description="Time constants [s]; the share of each is searched.",
+    )
+    relaxation_upper: Annotated[float, Quantity("1")] = Field(
+        0.8, gt=0.0, lt=1.0, description="Largest share of the moduli that relaxes with one of them."
+    )
+
+    @field_validator("relaxation_times")
+    @classmethod
+    def _grow(cls, times: tuple[float, ...]) -> tuple[float, ...]:
+        if not (times[0] > 0.0 and (np.diff(times) > 0.0).all()):
+            raise ValueError("time constants are above 0 and grow")
+        return times
+
+
+class Relaxing(StandardParametrisation):
+    """What is searched of an elastic study, and the share of the moduli that relaxes with each time."""
+
+    name = "relaxing"
+    summary = "the materials' parameters at once, and how far the moduli relax with each of some times"
+    relaxing = frozenset({"force", FORCE_OVER_TIME.name})
+    Settings = RelaxingSettings
+    settings: RelaxingSettings
+
+    @property
+    def times_s(self) -> dict[str, float]:
+        """Time constants, by the names of their shares."""
+        return {f"{RELAXED}.{_label(time)}": time for time in self.settings.relaxation_times}
+
+    def parameters(self, space: ParameterSpace, spots: Sequence[str]) -> tuple[Parameter, ...]:
+        """Those of the standard parametrisation, then a share for each time, the same at all spots."""
+        upper = self.settings.relaxation_upper
+        own = [
+            Parameter(
+                name=name,
+                unit="1",
+                lower=0.0,
+                upper=upper,
+                kind="shape",
+                description=f"share of the moduli that relaxes with {time:g} s",
+            )
+            for name, time in self.times_s.items()
+        ]
+        return (*super().parameters(space, spots), *for_each_spot(own, spots))
+
+    def inputs(
+        self, space: ParameterSpace, spot: str, protocol: Protocol, values: Mapping[str, float]
+    ) -> SpotInputs:
+        """Those of the standard parametrisation, and the relaxation of their curves."""
+        if not isinstance(protocol, Indentation) or protocol.time_s is None:
+            raise StudyError('a tissue that relaxes needs the times of its press; use motion = "moves"')
+        shares = np.array([values[name] for name in self.times_s])
+        if not shares.sum() < 1.0:
+            raise ParameterError(f"shares that relax add up to {shares.sum():.3g}; they are less than 1")
+        found = super().inputs(space, spot, protocol, values)
+        return replace(found, observe=Relaxed(np.array(list(self.times_s.values())), shares))
+
+    def start(self, protocols: Mapping[str, Protocol]) -> dict[str, float]:
+        """That of the standard parametrisation, and a little relaxation with each time."""
+        usual = min(USUAL_SHARE, 0.5 / len(self.times_s))
+        return super().start(protocols) | dict.fromkeys(self.times_s, usual)
+
+    def unusable(self, channels: Sequence[str], *, indents: bool) -> Iterator[tuple[tuple[str, ...], str]]:
+        """Relaxation of homogeneous tests, which have no times."""
+        if not indents:
+            yield ("relaxation_times",), 'homogeneous tests have no times; use parametrisation = "standard"'
+        yield from super().unusable(channels, indents=indents)
+
+
+def _label(time_s: float) -> str:
+    return f"{time_s:.0f}s" if time_s == round(time_s) else f"{1000.0 * time_s:.0f}ms"
+
+
+class RelaxationOverTime(Stage):
+    """Relaxation that a fit has found, with its band."""
+
+    name, summary = "relaxation", "How far the moduli relax in time, with a band"
+    needs = ("intervals",)
+    tables = MappingProxyType(
+        {
+            "relaxation": "Share of the moduli that is left after each time, its 95 % band, and the tangent "
+            "of the loss angle at the angular frequency of one over that time."
+        }
+    )
+
+    def is_in_run(self, study: Study) -> bool:
+        """Where the fit searches it."""
+        return isinstance(study.parametrisation, Relaxing)
+
+    def run(self, inputs: Run, progress: Progress) -> Files:
+        """One row per time, for each fit and scenario."""
+        law = inputs.study.parametrisation
+        if not isinstance(law, Relaxing):
+            raise StudyError('no relaxation is searched; set parametrisation = "relaxing" in [fit]')
+        names, times_s = list(law.times_s), np.array(list(law.times_s.values()))
+        values, longest_s = inputs.table("intervals"), _duration_s(inputs)
+        at_s = np.geomspace(0.1 * times_s[0], max(longest_s, times_s[0]), 25)
+        rows = []
+        for (fit, scenario), draws in inputs.table("draws").group_by("fit", "scenario", maintain_order=True):
+            found = values.filter(fit=fit, scenario=scenario)
+            value = dict(zip(found["parameter"], found["value"], strict=True))
+            here = np.array([value[name] for name in names])
+            lower, upper = np.quantile(
+                reduced_relaxation(at_s, times_s, draws.select(names).to_numpy().T), [0.025, 0.975], axis=1
+            )
+            columns = {
+                "time_s": at_s,
+                "left": reduced_relaxation(at_s, times_s, here),
+                "lower": lower,
+                "upper": upper,
+                "loss_tangent": loss_tangent(1.0 / at_s, times_s, here),
+            }
+            rows.append(pl.DataFrame({"fit": fit, "scenario": scenario} | columns))
+        return {"relaxation": pl.concat(rows)} if rows else {}
+
+    def summarise(self, inputs: Run) -> Summary:
+        """What is left of the moduli at the end of the record, and which times it does not tell."""
+        table, law = inputs.table("relaxation"), inputs.study.parametrisation
+        if table.is_empty() or not isinstance(law, Relaxing):
+            return Summary(lines=["No fit, and so no relaxation."])
+        rows = table.filter(pl.col("scenario") == inputs.study.generalising.name)
+        last = (rows if rows.height else table).row(-1, named=True)
+        text = (
+            f"{100.0 * last['left']:.3g} % of the moduli at once are left after {last['time_s']:.3g} s "
+            f"({100.0 * last['lower']:.3g} to {100.0 * last['upper']:.3g} %)"
+        )
+        untold = [f"{time:g} s" for time in law.settings.relaxation_times if time > _duration_s(inputs)]
+        if untold:
+            text += f"; a record of {_duration_s(inputs):.3g} s does not tell {', '.join(untold)}"
+        return Summary(
+            lines=[f"{text}."], labelled={"Relaxation": text}, tables={"Moduli that are left": table}
+        )
+
+
+def loss_tangent(frequency: FloatArray, times_s: FloatArray, shares: FloatArray) -> FloatArray:
+    """Tangent (n,) of the loss angle at angular frequencies (n,) [rad/s]."""
+    product = frequency[:, None] * times_s
+    stored = 1.0 - shares.sum() + (product**2 / (1.0 + product**2)) @ shares
+    lost = (product / (1.0 + product**2)) @ shares
+    return np.asarray(lost / stored)
+
+
+def _duration_s(inputs: Run) -> float:
+    """End of the longest motion."""
+    protocols = map(inputs.study.protocol_at, inputs.study.spot_names)
+    return max(float(p.columns[TIME][-1]) for p in protocols if isinstance(p, Indentation))
