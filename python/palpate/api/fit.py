@@ -65,6 +65,7 @@ if TYPE_CHECKING:
         Search as Search,
         SearchSpace as SearchSpace,
         Trial as Trial,
+        asking as asking,
     )
     from palpate.run.result import (
         ALL_SPOTS as ALL_SPOTS,

@@ -6,9 +6,11 @@ where the study runs and kept in the run's ledger, so a search that is started a
 space comes to the same end without simulating anything twice. It must therefore be deterministic.
 """
 
+import threading
 from abc import abstractmethod
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
+from queue import SimpleQueue
 from typing import ClassVar
 
 import numpy as np
@@ -82,6 +84,45 @@ class Evaluation:
 
 Asking = Generator[Sequence[Trial], Sequence[Evaluation], str]
 """Yields trials, receives their evaluations in the same order, and returns why it ended."""
+
+
+def asking(optimise: Callable[[Callable[..., Evaluation]], str]) -> Asking:
+    """Trials of an optimiser that calls a function for each point, one after the other.
+
+    It works in a thread, which ends with it, or at its next call after this generator was closed.
+
+    Parameters
+    ----------
+    optimise : callable
+        Called with ``evaluate``, a function of a point and whether slopes are wanted (by itself not) that
+        returns the :class:`Evaluation`. It returns why it ended.
+    """
+    asked: SimpleQueue[Trial | str | BaseException] = SimpleQueue()
+    answers: SimpleQueue[Evaluation | None] = SimpleQueue()
+
+    def evaluate(point: FloatArray, slopes: bool = False) -> Evaluation:
+        asked.put(Trial(point=np.array(point, dtype=np.float64), slopes=slopes))
+        if (evaluation := answers.get()) is None:
+            answers.put(None)  # an optimiser that catches this and asks again has no other answer
+            raise GeneratorExit
+        return evaluation
+
+    def work() -> None:
+        try:
+            asked.put(optimise(evaluate))
+        except BaseException as error:
+            asked.put(error)
+
+    threading.Thread(target=work, daemon=True).start()
+    try:
+        while isinstance(found := asked.get(), Trial):
+            (evaluation,) = yield [found]
+            answers.put(evaluation)
+    finally:
+        answers.put(None)
+    if isinstance(found, BaseException):
+        raise found
+    return found
 
 
 class Search(Component[SettingsT]):
