@@ -2,7 +2,7 @@
 
 Every message has what was wrong, where (file, row, key) and what to do about
 it. The command line prints a :class:`PalpateError` without a traceback and ends
-with exit code 2; anything else that escapes is a bug and keeps its traceback.
+with exit code 2; anything else that escapes is a bug: a traceback and exit code 70.
 A failed simulation is not an error but a row with a status
 (:class:`palpate.domain.Status`).
 """

@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 
 from palpate import __version__
-from palpate.cli.app import main
 from palpate.cli.session import Session
 from palpate.run.ledger import Ledger
 
@@ -210,16 +209,33 @@ def test_no_set_that_works_ends_with_1_and_the_reason(call: Call, study: Path) -
     assert "Traceback" not in outcome.err
 
 
-def test_a_bug_keeps_its_traceback(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_bug_is_a_traceback_and_70(call: Call, monkeypatch: pytest.MonkeyPatch) -> None:
     from palpate.stages import pipeline
 
     def buggy(*_: object, **__: object) -> None:
         raise ZeroDivisionError("a bug")
 
     monkeypatch.setattr(pipeline, "run_study", buggy)
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(ZeroDivisionError):
-        main(["--plugin", PLUGIN, "run", str(TOY)])
+    outcome = call("run", TOY)
+    assert outcome.code == 70
+    assert "Traceback" in outcome.err
+    assert "ZeroDivisionError: a bug" in outcome.err
+
+
+def test_a_bug_in_a_command_of_a_plugin_has_its_line(call: Call, tmp_path: Path) -> None:
+    file = tmp_path / "mine.py"
+    file.write_text(
+        "from palpate.api import hookimpl\n"
+        "from palpate.api.cli import Command\n"
+        "def faulty() -> None:\n"
+        "    raise ZeroDivisionError('a bug')\n"
+        "@hookimpl\n"
+        "def palpate_commands():\n"
+        "    return [Command(function=faulty)]\n"
+    )
+    outcome = call("faulty", plugin=str(file))
+    assert outcome.code == 70
+    assert f"a bug of palpate or of a plugin (line 4 of {file})" in outcome.err
 
 
 def test_ctrl_c_ends_with_130_and_names_the_command_to_continue(

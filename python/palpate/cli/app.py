@@ -1,13 +1,13 @@
 """The application: global options, the commands, and what becomes of an error.
 
 Exit codes: 0 done, 1 no set could be selected, in all or in one of the scenarios,
-2 a mistake in the input, 130 stopped by the user. Anything else that escapes is a bug and keeps its
-traceback.
+2 a mistake in the input, 70 a bug, with its traceback, 130 stopped by the user.
 """
 
 import errno
 import os
 import sys
+import traceback
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -38,7 +38,7 @@ from palpate.cli.session import Session, visible
 from palpate.cli.stages import STAGE_COMMANDS, add_stage
 from palpate.cli.status import status
 from palpate.errors import NothingSelectableError, PalpateError, StoppedError
-from palpate.plugins.guard import noting_interrupts
+from palpate.plugins.guard import line_of, noting_interrupts
 
 PANELS: Mapping[str, tuple[Callable[..., object], ...]] = MappingProxyType(
     {
@@ -115,7 +115,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     app = build_app()
     session = Session([Path(file) for file in files], without, build_app)
     with noting_interrupts(session.interrupts):
-        return _run(app, session, given)
+        try:
+            return _run(app, session, given)
+        except Exception as error:
+            traceback.print_exc()
+            bug = f"a bug of palpate or of a plugin{line_of(error)}; tell its author, with the lines above"
+            return _fail(PalpateError(bug), 70)
 
 
 def _run(app: typer.Typer, session: Session, given: Sequence[str]) -> int:

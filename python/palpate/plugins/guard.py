@@ -17,7 +17,9 @@ from palpate.plugins.versions import THIS_VERSION
 if TYPE_CHECKING:
     from palpate.domain.component import Component
 
-_CALLERS = frozenset({"palpate", "pluggy", "importlib", "_frozen_importlib", "_frozen_importlib_external"})
+_CALLERS = frozenset(
+    {"palpate", "typer", "click", "pluggy", "importlib", "_frozen_importlib", "_frozen_importlib_external"}
+)
 """Packages between palpate and the first line of a plugin."""
 
 
@@ -75,7 +77,7 @@ def answering_for(component: "Component | type[Component]", doing: str) -> Itera
     except (Exception, SystemExit) as error:
         kind = component if isinstance(component, type) else type(component)
         where = f"{kind.__module__}.{kind.__qualname__}"
-        said, remedy = f": {error}{_line_of(error)}", "check the file, or tell the plugin's author"
+        said, remedy = f": {error}{line_of(error)}", "check the file, or tell the plugin's author"
         if type(error).__name__ == "TracerArrayConversionError":
             said, remedy = "", NUMPY_IN_ENERGY
         raise PluginError(
@@ -96,16 +98,16 @@ def guarded() -> Iterator[None]:
     except PluginError:
         raise
     except SystemExit as error:
-        raise PluginError(f"called sys.exit({error.code!r}){_line_of(error)}") from error
+        raise PluginError(f"called sys.exit({error.code!r}){line_of(error)}") from error
     except BaseException as error:
         if interrupts:
             raise
         if isinstance(error, ImportError) and error.name == "palpate.api":
             raise PluginError(f"{error.msg}; {THIS_VERSION}") from error
-        raise PluginError(f"{type(error).__name__}: {error}{_line_of(error)}") from error
+        raise PluginError(f"{type(error).__name__}: {error}{line_of(error)}") from error
 
 
-def _line_of(error: BaseException) -> str:
+def line_of(error: BaseException) -> str:
     """Last line of the plugin in a traceback, as `` (line 3 of mine.py)``; empty if there is none."""
     if isinstance(error, SyntaxError):
         return ""  # its text has the line
