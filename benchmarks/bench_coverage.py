@@ -16,11 +16,12 @@ finer mesh shows.
 import argparse
 import functools
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import polars as pl
@@ -206,17 +207,27 @@ def stage_of(study, measured: dict[str, Response]) -> FitStage:
         measured=measured,
         scores=pl.DataFrame(),
         simulations=Here(study.solver, {f"{spot}/fine": None for spot in measured}),
-        abscissae={"force": "depth_mm", "torque": "rotation_deg"},
+        abscissae={"force": "depth_mm", "torque": "rotation_deg", "force_over_time": "time_s"},
     )
 
 
 def experiment(
-    name: str, seed: int, *, posterior: bool = False, measure: Callable[..., Response] = measured_at
+    name: str,
+    seed: int,
+    *,
+    posterior: bool = False,
+    measure: Callable[..., Response] = measured_at,
+    solver: type[Layered] = Layered,
+    also: Mapping[str, float] = MappingProxyType({}),
+    **changes: object,
 ) -> dict:
-    """One experiment: which intervals hold the truth, and why the model was called inadequate."""
+    """One experiment: which intervals hold the truth, and why the model was called inadequate.
+
+    ``changes`` are of the study, ``also`` true values of what it then searches besides the materials.
+    """
     rng = np.random.default_rng(seed)
     coarse = MESH * rng.normal()
-    study = study_of(name, Layered(LayeredSettings(coarse=coarse, fine=coarse / RATIO)))
+    study = replace(study_of(name, solver(LayeredSettings(coarse=coarse, fine=coarse / RATIO))), **changes)
     (row,) = pressed.truths(study, 1, seed)
     measured = {"p1": measure(study, row, rng)}
     stage = stage_of(study, measured)
@@ -224,7 +235,7 @@ def experiment(
     certainty = Assessment(study=study, measured=measured, meshes={"p1": SpotMesh(refinement=RATIO**0.5)})
     assessed = certainty.assess(case, *certainty.columns(case))
     box = assessed.end.problem.box
-    truth = (row - box.lower) / (box.upper - box.lower)
+    truth = (np.append(row, list(also.values())) - box.lower) / (box.upper - box.lower)
     found = {"failed": [check.name for check in assessed.checks if check.is_failed]}
     wide = np.append(np.subtract(*reversed(assessed.density.interval(assessed.point))) > WIDE, False)
     for key, density in (("all", assessed.density), ("noise", assessed.noise_only.within())):

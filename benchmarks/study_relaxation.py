@@ -1,8 +1,9 @@
-"""What relaxation does to 95 % intervals that do not know of it, in closed form.
+"""What relaxation does to 95 % intervals that do not know of it, and to those that do, in closed form.
 
 Experiments of ``bench_coverage.py`` with Yeoh's material, whose curves relax by 10 % with a time constant
 of 1 s: pressed, rested for 1 s, twisted. Prints how often the intervals and the joint region hold the
-parameters of a fast press (instantaneous) and those of a slow one (long-term, 0.9 times as large).
+parameters of a fast press (instantaneous) and those of a slow one (long-term, 0.9 times as large). With
+``--modelled`` the force in a rest of 20 s is a curve too, and the fit searches shares of 0.1, 1 and 10 s.
 """
 
 import argparse
@@ -11,10 +12,11 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from bench_coverage import experiment, measured_at
+from bench_coverage import NOISE, Layered, experiment, measured_at, study_of
 
-from palpate.domain import FloatArray, Response
+from palpate.domain import Curve, FloatArray, Job, Limb, Response, Scenario, Simulation
 from palpate.study.reading import Study
+from palpate_materials.relaxation import FORCE_OVER_TIME, Relaxing, RelaxingSettings
 
 SHARE, TAU_S, REST_S = 0.1, 1.0, 1.0
 N_STEPS = 8000
@@ -71,12 +73,104 @@ def measured(
     )
 
 
+LAW = Relaxing(RelaxingSettings.model_validate({"relaxation_times": ["100 ms", "1 s", "10 s"]}))
+SHARES = {name: SHARE * (time == TAU_S) for name, time in LAW.times_s.items()}
+LONG_REST_S = 20.0
+HELD_S = np.geomspace(0.01, LONG_REST_S, 40)
+"""Times of the force in the rest, since its beginning."""
+
+
+class Timed(Layered):
+    """The same with times, and the force in the rest."""
+
+    name = "timed"
+
+    def simulate(self, job: Job, limb: Limb | None) -> Simulation:
+        """Simulate one job."""
+        found = super().simulate(job, limb)
+        force, torque = found.response["force"], found.response["torque"]
+        _, press_s, twist_s = job.protocol.time_s[[0, 1, -1]]
+        times = press_s * force.abscissa / force.abscissa.max()
+        turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(torque.abscissa)))])
+        held = np.append(times, press_s + LONG_REST_S)
+        over_time = Curve(
+            channel=FORCE_OVER_TIME.name,
+            abscissa=held,
+            ordinate=np.append(force.ordinate, force.ordinate[-1]),
+            slopes={name: np.append(slope, slope[-1]) for name, slope in force.slopes.items()},
+            time_s=held,
+        )
+        curves = {
+            "force": replace(force, time_s=times),
+            "torque": replace(torque, time_s=press_s + (twist_s - press_s) * turned / turned[-1]),
+            FORCE_OVER_TIME.name: over_time,
+        }
+        return replace(found, response=Response(curves=curves))
+
+
+def with_rest(study: Study, row: FloatArray, rng: np.random.Generator, **motion: float) -> Response:
+    """Curves of a tissue that relaxes from the parameters on, with its force in a long rest."""
+    found = measured(study, row, rng, by_time=False, is_long_term=False, **motion)
+    force, press_s = found["force"], motion["press_s"]
+    # Elastic force of the press, without an error of its own, to relax on from its last point.
+    pressing = np.linspace(0.0, 1.0, N_STEPS // 8)
+    elastic = pressed_force(study, row, pressing * force.abscissa.max())
+    time = np.concatenate([press_s * pressing, press_s + HELD_S])
+    left = relaxed(time, np.append(elastic, np.full(HELD_S.size, elastic[-1])), by_time=False)
+    scale = force.ordinate[-1] / left[pressing.size - 1]
+    noise = NOISE * force.ordinate.max() * rng.normal(size=HELD_S.size)
+    held = Curve(
+        channel=FORCE_OVER_TIME.name,
+        abscissa=press_s + HELD_S,
+        ordinate=scale * left[pressing.size :] + noise,
+    )
+    return replace(found, curves={**found.curves, held.channel: held})
+
+
+def pressed_force(study: Study, row: FloatArray, depth_mm: FloatArray) -> FloatArray:
+    """Elastic force (n,) at depths (n,)."""
+    materials = {region.region: region.material for region in study.space.regions}
+    job = Job(
+        spot="p1", set_id=0, materials=materials, thetas=study.space.thetas(row), protocol=study.protocol
+    )
+    force = Layered().simulate(job, None).response["force"]
+    return np.interp(depth_mm, force.abscissa, force.ordinate)
+
+
+def modelled(seed: int, press_s: float, twist_s: float) -> dict:
+    """One experiment whose fit searches the relaxation."""
+    base = study_of("yeoh", Layered())
+    turned = press_s + REST_S + twist_s * np.array([0.0, 0.25, 0.75, 1.0])
+    protocol = replace(base.protocol, time_s=np.array([0.0, press_s, *turned[1:]]))
+    weights = {"force": 1.0, "torque": 1.0, FORCE_OVER_TIME.name: 1.0}
+    return experiment(
+        "yeoh",
+        seed,
+        measure=partial(with_rest, press_s=press_s, twist_s=twist_s),
+        solver=Timed,
+        also=SHARES,
+        protocol=protocol,
+        parametrisation=LAW,
+        scenarios=(Scenario(name="I", weights=weights),),
+    )
+
+
 def main() -> None:
     """Print a row for each case and kind of parameters."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--n", type=int, default=40, help="experiments of each case")
-    n = parser.parse_args().n
-    for what, (by_time, press_s, twist_s) in CASES.items():
+    parser.add_argument("--modelled", action="store_true", help="of fits that search the relaxation")
+    given = parser.parse_args()
+    n = given.n
+    for what, (by_time, press_s, twist_s) in CASES.items() if given.modelled else ():
+        if not by_time:
+            found = [modelled(seed, press_s, twist_s)["all"] for seed in range(n)]
+            # An interval between quantiles does not hold a share of zero, the bound.
+            c1, c2, c3, _, share, _, joint = 100.0 * np.nanmean(found, axis=0)
+            held = f"instantaneous {c1:.0f}, {c2:.0f}, {c3:.0f} %, share of 1 s {share:.0f} %"
+            sys.stdout.write(f"{what}: {held}, joint {joint:.0f} %\n")
+            sys.stdout.flush()
+    for what, (by_time, press_s, twist_s) in () if given.modelled else CASES.items():
         for is_long_term in (False, True):
             motion = {"by_time": by_time, "press_s": press_s, "twist_s": twist_s}
             measure = partial(measured, **motion, is_long_term=is_long_term)

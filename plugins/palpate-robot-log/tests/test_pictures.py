@@ -100,6 +100,13 @@ def test_the_tared_wrench_is_drawn_next_to_the_raw_one(processed, figures, tmp_p
     assert len(figure.axes[0].patches) == 2
 
 
+def test_the_force_over_time_has_a_panel_of_press_and_rest(figures, tmp_path):
+    settings = ProcessingSettings(over_time={"enabled": True})
+    draw_processed(process(recording(), settings), tmp_path)
+    labels = [axis.get_xlabel() for axis in figures["5_curves.png"].axes]
+    assert labels.count("time [s]") == 1
+
+
 def test_steps_that_were_left_out_are_not_claimed(figures, tmp_path):
     draw_processed(process(recording(), ProcessingSettings(drift={"enabled": False})), tmp_path)
     assert figures["2_tared.png"].get_suptitle() == "press.csv: without bias"

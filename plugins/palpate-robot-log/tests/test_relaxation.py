@@ -42,3 +42,16 @@ def test_an_elastic_tissue_is_not_flagged(spot):
     found = worst(logs.processed(spot))
     assert not found.is_beyond
     assert abs(found.share) < 0.01
+
+
+def test_force_over_time_is_that_of_the_press_and_of_the_rest_after_it():
+    fall, tau_s = RELAXED["p3"]
+    found = process(relaxed("p3", fall, tau_s), logs.settings(over_time={"enabled": True}))
+    force, over_time = found.curves["force"], found.curves["force_over_time"]
+    _, press, rest, *_ = found.phases
+    assert over_time.abscissa[0] == pytest.approx(0.0, abs=0.05)
+    assert over_time.abscissa[-1] == pytest.approx(rest.stop.time_s - press.start.time_s, abs=0.05)
+    peak = over_time.ordinate.max()
+    assert peak == pytest.approx(force.ordinate.max(), rel=0.01)
+    assert over_time.ordinate[-1] == pytest.approx((1.0 - fall) * peak, abs=0.01 * peak)
+    assert (over_time.std > 0.0).all()

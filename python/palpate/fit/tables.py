@@ -8,6 +8,7 @@ import numpy as np
 import polars as pl
 
 from palpate.domain import FloatArray, Response, channel_of, weighed_phases
+from palpate.fit.problem import ROUNDING
 from palpate.fit.running import Fit
 from palpate.fit.spot_term import SpotTerm
 from palpate.fit.stage import Case
@@ -117,11 +118,13 @@ def _row(
 
 
 def _at_bound(end: Fit) -> Iterator[str]:
-    """Names of the values that ended at a bound of their range."""
+    """Names of the values that ended at a bound of their range beyond which there are others."""
     assert end.best is not None
-    for name, at in zip(end.problem.names, end.best.point, strict=True):
-        if at in (0.0, 1.0):
-            yield name
+    for parameter, at in zip(end.problem.parameters, end.best.point, strict=True):
+        is_lowest = at <= ROUNDING and parameter.lower > parameter.physical_lower
+        is_highest = at >= 1.0 - ROUNDING and parameter.upper < parameter.physical_upper
+        if is_lowest or is_highest:
+            yield parameter.name
 
 
 def _nmse(term: SpotTerm, name: str, fitted: FloatArray) -> float:

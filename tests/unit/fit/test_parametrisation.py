@@ -26,6 +26,7 @@ from palpate.fit.problem import Problem
 from palpate.fit.running import Fit, run_searches
 from palpate.fit.spot_term import SpotTerm
 from palpate.fit.starts import scaled_start
+from palpate.fit.tables import _at_bound
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.plugins.score import ScoringRules
@@ -371,6 +372,12 @@ def test_what_no_curve_separates_is_reported(state, solver):
     fit, found = fitted(state(truth, {"gains": both}, solver=solver))
     assert fit.message == "converged"
     assert found == pytest.approx(truth, rel=2e-3)
+
+
+@pytest.mark.parametrize(("limit", "ends"), [(0.5, []), (0.0, ["skin.e"])])
+def test_a_bound_of_physical_meaning_is_no_end_of_a_range(state, limit, ends):
+    fit, _ = fitted(state({"skin.e": 0.1, "fat.e": 0.5}, of=space(lower=0.5, physical_lower=limit)))
+    assert list(_at_bound(fit)) == ends
 
 
 def test_what_is_observed_of_the_response_is_compared(state):

@@ -198,6 +198,8 @@ class Relaxing(StandardParametrisation):
                 lower=0.0,
                 upper=upper,
                 kind="shape",
+                physical_lower=0.0,
+                physical_upper=1.0,
                 description=f"share of the moduli that relaxes with {time:g} s",
             )
             for name, time in self.times_s.items()

@@ -160,6 +160,7 @@ def _draw_curves(processed: Processed, folder: Path) -> Path:
         "force": ("depth [mm]", "normal force [N]"),
         "torque": ("rotation [°]", "torque [N·mm]"),
         "lateral_force": ("shift [mm]", "lateral force [N]"),
+        "force_over_time": ("time [s]", "normal force [N]"),
     }
     curves = processed.curves
     with _styled():
@@ -168,7 +169,10 @@ def _draw_curves(processed: Processed, folder: Path) -> Path:
         for (above, below), (name, curve) in zip(panels.T, curves.items(), strict=True):
             x_label, y_label = labels[name]
             signal = processed.signals[name]
-            for k, (rows, (start, stop)) in enumerate(zip(signal.branches, curve.branches, strict=True)):
+            branches = signal.branches
+            if len(curve.branches) == 1:  # press and rest, over time
+                branches = [slice(branches[0].start, branches[-1].stop)]
+            for k, (rows, (start, stop)) in enumerate(zip(branches, curve.branches, strict=True)):
                 x, y = signal.abscissa[rows], signal.ordinate[rows]
                 branch = curve.cut(slice(start, stop))
                 up = np.argsort(branch.abscissa)

@@ -36,9 +36,9 @@ class RobotLogSettings(ProcessingSettings):
 class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
     """A press as a robot and a six-axis sensor logged it.
 
-    The file gives the channels ``force`` (over depth), ``torque`` (over rotation) where the tool twists, and
-    with ``slide.enabled`` ``lateral_force`` (over shift), each with standard deviations. A file that the
-    study gives for one channel gives that one alone.
+    The file gives the channels ``force`` (over depth), ``torque`` (over rotation) where the tool twists,
+    with ``slide.enabled`` ``lateral_force`` (over shift), and with ``over_time.enabled`` ``force_over_time``,
+    each with standard deviations. A file that the study gives for one channel gives that one alone.
     """
 
     name = "robot_log"

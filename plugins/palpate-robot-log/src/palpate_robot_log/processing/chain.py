@@ -208,27 +208,26 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
     phases = name_phases(time, located.strokes, touch, leave)
     zero_std, drift_std_per_s = _zero_std(located, free, drift, bias)
 
-    ordinates = {
-        "force": ("press", depth, wrench.pressing),
-        "torque": ("twist", motion.turn_deg, wrench.twisting),
+    def named(kind: str, among: Sequence[Phase] = phases) -> list[slice]:
+        return [phase.rows(time) for phase in among if phase.name.startswith(kind)]
+
+    found = {
+        "force": Signal(depth, wrench.pressing, named("press")),
+        "torque": Signal(motion.turn_deg, wrench.twisting, named("twist")),
     }
     if slide is not None:
         lateral_force = -wrench.force_N @ (spot_axes(normal.vector).T @ slide.along)
-        ordinates["lateral_force"] = ("slide", slide.shift_mm, lateral_force)
-    signals, curves = dict[str, Signal](), dict[str, Curve]()
-    smoothings: dict[str, list[Smoothed]] = {channel: [] for channel in ordinates}
-    for channel, (kind, abscissa, ordinate) in ordinates.items():
-        branches = [phase.rows(time) for phase in phases if phase.name.startswith(kind)]
-        if branches:
-            signals[channel] = Signal(abscissa, ordinate, branches)
-            curves[channel], smoothings[channel] = curve_of(
-                channel,
-                time,
-                signals[channel],
-                zero_std["torque" if channel == "torque" else "force"],
-                settings,
-                onset.std_mm if channel == "force" else None,
-            )
+        found["lateral_force"] = Signal(slide.shift_mm, lateral_force, named("slide"))
+    if settings.over_time.enabled:  # approach and press come first
+        rows = [*named("press"), *named("dwell", phases[2:3])]
+        found["force_over_time"] = Signal(time - touch.time_s, wrench.pressing, rows)
+    signals = {channel: signal for channel, signal in found.items() if signal.branches}
+    curves = dict[str, Curve]()
+    smoothings: dict[str, list[Smoothed]] = {channel: [] for channel in found}
+    for channel, signal in signals.items():
+        zero = zero_std["torque" if channel == "torque" else "force"]
+        shift_std = onset.std_mm if channel == "force" else None
+        curves[channel], smoothings[channel] = curve_of(channel, time, signal, zero, settings, shift_std)
     relaxations = [
         relaxation(phase.name, channel, time[rows], values[rows], drift_std_per_s.get(channel, 0.0))
         for phase in phases

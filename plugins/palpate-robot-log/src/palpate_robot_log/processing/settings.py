@@ -183,6 +183,10 @@ class ProcessingSettings(Settings):
     slide: Slides = Field(
         default_factory=Slides, description="Slide along the skin after the press: gives `lateral_force`."
     )
+    over_time: Switch = Field(
+        default=Switch(enabled=False),
+        description="Force from first contact to the end of the rest after the press: `force_over_time`.",
+    )
     relaxation: Switch = Field(
         default_factory=Switch, description="Measure how far force and torque fall in each dwell."
     )
