@@ -10,6 +10,7 @@ from palpate.api import deferred, hookimpl
 
 if TYPE_CHECKING:
     from palpate.api import Channel, Material, SetFilter, Stage, StudyTemplate
+    from palpate.api.cli import Command
     from palpate.api.fit import Parametrisation
     from palpate_materials.neo_hookean import NeoHookean as NeoHookean
     from palpate_materials.stability import Drucker as Drucker
@@ -63,6 +64,15 @@ def palpate_stages() -> "list[type[Stage]]":
     from palpate_materials.relaxation import RelaxationOverTime
 
     return [RelaxationOverTime]
+
+
+@hookimpl
+def palpate_commands() -> "list[Command]":
+    """Provide the command of the stage."""
+    from palpate.api.cli import STAGES, Command, examples, stage_command
+
+    function = stage_command("relaxation", "Find how far the moduli relax in time, with a band.")
+    return [Command(function=function, panel=STAGES, epilog=examples("palpate relaxation arm"))]
 
 
 @hookimpl
