@@ -132,6 +132,7 @@ class Processed:
         time, last, raw = self.raw.time_s, self.phases[-1], self.raw
         until_s = last.start.time_s if last.name == "departure" else time[-1]
         pressing = (time >= self.phase("press").start.time_s) & (time <= until_s)
+        over_time = self.curves.get("force_over_time")
         return {
             "window": {
                 "first_row": raw.rows[0],
@@ -158,21 +159,18 @@ class Processed:
             },
             "resampling": {"points": {name: curve.abscissa.size for name, curve in self.curves.items()}},
             "slide": {} if self.slide is None else {"along": self.slide.along},
+            "over_time": {"duration_s": over_time.abscissa[-1]} if over_time else {},
             "relaxation": {"dwells": [asdict(item) | {"share": item.share} for item in self.relaxations]},
         }
 
     def _drift_at_ends(self) -> dict[str, float]:
         """Standard deviation of each channel where its curve ends, by the drift since the touch."""
-        rates = dict(self.drift_std_per_s)
-        if rates:
-            rates["lateral_force"] = rates["force"]
-        kinds = {"force": "press", "torque": "twist", "lateral_force": "slide"}
-        ends = {
-            channel: [phase.stop.time_s for phase in self.phases if phase.name.startswith(kind)]
-            for channel, kind in kinds.items()
+        rates, touch_s = self.drift_std_per_s, self.phase("press").start.time_s
+        return {
+            channel: rates["torque" if channel == "torque" else "force"] * (float(curve.time_s[-1]) - touch_s)
+            for channel, curve in self.curves.items()
+            if rates and curve.time_s is not None
         }
-        touch_s = self.phase("press").start.time_s
-        return {c: rate * (ends[c][-1] - touch_s) for c, rate in rates.items() if ends[c]}
 
 
 def process(recording: Recording, settings: ProcessingSettings | None = None) -> Processed:
