@@ -17,6 +17,7 @@ from palpate_report.answer import answer, budget_bars
 from palpate_report.forest import Axis, _percent, _widened, forest
 from palpate_report.next_step import CAUSES
 from palpate_report.page import laid_out, render
+from palpate_report.report_warnings import apparent
 from palpate_report.result import Report, make_conclusion
 from palpate_report.stage import summary_of
 from palpate_report.tables import make_tables, printed
@@ -153,6 +154,15 @@ def test_a_tissue_that_relaxed_has_apparent_moduli_below_a_banner(fitted):
     conclusion = make_conclusion(calm, make_tables(calm))
     assert not conclusion.apparent
     assert 'class="banner"' not in render(calm, make_tables(calm), conclusion, [])
+
+
+def test_a_model_that_relaxes_in_all_that_is_weighed_has_no_apparent_moduli(fitted, monkeypatch):
+    data = relaxing(fitted, 0.12)
+    law = type(data.study.parametrisation)
+    monkeypatch.setattr(law, "relaxing", frozenset({"force"}))
+    assert apparent(data)
+    monkeypatch.setattr(law, "relaxing", frozenset({"force", "torque"}))
+    assert not apparent(data)
 
 
 def test_the_failed_check_of_a_tissue_that_relaxed_takes_no_parameters_away(fitted):

@@ -5,7 +5,16 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
-from palpate.domain import FloatArray, Parameter, ParameterName, ParameterSpace, Protocol, Response
+from palpate.domain import (
+    FloatArray,
+    Parameter,
+    ParameterName,
+    ParameterSpace,
+    Protocol,
+    Response,
+    Scenario,
+    channel_of,
+)
 from palpate.domain.component import Component, SettingsT
 
 
@@ -39,7 +48,11 @@ class Parametrisation(Component[SettingsT]):
     """What is searched, and what it means at each spot."""
 
     relaxing: ClassVar[frozenset[str]] = frozenset()
-    """Channels whose relaxation is part of the model: where a fit weighs no others, none is warned of."""
+    """Channels whose relaxation is part of the model."""
+
+    def models_relaxation(self, scenario: Scenario) -> bool:
+        """True if the model has the relaxation of all that a scenario weighs: none is then warned of."""
+        return set(map(channel_of, scenario.weighed)) <= self.relaxing
 
     @abstractmethod
     def parameters(self, space: ParameterSpace, spots: Sequence[str]) -> tuple[Parameter, ...]:

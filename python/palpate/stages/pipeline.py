@@ -13,7 +13,7 @@ from typing import Any
 
 import polars as pl
 
-from palpate.domain import Design, Limb, Response, Simulation, channel_of
+from palpate.domain import Design, Limb, Response, Simulation
 from palpate.domain.curves import abscissae_of
 from palpate.errors import PalpateError, StoppedError, StudyError
 from palpate.executors.attempts import simulate_alone
@@ -89,10 +89,10 @@ def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = N
 
 
 def _measured_warnings(study: Study, measured: Mapping[str, Response]) -> tuple[str, ...]:
-    relaxing = study.parametrisation.relaxing
-    if all(set(map(channel_of, scenario.weighed)) <= relaxing for scenario in study.scenarios):
+    law = study.parametrisation
+    if all(map(law.models_relaxation, study.scenarios)):
         return measured_warnings(measured)
-    return (*measured_warnings(measured), *relaxation_warnings(measured, study.budget.gain, relaxing))
+    return (*measured_warnings(measured), *relaxation_warnings(measured, study.budget.gain, law.relaxing))
 
 
 def run_study(

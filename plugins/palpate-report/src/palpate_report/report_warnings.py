@@ -147,6 +147,8 @@ def left_out(data: ReportData) -> dict[str, str]:
 
 def apparent(data: ReportData) -> str:
     """Sentence on moduli that are apparent ones, since the tissue relaxed; empty where they are not."""
+    if data.study.parametrisation.models_relaxation(data.generalising):
+        return ""
     found = relaxation_of(data.measured, data.study.budget.gain)
     return found.sentence[:1].upper() + found.sentence[1:] if found and found.is_beyond else ""
 
