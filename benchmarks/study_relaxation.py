@@ -54,6 +54,12 @@ def relaxed(
     return np.interp(time_s, fine, total)
 
 
+def travelled(curve: Curve) -> FloatArray:
+    """Share (n,) of the path of a curve that lies behind each of its points."""
+    path = np.cumsum(np.abs(np.diff(curve.abscissa, prepend=curve.abscissa[0])))
+    return path / path[-1]
+
+
 def measured(
     study: Study,
     row: FloatArray,
@@ -68,12 +74,11 @@ def measured(
     """Curves of a tissue that relaxes; ``is_long_term`` has it end at the parameters, else begin there."""
     elastic = measured_at(study, row, rng)
     force, torque = elastic["force"], elastic["torque"]
-    turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(torque.abscissa)))])
     # Values that all fall with time do so during the motion alone.
     begun = press_s + (0.0 if by_time else REST_S)
     times = {
         "force": press_s * force.abscissa / force.abscissa.max(),
-        "torque": begun + twist_s * turned / turned[-1],
+        "torque": begun + twist_s * travelled(torque),
     }
     scale = 1.0 / (1.0 - SHARE) if is_long_term else 1.0
     return Response(
@@ -103,7 +108,6 @@ class Timed(Layered):
         force, torque = found.response["force"], found.response["torque"]
         _, press_s, twist_s = job.protocol.time_s[[0, 1, -1]]
         times = press_s * force.abscissa / force.abscissa.max()
-        turned = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(torque.abscissa)))])
         held = np.append(times, press_s + LONG_REST_S)
         over_time = Curve(
             channel=FORCE_OVER_TIME.name,
@@ -114,7 +118,7 @@ class Timed(Layered):
         )
         curves = {
             "force": replace(force, time_s=times),
-            "torque": replace(torque, time_s=press_s + (twist_s - press_s) * turned / turned[-1]),
+            "torque": replace(torque, time_s=press_s + (twist_s - press_s) * travelled(torque)),
             FORCE_OVER_TIME.name: over_time,
         }
         return replace(found, response=Response(curves=curves))
@@ -167,31 +171,41 @@ def modelled(seed: int, press_s: float, twist_s: float) -> dict:
     )
 
 
-def main() -> None:
-    """Print a row for each case and kind of parameters."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--n", type=int, default=40, help="experiments of each case")
-    parser.add_argument("--modelled", action="store_true", help="of fits that search the relaxation")
-    given = parser.parse_args()
-    n = given.n
-    for what, (by_time, press_s, twist_s) in CASES.items() if given.modelled else ():
-        if not by_time:
-            found = [modelled(seed, press_s, twist_s)["all"] for seed in range(n)]
-            *each, joint = 100.0 * np.nanmean(found, axis=0)
-            held = ", ".join(f"{share:.0f}" for share in each)
-            sys.stdout.write(f"{what}: instantaneous moduli and shares {held} %, joint {joint:.0f} %\n")
-            sys.stdout.flush()
-    for what, (by_time, press_s, twist_s) in () if given.modelled else CASES.items():
+def of_elastic_fits(n: int) -> None:
+    """Print a row for each case and kind of parameters, of fits that know of no relaxation."""
+    for what, (by_time, press_s, twist_s) in CASES.items():
         for is_long_term in (False, True):
             motion = {"by_time": by_time, "press_s": press_s, "twist_s": twist_s}
             measure = partial(measured, **motion, is_long_term=is_long_term)
             found = [experiment("yeoh", seed, measure=measure) for seed in range(n)]
-            *each, joint = 100.0 * np.mean([one["all"] for one in found], axis=0)
-            failed = sum(bool(one["failed"]) for one in found)
             of = "long-term" if is_long_term else "instantaneous"
-            held = ", ".join(f"{share:.0f}" for share in each)
-            sys.stdout.write(f"{what}: {of} {held} %, joint {joint:.0f} %; {failed} of {n} inadequate\n")
-            sys.stdout.flush()
+            failed = sum(bool(one["failed"]) for one in found)
+            tell(f"{what}: {of}", found, f"; {failed} of {n} inadequate")
+
+
+def of_relaxing_fits(n: int) -> None:
+    """Print a row for each case, of fits that search the relaxation."""
+    for what, (by_time, press_s, twist_s) in CASES.items():
+        if not by_time:
+            found = [modelled(seed, press_s, twist_s) for seed in range(n)]
+            tell(f"{what}: instantaneous moduli and shares", found)
+
+
+def tell(what: str, found: list[dict], more: str = "") -> None:
+    """Print how often the intervals of experiments hold the parameters."""
+    *each, joint = 100.0 * np.nanmean([one["all"] for one in found], axis=0)
+    held = ", ".join(f"{share:.0f}" for share in each)
+    sys.stdout.write(f"{what} {held} %, joint {joint:.0f} %{more}\n")
+    sys.stdout.flush()
+
+
+def main() -> None:
+    """Print a row for each case."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--n", type=int, default=40, help="experiments of each case")
+    parser.add_argument("--modelled", action="store_true", help="of fits that search the relaxation")
+    given = parser.parse_args()
+    (of_relaxing_fits if given.modelled else of_elastic_fits)(given.n)
 
 
 if __name__ == "__main__":

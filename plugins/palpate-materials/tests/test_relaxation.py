@@ -1,4 +1,4 @@
-"""Relaxation: laws of the convolution, FEBio's relaxing blocks, and a fit that finds it."""
+"""Relaxation: laws of the convolution, and FEBio's relaxing blocks."""
 
 from pathlib import Path
 

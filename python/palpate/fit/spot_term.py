@@ -185,12 +185,13 @@ class SpotTerm:
     def _observed(self, simulation: Simulation, inputs: SpotInputs) -> Simulation:
         """Multiply simulated curves by the gains of their channels; before the onset they are at rest."""
         response = simulation.response
-        if response is None:
-            return simulation
-        if inputs.observe is not None:
+        if response is not None and inputs.observe is not None:
             response = inputs.observe(response)
-        curves = dict(response.curves)
-        for name, curve in response.curves.items() if inputs.gains or inputs.offsets else ():
+            simulation = replace(simulation, response=response)
+        if response is None or not (inputs.gains or inputs.offsets):
+            return simulation
+        curves = {}
+        for name, curve in response.curves.items():
             offset, y = self._offset(name, inputs), inputs.gains.get(name, 1.0) * curve.ordinate
             before = np.array([offset] if offset < 0.0 and curve.abscissa[0] == 0.0 else [])
             after = np.array([offset] if before.size and curve.abscissa[-1] == 0.0 else [])

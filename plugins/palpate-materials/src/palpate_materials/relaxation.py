@@ -22,7 +22,8 @@ import polars as pl
 from pydantic import Field, field_validator
 
 from palpate.api import (
-    Channel,
+    FORCE,
+    TORQUE,
     Curve,
     FloatArray,
     Indentation,
@@ -42,27 +43,15 @@ from palpate.api.experiment import TIME
 from palpate.api.fit import SpotInputs, StandardParametrisation, StandardSettings, for_each_spot
 from palpate.api.runs import Files, Study
 
-FORCE_OVER_TIME = Channel(
-    name="force_over_time",
-    abscissa=TIME,
-    ordinate="force_N",
-    abscissa_label="time (s)",
-    ordinate_label="normal force (N)",
-    non_negative=True,
-    zero_at_start=True,
-    length_power=2,
-    mirrored=1,
-)
-
-TORQUE_OVER_TIME = Channel(
-    name="torque_over_time",
-    abscissa=TIME,
-    ordinate="torque_Nmm",
-    abscissa_label="time (s)",
-    ordinate_label="torque (N·mm)",
-    zero_at_start=True,
-    length_power=3,
-    mirrored=-1,
+FORCE_OVER_TIME, TORQUE_OVER_TIME = (
+    replace(
+        channel,
+        name=f"{channel.name}_over_time",
+        abscissa=TIME,
+        abscissa_label="time (s)",
+        dissipative=False,
+    )
+    for channel in (FORCE, TORQUE)
 )
 
 RELAXED = "relaxed"
@@ -216,7 +205,7 @@ class Relaxing(StandardParametrisation):
         if not shares.sum() < 1.0:
             raise ParameterError(f"shares that relax add up to {shares.sum():.3g}; they are less than 1")
         found = super().inputs(space, spot, protocol, values)
-        return replace(found, observe=Relaxed(np.array(list(self.times_s.values())), shares))
+        return replace(found, observe=Relaxed(np.array(self.settings.relaxation_times), shares))
 
     def start(self, protocols: Mapping[str, Protocol]) -> dict[str, float]:
         """That of the standard parametrisation, and a little relaxation with each time."""
@@ -255,7 +244,7 @@ class RelaxationOverTime(Stage):
         law = inputs.study.parametrisation
         if not isinstance(law, Relaxing):
             raise StudyError('no relaxation is searched; set parametrisation = "relaxing" in [fit]')
-        names, times_s = list(law.times_s), np.array(list(law.times_s.values()))
+        names, times_s = list(law.times_s), np.array(law.settings.relaxation_times)
         values, longest_s = inputs.table("intervals"), _duration_s(inputs)
         at_s = np.geomspace(0.1 * times_s[0], max(longest_s, times_s[0]), 25)
         rows = []
