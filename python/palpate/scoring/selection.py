@@ -203,13 +203,23 @@ def failures(failed: pl.DataFrame) -> pl.DataFrame:
 
 
 def by_reason(found: pl.DataFrame) -> pl.DataFrame:
-    """Join failures whose messages differ in their numbers alone: status, reason, n, example, remedy."""
-    number = r"\d+(\.\d+)?([eE][+-]?\d+)?"
+    """Join failures whose messages differ in their numbers alone: status, reason, n, example, remedy.
+
+    The numbers of a reason are those of the messages where there is one, and … where they differ.
+    """
+    number, message = r"\d+(\.\d+)?([eE][+-]?\d+)?", pl.col("message")
+    alike = message.str.replace_all(number, "…").alias("alike")
+    masked = message.first().str.replace_all(number, "…")
+    reason = pl.when(message.n_unique() == 1).then(message.first()).otherwise(masked)
     return (
-        found.group_by(
-            "status", pl.col("message").str.replace_all(number, "…").alias("reason"), maintain_order=True
+        found.group_by("status", alike, maintain_order=True)
+        .agg(
+            reason.alias("reason"),
+            pl.col("n").sum(),
+            pl.col("example").first(),
+            pl.col("remedy").first(),
         )
-        .agg(pl.col("n").sum(), pl.col("example").first(), pl.col("remedy").first())
+        .drop("alike")
         .sort("n", descending=True, maintain_order=True)
     )
 

@@ -95,7 +95,7 @@ class Watcher:
             n_simulations=n_left + sum(counts.values()),
             states=counts,
             seconds_left=_seconds_left(rows, n_left, runner),
-            failures=failures(rows),
+            failures=failures(rows, self._unranked()),
             best=self._best(manifest),
             fit=state,
             result=run.result() if is_ended else {},
@@ -120,6 +120,10 @@ class Watcher:
             self._scores.append(scoring.score(found.values(), of_spot_measured, rules, _scenarios(manifest)))
         self._scored.update(new["key"])
 
+    def _unranked(self) -> pl.DataFrame:
+        """Simulations that have no score, such as those without a declared channel."""
+        return selection.unranked(pl.concat(self._scores)) if self._scores else pl.DataFrame()
+
     def _best(self, manifest: Mapping[str, Any]) -> pl.DataFrame:
         if not self._scores:
             return pl.DataFrame()
@@ -131,10 +135,15 @@ def _scenarios(manifest: Mapping[str, Any]) -> list[Scenario]:
     return [Scenario(name=name, weights=weights) for name, weights in manifest["scenarios"].items()]
 
 
-def failures(rows: pl.DataFrame) -> pl.DataFrame:
-    """Group failed simulations by status and reason, with a remedy."""
+def failures(rows: pl.DataFrame, unranked: pl.DataFrame) -> pl.DataFrame:
+    """Group failed and unranked simulations by status and reason, with a remedy."""
     failed = rows.rename({"state": "status"}).filter(pl.col("status") != Status.OK.value)
-    return selection.by_reason(selection.failures(failed.unique("key", keep="first", maintain_order=True)))
+    failed = failed.unique("key", keep="first", maintain_order=True)
+    if not unranked.is_empty():
+        columns = ["spot", "set_id", "status", "message"]
+        ended = unranked.join(failed, on=["spot", "set_id"], how="anti")
+        failed = pl.concat([failed.select(columns), ended.select(columns)])
+    return selection.by_reason(selection.failures(failed))
 
 
 def _seconds_left(rows: pl.DataFrame, n_left: int, runner: Runner | None) -> float | None:

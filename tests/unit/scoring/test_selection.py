@@ -7,7 +7,7 @@ import pytest
 from palpate.domain import Design, Parameter, Scenario, Status
 from palpate.errors import NothingSelectableError, ScoringError
 from palpate.scoring.scores import SCHEMA
-from palpate.scoring.selection import failures, objectives, select, unranked
+from palpate.scoring.selection import by_reason, failures, objectives, select, unranked
 
 BOTH = Scenario(name="I", weights={"force": 1.0, "torque": 1.0})
 TORQUE = Scenario(name="II", weights={"torque": 1.0, "force": 0.0})
@@ -109,6 +109,13 @@ def test_failures_are_counted_by_simulation_and_reason():
     found = failures(unranked(scores({"p1": [(None, None), (0.1, 0.1), (None, None)]})))
     assert found.select("status", "message", "n", "example").rows() == [("diverged", "too far", 2, "p1/0")]
     assert found["remedy"].to_list() == [Status.DIVERGED.remedy]
+
+
+def test_a_reason_has_its_numbers_where_there_is_one_message():
+    failed = {"spot": "p1", "set_id": range(4), "status": "crashed"}
+    messages = ["exit code 137", "exit code 137", "nan in row 3", "nan in row 5"]
+    reasons = by_reason(failures(pl.DataFrame(failed | {"message": messages})))
+    assert reasons.select("reason", "n").rows() == [("exit code 137", 2), ("nan in row …", 2)]
 
 
 def test_too_little_coverage_has_a_remedy():
