@@ -384,7 +384,7 @@ class Simulation:
     Parameters
     ----------
     n_crashes : int
-        Workers that the job has ended before an executor gave it up; 0: that is not why it failed.
+        Workers that ended with the job before this result; with status ``crashed`` it was then given up.
     """
 
     job: Job

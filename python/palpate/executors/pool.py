@@ -13,6 +13,7 @@ import sys
 import threading
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -89,6 +90,7 @@ class Pool:
         self._n_failed_starts = 0
         self._crashes: Counter[int] = Counter()
         self._unbegun: Counter[int] = Counter()
+        self._ends: dict[int, str] = {}
         self._events: queue.SimpleQueue[tuple[_Worker, tuple[Any, ...]]] = queue.SimpleQueue()
         self._workers: list[_Worker] = []
         self.is_running = False
@@ -122,7 +124,7 @@ class Pool:
         """
         packed_or_refused(batch.jobs[0], "a material of the study")
         self._batch, self._pending, n_left = batch, by_limb(batch.jobs), len(batch.jobs)
-        for left in (self._alone, self._crashes, self._unbegun):
+        for left in (self._alone, self._crashes, self._unbegun, self._ends):
             left.clear()
         for worker in list(self._workers):
             if worker.has_ended:  # while it had nothing to do: no job of these is to blame
@@ -250,6 +252,9 @@ class Pool:
             ((index, simulation),) = content
             worker.started.discard(index)
             worker.assigned.remove(index)
+            if how := self._ends.get(index):
+                said = simulation.message or f"repeated, as its worker had ended: {how}"
+                simulation = replace(simulation, message=said, n_crashes=self._crashes[index] or 1)
             return [(index, simulation)]
         elif kind == "unable":
             raise PluginError(f"a worker process cannot load the study's plugins: {content[0]}")
@@ -297,6 +302,7 @@ class Pool:
                 f"{worker.how_it_ended()}); check that the plugins import in a fresh Python, and that there "
                 "is memory for executor.n_workers of them; what is finished is kept"
             )
+        self._ends |= dict.fromkeys(suspects, worker.how_it_ended())
         if not had_begun:
             # Somebody else may have ended it between two jobs; what dies on being handed over dies again.
             self._unbegun.update(suspects)

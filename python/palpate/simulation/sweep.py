@@ -151,13 +151,18 @@ class Simulations:
     def _simulated(self, by_key: Mapping[str, Job]) -> _Found:
         if not by_key or not self.progress.should_continue():
             return
+        repeated: list[str] = []
         for batch in _warm_starts_first(by_key):
             keys, jobs = list(batch), list(batch.values())
             for index, simulation in results(self.study, self._executor, jobs, self.limbs, self.progress):
                 self._writer.store(keys[index], simulation)
                 if self._cache is not None and simulation.status in _SHARED:
                     self._cache.store(keys[index], simulation)
+                if simulation.n_crashes and simulation.status is not Status.CRASHED:
+                    repeated.append(simulation.message)
                 yield keys[index], simulation
+        if repeated:
+            self.progress.note(f"{len(repeated)} simulations had to be repeated; the last: {repeated[-1]}")
 
     # ------------------------------------------------------------------- the ledger
 

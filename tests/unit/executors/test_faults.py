@@ -288,6 +288,10 @@ def test_a_killed_worker_costs_no_job(hard, tmp_path):
     assert hit
     assert sorted(index for index, _ in found) == list(range(30))
     assert {s.status for _, s in found} == {Status.OK}
+    repeated = {s.job.set_id: s.message for _, s in found if s.n_crashes}
+    assert set(map(str, repeated)) <= set(hit)
+    assert repeated
+    assert all("repeated, as its worker had ended: signal SIGKILL" in said for said in repeated.values())
 
 
 STARTS = """

@@ -95,6 +95,18 @@ def test_a_job_that_kills_its_worker_twice_is_not_tried_again(sweep, tmp_path, t
     assert "ended 3 times on this job" in more[1].message
 
 
+class Repeating(InProcess):
+    def results(self, batch):
+        for index, found in super().results(batch):
+            yield index, replace(found, n_crashes=index % 2, message="repeated, as memory ran out")
+
+
+def test_simulations_that_were_repeated_are_reported(sweep, tissue):
+    progress = Following()
+    sweep(tissue.Analytic(), progress=progress, executor=Repeating())
+    assert "3 simulations had to be repeated; the last: repeated, as memory ran out" in progress.notes
+
+
 def jobs_for(study, n_sets):
     values = np.linspace([0.2, 10.0], [0.8, 40.0], n_sets)
     design = SimpleNamespace(n_sets=n_sets, values=values, first_values=values)
