@@ -111,7 +111,7 @@ class SetFilter(Component[SettingsT]):
         """Which rows of ``values`` (n_sets, n_parameters), in design columns, to keep: (n_sets,)."""
 
     def reason(self, space: ParameterSpace, row: FloatArray) -> str:
-        """Why a set (n_parameters,) is dropped; shown where all sets are. Override it to say more."""
+        """Why a set (n_parameters,) is dropped, shown where too few are left. Override it to say more."""
         return ""
 
 

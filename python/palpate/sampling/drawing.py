@@ -135,7 +135,7 @@ def _drawn(
     elif not kept.size:
         raise _none(space, filters, _in_ranges(space, points[:most]))
     elif draws_each > 1:
-        raise _too_few(space, filters, kept.size, n_drawn, n_wanted)
+        raise _too_few(space, filters, _in_ranges(space, points[:most]), kept.size, n_wanted)
     values = _in_ranges(space, points[kept])
     return Design(parameters=space.parameters, values=values, seed=seed, n_drawn=n_drawn)
 
@@ -148,22 +148,30 @@ def _none(space: ParameterSpace, filters: Sequence[SetFilter], values: FloatArra
         for keep, sets in zip(filters, left, strict=True)
         if not _accepted(keep, space, sets).any()
     )
-    with answering_for(keep, "explaining why a set is dropped"):
-        reason = keep.reason(space, sets[0])
-    why = f" (the first: {reason})" if reason else ""
     return SamplingError(
-        f"design: filter '{keep.name}' rejects all {len(sets)} sets{why}; widen or move the ranges of "
-        f"{', '.join(p.name for p in space.parameters)}, raise sampling.max_draws, or drop the filter"
+        f"design: filter '{keep.name}' rejects all {len(sets)} sets{_why(keep, space, sets[0])}; widen or "
+        f"move the ranges of {', '.join(p.name for p in space.parameters)}, raise "
+        "sampling.max_draws, or drop the filter"
     )
 
 
+def _why(keep: SetFilter, space: ParameterSpace, first: FloatArray) -> str:
+    with answering_for(keep, "explaining why a set is dropped"):
+        reason = keep.reason(space, first)
+    return f" (the first: {reason})" if reason else ""
+
+
 def _too_few(
-    space: ParameterSpace, filters: Sequence[SetFilter], n_kept: int, n_drawn: int, n_sets: int
+    space: ParameterSpace, filters: Sequence[SetFilter], values: FloatArray, n_kept: int, n_sets: int
 ) -> SamplingError:
+    dropped = [(keep, values[~_accepted(keep, space, values)]) for keep in filters]
+    keep, sets = max(dropped, key=lambda each: len(each[1]))
+    n_drawn = len(values)
     return SamplingError(
         f"design: only {n_kept} of {n_drawn} sets ({100.0 * n_kept / n_drawn:.2g} %) pass "
-        f"{', '.join(repr(keep.name) for keep in filters)}, but {n_sets} are requested; narrow or move the "
-        f"ranges of {', '.join(p.name for p in space.parameters)}, ask for fewer sets, or set "
+        f"{', '.join(repr(keep.name) for keep in filters)}, but {n_sets} are requested; '{keep.name}' "
+        f"rejects {len(sets)}{_why(keep, space, sets[0])}; narrow or move the ranges of "
+        f"{', '.join(p.name for p in space.parameters)}, ask for fewer sets, or set "
         f"sampling.max_draws to {2 * n_drawn} or more"
     )
 

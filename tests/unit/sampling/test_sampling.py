@@ -128,6 +128,9 @@ class Seldom(SetFilter):
         p = space.parameters[0]
         return values[:, 0] > p.upper - 0.1 * (p.upper - p.lower)
 
+    def reason(self, space, row):
+        return "it is seldom"
+
 
 class Forgetful(LatinHypercube):
     name = "forgetful"
@@ -167,7 +170,8 @@ def test_refilling_without_need_changes_nothing(space):
 
 
 def test_a_share_too_small_is_reported(space):
-    reason = r"only \d+ of 80 sets \(.* %\) pass 'seldom', but 20 are .*sampling.max_draws to 160 or"
+    reason = r"only \d+ of 80 sets \(.* %\) pass 'seldom', but 20 are requested; 'seldom' rejects \d+ "
+    reason += r"\(the first: it is seldom\); narrow .*sampling.max_draws to 160 or"
     with pytest.raises(SamplingError, match=reason):
         draw_design(space, LatinHypercube(), 20, seed=1, filters=[Seldom()], max_draws=80)
     with pytest.raises(SamplingError, match=r"'nothing' rejects all 40 sets"):
