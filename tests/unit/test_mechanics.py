@@ -8,7 +8,7 @@ import pytest
 from palpate import mechanics
 from palpate.domain import Parameter
 from palpate.domain.material import AnisotropicMaterial, IsotropicMaterial
-from palpate.errors import MaterialError, PluginError
+from palpate.errors import MaterialError, ParameterError, PluginError
 from palpate.plugins.guard import answering_for
 
 THETA = np.array([0.061, 3.1, 1.3])
@@ -202,6 +202,11 @@ def test_initial_moduli():
     assert mechanics.initial_moduli(IN_F, np.array([0.061, 0.0, 1.3])) == pytest.approx(
         (0.061 / 2, 1.3), rel=1e-12
     )
+
+
+def test_moduli_at_too_few_values_are_refused():
+    with pytest.raises(ParameterError, match=f"takes {THETA.size} parameters, got 1"):
+        mechanics.initial_moduli(POWER_LAW, THETA[:1])
 
 
 class Offset(PowerLaw):

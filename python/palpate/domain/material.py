@@ -70,12 +70,21 @@ class HyperelasticMaterial(Component[SettingsT]):
         ------
         ParameterError
         """
+        self.check_number(theta)
+        for parameter, value in zip(self.parameters, theta, strict=True):
+            parameter.check(float(value))
+
+    def check_number(self, theta: FloatArray) -> None:
+        """Refuse more or fewer values than the material has parameters.
+
+        Raises
+        ------
+        ParameterError
+        """
         if len(theta) != len(self.parameters):
             raise ParameterError(
                 f"material '{self.name}' takes {len(self.parameters)} parameters, got {len(theta)}"
             )
-        for parameter, value in zip(self.parameters, theta, strict=True):
-            parameter.check(float(value))
 
 
 class IsotropicMaterial(HyperelasticMaterial[SettingsT]):

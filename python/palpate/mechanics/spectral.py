@@ -356,7 +356,10 @@ def initial_moduli(material: Material, theta: FloatArray) -> tuple[float, float]
     MaterialError
         The reference state is not free of energy and stress, or a modulus is
         not positive.
+    ParameterError
+        ``theta`` has another length.
     """
+    material.check_number(theta)
     where = f"material '{material.name}' at {_named(material, theta)}"
     try:
         energy, largest, mu, kappa = map(float, _rest(material, jnp.asarray(theta, dtype=jnp.float64)))
