@@ -43,3 +43,11 @@ def whole_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def ran(study: Path, whole_run: Path, tmp_path: Path) -> Path:
     """Copy of the run of the study, which a test may change."""
     return shutil.copytree(whole_run, tmp_path / "runs" / "toy")
+
+
+def edit(study: Path, old: str, new: str) -> None:
+    """Replace a text of a study."""
+    path = study / "study.toml"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))

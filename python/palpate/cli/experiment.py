@@ -10,6 +10,7 @@ from typer.core import TyperGroup
 from palpate.cli.options import AsJson, OutFolder, StudyOrRun, TrustPlugins, examples
 from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session, opened
+from palpate.cli.stages import command_after
 
 if TYPE_CHECKING:
     from palpate.plugins.optional import Inspection
@@ -28,7 +29,9 @@ def experiment(
     as_json: AsJson = False,
 ) -> None:
     """Read the measured curves into measured/<spot>.parquet."""
+    from palpate.run.directory import RunDirectory
     from palpate.stages import pipeline
+    from palpate.stages.stage import read_run
 
     session, checked, folder = opened(context, study, out, trust=trust_plugins)
     with StageProgress(session) as progress:
@@ -65,10 +68,12 @@ def experiment(
     session.table("Measured curves", heads, cells)
     if plots:
         session.note(f"pictures in {folder / 'measured' / 'plots'}")
-    session.next(f"sample {study} --out {folder}", f"written to {folder}; ")
+    run = read_run(checked, RunDirectory(folder), session.plugins)
+    session.next(f"{command_after(run, 'experiment')} {study} --out {folder}", f"written to {folder}; ")
 
 
 STAGE = "study"
+"""Command of the stage itself, which nobody writes: a study may have this name."""
 
 
 class StageGroup(TyperGroup):
@@ -82,7 +87,7 @@ class StageGroup(TyperGroup):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - a context of whichever click typer carries
         """Put the stage's own command before arguments that name no other."""
         is_help = args and args[0] in ctx.help_option_names
-        if args and args[0] not in self.commands and not is_help:
+        if args and args[0] not in self.commands.keys() - {STAGE} and not is_help:
             suffix = PurePath(args[0]).suffix.lower()
             names = (name for name, kinds in self.suffixes.items() if suffix in kinds)
             args = [next(names, STAGE), *args]

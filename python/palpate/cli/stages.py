@@ -53,7 +53,7 @@ def stage_command(name: str, help_text: str) -> Callable[..., None]:
                 session.say(line)
             for title, frame in summary.tables.items():
                 session.frame(title, frame)
-            session.next(f"{_after(run, name)} {study} --out {folder}", f"written to {folder}; ")
+            session.next(f"{command_after(run, name)} {study} --out {folder}", f"written to {folder}; ")
         if summary.missing:
             raise NothingSelectableError(summary.missing)
 
@@ -61,10 +61,18 @@ def stage_command(name: str, help_text: str) -> Callable[..., None]:
     return command
 
 
-def _after(run: "Run", name: str) -> str:
-    """Command to call next: the first stage of every run that needs this one, else the report."""
-    later = (each.name for each in run.stages.values() if each.is_in_run(run.study) and name in each.needs)
-    return next(later, "report")
+def command_after(run: "Run", name: str) -> str:
+    """Command to call next: what the first stage of every run that needs this one still lacks, or that stage.
+
+    That is the report where none does.
+    """
+    from palpate.stages.stage import in_order
+
+    later = [each.name for each in run.stages.values() if each.is_in_run(run.study) and name in each.needs]
+    for each in in_order(run.stages, later[:1]):
+        if each.tables and not run.directory.records.has(each.name):
+            return each.name
+    return next(iter(later), "report")
 
 
 def add_stage(app: typer.Typer, panel: str, stage: "type[Component]") -> None:
