@@ -12,6 +12,14 @@ from palpate.domain.parameter import Parameter
 from palpate.errors import MaterialError, ParameterError
 
 
+def check_number(material: "HyperelasticMaterial[SettingsT]", theta: FloatArray) -> None:
+    """Refuse more or fewer values than a material has parameters, with a ParameterError."""
+    if len(theta) != len(material.parameters):
+        raise ParameterError(
+            f"material '{material.name}' takes {len(material.parameters)} parameters, got {len(theta)}"
+        )
+
+
 class HyperelasticMaterial(Component[SettingsT]):
     """What isotropic and anisotropic materials share; subclass one of them.
 
@@ -70,21 +78,9 @@ class HyperelasticMaterial(Component[SettingsT]):
         ------
         ParameterError
         """
-        self.check_number(theta)
+        check_number(self, theta)
         for parameter, value in zip(self.parameters, theta, strict=True):
             parameter.check(float(value))
-
-    def check_number(self, theta: FloatArray) -> None:
-        """Refuse more or fewer values than the material has parameters.
-
-        Raises
-        ------
-        ParameterError
-        """
-        if len(theta) != len(self.parameters):
-            raise ParameterError(
-                f"material '{self.name}' takes {len(self.parameters)} parameters, got {len(theta)}"
-            )
 
 
 class IsotropicMaterial(HyperelasticMaterial[SettingsT]):

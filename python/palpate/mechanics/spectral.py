@@ -29,7 +29,7 @@ import numpy as np
 
 from palpate.domain import FloatArray
 from palpate.domain.component import NO_FIELDS, Array
-from palpate.domain.material import IsotropicMaterial, Material
+from palpate.domain.material import IsotropicMaterial, Material, check_number
 from palpate.errors import NUMPY_IN_ENERGY, MaterialError
 from palpate.mechanics.compilation_cache import keep_compilations
 
@@ -359,7 +359,7 @@ def initial_moduli(material: Material, theta: FloatArray) -> tuple[float, float]
     ParameterError
         ``theta`` has another length.
     """
-    material.check_number(theta)
+    check_number(material, theta)
     where = f"material '{material.name}' at {_named(material, theta)}"
     try:
         energy, largest, mu, kappa = map(float, _rest(material, jnp.asarray(theta, dtype=jnp.float64)))
