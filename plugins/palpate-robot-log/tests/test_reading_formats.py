@@ -189,6 +189,20 @@ def test_lists_and_time_stamps_in_parquet(tmp_path: Path) -> None:
     assert notes == ("columns passed over: who (String)",)
 
 
+@pytest.mark.parametrize("start", ["2030-01-31T23:59:50", "2030-01-31 23:59:50", "23:59:50"])
+def test_dates_and_times_of_day_in_text_are_seconds(tmp_path: Path, start: str) -> None:
+    table = {name: values[:199] for name, values in write.press().items()}
+    path = tmp_path / "log.csv"
+    write.write_text(path, table)
+    head, *rows = path.read_text().splitlines()
+    stamps = [f"{start}.{round(1e3 * time_s):03d}" for time_s in table["time_s"]]
+    rows = [f"{stamp},{row.partition(',')[2]}" for stamp, row in zip(stamps, rows, strict=True)]
+    path.write_text("\n".join([head, *rows]))
+    found = recording_of(path, write.channel_map(time={"column": "time_s", "unit": "s"}))
+    # A date is kept to a quarter of a microsecond.
+    np.testing.assert_allclose(found.time_s, table["time_s"], atol=3e-7)
+
+
 def test_transforms_are_distinguished_by_their_frames(tmp_path: Path) -> None:
     from rosbags.rosbag2 import Writer as BagWriter
     from rosbags.typesys import Stores, get_typestore

@@ -19,7 +19,8 @@ DELIMITERS: dict[str, str] = {",": ",", ";": ";", "tab": "\t", "\t": "\t", "|": 
 """What is between cells, by its word in the settings."""
 _NOT_A_NUMBER = re.compile(r"[+-]?(nan|inf|infinity)|", re.IGNORECASE)
 _COMMA_DECIMAL = re.compile(r"[+-]?(\d+,\d*|,\d+|\d+)([eE][+-]?\d+)?")
-_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d{1,9})?)?(Z|\+00:00)?")
+_SECONDS = r":\d\d([.,]\d{1,9})?"
+_DATE = re.compile(rf"(\d{{4}}-\d\d-\d\d[T ]\d\d:\d\d({_SECONDS})?|\d\d:\d\d{_SECONDS})(Z|\+00:00)?")
 _SNIFFED_LINES = 400
 _SAMPLED_ROWS = 20
 _LONGEST_LINE = 100_000
@@ -74,7 +75,7 @@ def is_passed_over(line: str, comment: str) -> bool:
 
 
 def is_date(cell: str) -> bool:
-    """Whether a cell is a date and time as ISO 8601 writes them."""
+    """Whether a cell is a date and time, or a time of day, as ISO 8601 writes them."""
     return _DATE.fullmatch(cell) is not None
 
 

@@ -330,6 +330,7 @@ def _value(cell: str, layout: Layout, index: int) -> float:
     if not is_date(cell):
         raise ValueError(f"'{cell}' is no date and time such as 2030-01-31T12:00:00.000; repair the row")
     plain = cell.removesuffix("Z").removesuffix("+00:00").replace(",", ".")
+    plain = plain if "-" in plain else f"1970-01-01T{plain}"
     return float(np.datetime64(plain, "ns").astype(np.int64))
 
 
