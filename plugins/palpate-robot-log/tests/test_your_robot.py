@@ -47,6 +47,32 @@ def kuka() -> Table:
     return {"IPOC": 1e3 * time} | named("X Y Z A B C", 1e3 * x, angles) | named("Fx Fy Fz Tx Ty Tz", f, m)
 
 
+def robot_sensor_interface() -> Table:
+    """KUKA's names, among vectors of other quantities."""
+    time, x, pose, f, m = log()
+    rng = np.random.default_rng(5)
+    others = [named(f"{what}_x {what}_y {what}_z", rng.normal(size=x.shape)) for what in ("vel", "acc")]
+    rest = named("RIst.X RIst.Y RIst.Z RIst.A RIst.B RIst.C", 1e3 * x, pose.as_euler("ZYX", degrees=True))
+    return (
+        {"t": time} | others[0] | others[1] | rest | named("FTC.Fx FTC.Fy FTC.Fz FTC.Mx FTC.My FTC.Mz", f, m)
+    )
+
+
+def sunrise() -> Table:
+    """KUKA's angles in radians, under a word that is a place elsewhere."""
+    time, x, pose, f, m = log()
+    names = " ".join(f"$POS_ACT.{letter}" for letter in "XYZABC")
+    return {"time": time} | named(names, 1e3 * x, pose.as_euler("ZYX")) | named("Fx Fy Fz Tx Ty Tz", f, m)
+
+
+def ros_stamps() -> Table:
+    """Time in whole seconds and nanoseconds."""
+    time, table = log()[0], ros_text()
+    stamp_ns = (1_700_000_000 * 10**9 + np.round(1e9 * time)).astype(np.int64)
+    stamp = {"/ft/header/stamp/sec": stamp_ns // 10**9, "/ft/header/stamp/nanosec": stamp_ns % 10**9}
+    return stamp | {name: values for name, values in table.items() if "." in name and "header" not in name}
+
+
 def franka() -> Table:
     time, x, pose, f, m = log()
     transform = np.tile(np.eye(4), (time.size, 1, 1))
@@ -128,7 +154,16 @@ def plotjuggler() -> Table:
     return table
 
 
-MAKERS = (universal_robots, fanuc, doosan, degrees_about_fixed_axes, ros_text, plotjuggler)
+MAKERS = (
+    sunrise,
+    ros_stamps,
+    universal_robots,
+    fanuc,
+    doosan,
+    degrees_about_fixed_axes,
+    ros_text,
+    plotjuggler,
+)
 
 
 def curves_of(path: Path, study_text: str) -> Any:
@@ -145,7 +180,13 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 @pytest.mark.parametrize(
     "maker",
-    [kuka, franka, abb, *(pytest.param(maker, marks=pytest.mark.slow) for maker in MAKERS)],
+    [
+        kuka,
+        robot_sensor_interface,
+        franka,
+        abb,
+        *(pytest.param(maker, marks=pytest.mark.slow) for maker in MAKERS),
+    ],
     ids=lambda maker: maker.__name__,
 )
 def test_the_proposed_table_reads_the_log_as_it_is(

@@ -71,7 +71,9 @@ def read_recording(
 def columns_of(channels: ChannelMap) -> tuple[str, ...]:
     """Columns that the map names, each once."""
     sources = _sources(channels).values()
-    times = [channels.time.column, *(source.time.column for source in sources if source.time)]
+    times = [
+        name for time in (channels.time, *(each.time for each in sources)) if time for name in time.columns
+    ]
     columns = [_bare(name) for source in sources for name in source.columns if name != NO_COLUMN]
     return tuple(dict.fromkeys([*times, *columns]))
 
@@ -169,9 +171,11 @@ def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> 
     its_time = source.time or channels.time
     time_name = its_time.column
     real = [_bare(name) for name in source.columns if name != NO_COLUMN]
-    stream = log.stream_of([time_name, *real], source.stream)
+    stream = log.stream_of([*its_time.columns, *real], source.stream)
     time_factor, time_unit = _factor(log, channels, stream, time_name, its_time.unit, "time")
     time = stream.columns[time_name].values
+    if its_time.nanoseconds is not None:
+        time = time + 1e-9 * stream.columns[its_time.nanoseconds].values
     # Column after column in memory: what is done to each axis of a long log takes a tenth of the time.
     table = np.zeros((len(source.columns), stream.rows.size)).T
     units = []

@@ -22,6 +22,14 @@ class Time(Settings):
 
     column: str = Field(min_length=1, description="Name of the column; in every stream that is used.")
     unit: str | None = Field(default=None, description="Its unit, when its name does not show it.")
+    nanoseconds: str | None = Field(
+        default=None, description="Column of nanoseconds to add, where the other has whole seconds."
+    )
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of its columns."""
+        return (self.column,) if self.nanoseconds is None else (self.column, self.nanoseconds)
 
 
 def _named(given: object) -> object:

@@ -120,18 +120,22 @@ def _described(stream: Stream, proposal: Proposal) -> dict[str, Any]:
     guesses = {what: guess for what, guess in proposal.guesses.items() if guess.stream == stream.name}
     roles = {name: what for what, guess in guesses.items() for name in guess.columns}
     time = proposal.time.get(stream.name)
-    roles |= {time.columns[0]: "time"} if time else {}
+    roles |= dict.fromkeys(time.columns, "time") if time else {}
     return {
         "name": stream.name,
         "n_rows": int(stream.rows.size),
-        "time": time and _clock(stream, stream.columns[time.columns[0]], time.unit),
+        "time": time and _clock(stream, time),
         "columns": [_of_column(column, roles.get(column.name)) for column in stream.columns.values()],
     }
 
 
-def _clock(stream: Stream, column: Column, unit: str) -> dict[str, Any]:
-    is_there = np.isfinite(column.values)
-    time = column.values[is_there] * _TO_SECONDS.get(unit or column.shown_unit, 1.0)
+def _clock(stream: Stream, guess: Guess) -> dict[str, Any]:
+    column, *parts = (stream.columns[name] for name in guess.columns)
+    seconds = column.values * _TO_SECONDS.get(guess.unit or column.shown_unit, 1.0)
+    for part in parts:
+        seconds = seconds + 1e-9 * part.values
+    is_there = np.isfinite(seconds)
+    time = seconds[is_there]
     rows = stream.rows[is_there]
     steps = np.diff(time)
     usual = float(np.median(steps))

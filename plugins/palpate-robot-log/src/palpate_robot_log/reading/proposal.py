@@ -17,7 +17,7 @@ QUANTITIES = ("position", "orientation", "force", "moment")
 _WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zäöüß]+|\d+")
 _AXES = ("x", "y", "z", "w")
 _SHORT = ("f", "t", "m", "q", "p", "r", "pos", "rot", "quat", "force", "torque", "moment", "tcp")
-_ROLL_PITCH_YAW = {"roll": "x", "pitch": "y", "yaw": "z"}
+_TURNS = {"roll": "x", "pitch": "y", "yaw": "z", "alpha": "x", "beta": "y", "gamma": "z"}
 _ANGLES = ("abc", "wpr")
 """Letters of three angles in degrees: A, B, C of KUKA, Doosan and others, and W, P, R of Fanuc."""
 
@@ -38,6 +38,8 @@ _MEASURES: Mapping[Kind, str] = {
 _WRENCH_WORDS = frozenset(("wrench", "ft", "force", "f", "sensor"))
 _POSE_WORDS = frozenset(("pose", "tcp", "transform"))
 _TIME_WORDS = frozenset(("time", "t", "timestamp", "stamp", "zeit", "clock", "seconds", "secs", "received"))
+_STAMPS = {"sec": "nanosec", "secs": "nsecs"}
+"""Fields of a time stamp in ROS 2 and 1: whole seconds, and nanoseconds to add."""
 _NOT_MEASURED = frozenset(
     ("target", "desired", "d", "cmd", "command", "ref", "reference", "setpoint", "goal", "setp")
 )
@@ -109,8 +111,8 @@ def _split(words: tuple[str, ...]) -> tuple[tuple[str, ...], str | None]:
     *before, last = words
     if last in _AXES or last.isdigit():
         return tuple(before), last
-    if last in _ROLL_PITCH_YAW:
-        return (*before, "euler"), _ROLL_PITCH_YAW[last]
+    if last in _TURNS:
+        return (*before, "euler"), _TURNS[last]
     if last[-1] in _AXES and last[:-1] in _SHORT:
         return (*before, last[:-1]), last[-1]
     # A frame may follow the axis: fx_sensor.
@@ -172,9 +174,11 @@ def propose(log: RawLog) -> Proposal:
     """Proposal of which columns are time, pose and wrench."""
     found: dict[str, list[Guess]] = {quantity: [] for quantity in QUANTITIES}
     for stream in log.streams:
-        for group in groups_of(stream):
+        groups = groups_of(stream)
+        turned = {group.words[:-1] for group in groups if _WORDS["orientation"] & {*group.words[-1:]}}
+        for group in groups:
             penalty = 2.0 if _NOT_MEASURED & set(group.words) else 0.0
-            for quantity, guess in _possible(group):
+            for quantity, guess in _possible(group, is_turned=group.words in turned):
                 found[quantity].append(replace(guess, score=guess.score - penalty))
     ranked = {
         quantity: sorted(guesses, key=lambda guess: -guess.score)
@@ -198,8 +202,8 @@ def _lacks(log: RawLog, guess: Guess) -> bool:
     return float(np.mean(np.any(lacking, axis=0))) > _SHARED_TABLE
 
 
-def _possible(group: Group) -> Iterable[tuple[str, Guess]]:
-    """What a group may be, each with a score."""
+def _possible(group: Group, *, is_turned: bool) -> Iterable[tuple[str, Guess]]:
+    """What a group may be, each with a score; ``is_turned`` where angles have the name of its x, y, z too."""
     n_columns, words = len(group.columns), set(group.words)
 
     def guess(part: slice | list[int], score: float, *to_check: str) -> Guess:
@@ -213,11 +217,15 @@ def _possible(group: Group) -> Iterable[tuple[str, Guess]]:
     if n_columns == 3:
         kind = kind_of(group.columns[0].shown_unit)
         for quantity in QUANTITIES:
-            score = 2.0 * bool(_WORDS[quantity] & words)
+            # A place may be a word of any vector: tcp_force, POS_ACT.A.
+            is_another = quantity == "position" and any(_WORDS[other] & words for other in QUANTITIES[1:])
+            score = (1.0 if is_another else 2.0) * bool(_WORDS[quantity] & words)
             if kind is not None:
                 score = score + 3.0 if _MEASURES.get(kind) == quantity else -1.0
-            elif quantity == "position" and not words:
-                score = 1.0
+            elif quantity == "position" and is_turned:
+                score = 2.0
+            elif quantity == "position" and not any(_WORDS[other] & words for other in QUANTITIES):
+                score = 0.5 if words else 1.0
             if score > 0.0:
                 found = guess(every, score)
                 yield quantity, _of_angles(group, found) if quantity == "orientation" else found
@@ -248,7 +256,7 @@ def _of_angles(group: Group, guess: Guess) -> Guess:
         forms = [("euler", "ZYX"), ("euler", "ZYZ"), ("euler", "XYZ")]
     elif {"euler", "rpy", "wpr"} & words or is_in_degrees:
         forms = [*forms[1:], forms[0]]
-    unit = "deg" if {"abc", "wpr"} & words and not kind_of(shown) else ""
+    unit = "deg" if {"abc", "wpr"} & words and is_in_degrees and not kind_of(shown) else ""
     return _first_of([replace(guess, form=form, sequence=axes, unit=unit) for form, axes in forms])
 
 
@@ -335,6 +343,10 @@ def _likely_unit(quantity: str, values: FloatArray, force_extent: float) -> str:
 
 def time_of(stream: Stream) -> Guess | None:
     """Column of time of a stream, with its unit; None where no column increases."""
+    for name, (whole, part) in product(stream.columns, _STAMPS.items()):
+        stamp = name.removesuffix(whole)
+        if stamp != name and stamp + part in stream.columns:
+            return Guess(columns=(name, stamp + part), stream=stream.name, unit="s", score=4.0)
     candidates = [
         (_time_score(column), -index, column) for index, column in enumerate(stream.columns.values())
     ]
@@ -384,6 +396,8 @@ def channel_map(proposal: Proposal) -> dict[str, object]:
 
 
 def _time_entry(time: Guess) -> object:
+    if len(time.columns) > 1:
+        return {"column": time.columns[0], "nanoseconds": time.columns[1], "unit": time.unit}
     return {"column": time.columns[0], "unit": time.unit} if time.unit else time.columns[0]
 
 
