@@ -12,6 +12,9 @@ import pytest
 
 from palpate import __version__
 from palpate.cli.session import Session
+from palpate.experiment.measured import load_measured
+from palpate.plugins.catalogue import Plugins
+from palpate.study.reading import read_study
 
 from .conftest import PLUGIN, TOY, Call, edit
 
@@ -364,6 +367,29 @@ def test_init_overwrites_nothing(call: Call) -> None:
         assert outcome.code == 2
         assert reason in outcome.err
     assert [path.name for path in Path("mine").iterdir()] == ["notes.txt"]
+
+
+def test_init_writes_a_study_of_own_presses(call: Call) -> None:
+    call("init", "try", plugin=None)
+    own = ("--measured", "try/measured/p1.csv", "--mesh", "try/meshes/p1.vtu")
+    outcome = call("init", "arm", *own, plugin=None)
+    assert "check arm" in outcome.err
+    study, ready = read_study("arm"), read_study("try")
+    assert (study.name, study.data, study.spot_names) == ("arm", "measured", ("p1",))
+    assert study.protocol.columns["depth_mm"].tolist() == ready.protocol.columns["depth_mm"].tolist()
+    assert [p.name for p in study.space.parameters] == [f"soft_tissue.c{k}" for k in (1, 2, 3)]
+    assert not study.truth
+    (measured,) = load_measured(study, Plugins.load().channels).values()
+    (expected,) = load_measured(ready, Plugins.load().channels).values()
+    assert measured["force"].ordinate.tolist() == expected["force"].ordinate.tolist()
+    for arguments, reason in (
+        (("arm", *own), "is not empty"),
+        (("leg", *own, "--measured", "try/measured/p1.csv"), "give one of each"),
+        (("leg", *own[:-1], "try/p1.vtu"), "no such file"),
+    ):
+        refused = call("init", *arguments, plugin=None)
+        assert (refused.code, reason in refused.err) == (2, True)
+    assert not Path("leg").exists()
 
 
 def test_init_names_the_studies_when_the_name_is_wrong(call: Call) -> None:

@@ -142,7 +142,9 @@ def inspect(
         session.say(f"- {finding}")
     if found.study_text:
         session.say(f"\n{found.study_text}")
-        session.next("experiment STUDY --out FOLDER", "put these tables into a study.toml; ")
+        session.next(
+            f"init FOLDER --measured {file} --mesh MESH", "put these tables into a study.toml, or make one; "
+        )
 
 
 def look_into(file: Path, other: Path | None, session: Session, loader: str | None) -> "Inspection":

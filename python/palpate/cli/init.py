@@ -1,12 +1,16 @@
 """``palpate init`` and ``palpate synthesise``: a study to start from, and simulated measurements of one."""
 
+import json
+import os
 import shutil
 import tomllib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from palpate.cli.experiment import look_into
 from palpate.cli.options import AsJson, StudyPath
 from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session
@@ -15,16 +19,33 @@ from palpate.errors import StudyError
 FIRST = "first-press"
 """The ready study that is copied where none is named."""
 
+FOR_OWN = "forearm-demo"
+"""The ready study that gives one of own presses its protocol and material where none is named."""
+
+OF_PRESSES = ("study", "spot", "experiment", "budget", "truth")
+"""Tables of a ready study that hold for its own presses alone."""
+
 
 def init(
     context: typer.Context,
     folder: Annotated[
         Path | None, typer.Argument(metavar="FOLDER", help="Folder to make; must be empty or new.")
     ] = None,
-    study: Annotated[str, typer.Option("--study", help="Name of a ready study.")] = FIRST,
+    study: Annotated[
+        str | None,
+        typer.Option("--study", help=f"Name of a ready study; default: {FIRST}, for own presses {FOR_OWN}."),
+    ] = None,
+    measured: Annotated[
+        list[Path] | None,
+        typer.Option("--measured", metavar="FILE", help="Log or curves of an own press; once for each spot."),
+    ] = None,
+    mesh: Annotated[
+        list[Path] | None,
+        typer.Option("--mesh", metavar="FILE", help="Mesh around the spot; in the order of --measured."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Copy a ready study into FOLDER; without FOLDER, list the ready studies."""
+    """Copy a ready study into FOLDER, or write one of own presses; without FOLDER, list the ready studies."""
     session = Session.of(context)
     studies = session.plugins.studies
     if folder is None:
@@ -43,13 +64,76 @@ def init(
         shown = ("name", "simulations", "summary")
         session.table("Ready studies", shown, [[row[key] for key in shown] for row in rows])
         session.next("init --study NAME FOLDER")
+        session.note("of your own presses: palpate init FOLDER --measured FILE --mesh FILE")
         return
-    copy_study(Path(studies[study].directory), folder)
+    name = study or (FOR_OWN if measured or mesh else FIRST)
+    ready = Path(studies[name].directory)
+    if measured or mesh:
+        text = own_study_text(session, ready, folder, measured or [], mesh or [])
+        check_new(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "study.toml").write_text(text, encoding="utf-8")
+    else:
+        copy_study(ready, folder)
     if as_json:
-        session.json({"study": study, "folder": str(folder)})
+        session.json({"study": name, "folder": str(folder)})
         return
-    session.say(f"{study} copied to {folder}")
+    if measured:
+        session.say(f"{folder / 'study.toml'}: presses and meshes of yours, the rest as in {name}")
+        session.note("look over it: protocol and ranges are for a silicone phantom, units may be guesses")
+    else:
+        session.say(f"{name} copied to {folder}")
     session.next(f"check {folder}")
+
+
+def own_study_text(
+    session: Session, ready: Path, folder: Path, measured: Sequence[Path], meshes: Sequence[Path]
+) -> str:
+    """Text of a study of own presses: their files as the first looks, and else what a ready study has.
+
+    Raises
+    ------
+    StudyError
+        There is not one mesh for each press.
+    CurveError
+        No loader can read the first press.
+    """
+    if len(measured) != len(meshes):
+        raise StudyError(
+            f"{len(measured)} files with --measured and {len(meshes)} with --mesh; give one of each for "
+            "every spot, in the same order"
+        )
+    for file in (*measured, *meshes):
+        if not file.is_file():
+            raise StudyError(f"{file}: no such file; give a file that is there")
+    found = look_into(measured[0], None, session, None)
+    tables = [
+        ("study", {"name": folder.resolve().name, "data": "measured"}),
+        *(
+            ("[spot]", {"name": mesh.stem, "measured": _from(folder, file), "mesh": _from(folder, mesh)})
+            for file, mesh in zip(measured, meshes, strict=True)
+        ),
+    ]
+    own = [f"[{name}]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in of.items()) for name, of in tables]
+    return "\n".join([*own, found.study_text, *_tables_of(ready / "study.toml")])
+
+
+def _from(folder: Path, file: Path) -> str:
+    """Path of a file as a study in a folder names it."""
+    return Path(os.path.relpath(file, folder)).as_posix()
+
+
+def _tables_of(file: Path) -> Iterator[str]:
+    """Tables of a ready study, with their comments, that hold for other presses too."""
+    block: list[str] = []
+    for line in (*file.read_text(encoding="utf-8").splitlines(), "[end]"):
+        if line.startswith("["):
+            head = block[0].strip("[]").partition(".")[0] if block else OF_PRESSES[0]
+            if head not in OF_PRESSES:
+                yield "\n".join(block).strip() + "\n"
+            block = []
+        if block or line.startswith("["):
+            block.append(line)
 
 
 def n_simulations(folder: Path) -> int | None:
@@ -69,14 +153,19 @@ def copy_study(source: Path, folder: Path) -> None:
     StudyError
         The folder holds something, is a file, or cannot be written.
     """
-    if folder.exists() and not folder.is_dir():
-        raise StudyError(f"{folder}: is a file; name a new folder")
-    if folder.is_dir() and any(folder.iterdir()):
-        raise StudyError(f"{folder}: is not empty; name a new folder, nothing is overwritten")
+    check_new(folder)
     try:
         shutil.copytree(source, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
     except OSError as error:
         raise StudyError(f"{folder}: cannot be written ({error}); name another folder") from error
+
+
+def check_new(folder: Path) -> None:
+    """Refuse a folder that holds something, or is a file."""
+    if folder.exists() and not folder.is_dir():
+        raise StudyError(f"{folder}: is a file; name a new folder")
+    if folder.is_dir() and any(folder.iterdir()):
+        raise StudyError(f"{folder}: is not empty; name a new folder, nothing is overwritten")
 
 
 def synthesise(

@@ -154,4 +154,7 @@ def _show(session: Session, notes: Notes, regions: tuple[str, ...]) -> None:
         for remark in note["remarks"]:
             session.say(f"{note['spot']}: {remark}")
     session.say("\n" + study_tables([note["spot"] for note in first], regions, list(notes)))
-    session.next("limb STUDY", "put these tables into a study.toml; ")
+    meshes = (
+        f"--measured {note['spot']}.csv --mesh {next(iter(notes)) / note['spot']}.vtu" for note in first
+    )
+    session.next(f"init FOLDER {' '.join(meshes)}", "put these tables into a study.toml, or make one; ")
