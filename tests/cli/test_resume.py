@@ -134,7 +134,7 @@ def test_failures_are_grouped_by_reason_without_its_numbers():
             "message": messages,
         }
     )
-    rows = failures(frame).to_dicts()
+    rows = failures(frame, pl.DataFrame()).to_dicts()
     assert [(r["reason"], r["n"], r["example"]) for r in rows] == [
         ("step … of … at … mm", 2, "p1/3"),
         ("no licence", 1, "p1/5"),

@@ -143,7 +143,7 @@ def test_hostile_names_stay_text_in_markup_and_script(page):
     raw = next(t for _, a, t in made.elements if a.get("id") == "data")
     assert not re.search("[<>&\u2028\u2029]", raw)
     assert ATTACK in made.text()
-    assert re.sub(r"\d", "…", REASON) in made.text()
+    assert REASON in made.text()
 
 
 def test_what_is_not_finite_is_null_in_the_data(page):
