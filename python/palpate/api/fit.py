@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         job_of as job_of,
     )
     from palpate.fit.mesh_correction import (
+        fine_run as fine_run,
         left_over as left_over,
     )
     from palpate.fit.parametrisation import (

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     )
     from palpate.limb.loading import (
         check_limb as check_limb,
+        finer_limb as finer_limb,
         load_limbs as load_limbs,
         size_at_contact as size_at_contact,
     )

@@ -1,5 +1,6 @@
 """Limbs: made by the study's limb source, and refused when they cannot be simulated."""
 
+import functools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -67,28 +68,42 @@ def load_limbs(study: Study, *, to_show: bool = False) -> dict[str, Limb]:
         for name, path in spot.meshes.items():
             if not to_show or (name == spot.spot.name and path.is_file()):
                 limbs[name] = _load(study, spot.spot, path)
-        if not to_show:
-            _add_fine(study, spot, limbs)
+        if not to_show and (fine := finer_limb(study, spot, limbs)):
+            limbs[f"{spot.spot.name}/fine"] = fine
     if limbs.keys() >= set(study.spot_names):
         _check_every_region(study, limbs)
     return limbs
 
 
-def _add_fine(study: Study, spot: StudySpot, limbs: dict[str, Limb]) -> None:
-    """Check a spot's finer mesh, or make it."""
-    name, fine = spot.spot.name, f"{spot.spot.name}/fine"
+def finer_limb(study: Study, spot: StudySpot, limbs: Mapping[str, Limb]) -> Limb | None:
+    """Finer mesh of a spot for its press, checked: that among ``limbs``, or its mesh refined; None: none.
+
+    Raises
+    ------
+    MeshError
+        It is not finer, or not of the same limb.
+    """
+    name = spot.spot.name
+    coarse, fine = limbs[name], limbs.get(f"{name}/fine") if spot.fine_mesh else None
     place, near_mm = f"{spot.place}: {spot.fine_mesh or ''}".removesuffix(": "), _near_mm(study, name)
-    edge_mm = _automatic_mm(study, limbs[name]) if spot.fine_edge_mm is None else spot.fine_edge_mm
+    edge_mm = _automatic_mm(study, coarse) if spot.fine_edge_mm is None else spot.fine_edge_mm
     if edge_mm:
         try:
             within, beyond = _refined_mm(study, name)
-            limbs[fine] = refined(limbs[name], within, edge_mm, beyond)
+            fine = _refined(coarse, within, edge_mm, beyond)
         except MeshError as error:
             raise MeshError(f"{place}: {error}") from error
-        if spot.fine_edge_mm is None and not _is_finer(limbs[name], limbs[fine], near_mm):
-            del limbs[fine]
-    if fine in limbs:
-        check_fine(limbs[name], limbs[fine], near_mm, place)
+        if spot.fine_edge_mm is None and not _is_finer(coarse, fine, near_mm):
+            return None
+    if fine is not None:
+        check_fine(coarse, fine, near_mm, place)
+    return fine
+
+
+@functools.lru_cache(maxsize=8)
+def _refined(limb: Limb, within_mm: float, edge_mm: float, beyond_mm: float) -> Limb:
+    """One finer mesh for presses that differ in their twist alone."""
+    return refined(limb, within_mm, edge_mm, beyond_mm)
 
 
 def _automatic_mm(study: Study, limb: Limb) -> float:

@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from palpate.api import Indentation, Progress, Run, Stage, StudyError, Summary
+from palpate.api import Indentation, Limb, Progress, Run, Stage, StudyError, Summary
 from palpate.api.fit import (
     BestSet,
     Case,
@@ -180,7 +180,9 @@ def assessment_of(inputs: Run, cases: Sequence[Case]) -> Assessment:
     return Assessment(
         study=inputs.study,
         measured=inputs.measured,
-        meshes=_meshes(inputs, is_refined=any(case.n_fine for case in cases)),
+        meshes=spot_meshes(
+            inputs.study, inputs.simulations.limbs, is_refined=any(case.n_fine for case in cases)
+        ),
         progress=inputs.progress,
     )
 
@@ -210,10 +212,9 @@ def no_intervals(inputs: Run) -> StudyError:
     )
 
 
-def _meshes(inputs: Run, *, is_refined: bool) -> dict[str, SpotMesh]:
-    """Mesh of each spot that has one, as far as its error goes."""
-    study, limbs = inputs.study, inputs.simulations.limbs
-    ratios = refinement(inputs.study, inputs.simulations.limbs) if is_refined else {}
+def spot_meshes(study: Study, limbs: Mapping[str, Limb], *, is_refined: bool) -> dict[str, SpotMesh]:
+    """Mesh of each spot that has one, as far as its error goes; its finer one counts where ``is_refined``."""
+    ratios = refinement(study, limbs) if is_refined else {}
     meshes = {}
     for each in study.spots:
         protocol, name = study.protocol_at(each.spot.name), each.spot.name

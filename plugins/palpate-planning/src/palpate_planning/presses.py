@@ -1,5 +1,6 @@
 """Presses, made or only thought of: simulated at likely parameters, and what each would tell."""
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -12,6 +13,8 @@ from palpate.api import (
     Curve,
     FloatArray,
     Job,
+    Limb,
+    MeshError,
     PalpateError,
     ParameterName,
     Response,
@@ -19,11 +22,22 @@ from palpate.api import (
     Simulation,
     Status,
 )
-from palpate.api.fit import Correction, Evaluation, Fit, Problem, SpotTerm, Trial, channel_of
-from palpate.api.runs import Study
+from palpate.api.fit import (
+    Correction,
+    Evaluation,
+    Fit,
+    NotRankedError,
+    Problem,
+    SpotTerm,
+    Trial,
+    channel_of,
+    fine_run,
+)
+from palpate.api.runs import Study, finer_limb, load_limbs
 from palpate_certainty.error_sources import Columns, SpotMesh, columns_of, error_budget, error_sources_of
 from palpate_certainty.laplace import Laplace
 from palpate_certainty.noise_model import grouped, groups_of, layout_of, path_of
+from palpate_certainty.stages import spot_meshes
 from palpate_planning.candidates import PRESSURE, CandidatePress
 from palpate_planning.information import ErrorSizes, FisherInformation, press_information
 from palpate_prediction.summary import contact_of
@@ -45,6 +59,8 @@ class DesignProblem:
         The joint fit of the presses so far in the scenario.
     columns : Columns
         What error sources add to the presses so far.
+    meshes : mapping of spot or press name to SpotMesh
+        Those under the presses so far and under candidates; see :func:`press_meshes`.
     estimate : (n_parameters,) array, optional
         Values of the fit; by default those at the first point.
     laplace : Laplace, optional
@@ -72,6 +88,10 @@ class DesignProblem:
     def term(self, spot: str) -> SpotTerm:
         """Term of the press so far at a spot, or of the first that there is."""
         return next((t for t in self.problem.terms if t.spot == spot), self.problem.terms[0])
+
+    def mesh(self, press: CandidatePress) -> SpotMesh:
+        """Mesh under a press, as far as its error goes."""
+        return self.meshes.get(press.name, SpotMesh())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -106,6 +126,29 @@ class _Stated(NamedTuple):
 
     problem: Problem
     peaks: Mapping[str, float]
+
+
+def press_meshes(
+    study: Study, presses: Sequence[CandidatePress]
+) -> tuple[dict[str, SpotMesh], dict[str, Limb]]:
+    """Meshes under presses as far as their errors go, by press name; and their finer ones by limb name.
+
+    A finer one is made as for a spot of the study, at the edge of the contact of each press.
+    """
+    limbs, places = load_limbs(study), {each.spot.name: each for each in study.spots}
+    meshes: dict[str, SpotMesh] = {}
+    finer: dict[str, Limb] = {}
+    for press in presses if limbs else ():
+        spot = replace(places[press.spot], protocol=press.protocol)
+        pressed, under = replace(study, spots=(spot,)), dict(limbs)
+        fine = None
+        with contextlib.suppress(MeshError):  # one that cannot be refined is pressed as it is
+            fine = finer_limb(pressed, spot, limbs) if study.fine_runs else None
+        under.pop(f"{press.spot}/fine", None)
+        if fine is not None:
+            under[f"{press.spot}/fine"] = finer[f"{press.name}/fine"] = fine
+        meshes[press.name] = spot_meshes(pressed, under, is_refined=True).get(press.spot, SpotMesh())
+    return meshes, finer
 
 
 def presses_so_far(design: DesignProblem, points: FloatArray) -> tuple[list[SimulatedPress], FloatArray]:
@@ -196,33 +239,60 @@ def _as_large(column: FloatArray, problem: Problem, first: Problem, channel: str
 def _stated(
     design: DesignProblem, presses: Sequence[CandidatePress], points: FloatArray
 ) -> dict[CandidatePress, list[_Stated] | str]:
-    """State a problem for each press and point, its simulated curves as measured; or why there is none."""
+    """State a problem for each press and point, its simulated curves as measured; or why there is none.
+
+    What a finer mesh adds is simulated at the first point.
+    """
     bare = {press: bare_problem(design, press) for press in presses}
     jobs = [job_of(design, problem, point) for problem in bare.values() for point in points]
+    finer = [press for press in bare if design.mesh(press).refinement > 1.0]
+    for press in finer:
+        job = job_of(design, bare[press], points[0])
+        jobs.append(replace(job, spot=press.name, slopes=False, fine=True))
     ended = iter(design.problem.simulate(jobs))
-    found: dict[CandidatePress, list[_Stated] | str] = {}
-    for press, problem in bare.items():
-        stated = []
-        for simulation in [next(ended) for _ in points]:
-            # A partial curve ends before its peak, so that it would pass any limit.
-            if simulation.response is None or simulation.status is not Status.OK:
-                found[press] = f"{simulation.status}: {simulation.message or simulation.status.remedy}"
-                break
-            as_measured = _as_measured(design, press, simulation)
-            restated = problem.restated([_term(design, press, as_measured)])
-            stated.append(_Stated(restated, _peaks(design, simulation.response)))
-        else:
-            found[press] = stated
-            if not stated[0].problem.terms[0].weights:
-                found[press] = f"it shows no channel of scenario '{design.scenario.name}'"
-    return found
+    coarse = {press: [next(ended) for _ in points] for press in bare}
+    fine = dict(zip(finer, ended, strict=True))
+    return {
+        press: _restated(design, press, problem, points[0], coarse[press], fine.get(press))
+        for press, problem in bare.items()
+    }
 
 
-def _peaks(design: DesignProblem, response: Response) -> dict[str, float]:
+def _restated(
+    design: DesignProblem,
+    press: CandidatePress,
+    bare: Problem,
+    first: FloatArray,
+    coarse: Sequence[Simulation],
+    fine: Simulation | None,
+) -> list[_Stated] | str:
+    for each in coarse:
+        # A partial curve ends before its peak, so that it would pass any limit.
+        if each.response is None or each.status is not Status.OK:
+            return f"{each.status}: {each.message or each.status.remedy}"
+    terms = [_term(design, press, _as_measured(design, press, each)) for each in coarse]
+    if not terms[0].weights:
+        return f"it shows no channel of scenario '{design.scenario.name}'"
+    known = terms[0]
+    if fine is not None:
+        inputs = bare.inputs(known.spot, point_in(design, bare, first))
+        with contextlib.suppress(NotRankedError):  # its error is that of one mesh then
+            run = fine_run(known, inputs, coarse[0], fine, design.mesh(press).refinement)
+            known = replace(known, corrections=run.corrections)
+    stated = []
+    for term, each in zip(terms, coarse, strict=True):
+        corrections = {name: _as_of(known, name, term.measured[name]) for name in known.corrections}
+        corrected = replace(term, corrections=corrections)
+        stated.append(_Stated(bare.restated([corrected]), _peaks(design, each)))
+    return stated
+
+
+def _peaks(design: DesignProblem, simulation: Simulation) -> dict[str, float]:
     """Largest ordinate of each channel, and of a limited one along the whole motion."""
     channel_of_curve = {each.name: name for name, of in design.limited.items() for each in of}
     found: dict[str, float] = {}
-    for name, curve in response.curves.items():
+    assert simulation.response is not None
+    for name, curve in simulation.response.curves.items():
         channel = channel_of_curve.get(name, name)
         found[channel] = max(found.get(channel, 0.0), float(np.abs(curve.ordinate).max()))
     return found
@@ -250,22 +320,19 @@ def _term(design: DesignProblem, press: CandidatePress, measured: Response) -> S
     like = design.term(press.spot)
     assert press.protocol is not None
     weights = {n: w for n, w in design.scenario.weighed.items() if channel_of(n) in measured.curves}
-    corrections = {name: _as_of(like, name, curve) for name, curve in measured.curves.items()}
     return replace(
         like,
         spot=press.spot,
         protocol=press.protocol,
         measured=measured,
         weights=weights,
-        corrections={name: each for name, each in corrections.items() if each is not None},
+        corrections={},
         channels=(*like.channels, *(each for of in design.limited.values() for each in of)),
     )
 
 
-def _as_of(like: SpotTerm, channel: str, curve: Curve) -> Correction | None:
-    """Correction of a planned curve: that of the press so far, along the path and relative to its size."""
-    if channel not in like.corrections:
-        return None
+def _as_of(like: SpotTerm, channel: str, curve: Curve) -> Correction:
+    """Correction of a planned curve, known of one like it: along the path and relative to its size."""
     known = like.corrections[channel]
     there, here = (path_of(each.abscissa) for each in (like.measured[channel], curve))
     added = np.interp(here / here[-1], there / there[-1], known.added)
@@ -324,7 +391,8 @@ def _information(
     rows, channels = layout_of([term], n)
     groups = groups_of(rows)
     measured = {**design.measured, term.spot: term.measured}
-    found = error_budget(design.study, measured, [term], evaluation.residuals[:n], columns, design.meshes)
+    meshes = {term.spot: design.mesh(press)}
+    found = error_budget(design.study, measured, [term], evaluation.residuals[:n], columns, meshes)
     known = {
         _shared_name(label, name, press): groups @ column
         for label, of_label in found.items()

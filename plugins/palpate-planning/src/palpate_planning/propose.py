@@ -44,6 +44,7 @@ from palpate_planning.narrowing import (
 from palpate_planning.presses import (
     DesignProblem,
     SimulatedPress,
+    press_meshes,
     presses_so_far,
     simulated_presses,
     with_pressures,
@@ -113,15 +114,17 @@ def propose(
     """
     allowed, tool = options.allowed, tool_limbs(study, options.tool)
     limits, presses = limits_of(allowed, study, plugins.channels), candidates(study, plugins, allowed)
+    meshes, finer = press_meshes(study, presses)
+    more_limbs = {**tool, **finer}
     if (run_folder / "fit.parquet").exists():
-        with locked_run(study, run_folder, plugins, progress, needs=["fit"], more_limbs=tool) as run:
+        with locked_run(study, run_folder, plugins, progress, needs=["fit"], more_limbs=more_limbs) as run:
             certain, assessed = joint_assessed(run)
             stage = PlanningStage(
                 study=run.study,
                 measured=run.measured,
                 assessed=assessed,
                 columns=certain.columns(assessed.case)[0],
-                meshes=certain.meshes,
+                meshes={**certain.meshes, **meshes},
                 progress=progress,
             )
             found = stage.run(presses, options, limits)
@@ -130,10 +133,11 @@ def propose(
     limbs, directory = load_limbs(study), RunDirectory(run_folder)
     with directory.locked(study, plugins.channels) as check_lock:
         directory.initialise(study, plugins.channels, simulating=True)
-        with Simulations(study, run_folder, {**limbs, **tool}, progress, check_lock) as simulations:
+        with Simulations(study, run_folder, {**limbs, **more_limbs}, progress, check_lock) as simulations:
             design, points = before_any_press(
                 study, study.generalising, simulations.of, abscissae_of(plugins.channels), options.n_points
             )
+            design = replace(design, meshes=meshes)
             check_options(design, options)
             progress.begin("plan", 0)
             found = choose_presses(design, [], presses, points, options, limits)
