@@ -386,6 +386,7 @@ def test_init_writes_a_study_of_own_presses(call: Call) -> None:
         (("arm", *own), "is not empty"),
         (("leg", *own, "--measured", "try/measured/p1.csv"), "give one of each"),
         (("leg", *own[:-1], "try/p1.vtu"), "no such file"),
+        (("leg", *own, "--wrench", "try/ft.csv"), "ft.csv"),
     ):
         refused = call("init", *arguments, plugin=None)
         assert (refused.code, reason in refused.err) == (2, True)

@@ -43,6 +43,10 @@ def init(
         list[Path] | None,
         typer.Option("--mesh", metavar="FILE", help="Mesh around the spot; in the order of --measured."),
     ] = None,
+    wrench: Annotated[
+        Path | None,
+        typer.Option("--wrench", metavar="FILE", help="Wrench of the first press, if in a file of its own."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Copy a ready study into FOLDER, or write one of own presses; without FOLDER, list the ready studies."""
@@ -69,7 +73,7 @@ def init(
     name = study or (FOR_OWN if measured or mesh else FIRST)
     ready = Path(studies[name].directory)
     if measured or mesh:
-        text = own_study_text(session, ready, folder, measured or [], mesh or [])
+        text = own_study_text(session, ready, folder, measured or [], mesh or [], wrench)
         check_new(folder)
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "study.toml").write_text(text, encoding="utf-8")
@@ -87,7 +91,12 @@ def init(
 
 
 def own_study_text(
-    session: Session, ready: Path, folder: Path, measured: Sequence[Path], meshes: Sequence[Path]
+    session: Session,
+    ready: Path,
+    folder: Path,
+    measured: Sequence[Path],
+    meshes: Sequence[Path],
+    wrench: Path | None = None,
 ) -> str:
     """Text of a study of own presses: their files as the first looks, and else what a ready study has.
 
@@ -106,7 +115,7 @@ def own_study_text(
     for file in (*measured, *meshes):
         if not file.is_file():
             raise StudyError(f"{file}: no such file; give a file that is there")
-    found = look_into(measured[0], None, session, None)
+    found = look_into(measured[0], wrench, session, None)
     tables = [
         ("study", {"name": folder.resolve().name, "data": "measured"}),
         *(
