@@ -3,7 +3,6 @@
 import functools
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,13 +10,10 @@ from pydantic import TypeAdapter
 
 from palpate.domain import Channel, Indentation, Job, Response, Status, SurfaceStates, Waypoints
 from palpate.errors import StudyError
-from palpate.limb.loading import load_limbs, refinement
 from palpate.mesh.specimens.blocks import block
 from palpate.stages import pipeline
 from palpate.study.reading import read_options, read_study
 from palpate.study.tool import read_tool
-from palpate.testing.bench import HalfSpaceOnMesh
-from palpate_certainty.error_sources import SpotMesh
 from palpate_certainty.laplace import RANGE_SD
 from palpate_planning import propose as planning
 from palpate_planning.candidates import (
@@ -32,7 +28,7 @@ from palpate_planning.candidates import (
 )
 from palpate_planning.figure import draw
 from palpate_planning.narrowing import tool_forces
-from palpate_planning.presses import press_meshes, simulated_presses, with_pressures
+from palpate_planning.presses import simulated_presses, with_pressures
 from palpate_planning.propose import PlanOptions, before_any_press, choose_presses, propose
 from palpate_planning.tables import ProposalOutput, for_robot, proposal_tables
 
@@ -434,71 +430,3 @@ def test_first_presses_are_planned_over_the_ranges(run, tmp_path):
     assert found.steps[0].chosen.press.press.keys["twist"]  # one press of force alone cannot tell both
     assert found.steps[0].chosen.goal < 0.7
     assert found.steps[1].chosen.goal < 1.0
-
-
-def _refined(design, presses):
-    """The design where each press has a mesh with a finer one, simulated by a solver that needs meshes."""
-    study = replace(design.study, solver=HalfSpaceOnMesh(HalfSpaceOnMesh.Settings()))
-    meshes = {press.name: SpotMesh(refinement=2.0) for press in presses}
-    return replace(design, study=study, meshes=meshes)
-
-
-def _finer(study, jobs, factors):
-    """Simulations whose force the finer mesh of a press changes by a factor; None: it diverges."""
-    for job in jobs:
-        found = study.solver.simulate(job, None)
-        if job.fine:
-            factor = factors[job.spot]
-            curves = found.response.curves
-            force = replace(curves["force"], ordinate=(factor or 1.0) * curves["force"].ordinate)
-            status = Status.DIVERGED if factor is None else found.status
-            found = replace(found, response=Response(curves={**curves, "force": force}), status=status)
-        yield found
-
-
-def test_a_candidate_tells_the_less_the_more_its_own_finer_mesh_changes(run):
-    study, _, plugins = run
-    press, *_ = candidates(study, plugins, Allowed(protocol={"depth": ["2 mm"], "twist": [[]]}))
-
-    def width(factor, *, is_refined=True):
-        asked = []
-
-        def simulate(jobs):
-            asked.extend(job for job in jobs if job.fine)
-            return list(_finer(study, jobs, {press.name: factor}))
-
-        design, points = _first_design(run, simulate)
-        design = _refined(design, [press] if is_refined else [])
-        found = choose_presses(design, [], [press], points, PlanOptions(), {})
-        assert len(asked) == is_refined  # once, at the first point
-        return found.steps[0].chosen.goal
-
-    alone = width(1.0, is_refined=False)
-    assert width(1.0) < width(1.5) < width(4.0)
-    assert width(1.0) < alone  # a finer mesh has shown that the usual error is too large
-    assert width(None) == pytest.approx(alone)  # without an answer the error is that of one mesh
-
-
-def test_a_finer_mesh_is_that_of_a_study_with_the_press(run, tmp_path, monkeypatch):
-    study, _, plugins = run
-    (tmp_path / "p1.vtu").touch()
-    solver = HalfSpaceOnMesh(HalfSpaceOnMesh.Settings())
-    monkeypatch.setattr(HalfSpaceOnMesh, "provides", replace(solver.provides, slopes=True))
-    limb = replace(block("tet10"), mesh=replace(block("tet10").mesh, regions=("tissue",)))
-    source = SimpleNamespace(name="block", load=lambda path, spot: replace(limb, spot=spot))
-    spots = tuple(replace(each, mesh=tmp_path / "p1.vtu", fine_edge_mm=None) for each in study.spots)
-    meshed = replace(study, solver=solver, limb_source=source, spots=spots)
-    allowed = Allowed(protocol={"depth": ["2 mm", "5 mm"], "twist": [[], ["4 deg"]]})
-    presses = candidates(study, plugins, allowed)
-    meshes, finer = press_meshes(meshed, presses)
-    assert meshes.keys() == {press.name for press in presses}
-    for press in presses:
-        own = replace(meshed, spots=(replace(spots[0], protocol=press.protocol),))
-        limbs = load_limbs(own)
-        assert np.array_equal(finer[f"{press.name}/fine"].mesh.points_mm, limbs["p1/fine"].mesh.points_mm)
-        assert meshes[press.name].refinement == refinement(own, limbs)["p1"] > 1.0
-    shallow, twisted, deep, _ = (finer[f"{press.name}/fine"] for press in presses)
-    assert shallow is twisted is not deep
-    off, none = press_meshes(replace(meshed, fine_runs=0), presses)
-    assert not none
-    assert {mesh.refinement for mesh in off.values()} == {1.0}

@@ -1,0 +1,143 @@
+"""Candidates whose error of the mesh a finer mesh of their own shows."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import palpate_certainty
+import palpate_materials
+from palpate import hookimpl
+from palpate.domain import Response, Status
+from palpate.limb.loading import load_limbs, refinement
+from palpate.mesh.specimens.blocks import block
+from palpate.plugins.interfaces import LimbSource
+from palpate.run.ledger import Ledger
+from palpate.stages import pipeline
+from palpate.testing.bench import HalfSpaceOnMesh
+from palpate.testing.studies import StudyRunner
+from palpate_certainty.error_sources import SpotMesh
+from palpate_planning.candidates import Allowed, candidates
+from palpate_planning.presses import press_meshes
+from palpate_planning.propose import PlanOptions, before_any_press, choose_presses, propose
+
+PRESSES = Allowed(protocol={"depth": ["2 mm", "5 mm"], "twist": [[], ["4 deg"]]})
+
+
+def _refined(design, presses):
+    """The design where each press has a mesh with a finer one, simulated by a solver that needs meshes."""
+    study = replace(design.study, solver=HalfSpaceOnMesh(HalfSpaceOnMesh.Settings()))
+    meshes = {press.name: SpotMesh(refinement=2.0) for press in presses}
+    return replace(design, study=study, meshes=meshes)
+
+
+def _finer(study, jobs, factors):
+    """Simulations whose force the finer mesh of a press changes by a factor; None: it diverges."""
+    for job in jobs:
+        found = study.solver.simulate(job, None)
+        if job.fine:
+            factor = factors[job.spot]
+            curves = found.response.curves
+            force = replace(curves["force"], ordinate=(factor or 1.0) * curves["force"].ordinate)
+            status = Status.DIVERGED if factor is None else found.status
+            found = replace(found, response=Response(curves={**curves, "force": force}), status=status)
+        yield found
+
+
+def test_candidate_tells_the_less_the_more_its_own_finer_mesh_changes(run):
+    study, _, plugins = run
+    press, *_ = candidates(study, plugins, Allowed(protocol={"depth": ["2 mm"], "twist": [[]]}))
+
+    def width(factor, *, is_refined=True):
+        asked = []
+
+        def simulate(jobs):
+            asked.extend(job for job in jobs if job.fine)
+            return list(_finer(study, jobs, {press.name: factor}))
+
+        (scenario,) = (s for s in study.scenarios if s.name == study.generalise_by)
+        abscissae = {name: channel.abscissa for name, channel in plugins.channels.items()}
+        design, points = before_any_press(study, scenario, simulate, abscissae, 3)
+        design = _refined(design, [press] if is_refined else [])
+        found = choose_presses(design, [], [press], points, PlanOptions(), {})
+        assert len(asked) == is_refined  # once, at the first point
+        return found.steps[0].chosen.goal
+
+    alone = width(1.0, is_refined=False)
+    assert width(1.0) < width(1.5) < width(4.0)
+    assert width(1.0) < alone  # a finer mesh has shown that the usual error is too large
+    assert width(None) == pytest.approx(alone)  # without an answer the error is that of one mesh
+
+
+class Tetrahedra(LimbSource):
+    """A block of tetrahedra."""
+
+    name = "tetrahedra"
+    summary = "a block of tetrahedra"
+
+    def load(self, path, spot):
+        limb = block("tet10", n_across=4, n_down=2)
+        return replace(limb, spot=spot, mesh=replace(limb.mesh, regions=("tissue",)))
+
+
+class Plugin:
+    @staticmethod
+    @hookimpl
+    def palpate_limb_sources():
+        return [Tetrahedra]
+
+
+@pytest.fixture
+def meshed(tmp_path, soft_region):
+    """Study of one press on a block of tetrahedra, and its plugins."""
+    return StudyRunner(tmp_path).study(
+        palpate_materials,
+        palpate_certainty,
+        Plugin(),
+        mesh="block",
+        region=soft_region,
+        limb={"source": "tetrahedra"},
+        fit={"search": "least_squares", "fine_edge": "3 mm"},
+        sampling={"n_sets": 0},
+    )
+
+
+def test_finer_mesh_is_that_of_a_study_with_the_press(meshed):
+    study, plugins = meshed
+    presses = candidates(study, plugins, PRESSES)
+    meshes, finer = press_meshes(study, presses)
+    assert meshes.keys() == {press.name for press in presses}
+    for press in presses[::2]:  # a twist refines nothing else
+        own = replace(study, spots=(replace(study.spots[0], protocol=press.protocol),))
+        limbs = load_limbs(own)
+        found = finer[f"{press.name}/fine"].mesh
+        assert np.array_equal(found.points_mm, limbs["p1/fine"].mesh.points_mm)
+        assert meshes[press.name].refinement == refinement(own, limbs)["p1"] > 1.0
+    shallow, twisted, deep, _ = (finer[f"{press.name}/fine"] for press in presses)
+    assert shallow is twisted is not deep
+    off, none = press_meshes(replace(study, fine_runs=0), presses)
+    assert not none
+    assert {mesh.refinement for mesh in off.values()} == {1.0}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_fitted", [True, False])
+def test_finer_meshes_narrow_what_is_expected_of_a_press(meshed, tmp_path, is_fitted):
+    """Here every mesh answers alike, so that the usual error is shown to be too large."""
+    study, plugins = meshed
+    goals, n_asked = [], []
+    for fine_runs in (1, 0):
+        folder, each = tmp_path / f"run-{fine_runs}", replace(study, fine_runs=fine_runs)
+        if is_fitted:
+            pipeline.run_study(each, folder, plugins)
+        n_known = _n_simulated(folder)
+        found = propose(each, folder, plugins, options=PlanOptions(allowed=PRESSES, n_points=2))
+        goals.append(found.steps[0].chosen.goal)
+        n_asked.append(_n_simulated(folder) - n_known)
+    assert goals[0] < goals[1]
+    assert n_asked[0] - n_asked[1] == 4  # one for each candidate
+
+
+def _n_simulated(folder):
+    with Ledger(folder) as ledger:
+        return len(ledger.seconds())
