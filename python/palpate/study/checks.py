@@ -38,6 +38,7 @@ def setting_warnings(study: Study) -> Iterator[str]:
                 "[fit.searched]; name another search, or remove it"
             )
     for region in study.space.regions:
+        yield from _swelling(study.space, region)
         for parameter in region.searched:
             name = region.name_of(parameter.name)
             yield from _range(name, region, parameter)
@@ -72,6 +73,27 @@ def _range(name: str, region: RegionMaterial, parameter: Parameter) -> Iterator[
         yield (
             f"{name}: the range has the other sign than the material's own, {usual.lower:.3g} to "
             f"{usual.upper:.3g} {usual.unit}; check the sign"
+        )
+
+
+def _swelling(space: ParameterSpace, region: RegionMaterial) -> Iterator[str]:
+    """Warn of a material whose Poisson's ratio is negative in the middle of the ranges."""
+    material, strain = region.material, 1e-3
+    if not isinstance(material, IsotropicMaterial):
+        return
+    middle = [
+        np.copysign(np.sqrt(p.lower * p.upper), p.lower) if p.scale == "log" else 0.5 * (p.lower + p.upper)
+        for p in space.parameters
+    ]
+    theta = space.thetas(np.array(middle))[region.region]
+    with answering_for(material, "energy in the middle of the ranges"), np.errstate(all="ignore"):
+        energies = material.energy(np.exp(strain * np.array([[1.0, -1.0, 0.0], [1.0, 1.0, 1.0]])), theta)
+    shear, bulk = np.asarray(energies) / strain**2 / (2.0, 4.5)
+    if 0.0 < bulk < shear / 1.5:
+        ratio = (3.0 * bulk - 2.0 * shear) / (6.0 * bulk + 2.0 * shear)
+        yield (
+            f"{region.region}: Poisson's ratio is {ratio:.2g} in the middle of the ranges, with a bulk "
+            f"modulus of {bulk:.3g} MPa and a shear modulus of {shear:.3g} MPa; check the units of both"
         )
 
 

@@ -206,10 +206,15 @@ def test_only_a_study_with_slips_gets_warnings():
     )
     assert [text.split(",")[0] for text in setting_warnings(slips)] == [
         "spot 'p1': a sphere of radius 0.75 mm is pressed 10 mm deep",
+        "soft_tissue: Poisson's ratio is -0.79 in the middle of the ranges",
         "soft_tissue.c1: the range spans a factor of 5000",
         "soft_tissue.c2: the range has the other sign than the material's own",
         "soft_tissue.kappa: is searched and resists change of volume only",
     ]
+    soft = replace(region, fixed=dict(region.fixed) | {"kappa": 8e-4})
+    (found,) = setting_warnings(replace(study(), space=replace(study().space, regions=(soft,))))
+    # Yeoh: μ = 2 c1 = 30 kPa and κ = 0.8 kPa, so ν = (3κ - 2μ) / (6κ + 2μ).
+    assert found.startswith("soft_tissue: Poisson's ratio is -0.89 in the middle of the ranges")
     log = replace(
         wide, searched=(replace(c1, lower=0.005, upper=25.0, scale="log"), c2, c3), fixed=region.fixed
     )
