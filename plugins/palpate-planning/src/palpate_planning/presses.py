@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.api import (
     FORCE,
+    SILENT,
     Channel,
     Curve,
     FloatArray,
@@ -17,6 +18,7 @@ from palpate.api import (
     MeshError,
     PalpateError,
     ParameterName,
+    Progress,
     Response,
     Scenario,
     Simulation,
@@ -129,7 +131,7 @@ class _Stated(NamedTuple):
 
 
 def press_meshes(
-    study: Study, presses: Sequence[CandidatePress]
+    study: Study, presses: Sequence[CandidatePress], progress: Progress = SILENT
 ) -> tuple[dict[str, SpotMesh], dict[str, Limb]]:
     """Meshes under presses as far as their errors go, by press name; and their finer ones by limb name.
 
@@ -148,6 +150,8 @@ def press_meshes(
         if fine is not None:
             under[f"{press.spot}/fine"] = finer[f"{press.name}/fine"] = fine
         meshes[press.name] = spot_meshes(pressed, under, is_refined=True).get(press.spot, SpotMesh())
+    if finer:
+        progress.note(f"{len(finer)} candidates are simulated once more, on a finer mesh")
     return meshes, finer
 
 

@@ -104,8 +104,7 @@ def propose(
 ) -> Proposal:
     """Rank presses by how much they would narrow the joint fit of a run; simulates each at likely parameters.
 
-    In a folder without a fit they are the first presses of the study, over its ranges and priors, and none
-    needs to be measured.
+    Without a fit they are the first presses of the study, over its ranges and priors; none is measured.
 
     Raises
     ------
@@ -114,10 +113,9 @@ def propose(
     """
     allowed, tool = options.allowed, tool_limbs(study, options.tool)
     limits, presses = limits_of(allowed, study, plugins.channels), candidates(study, plugins, allowed)
-    meshes, finer = press_meshes(study, presses)
-    more_limbs = {**tool, **finer}
+    meshes, finer = press_meshes(study, presses, progress)
     if (run_folder / "fit.parquet").exists():
-        with locked_run(study, run_folder, plugins, progress, needs=["fit"], more_limbs=more_limbs) as run:
+        with locked_run(study, run_folder, plugins, progress, needs=["fit"], more_limbs=tool | finer) as run:
             certain, assessed = joint_assessed(run)
             stage = PlanningStage(
                 study=run.study,
@@ -133,14 +131,13 @@ def propose(
     limbs, directory = load_limbs(study), RunDirectory(run_folder)
     with directory.locked(study, plugins.channels) as check_lock:
         directory.initialise(study, plugins.channels, simulating=True)
-        with Simulations(study, run_folder, {**limbs, **more_limbs}, progress, check_lock) as simulations:
+        with Simulations(study, run_folder, {**limbs, **tool, **finer}, progress, check_lock) as simulations:
             design, points = before_any_press(
                 study, study.generalising, simulations.of, abscissae_of(plugins.channels), options.n_points
             )
-            design = replace(design, meshes=meshes)
             check_options(design, options)
             progress.begin("plan", 0)
-            found = choose_presses(design, [], presses, points, options, limits)
+            found = choose_presses(replace(design, meshes=meshes), [], presses, points, options, limits)
         directory.write_proposal(for_robot(found, limbs))
         return found
 
