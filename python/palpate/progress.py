@@ -10,7 +10,7 @@ FIRST_LOOK = 12
 
 
 class Progress(Protocol):
-    """What a caller hands in to follow a run."""
+    """Follower of a run, which a caller hands in."""
 
     def begin(self, stage: str, total: int) -> None:
         """Begin a stage that has ``total`` steps."""
@@ -62,7 +62,7 @@ SILENT = Silent()
 
 
 def about(seconds: float) -> str:
-    """Format an estimate of a time, which is never "about 0 s"."""
+    """Estimate of a time in words, which is never "about 0 s"."""
     return "less than a second" if seconds < 1.0 else f"about {duration(seconds)}"
 
 

@@ -148,7 +148,7 @@ def _run(app: typer.Typer, session: Session, given: Sequence[str]) -> int:
 
 
 def _of_file(error: OSError) -> PalpateError:
-    """What the user can do about a file that cannot be used; anything else is a bug and stays one."""
+    """Advice on a file that cannot be used; anything else is a bug and stays one."""
     from palpate.run.ownership import is_of_disk, reason
 
     if error.errno == errno.ENAMETOOLONG:

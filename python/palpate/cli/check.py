@@ -66,7 +66,7 @@ def check(
 def _cost(
     study: "Study", checked: "StudyInputs", path: Path, progress: StageProgress, *, timing: bool
 ) -> "Cost":
-    """What is left after the newest run of the study; one simulation is timed if no time is known."""
+    """Simulations left after the newest run of the study; one is timed if no time is known."""
     from palpate.simulation import cost, jobs as simulation
 
     jobs = simulation.jobs(study, checked.design, checked.measured)
@@ -145,7 +145,7 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
 
 
 def _by_fit_alone(study: "Study") -> list["Parameter"]:
-    """What the fit searches besides the parameters of the sweep, as at a single spot."""
+    """Parameters of the fit besides those of the sweep, as at a single spot."""
     swept = {p.name for p in study.space.parameters}
     every = study.parametrisation.parameters(study.space, study.spot_names[:1])
     return [p for p in every if p.name not in swept]

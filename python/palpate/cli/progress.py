@@ -176,7 +176,7 @@ class StageProgress:
         )
 
     def _second_line(self) -> str:
-        """What a narrow terminal may cut."""
+        """Part of a line that a narrow terminal may cut."""
         return _joined(self._counts(), self._place, self._side.text)
 
     def _failed(self) -> str:

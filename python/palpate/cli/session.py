@@ -100,7 +100,7 @@ class Session:
 
     @cached_property
     def stdout(self) -> "Console":
-        """Where results go."""
+        """Stream of results."""
         console = _console()
         if not console.is_terminal:
             console.width = FILE_WIDTH
@@ -108,7 +108,7 @@ class Session:
 
     @cached_property
     def stderr(self) -> "Console":
-        """Where progress and notes go."""
+        """Stream of progress and notes."""
         return _console(stderr=True)
 
     def study(self, path: Path, *, need_measured: bool = True) -> "Study":

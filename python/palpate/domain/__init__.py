@@ -230,7 +230,7 @@ class Indentation:
 
     @property
     def columns(self) -> dict[str, FloatArray]:
-        """What the motion prescribes (n_waypoints,), by the column of equilibrium states."""
+        """Prescribed values (n_waypoints,) of the motion, by the column of equilibrium states."""
         moved = self.waypoints
         loaded = None if moved.loads is None else np.asarray(~np.isnan(moved.loads).all(axis=0))
         return pose_columns(moved.pose, moved.time_s, loaded)
@@ -304,7 +304,7 @@ class Design:
 
 
 class Status(StrEnum):
-    """How a simulation ended."""
+    """End of a simulation."""
 
     OK = "ok"
     DIVERGED = "diverged"
@@ -314,7 +314,7 @@ class Status(StrEnum):
 
     @property
     def remedy(self) -> str:
-        """What a user can try."""
+        """Remedy that a user can try."""
         return {
             Status.OK: "nothing to do",
             Status.DIVERGED: "narrow the ranges, add a stability filter, or allow smaller steps",
@@ -325,7 +325,7 @@ class Status(StrEnum):
 
 
 class SimulationId(NamedTuple):
-    """Which simulation of a study: the set ``set_id`` of its design at a spot."""
+    """Place of a simulation in a study: the set ``set_id`` of its design at a spot."""
 
     spot: str
     set_id: int
@@ -373,7 +373,7 @@ class Job:
 
     @property
     def id(self) -> SimulationId:
-        """Which simulation of its study this is."""
+        """Place of this simulation in its study."""
         return SimulationId(self.spot, self.set_id)
 
 
@@ -398,7 +398,7 @@ class Simulation:
 
     @property
     def id(self) -> SimulationId:
-        """Which simulation of its study this is."""
+        """Place of this simulation in its study."""
         return self.job.id
 
 

@@ -14,7 +14,7 @@ MOST_SD_OUTSIDE = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prior:
-    """What is known of a number before anything is fitted: a value and its standard deviation."""
+    """Prior of a number: a value and its standard deviation."""
 
     value: float
     sd: float

@@ -14,7 +14,7 @@ from palpate.errors import SamplingError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tie:
-    """How a parameter follows another: its value is ``factor`` times that of ``source``.
+    """Tie of a parameter to another: its value is ``factor`` times that of ``source``.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class RegionMaterial:
 
     @property
     def columns(self) -> tuple[Parameter, ...]:
-        """What of the region a design has columns for: parameters and ratios of ties."""
+        """Columns of the region in a design: parameters and ratios of ties."""
         ratios = (tie.factor for tie in self.tied.values() if isinstance(tie.factor, Parameter))
         return (*self.searched, *ratios)
 

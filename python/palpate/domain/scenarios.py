@@ -70,6 +70,6 @@ def weighed_phases(scenarios: Iterable[Scenario]) -> tuple[str, ...]:
 
 
 def weighed_channels(scenarios: Iterable[Scenario], measured: Iterable[str]) -> list[str]:
-    """Those of the measured channels that a scenario weighs, each once."""
+    """Measured channels that a scenario weighs, each once."""
     weighed = {channel_of(name) for scenario in scenarios for name in scenario.weighed}
     return [name for name in dict.fromkeys(measured) if name in weighed]

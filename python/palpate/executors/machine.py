@@ -27,7 +27,7 @@ def n_cores() -> int:
 
 
 def n_fitting(memory_MB: float) -> int:
-    """How many workers this machine has room for: one per core, and as many as its free memory holds.
+    """Number of workers that this machine has room for: one per core, as many as its free memory holds.
 
     Parameters
     ----------

@@ -343,7 +343,7 @@ def _times(n: int) -> str:
 
 
 def _setup(batch: Batch) -> _Setup:
-    """What a worker is sent before its first job, and keeps: plugin files as this process has them."""
+    """Setup of a worker, sent before its first job and kept: plugin files as this process has them."""
     solver = packed_or_refused(batch.solver, f"solver '{batch.solver.name}'")
     files = tuple((path, plugin_source(path)) for path in batch.plugin_files)
     return files, solver, batch.limits.memory_MB

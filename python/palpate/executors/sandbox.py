@@ -62,7 +62,7 @@ class ProcessLimits:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ended:
-    """How a process ended.
+    """End of a process.
 
     ``exit_code`` is negative where a signal ended it; ``stopped`` names the limit
     that it exceeded, and is empty where it ended by itself. ``tail`` is the last of what

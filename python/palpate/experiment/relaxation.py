@@ -46,7 +46,7 @@ class LargestRelaxation:
 
     @property
     def sentence(self) -> str:
-        """What was found, and what the fitted moduli are."""
+        """Sentence on the fall, and on the fitted moduli, which are apparent ones."""
         at = f" at {self.place}" if self.place else ""
         return (
             f"the tissue{at} relaxed by {100.0 * self.share:.2g} % in {self.rest.duration_s:.2g} s; "

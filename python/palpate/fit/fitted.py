@@ -91,7 +91,7 @@ def _values(
 def inputs_at(
     study: Study, spot: str, values: Mapping[str, float], measured: Mapping[str, Response]
 ) -> SpotInputs:
-    """What is simulated at a spot for values by name; those of a sweep's set name the materials' alone."""
+    """Inputs of the simulation at a spot for values by name; a sweep's set names the materials' alone."""
     protocol = study.protocol_at(spot) or homogeneous_tests(measured[spot])
     at = at_spot(values, spot)
     searched = study.parametrisation.parameters(study.space, study.spot_names)

@@ -13,7 +13,7 @@ from palpate.plugins.search import Asking, Evaluation, Search, SearchSpace, Tria
 
 
 class LeastSquaresSettings(Settings):
-    """How far to step, and when to stop."""
+    """Length of steps, and limits at which to stop."""
 
     max_steps: int = Field(30, ge=1, description="most trial steps from one start")
     first_step: float = Field(0.3, gt=0.0, le=1.0, description="largest first step, as a share of each range")
@@ -128,7 +128,7 @@ class _Model:
         return self.space.accepts(np.clip(points, 0.0, 1.0))
 
     def _gains(self, bent: FloatArray) -> FloatArray:
-        """What steps (n, n_parameters) would gain."""
+        """Gains of steps (n, n_parameters)."""
         left = self.residuals + bent @ self.jacobian.T
         gains: FloatArray = self.residuals @ self.residuals - (left**2).sum(axis=1)
         return gains

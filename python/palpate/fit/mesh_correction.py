@@ -63,7 +63,7 @@ class FineRun:
 
     @property
     def corrections(self) -> dict[str, Correction]:
-        """What a mesh without error adds at each measured point; nothing where a curve is missing."""
+        """Change of each measured point by a mesh without error; nothing where a curve is missing."""
         return {
             name: Correction(
                 added=(1.0 + left_over(name, self.refinement)) * np.nan_to_num(self.fine[name] - coarse),
@@ -112,7 +112,7 @@ def errors_of(run: FineRun, term: SpotTerm, coarse: Mapping[str, FloatArray]) ->
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class EndSlopes:
-    """What errors of the curves do to the parameters where a fit has ended, to first order.
+    """Change of the parameters by errors of the curves where a fit has ended, to first order.
 
     Parameters
     ----------

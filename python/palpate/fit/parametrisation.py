@@ -21,14 +21,14 @@ FRICTION, OFFSET, GAIN = "friction", "depth_offset_mm", "gain"
 
 
 class KnownRatio(Settings):
-    """What is known of a ratio before anything is fitted."""
+    """Prior of a ratio."""
 
     value: Ratio = Field(description="The value expected.")
     sd: Ratio = Field(gt=0.0, description="Its standard deviation.")
 
 
 class KnownLength(KnownRatio):
-    """What is known of a length before anything is fitted."""
+    """Prior of a length."""
 
     value: Length = Field(description="The length expected, with its unit.")
     sd: Length = Field(gt=0.0, description="Its standard deviation, with its unit.")
@@ -80,7 +80,7 @@ class LengthRange(RatioRange):
 
 
 class StandardSettings(Settings):
-    """What is searched besides the materials' parameters."""
+    """Quantities that are searched besides the materials' parameters."""
 
     friction: RatioRange | None = Field(default=None, description="Range of the Coulomb coefficient.")
     depth_offset: LengthRange | None = Field(

@@ -53,7 +53,7 @@ class _Shift:
 
 @dataclass(slots=True, eq=False)
 class _Plan:
-    """What has to be simulated for a trial: by spot, its inputs, its job, and shifts by coordinate.
+    """Simulations of a trial: by spot, its inputs, its job, and shifts by coordinate.
 
     A coordinate that cannot be shifted is among the failures.
     """
@@ -277,7 +277,7 @@ class Problem:
         return lambda simulations: [self._evaluation(plan, simulations) for plan in plans]
 
     def inputs(self, spot: str, point: FloatArray) -> SpotInputs:
-        """What is simulated at a spot at a point of the box.
+        """Inputs of the simulation at a spot at a point of the box.
 
         Raises
         ------
@@ -287,7 +287,7 @@ class Problem:
         return self._inputs(self._term(spot), point)
 
     def accepts(self, points: FloatArray) -> BoolArray:
-        """Which points (n, n_parameters) materials and filters accept at every spot; nothing is simulated."""
+        """Mask of the points (n, n_parameters) that materials and filters accept at every spot."""
         accepted, values = np.ones(len(points), dtype=np.bool_), self.box.values(points)
         before = None
         for term in self.terms:
@@ -312,7 +312,7 @@ class Problem:
         return self.inputs_at(term, self.box.values(point))
 
     def inputs_at(self, term: SpotTerm, values: FloatArray) -> SpotInputs:
-        """What is simulated at a spot at values (n_parameters,)."""
+        """Inputs of the simulation at a spot at values (n_parameters,)."""
         named = dict(zip(self.names, values.tolist(), strict=True))
         with answering_for(self.parametrisation, f"what it gives spot '{term.spot}'"):
             found = self.parametrisation.inputs(self.study.space, term.spot, term.protocol, named)

@@ -93,7 +93,7 @@ class Fit:
         return [self.problem.parameters[i].name for i in seen[np.abs(axes[-1]) > 0.1]]
 
     def remarks(self) -> str:
-        """What the slopes say of the values, behind why the search ended."""
+        """Sentence on the values by their slopes, behind why the search ended."""
         said = ""
         if unseen := self.unseen():
             said += f"; {UNSEEN} depends on {', '.join(unseen)}, left where the search started"

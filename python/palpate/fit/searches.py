@@ -21,7 +21,7 @@ class BestSet(Search):
 
 
 class DifferentialEvolutionSettings(Settings):
-    """How large a population is, and for how long it evolves."""
+    """Size of a population, and its number of generations."""
 
     population: int = Field(10, ge=4, description="points for each parameter")
     max_generations: int = Field(100, ge=1, description="most generations")

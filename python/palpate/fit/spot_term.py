@@ -46,7 +46,7 @@ class NotRankedError(Exception):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Correction:
-    """What a finer mesh adds to a curve, from one set at which both meshes were simulated.
+    """Change of a curve by a finer mesh, from one set at which both meshes were simulated.
 
     Curves and their mesh's error are homogeneous of degree 1 in the moduli: at another set the finer mesh
     adds as much more as the coarse curve is larger.
@@ -63,7 +63,7 @@ class Correction:
     coarse: FloatArray
 
     def at(self, ordinates: FloatArray) -> FloatArray:
-        """What the finer mesh adds (..., n) to coarse curves (..., n), which may have NaN."""
+        """Change (..., n) by the finer mesh of coarse curves (..., n), which may have NaN."""
         added: FloatArray = self.ratio(ordinates)[..., None] * self.added
         return added
 

@@ -257,7 +257,7 @@ class FitStage:
         return True
 
     def _ends(self, case: Case) -> list["_End"]:
-        """Where a case has ended, at each spot, and the fine run that is nearest to it."""
+        """End of a case at each spot, and the fine run that is nearest to it."""
         end = case.end
         if end is None or end.best is None:
             return []
@@ -298,7 +298,7 @@ def _shift(slopes: EndSlopes | None, end: Fit, spot: str, errors: Mapping[str, F
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _End:
-    """Where a case has ended at one spot, and how far its correction, or the nearest, may shift it.
+    """End of a case at one spot, and how far its correction, or the nearest, may shift it.
 
     The shift is the largest of a parameter over its standard deviation.
     """

@@ -164,7 +164,7 @@ def _trace(case: Case, n_runs: Mapping[int, Sequence[int]]) -> Iterator[dict[str
 
 
 def _mesh(case: Case) -> Iterator[dict[str, Any]]:
-    """What the coarse meshes, and the corrected ones, give."""
+    """Values that the coarse meshes, and the corrected ones, give."""
     if case.coarse and case.n_fine:
         for name, value in case.values().items():
             yield {**_about(case), "parameter": name, "coarse": case.coarse[name], "corrected": value}

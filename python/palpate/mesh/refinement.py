@@ -147,7 +147,7 @@ def _edges_of(now: _Elements) -> tuple[IntArray, IntArray]:
 def _too_long(
     now: _Elements, contact: int, spot_mm: FloatArray, near_mm: float, beyond_mm: float, edge_mm: float
 ) -> BoolArray:
-    """Which edges (n_edges,) are longer than they may be where they are."""
+    """Mask (n_edges,) of the edges that are longer than they may be where they are."""
     ends, _ = _edges_of(now)
     first, other = now.points[ends.T]
     along = other - first

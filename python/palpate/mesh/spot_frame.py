@@ -154,7 +154,7 @@ def _tilted(limb: Limb, protocol: Indentation) -> Limb:
 
 
 def _overlap_mm(limb: Limb, protocol: Indentation) -> float:
-    """How far the nodes of the contact surface are inside the indenter at depth 0."""
+    """Depth of the nodes of the contact surface inside the indenter at depth 0."""
     mesh = in_spot_frame(limb)
     gaps = protocol.indenter.distance(mesh.points_mm[mesh.node_sets["contact"]])
     return -float(np.min(gaps, initial=0.0))

@@ -41,7 +41,7 @@ class UnknownNameError(PluginError, KeyError):
 
 
 class Catalogue(Mapping[str, T]):
-    """What plugins provide of one kind, by name, in order of registration.
+    """Components of one kind that plugins provide, by name, in order of registration.
 
     Parameters
     ----------

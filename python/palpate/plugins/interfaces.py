@@ -108,7 +108,7 @@ class SetFilter(Component[SettingsT]):
 
     @abstractmethod
     def accept(self, space: ParameterSpace, values: FloatArray) -> BoolArray:
-        """Which rows of ``values`` (n_sets, n_parameters), in design columns, to keep: (n_sets,)."""
+        """Mask (n_sets,) of the rows to keep of ``values`` (n_sets, n_parameters), in design columns."""
 
     def reason(self, space: ParameterSpace, row: FloatArray) -> str:
         """Why a set (n_parameters,) is dropped, shown where too few are left. Override it to say more."""
@@ -126,7 +126,7 @@ class Solver(Component[SettingsT]):
         return ()
 
     def n_warm_starts(self, number: int) -> int:
-        """How many of the first sets of a design the set of this number, from 0, may start from.
+        """Number of the first sets of a design that the set of this number, from 0, may start from.
 
         They become its ``Job.warm_starts`` and are simulated before it. It never falls as the number grows,
         and is at most the number.

@@ -20,7 +20,7 @@ from palpate.domain.component import Component, SettingsT
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpotInputs:
-    """What is simulated at a spot, and how the answer is compared with the measurement.
+    """Inputs of the simulation at a spot, and how the answer is compared with the measurement.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class SpotInputs:
 
 
 class Parametrisation(Component[SettingsT]):
-    """What is searched, and what it means at each spot."""
+    """Meaning of the searched parameters at each spot."""
 
     relaxing: ClassVar[frozenset[str]] = frozenset()
     """Channels whose relaxation is part of the model."""
@@ -70,7 +70,7 @@ class Parametrisation(Component[SettingsT]):
     def inputs(
         self, space: ParameterSpace, spot: str, protocol: Protocol, values: Mapping[str, float]
     ) -> SpotInputs:
-        """What is simulated at a spot for these values, by the names of :meth:`parameters`.
+        """Inputs of the simulation at a spot for these values, by the names of :meth:`parameters`.
 
         A smooth function of the values: it is differentiated by differences.
         """

@@ -103,7 +103,7 @@ class Provides:
         return () if self.fields and _is_anisotropic(material) else material.fields
 
     def lacks(self, job: Job) -> tuple[str, ...]:
-        """What a job needs and the solver does not provide, in words; empty where it provides all."""
+        """Needs of a job that the solver does not provide, in words; empty where it provides all."""
         return tuple(self._lacks(job))
 
     def _lacks(self, job: Job) -> Iterator[str]:
@@ -131,7 +131,7 @@ def _is_anisotropic(material: "Material") -> bool:
 
 
 def provided_by_default(solver: "type[Solver[Any]]") -> Provides | None:
-    """What a solver provides with its default settings; None where some have no default."""
+    """Abilities of a solver with its default settings; None where some have no default."""
     declared: object = solver.provides
     if isinstance(declared, Provides):
         return declared

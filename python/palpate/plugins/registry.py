@@ -136,7 +136,7 @@ class Registry:
         self.broken: list[BrokenPlugin] = []
         self.commands: dict[str, str] = {}
         self.import_s: dict[str, float] = {}
-        """How long each plugin took to import, by the name under which it is listed."""
+        """Import time of each plugin, by the name under which it is listed."""
         self._qualifiers: dict[str, str] = {}
         self.points: list[tuple[str, importlib.metadata.EntryPoint]] = []
         """Entry points of single components by kind, imported when the catalogues are filled."""

@@ -23,7 +23,7 @@ _NAME = re.compile(r"[a-z]([a-z0-9_]*[a-z0-9])?")
 
 @dataclass(frozen=True, slots=True)
 class Kit:
-    """What can be made: the catalogue of its component, its noun, and how a study uses it."""
+    """Kind of plugin to make: the catalogue of its component, its noun, and how a study uses it."""
 
     catalogue: str
     noun: str

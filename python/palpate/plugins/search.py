@@ -21,7 +21,7 @@ from palpate.domain.component import Component, SettingsT
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SearchSpace:
-    """What a search may know of a problem.
+    """Problem as a search may know it.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class Trial:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Evaluation:
-    """What a trial came to.
+    """Result of a trial.
 
     Parameters
     ----------

@@ -113,7 +113,7 @@ def _is_number(cell: Cell) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """What a figure shows at one place of its slider, besides its own traces."""
+    """Contents of a figure at one place of its slider, besides its own traces."""
 
     label: str
     traces: Sequence[Mapping[str, Any]]
@@ -229,7 +229,7 @@ class Section(Component[SettingsT]):
         return False
 
     def warnings(self, data: Any) -> Iterable[ReportWarning]:  # noqa: ANN401 - of palpate-report
-        """What a reader must be warned of; the terminal and ``--json`` have it too."""
+        """Warnings for a reader; the terminal and ``--json`` have them too."""
         return ()
 
 

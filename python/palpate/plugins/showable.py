@@ -88,7 +88,7 @@ def _table(section: Section, table: Table) -> Table:
 
 
 def _wrong(cell: object) -> str:
-    """What is wrong with a cell; empty where it can be shown."""
+    """Problem of a cell; empty where it can be shown."""
     match cell:
         case Bar(lower=lower, upper=upper, value=value, truth=truth):
             ends = {"lower": lower, "upper": upper, "value": value, "truth": truth}
@@ -124,7 +124,7 @@ def _is_percent(value: object) -> bool:
 
 
 def figure_data(figure: Figure) -> dict[str, Any]:
-    """What the page's script draws a figure from."""
+    """Values from which the page's script draws a figure."""
     return {
         "traces": plain(figure.traces),
         "layout": plain(figure.layout),

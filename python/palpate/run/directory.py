@@ -77,7 +77,7 @@ class RunDirectory:
 
     @property
     def report(self) -> Path:
-        """Where tables, figures and the page go."""
+        """Folder of tables, figures and the page."""
         return self.folder / "report"
 
     def result(self) -> dict[str, str]:
@@ -329,12 +329,12 @@ class RunDirectory:
         return self._measured(spot).with_suffix(".json")
 
     def _recorded(self, spot: str) -> dict[str, Any]:
-        """How the curves of a spot came about."""
+        """Processing of the curves of a spot."""
         found: dict[str, Any] = self.records.read("experiment", self._record(spot), json.loads)
         return found
 
     def _records(self, study: Study) -> dict[str, Any]:
-        """How the curves of each spot came about, as far as that is known."""
+        """Processing of the curves of each spot, as far as it is known."""
         known = {}
         for spot in study.spots:
             with contextlib.suppress(StudyError):

@@ -13,7 +13,7 @@ _FILE = "fit.json"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FitState:
-    """How far a fit is.
+    """Progress of a fit.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def write_fit_state(folder: Path, state: FitState) -> None:
 
 
 def read_fit_state(folder: Path) -> FitState | None:
-    """How far the fit is; None where none has begun, or it has ended."""
+    """Progress of the fit; None where none has begun, or it has ended."""
     try:
         return FitState(**json.loads((folder / _FILE).read_bytes()))
     except (OSError, ValueError, TypeError, RecursionError):

@@ -177,14 +177,14 @@ def _add_items(digest: "hashlib._Hash", kind: str, items: Iterable[tuple[str, ob
 
 
 def _observation(channel: Channel) -> list[object]:
-    """What decides a channel's curve; its labels and its checks do not."""
+    """Definition of a channel's curve; its labels and its checks are not in it."""
     code = "" if channel.observe is None else code_fingerprint(channel.observe)
     named = "" if channel.observe is None else channel.observe.__qualname__
     return [channel.name, channel.abscissa, channel.ordinate, list(channel.needs), named, code]
 
 
 def _indenter(indenter: Indenter) -> tuple[str, list[tuple[str, Any]]]:
-    """What an indenter counts by; a sphere by its radius under its first name, as in every key so far."""
+    """Definition of an indenter; of a sphere its radius under its first name, as in every key so far."""
     if type(indenter) is Sphere:
         return "palpate.domain.Sphere ", [("radius_mm", indenter.radius_mm)]
     return "indenter", list(

@@ -132,7 +132,7 @@ class Ledger:
         return {key for (key,) in rows}
 
     def bytes_each(self) -> float | None:
-        """What a finished simulation takes on the disk, on average; None where there is none."""
+        """Size of a finished simulation on the disk, on average; None where there is none."""
         ((n_finished,),) = self._rows("SELECT count(*) FROM simulations")
         return self.path.stat().st_size / n_finished if n_finished else None
 

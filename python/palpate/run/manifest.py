@@ -149,7 +149,7 @@ def _protocol(protocol: Protocol | None) -> dict[str, Any]:
 
 
 def _unused(protocol: Indentation) -> tuple[str, ...]:
-    """What only other motions than a press and twist have."""
+    """Settings that only other motions than a press and twist have."""
     return tuple(name for name in ("lateral", "loads", "time_s") if getattr(protocol, name) is None)
 
 
@@ -268,7 +268,7 @@ def with_trusted_code(study: Study, manifest: Mapping[str, Any], names: Collecti
 
 
 def recorded(study: Study, manifest: Mapping[str, Any]) -> dict[str, dict[str, list[str]]]:
-    """What the next manifest has under ``trusted``: by component, origin of results → accepted code."""
+    """Entry ``trusted`` of the next manifest: by component, origin of results → accepted code."""
     now = fingerprints(study)
     record = {name: dict(origins) for name, origins in manifest.get("trusted", {}).items()}
     for name, origin in study.trusted.items():
@@ -306,13 +306,13 @@ class Change:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Changed:
-    """How a study differs from the one that a run directory was written for."""
+    """Differences of a study from the one that a run directory was written for."""
 
     changes: Sequence[Change]
     n_finished: int
     """Finished simulations of the earlier study."""
     n_valid: int
-    """Those of them that are simulations of this study too."""
+    """Simulations among them that are of this study too."""
 
     @property
     def trustable(self) -> tuple[str, ...]:

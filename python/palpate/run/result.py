@@ -346,7 +346,7 @@ class FitResult:
         return next(whys, "")
 
     def mesh_errors(self, fit: str, scenario: str) -> dict[str, float]:
-        """How far the finer meshes moved each parameter.
+        """Shift of each parameter by the finer meshes.
 
         A fit that began with corrections found by another one does not show all that they move: the
         joint fit counts too, and where neither has any values, the most of all.

@@ -32,7 +32,7 @@ GROWTH = 1.4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cost:
-    """What is left of a run.
+    """Simulations and time left of a run.
 
     Parameters
     ----------
@@ -97,14 +97,14 @@ class Cost:
         return f", about {duration(seconds)}"
 
     def first_look(self, n_sets: int) -> str:
-        """How long a smaller first look takes; empty where it is not worth one."""
+        """Duration of a smaller first look in words; empty where it is not worth one."""
         if (self.seconds or 0.0) <= LONG_S or n_sets <= FIRST_LOOK:
             return ""
         return f"a first look of about {duration((self.seconds or 0.0) * FIRST_LOOK / n_sets)}"
 
 
 def cost(study: Study, jobs: Mapping[str, Job], folder: Path | None, limbs: Mapping[str, Limb]) -> Cost:
-    """What is left of a run whose sweep has these jobs, by key.
+    """Simulations and time left of a run whose sweep has these jobs, by key.
 
     Parameters
     ----------

@@ -212,7 +212,7 @@ def of_job(simulation: Simulation, job: Job) -> Simulation:
 
 @contextlib.contextmanager
 def executor_of(study: Study) -> Iterator[Executor]:
-    """Where the study lets its jobs run; closed at the end."""
+    """Executor of the study's jobs; closed at the end."""
     executor = study.executor or Processes()
     try:
         yield executor

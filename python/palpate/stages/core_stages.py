@@ -80,7 +80,7 @@ class Sample(OfEveryRun):
     tables = MappingProxyType({"design": "Parameters of each set."})
 
     def decides(self, study: Study) -> Mapping[str, object]:
-        """What decides the first ``n_sets`` sets of the design."""
+        """Settings that decide the first ``n_sets`` sets of the design."""
         regions = study.space.regions
         return {
             "ranges": [asdict(replace(p, prior=None, by_spot=False)) for p in study.space.parameters],
@@ -97,7 +97,7 @@ class Sample(OfEveryRun):
         return design_files(inputs.design if inputs.fresh else draw_study(inputs.study, inputs.directory))
 
     def summarise(self, inputs: Run) -> Summary:
-        """How many sets the filters kept."""
+        """Number of sets that the filters kept."""
         design = inputs.directory.design()
         kept = f"{design.n_drawn} sets drawn, {design.n_sets} kept by the filters (seed {design.seed})"
         earlier = f"the first {design.n_kept} are of an earlier design with wider ranges"
@@ -149,7 +149,7 @@ class Score(OfEveryRun):
 
 
 def _comparison(study: Study) -> dict[str, object]:
-    """What decides every misfit: the score with its settings and code, and which curves are ranked."""
+    """Settings that decide every misfit: the score and its code, and which curves are ranked."""
     rules = study.scoring
     settings = rules.score.settings.model_dump(mode="json")
     return {
@@ -223,7 +223,7 @@ def best_sets(study: Study, design: Design, scores: pl.DataFrame) -> tuple[pl.Da
 
 
 def selected(run: Run) -> SelectionResult:
-    """What identification chose, and where it found nothing."""
+    """Sentences on the sets that were chosen, and on where none was."""
     study, scores, chosen = run.study, run.table("scores"), run.table("selection", "select")
     return SelectionResult(
         selection=chosen,
@@ -283,7 +283,7 @@ class Surface(CoreStage):
         return study.solver.provides.surface
 
     def run(self, inputs: Run, progress: Progress) -> Files:
-        """Which simulations have states of the skin."""
+        """Simulations with states of the skin."""
         return {"surface": simulate_surfaces(inputs.simulations, inputs.fitted(), inputs.measured)}
 
 

@@ -196,7 +196,7 @@ def _make(run: Run, stage: Stage, made_from: Mapping[str, str] | None) -> None:
 
 
 def _changed(study: Study, inputs: StudyInputs, run: RunDirectory, plugins: Plugins) -> Changed:
-    """How the study differs from the one that a folder was written for."""
+    """Differences of the study from the one that a folder was written for."""
     if not run.exists:
         return Changed(changes=(), n_finished=0, n_valid=0)
     to_do = simulation.jobs(study, inputs.design, inputs.measured)

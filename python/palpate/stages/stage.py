@@ -43,7 +43,7 @@ SWEEP = "simulate"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary:
-    """What a stage has found, as the terminal and the page show it.
+    """Results of a stage, as the terminal and the page show them.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ class Run:
     is_copy: bool = False
     more_limbs: Mapping[str, Limb] = field(default_factory=dict)
     shared: dict[str, Any] = field(default_factory=dict)
-    """What a stage leaves in memory for those after it."""
+    """Values that a stage leaves in memory for those after it."""
     _opened: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
     def __enter__(self) -> Self:
@@ -233,7 +233,7 @@ class Run:
         return self.directory.table(name, stage)
 
     def fitted(self) -> Fitted:
-        """What the run has found for all spots together."""
+        """Values that the run has found for all spots together."""
         self.check("select")
         chosen, general = (self.table(name, "select") for name in ("selection", "generalisation"))
         return fitted(self.study, chosen, general, self.fit())
@@ -256,7 +256,7 @@ class Run:
         return self.directory.posterior() if "certainty" in self.stages else PosteriorResult()
 
     def identifiability(self) -> IdentifiabilityResult:
-        """What the present sweep allows; without rows as :meth:`posterior` is."""
+        """Identifiability by the present sweep; without rows as :meth:`posterior` is."""
         known = "identifiability" in self.stages
         return self.directory.identifiability() if known else IdentifiabilityResult()
 

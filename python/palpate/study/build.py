@@ -35,7 +35,7 @@ FILTERS: Key = ("sampling", "filters")
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What every part is built with: the study file, what plugins provide, where mistakes go.
+    """Context in which every part is built: the study file, what plugins provide, where mistakes go.
 
     With ``is_copy`` the files that the study names need not exist.
     """
@@ -48,7 +48,7 @@ class Context:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Components:
-    """What plugins supply to a study, built from its settings; None where a problem was found."""
+    """Components of a study, built from its settings; None where a problem was found."""
 
     loader: ExperimentLoader | None
     limb_source: LimbSource | None

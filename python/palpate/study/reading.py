@@ -152,15 +152,15 @@ class Study:
 
     @property
     def notice(self) -> str:
-        """What every picture of the data must say."""
+        """Notice on every picture of the data."""
         return "simulated data, not a measurement" if self.data == "simulated" else ""
 
     def loader_at(self, spot: str) -> ExperimentLoader:
-        """What reads the files of a spot."""
+        """Loader of the files of a spot."""
         return self._at(spot).loader or self.loader
 
     def protocol_at(self, spot: str) -> Protocol | None:
-        """What is done at a spot; None for homogeneous tests."""
+        """Motion at a spot; None for homogeneous tests."""
         return self._at(spot).protocol or self.protocol
 
     def degree(self, channel: str) -> int:
@@ -168,7 +168,7 @@ class Study:
         return self.channels[channel].degree if channel in self.channels else 1
 
     def observed(self, channels: Iterable[str]) -> tuple[Channel, ...]:
-        """What a job asks of the equilibrium states, so that it answers these channels.
+        """Columns of equilibrium states that a job asks for, so that it answers these channels.
 
         These are force and torque, and each of ``channels`` that the solver does not declare by name and
         has the columns of.

@@ -130,7 +130,7 @@ def _factor(factor: str, source: str, every: Mapping[str, Parameter], follower: 
 
 
 def _followed(name: str, ties: Mapping[str, Tie]) -> list[str]:
-    """What a parameter follows, one after the other, until they end or repeat."""
+    """Chain of parameters that one follows, until they end or repeat."""
     followed: list[str] = []
     while name in ties and (name := ties[name].source) not in followed:
         followed.append(name)
@@ -195,7 +195,7 @@ def _region(context: Context, name: str, table: RegionTable) -> RegionMaterial |
 def _split(
     problems: Problems, key: Key, defaults: Mapping[str, Parameter], given: Mapping[str, ParameterTable]
 ) -> tuple[dict[str, float], tuple[Parameter, ...]]:
-    """What is fixed, and what is searched; ties are in neither."""
+    """Fixed values and searched parameters; ties are in neither."""
     fixed: dict[str, float] = {}
     searched: list[Parameter] = []
     for name, default in defaults.items():

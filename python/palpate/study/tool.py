@@ -26,7 +26,7 @@ REFINED = 1.1
 
 
 class ToolSpotTable(Table):
-    """Where the tool presses besides the spots of the run."""
+    """Place of the tool besides the spots of the run."""
 
     name: Name = Field(description="Name of the spot; one of the run's may get another mesh.")
     mesh: FileName | None = Field(default=None, description="Mesh of the limb; default: that of the run.")

@@ -114,7 +114,7 @@ def _errors_without(assessed: Assessed, kept: BoolArray, expected: float) -> tup
 
 
 def sentence(table: pl.DataFrame) -> str:
-    """How many held-out curves are inside of their bands, and the one that is farthest off."""
+    """Sentence on the number of held-out curves inside of their bands, and on the farthest off."""
     inside = int(table["inside"].sum())
     text = (
         f"{inside} of {table.height} curves of held-out presses are inside their {100.0 * BAND:.0f} % bands"

@@ -56,7 +56,7 @@ class ResidualLayout:
     envelope: FloatArray
 
     def only(self, kept: BoolArray) -> "ResidualLayout":
-        """Where some of the residuals, chosen by ``kept`` (n,), are."""
+        """Layout of some of the residuals, chosen by ``kept`` (n,)."""
         return ResidualLayout(**{each.name: getattr(self, each.name)[kept] for each in fields(self)})
 
     @property

@@ -82,7 +82,7 @@ def unit_in(name: str) -> tuple[str, str]:
 
 
 def kind_of(unit: str) -> Kind | None:
-    """What a unit measures; None where it is not one that a log of a press needs."""
+    """Kind of quantity of a unit; None where it is not one that a log of a press needs."""
     known = UNITS.get(unit)
     return known[0] if known else None
 

@@ -212,7 +212,7 @@ def _names_and_units(
 
 
 def _kinds(n_columns: int, rows: Sequence[Sequence[str]], decimal: str) -> tuple[str, ...]:
-    """What each column holds, by the first rows."""
+    """Kind of each column, by the first rows."""
     kinds = []
     for index in range(n_columns):
         cells = [row[index] for row in rows if index < len(row) and row[index]]

@@ -152,7 +152,7 @@ class TextTable:
             )
 
     def notes(self) -> tuple[str, ...]:
-        """What a person should know about the file."""
+        """Remarks on the file for a person."""
         columns = zip(self.layout.names, self.layout.kinds, strict=True)
         notes = []
         if text := [name for name, kind in columns if kind == "text"]:
@@ -272,7 +272,7 @@ def _is_regular(data: bytes, begin: int, layout: Layout, n_lines: int) -> bool:
 
 
 def _count(data: bytes, begin: int, mark: str) -> int:
-    """How often a character of one byte follows; bytes.count takes four times as long."""
+    """Count of a character of one byte; bytes.count takes four times as long."""
     codes = np.frombuffer(data, dtype=np.uint8, offset=begin)
     pieces = range(0, codes.size, _PIECE)
     return sum(int(np.count_nonzero(codes[at : at + _PIECE] == ord(mark))) for at in pieces)
