@@ -96,6 +96,7 @@ if TYPE_CHECKING:
     from palpate.progress import (
         SILENT as SILENT,
         Progress as Progress,
+        about as about,
     )
     from palpate.stages.stage import (
         Run as Run,

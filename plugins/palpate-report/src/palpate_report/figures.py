@@ -212,9 +212,6 @@ def generalised(data: ReportData) -> Figure:
     channels, spots = data.measured_channels, data.spots
     figure = sized(DOUBLE_MM if len(spots) > 1 else SINGLE_MM, 46.0 * len(channels) + 22.0)
     axes = figure.subplots(len(channels), len(spots), squeeze=False, sharex="row", sharey="row")
-    rows = data.fit.joint(data.generalising.name)
-    rows = data.generalisation if rows.is_empty() else rows
-    fopt = {row["spot"]: float(row["fopt"]) for row in rows.iter_rows(named=True)}
     colour, dash = LINES[0]
     for j, spot in enumerate(spots):
         label, simulated = for_all_spots(data, spot)
@@ -228,7 +225,7 @@ def generalised(data: ReportData) -> Figure:
                 _draw(axis, simulated[channel], colour, dash, label)
             if j:
                 axis.set_ylabel("")
-        axes[0, j].set_title(f"spot {spot}: Fopt {fopt[spot]:.3g}" if spot in fopt else f"spot {spot}")
+        axes[0, j].set_title(f"spot {spot}")
     legend_below(figure, list(axes.flat))
     show_notice(figure, data.notice)
     return figure

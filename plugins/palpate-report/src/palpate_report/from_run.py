@@ -7,7 +7,7 @@ from pathlib import Path
 
 import polars as pl
 
-from palpate.api import SILENT, PluginError, Progress, Run, StudyError, Summary
+from palpate.api import SILENT, PluginError, Progress, Run, StudyError, Summary, about
 from palpate.api.files import write_atomically
 from palpate.api.fit import FitResult, IdentifiabilityResult, PosteriorResult
 from palpate.api.runs import (
@@ -105,6 +105,7 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
         verification=pl.DataFrame() if unfinished else run.directory.verification(),
         comparisons=run.directory.comparisons(),
         unfinished=unfinished,
+        simulated=_simulated(run.directory.folder),
         surfaces=run.surfaces(),
         summaries={} if unfinished else _summaries(run),
     )
@@ -152,6 +153,16 @@ def _unfinished(directory: RunDirectory, *, runs_now: bool) -> str:
         return ""
     sweep = f"{sum(counts.values()) - n_left} of {sum(counts.values())} simulations of the sweep"
     return sweep if state is None else f"{sweep}; fit: {state}"
+
+
+def _simulated(folder: Path) -> str:
+    """When the last simulation ended, how many there are, and how long they took together."""
+    with Ledger(folder) as ledger:
+        ended = ledger.frame().select("finished_at", "seconds")
+    if ended.is_empty():
+        return ""
+    count = "1 simulation" if ended.height == 1 else f"{ended.height} simulations"
+    return f"{max(ended['finished_at'])[:10]}: {count}, {about(float(ended['seconds'].sum()))} in all"
 
 
 def _pictures(run: Run, spot: StudySpot) -> tuple[Path, ...]:

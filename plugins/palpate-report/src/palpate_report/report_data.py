@@ -137,6 +137,8 @@ class ReportData:
         Of the page.
     unfinished : str
         How far the run is where it has not ended.
+    simulated : str
+        Until when, how often and how long together; empty where nothing was simulated.
     surfaces : mapping of spot name to SurfaceStates
         Skin under the press with what was found; empty where it was not simulated.
     summaries : mapping of stage to (str, Summary)
@@ -165,6 +167,7 @@ class ReportData:
     pictures: Mapping[str, Sequence[Path]] = field(default_factory=dict)
     sections: Mapping[str, type[Section]] = field(default_factory=dict)
     unfinished: str = ""
+    simulated: str = ""
     surfaces: Mapping[str, SurfaceStates] = field(default_factory=dict)
     summaries: Mapping[str, tuple[str, Summary]] = field(default_factory=dict)
 
