@@ -68,8 +68,8 @@ os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parent / "
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 
-MOST_MB = 700.0
-"""Memory of a process of the tests above which it is given back after a test: first what is free already."""
+MOST_MB, MOST_IN_A_FILE_MB = 700.0, 1000.0
+"""Memory of a process above which JAX's functions are dropped after a file, and between its tests."""
 
 # At Python's 700 new objects, cycles are looked for 1,651 times while one file of JAX's tests runs.
 gc.set_threshold(50_000)
@@ -84,12 +84,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.hookimpl(trylast=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
-    """Give memory back; JAX's functions only after a file, as the next test compiles what it uses again."""
+    """Give memory back; JAX's functions rarely within a file, as the next test compiles them again."""
     if memory_mb() > MOST_MB:
         give_free_memory_back()
-    if nextitem is None or nextitem.path == item.path or "jax" not in sys.modules:
-        return
-    if memory_mb() > MOST_MB:
+    goes_on = nextitem is not None and nextitem.path == item.path
+    if "jax" in sys.modules and memory_mb() > (MOST_IN_A_FILE_MB if goes_on else MOST_MB):
         sys.modules["jax"].clear_caches()
         gc.collect()
         give_free_memory_back()
