@@ -216,6 +216,28 @@ def test_the_skin_moves_with_the_slider_turns_and_has_two_colours(browser, page)
         assert browser.value("document.documentElement.scrollWidth") <= width
 
 
+def test_each_menu_is_once_in_a_section_and_changes_what_that_shows(browser, page):
+    unfolded(browser, page(pressed, search=LeastSquares()))
+    menus = browser.value(
+        "[...document.querySelectorAll('[data-menu]')].map(m => [m.closest('section').id, m.dataset.menu])"
+    )
+    assert sorted(menus) == [
+        ["section-limb", "spot"],
+        ["section-space", "scenario"],
+        ["section-space", "spot"],
+    ]
+    for section, menu in menus:
+        shown = (
+            f"[...document.querySelectorAll('#{section} .plot')].map(p => JSON.stringify(p.data)).join()"
+            f" + [...document.querySelectorAll('#{section} canvas.skin')].map(c => c.hidden).join()"
+        )
+        before = browser.value(shown)
+        choose(browser, menu, 1)
+        assert browser.value(shown) != before, (section, menu)
+        choose(browser, menu, 0)
+    assert browser.complaints() == []
+
+
 def test_a_selection_is_the_same_everywhere(browser, page):
     unfolded(browser, page())
     assert count(browser, "#selected tr") == 0

@@ -8,6 +8,7 @@ from palpate.api.report import (
     Block,
     Cell,
     Fold,
+    Heading,
     Lines,
     Listing,
     Paragraph,
@@ -37,6 +38,8 @@ class Curves(Section):
             "the measured presses to each side, where there is one."
         )
         for spot in data.spots:
+            if len(data.spots) > 1:
+                yield Heading(f"Spot {spot}")
             label = f"Measured and simulated curves at {spot}; the errors are in the tables below"
             yield from picture(report, f"response_{file_name(spot)}", label)
 
