@@ -238,6 +238,30 @@ def test_each_menu_is_once_in_a_section_and_changes_what_that_shows(browser, pag
     assert browser.complaints() == []
 
 
+KEYS = (
+    "[...document.querySelectorAll('#pairs-legend li')]"
+    ".map(li => [li.firstChild.style.color, li.textContent])"
+)
+
+
+def test_the_legend_of_the_planes_names_what_is_drawn_in_its_colours(browser, page):
+    unfolded(browser, page(search=LeastSquares()))
+    texts = [text for _, text in browser.value(KEYS)]
+    for part in ("set, coloured", "× set of Fopt above", "★", "end of the fit to all spots", "the fit to p1"):
+        assert sum(part in text for text in texts) == 1, part
+    for scenario in (0, 1):
+        choose(browser, "scenario", scenario)
+        drawn = "document.getElementById('pairs').data.find(t => t.name === 'p1: fit').line.color"
+        shown = f"(e => {{e.style.color = {drawn}; return e.style.color}})(document.createElement('i'))"
+        assert browser.value(shown) in [c for c, text in browser.value(KEYS) if "the fit to p1" in text]
+    choose(browser, "spot", 1)
+    assert not any("fit to p1" in text for _, text in browser.value(KEYS))
+    # What there is nothing of is not in the legend, and dragging zooms where there is nothing to select.
+    unfolded(browser, page(search=LeastSquares(), n_sets=0))
+    assert not any("set" in text for _, text in browser.value(KEYS))
+    assert browser.value("document.getElementById('pairs').layout.dragmode") == "zoom"
+
+
 def test_a_selection_is_the_same_everywhere(browser, page):
     unfolded(browser, page())
     assert count(browser, "#selected tr") == 0

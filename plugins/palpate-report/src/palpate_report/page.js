@@ -36,7 +36,7 @@
 
   const config = (name) => ({
     responsive: true, displaylogo: false, displayModeBar: isNarrow() ? false : "hover", showSendToCloud: false,
-    modeBarButtons: name === "scene" ? DEEP : FLAT, toImageButtonOptions: { format: name === "scene" ? "png" : "svg", filename: name },
+    modeBarButtons: name === "scene" ? DEEP : data.sets.ids.length && name === "pairs" ? FLAT : FLAT.map((group) => group.filter((b) => !/^(select|lasso)/.test(b))), toImageButtonOptions: { format: name === "scene" ? "png" : "svg", filename: name },
   });
 
   let drawing = 0;
@@ -73,9 +73,10 @@
   function wayTraces(x, y, axes) {
     return searches().flatMap((search, k) => {
       const last = search.ways[search.ways.length - 1], name = `${search.fit}: fit`;
+      const meta = [[k ? "╍◆" : "━◆", searchLook(k).color, `path and end of the fit to ${search.fit}`]];
       const end = { mode: "markers", marker: { symbol: "diamond", size: 11, color: searchLook(k).color, line: { width: 1, color: colour("paper") } } };
       return [Object.assign(line(name, joined(search, x), joined(search, y), searchLook(k)), axes),
-        Object.assign(line(`${name}, end`, x(last).slice(-1), y(last).slice(-1)), end, axes)];
+        Object.assign(line(`${name}, end`, x(last).slice(-1), y(last).slice(-1)), end, axes, { meta })];
     });
   }
 
@@ -130,11 +131,14 @@
     return values.map((_, i) => i).sort((a, b) => rank(values[b]) - rank(values[a]));
   }
 
+  /** Fopt at the lower end of the colours. */
+  const lowest = () => Math.max(1e-4 * data.limits.colour, Math.min(0.5 * data.limits.colour, ...fopts(state.spot).filter((v) => v !== null)));
+
   function look(value) {
     if (value === null) return { symbol: "cross-thin-open", color: colour("failed") };
     if (value > data.limits.colour) return { symbol: "x-thin-open", color: colour("above") };
-    const place = Math.round((value / data.limits.colour) * (data.colours.length - 1));
-    return { symbol: "circle", color: data.colours[place] };
+    const place = Math.log(value / lowest()) / Math.log(data.limits.colour / lowest());
+    return { symbol: "circle", color: data.colours[Math.round(Math.max(0, place) * (data.colours.length - 1))] };
   }
 
   function points(x, y, values, more) {
@@ -147,13 +151,14 @@
         line: { width: 0.8, color: looks.map((l) => (l.symbol === "circle" ? colour("soft") : l.color)) } },
       unselected: { marker: { opacity: 0.15 } }, selected: { marker: { size: 9 } },
       hovertemplate: "%{text}<br>%{x:.4g}, %{y:.4g}<extra></extra>" };
+    if (drawn.length) trace.meta = [["●", colour("soft"), "set, coloured by its Fopt"], ["×", colour("above"), `set of Fopt above ${data.limits.colour}`], ["+", colour("failed"), "set that failed or is missing"]];
     if (state.selected) trace.selectedpoints = drawn.flatMap((i, k) => (state.selected.has(i) ? [k] : []));
     return Object.assign(trace, more);
   }
 
   function star(x, y, more) {
     return Object.assign({ type: "scatter", mode: "markers", x: [x], y: [y], hoverinfo: "skip",
-      marker: { symbol: "star", size: 13, color: colour("least"), line: { width: 1, color: colour("paper") } } }, more);
+      meta: [["★", colour("least"), "set of the least Fopt"]], marker: { symbol: "star", size: 13, color: colour("least"), line: { width: 1, color: colour("paper") } } }, more);
   }
 
   /** Pairs of parameters, then each parameter against Fopt (its second index is −1). */
@@ -172,10 +177,12 @@
     const quiet = { color: colour("soft"), width: 1 }, label = (line) => line.x.map((_, k) => (k === line.label ? four(line.level) : ""));
     if (j < 0) {
       const found = data.along[state.scenario][i];
-      return found ? [Object.assign(line("least Fopt, the others fitted again", found.x, found.y, { color: colour("soft"), width: 1.6 }), axes)] : [];
+      return found ? [Object.assign(line("least Fopt, the others fitted again", found.x, found.y, { color: colour("soft"), width: 1.6 }),
+        { meta: [["━", colour("soft"), "least Fopt at each value, the other parameters fitted again"]] }, axes)] : [];
     }
     return (data.contours[state.scenario][`${i} ${j}`] || []).map((each) => Object.assign(line(`Fopt ${four(each.level)}`, each.x, each.y, quiet),
-      { mode: "lines+text", text: label(each), textfont: { size: 10, color: colour("soft") }, unselected: { textfont: { color: colour("soft") } }, hovertemplate: "%{fullData.name}<extra></extra>" }, axes));
+      { mode: "lines+text", text: label(each), textfont: { size: 10, color: colour("soft") }, unselected: { textfont: { color: colour("soft") } }, hovertemplate: "%{fullData.name}<extra></extra>",
+        meta: [["─", colour("soft"), "contour line at the written Fopt, the other parameters fitted again"]] }, axes));
   }
 
   /** What the curves allow in a plane of two parameters, by draws of the fit that leads. */
@@ -183,7 +190,7 @@
     const [x, y] = j < 0 ? [null, null] : [data.draws[state.scenario][i], data.draws[state.scenario][j]];
     if (!x || !y) return [];
     return [Object.assign({ type: "scatter", mode: "markers", x, y, hoverinfo: "skip",
-      marker: { size: 4, color: colour("measured"), opacity: 0.35 } }, axes)];
+      meta: [["●", colour("measured"), "draws of the fit: what the curves and the error budget allow"]], marker: { size: 4, color: colour("measured"), opacity: 0.35 } }, axes)];
   }
 
   /** The known answer, across the whole panel. */
@@ -197,10 +204,23 @@
 
   function colourBar() {
     const scale = data.colours.map((c, k) => [k / (data.colours.length - 1), c]);
-    return { type: "scatter", mode: "markers", x: [null], y: [null], hoverinfo: "skip", marker: { color: [0], cmin: 0,
-      cmax: data.limits.colour, colorscale: scale, showscale: true, colorbar: Object.assign({ thickness: 12, outlinewidth: 0 }, isNarrow()
+    const ends = [lowest(), data.limits.colour].map(Math.log10), ticks = [0, 0.5, 1].map((part) => ends[0] + part * (ends[1] - ends[0]));
+    return { type: "scatter", mode: "markers", x: [null], y: [null], hoverinfo: "skip", marker: { color: [0], cmin: ends[0],
+      cmax: ends[1], colorscale: scale, showscale: true, colorbar: Object.assign({ thickness: 12, outlinewidth: 0, tickvals: ticks, ticktext: ticks.map((v) => String(Number((10 ** v).toPrecision(2)))) }, isNarrow()
         ? { orientation: "h", x: 0.5, len: 0.9, y: 1, yanchor: "bottom", title: { text: "Fopt", side: "top" } }
         : { x: 1.01, len: 1, title: { text: "Fopt", side: "right" } }) } };
+  }
+
+  /** The legend: mark, colour and meaning of all that is drawn, each once. */
+  function listKeys(traces) {
+    const keys = new Map(traces.flatMap((t) => t.meta || []).map((key) => [key[2], key]));
+    element("pairs-legend").replaceChildren(...[...keys.values()].map(([mark, color, text]) => {
+      const item = document.createElement("li"), key = document.createElement("span");
+      key.textContent = mark;
+      key.style.color = color;
+      item.append(key, ` ${text}`);
+      return item;
+    }));
   }
 
   function drawPairs() {
@@ -210,13 +230,13 @@
     const gap = [columns > 1 ? 0.11 : 0, Math.min(0.35 / rows, 0.12)];
     const size = [(1 - gap[0] * (columns - 1)) / columns, (1 - gap[1] * (rows - 1)) / rows];
     const capped = values.map((v) => (v === null || v > data.limits.fopt ? null : v));
-    const truths = [], traces = data.sets.ids.length ? [colourBar()] : [], shape = { dragmode: "select", height: rows * (columns === 1 ? 300 : 290) + 60, uirevision: state.spot };
+    const truths = [], traces = data.sets.ids.length ? [colourBar()] : [], shape = { dragmode: data.sets.ids.length ? "select" : "zoom", height: rows * (columns === 1 ? 300 : 290) + 60, uirevision: state.spot };
     list.forEach(([i, j], k) => {
       const id = k ? String(k + 1) : "", left = (k % columns) * (size[0] + gap[0]), top = 1 - Math.floor(k / columns) * (size[1] + gap[1]);
       const p = data.parameters[i], q = data.parameters[j], axes = { xaxis: `x${id}`, yaxis: `y${id}` };
       const kind = (of) => (of && of.log ? "log" : "linear");
-      shape[`xaxis${id}`] = axis(p.label, { domain: [left, left + size[0]], anchor: `y${id}`, type: kind(p), nticks: 5 });
-      shape[`yaxis${id}`] = axis(q ? q.label : "Fopt (NMSE)", { domain: [Math.max(0, top - size[1]), top], anchor: `x${id}`, type: q || !isProfiled(i) ? kind(q) : "log", nticks: 5 });
+      shape[`xaxis${id}`] = axis(p.label, { domain: [left, left + size[0]], anchor: `y${id}`, type: kind(p), nticks: 5, tickformat: "~g" });
+      shape[`yaxis${id}`] = axis(q ? q.label : "Fopt (NMSE)", { domain: [Math.max(0, top - size[1]), top], anchor: `x${id}`, type: q || !isProfiled(i) ? kind(q) : "log", nticks: 5, tickformat: "~g" });
       const x = data.sets.values[i], y = q ? data.sets.values[j] : capped;
       traces.push(...valleyTraces(i, j, axes), points(x, y, values, axes));
       if (best >= 0 && y[best] !== null) traces.push(star(x[best], y[best], axes));
@@ -226,6 +246,7 @@
       const along = (n) => (way) => (n < 0 ? way.fopt.map(shown) : way.values[n]);
       traces.push(...wayTraces(along(i), along(j), axes));
     });
+    listKeys([...traces, ...(truths.length ? [{ meta: [["┅", colour("least"), "known answer"]] }] : [])]);
     element("pairs").style.height = `${shape.height}px`;
     draw("pairs", traces, layout(Object.assign(shape, { shapes: truths, margin: { l: 56, r: isNarrow() ? 8 : 70, t: isNarrow() ? 64 : 32, b: 48 } })));
   }

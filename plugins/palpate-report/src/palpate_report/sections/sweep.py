@@ -29,6 +29,10 @@ class Space(Section):
                 "an emulator of the simulated curves; there are none where it knows too little. A long "
                 "valley is a combination of parameters that the curves do not tell apart."
             )
+        if data.is_fitted:
+            yield Paragraph(
+                "The path of a fit is a new line for each start, and where finer meshes correct the curves."
+            )
         yield Drawing("space")
 
 
