@@ -20,7 +20,7 @@ def test_a_tool_of_the_demo_fits_on_its_limb(name):
     study = read_study(folder, plugins)
     tool = read_tool(folder / f"{name}.toml", study, plugins)
     pressed = tool.study(study)
-    (limb,) = refined_limbs(pressed, tool).values()
+    limb = refined_limbs(pressed, tool)["p1"]
     assert limb.mesh.n_nodes == 10258
     row = [0.0141, -0.0011, 1.05e-4]
     pressed.solver.check(job_for(pressed, "p1", 0, np.array(row), {}), limb)

@@ -14,6 +14,7 @@ from palpate.errors import StudyError
 from palpate.fit.fitted import Fitted
 from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
+from palpate.mesh.spot_frame import contact_edge_mm
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.progress import SILENT
@@ -157,15 +158,15 @@ def test_a_tool_is_predicted_with_its_band_and_what_extrapolates(fitted, plugins
     assert texts[0] == "SIMULATED curves."
     assert "Solved bands at p2 are those of 5 draws, each simulated." in texts
     assert any("at p1: normal force 3 %, peak pressure 3 %" in text for text in texts)
-    assert any("add fine_edge to the tool file" in text for text in texts)
+    assert any(text.endswith("no mesh was refined under the tool.") for text in texts)
 
 
 @pytest.mark.slow
 def test_a_refined_mesh_shows_its_error_by_the_mesh_as_it_is(fitted, plugins, tmp_path, monkeypatch):
     study, run = fitted
     coarse, fine = ({spot: block("hex8", n_across=n, n_down=2) for spot in study.spot_names} for n in (6, 12))
-    monkeypatch.setattr(predict, "load_limbs", lambda study: coarse)
-    monkeypatch.setattr(predict, "refined_limbs", lambda study, tool: dict(fine))
+    as_is = {f"{spot}{AS_IS}": limb for spot, limb in coarse.items()}
+    monkeypatch.setattr(predict, "refined_limbs", lambda study, tool: fine | as_is)
     tool = read_tool(tool_file(tmp_path, 'fine_edge = "3 mm"\n' + TOOL), study, plugins)
     found = run_prediction(study, run, tool, plugins, SILENT)
     for spot in found.spots.values():
@@ -173,14 +174,27 @@ def test_a_refined_mesh_shows_its_error_by_the_mesh_as_it_is(fitted, plugins, tm
     row = found.summary.filter(spot="p1", quantity="peak pressure").row(0, named=True)
     assert row["linear_upper"] > row["value"] * (1.0 + 0.9 * 1.645 * 0.1 / 3.0)
     assert "peak pressure 3.3 %" in " ".join(notes(found, ""))
-    assert "add fine_edge" not in " ".join(notes(found, ""))
     assert not any("[budget]" in text for text in notes(found, ""))
-    monkeypatch.setattr(predict, "refined_limbs", lambda study, tool: dict(coarse))
+    monkeypatch.setattr(predict, "refined_limbs", lambda study, tool: coarse | as_is)
     found = run_prediction(study, run, tool, plugins, SILENT)
-    assert (
-        "warning: at p2 these errors are what [budget] states: fine_edge 3 mm refines nothing under the tool."
-        in notes(found, "")
-    )
+    (said,) = [text for text in notes(found, "") if text.startswith("warning: at p2 these errors are what")]
+    assert said.endswith("fine_edge refines nothing under the tool; set a shorter one.")
+
+
+@pytest.mark.parametrize(("kind", "fine_edge", "finer"), [
+    ("tet10", "", True), ("hex8", "", False), ("tet10", 'fine_edge = "0 mm"\n', False),
+])  # fmt: skip
+def test_meshes_are_refined_under_a_tool_where_nothing_else_is_said(
+    make_study, plugins, tmp_path, monkeypatch, kind, fine_edge, finer
+):
+    study, as_is = make_study(), block(kind, n_across=4, n_down=2)
+    monkeypatch.setattr(predict, "load_limbs", lambda study: {"p1": as_is})
+    tool = read_tool(tool_file(tmp_path, fine_edge + TOOL), study, plugins)
+    limbs = predict.refined_limbs(tool.study(study), tool)
+    assert limbs.keys() == ({"p1", f"p1{AS_IS}"} if finer else {"p1"})
+    if finer:
+        edges_mm = [contact_edge_mm(limb, tool.reach_mm) for limb in limbs.values()]
+        assert edges_mm[0] < tool.reach_mm / 3.0 < edges_mm[1]
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
     from palpate.mesh.refinement import (
+        automatic_edge_mm as automatic_edge_mm,
         refined as refined,
     )
     from palpate.mesh.specimens import (

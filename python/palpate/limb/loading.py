@@ -12,7 +12,7 @@ from palpate.domain.material import AnisotropicMaterial
 from palpate.errors import MeshError, StudyError
 from palpate.limb.cell_fields import check_frames, with_fields
 from palpate.limb.mesh_joints import check_joints, holes
-from palpate.mesh.refinement import refined
+from palpate.mesh.refinement import automatic_edge_mm, refined
 from palpate.mesh.spot_frame import NEAR, contact_edge_mm, spot_axes
 from palpate.mesh.topology import CELLS, HEX_CORNERS, Cell, linear_simplex, multilinear, quadratic_simplex
 from palpate.plugins.guard import answering_for
@@ -21,13 +21,6 @@ from palpate.study.spots import mesh_note
 
 RIM = (0.733, 1.133)
 """Distances from the spot between which a press is refined, over the reach of its deepest contact."""
-
-AUTOMATIC = 1.0 / 3.0
-"""Longest edge there over the reach, at most, where a study names none: then the torque of the forearm's
-phantom is within 0.5 %.
-
-Nor is it longer than the mesh's mean edge: two meshes of nearly one size would not tell the error.
-"""
 
 SAME_FRAME = 0.25
 """Difference of the boxes around two meshes of one limb, over the element size, up to which frames agree."""
@@ -108,12 +101,12 @@ def _refined(limb: Limb, within_mm: float, edge_mm: float, beyond_mm: float) -> 
 
 def _automatic_mm(study: Study, limb: Limb) -> float:
     """Longest edge under the indenter of a limb's finer mesh where the study names none; 0: no finer mesh."""
-    protocol, kinds = study.protocol_at(limb.spot.name), limb.mesh.cells.keys()
+    protocol = study.protocol_at(limb.spot.name)
     can = study.solver.provides.slopes and study.search.name != "sweep" and study.fine_runs
-    if not can or not isinstance(protocol, Indentation) or kinds not in ({"tet4"}, {"tet10"}):
+    if not can or not isinstance(protocol, Indentation):
         return 0.0
     reach_mm = protocol.indenter.reach_mm(float(protocol.path[:, 0].max()))
-    return min(AUTOMATIC * reach_mm, size_at_contact(study, limb))
+    return automatic_edge_mm(limb, reach_mm, _near_mm(study, limb.spot.name))
 
 
 def _is_finer(coarse: Limb, fine: Limb, near_mm: float) -> bool:

@@ -13,10 +13,18 @@ from scipy.spatial import cKDTree
 
 from palpate.domain import BoolArray, FloatArray, IntArray, Limb, Mesh
 from palpate.errors import MeshError
+from palpate.mesh.spot_frame import contact_edge_mm
 from palpate.mesh.topology import CELLS, outer_faces, with_midpoints
 
 MOST_CELLS = 300_000
 """Elements up to which a mesh is refined: more than a solver can take."""
+
+AUTOMATIC = 1.0 / 3.0
+"""Longest edge under an indenter over its reach, at most, where none is named: then the torque of the
+forearm's phantom is within 0.5 %.
+
+Nor is it longer than the mesh's mean edge: two meshes of nearly one size would not tell the error.
+"""
 
 GROWTH = 1.0
 """By how much longer an edge may be for each mm below the contact surface."""
@@ -60,6 +68,21 @@ class _Elements:
     origin: IntArray
     in_sets: BoolArray
     on_surface: BoolArray
+
+
+def automatic_edge_mm(limb: Limb, reach_mm: float, near_mm: float) -> float:
+    """Longest edge to which a mesh is refined where none is named; 0 unless all cells are tetrahedra.
+
+    Parameters
+    ----------
+    reach_mm : float
+        Distance from the spot up to which the indenter touches, at most.
+    near_mm : float
+        Distance from the spot up to which edges are under the indenter.
+    """
+    if limb.mesh.cells.keys() not in ({"tet4"}, {"tet10"}):
+        return 0.0
+    return min(AUTOMATIC * reach_mm, contact_edge_mm(limb, near_mm))
 
 
 def refined(limb: Limb, near_mm: float, edge_mm: float, beyond_mm: float = 0.0) -> Limb:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -44,8 +44,10 @@ class ToolTable(Table):
     protocol: ProtocolTable = Field(description="Tool, motion and friction, as in a study.")
     spots: list[Name] = Field(default=[], description="Spots of the run; default: all, or those of [[spot]].")
     spot: list[ToolSpotTable] = Field(default=[], description="Spots with another mesh or place.")
-    fine_edge: Length = Field(
-        default=0.0, ge=0.0, description="Longest edge under the tool, to which meshes are refined; 0: as is."
+    fine_edge: Literal["auto"] | Annotated[Length, Field(ge=0.0)] = Field(
+        default="auto",
+        description="Longest edge under the tool, to which meshes are refined; 0: as they are; auto: a third "
+        "of the distance from the spot that the tool touches, or the mesh's mean edge there, for tetrahedra.",
     )
     fine_reach: Length = Field(
         default=0.0, ge=0.0, description="How far from the spot; default: as far as the tool touches."
@@ -65,8 +67,8 @@ class Tool:
         Of its file.
     pressure_unit : str
         In which pressures are reported: that of the threshold, else of the study's first modulus.
-    fine_edge_mm : float
-        Longest edge under the tool, to which meshes are refined; 0: as they are.
+    fine_edge_mm : float or None
+        Longest edge under the tool, to which meshes are refined; 0: as they are; None: chosen by the mesh.
     fine_reach_mm : float
         Distance from the spot up to which they are; 0: as far as the tool touches.
     """
@@ -76,14 +78,18 @@ class Tool:
     spots: tuple[StudySpot, ...]
     threshold_MPa: float | None
     pressure_unit: str = "MPa"
-    fine_edge_mm: float = 0.0
+    fine_edge_mm: float | None = None
     fine_reach_mm: float = 0.0
 
     @property
     def refined_mm(self) -> float:
         """Distance from the spot up to which meshes are refined, as of the deepest it may go."""
-        deepest = float(self.protocol.path[:, 0].max())
-        return self.fine_reach_mm or REFINED * self.protocol.indenter.reach_mm(deepest)
+        return self.fine_reach_mm or REFINED * self.reach_mm
+
+    @property
+    def reach_mm(self) -> float:
+        """Distance from the spot up to which it touches, as of the deepest it may go."""
+        return self.protocol.indenter.reach_mm(float(self.protocol.path[:, 0].max()))
 
     def contact_mm(self, depth_mm: float) -> float:
         """Distance from the spot up to which it touches at a depth, where meshes are refined."""
@@ -119,7 +125,7 @@ def read_tool(path: Path, study: Study, plugins: Plugins) -> Tool:
         spots=spots,
         threshold_MPa=table.threshold,
         pressure_unit=unit_of(raw["threshold"]) if "threshold" in raw else _modulus_unit(study),
-        fine_edge_mm=table.fine_edge,
+        fine_edge_mm=None if table.fine_edge == "auto" else table.fine_edge,
         fine_reach_mm=table.fine_reach,
     )
 

@@ -107,17 +107,12 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
         lines += [
             f"Errors of the mesh at {spot}: {_errors(each)}." for spot, each in prediction.spots.items()
         ]
-        if not tool.fine_edge_mm:
-            lines.append(
-                "warning: these errors are what [budget] states, and under other tools than the experiment's "
-                "they may be far larger; add fine_edge to the tool file, which measures them."
-            )
-        else:
-            lines += [
-                f"warning: at {spot} these errors are what [budget] states: {each.mesh_unknown}."
-                for spot, each in prediction.spots.items()
-                if each.mesh_unknown
-            ]
+        lines += [
+            f"warning: at {spot} these errors are what [budget] states, and under another tool than the "
+            f"experiment's they may be far larger: {each.mesh_unknown}."
+            for spot, each in prediction.spots.items()
+            if each.mesh_unknown
+        ]
         if any(each.by_force for each in prediction.spots.values()):
             lines.append(
                 "By force, a stiffer tissue is taken to have what this one has under less force; areas, mean "

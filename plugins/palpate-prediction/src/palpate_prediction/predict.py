@@ -22,7 +22,7 @@ from palpate.api import (
     SurfaceStates,
 )
 from palpate.api.fit import Fitted, SpotInputs, inputs_at, job_of
-from palpate.api.mesh import contact_edge_mm, refined
+from palpate.api.mesh import automatic_edge_mm, contact_edge_mm, refined
 from palpate.api.runs import Plugins, RunDirectory, Simulations, Study, Tool, check_jobs, load_limbs, read_run
 from palpate_certainty.error_sources import FORCE, RELATIVE, usual_error
 from palpate_prediction.bands import Thetas, check_shared, draws_of, ends, exceedances, frame_rows, linear
@@ -133,8 +133,6 @@ def predict(stored: Run, tool: Tool, n_solved: int = 0) -> Prediction:
     experiment = _experiment(stored)
     pressed = tool.study(study)
     limbs = refined_limbs(pressed, tool)
-    if tool.fine_edge_mm:
-        limbs |= {f"{name}{AS_IS}": limb for name, limb in load_limbs(pressed).items()}
     observed = tuple(c for c in stored.channels.values() if c.columns <= set(study.solver.provides.columns))
     with Simulations(pressed, run.folder, limbs, stored.progress, stored.check_lock) as simulations:
         spots = {}
@@ -172,11 +170,15 @@ def _experiment(stored: Run) -> dict[str, Any]:
 
 
 def refined_limbs(study: Study, tool: Tool) -> dict[str, Limb]:
-    """Limbs of a study of the tool, with edges as short as the tool file asks, where the tool may touch."""
+    """Limbs of a study of the tool by spot, refined where the tool may touch, and these as they are."""
     limbs = load_limbs(study)
-    if not tool.fine_edge_mm:
-        return limbs
-    return {name: refined(limb, tool.refined_mm, tool.fine_edge_mm) for name, limb in limbs.items()}
+    for name, limb in list(limbs.items()):
+        edge_mm = tool.fine_edge_mm
+        if edge_mm is None:
+            edge_mm = automatic_edge_mm(limb, tool.reach_mm, tool.refined_mm)
+        if edge_mm:
+            limbs |= {name: refined(limb, tool.refined_mm, edge_mm), f"{name}{AS_IS}": limb}
+    return limbs
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,11 +300,11 @@ def _mesh_errors(
     stated, threshold = plan.stored.study.budget.mesh, plan.tool.threshold_MPa
     pressed, refinement, unknown, coarser, others = press_states(simulation, threshold), 1.0, "", None, None
     if as_is is None:
-        unknown = "the tool file has no fine_edge"
+        unknown = "no mesh was refined under the tool"
     elif {simulation.status, as_is.status} != {Status.OK}:
         unknown = "on the mesh as it is, or on the refined one, the press has not come to its end"
     elif (refinement := plan.refinement(limbs, pressed.depth_mm[pressed.at])) <= 1.0:
-        unknown = f"fine_edge {plan.tool.fine_edge_mm:g} mm refines nothing under the tool"
+        unknown = "fine_edge refines nothing under the tool; set a shorter one"
     else:
         assert as_is.response is not None
         coarser, others = press_states(as_is, threshold), as_is.response.curves
