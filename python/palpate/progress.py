@@ -1,4 +1,4 @@
-"""How a stage reports to its caller how far it is; the library itself prints nothing."""
+"""Progress that a stage reports to its caller; the library itself prints nothing."""
 
 from typing import Protocol, runtime_checkable
 

@@ -1,4 +1,4 @@
-"""What a plugin may import: this module and those beside it. Nothing else of palpate is public.
+"""Names that plugins may import, with those of the modules beside it. Nothing else of palpate is public.
 
 Here are the values of a study, the base classes of what a plugin provides, and errors. Beside it:
 :mod:`palpate.api.experiment`, :mod:`palpate.api.mesh`, :mod:`palpate.api.mechanics`,

@@ -1,4 +1,4 @@
-"""What runs simulations: executors, their pools of processes, and one attempt at a job."""
+"""Executors of simulations, their pools of processes, and one attempt at a job."""
 
 from typing import TYPE_CHECKING
 

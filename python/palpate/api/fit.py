@@ -1,4 +1,4 @@
-"""What a fit searches, how, and what it finds."""
+"""Names for searches and parametrisations of a fit, and for its results."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""What this machine has, what is missing, and what is slow and why."""
+"""Findings about this machine: what it has, what is missing, and what is slow and why."""
 
 import importlib.metadata
 import os

@@ -1,4 +1,4 @@
-"""What ``--json`` prints, command by command: typed here, so that its schema cannot drift.
+"""Types of what ``--json`` prints, command by command, so that its schema cannot drift.
 
 Numbers that are not finite are printed as null. A change that could break a script raises
 :data:`VERSION`; ``palpate schema COMMAND`` prints the schema with it.
@@ -36,7 +36,7 @@ class Searched(Closed):
 
 
 class SearchOutput(Closed):
-    """How a study is fitted: the search, and what it searches besides the parameters of the sweep."""
+    """Search of a study's fit, and the names that it searches besides the parameters of the sweep."""
 
     search: str
     searched: list[Searched]
@@ -80,7 +80,7 @@ class IntervalOutput(Closed):
 
 
 class RunOutput(Closed):
-    """What a run found; what is not required is of its report, with the most severe of ``warnings`` first."""
+    """Result of a run; optional keys are of its report, the most severe of ``warnings`` first."""
 
     study: str
     data: str
@@ -100,7 +100,7 @@ class RunOutput(Closed):
 
 
 class RunnerOutput(Closed):
-    """Who works in a run directory."""
+    """Process that works in a run directory."""
 
     host: str
     pid: int
@@ -120,7 +120,7 @@ class FitStateOutput(Closed):
 
 
 class StatusOutput(Closed):
-    """How far a run is; ``states`` counts simulations of the sweep by how they ended.
+    """Progress of a run; ``states`` counts simulations of the sweep by how they ended.
 
     ``fit`` is null before a fit begins, and once it has ended; ``result`` has the lines of a finished run.
     """

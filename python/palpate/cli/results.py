@@ -1,4 +1,4 @@
-"""How a whole run is shown: a few lines, and the tables where they are wanted."""
+"""Text of a whole run: a few lines, and the tables where they are wanted."""
 
 from typing import TYPE_CHECKING, Any
 

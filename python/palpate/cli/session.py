@@ -1,4 +1,4 @@
-"""What one call of the command line carries: its plugins, and where it writes."""
+"""State of one call of the command line: its plugins, and where it writes."""
 
 import sys
 import textwrap

@@ -1,4 +1,4 @@
-"""What every component has: a name, checked settings, and the identity of its code.
+"""Base of every component: a name, checked settings, and the identity of its code.
 
 A component is built from its checked settings; the class attributes ``name``
 and ``summary`` are what ``palpate plugins`` shows. A study names components by

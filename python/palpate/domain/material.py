@@ -21,7 +21,7 @@ def check_number(material: "HyperelasticMaterial[SettingsT]", theta: FloatArray)
 
 
 class HyperelasticMaterial(Component[SettingsT]):
-    """What isotropic and anisotropic materials share; subclass one of them.
+    """Base of isotropic and anisotropic materials; subclass one of these.
 
     A material is given by its energy alone: stress, tangent, initial moduli and stability follow
     in :mod:`palpate.mechanics`. ``parameters`` may be a class attribute, or be set in ``__init__``

@@ -1,4 +1,4 @@
-"""What is searched: parameters of the regions' materials, with ranges, priors and ties."""
+"""Parameter space: parameters of the regions' materials, with ranges, priors and ties."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace

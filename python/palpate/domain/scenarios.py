@@ -1,4 +1,4 @@
-"""How curves are compared: divisors, weights of points and of channels."""
+"""Rules by which curves are compared: divisors, weights of points and of channels."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

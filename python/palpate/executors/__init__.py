@@ -1,4 +1,4 @@
-"""Where jobs run: in this process, or in worker processes of this machine."""
+"""Executors of jobs: this process, or worker processes of this machine."""
 
 import weakref
 from collections.abc import Iterator

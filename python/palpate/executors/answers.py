@@ -1,4 +1,4 @@
-"""What a solver may answer; anything else is a failed simulation with a reason, never a number."""
+"""Checks of a solver's answers; anything else is a failed simulation with a reason, never a number."""
 
 from collections.abc import Mapping
 from dataclasses import replace

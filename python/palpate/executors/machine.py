@@ -1,4 +1,4 @@
-"""What this machine has for workers: cores, threads for each, and memory."""
+"""Cores, threads for each and memory that this machine has for workers."""
 
 import contextlib
 import os

@@ -39,7 +39,7 @@ GUARD = ("/bin/sh", "-c", 'read -r _; kill -9 -"$0"; [ -z "$1" ] || /bin/rm -rf 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessLimits:
-    """When a process is stopped.
+    """Limits at which a process is stopped.
 
     Parameters
     ----------

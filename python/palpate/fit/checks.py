@@ -1,4 +1,4 @@
-"""What can be known of a fit before its first simulation: whether its plugins answer at the start."""
+"""Checks of a fit before its first simulation: whether its plugins answer at the start."""
 
 from collections.abc import Mapping
 

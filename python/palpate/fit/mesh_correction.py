@@ -1,4 +1,4 @@
-"""What a spot's finer mesh answers, as a correction of the curves of its coarser one.
+"""Corrections of a spot's curves by its finer mesh.
 
 The fit runs on the coarse mesh. Its curves are corrected by the difference that the fine mesh makes at a
 set near the optimum, scaled by the size of the coarse curve, and the fit is repeated until that set is near

@@ -138,7 +138,7 @@ class Problem:
 
     @property
     def failure(self) -> str:
-        """Why the values asked for last have no residuals, or no slopes; empty where they have."""
+        """Reason why the values asked for last have no residuals, or no slopes; empty where they have."""
         return "" if self._last is None else self._last.failure
 
     def residuals(self, values: ArrayLike) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Where searches start: in the basins of the sweep, or in the middle of the ranges."""
+"""Starts of searches: in the basins of the sweep, or in the middle of the ranges."""
 
 import numpy as np
 import polars as pl

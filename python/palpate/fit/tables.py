@@ -78,7 +78,7 @@ def _about(case: Case) -> dict[str, Any]:
 
 
 def _message(case: Case) -> str:
-    """Why the last searches ended; each reason once."""
+    """Reasons why the last searches ended, each once."""
     last = case.fits[-1].problem
     messages = dict.fromkeys(fit.message for fit in case.fits if fit.problem is last)
     if not case.is_settled:

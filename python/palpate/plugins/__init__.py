@@ -1,1 +1,1 @@
-"""What plugins provide: interfaces, hooks, discovery, guards and scaffolds."""
+"""Interfaces, hooks, discovery, guards and scaffolds of plugins."""

@@ -141,7 +141,7 @@ def palpate_executors() -> "Iterable[type[Executor]]":  # type: ignore[empty-bod
 
 @hookspec
 def palpate_parametrisations() -> "Iterable[type[Parametrisation]]":  # type: ignore[empty-body]
-    """What a fit may search, and what that means at each spot.
+    """Parametrisations: names that a fit searches, and what they mean at each spot.
 
     A study names one under ``[fit]``; without a name it is the searched parameters of the materials
     and what ``[fit.searched]`` adds.

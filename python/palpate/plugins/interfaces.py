@@ -1,4 +1,4 @@
-"""What plugins subclass, besides materials, indenters and motions. Abstract or final, nothing between."""
+"""Bases for plugins, but for materials, indenters and motions. Abstract or final, nothing between."""
 
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator
@@ -111,7 +111,7 @@ class SetFilter(Component[SettingsT]):
         """Mask (n_sets,) of the rows to keep of ``values`` (n_sets, n_parameters), in design columns."""
 
     def reason(self, space: ParameterSpace, row: FloatArray) -> str:
-        """Why a set (n_parameters,) is dropped, shown where too few are left. Override it to say more."""
+        """Reason to drop a set (n_parameters,), shown where too few are left. Override it to say more."""
         return ""
 
 

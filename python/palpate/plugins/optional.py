@@ -1,4 +1,4 @@
-"""What a component may do beyond its duty: it has the method, and inherits nothing for it."""
+"""Abilities of components beyond their duty: they have the method, and inherit nothing for it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

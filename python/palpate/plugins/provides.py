@@ -1,4 +1,4 @@
-"""What a solver provides: a study that asks for more is refused when it is read."""
+"""Abilities of a solver: a study that asks for more is refused when it is read."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ BODIES = ("mesh", "layers", "specimen")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Provides:
-    """What a solver simulates: by itself force and torque of a sphere on the mesh of a limb.
+    """Abilities of a solver: by default force and torque of a sphere on the mesh of a limb.
 
     Parameters
     ----------

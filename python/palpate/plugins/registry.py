@@ -1,4 +1,4 @@
-"""How plugins are imported, registered and asked for what they provide, each behind a guard.
+"""Registry of plugins, which imports them and asks for what they provide, each behind a guard.
 
 One plugin's mistake must not stop another: whatever a plugin does wrong while
 it is imported or asked becomes a :class:`BrokenPlugin` with the reason.

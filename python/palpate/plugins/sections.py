@@ -177,7 +177,7 @@ class Fold:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """What a script of the page draws, with its controls: of the page's own sections alone."""
+    """Drawing by a script of the page, with its controls: of the page's own sections alone."""
 
     name: str
 

@@ -1,4 +1,4 @@
-"""How far a fit is: kept in the run directory while it goes on, for whoever looks."""
+"""State of a fit that goes on, kept in the run directory for whoever looks."""
 
 import json
 from dataclasses import asdict, dataclass

@@ -42,7 +42,7 @@ LEASE_S = 20.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Runner:
-    """Who works in a folder."""
+    """Process that works in a folder."""
 
     host: str
     pid: Annotated[int, Field(gt=0, lt=2**31)]
@@ -161,7 +161,7 @@ def runner_of(folder: Path) -> Runner | None:
 
 
 def living_runner_of(folder: Path) -> Runner | None:
-    """Who works in a folder, without waiting: a runner of another machine as it is on record."""
+    """Process that works in a folder, without waiting: one of another machine as it is on record."""
     runner = runner_of(folder)
     if runner is not None and runner.is_here and not (_is_alive(runner.pid) and _is_locked(folder)):
         return None

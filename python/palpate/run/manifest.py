@@ -172,7 +172,7 @@ def infinite(parameter: dict[str, Any]) -> dict[str, Any]:
 
 
 class _ReadAgain(TypedDict):
-    """What is read of the manifest again."""
+    """Entries of the manifest that are read again."""
 
     study: str
     study_file: str

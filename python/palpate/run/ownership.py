@@ -1,4 +1,4 @@
-"""Which folders and files palpate made: only those are written over or removed.
+"""Marks of folders and files that palpate made: only those are written over or removed.
 
 A run directory has a marker, ``.palpate-run``. What is to be removed later is listed by name when it
 is written, in ``files.json`` next to it. No link is followed to what is removed.
@@ -30,7 +30,7 @@ KEPT = "everything finished before is kept, and `palpate run` goes on from there
 
 
 def reason(error: OSError) -> str:
-    """Why a file cannot be written, and what to do."""
+    """Reason why a file cannot be written, and what to do."""
     text = _REASONS.get(error.errno or 0, _CHECK)
     what, _, remedy = text.partition("; ")
     return f"{what} ({error.strerror}); {remedy}"

@@ -1,4 +1,4 @@
-"""What each stage's files were made from, and their checksums: ``stages.json``.
+"""Origins of each stage's files, and their checksums: ``stages.json``.
 
 ::
 

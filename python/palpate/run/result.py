@@ -1,4 +1,4 @@
-"""What a run read, chose and wrote: the values that the stages hand on."""
+"""Values that the stages of a run hand on: what it read, chose and wrote."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -36,7 +36,7 @@ class StudyInputs:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SelectionResult:
-    """What identification chose.
+    """Sets that identification chose.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ INCLUDED = "included"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CertaintyResult:
-    """How certain the parameters of the fits are; empty where there was no fit.
+    """Certainty of the fitted parameters; empty where there was no fit.
 
     Parameters
     ----------
@@ -328,7 +328,7 @@ class FitResult:
 
     @property
     def failures(self) -> dict[tuple[str, str], str]:
-        """Why there is no result, by fit and scenario."""
+        """Reasons why there is no result, by fit and scenario."""
         if self.table.is_empty():
             return {}
         failed = (
@@ -339,7 +339,7 @@ class FitResult:
         }
 
     def reason(self, spot: str, scenario: str) -> str:
-        """Why no fit of a scenario has a result at a spot; empty where none was tried."""
+        """Reason why no fit of a scenario has a result at a spot; empty where none was tried."""
         whys = (
             why for (fit, of), why in self.failures.items() if of == scenario and fit in (spot, ALL_SPOTS)
         )

@@ -1,4 +1,4 @@
-"""How far each simulated curve is from the measured one, by the score of the study.
+"""Scores of simulated curves against the measured ones, by the score of the study.
 
 Simulated curves are interpolated onto the measured abscissae branch by branch, because a twist is a path
 and not a function of the angle. A phase is scored over its own points, with the rest of its curve at hand.

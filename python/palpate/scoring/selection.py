@@ -177,7 +177,7 @@ def unranked(scores: pl.DataFrame) -> pl.DataFrame:
 
 
 def failures(failed: pl.DataFrame) -> pl.DataFrame:
-    """Why simulations failed: status, message, n (simulations), an example, and what to try.
+    """Reasons why simulations failed: status, message, n (simulations), an example, and what to try.
 
     Parameters
     ----------

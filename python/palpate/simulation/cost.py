@@ -1,4 +1,4 @@
-"""How long a run will take, from simulations that are there or from one that is timed."""
+"""Estimates of how long a run will take, from simulations that are there or from one that is timed."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""What is odd about a study by itself, before any curve is read."""
+"""Remarks on a study by itself, before any curve is read."""
 
 from collections.abc import Iterator
 

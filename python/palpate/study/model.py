@@ -56,7 +56,7 @@ class Table(BaseModel):
 
 
 class StudyTable(Table):
-    """What the study is."""
+    """Name of the study, its description and where its data come from."""
 
     name: Name = Field(description="Name of the study; its runs are kept under it.")
     description: str = Field(default="", description="What is studied, in a sentence.")
@@ -104,7 +104,7 @@ class IndenterTable(OpenTable):
 
 
 class ProtocolTable(OpenTable):
-    """What is done to the limb; the other keys are the settings of the motion."""
+    """Motion of the indenter against the limb; the other keys are the settings of the motion."""
 
     indenter: IndenterTable = Field(description="What touches the limb.")
     motion: str = Field(default="press_and_twist", description="Name of a motion.")
@@ -112,7 +112,7 @@ class ProtocolTable(OpenTable):
 
 
 class SpotProtocolTable(OpenTable):
-    """What is done otherwise at one spot; each key takes the place of that of [protocol]."""
+    """Protocol of one spot; each key takes the place of that of [protocol]."""
 
     indenter: IndenterTable | None = Field(default=None, description="What touches the limb here.")
     motion: str | None = Field(default=None, description="Name of a motion; its settings are given here.")
@@ -148,14 +148,14 @@ class SpotTable(Table):
 
 
 class ExperimentTable(Table):
-    """How measured curves are read."""
+    """Loader of measured curves, with its settings."""
 
     loader: str = Field(description="Name of an experiment loader.")
     settings: dict[str, Any] = Field(default={}, description="Settings of the loader.")
 
 
 class LimbTable(Table):
-    """How meshes are read."""
+    """Source of meshes, with its settings."""
 
     source: str = Field(description="Name of a limb source.")
     settings: dict[str, Any] = Field(default={}, description="Settings of the limb source.")
@@ -167,7 +167,7 @@ class LimbTable(Table):
 
 
 class PriorTable(Table):
-    """What is known of a number before anything is fitted."""
+    """Prior of a number: its expected value and standard deviation."""
 
     value: str | float = Field(description="The quantity expected, with its unit.")
     sd: str | float = Field(description="Its standard deviation, with its unit.")
@@ -253,7 +253,7 @@ def _none_or_two(n_sets: int) -> int:
 
 
 class SamplingTable(Table):
-    """How parameter sets are drawn."""
+    """Sampler of parameter sets, with their number and filters."""
 
     sampler: str = Field(default="lhs", description="Name of a sampler.")
     n_sets: Annotated[int, AfterValidator(_none_or_two)] = Field(
@@ -277,7 +277,7 @@ class SamplingTable(Table):
 
 
 class SolverTable(Table):
-    """What simulates a set at a spot."""
+    """Solver that simulates a set at a spot, with its settings."""
 
     name: str = Field(description="Name of a solver.")
     n_workers: int = Field(
@@ -290,7 +290,7 @@ class SolverTable(Table):
 
 
 class ExecutorTable(Table):
-    """Where simulations run, and how they are held to their limits."""
+    """Executor of simulations, with its limits."""
 
     name: str | None = Field(
         default=None, description="Name of an executor; if left out worker processes of this machine."
@@ -306,7 +306,7 @@ class ExecutorTable(Table):
 
 
 class ScoringTable(OpenTable):
-    """How a simulated curve is compared with a measured one; the other keys are settings of the score."""
+    """Score that compares simulated with measured curves; the other keys are its settings."""
 
     score: str = Field(default="nmse", description="Name of a score.")
     rank_partial: bool = Field(
@@ -320,7 +320,7 @@ class ScoringTable(OpenTable):
 
 
 class SelectionTable(Table):
-    """How the best set is chosen."""
+    """Scenarios by which the best sets are chosen."""
 
     scenarios: list[str] = Field(
         min_length=1, max_length=MOST_NAMED, description="Names of scenarios, in the order to report."
@@ -331,7 +331,7 @@ class SelectionTable(Table):
 
 
 class FitTable(Table):
-    """How the parameters are found for which the curves fit best."""
+    """Search for the parameters for which the curves fit best, with its settings."""
 
     search: str = Field(default="least_squares", description="Name of a search; sweep: the best set itself.")
     settings: dict[str, Any] = Field(default={}, description="Settings of the search.")
@@ -358,7 +358,7 @@ class FitTable(Table):
 
 
 class BudgetTable(Table):
-    """What the curves and the model may be wrong by: standard deviations, from which intervals follow."""
+    """Error budget of curves and model: standard deviations, from which intervals follow."""
 
     onset: Length | None = Field(
         default=None,

@@ -1,4 +1,4 @@
-"""What holds for everything that a plugin provides."""
+"""Laws of everything that a plugin provides."""
 
 import pickle
 import re
@@ -102,7 +102,7 @@ def check_described(component: Component) -> None:
 
 
 class ComponentContract:
-    """What holds for every component."""
+    """Laws of every component."""
 
     component = overridden("the component under test; each contract fills it in")
 

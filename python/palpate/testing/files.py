@@ -20,7 +20,7 @@ from palpate.testing.components import ComponentContract, overridden
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Expected:
-    """What a file holds of a channel, as a person reads it there.
+    """Content of a file for a channel, as a person reads it there.
 
     Parameters
     ----------

@@ -276,7 +276,7 @@ Fails = Callable[[int, FloatArray], bool]
 
 
 def toy_space(start: FloatArray, *, exact_slopes: bool, seed: int = 1) -> SearchSpace:
-    """What a search is given: parameters from 0 to 1, as many as coordinates of the start."""
+    """Space that a search is given: parameters from 0 to 1, as many as coordinates of the start."""
     parameters = tuple(
         Parameter(name=f"p{i}", unit="1", lower=0.0, upper=1.0, kind="shape", description="of a toy")
         for i in range(start.size)

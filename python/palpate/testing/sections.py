@@ -50,7 +50,7 @@ RUNS: Mapping[str, Mapping[str, Any]] = {
 
 
 class SmallRun(NamedTuple):
-    """What a section is given: ``ReportData`` and ``Report`` of palpate-report."""
+    """Values that a section is given: ``ReportData`` and ``Report`` of palpate-report."""
 
     data: Any
     report: Any
@@ -200,7 +200,7 @@ def _bytes(drawn: Figure | Picture) -> bytes:
 
 
 def _content(blocks: Iterable[Block]) -> list[str]:
-    """What blocks show, to compare."""
+    """Content that blocks show, to compare."""
     return [
         repr(_bytes(each) if isinstance(each, (Figure, Picture)) else "" if isinstance(each, Fold) else each)
         for each in _every(blocks)

@@ -457,7 +457,7 @@ def _first_isotropic(job: Job) -> tuple[IsotropicMaterial, FloatArray]:
 
 
 def turning_points(abscissa: FloatArray) -> FloatArray:
-    """Where a path begins, turns and ends: one more than it has branches."""
+    """Points where a path begins, turns and ends: one more than it has branches."""
     curve = Curve(channel="", abscissa=abscissa, ordinate=np.zeros(len(abscissa)))
     moving = curve.cut(moving_span(curve.abscissa))
     starts = [start for start, _ in moving.branches]

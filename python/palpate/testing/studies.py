@@ -35,7 +35,7 @@ DEFAULTS: Mapping[str, Any] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SmallStudy:
-    """What came of a small study.
+    """Result of a small study.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How certain identified parameters are: intervals, their causes, posteriors, and what a sweep allows."""
+"""Certainty of identified parameters: intervals, their causes, posteriors, and what a sweep allows."""
 
 from typing import TYPE_CHECKING
 

@@ -122,7 +122,7 @@ class Assessment:
             return None
 
     def columns(self, case: Case) -> tuple[Columns, dict[ErrorSource, str]]:
-        """What one standard deviation of each cause adds to each curve, and why some have no derivative."""
+        """Change of each curve by one standard deviation of each cause, and why some have no derivative."""
         assert case.end is not None
         causes = error_sources_of(self.study, self.measured, [p.name for p in case.end.problem.parameters])
         weighed = {channel_of(name) for each in self.study.scenarios for name in each.weighed}
@@ -267,7 +267,7 @@ class Assessment:
     def _known(
         self, end: Fit, residuals: FloatArray, rows: ResidualLayout, columns: Columns
     ) -> dict[str, FloatArray]:
-        """What each known cause makes of the residuals: (n, m), one standard deviation each."""
+        """Change of the residuals (n, m) by one standard deviation of each known cause."""
         found = error_budget(self.study, self.measured, end.problem.terms, residuals, columns, self.meshes)
         known = {
             label: np.stack(list(columns.values()), axis=1)
@@ -294,7 +294,7 @@ def _errors(
 
 
 def _left_out(case: Case, failures: Mapping[ErrorSource, str]) -> dict[str, str]:
-    """Why causes that may be wrong at the spots of a case are in no interval."""
+    """Reasons why causes that may be wrong at the spots of a case are in no interval."""
     return {
         (cause.of if cause.kind == "fixed" else cause.name): why
         for cause, why in failures.items()

@@ -204,12 +204,12 @@ class Runs:
 
     @property
     def ended(self) -> "Runs":
-        """Those with a result."""
+        """Runs with a result."""
         return self[np.flatnonzero(np.isfinite(self.ordinates).all(axis=1))]
 
     @property
     def sloped(self) -> BoolArray:
-        """Which runs (n,) have slopes."""
+        """Mask (n,) of the runs that have slopes."""
         return np.array([np.isfinite(each).all() for each in self.slopes], dtype=np.bool_)
 
     def weights(self, is_modulus: BoolArray, scale: FloatArray) -> FloatArray | None:
@@ -273,7 +273,7 @@ class Emulator:
         return found
 
     def _coordinates(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What the curves are in proportion to (n,), and the other coordinates (n, d)."""
+        """Coordinate that the curves are in proportion to (n,), and the other coordinates (n, d)."""
         if self.weights is None:
             return np.ones(len(values)), values
         total = values @ self.weights

@@ -1,4 +1,4 @@
-"""What the curves may be wrong by, cause by cause: a derivative of the curves, times a standard deviation.
+"""Errors of the curves, cause by cause: a derivative of the curves, times a standard deviation.
 
 Each cause is a further value of the fit's problem, so its derivative comes from where those of the
 parameters come from: exact slopes, or differences of simulations that the run keeps.
@@ -241,7 +241,7 @@ def _found(response: Response, size: Callable[[Mapping[str, Any]], float], usual
 
 
 class WithErrorSources(Parametrisation):
-    """What a study searches, and each cause as one more value around zero."""
+    """Values that a study searches, and each cause as one more value around zero."""
 
     name, summary = "with_causes", "a study's parametrisation with the causes of its budget"
 
@@ -301,7 +301,7 @@ def _changed(space: ParameterSpace, inputs: SpotInputs, cause: ErrorSource, by: 
 def columns_of(
     fit: Fit, causes: Sequence[ErrorSource], channels: Sequence[str]
 ) -> tuple[Columns, dict[ErrorSource, str]]:
-    """What one standard deviation of each cause adds to the curves where a fit has ended.
+    """Change of the curves by one standard deviation of each cause, where a fit has ended.
 
     Parameters
     ----------
@@ -353,7 +353,7 @@ def error_budget(
     columns: Columns,
     meshes: Mapping[str, SpotMesh],
 ) -> dict[str, dict[str, FloatArray]]:
-    """What one standard deviation of each cause adds to the residuals.
+    """Change of the residuals by one standard deviation of each cause.
 
     Parameters
     ----------
@@ -427,7 +427,7 @@ def mesh_errors(
 
 
 def _added(correction: Correction, scale: FloatArray, inside: BoolArray, fitted: FloatArray) -> FloatArray:
-    """What a correction adds to the residuals of a fitted curve (n,)."""
+    """Change (n,) of a fitted curve's residuals by a correction."""
     fine = (scale * (correction.coarse + correction.added))[inside]
     known = np.isfinite(fine)
     size = np.linalg.norm(fitted[known]) / max(float(np.linalg.norm(fine[known])), 1e-300)

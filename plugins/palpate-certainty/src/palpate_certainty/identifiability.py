@@ -120,7 +120,7 @@ class QuadraticForm:
         return float(((self.matrix @ u + self.offset) ** 2).sum()) + self.rest
 
     def minimum(self) -> FloatArray:
-        """Where Fopt is least in the box: (p,)."""
+        """Point (p,) of the box where Fopt is least."""
         return _least_in_box(self.matrix, self.offset)
 
     def interval(self, i: int, limit: float) -> tuple[float, float]:
@@ -323,7 +323,7 @@ class _Case:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Those of the design."""
+        """Parameters of the design."""
         return self.curves.design.parameters
 
     def residuals(self, points: FloatArray) -> FloatArray:
@@ -376,7 +376,7 @@ class _Case:
 
     @property
     def at(self) -> FloatArray:
-        """Where the best set is in the box."""
+        """Point of the box where the best set is."""
         values = np.array([[self.best[p.name] for p in self.parameters]])
         at: FloatArray = _scaled(self.parameters, values)[0]
         return at

@@ -61,7 +61,7 @@ class Laplace:
         return {name: np.maximum(np.diag(part) / variance, 0.0) for name, part in self.parts.items()}
 
     def by(self, *causes: str) -> "Laplace":
-        """What some of the causes alone make of the density."""
+        """Density by some of the causes alone."""
         parts = {name: self.parts[name] for name in causes}
         return replace(self, covariance=np.sum(list(parts.values()), axis=0), parts=parts)
 

@@ -1,4 +1,4 @@
-"""What residuals are made of besides the known causes: noise, and what the model leaves out.
+"""Parts of residuals besides the known causes: noise, and what the model leaves out.
 
 Noise of a curve is correlated over a few points, as smoothing leaves it. The discrepancy of a curve is a
 Gaussian process along its path, times the largest ordinate reached so far, so that it is zero at first
@@ -30,7 +30,7 @@ MOST_ROWS = 64
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ResidualLayout:
-    """Where each residual is on the measured curves.
+    """Places of the residuals on the measured curves.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def path_of(abscissa: FloatArray) -> FloatArray:
 def layout_of(
     terms: Sequence[SpotTerm], n: int, first: Sequence[str] = ()
 ) -> tuple[ResidualLayout, tuple[str, ...]]:
-    """Where each of ``n`` residuals is, those of priors last; and the names of the channels by their numbers.
+    """Places of ``n`` residuals, those of priors last; and the names of the channels by their numbers.
 
     Channels that are known already come ``first``.
     """
@@ -148,7 +148,7 @@ def groups_of(rows: ResidualLayout) -> FloatArray:
 
 
 def grouped(rows: ResidualLayout, groups: FloatArray) -> ResidualLayout:
-    """Where averages are, of groups as :func:`groups_of` returns them."""
+    """Places of averages, of groups as :func:`groups_of` returns them."""
     first = np.argmax(groups > 0.0, axis=1)
     share = groups**2
     return replace(
@@ -277,7 +277,7 @@ def estimate(
 
 
 def excess(residuals: FloatArray, free: FloatArray, known: FloatArray, rest: FloatArray) -> float:
-    """How many times larger than stated the known causes are, as far as the residuals show it; 1 at least.
+    """Factor by which the known causes are larger than stated, as far as the residuals show it; 1 at least.
 
     Birge's ratio (Phys. Rev. 40, 1932): the root of χ² over its degrees of freedom, here of what no parameter
     explains along the directions in which the causes are larger than all else.

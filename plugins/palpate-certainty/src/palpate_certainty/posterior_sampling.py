@@ -102,7 +102,7 @@ class ProfileEnd:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sampled:
-    """What the stage has found; of the main scenario the first posterior, and all profiles.
+    """Result of the stage; of the main scenario the first posterior, and all profiles.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ class PosteriorSampling:
 
 
 def _end(box: Box, best: FloatArray, i: int, at: FloatArray, rise: float, *, is_open: bool) -> ProfileEnd:
-    """Where the profile of the real solver ends, which has risen by so much where the emulator's ends."""
+    """End of the real solver's profile, which has risen by so much where the emulator's ends."""
     moved = at.copy()
     if not is_open:  # nearly a square around the best point
         moved[i] = np.clip(best[i] + (at[i] - best[i]) * np.sqrt(RISE / max(rise, 1e-3)), 0.0, 1.0)

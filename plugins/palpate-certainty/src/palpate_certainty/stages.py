@@ -53,7 +53,7 @@ class Intervals(Stage):
     )
 
     def decides(self, study: Study) -> Mapping[str, object]:
-        """What the curves and the model may be wrong by."""
+        """Errors of the curves and the model, as the budget states them."""
         return {"budget": study.budget.model_dump(mode="json")}
 
     def run(self, inputs: Run, progress: Progress) -> Files:
@@ -76,7 +76,7 @@ class Validation(Stage):
     tables = MappingProxyType({"held_out": "Each held-out curve against its prediction and its band."})
 
     def is_in_run(self, study: Study) -> bool:
-        """Where there are enough spots that leaving one out tells something, and a fit."""
+        """True where there are enough spots that leaving one out tells something, and a fit."""
         return len(study.spots) >= ENOUGH_SPOTS and not isinstance(study.search, BestSet)
 
     def run(self, inputs: Run, progress: Progress) -> Files:
@@ -90,7 +90,7 @@ class Validation(Stage):
             ) from error
 
     def summarise(self, inputs: Run) -> Summary:
-        """How many curves are inside of their bands, and which is farthest off."""
+        """Summary: curves inside of their bands, and the one that is farthest off."""
         table = inputs.table("held_out")
         if table.is_empty():
             return Summary(lines=["One curve alone: nothing predicts it."])
@@ -142,7 +142,7 @@ class Posteriors(Stage):
 
 
 class Identifiability(Stage):
-    """What the sweep allows: intervals of the best sets, and those of the fits on the same scale."""
+    """Intervals that the sweep allows: of the best sets, and of the fits on the same scale."""
 
     name, summary = "identifiability", "Find how well the curves of the sweep identify each parameter."
     needs = ("score", "select", "intervals")
@@ -176,7 +176,7 @@ def tables_of(found: CertaintyResult | PosteriorResult | IdentifiabilityResult) 
 
 
 def assessment_of(inputs: Run, cases: Sequence[Case]) -> Assessment:
-    """What assesses the cases of a run."""
+    """Assessor of the cases of a run."""
     return Assessment(
         study=inputs.study,
         measured=inputs.measured,

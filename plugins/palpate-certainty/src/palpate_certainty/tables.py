@@ -173,12 +173,12 @@ class Assessed:
 
     @property
     def noise_only(self) -> Laplace:
-        """What the noise alone makes of the density."""
+        """Density by the noise alone."""
         return self.laplace.by(NOISE, PRIORS, RANGE)
 
 
 def density_of(found: Laplace, problem: Problem) -> Density:
-    """What is left of a density within the ranges and the filters of a problem.
+    """Density within the ranges and the filters of a problem.
 
     Raises
     ------

@@ -119,7 +119,7 @@ class _Flow:
         return sent
 
     def _room(self) -> int:
-        """How many jobs the cluster is given; the scheduler is not asked after each of them."""
+        """Number of jobs that the cluster is given; the scheduler is not asked after each of them."""
         if monotonic() - self._counted > COUNT_EACH_S:
             n_threads = sum(self._client.nthreads().values())
             self._n_room, self._counted = (1 + WAITING_PER_THREAD) * max(1, n_threads), monotonic()

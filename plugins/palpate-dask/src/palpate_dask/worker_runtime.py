@@ -25,7 +25,7 @@ IDLE_S = 300.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shared:
-    """What all jobs of a batch have in common; the packed parts are opened once by each worker.
+    """Parts that all jobs of a batch have in common; packed, each worker opens them once.
 
     Parameters
     ----------

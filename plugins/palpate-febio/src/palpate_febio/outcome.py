@@ -1,4 +1,4 @@
-"""What became of a run: its record, the verdict on it, and the verification of its torque.
+"""Outcome of a run: its record, the verdict on it, and the verification of its torque.
 
 Nothing is taken for granted because FEBio reports it. Friction that remembers gives the same torque however
 finely the twist is cut, and keeps it while the indenter is held. One more run verifies both: every step in

@@ -1,4 +1,4 @@
-"""How palpate drives FEBio."""
+"""Settings by which palpate drives FEBio."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -22,7 +22,7 @@ PAPER_CONTACT = (
 
 
 class FebioSettings(Settings):
-    """Where FEBio is, how finely and how strictly it solves, and when it is given up.
+    """Settings of FEBio: where it is, how finely and how strictly it solves, and when it is given up.
 
     A field that is excluded changes no result, so that a change of it makes no simulation void.
     """

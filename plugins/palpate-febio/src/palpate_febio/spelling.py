@@ -1,4 +1,4 @@
-"""How FEBio spells a material.
+"""Materials in FEBio's spelling.
 
 A material of your own joins in by an attribute ``febio``: the name of FEBio's
 material and, for each parameter, what FEBio calls it::

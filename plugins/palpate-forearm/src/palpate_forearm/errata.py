@@ -1,4 +1,4 @@
-"""What in the paper contradicts itself or cannot be repeated, and what was done about each."""
+"""Statements of the paper that contradict each other or cannot be repeated, and what was done about each."""
 
 from collections import Counter
 from collections.abc import Mapping

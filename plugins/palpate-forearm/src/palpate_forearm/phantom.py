@@ -229,7 +229,7 @@ def _tube(rings: FloatArray, centres: FloatArray) -> Surface:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scanner:
-    """How a scan differs from the limb: noise, light from one side, ink of finite size.
+    """Differences of a scan from the limb: noise, light from one side, ink of finite size.
 
     Parameters
     ----------

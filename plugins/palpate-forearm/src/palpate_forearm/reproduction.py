@@ -183,7 +183,7 @@ def _copy_data(within: Path, phantom: str) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cost:
-    """What a material's sweep takes.
+    """Cost of a material's sweep.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def sets_within(minutes: float, costs: Iterable[Cost], n_workers: int) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReproductionResult:
-    """What became of each material.
+    """Results of each material.
 
     Parameters
     ----------

@@ -224,7 +224,7 @@ def _norm(xp: Array, *parts: Array) -> Array:
 
 
 def _beyond(xp: Array, at: Array, half: float) -> Array:
-    """How far a coordinate is beyond ±half."""
+    """Distance of a coordinate beyond ±half."""
     return xp.maximum(xp.abs(at) - half, xp.asarray(0.0))
 
 

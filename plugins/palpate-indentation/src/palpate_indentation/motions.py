@@ -93,7 +93,7 @@ class MovesSettings(Settings):
 
     @property
     def limits(self) -> tuple[float | None, ...]:
-        """How far a load may move each part."""
+        """Limits to which a load may move each part."""
         return self.depth_limit, self.slide_limit, self.tilt_limit, self.twist_limit
 
 

@@ -30,7 +30,7 @@ CHECKSUM = hashlib.sha256
 
 
 def order_file(indptr: NDArray[np.int32], indices: NDArray[np.int32]) -> Path:
-    """Where the order of a pattern is kept."""
+    """Path of the file that keeps the order of a pattern."""
     name = CHECKSUM(_searching_code() + indptr.tobytes() + indices.tobytes()).hexdigest()[:32]
     return platformdirs.user_cache_path("palpate") / "orders" / name
 

@@ -33,7 +33,7 @@ LEAST_GAP = 1e-12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pose:
-    """Where the indenter is: its lowest point (3,) [mm] and its rotation matrix (3, 3)."""
+    """Pose of the indenter: its lowest point (3,) [mm] and its rotation matrix (3, 3)."""
 
     tip: FloatArray
     rotation: FloatArray
@@ -197,7 +197,7 @@ class Points:
 
     @cached_property
     def sliding(self) -> BoolArray:
-        """Which points have reached the limit of friction (k,)."""
+        """Mask (k,) of the points that have reached the limit of friction."""
         return np.asarray(self._size > self._limit)
 
     @cached_property

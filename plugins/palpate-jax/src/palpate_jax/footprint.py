@@ -90,7 +90,7 @@ def check_footprint(limb: Limb, protocol: Indentation) -> None:
 
 
 def _lateral_mm(protocol: Indentation) -> float:
-    """How far tilts, and shifts by loads, may move the contact from the prescribed way."""
+    """Distance by which tilts, and shifts by loads, may move the contact from the prescribed way."""
     waypoints, indenter = protocol.waypoints, protocol.indenter
     tilt = np.radians(np.hypot(waypoints.pose[:, 3], waypoints.pose[:, 4]).max())
     lateral_mm = 2.0 * indenter.radius_mm * float(np.sin(tilt))

@@ -218,7 +218,7 @@ class LoadControl:
 
 
 def _missing(loads: FloatArray, aim: Aim) -> FloatArray:
-    """What the loads miss (n_free,); of a force as if it grew with the depth like that on a sphere."""
+    """Misses (n_free,) of the loads; of a force as if it grew with the depth like that on a sphere."""
     missing = (aim.loads - loads)[aim.free]
     force, wanted = float(loads[DEPTH]), float(aim.loads[DEPTH])
     if force > 0.0 and wanted > 0.0:

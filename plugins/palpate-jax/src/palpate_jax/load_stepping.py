@@ -53,7 +53,7 @@ class LoadStep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stop:
-    """Why load stepping ended early, at the position (6,) and displacements of the last equilibrium state.
+    """Early end of load stepping: reason, and position (6,) and displacements of the last equilibrium state.
 
     With ``is_limit`` the reason is a load that is not reached, and no material or mesh is to blame.
     """
@@ -268,7 +268,7 @@ class _Way:
         return Aim(position, loads, self.target.end, self.target.loads)
 
     def control(self, part: float, position: FloatArray) -> Control:
-        """What of the position, and of the loads, changes with those at the origin."""
+        """Parts of the position, and of the loads, that change with those at the origin."""
         kept = self.target.kept_loads(self.loads)
         return Control(
             position=position,

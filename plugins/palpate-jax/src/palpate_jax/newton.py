@@ -49,7 +49,7 @@ class Start:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Balance:
-    """Where Newton's method ended; ``reason`` is empty when it converged.
+    """End of Newton's method; ``reason`` is empty when it converged.
 
     ``held``: with fixed friction limits.
     """

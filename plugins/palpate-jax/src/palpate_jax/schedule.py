@@ -1,4 +1,4 @@
-"""Where load stepping balances: the waypoints of a motion, and points between them."""
+"""Points at which load stepping balances: the waypoints of a motion, and points between them."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -79,7 +79,7 @@ HERTZ = 1.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Target:
-    """What a load step aims at.
+    """Target of a load step.
 
     Parameters
     ----------

@@ -169,7 +169,7 @@ class Slopes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Control:
-    """How an equilibrium state was prescribed, where loads are.
+    """Prescription of an equilibrium state, where loads are.
 
     Parameters
     ----------

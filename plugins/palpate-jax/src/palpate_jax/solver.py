@@ -210,7 +210,7 @@ class JaxSolver(Solver[JaxSettings]):
     def _warm_starts(
         self, prepared: _Prepared, protocol: Indentation, job: Job, limb: Limb | None
     ) -> WarmStarts:
-        """Those of a job's warm starts that reached the end of the path."""
+        """Warm starts of a job that reached the end of the path."""
         assert job.warm_starts is not None
         values = {region: job.warm_starts[region] for region in prepared.materials}
         motion = (protocol.path, protocol.lateral, protocol.loads, protocol.time_s)
@@ -403,7 +403,7 @@ def _diagnostics(reached: list[LoadStep], stepping: LoadStepping) -> dict[str, A
 
 
 def _missing_slopes(reached: list[LoadStep]) -> dict[str, str]:
-    """Why the curves have no slopes although the job asks for them."""
+    """Reason why the curves have no slopes although the job asks for them."""
     for step in reached:
         if step.slopes is not None and not step.slopes.finite:
             where = f"depth {step.depth_mm:g} mm, rotation {step.rotation_deg:g}°"

@@ -82,7 +82,7 @@ def scan(
 
 
 def _by_name(option: str, given: list[str] | None) -> dict[str, str | None]:
-    """What follows each name; None where nothing does."""
+    """Text that follows each name; None where nothing does."""
     pairs = [text.partition("=") for text in given or []]
     found = {name.strip(): value if equals else None for name, equals, value in pairs}
     if len(found) < len(pairs):

@@ -62,7 +62,7 @@ def write_limb(path: Path, limb: Limb) -> None:
 
 
 def note(path: Path, options: ScanOptions, scan: ReadScan, made: ScannedLimb) -> dict[str, Any]:
-    """What is known of a limb apart from its mesh, as plain values."""
+    """Facts of a limb apart from its mesh, as plain values."""
     (kind,) = made.limb.mesh.cells
     found = made.found
     return {
@@ -105,7 +105,7 @@ def study_tables(names: Sequence[str], regions: tuple[str, ...], folders: Iterab
 
 
 def mesh_error(edge_mm: float, radius_mm: float, kind: str) -> dict[str, Any]:
-    """What a mesh with such edges under the sphere adds to force and torque.
+    """Relative errors of force and torque of a mesh with such edges under the sphere.
 
     ``force`` and ``torque`` are shares of themselves, interpolated between the sizes studied, with what they
     were measured on; both None for sizes or elements outside of the study.

@@ -121,7 +121,7 @@ def _by_name(given: object) -> object:
 
 
 class ScanOptions(Settings, strict=True):
-    """What to make of a scan; of every key the documentation is docs/limb.md."""
+    """Options of a scan; docs/limb.md documents every key."""
 
     bones: list[Bone] = Field(default=[])
     points: Annotated[File, _readable_by(read_points)] | None = None  # that a spot may name
@@ -200,7 +200,7 @@ class ScanOptions(Settings, strict=True):
 
     @property
     def mesh(self) -> MeshPlan:
-        """How a segment without layers of its own is meshed: fine under the indenter, coarse away from it."""
+        """Plan of a mesh without layers of its own: fine under the indenter, coarse away from it."""
         fine = self.size or DEFAULT_SIZE * self.radius
         return MeshPlan(
             size=SizeField(
@@ -213,7 +213,7 @@ class ScanOptions(Settings, strict=True):
         )
 
     def mesh_at(self, spot: str) -> MeshPlan:
-        """How the segment of a spot is meshed; a MeshError where a layer has no thickness, or too little."""
+        """Plan of the mesh of a spot; a MeshError where a layer has no thickness, or too little."""
         known = self.layer | self.layers_at.get(spot, {})
         if missing := [name for name in self.layers if name not in known]:
             raise MeshError(

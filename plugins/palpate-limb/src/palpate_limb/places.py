@@ -43,7 +43,7 @@ Place: TypeAlias = Point | Station
 
 
 def place_of(text: str, points: Mapping[str, FloatArray]) -> Place:
-    """What ``"12,30,-4"``, ``"45%,120deg"``, ``"ulna:95%"`` or a point's name means; else a ValueError."""
+    """Place meant by ``"12,30,-4"``, ``"45%,120deg"``, ``"ulna:95%"`` or a name; else a ValueError."""
     given = text.strip()
     if given in points:
         return Point(at=points[given])

@@ -1,4 +1,4 @@
-"""How good the elements of a limb's mesh are, and whether a solver would choke on them.
+"""Quality of the elements of a limb's mesh, and whether a solver would choke on them.
 
 The scaled Jacobian of a tetrahedron's corner is √2 det(e₁, e₂, e₃) / (|e₁||e₂||e₃|), one for
 a regular tetrahedron; an element has the least of its corners'. A curved element

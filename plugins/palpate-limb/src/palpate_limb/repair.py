@@ -245,7 +245,7 @@ def _without_crossings(surface: Surface) -> Surface | None:
 
 
 def _repairs(surface: Surface, found: list[str], fixed: Surface) -> str:
-    """What was repaired, and the place of the old surface that is furthest from the new one."""
+    """Repairs that were made, and the place of the old surface that is furthest from the new one."""
     corners = surface.points_mm[np.unique(surface.faces)]
     _, gaps = fixed.nearest(corners)
     x, y, z = corners[gaps.argmax()]

@@ -134,7 +134,7 @@ def _check_reach(spot: str, skin: Surface, along: FloatArray, half: float, *, st
 def _tissue(
     spot: str, skin: Surface, bones: Sequence[Surface], along: FloatArray, half: float
 ) -> tuple[Surface, tuple[Surface, ...], tuple[str, ...]]:
-    """What is left of the limb between the cuts without its bones, the bones there, and remarks."""
+    """Tissue of the limb between the cuts, the bones there, and remarks."""
     import manifold3d
 
     parts = _between(solid(skin), along, half).decompose()

@@ -71,7 +71,7 @@ class Surface:
         return np.asarray(total, dtype=np.float64)
 
     def contains(self, points_mm: FloatArray) -> BoolArray:
-        """Which of the points (n, 3) lie inside of the closed surface: (n,)."""
+        """Mask (n,) of the points (n, 3) that lie inside of the closed surface."""
         return np.asarray(self.trimesh.contains(points_mm), dtype=np.bool_)
 
     def nearest(self, points_mm: FloatArray) -> tuple[FloatArray, FloatArray]:

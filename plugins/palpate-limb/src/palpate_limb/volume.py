@@ -32,7 +32,7 @@ LEAST_CORE_MM = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshPlan:
-    """How a segment is meshed.
+    """Plan by which a segment is meshed.
 
     ``layers_mm`` has the thickness of each region from the skin inwards; below them everything is ``core``.
     ``tolerance_mm`` is how far flat faces may leave the surfaces before they are bent onto them; twice as
@@ -180,7 +180,7 @@ def _largest(points: FloatArray, tets: IntArray) -> tuple[FloatArray, IntArray]:
 
 
 def classify(points: FloatArray, tets: IntArray, segment: Segment) -> Boundary:
-    """What each boundary face is on; a MeshError where a surface of the segment has none."""
+    """Surfaces that the boundary faces are on; a MeshError where a surface of the segment has none."""
     faces = outer_faces("tet4", tets)
     vertices = points[faces]
     middles = vertices.mean(axis=1)
@@ -272,7 +272,7 @@ def curved(
     corner[cells[:, :4]] = True
 
     def targets(points: FloatArray, allowed: BoolArray) -> FloatArray:
-        """Where the nodes that may move would lie on their surfaces."""
+        """Places of the nodes that may move, on their surfaces."""
         target = points.copy()
         for _ in range(2):  # twice, for the nodes where a surface meets a cut
             for nodes, surface in places:

@@ -144,7 +144,7 @@ def _refined(time_s: FloatArray, finest_s: float) -> FloatArray:
 
 
 class RelaxingSettings(StandardSettings):
-    """What is searched besides the materials' parameters, with relaxation."""
+    """Settings of the values that are searched besides the materials' parameters, with relaxation."""
 
     relaxation_times: tuple[Annotated[float, Quantity("s")], ...] = Field(
         (0.1, 1.0, 10.0, 100.0),
@@ -164,7 +164,7 @@ class RelaxingSettings(StandardSettings):
 
 
 class Relaxing(StandardParametrisation):
-    """What is searched of an elastic study, and the share of the moduli that relaxes with each time."""
+    """Searched values of an elastic study, and the share of the moduli that relaxes with each time."""
 
     name = "relaxing"
     summary = "the materials' parameters at once, and how far the moduli relax with each of some times"
@@ -178,7 +178,7 @@ class Relaxing(StandardParametrisation):
         return {f"{RELAXED}.{_label(time)}": time for time in self.settings.relaxation_times}
 
     def parameters(self, space: ParameterSpace, spots: Sequence[str]) -> tuple[Parameter, ...]:
-        """Those of the standard parametrisation, then a share for each time, the same at all spots."""
+        """Parameters of the standard parametrisation, then a share for each time, the same at all spots."""
         upper = self.settings.relaxation_upper
         own = [
             Parameter(
@@ -198,7 +198,7 @@ class Relaxing(StandardParametrisation):
     def inputs(
         self, space: ParameterSpace, spot: str, protocol: Protocol, values: Mapping[str, float]
     ) -> SpotInputs:
-        """Those of the standard parametrisation, and the relaxation of their curves."""
+        """Inputs of the standard parametrisation, and the relaxation of their curves."""
         if not isinstance(protocol, Indentation) or protocol.time_s is None:
             raise StudyError('a tissue that relaxes needs the times of its press; use motion = "moves"')
         shares = np.array([values[name] for name in self.times_s])
@@ -208,7 +208,7 @@ class Relaxing(StandardParametrisation):
         return replace(found, observe=Relaxed(np.array(self.settings.relaxation_times), shares))
 
     def start(self, protocols: Mapping[str, Protocol]) -> dict[str, float]:
-        """That of the standard parametrisation, and a little relaxation with each time."""
+        """Start of the standard parametrisation, and a little relaxation with each time."""
         usual = min(USUAL_SHARE, 0.5 / len(self.times_s))
         return super().start(protocols) | dict.fromkeys(self.times_s, usual)
 
@@ -236,7 +236,7 @@ class RelaxationOverTime(Stage):
     )
 
     def is_in_run(self, study: Study) -> bool:
-        """Where the fit searches it."""
+        """True where the fit searches it."""
         return isinstance(study.parametrisation, Relaxing)
 
     def run(self, inputs: Run, progress: Progress) -> Files:
@@ -266,7 +266,7 @@ class RelaxationOverTime(Stage):
         return {"relaxation": pl.concat(rows)} if rows else {}
 
     def summarise(self, inputs: Run) -> Summary:
-        """What is left of the moduli at the end of the record, and which times it does not tell."""
+        """Summary: share of the moduli left at the end of the record, and the times that it does not tell."""
         table, law = inputs.table("relaxation"), inputs.study.parametrisation
         if table.is_empty() or not isinstance(law, Relaxing):
             return Summary(lines=["No fit, and so no relaxation."])

@@ -64,7 +64,7 @@ class Drucker(SetFilter[DruckerSettings]):
     summary = "Drucker stability along simple deformation modes, over a range of stretches"
 
     def accept(self, space: ParameterSpace, values: FloatArray) -> BoolArray:
-        """Which sets are stable in every region.
+        """Mask of the sets that are stable in every region.
 
         Parameters
         ----------
@@ -104,7 +104,7 @@ class Drucker(SetFilter[DruckerSettings]):
         return min(found, key=lambda where: found[where])
 
     def stable(self, material: Material, thetas: FloatArray) -> BoolArray:
-        """Which textbook parameter sets (n_sets, n_parameters) of one material are stable: (n_sets,)."""
+        """Mask (n_sets,) of the stable textbook parameter sets (n_sets, n_parameters) of one material."""
         # Imported here, so that JAX is not imported to list the plugins.
         from palpate_materials.neo_hookean import least_stiffness
 

@@ -1,4 +1,4 @@
-"""Which presses to make, first or next, so that intervals become narrow."""
+"""Presses to make, first or next, so that intervals become narrow."""
 
 from typing import TYPE_CHECKING
 

@@ -141,7 +141,7 @@ class Limit(NamedTuple):
 
 
 class Allowed(BaseModel):
-    """What a file of candidates holds."""
+    """Content of a file of candidates."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -163,7 +163,7 @@ class Allowed(BaseModel):
 
     @property
     def place(self) -> str:
-        """How a message about it begins."""
+        """Beginning of a message about it."""
         return f"{self._file}: " if self._file else ""
 
 
@@ -277,7 +277,7 @@ def _allowed_ways(study: Study, allowed: Allowed) -> Iterator[tuple[str, dict[st
 
 
 def described(press: CandidatePress) -> str:
-    """What is done at a press, in words of the study file."""
+    """Description of a press, in words of the study file."""
     return ", ".join(f"{key} {_written(value)}" for key, value in press.keys.items()) or "as in the study"
 
 

@@ -1,4 +1,4 @@
-"""Which further presses narrow an interval most, one after the other."""
+"""Further presses that narrow an interval most, one after the other."""
 
 import functools
 import operator
@@ -59,7 +59,7 @@ class UnderTool(Parametrisation):
         self.base, self.spot = base, spot
 
     def parameters(self, space: ParameterSpace, spots: tuple[str, ...]) -> tuple[Parameter, ...]:  # type: ignore[override]
-        """Those of the study at a spot of the run."""
+        """Parameters of the study at a spot of the run."""
         return self.base.parameters(space, [self.spot])
 
     def inputs(
@@ -156,7 +156,7 @@ force of a tool."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Goal:
-    """What is to become narrower.
+    """Intervals that are to become narrower.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def check_goal(name: str, parameters: Sequence[Parameter]) -> None:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Narrowing:
-    """What a press is expected to do.
+    """Effect that is expected of a press.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ class Plan:
         return self._information[0].covariance(RANGE_SD)
 
     def ranked(self, presses: Sequence[SimulatedPress]) -> list[Narrowing]:
-        """What each of these presses would do next, the best first."""
+        """Effects of each of these presses as the next one, the best first."""
         before = [information.covariance() for information in self._information]
         found = [self._narrowing(each, before) for each in presses if each.at]
         return sorted(found, key=lambda each: each.goal)
@@ -334,7 +334,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Proposal:
-    """What to measure next.
+    """Presses to measure next.
 
     Parameters
     ----------

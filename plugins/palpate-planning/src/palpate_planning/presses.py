@@ -53,7 +53,7 @@ OF_ONE_PRESS = ("onset", "tilt", "zero")
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DesignProblem:
-    """What is known before a further press.
+    """Knowledge before a further press.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def press_meshes(
 
 
 def presses_so_far(design: DesignProblem, points: FloatArray) -> tuple[list[SimulatedPress], FloatArray]:
-    """What the presses of the fit tell, at points (n_points, n_parameters) of the box of the fit.
+    """Information of the presses of the fit, at points (n_points, n_parameters) of the box of the fit.
 
     Returns
     -------
@@ -234,7 +234,7 @@ def _simulated(
 
 
 def _as_large(column: FloatArray, problem: Problem, first: Problem, channel: str) -> FloatArray:
-    """What a cause adds to a curve that is larger or smaller than at the first point."""
+    """Change by a cause of a curve that is larger or smaller than at the first point."""
     here, there = (np.abs(p.terms[0].measured[channel].ordinate).max() for p in (problem, first))
     scaled: FloatArray = column * (here / there)
     return scaled

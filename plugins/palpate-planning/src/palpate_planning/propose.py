@@ -183,7 +183,7 @@ class PlanningStage:
         return replace(found, failed_checks=failed_checks, check=self._worst_spot() if failed_checks else "")
 
     def design(self) -> DesignProblem:
-        """What is known before the press."""
+        """Knowledge before the press."""
         found, channels = self.assessed.errors, self.assessed.channels
         box = self.assessed.end.problem.box
         errors = ErrorSizes(
@@ -206,13 +206,13 @@ class PlanningStage:
 
     @property
     def _best(self) -> Evaluation:
-        """Where the fit has ended: what is assessed has an end."""
+        """Point where the fit has ended: what is assessed has an end."""
         best = self.assessed.end.best
         assert best is not None
         return best
 
     def _points(self, n: int) -> FloatArray:
-        """Where the fit has ended, and draws (n, n_parameters) of its density, as points of the box."""
+        """Point where the fit has ended, and draws (n, n_parameters) of its density, as points of the box."""
         problem, box = self.assessed.end.problem, self.assessed.end.problem.box
         drawn = box.point(box.lower + (box.upper - box.lower) * self.assessed.density.draws(n - 1))
         points = np.concatenate([self._best.point[None], drawn])
@@ -322,7 +322,7 @@ def before_any_press(
     abscissae: Mapping[str, str],
     n_points: int,
 ) -> tuple[DesignProblem, FloatArray]:
-    """What a study knows before its first press, and points (n_points, n_parameters) over its ranges.
+    """Knowledge of a study before its first press, and points (n_points, n_parameters) over its ranges.
 
     The first point is where a search would start.
     """
@@ -348,7 +348,7 @@ def of_priors(design: DesignProblem) -> FisherInformation:
 
 
 def _refusal(press: SimulatedPress, limits: Mapping[str, Limit]) -> str:
-    """Why a press cannot be made; empty where it can."""
+    """Reason why a press cannot be made; empty where it can."""
     if press.failure:
         return press.failure
     for name, (most, unit) in limits.items():

@@ -15,7 +15,7 @@ from palpate_planning.narrowing import Narrowing, Proposal
 
 
 class ProposalOutput(Closed):
-    """Which presses to make: ``presses`` has the poses and paths of those that are chosen.
+    """Presses to make: ``presses`` has the poses and paths of those that are chosen.
 
     ``ranking`` and ``intervals`` are tables as rows, ``protocols`` what a study says of each candidate.
     """

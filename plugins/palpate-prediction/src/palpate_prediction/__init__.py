@@ -1,4 +1,4 @@
-"""What a fitted limb feels under another tool, motion or at another spot; and cards of its materials."""
+"""Predictions of a fitted limb under another tool, motion or at another spot; and cards of its materials."""
 
 from typing import TYPE_CHECKING
 

@@ -90,7 +90,7 @@ def write_surface(path: Path, states: SurfaceStates, state: int) -> None:
 
 
 def notes(prediction: Prediction, notice: str) -> list[str]:
-    """What a reader must know of the numbers."""
+    """Notes that a reader of the numbers must know."""
     found, tool = prediction.fitted, prediction.tool
     indenter = tool.protocol.indenter
     lines = [notice] if notice else []
@@ -135,7 +135,7 @@ def _errors(each: SpotPrediction) -> str:
 
 
 def _solved(spot: str, each: SpotPrediction) -> str:
-    """How many simulated draws the solved bands of a spot hold."""
+    """Sentence on how many simulated draws the solved bands of a spot hold."""
     n_failed = each.n_asked - each.n_ended
     if not each.n_ended:
         return f"Solved bands at {spot}: none, since all {each.n_asked} simulated draws failed."
@@ -144,7 +144,7 @@ def _solved(spot: str, each: SpotPrediction) -> str:
 
 
 def beyond(strains: pl.DataFrame) -> str:
-    """Where the prediction goes beyond the experiment, in a sentence."""
+    """Sentence on where the prediction goes beyond the experiment."""
     if strains.is_empty():
         return "The solver reports no strains: it is not known whether the prediction extrapolates."
     rows = strains.filter(pl.col("beyond")).to_dicts()

@@ -1,4 +1,4 @@
-"""What the fitted limb feels under another tool: one simulation for each spot, and a band by its slopes."""
+"""Predictions under another tool: one simulation for each spot, and a band by its slopes."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -183,7 +183,7 @@ def refined_limbs(study: Study, tool: Tool) -> dict[str, Limb]:
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """How values become jobs of a tool at a spot."""
+    """Plan by which values become jobs of a tool at a spot."""
 
     stored: Run
     tool: Tool

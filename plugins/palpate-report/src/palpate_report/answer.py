@@ -87,7 +87,7 @@ def _quality(data: ReportData, conclusion: Conclusion) -> Iterator[str]:
 
 
 def _spots(data: ReportData, conclusion: Conclusion, picture: Forest) -> str:
-    """Which spots are used, and which of them differs from the joint fit."""
+    """Spots that are used, and the one that differs from the joint fit."""
     used = f"{len(data.spots)} used ({', '.join(data.spots[:6])}{', …' if len(data.spots) > 6 else ''})"
     if len(data.spots) == 1 or not data.is_fitted:
         return used
@@ -100,7 +100,7 @@ def _spots(data: ReportData, conclusion: Conclusion, picture: Forest) -> str:
 
 
 def _causes(data: ReportData) -> str:
-    """What the widest interval is mostly due to."""
+    """Causes that the widest interval is mostly due to."""
     certainty = data.fit.certainty
     if certainty.budget.is_empty():
         return ""

@@ -154,7 +154,7 @@ def _criteria(runs: Mapping[str, ReportData]) -> list[dict[str, Any]]:
 
 
 def _notes(tables: Mapping[str, pl.DataFrame], runs: Mapping[str, ReportData]) -> Iterator[str]:
-    """What a reader must know of the tables: refused runs first."""
+    """Notes that a reader of the tables must know: refused runs first."""
     for name, data in runs.items():
         if failure := failure_of(data, tuple(best_sets(data))):
             yield f"{name}: {failure}"

@@ -137,7 +137,7 @@ def written(run: Run, progress: Progress, *, unfinished: str = "") -> Report:
 
 
 def read_results(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> ReportData:
-    """What a run found, by the copy of its study; writes nothing."""
+    """Results of a run, by the copy of its study; writes nothing."""
     run = read_run(study, RunDirectory(run_folder), plugins, progress)
     run.require("sample")
     runs_now = living_runner_of(run_folder) is not None
@@ -145,7 +145,7 @@ def read_results(study: Study, run_folder: Path, plugins: Plugins, progress: Pro
 
 
 def _unfinished(directory: RunDirectory, *, runs_now: bool) -> str:
-    """How far a run is that has not ended; empty where it has."""
+    """Progress of a run that has not ended; empty where it has."""
     with Ledger(directory.folder) as ledger:
         counts = ledger.counts()
     n_left, state = counts.get("left", 0), read_fit_state(directory.folder)
@@ -156,7 +156,7 @@ def _unfinished(directory: RunDirectory, *, runs_now: bool) -> str:
 
 
 def _simulated(folder: Path) -> str:
-    """When the last simulation ended, how many there are, and how long they took together."""
+    """Time when the last simulation ended, their number, and how long they took together."""
     with Ledger(folder) as ledger:
         ended = ledger.frame().select("finished_at", "seconds")
     if ended.is_empty():

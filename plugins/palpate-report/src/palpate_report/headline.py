@@ -56,7 +56,7 @@ class Headline:
 
     @property
     def verdict(self) -> str:
-        """What may be read of the value, in words; empty where nothing is known."""
+        """Verdict on the value, in words; empty where nothing is known."""
         return verdict_of(self.identifiability, at_bound=self.at_bound, is_refused=self.is_refused)
 
     @property
@@ -160,7 +160,7 @@ def moduli(data: ReportData, best: Best, *, is_refused: bool = False) -> Iterato
 
 
 def failure_of(data: ReportData, bests: Sequence[Best]) -> str:
-    """Why no parameters can be read from a run, and what to check; empty where they can."""
+    """Reason why no parameters can be read from a run, and what to check; empty where they can."""
     wrong = [
         f"{name} at {spot} (R² {r2:.3g})" for name, spot, r2 in r2_by_spot(data, bests) if r2 < NO_FIT_R2
     ]
@@ -193,7 +193,7 @@ def r2_by_spot(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, s
 
 @dataclass(frozen=True, slots=True)
 class Verdicts:
-    """What may be read of each value of a run, of any fit and of the sweep.
+    """Verdicts on each value of a run, of any fit and of the sweep.
 
     Parameters
     ----------

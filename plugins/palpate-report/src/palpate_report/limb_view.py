@@ -55,7 +55,7 @@ class ViewPart:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LimbView:
-    """What there is to see of one limb.
+    """View of one limb.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ MARKS: Mapping[str, tuple[tuple[str, ...], str]] = MappingProxyType(
 
 
 def verdict_of(word: str, *, at_bound: bool = False, is_refused: bool = False) -> str:
-    """What may be read of a value whose identifiability has this word."""
+    """Verdict on a value whose identifiability has this word."""
     words = (REFUSED if is_refused else NOT if word == "not" else word, AT_END if at_bound else "")
     return ", ".join(each for each in words if each)
 

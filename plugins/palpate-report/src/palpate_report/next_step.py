@@ -1,4 +1,4 @@
-"""What to do next, in one line: by the largest cause of the widest interval."""
+"""Advice on what to do next, in one line: by the largest cause of the widest interval."""
 
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
@@ -49,7 +49,7 @@ EDGE_IN_RADII = 1.0 / 3.0
 
 
 def next_step(data: ReportData, estimates: Sequence[Headline], *, is_refused: bool) -> str:
-    """What narrows the widest interval, or that there is nothing left to do; one line.
+    """Advice that narrows the widest interval, or that there is nothing left to do; one line.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def _relative_width(value: Headline) -> float:
 
 
 def _narrower(data: ReportData, worst: Headline) -> str:
-    """What makes the largest cause of an interval smaller."""
+    """Advice that makes the largest cause of an interval smaller."""
     budget = data.fit.certainty.budget
     if not budget.is_empty():
         main = {"fit": data.together, "scenario": data.generalising.name, "parameter": worst.name}

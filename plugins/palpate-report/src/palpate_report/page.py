@@ -230,7 +230,7 @@ def library() -> tuple[str, str]:
 
 
 def _policy(*scripts: str) -> str:
-    """What the page may do: run these scripts, and load nothing from anywhere."""
+    """Policy of the page: it may run these scripts, and load nothing from anywhere."""
     hashes = (base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in scripts)
     allowed = " ".join(f"'sha256-{digest}'" for digest in hashes)
     return f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:"

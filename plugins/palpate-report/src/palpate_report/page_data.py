@@ -1,4 +1,4 @@
-"""What the page draws, as plain lists: names are values and never keys, so that any name will do."""
+"""Data that the page draws, as plain lists: names are values and never keys, so that any name will do."""
 
 import math
 from itertools import combinations

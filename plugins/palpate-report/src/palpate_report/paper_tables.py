@@ -233,12 +233,12 @@ def _title(block: _Block, n_columns: int) -> tuple[str, str]:
 
 
 def _failures(blocks: Sequence[_Block]) -> list[str]:
-    """Why no parameters can be read from some of the runs."""
+    """Reasons why no parameters can be read from some of the runs."""
     return [f"{block.title}: {block.verdicts.failure}" for block in blocks if block.verdicts.failure]
 
 
 def _caption(what: str, blocks: Sequence[_Block], marks: str = "") -> str:
-    """What a table has, what each scenario is fitted to, what the data are, and what the marks mean."""
+    """Caption of a table: its content, what each scenario is fitted to, the data, and what the marks mean."""
     fitted = {s.name: weighted_channels(s) for block in blocks for s in block.data.study.scenarios}
     scenarios = ", ".join(f"{name} ({channels})" for name, channels in fitted.items())
     notices = dict.fromkeys(block.data.notice for block in blocks if block.data.notice)

@@ -1,4 +1,4 @@
-"""What a report is made of, and how the simulations of its sweep ended."""
+"""Data that a report is made of, and how the simulations of its sweep ended."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -210,7 +210,7 @@ class ReportData:
 
     @property
     def together(self) -> str:
-        """What leads: all spots together, or the only one."""
+        """Name of the fit that leads: of all spots together, or of the only one."""
         return ALL_SPOTS if len(self.spots) > 1 else self.spots[0]
 
     @property
@@ -247,7 +247,7 @@ class ReportData:
 
     @property
     def completeness(self) -> Completeness:
-        """How much of the sweep was scored."""
+        """Share of the sweep that was scored."""
         return completeness(self.scores, self.spots, self.design)
 
     @property
@@ -257,7 +257,7 @@ class ReportData:
 
     @property
     def notice(self) -> str:
-        """What every picture of these data must state."""
+        """Notice that every picture of these data must state."""
         return self.study.notice
 
 

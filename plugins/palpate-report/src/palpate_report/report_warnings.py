@@ -1,4 +1,4 @@
-"""What limits the result of a run, and why."""
+"""Warnings that limit the result of a run, and why."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""What a run amounts to, and what a report of it shows: parameters, tables, warnings."""
+"""Result of a run, and what a report of it shows: parameters, tables, warnings."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -131,7 +131,7 @@ class Conclusion:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What was found, at which rate, how well each parameter is identified, and what it cost."""
+        """Sentences on what was found, at which rate, how well it is identified, and what it cost."""
         apparent = f"{self.apparent}." if self.apparent else ""
         found = (self.lead, apparent, *self.identifiability, self.spent)
         return tuple(sentence for sentence in found if sentence)
@@ -204,7 +204,7 @@ def _mesh(data: ReportData) -> str:
 
 
 def _lead(data: ReportData, bests: Sequence[Best]) -> tuple[str, list[str], str]:
-    """What leads, its values, and how well it fits; empty where there is nothing."""
+    """Fit that leads, its values, and how well it fits; empty where there is nothing."""
     where, best = data.together, leading(data, bests)
     if best is not None:
         values = [*_listed(data.searched, (v.value for v in best.values))]
@@ -301,7 +301,7 @@ def _phrase(word: str) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """What the report shows, and where it is.
+    """Content of the report, and where it is.
 
     Parameters
     ----------

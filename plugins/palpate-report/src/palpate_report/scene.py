@@ -37,7 +37,7 @@ BYTES = 2
 
 
 def skins(data: ReportData) -> list[dict[str, Any] | None]:
-    """What the page's script draws the skin at each spot from; None where it was not simulated."""
+    """Data from which the page's script draws the skin at each spot; None where it was not simulated."""
     most = MOST_BYTES // max(1, len(data.surfaces))
     factor = 1.0 / convert(f"1 {data.modulus_unit}", "MPa")
     return [

@@ -58,12 +58,12 @@ class ReportStage(Stage):
         return {}
 
     def summarise(self, inputs: Run) -> Summary:
-        """What the report that was just written amounts to."""
+        """Summary of the report that was just written."""
         report = inputs.shared.get(self.name)
         return summary_of(inputs.study, report) if report else Summary()
 
     def data(self, run: Run) -> ReportData:
-        """What the report of a run is made of, for tests of sections."""
+        """Data that the report of a run is made of, for tests of sections."""
         return report_data(run)
 
     def report(self, data: ReportData) -> Report:

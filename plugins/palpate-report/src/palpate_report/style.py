@@ -1,4 +1,4 @@
-"""How every figure for print looks: sizes in mm, type, colours for all kinds of colour vision, files."""
+"""Style of every figure for print: sizes in mm, type, colours for all kinds of colour vision, files."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -191,7 +191,7 @@ def weighted_channels(scenario: Scenario) -> str:
 
 
 def unfitted_channels(data: ReportData) -> pl.DataFrame:
-    """What each fit to part of the channels misses in those that it leaves out.
+    """Misfits of each fit to part of the channels in those that it leaves out.
 
     One row per search, spot, scenario and channel that the scenario leaves out: its NMSE
     and R² there; ``nmse_fitted``, the least NMSE there of the scenarios that do fit the
@@ -275,7 +275,7 @@ def cost_of_one_set(data: ReportData) -> pl.DataFrame:
 
 
 def distance_to_truth(data: ReportData) -> pl.DataFrame:
-    """How far the found coefficients are from the known ones of a simulated experiment."""
+    """Distances of the found coefficients from the known ones of a simulated experiment."""
     all_spots = data.generalisation.head(1).with_columns(spot=pl.lit("all spots"))
     ends = data.fit.ends
     found = {

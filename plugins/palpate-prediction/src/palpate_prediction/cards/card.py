@@ -1,4 +1,4 @@
-"""What a card shows of a fitted material, whatever the program."""
+"""Content of a fitted material's card, whatever the program."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

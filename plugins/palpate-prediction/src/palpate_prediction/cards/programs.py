@@ -1,4 +1,4 @@
-"""How each program writes its energies, and what it means by them.
+"""Energies as each program writes them, and what it means by them.
 
 ==========  ======================================================  ================================
 program     powers of Ĩ1 − 3 / of the stretches                     volume
@@ -254,7 +254,7 @@ PROGRAMS: Mapping[str, Callable[[CardData], str]] = MappingProxyType(
 
 
 def cards_of(run: Run) -> Iterator[CardData]:
-    """What was found for all spots together, by region; a value by spot is that of the first."""
+    """Cards of what was found for all spots together, by region; a value by spot is that of the first."""
     data = report_data(run)
     bests = tuple(best_sets(data))
     failure, known = failure_of(data, bests), {each.name: each for each in headlines(data, bests)}

@@ -1,4 +1,4 @@
-"""How sure the parameters are: by intervals of the fit, by posteriors, and by the sets of the sweep."""
+"""Sections on how sure the parameters are: by intervals of the fit, posteriors, and sets of the sweep."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -52,12 +52,12 @@ class Certainty(Section):
             )
 
     def is_open(self, data: ReportData, report: Report) -> bool:
-        """Where there are few parameters."""
+        """True where there are few parameters."""
         return len(list(budget_bars(data))) < 6
 
 
 class Identifiability(Section):
-    """Which values the sets of the sweep allow."""
+    """Section on the values that the sets of the sweep allow."""
 
     name, title, entry = "identifiability", "What the sweep allows", "Identifiability"
     summary = "values with which sets of the sweep fit about as well as the best"

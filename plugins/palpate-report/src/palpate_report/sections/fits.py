@@ -1,4 +1,4 @@
-"""What fits: curves, warnings, every value, and the ways of the searches."""
+"""Sections on the fits: curves, warnings, every value, and the ways of the searches."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -60,7 +60,7 @@ class Warnings(Section):
             yield Listing([(f"{warning.what}.", warning.why) for warning in found])
 
     def is_open(self, data: ReportData, report: Report) -> bool:
-        """Where there are few."""
+        """True where there are few."""
         return len(report.conclusion.warnings) < 6
 
 
@@ -150,7 +150,7 @@ def _cell(value: Value, report: Report) -> Lines:
 
 
 def _below(bests: Sequence[Best]) -> str:
-    """What is below the values."""
+    """Blocks below the values."""
     if any(value.is_sure for best in bests for value in best.values):
         return "its 95 % interval"
     return "the fitted optimum, and what fits about as well as that"

@@ -1,4 +1,4 @@
-"""Where the numbers come from: the limb, its deformation and contact, and what they depended on."""
+"""Sections on the origins of the numbers: limb, deformation, contact, and what they depended on."""
 
 import io
 from collections.abc import Iterator, Mapping
@@ -43,7 +43,7 @@ N_COLOURS = 64
 
 
 class Pictures(Section):
-    """What was drawn of each spot before it was simulated."""
+    """Section with the pictures that were drawn of each spot before it was simulated."""
 
     name, title, entry = "pictures", "From limb and log to curves", "Limb and log"
     summary = "pictures of the scanned limb, and of how each press was processed"
@@ -147,7 +147,7 @@ class Cite(Section):
 
 
 class Provenance(Section):
-    """What every number depended on."""
+    """Section on what every number depended on."""
 
     name, title = "provenance", "Provenance"
     summary = "versions, hashes, settings and conventions, and comparisons of solvers"

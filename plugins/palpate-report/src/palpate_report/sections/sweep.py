@@ -1,4 +1,4 @@
-"""What the sets of the sweep show."""
+"""Sections on the sets of the sweep."""
 
 from collections.abc import Iterator
 
@@ -85,7 +85,7 @@ class Generalisation(Section):
 
 
 class Convergence(Section):
-    """How the simulations ended."""
+    """Section on how the simulations ended."""
 
     name, title, entry = "convergence", "Convergence and failures", "Convergence"
     summary = "how the simulations ended, by spot and reason"

@@ -1,4 +1,4 @@
-"""Where a signal changes: least squares over everything but the place itself.
+"""Places where a signal changes: least squares over everything but the place itself.
 
 For each candidate place a description is linear in its coefficients; the place kept is the one
 with the least squared residual, found on grids that close in on it. Its standard deviation is that
@@ -127,7 +127,7 @@ def _residuals(designs: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArr
 def stroke_end(
     time_s: FloatArray, values: FloatArray, between_s: tuple[float, float], moving_s: float
 ) -> Transition:
-    """When a motion comes to rest.
+    """Time when a motion comes to rest.
 
     The longest of a few windows is used in which the description leaves no more than noise, or
     no more than in shorter ones.
@@ -171,7 +171,7 @@ def stroke_end(
 
 
 def turning(time_s: FloatArray, values: FloatArray, between_s: tuple[float, float]) -> Transition:
-    """When a motion changes direction, without a rest in between.
+    """Time when a motion changes direction, without a rest in between.
 
     Parameters are those of :func:`stroke_end`.
     """
@@ -189,7 +189,7 @@ def is_turning(time_s: FloatArray, values: FloatArray, between_s: tuple[float, f
 
 
 def speed_change(time_s: FloatArray, values: FloatArray, between_s: tuple[float, float]) -> Transition | None:
-    """When a motion changes its speed at once, None where it is smooth.
+    """Time when a motion changes its speed at once, None where it is smooth.
 
     Parameters are those of :func:`stroke_end`.
     """

@@ -1,4 +1,4 @@
-"""Which rows press, along which normal, how the tool moves about the spot, and where it first touches.
+"""Contact: rows that press, the normal, how the tool moves about the spot, and where it first touches.
 
 At first contact the normal force leaves its baseline as a contact does. The force over the travel s
 is described by  F = b + k₁ τ^p + k₂ τ^(p+1),  τ = max(s - s₀, 0): a flat baseline, Hertz's law for a
@@ -158,7 +158,7 @@ def described(recording: Recording, contact: Contact, vector: FloatArray | None,
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Motion:
-    """How the tool moved about a spot; arrays of shape (n,).
+    """Motion of the tool about a spot; arrays of shape (n,).
 
     Parameters
     ----------

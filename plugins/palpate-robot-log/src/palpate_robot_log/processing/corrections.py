@@ -1,4 +1,4 @@
-"""What is taken out of the wrench: spikes, a lag, the tool's weight, the sensor's drift and its bias.
+"""Corrections of the wrench: spikes, a lag, the tool's weight, the sensor's drift and its bias.
 
 Lag: where the tool starts, reverses or stops its twist at once, the moment about the normal bends at
 once too, in an elastic and in a relaxing tissue. The lag is the mean time from the bends of the
@@ -77,7 +77,7 @@ def _repaired(values: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Lag:
-    """How far the wrench comes after the pose [s], its standard deviation, and how many bends gave it."""
+    """Lag of the wrench after the pose [s], its standard deviation, and how many bends gave it."""
 
     seconds: float = 0.0
     std_s: float = float("inf")

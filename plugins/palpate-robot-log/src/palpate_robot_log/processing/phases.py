@@ -46,7 +46,7 @@ class Strokes:
     slides: tuple[Stroke, ...] = ()
 
     def retract_s(self, time_s: FloatArray) -> float:
-        """When the retract starts, or the log ends before it."""
+        """Time when the retract starts, or the log ends before it."""
         return float(time_s[-1]) if self.retract is None else self.retract.start.time_s
 
 
@@ -112,7 +112,7 @@ def _check_at_rest(recording: Recording, motion: Motion, contact: Contact) -> No
 def contact_instants(
     motion: Motion, contact: Contact, strokes: Strokes, onset: Onset
 ) -> tuple[Transition, Transition | None]:
-    """When the tool passes the onset on its way in, and on its way out."""
+    """Times when the tool passes the onset on its way in, and on its way out."""
     time, travel, retract = motion.time_s, motion.travel_mm, strokes.retract
     touch = _passage(time, travel, contact.first, strokes.press.stop.time_s, onset)
     if retract is None or not np.any((time > retract.start.time_s) & (travel < onset.travel_mm)):
@@ -122,7 +122,7 @@ def contact_instants(
 
 
 def _passage(time: FloatArray, travel: FloatArray, first: int, until_s: float, onset: Onset) -> Transition:
-    """When the travel passes the onset before row ``first``, sharpened by a change of speed there."""
+    """Time when the travel passes the onset before row ``first``, sharpened by a change of speed there."""
 
     def last_below(level: float) -> int:
         rows = np.flatnonzero(travel[: first + 1] < level)

@@ -1,4 +1,4 @@
-"""Where, along what and when a recording presses: what is known before the wrench is clean.
+"""Place, direction and times of a recording's press: what is known before the wrench is clean.
 
 Mistakes that would leave curves which look fine are refused here, named by what gives them away.
 """

@@ -37,7 +37,7 @@ def _named(given: object) -> object:
 
 
 class Source(Settings):
-    """Where columns are found."""
+    """Source of columns."""
 
     stream: str | None = Field(
         default=None, description="Topic of a bag, when several have columns of these names."
@@ -155,7 +155,7 @@ class Plausible(Settings):
 
 
 class ChannelMap(Settings):
-    """Which columns of a log are time, pose and wrench, and what they mean."""
+    """Columns of a log that are time, pose and wrench, and what they mean."""
 
     time: Annotated[Time, BeforeValidator(_named, json_schema_input_type=str | Time)] = Field(
         description="Column of time, or a table of column and unit."

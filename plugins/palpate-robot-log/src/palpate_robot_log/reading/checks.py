@@ -72,7 +72,7 @@ def checked_time(series: Series, channels: ChannelMap) -> Series:
 
 
 def check_values(series: Mapping[str, Series], channels: ChannelMap) -> float:
-    """How far the orientations are from turns, once all numbers may be those of a press."""
+    """Distance of the orientations from turns, once all numbers may be those of a press."""
     bounds, position = channels.plausible, series["position"]
     for name, limit, unit in (
         ("force", channels.force_limit, "N"),

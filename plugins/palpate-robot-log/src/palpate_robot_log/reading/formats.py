@@ -1,4 +1,4 @@
-"""Which reader a file needs, by its first bytes, and the process with limits that it works in."""
+"""Reader that a file needs, by its first bytes, and the process with limits that it works in."""
 
 import os
 from dataclasses import dataclass, field
@@ -43,7 +43,7 @@ class ReadingLimits(Settings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
-    """What to read of a file: columns of a table and topics of a bag, all when left out."""
+    """Columns of a table and topics of a bag to read of a file, all when left out."""
 
     columns: tuple[str, ...] | None = None
     streams: tuple[str, ...] | None = None

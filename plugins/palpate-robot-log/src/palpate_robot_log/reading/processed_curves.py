@@ -17,7 +17,7 @@ _DEGREES_PER_RADIAN = 57.29577951308232
 
 
 class _Role(NamedTuple):
-    """What a column's unit and words must be, and the factor from a log's base unit to the channel's."""
+    """Unit and words that a column must have, and the factor from a log's base unit to the channel's."""
 
     kind: Kind
     words: frozenset[str]

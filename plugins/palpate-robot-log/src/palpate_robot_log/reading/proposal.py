@@ -203,7 +203,7 @@ def _lacks(log: RawLog, guess: Guess) -> bool:
 
 
 def _possible(group: Group, *, is_turned: bool) -> Iterable[tuple[str, Guess]]:
-    """What a group may be, each with a score; ``is_turned`` where angles have the name of its x, y, z too."""
+    """Possible meanings of a group, with scores; ``is_turned`` where angles are named as its x, y, z."""
     n_columns, words = len(group.columns), set(group.words)
 
     def guess(part: slice | list[int], score: float, *to_check: str) -> Guess:
@@ -363,7 +363,7 @@ def time_of(stream: Stream) -> Guess | None:
 
 
 def _time_score(column: Column) -> float:
-    """How much a column looks like time: it goes up, in steps that are much alike."""
+    """Likeness of a column to time: it goes up, in steps that are much alike."""
     values = column.values[np.isfinite(column.values)]
     if values.size < 2 or 2 * values.size < column.values.size:
         return 0.0

@@ -1,4 +1,4 @@
-"""What a reader makes of a file: named streams of named columns of numbers, as in the file.
+"""Content of a file as a reader makes it: named streams of named columns of numbers, as in the file.
 
 A table has one stream. A bag has one for each topic, and a MATLAB file one for each
 length of its arrays. Nothing is converted here: units are those of the file, where
@@ -46,7 +46,7 @@ class Stream:
 
     @property
     def label(self) -> str:
-        """How messages call it."""
+        """Name by which messages call it."""
         return f"stream '{self.name}'" if self.name else "the file"
 
 

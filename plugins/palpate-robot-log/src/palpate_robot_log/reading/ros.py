@@ -50,7 +50,7 @@ FIELDS: MappingProxyType[str, Fields] = MappingProxyType(
 
 @dataclass(slots=True)
 class _Gathered:
-    """What has been read of one stream."""
+    """Values that have been read of one stream."""
 
     fields: Fields
     msgtype: str
