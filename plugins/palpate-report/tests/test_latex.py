@@ -74,6 +74,14 @@ def test_the_papers_tables_have_spots_by_scenarios_with_intervals(content):
     assert sorted(rows[0][1:]) == sorted(cell for row in narrow[2:8:2] for cell in row[2:])
 
 
+def test_a_scenario_that_one_run_lacks_is_empty_there(content):
+    made = content(search=LeastSquares())
+    less = replace(made, study=replace(made.study, scenarios=made.study.scenarios[:1]))
+    rows = cells(paper_tables({"all": made, "less": less})["paper_table1"])
+    lacking = [row[1] for row in rows if len(row) > 2 and set(row[2:]) == {"--"}]
+    assert lacking == ["II", "III"] * 3  # of both spots, and of all
+
+
 def test_table_2_has_the_least_of_each_scenario_in_bold(content):
     made = content()
     _, heads, *rows = cells(paper_tables({"spongy": made})["paper_table2"])

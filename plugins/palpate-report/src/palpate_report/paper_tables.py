@@ -130,7 +130,8 @@ class _Block:
             marked(self._number(name, row[name].value), mark_of(row[name].verdict)) if name in row else "--"
             for name in self.largest
         ]
-        best, fitted = self.found.get((spot, scenario)), self.data.scenario(scenario).weighed
+        best = self.found.get((spot, scenario))
+        fitted = self.data.scenario(scenario).weighed if best else ()
         r2 = [at for name, at in (best.r2 if best else {}).items() if at is not None and name in fitted]
         return [*texts, number(f"{min(r2):.4f}") if r2 else "--"]
 
