@@ -358,6 +358,15 @@ def test_init_copies_a_study_that_checks(call: Call) -> None:
     assert call("check", "mine").code == 0
 
 
+def test_a_study_without_its_files_names_what_makes_them(call: Call) -> None:
+    copied = call("init", "--study", "forearm-real", "real", plugin=None)
+    assert "next: palpate limb real/skin.ply --options real/limb.toml" in copied.err
+    refused = call("check", "real", plugin=None)
+    assert refused.code == 2
+    assert "meshes/p1.vtu); paths are relative to study.toml, and `palpate limb SCAN` makes" in refused.err
+    assert "`palpate synthesise STUDY` simulates [truth] into it" in refused.err
+
+
 def test_init_overwrites_nothing(call: Call) -> None:
     Path("mine").mkdir()
     Path("mine/notes.txt").write_text("mine")

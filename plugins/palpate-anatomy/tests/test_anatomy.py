@@ -13,6 +13,7 @@ from palpate_limb.from_scan import ReadScan, read_scan
 from palpate_limb.options import ScanOptions
 from palpate_limb.segment import cut
 
+STUDIES = {study.name: study for study in palpate_studies()}
 FOLDERS = {study.name: Path(study.directory) for study in palpate_studies()}
 
 
@@ -23,6 +24,15 @@ def options(name: str) -> ScanOptions:
 @cache
 def read(name: str) -> ReadScan:
     return read_scan(FOLDERS[name] / "skin.ply", options(name).model_copy(update={"unit": None}))
+
+
+@pytest.mark.parametrize("name", FOLDERS)
+def test_what_to_run_first_meshes_the_limb(name: str) -> None:
+    command, folder = STUDIES[name].first_command, FOLDERS[name]
+    stage, scan, option, file = command.format(folder=folder).split()
+    assert (stage, option) == ("limb", "--options")
+    assert Path(scan).is_file()
+    assert Path(file).is_file()
 
 
 @pytest.mark.slow

@@ -82,12 +82,14 @@ def init(
     if as_json:
         session.json({"study": name, "folder": str(folder)})
         return
+    command = "check {folder}"
     if measured:
         session.say(f"{folder / 'study.toml'}: presses and meshes of yours, the rest as in {name}")
         session.note("look over it: protocol and ranges are for a silicone phantom, units may be guesses")
     else:
         session.say(f"{name} copied to {folder}")
-    session.next(f"check {folder}")
+        command = studies[name].first_command
+    session.next(command.replace("{folder}", str(folder)))
 
 
 def own_study_text(

@@ -404,8 +404,15 @@ class Simulation:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyTemplate:
-    """A ready study that ``palpate init`` copies: a directory with a study.toml and its data."""
+    """A ready study that ``palpate init`` copies: a directory with a study.toml and its data.
+
+    Attributes
+    ----------
+    first_command : str
+        What to run on the copy first, after ``palpate``; ``{folder}`` is its folder.
+    """
 
     name: str
     summary: str
     directory: str
+    first_command: str = "check {folder}"

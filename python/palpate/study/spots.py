@@ -104,9 +104,10 @@ def build_spots(context: Context, tables: Tables, need_measured: bool = True) ->
             context.problems.add(
                 (*key, "name"), f"a spot '{table.name}' already exists; give each spot its own name"
             )
-        measured = _measured(context, table, key, need_measured)
+        made = TRUTH_MADE if tables.truth else ""
+        measured = _measured(context, table, key, made, needed=need_measured)
         mesh, fine_mesh = (
-            None if name is None else _file(context, name, (*key, place))
+            None if name is None else _file(context, name, (*key, place), MESH_MADE)
             for place, name in (("mesh", table.mesh), ("fine_mesh", table.fine_mesh))
         )
         protocol = _spot_protocol(context, tables.protocol, table, key)
@@ -129,14 +130,14 @@ def build_spots(context: Context, tables: Tables, need_measured: bool = True) ->
 
 
 def _measured(
-    context: Context, table: SpotTable, key: Key, needed: bool
+    context: Context, table: SpotTable, key: Key, made: str, *, needed: bool
 ) -> dict[str | None, tuple[Path, ...]]:
     for channel in table.measured:
         with context.problems.at(*key, "measured", *([channel] if channel else [])):
             _ = channel and context.plugins.channels[channel]
     return {
         channel or None: tuple(
-            _file(context, name, at, needed) for name, at in _named(context, names, channel, key)
+            _file(context, name, at, made, needed=needed) for name, at in _named(context, names, channel, key)
         )
         for channel, names in table.measured.items()
     }
@@ -152,11 +153,18 @@ def _named(context: Context, names: list[str], channel: str, spot: Key) -> Itera
         yield name, at
 
 
-def _file(context: Context, name: str, key: Key, needed: bool = True) -> Path:
+MESH_MADE = ", and `palpate limb SCAN` makes meshes"
+TRUTH_MADE = ", and `palpate synthesise STUDY` simulates [truth] into it"
+
+
+def _file(context: Context, name: str, key: Key, made: str, *, needed: bool = True) -> Path:
+    """Path of a file; a problem if it is missing, with what makes it."""
     path = context.file.parent / name
     if not context.is_copy and not path.is_file() and (needed or path.exists()):
         reason = "is a folder, not a file" if path.is_dir() else "no such file"
-        context.problems.add(key, f"'{name}': {reason} (looked for {path}); paths are relative to study.toml")
+        context.problems.add(
+            key, f"'{name}': {reason} (looked for {path}); paths are relative to study.toml{made}"
+        )
     return path
 
 

@@ -20,6 +20,11 @@ def palpate_studies() -> "list[StudyTemplate]":
     }
     folder = files("palpate_anatomy") / "studies"
     return [
-        StudyTemplate(name=name, summary=summary, directory=str(folder / name))
+        StudyTemplate(
+            name=name,
+            summary=summary,
+            directory=str(folder / name),
+            first_command="limb {folder}/skin.ply --options {folder}/limb.toml",
+        )
         for name, summary in summaries.items()
     ]

@@ -154,6 +154,10 @@ def _show(session: Session, notes: Notes, regions: tuple[str, ...]) -> None:
         for remark in note["remarks"]:
             session.say(f"{note['spot']}: {remark}")
     session.say("\n" + study_tables([note["spot"] for note in first], regions, list(notes)))
+    folder = next(iter(notes)).parent
+    if (folder / "study.toml").is_file():
+        session.next(f"check {folder}", "put these tables into a study.toml, or go on with the one there; ")
+        return
     meshes = (
         f"--measured {note['spot']}.csv --mesh {next(iter(notes)) / note['spot']}.vtu" for note in first
     )
