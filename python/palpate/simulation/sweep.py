@@ -125,7 +125,7 @@ class Simulations:
         writer.flush()
         if by_key:
             raise StoppedError(
-                f"stopped with {len(n_jobs) - len(by_key)} of {len(n_jobs)} simulations finished and kept; "
+                f"stopped with {len(self.known)} simulations finished and kept; "
                 f"`palpate run {self.folder}` continues the run"
             )
         return [of_job(self.known[key], job) for key, job in zip(keys, jobs, strict=True)]
