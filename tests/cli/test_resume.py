@@ -56,7 +56,7 @@ def press(monkeypatch):
 
 @pytest.mark.parametrize(
     ("presses", "expected"),
-    [(1, r"stopped with \d+ of 20 simulations"), (2, "simulations are kept, and the same command continues")],
+    [(1, r"stopped with \d+ simulations"), (2, "simulations are kept, and the same command continues")],
 )
 def test_ctrl_c_stops_and_resume_gives_the_tables_of_a_run_never_stopped(
     call, study, tmp_path, whole_run, press, presses, expected
@@ -169,8 +169,7 @@ def test_a_first_look_is_the_beginning_of_the_whole_run(call, study, tmp_path, w
     assert call("run", "runs/toy", "--json", "--trust-plugins", plugin=None).json["n_sets"] == 8
     whole = call("run", study)
     assert whole.code == 0, whole.err
-    assert "n_total: 8 → 0" in whole.err
-    assert "8 of 8 finished simulations are still valid" in whole.err
+    assert "has changed" not in whole.err
     with Ledger(tmp_path / "runs" / "toy") as ledger:
         assert swept(ledger)["n_attempts"].to_list() == [1] * 20
     assert tables(tmp_path / "runs" / "toy") == tables(whole_run)

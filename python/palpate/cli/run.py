@@ -133,7 +133,8 @@ def _confirm(session: Session, changed: "Changed", folder: Path, *, sure: bool) 
     more = len(changed.changes) - len(shown)
     lines = [f"the study has changed since {folder} was written:", *shown]
     lines += [f"  … and {more} more"] if more else []
-    lines.append(f"  {changed.n_valid} of {changed.n_finished} finished simulations are still valid")
+    if changed.n_finished:
+        lines.append(f"  {changed.n_valid} of {changed.n_finished} finished simulations are still valid")
     if changed.loses and not sure:
         trust = " ".join(f"--trust {name}" for name in changed.trustable)
         or_trust = f"; if the new code gives the same results, {trust} keeps them" if trust else ""
