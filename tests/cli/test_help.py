@@ -69,6 +69,13 @@ def test_help_fits_into_80_columns_and_ends_with_the_examples(name, capsys, monk
         assert "Examples:" in out
 
 
+def test_the_list_of_commands_says_how_to_mesh_a_scan_and_look_into_a_log(capsys):
+    assert main(["--help"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "`palpate limb SCAN`" in out
+    assert "`palpate experiment inspect FILE`" in out
+
+
 def test_commands_are_under_headings_in_the_order_of_a_study(capsys):
     assert main(["--help"]) == 0
     out = capsys.readouterr().out

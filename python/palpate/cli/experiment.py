@@ -28,7 +28,7 @@ def experiment(
     trust_plugins: TrustPlugins = False,
     as_json: AsJson = False,
 ) -> None:
-    """Read the measured curves into measured/<spot>.parquet."""
+    """Read the measured curves of a study; `palpate experiment inspect FILE` shows what a log holds."""
     from palpate.run.directory import RunDirectory
     from palpate.stages import pipeline
     from palpate.stages.stage import read_run
@@ -103,7 +103,7 @@ def stage_group(stage: Callable[..., None], metavar: str) -> typer.Typer:
         subcommand_metavar=metavar,
         help=stage.__doc__,
     )
-    group.command(STAGE)(stage)
+    group.command(STAGE, hidden=True)(stage)
     return group
 
 

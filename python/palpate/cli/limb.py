@@ -12,7 +12,7 @@ from palpate.errors import StudyError
 
 
 def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> None:
-    """Read and check the mesh around every spot."""
+    """Read and check the mesh around every spot of a study; `palpate limb SCAN` makes meshes of a scan."""
     from palpate.stages import pipeline
 
     session = Session.of(context)
@@ -56,4 +56,4 @@ def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> N
 
 def limb_commands() -> typer.Typer:
     """``palpate limb STUDY``, and the commands that plugins add."""
-    return stage_group(limb, "STUDY | FILE")
+    return stage_group(limb, "STUDY | SCAN")

@@ -33,7 +33,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "doctor": ("palpate doctor", "palpate doctor /scratch/me --json"),
         "schema": ("palpate schema", "palpate schema run > run.schema.json"),
         "experiment": ("palpate experiment arm --plots", "palpate experiment inspect press.csv"),
-        "limb": ("palpate limb arm",),
+        "limb": ("palpate limb arm", "palpate limb scan.ply --bones radius.stl --bones ulna.stl"),
         "sample": ("palpate sample arm",),
         "simulate": ("palpate simulate arm", "palpate simulate arm --only p1/3 --traceback"),
         "score": ("palpate score arm",),
