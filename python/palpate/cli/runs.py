@@ -153,8 +153,11 @@ def plugins_of(run: Path, manifest: Mapping[str, Any]) -> list[Path]:
 
     kept = kept_study(run, manifest)
     copies = {file.name: file for file in study_plugins(kept)} if kept else {}
-    files = [run / file for file in manifest["plugin_files"]]
-    return [file if file.is_file() else copies.get(file.name, kept_plugin(run, file)) for file in files]
+    found = []
+    for number, file in enumerate(run / name for name in manifest["plugin_files"]):
+        copy = kept_plugin(run, number, file)
+        found.append(file if file.is_file() else copy if copy.is_file() else copies.get(file.name, copy))
+    return found
 
 
 def _ask(session: Session, run: Path, files: list[Path], command: str) -> None:

@@ -35,8 +35,8 @@ def keep_inputs(run: Path, study: Study) -> str:
     named = {file, *_named(file)}
     root = Path(os.path.commonpath([path.parent for path in named]))
     places = {path: into / path.relative_to(root) for path in named}
-    for path in study.plugin_files:
-        places.setdefault(_absolute(path), into / PLUGINS / path.name)
+    for number, path in enumerate(study.plugin_files):
+        places.setdefault(_absolute(path), kept_plugin(run, number, path))
     for path, kept in places.items():
         if path.is_file() and path.stat().st_size <= MOST_BYTES:
             content = path.read_bytes()
@@ -57,9 +57,12 @@ def study_file(run: Path, manifest: Mapping[str, Any]) -> Path:
     return file if file.is_file() else kept_study(run, manifest) or file
 
 
-def kept_plugin(run: Path, file: Path) -> Path:
-    """Copy that a run keeps of a plugin file which its study does not name; it need not exist."""
-    return run / FOLDER / PLUGINS / file.name
+def kept_plugin(run: Path, number: int, file: Path) -> Path:
+    """Copy that a run keeps of a plugin file which its study does not name; it need not exist.
+
+    Plugin files of several folders may have one name, so their numbers in the manifest tell them apart.
+    """
+    return run / FOLDER / PLUGINS / str(number) / file.name
 
 
 def _named(file: Path) -> Iterator[Path]:

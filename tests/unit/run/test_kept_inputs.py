@@ -1,4 +1,4 @@
-"""What a run keeps of its inputs lies around its copy of the study as it does around the study."""
+"""Copies that a run keeps of its inputs lie around that of the study as these lie around the study."""
 
 from types import SimpleNamespace
 
@@ -34,7 +34,7 @@ def test_the_study_and_what_it_names_keep_their_places(study, tmp_path):
     assert (kept.parent / "p1.csv").is_file()
     assert not (kept.parent / "other.csv").exists()
     assert {file.name for file in (kept.parent / ".." / "meshes").iterdir()} == {"p1.vtu", "p1.json"}
-    assert kept_plugin(run, study.plugin_files[0]).read_text() == "plugin"
+    assert kept_plugin(run, 0, study.plugin_files[0]).read_text() == "plugin"
 
 
 def test_a_link_is_kept_at_its_own_place(study, tmp_path):
@@ -46,11 +46,20 @@ def test_a_link_is_kept_at_its_own_place(study, tmp_path):
     assert (kept.parent / "p1.csv").read_text() == "0,0\n"
 
 
+def test_plugin_files_of_one_name_are_kept_apart(study, tmp_path):
+    other = tmp_path / "other" / study.plugin_files[0].name
+    other.parent.mkdir()
+    other.write_text("another")
+    run, files = tmp_path / "run", (study.plugin_files[0], other)
+    keep_inputs(run, SimpleNamespace(file=study.file, plugin_files=files))
+    assert [kept_plugin(run, k, file).read_text() for k, file in enumerate(files)] == ["plugin", "another"]
+
+
 def test_the_kept_study_is_not_copied_into_itself(study, tmp_path):
     run = tmp_path / "run"
     place = keep_inputs(run, study)
     before = sorted(run.rglob("*"))
-    again = SimpleNamespace(file=run / place, plugin_files=(kept_plugin(run, study.plugin_files[0]),))
+    again = SimpleNamespace(file=run / place, plugin_files=(kept_plugin(run, 0, study.plugin_files[0]),))
     assert keep_inputs(run, again) == place
     assert sorted(run.rglob("*")) == before
 
