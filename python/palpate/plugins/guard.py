@@ -56,7 +56,7 @@ class BrokenPlugin:
 def answering_for(component: "Component | type[Component]", doing: str) -> Iterator[None]:
     """Turn what a plugin's component raises beside a PalpateError into one that names it.
 
-    What it prints goes to stderr, and working directory, locale and numpy's error state are restored.
+    What it prints goes to stderr, and what :data:`~palpate.plugins.process_state.ALWAYS` names is restored.
 
     Parameters
     ----------

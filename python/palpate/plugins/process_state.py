@@ -4,7 +4,10 @@ import contextlib
 import locale
 import os
 import random
+import signal
 import sys
+import threading
+import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -25,6 +28,40 @@ def _numpy_random() -> tuple[Any, ...]:
     return (kind, tuple(keys), *rest)
 
 
+def _is_of_all(entry: tuple[Any, ...]) -> bool:
+    return entry[1:] == (None, Warning, None, 0)
+
+
+def _filters_of_all() -> list[tuple[Any, int]]:
+    """Each filter of all warnings, and how many of single warnings come after it.
+
+    A library that is imported meanwhile may keep its filters of single warnings, which come first.
+    """
+    found, n_after = [], 0
+    for entry in reversed(warnings.filters):
+        if _is_of_all(entry):
+            found.append((entry, n_after))
+        else:
+            n_after += 1
+    return found[::-1]
+
+
+def _set_filters_of_all(filters: list[tuple[Any, int]]) -> None:
+    waiting = list(filters)
+    single = [entry for entry in warnings.filters if not _is_of_all(entry)]
+    kept: list[Any] = []
+    for n_after, entry in zip(range(len(single), 0, -1), single, strict=True):
+        while waiting and waiting[0][1] >= n_after:
+            kept.append(waiting.pop(0)[0])
+        kept.append(entry)
+    warnings.filters[:] = [*kept, *(entry for entry, _ in waiting)]  # type: ignore[index]
+
+
+def _set_interrupt(handler: Any) -> None:  # noqa: ANN401 - what signal.getsignal returns
+    if handler is not None and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGINT, handler)
+
+
 STATES: Mapping[str, tuple[str, Callable[[], Any], Callable[[Any], Any]]] = MappingProxyType(
     {
         "working directory": ("os", os.getcwd, os.chdir),
@@ -38,6 +75,8 @@ STATES: Mapping[str, tuple[str, Callable[[], Any], Callable[[Any], Any]]] = Mapp
             lambda: sys.modules["numpy"].geterr(),
             lambda state: sys.modules["numpy"].seterr(**state),
         ),
+        "filter of all warnings": ("warnings", _filters_of_all, _set_filters_of_all),
+        "handler of Ctrl-C": ("signal", lambda: signal.getsignal(signal.SIGINT), _set_interrupt),
         "environment": ("os", _environment, _set_environment),
         "state of `random`": ("random", random.getstate, random.setstate),
         "state of `numpy.random`": (
@@ -54,7 +93,13 @@ STATES: Mapping[str, tuple[str, Callable[[], Any], Callable[[Any], Any]]] = Mapp
 )
 """Module, how to read and how to set it, by its name; a module that is not imported yet has no state."""
 
-ALWAYS = ("working directory", "locale", "numpy's error state")
+ALWAYS = (
+    "working directory",
+    "locale",
+    "numpy's error state",
+    "filter of all warnings",
+    "handler of Ctrl-C",
+)
 """What is restored after each call of a plugin; the rest may be how it sets up a library."""
 
 

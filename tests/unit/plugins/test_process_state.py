@@ -3,6 +3,8 @@
 import locale
 import os
 import random
+import signal
+import warnings
 from pathlib import Path
 
 import matplotlib as mpl
@@ -20,6 +22,8 @@ CHANGES = {
     "working directory": lambda: os.chdir("/"),
     "locale": lambda: locale.setlocale(locale.LC_ALL, "C.UTF-8" if in_c() else "C"),
     "numpy's error state": lambda: np.seterr(over="raise"),
+    "filter of all warnings": lambda: warnings.simplefilter("always"),
+    "handler of Ctrl-C": lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
     "environment": lambda: os.environ.update(PALPATE_TEST_STATE="1"),
     "state of `random`": lambda: random.seed(3),
     "state of `numpy.random`": lambda: np.random.seed(3),  # noqa: NPY002 -- what it restores
@@ -61,3 +65,20 @@ def test_an_import_and_a_call_leave_the_working_directory(write: Write) -> None:
     with answering_for(bench.HalfSpace(), "moving"):
         os.chdir("/")
     assert Path.cwd() == here
+
+
+def test_filters_of_single_warnings_stay_and_others_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = [("error", None, Warning, None, 0), ("ignore", None, ImportWarning, None, 0)]
+    monkeypatch.setattr(warnings, "filters", list(before))
+    with answering_for(bench.HalfSpace(), "importing"):
+        warnings.simplefilter("ignore")
+        warnings.filterwarnings("ignore", category=UserWarning, module="one_library")
+        warnings.simplefilter("always")
+        warnings.simplefilter("error")
+    assert [entry[:3:2] for entry in warnings.filters] == [
+        ("ignore", UserWarning),
+        *(e[:3:2] for e in before),
+    ]
+    with answering_for(bench.HalfSpace(), "resetting"):
+        warnings.resetwarnings()
+    assert before[0] in warnings.filters
