@@ -43,11 +43,23 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], lis
 @pytest.mark.slow
 def test_every_cell_shows_itself(shown: tuple[dict[str, Any], list[Any]]) -> None:
     _, found = shown
-    assert len(found) == 8
+    assert len(found) == 11
     for value in found:
         assert "object at 0x" not in repr(value)
 
 
+@pytest.mark.slow
+def test_the_fit_has_intervals_and_a_picture_of_its_curves(shown: tuple[dict[str, Any], list[Any]]) -> None:
+    values, found = shown
+    intervals, picture, stress = found[-3:]
+    assert intervals["parameter"].to_list() == ["specimen.c1", "specimen.c2", "specimen.c3"]
+    assert (intervals["lower"] < intervals["value"]).all()
+    assert len(picture.axes) >= 3
+    assert stress.shape == (3,)
+    assert (values["folder"] / "report" / "index.html").is_file()
+
+
+@pytest.mark.slow
 def test_frames_go_from_stage_to_stage(shown: tuple[dict[str, Any], list[Any]]) -> None:
     values, _ = shown
     design, stiff, simulated, scores, chosen = (

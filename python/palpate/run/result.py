@@ -1,7 +1,7 @@
 """Values that the stages of a run hand on: what it read, chose and wrote."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from statistics import NormalDist
 from typing import Any
 
@@ -118,6 +118,10 @@ class CertaintyResult:
     mesh_errors: pl.DataFrame = field(default_factory=pl.DataFrame)
     draws: pl.DataFrame = field(default_factory=pl.DataFrame)
     profile_planes: pl.DataFrame = field(default_factory=pl.DataFrame)
+
+    def __repr__(self) -> str:
+        rows = (f"{each.name} {getattr(self, each.name).height}" for each in fields(self))
+        return f"CertaintyResult(rows of its tables: {', '.join(rows)})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

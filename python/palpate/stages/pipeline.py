@@ -97,8 +97,8 @@ def _measured_warnings(study: Study, measured: Mapping[str, Response]) -> tuple[
 
 def run_study(
     study: Study,
-    run_folder: Path,
-    plugins: Plugins,
+    run_folder: Path | str,
+    plugins: Plugins | None = None,
     progress: Progress = SILENT,
     *,
     forked_from: Path | None = None,
@@ -111,8 +111,10 @@ def run_study(
 
     Parameters
     ----------
-    run_folder : Path
+    run_folder : Path or str
         Made where it is missing; simulations already in it are not computed again.
+    plugins : Plugins, optional
+        The installed ones when left out.
     forked_from : Path, optional
         A run directory whose finished simulations are copied to this one first.
     trust : collection of str
@@ -132,6 +134,7 @@ def run_study(
     NothingSelectableError
         Every simulation failed.
     """
+    run_folder, plugins = Path(run_folder), plugins or Plugins.load()
     directory, before = RunDirectory(run_folder), RunDirectory(forked_from or run_folder)
     directory.refuse_other(study, adopt=adopt)
     progress.begin("check", 1)

@@ -50,6 +50,10 @@ class FittedMaterial:
     values: Mapping[str, float]
     intervals: pl.DataFrame
 
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name}={value:.6g}" for name, value in self.values.items())
+        return f"FittedMaterial({self.region.region}, {self.region.material.name}: {values})"
+
     def stress(self, stretch: float | FloatArray, mode: str = "uniaxial") -> FloatArray:
         """Nominal stress of a homogeneous test, as if the material kept its volume.
 
@@ -86,6 +90,10 @@ class SavedRun:
     """A run as its folder has it: nothing is simulated, nothing is written."""
 
     run: Run
+
+    def __repr__(self) -> str:
+        n_fits = self.run.fit().table.height
+        return f"SavedRun({self.study.name}, {self.run.directory.folder}: {n_fits} fits)"
 
     @property
     def study(self) -> Study:
