@@ -22,8 +22,9 @@ from palpate.scoring.selection import select
 from palpate.simulation.jobs import simulate
 from palpate_report import figures
 from palpate_report.contours import paths
-from palpate_report.figures import fit_trace, generalised, interval_plot, nmse_distribution, responses
+from palpate_report.figures import generalised, interval_plot, nmse_distribution, responses
 from palpate_report.from_run import write_report
+from palpate_report.headline import draws_of
 from palpate_report.report_data import ReportData
 from palpate_report.space import MOST_PAIRS, parameter_space
 from palpate_report.style import STYLE, save
@@ -206,12 +207,8 @@ def test_fitted_curves_take_the_place_of_the_sweeps_those_of_the_joint_fit_besid
     assert np.array_equal(generalised(made).axes[0].get_lines()[-1].get_ydata(), curve.ordinate)
 
 
-def test_the_trace_is_of_better_and_better_steps_against_simulations(content):
+def test_a_way_is_of_better_and_better_steps_against_simulations(content):
     made = content(search=LeastSquares())
-    axis = fit_trace(made).axes[0]
-    lines = {line.get_label(): line for line in axis.get_lines() if not line.get_label().startswith("_")}
-    assert set(lines) == {"all spots", "p1", "p2", "all spots: least of the sweep"}
-    assert set(lines["all spots: least of the sweep"].get_ydata()) == {made.generalisation["fopt_mean"][0]}
     table = made.fit.table.filter(scenario="I")
     for fit in ("all spots", "p1", "p2"):
         rows = table.filter(fit=fit)
@@ -228,6 +225,16 @@ def test_the_way_of_the_fit_is_in_the_parameter_space(content):
     ends = [line for line in panel.get_lines() if line.get_marker() == "D"]
     assert [line.get_label().partition(":")[0] for line in ends] == ["all spots", "p1"]
     assert ends[1].get_xdata()[0] == pytest.approx(0.4, rel=1e-4)
+
+
+def test_the_region_of_the_fit_holds_95_percent_of_its_draws(content):
+    made = content(search=LeastSquares())
+    draws = draws_of(made, "I", 10_000)
+    axis = next(a for a in parameter_space(made, "p1").axes if a.patches)
+    (region,) = axis.patches
+    at = draws.select("soft_tissue.stiffness", "soft_tissue.grip").to_numpy()
+    inside = region.get_path().contains_points(at, radius=1e-12)
+    assert inside.mean() == pytest.approx(0.95, abs=0.01)
 
 
 def test_the_fit_has_the_papers_tables_too(content):

@@ -7,9 +7,7 @@ import numpy as np
 import polars as pl
 from matplotlib.figure import Figure
 
-from palpate.api import FloatArray, ParameterName, Scenario
-from palpate.api.fit import ALL_SPOTS
-from palpate.api.runs import objectives
+from palpate.api import FloatArray, ParameterName
 from palpate_report.report_data import ReportData
 
 
@@ -39,15 +37,6 @@ def paths(data: ReportData, fit: str, scenario: str, spot: str) -> list[pl.DataF
     )
     # Ends under different corrections cannot be compared: the last is the best known.
     return sorted(ways, key=lambda way: (way["correction"][-1], -way["objective"][-1]))
-
-
-def least_of_sweep(data: ReportData, fit: str, scenario: Scenario) -> float | None:
-    """Least Fopt of the sweep at a spot, or of one set for all of them; None where no set was ranked."""
-    spots = [spot for spot in data.spots if fit in (spot, ALL_SPOTS)]
-    ranked = objectives(data.scores, [scenario]).filter(pl.col("spot").is_in(spots))
-    means = ranked.group_by("set_id").agg(pl.len(), pl.col("fopt").mean())
-    least = means.filter(pl.col("len") == ranked["spot"].n_unique())["fopt"].min()
-    return None if least is None else float(least)  # type: ignore[arg-type]
 
 
 MOST_LEVELS = 7

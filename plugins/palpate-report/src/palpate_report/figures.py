@@ -13,7 +13,6 @@ import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from palpate.api import Channel, Curve, CurveError, FloatArray, Response
 from palpate.api.fit import ALL_SPOTS
@@ -21,7 +20,6 @@ from palpate.api.runs import file_name, objectives
 from palpate.api.scores import interpolate
 from palpate_report import comparison
 from palpate_report.best_sets import best_sets
-from palpate_report.contours import least_of_sweep, paths
 from palpate_report.headline import failure_of
 from palpate_report.material import material_curves, stress_strain
 from palpate_report.panels import contact, profiles, sobol_indices
@@ -50,17 +48,15 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
     drawings: dict[str, Callable[[], Figure]] = {}
     if data.design.n_sets:
         drawings["nmse_distribution"] = partial(nmse_distribution, data)
-    if not data.fit.trace.is_empty():
-        drawings["fit_trace"] = partial(fit_trace, data)
     if not data.fit.certainty.intervals.is_empty():
         drawings["intervals"] = partial(interval_plot, data)
-    if not data.design.n_sets:
+    if not data.design.n_sets and len(data.brief) > 1:
         drawings["parameter_space"] = partial(parameter_space, data, "")
     for spot in data.spots:
         if data.design.n_sets:
             drawings[f"parameter_space_{file_name(spot)}"] = partial(parameter_space, data, spot)
         drawings[f"response_{file_name(spot)}"] = partial(responses, data, spot)
-    if data.is_fitted or not data.generalisation.is_empty():
+    if len(data.spots) > 1 and (data.is_fitted or not data.generalisation.is_empty()):
         drawings["generalised"] = partial(generalised, data)
     if not failure_of(data, tuple(best_sets(data))) and any(material_curves(data, data.generalising.name)):
         drawings["stress_strain"] = partial(stress_strain, data)
@@ -135,7 +131,9 @@ def fits_at(data: ReportData, spot: str) -> list[tuple[str, Mapping[str, Curve]]
 
 
 def for_all_spots(data: ReportData, spot: str) -> tuple[str, Mapping[str, Curve]]:
-    """Label and curves at a spot of the joint fit, else of the set for all spots."""
+    """Label and curves at a spot of the joint fit, else of the set for all spots; of one spot, its own."""
+    if len(data.spots) == 1:
+        return fit_of(data, spot, data.generalising.name)
     joint = data.fit.responses.get((ALL_SPOTS, data.generalising.name, spot))
     if joint is not None:
         return f"all spots, scenario {data.generalising.name}, fit", joint.curves
@@ -264,29 +262,7 @@ def _compared(runs: Mapping[str, ReportData]) -> Figure:
     return figure
 
 
-# ---------------------------------------------------------------- the searches
-
-
-def fit_trace(data: ReportData) -> Figure:
-    """Draw Fopt of the fits against the simulations that they spent, with the least of the sweep."""
-    figure = sized(SINGLE_MM, 75.0)
-    axis = figure.subplots()
-    scenario = data.generalising
-    for fit, (colour, dash) in zip(dict.fromkeys((data.together, *data.spots)), cycle(LINES), strict=False):
-        for k, path in enumerate(paths(data, fit, scenario.name, fit)):
-            label = "_" if k else fit
-            axis.plot(path["n_runs"], path["fopt"], color=colour, linestyle=dash, marker=".", label=label)
-    if (least := least_of_sweep(data, data.together, scenario)) is not None:
-        axis.axhline(
-            least, color=MEASURED_COLOUR, linestyle="--", label=f"{data.together}: least of the sweep"
-        )
-    set_log(axis, "y")
-    axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axis.set_xlabel("simulations of the fit")
-    axis.set_ylabel(f"Fopt (NMSE), scenario {scenario.name}")
-    legend_below(figure, [axis])
-    show_notice(figure, data.notice)
-    return figure
+# ------------------------------------------------------------------ the intervals
 
 
 MARKERS = ("o", "s", "^", "D", "v", "P")

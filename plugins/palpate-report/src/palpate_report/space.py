@@ -11,10 +11,12 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
+from scipy.spatial import ConvexHull, QhullError
 
 from palpate.api import FloatArray, Parameter
 from palpate.api.runs import objectives
 from palpate_report.contours import contours, paths
+from palpate_report.headline import draws_of
 from palpate_report.report_data import ReportData, label_of
 from palpate_report.style import (
     DOUBLE_MM,
@@ -35,6 +37,9 @@ SMALLEST = 1e-6
 MOST_PAIRS = 15
 """Most pairs of parameters that one figure shows."""
 
+MOST_DRAWS = 2000
+"""Most draws that outline a region."""
+
 _PANEL_MM = {1: 65.0, 2: 60.0, 4: 42.0}
 """Height of a panel by the number of columns."""
 
@@ -49,9 +54,10 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
     """Show sets in the space of their parameters: coloured by the logarithm of Fopt, red the least.
 
     The ways of the joint fit and of the spot's own are drawn over them, each to a diamond at its end, and
-    below them contour lines of Fopt; without a spot, where there is no sweep, the ways of every spot. Three
-    parameters of a sweep are shown in space and in pairs, more in pairs (at most ``MOST_PAIRS``), one over
-    its own axis. Axes are logarithmic where the sweep is; space has none such.
+    below them contour lines of Fopt and the 95 % region of the fit that leads; without a spot, where there
+    is no sweep, the ways of every spot. Three parameters of a sweep are shown in space and in pairs, more in
+    pairs (at most ``MOST_PAIRS``), one over its own axis. Axes are logarithmic where the sweep is; space has
+    none such.
     """
     values, fopt = _sets_at(data, spot)
     parameters = tuple(data.brief.values())
@@ -69,12 +75,14 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
             _draw_space(figure, flat, values, fopt, parameters)
             _draw_paths(data, spot, flat[0], [p.name for p in data.design.parameters])
         for axis, (i, j) in zip(flat[in_space:], pairs, strict=True):
-            _draw_contours(data, axis, data.design.parameters[i].name, data.design.parameters[j].name)
+            names = [data.design.parameters[k].name for k in (i, j)]
+            _draw_contours(data, axis, *names)
+            _draw_region(data, axis, names)
             _scatter(axis, (values[:, i], values[:, j]), fopt)
-            _draw_paths(data, spot, axis, [data.design.parameters[k].name for k in (i, j)])
+            _draw_paths(data, spot, axis, names)
             axis.set_xlabel(label_of(parameters[i]))
             axis.set_ylabel(label_of(parameters[j]))
-            _draw_truth(data, axis, [data.design.parameters[k].name for k in (i, j)])
+            _draw_truth(data, axis, names)
             _set_scales(axis, (parameters[i], parameters[j]))
     if n > 1 and np.isfinite(fopt).any():
         _colour_bar(figure, flat, data, fopt)
@@ -181,6 +189,23 @@ def _draw_contours(data: ReportData, axis: Axes, parameter: str, other: str) -> 
         at = (each.x[each.label], each.y[each.label])
         axis.text(*at, f"{each.level:g}", fontsize=4.5, color="0.35", ha="center", va="center", zorder=1)
         label = "_"
+
+
+def _draw_region(data: ReportData, axis: Axes, names: Sequence[str]) -> None:
+    """Shade the hull of the 95 % of draws that are nearest to their mean, by their covariance."""
+    draws = draws_of(data, data.generalising.name, MOST_DRAWS)
+    if not set(names) <= set(draws.columns):
+        return
+    values = draws.select(names).to_numpy()
+    centred = values - values.mean(axis=0)
+    away = (centred * (centred @ np.linalg.pinv(np.cov(centred.T)))).sum(axis=1)
+    inside = values[away <= np.quantile(away, 0.95)]
+    try:
+        edge = inside[ConvexHull(inside).vertices]
+    except QhullError:  # on a line: one parameter follows the other
+        return
+    look: dict[str, Any] = {"color": LINES[0][0], "alpha": 0.2, "linewidth": 0, "zorder": 2}
+    axis.fill(*edge.T, label=f"95 % region of the fit to {data.together}", **look)
 
 
 def _draw_truth(data: ReportData, axis: Axes, names: Sequence[str]) -> None:

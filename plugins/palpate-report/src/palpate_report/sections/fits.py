@@ -87,20 +87,15 @@ class Values(Section):
 
 
 class Fits(Section):
-    """Progress and ends of the searches."""
+    """Effect of the meshes, and ends of the searches."""
 
     name, title, entry = "fit", "How the fit went", "Fit"
-    summary = "Fopt of the searches against the simulations that they spent, and every fit"
+    summary = "the values by coarse and by finer meshes, Fopt of each channel, and every fit"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
-        """Show the ways of the searches, what the meshes do, and every fit."""
+        """Show what the meshes do, and every fit."""
         if data.fit.table.is_empty():
             return
-        yield Paragraph(
-            "Best Fopt so far over the simulations that each fit had spent; a line starts again with each "
-            "search, and where finer meshes correct the curves."
-        )
-        yield from picture(report, "fit_trace", "Fopt of the fits over simulations; ends are in the tables")
         if "fit_mesh" in report.tables:
             yield Paragraph(
                 "Each value by the coarse meshes alone, and corrected: the finer ones extrapolate the curves "
