@@ -2,6 +2,7 @@
 
 import jsonschema
 import numpy as np
+import polars as pl
 import pytest
 
 import palpate_materials
@@ -13,6 +14,7 @@ from palpate.testing import bench
 from palpate.testing.studies import StudyRunner
 from palpate_planning import commands
 from palpate_planning.candidates import Allowed, candidates
+from palpate_planning.tables import not_narrowed, shown_intervals, shown_ranking
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
@@ -92,6 +94,41 @@ def test_a_study_is_its_newest_run_once_that_has_a_fit(tmp_path, monkeypatch):
     assert commands._run_to_narrow(study, tmp_path / "other") is None
     with pytest.raises(StudyError, match="is for a study"):
         commands._run_to_narrow(run, tmp_path / "other")
+
+
+def test_a_ranking_is_shown_in_percent_with_units():
+    ranking = pl.DataFrame(
+        {
+            "step": [1, 1],
+            "press": ["p1-1", "p1-2"],
+            "spot": "p1",
+            "protocol": ["depth 5 mm", "depth 10 mm"],
+            "width": [0.79895, 0.9],
+            "width_skin.c1": [0.79895, 0.812],
+            "width_skin.c2": [0.98, 0.951],
+            "peak_force": [12.3456, 14.0],
+        }
+    )
+    shown = shown_ranking(ranking, "all", {"force": "N"})
+    assert shown.columns == ["press", "spot", "protocol", "all", "c1", "c2", "force N"]
+    assert shown.row(0)[3:] == ("80 %", "80 %", "98 %", "12.3")
+    assert not_narrowed(ranking) == ["skin.c2"]
+    two = ranking.rename({"width_skin.c2": "width_fat.c1"})
+    assert {"skin.c1", "fat.c1"} < set(shown_ranking(two, "skin.c1", {}).columns)
+    assert "width" not in shown_ranking(two, "skin.c1", {}).columns
+
+
+def test_intervals_are_shown_with_four_digits():
+    row = {
+        "step": 0,
+        "parameter": "skin.c1",
+        "unit": "kPa",
+        "value": 13.97345,
+        "lower": 13.0,
+        "upper": 14.612345,
+    }
+    shown = shown_intervals(pl.DataFrame([row | {"width": 0.973}]))
+    assert shown.row(0) == (0, "c1", "kPa", "13.97", "13", "14.61", "97 %")
 
 
 def _never_widens(found):

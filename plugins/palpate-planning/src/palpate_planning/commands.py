@@ -136,7 +136,7 @@ def _run_to_narrow(given: Path | None, out: Path | None) -> Path | None:
 
 
 def _show(session: Session, study: "Study", found: "Proposal") -> None:
-    from palpate_planning.tables import proposal_tables
+    from palpate_planning.tables import not_narrowed, proposal_tables, shown_intervals, shown_ranking
     from palpate_report.display_units import rows_in_display_units
 
     tables = proposal_tables(found)
@@ -147,10 +147,13 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
             f" First repeat the press at {found.check} as it was: if its curves repeat, the model is "
             "wrong, else the measurement. What would narrow the intervals if the model were right:"
         )
+    units = {name: channel.units[1] for name, channel in session.plugins.channels.items()}
     for number, ranking in tables.ranking.group_by("step", maintain_order=True):
-        title = f"Press {number[0]}: width after it, over that before"
-        session.frame(title, ranking.drop("step").head(SHOWN))
-    intervals = rows_in_display_units(study, tables.intervals)
+        title = f"Press {number[0]}: expected width of each interval, in % of that before the press"
+        session.frame(title, shown_ranking(ranking, found.goal.name, units).head(SHOWN))
+    if same := not_narrowed(tables.ranking.filter(step=1)):
+        session.paragraph(f"No allowed press narrows {', '.join(same)} by more than 5 %.")
+    intervals = shown_intervals(rows_in_display_units(study, tables.intervals))
     session.frame("95 % intervals: now (step 0), and expected after each press", intervals)
     if tables.refused.height:
         session.frame("Refused", tables.refused)

@@ -1,6 +1,6 @@
 """A proposal as tables, and as a file for a robot."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,9 @@ from palpate.api.cli import Closed, Row
 from palpate.api.experiment import POSE
 from palpate_planning.candidates import CandidatePress, described
 from palpate_planning.narrowing import Narrowing, Proposal
+
+WIDTH, PEAK = "width_", "peak_"
+"""How columns of a ranking begin, before the parameter and the channel."""
 
 
 class ProposalOutput(Closed):
@@ -69,8 +72,8 @@ def proposal_tables(proposal: Proposal) -> ProposalTables:
 
 def _row(proposal: Proposal, found: Narrowing) -> dict[str, Any]:
     press = found.press.press
-    names = [f"width_{p.name}" for p in proposal.goal.parameters]
-    peaks = {f"peak_{name}": peak for name, peak in found.press.peaks.items()}
+    names = [f"{WIDTH}{p.name}" for p in proposal.goal.parameters]
+    peaks = {f"{PEAK}{name}": peak for name, peak in found.press.peaks.items()}
     about = {"press": press.name, "spot": press.spot, "protocol": described(press), "width": found.goal}
     return about | dict(zip(names, found.widths.tolist(), strict=True)) | peaks
 
@@ -94,6 +97,52 @@ def _intervals(proposal: Proposal) -> list[dict[str, Any]]:
         for step, (lower, upper) in enumerate(ends)
         for i, ((name, unit), value) in enumerate(zip(about, values, strict=True))
     ]
+
+
+NARROWER = 0.95
+"""Width over that before, above which a press counts as narrowing nothing."""
+
+
+def not_narrowed(ranking: pl.DataFrame) -> list[str]:
+    """Parameters that no press of a ranking narrows by more than a twentieth."""
+    widths = [name for name in ranking.columns if name.startswith(WIDTH)]
+    return [name.removeprefix(WIDTH) for name in widths if ranking[name].min() > NARROWER]  # type: ignore[operator]
+
+
+def shown_ranking(ranking: pl.DataFrame, goal: str, units: Mapping[str, str]) -> pl.DataFrame:
+    """Ranking of one step as text: widths in percent, peaks with the ``units`` of their channels."""
+    brief = brief_names(name.removeprefix(WIDTH) for name in ranking.columns if name.startswith(WIDTH))
+    shown = [pl.col("press"), pl.col("spot"), pl.col("protocol")]
+    shown += [] if goal in brief else [_text("width", _percent).alias(goal)]
+    shown += [_text(f"{WIDTH}{name}", _percent).alias(short) for name, short in brief.items()]
+    for name in (name for name in ranking.columns if name.startswith(PEAK)):
+        channel = name.removeprefix(PEAK)
+        shown.append(_text(name, "{:.3g}".format).alias(f"{channel} {units.get(channel, '')}".rstrip()))
+    return ranking.select(shown)
+
+
+def shown_intervals(intervals: pl.DataFrame) -> pl.DataFrame:
+    """Intervals as text: four digits, and the width in percent of that now."""
+    brief = brief_names(intervals["parameter"])
+    numbers = [_text(name, "{:.4g}".format) for name in ("value", "lower", "upper")]
+    return intervals.with_columns(
+        pl.col("parameter").replace_strict(brief), *numbers, _text("width", _percent)
+    )
+
+
+def brief_names(names: Iterable[str]) -> dict[str, str]:
+    """Full names with what tells them apart: without the region, where all are of one."""
+    every = dict.fromkeys(names)
+    regions = {name.rpartition(".")[0] for name in every}
+    return {name: name.rpartition(".")[2] if len(regions) == 1 else name for name in every}
+
+
+def _percent(width: float) -> str:
+    return f"{100 * width:.0f} %"
+
+
+def _text(name: str, written: Callable[[float], str]) -> pl.Expr:
+    return pl.col(name).map_elements(written, return_dtype=pl.String)
 
 
 def for_robot(proposal: Proposal, limbs: Mapping[str, Limb]) -> dict[str, Any]:
