@@ -112,7 +112,7 @@ def test_steps_that_were_left_out_are_not_claimed(figures, tmp_path):
     assert figures["2_tared.png"].get_suptitle() == "press.csv: without bias"
 
 
-def test_what_is_left_over_is_that_of_the_rows(processed, figures, tmp_path):
+def test_residuals_are_those_of_the_rows(processed, figures, tmp_path):
     draw_processed(processed, tmp_path)
     *_, force_left, torque_left = figures["5_curves.png"].axes
     assert np.std(force_left.lines[0].get_ydata()) == pytest.approx(0.03, rel=0.2)
@@ -122,7 +122,7 @@ def test_what_is_left_over_is_that_of_the_rows(processed, figures, tmp_path):
 
 
 @pytest.mark.slow
-def test_no_legend_hides_what_is_left_over(processed, figures, tmp_path):
+def test_no_legend_hides_the_residuals(processed, figures, tmp_path):
     draw_processed(processed, tmp_path)
     figure = figures["5_curves.png"]
     FigureCanvasAgg(figure).draw()

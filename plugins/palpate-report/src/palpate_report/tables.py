@@ -26,7 +26,7 @@ TITLES: Mapping[str, str] = MappingProxyType(
         "cost_of_one_set": "What one set for all spots costs at each",
         "fit": "The fits: errors, simulations, and why they ended",
         "intervals": "95 % intervals of the fit",
-        "budget": "Causes of the intervals, shares in percent",
+        "budget": "What widens each interval: shares of the variance in percent",
         "parameter_combinations": "Combinations of parameters, the best known first",
         "posterior": "Posterior of the joint fits, by an emulator",
         "profile_ends": "Ends of the profiles, by the emulator and by the solver",

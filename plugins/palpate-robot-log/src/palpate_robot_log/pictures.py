@@ -177,10 +177,10 @@ def _draw_curves(processed: Processed, folder: Path) -> Path:
                 branch = curve.cut(slice(start, stop))
                 up = np.argsort(branch.abscissa)
                 at = branch.abscissa[up]
-                left_over = y - np.interp(x, at, branch.ordinate[up])
+                residual = y - np.interp(x, at, branch.ordinate[up])
                 label = "_" if k else "rows of the log"
                 above.plot(x, y, ".", color=_RAW, markersize=1.5, label=label)
-                below.plot(x, left_over, ".", color=_RAW, markersize=1.0, label=label)
+                below.plot(x, residual, ".", color=_RAW, markersize=1.0, label=label)
                 if branch.std is not None:
                     band = 3.0 * branch.std[up]
                     label = "_" if k else "± three standard deviations"
@@ -188,10 +188,10 @@ def _draw_curves(processed: Processed, folder: Path) -> Path:
             above.plot(curve.abscissa, curve.ordinate, color=_MEASURED, linewidth=1.0, label="curve")
             below.axhline(0.0, color=_MEASURED, linewidth=0.8)
             above.set_ylabel(y_label)
-            below.set_ylabel(f"left over {y_label[y_label.index('[') :]}")
+            below.set_ylabel(f"residual {y_label[y_label.index('[') :]}")
             below.set_xlabel(x_label)
             above.legend(loc="upper left", markerscale=3.0)
-            # Above the panel: what is left over fills all of it.
+            # Above the panel: the residuals fill all of it.
             _legend_above(below, fontsize=7, markerscale=4.0)
         figure.suptitle(f"{Path(processed.raw.source).name}: curves", fontsize=10)
     return _save(figure, folder / "5_curves.png")

@@ -29,7 +29,7 @@ class Certainty(Section):
         )
         bars = list(budget_bars(data))
         yield Table(
-            "Causes of the intervals that lead",
+            "What widens each interval (joint fit)",
             ["parameter", "causes"],
             [[n, Shares(parts)] for n, parts in bars],
         )

@@ -259,8 +259,8 @@ def _check_turn_axis(recording: Recording, motion: Motion, twists: tuple[Stroke,
     angle = float(np.degrees(np.median(np.arctan2(np.tan(tilt[far] / 2.0), turned[far]))))
     if np.degrees(tilt.max()) > LEAST_TILT_DEG and angle > LARGEST_TURN_AXIS_ANGLE_DEG:
         raise recording.fault(
-            f"the tool twists about an axis {angle:.0f} degrees off the normal, and "
-            f"{LARGEST_TURN_AXIS_ANGLE_DEG:g} at most is no mistake: check the order of the position's "
+            f"the tool twists about an axis {angle:.0f} degrees off the normal (more than "
+            f"{LARGEST_TURN_AXIS_ANGLE_DEG:g} is refused): check the order of the position's "
             "columns, and order and sense (tool to base) of the quaternion's; where the press is oblique on "
             "purpose, give normal.method = 'tool_axis'",
             rows.start,
