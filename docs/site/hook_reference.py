@@ -9,6 +9,7 @@ import inspect
 import pkgutil
 import re
 import sys
+import textwrap
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -25,6 +26,9 @@ from palpate.plugins.scaffold import KITS
 
 BEGIN = "<!-- hooks: written by make hooks -->"
 END = "<!-- end of hooks -->"
+
+WIDTH = 132
+"""Longest line of running text."""
 
 OPTIONAL: Mapping[type[Component], tuple[type[Any], ...]] = MappingProxyType(
     {ExperimentLoader: (CurveWriter, FileInspector, LoadingDrawer), Solver: (Verifier,)}
@@ -58,8 +62,9 @@ def _hook(name: str, spec: Any, kind: str | None) -> Iterator[str]:  # noqa: ANN
     yield ""
     yield f"`{_signature(spec)}`"
     yield ""
-    yield _plain(inspect.getdoc(spec) or "")
-    yield ""
+    for paragraph in _plain(inspect.getdoc(spec) or "").split("\n\n"):
+        yield from textwrap.wrap(paragraph, WIDTH, break_long_words=False, break_on_hyphens=False)
+        yield ""
     if kind is None:
         return
     yield " ".join(_around(kind))
