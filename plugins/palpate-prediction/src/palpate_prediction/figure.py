@@ -1,16 +1,18 @@
 """The figure of a prediction: each spot's curves with their bands, and maps of pressure and shear."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.tri import Triangulation
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from palpate.api import Channel
 from palpate_prediction.predict import Prediction, SpotPrediction
+from palpate_report.skin_map import draw_map
 from palpate_report.style import DOUBLE_MM, LINES, STYLE, save, sized
 
 ROW_MM = 48.0
@@ -50,26 +52,13 @@ def _curve(axis: Axes, each: SpotPrediction, channel: Channel) -> None:
     axis.plot(curve.abscissa, curve.ordinate, color=colour)
 
 
-def _maps(figure: Any, axes: Any, each: SpotPrediction) -> None:  # noqa: ANN401 - of matplotlib
+def _maps(figure: Figure, axes: Sequence[Axes], each: SpotPrediction) -> None:
     """Pressure and shear on the deformed skin, seen along the axis of the tool."""
     states, at = each.states, each.at
-    place = (states.points_mm + states.displacements_mm[at] - states.positions_mm[at]) @ states.rotations[at]
-    loaded = states.pressures_MPa[at] > 0.0
-    reach = 1.3 * np.abs(place[loaded, :2]).max(initial=1.0)
-    near = (np.abs(place[:, :2]) < reach).all(axis=1) & (
-        place[:, 2] > place[loaded, 2].min(initial=0.0) - reach
-    )
-    shown = states.triangles[near[states.triangles].all(axis=1)]
-    if not len(shown):
-        return
-    grid = Triangulation(place[:, 0], place[:, 1], shown)
     shear = np.linalg.norm(states.shears_MPa[at], axis=1)
     for axis, values, label in zip(
-        axes, (states.pressures_MPa[at], shear), ("pressure (kPa)", "shear (kPa)"), strict=True
+        axes, (states.pressures_MPa[at], shear), ("pressure [kPa]", "shear [kPa]"), strict=True
     ):
-        drawn = axis.tripcolor(grid, KPA * values, shading="gouraud", cmap="viridis")
-        figure.colorbar(drawn, ax=axis, label=label, orientation="horizontal")
-        axis.set_aspect("equal")
-        axis.grid(False)
-        axis.set_xlabel("x of the tool (mm)")
-        axis.set_ylabel("y (mm)")
+        drawn = draw_map(axis, states, at, KPA * values, max(KPA * float(values.max()), 1e-9))
+        if drawn is not None:
+            figure.colorbar(drawn, ax=axis, label=label, orientation="horizontal", ticks=MaxNLocator(4))

@@ -1,5 +1,6 @@
 """The first card of the page: what was found, how sure it is, and what it rests on."""
 
+import colorsys
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -119,12 +120,20 @@ def _causes(data: ReportData) -> str:
     return f"widest for {brief}, mostly by {shares}"
 
 
+COLOURS = (
+    *("#808890", "#d55e00", "#0072b2", "#a6761d", "#4d5560", "#cc79a7"),
+    *("#009e73", "#e0b000", "#56b4e9", "#7b52ab", "#9ab82c"),
+)
+"""Of the causes, in the order of ``CAUSES``."""
+
+
 def colour_of(name: str) -> str:
-    """CSS colour of a cause, or of another share: the same for a name in every bar of every page."""
+    """Colour of a cause, or of another share: the same for a name in every bar of pages and figures."""
     known = list(CAUSES.values())
     if name in known:
-        return f"var(--cause{known.index(name)})"
-    return f"hsl({zlib.crc32(name.encode('utf-8', 'replace')) % 360} 40% 55%)"
+        return COLOURS[known.index(name)]
+    hue = zlib.crc32(name.encode("utf-8", "replace")) % 360 / 360.0
+    return "#" + "".join(f"{round(255.0 * part):02x}" for part in colorsys.hls_to_rgb(hue, 0.55, 0.4))
 
 
 def budget_bars(data: ReportData) -> Iterator[tuple[str, list[tuple[str, float]]]]:

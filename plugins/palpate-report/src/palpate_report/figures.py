@@ -22,7 +22,7 @@ from palpate_report import comparison
 from palpate_report.best_sets import best_sets
 from palpate_report.headline import failure_of
 from palpate_report.material import material_curves, stress_strain
-from palpate_report.panels import contact, profiles, sobol_indices
+from palpate_report.panels import causes, contact, limbs, pressures, profiles, sobol_indices
 from palpate_report.paper_tables import intervals
 from palpate_report.report_data import ReportData, label_of
 from palpate_report.space import parameter_space
@@ -50,6 +50,7 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
         drawings["nmse_distribution"] = partial(nmse_distribution, data)
     if not data.fit.certainty.intervals.is_empty():
         drawings["intervals"] = partial(interval_plot, data)
+        drawings["causes"] = partial(causes, data)
     if not data.design.n_sets and len(data.brief) > 1:
         drawings["parameter_space"] = partial(parameter_space, data, "")
     for spot in data.spots:
@@ -64,6 +65,10 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
         drawings["profiles"] = partial(profiles, data)
     if not data.posterior.sobol_indices.is_empty():
         drawings["sobol_indices"] = partial(sobol_indices, data)
+    if data.limbs:
+        drawings["limbs"] = partial(limbs, data)
+    if any(states.pressures_MPa.any() for states in data.surfaces.values()):
+        drawings["pressures"] = partial(pressures, data)
     if data.contact:
         drawings["contact"] = partial(contact, data)
     files: list[Path] = []

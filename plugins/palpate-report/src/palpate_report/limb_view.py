@@ -17,7 +17,7 @@ from palpate.api.mesh import CELLS, spot_axes
 
 Role = Literal["contact", "fixed", "free", "interface", "indenter"]
 
-_LOOKS: Mapping[Role, tuple[str, float]] = MappingProxyType(
+LOOKS: Mapping[Role, tuple[str, float]] = MappingProxyType(
     {
         "contact": ("#deb599", 0.45),
         "fixed": ("#efe9d6", 1.0),
@@ -195,7 +195,7 @@ def _indenter(spot: Spot, indenter: Indenter) -> ViewPart:
 
 
 def _trace(part: ViewPart) -> dict[str, Any]:
-    colour, opacity = _LOOKS[part.role]
+    colour, opacity = LOOKS[part.role]
     about = part.name if part.name == part.region or not part.region else f"{part.name} ({part.region})"
     return {
         "type": "mesh3d",

@@ -1,13 +1,19 @@
-"""Figures of the posterior, and of the contact along the path."""
+"""Figures of causes, of the posterior, and of the contact."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from palpate.api import Indentation, convert
 from palpate.api.fit import RISE
+from palpate.api.mesh import spot_axes
+from palpate_report.answer import budget_bars, colour_of
+from palpate_report.limb_view import LOOKS, limb_view
 from palpate_report.report_data import CONTACT, ReportData, label_of
+from palpate_report.scene import coarsened, deepest
+from palpate_report.skin_map import draw_map
 from palpate_report.style import (
     DOUBLE_MM,
     LEAST_COLOUR,
@@ -20,6 +26,69 @@ from palpate_report.style import (
 
 N_COLUMNS = 3
 """Panels side by side."""
+
+ENDS = ("cut", "fixed")
+"""Parts through which one looks into a limb: sets of fixed nodes that are no bone's."""
+
+MOST_TRIANGLES = 3000
+"""Triangles of a limb that is drawn for print."""
+
+
+def causes(data: ReportData) -> Figure:
+    """Draw the share of each cause in the variance of the parameters that lead."""
+    bars = list(budget_bars(data))
+    figure = sized(DOUBLE_MM, 8.0 * len(bars) + 32.0)
+    axis = figure.subplots()
+    for place, (_, parts) in enumerate(bars):
+        left = 0.0
+        for cause, share in parts:
+            axis.barh(place, share, 0.6, left, color=colour_of(cause), label=cause)
+            left += share
+    axis.set_yticks(range(len(bars)), [name for name, _ in bars])
+    axis.invert_yaxis()
+    axis.set(xlabel="share of the variance [%]", xlim=(0.0, 100.0))
+    legend_below(figure, [axis])
+    show_notice(figure, data.notice)
+    return figure
+
+
+def pressures(data: ReportData) -> Figure:
+    """Draw the pressure on the skin where each press is deepest, with what was found."""
+    found = {spot: data.surfaces[spot] for spot in data.spots if spot in data.surfaces}
+    factor = 1.0 / convert(f"1 {data.modulus_unit}", "MPa")
+    values = {spot: factor * states.pressures_MPa[deepest(states)] for spot, states in found.items()}
+    most = max(float(each.max()) for each in values.values())
+    figure, axes = _panels(len(found), 55.0)
+    drawn = None
+    for axis, (spot, states) in zip(axes, found.items(), strict=True):
+        drawn = draw_map(axis, states, deepest(states), values[spot], most) or drawn
+        axis.set_title(f"spot {spot}")
+    figure.colorbar(drawn, ax=list(axes), label=f"contact pressure [{data.modulus_unit}]", shrink=0.8)
+    show_notice(figure, data.notice)
+    return figure
+
+
+def limbs(data: ReportData) -> Figure:
+    """Draw the limb around each spot with its bones and the indenter at rest; the normal is upwards."""
+    figure, axes = _panels(len(data.limbs), 50.0, projection="3d")
+    for axis, (spot, limb) in zip(axes, data.limbs.items(), strict=True):
+        protocol = data.study.protocol_at(spot)
+        indenter = protocol.indenter if isinstance(protocol, Indentation) else None
+        view = coarsened(limb_view(limb, indenter), MOST_TRIANGLES)
+        turned = spot_axes(limb.spot.normal, limb.spot.along)
+        for part in view.parts:
+            if part.role == "interface":
+                continue
+            points = (part.points_mm - limb.spot.position_mm) @ turned
+            colour, opacity = LOOKS["free" if part.name in ENDS else part.role]
+            axis.plot_trisurf(*points.T, triangles=part.triangles, color=colour, alpha=opacity, linewidth=0.0)
+        axis.set_title(f"spot {spot}")
+        spans = np.array([axis.get_xlim(), axis.get_ylim(), axis.get_zlim()])
+        axis.set_box_aspect(np.ptp(spans, axis=1), zoom=1.3)
+        axis.view_init(elev=20.0, azim=-50.0)
+        axis.set_axis_off()
+    show_notice(figure, data.notice)
+    return figure
 
 
 def profiles(data: ReportData) -> Figure:
@@ -82,12 +151,12 @@ def contact(data: ReportData) -> Figure:
     return figure
 
 
-def _panels(n: int, height_mm: float) -> tuple[Figure, Sequence[Axes]]:
+def _panels(n: int, height_mm: float, projection: str | None = None) -> tuple[Figure, Sequence[Any]]:
     """Figure with so many panels of this height."""
     n_columns = min(n, N_COLUMNS)
     n_rows = -(-n // n_columns)
     figure = sized(DOUBLE_MM if n_columns > 1 else SINGLE_MM, height_mm * n_rows + 15.0)
-    axes = list(figure.subplots(n_rows, n_columns, squeeze=False).flat)
+    axes = list(figure.subplots(n_rows, n_columns, squeeze=False, subplot_kw={"projection": projection}).flat)
     for empty in axes[n:]:
         empty.remove()
     return figure, axes[:n]

@@ -1,0 +1,48 @@
+"""Maps of the skin under an indenter, seen along its axis."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+from matplotlib.tri import Triangulation
+
+from palpate.api import FloatArray, SurfaceStates
+
+BEYOND = 1.3
+"""Half the width of a map over the distance of the farthest node in contact."""
+
+N_LEVELS = 12
+"""Most steps of colour."""
+
+
+def draw_map(axis: Axes, states: SurfaceStates, at: int, values: FloatArray, most: float) -> Any:  # noqa: ANN401 - of matplotlib
+    """Draw values (n,) on the deformed skin at a state, in the frame of the indenter; None without contact.
+
+    Parameters
+    ----------
+    at : int
+        Number of the state.
+    values : (n,) array
+        From 0 to ``most``, one for each node.
+
+    Returns
+    -------
+    TriContourSet or None
+        For a colour bar.
+    """
+    place = (states.points_mm + states.displacements_mm[at] - states.positions_mm[at]) @ states.rotations[at]
+    loaded = states.pressures_MPa[at] > 0.0
+    if not loaded.any():
+        axis.set_axis_off()
+        return None
+    reach = BEYOND * np.abs(place[loaded, :2]).max()
+    # Skin that is far below is the other side of the limb. One triangle more than is shown fills the corners.
+    near = (np.abs(place[:, :2]) < reach).all(axis=1) & (place[:, 2] > place[loaded, 2].min() - reach)
+    shown = states.triangles[near[states.triangles].any(axis=1)]
+    grid = Triangulation(place[:, 0], place[:, 1], shown)
+    levels = MaxNLocator(N_LEVELS).tick_values(0.0, most)
+    drawn = axis.tricontourf(grid, values, levels=levels, cmap="viridis")
+    axis.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach), xlabel="x [mm]", ylabel="y [mm]")
+    axis.grid(visible=False)
+    return drawn

@@ -1,0 +1,43 @@
+"""Figures of causes, of the limb and of the pressure on it."""
+
+from dataclasses import replace
+
+import pytest
+
+from palpate.fit.least_squares import LeastSquares
+from palpate.mesh.specimens import block
+from palpate_report.answer import budget_bars, colour_of
+from palpate_report.panels import causes, limbs, pressures
+
+from .dimple import dimple
+
+
+def test_bars_have_the_shares_and_colours_of_the_causes(content):
+    data = content(search=LeastSquares())
+    axis = causes(data).axes[0]
+    shares = [(c, s) for _, parts in budget_bars(data) for c, s in parts]
+    assert shares
+    assert [bar.get_width() for bar in axis.patches] == pytest.approx([share for _, share in shares])
+    assert [bar.get_label() for bar in axis.containers] == [cause for cause, _ in shares]
+    drawn = ["#" + "".join(f"{round(255 * c):02x}" for c in bar.get_facecolor()[:3]) for bar in axis.patches]
+    assert drawn == [colour_of(cause) for cause, _ in shares]
+
+
+def test_pressures_of_all_spots_share_a_scale_that_holds_the_largest(content):
+    states = dimple()
+    harder = replace(states, pressures_MPa=2.0 * states.pressures_MPa)
+    figure = pressures(replace(content(n_sets=8), surfaces={"p1": states, "p2": harder}))
+    first, second = (axis.collections[0] for axis in figure.axes[:2])
+    assert first.get_clim() == second.get_clim()
+    assert first.levels[-2] < 2.0 * states.pressures_MPa.max() <= first.levels[-1]
+    # In the frame of the indenter, whose axis is the middle of the dimple.
+    highest = [path for path in second.get_paths() if len(path.vertices)][-1]
+    assert highest.get_extents().contains(0.0, 0.0)
+
+
+def test_a_limb_is_drawn_with_its_normal_upwards(content):
+    limb = block("tet10", n_across=4, n_down=3)
+    figure = limbs(replace(content(n_sets=8), limbs={"p1": limb, "p2": limb}))
+    assert [axis.get_title() for axis in figure.axes] == ["spot p1", "spot p2"]
+    low, high = figure.axes[0].get_zlim()
+    assert low < 0.0 < high
