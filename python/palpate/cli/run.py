@@ -107,9 +107,12 @@ def run_and_show(
     With ``adopt`` the folder may hold the run of another study file. The fit starts at ``fit_start``, if
     given, before its other starts.
     """
+    from palpate.run.directory import RunDirectory
     from palpate.stages import pipeline
 
     where = folder if fork is None else fork
+    if RunDirectory(where).result():
+        session.note(f"{where} is finished: no simulation is repeated, fit and report are made again")
     with StageProgress(session, where) as progress:
         result = pipeline.run_study(
             study,
