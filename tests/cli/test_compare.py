@@ -30,11 +30,11 @@ def test_two_runs_are_compared_without_their_study(call, study, ran):
     for name in names:
         shutil.copytree(ran, name)
     (study / "s1.txt").unlink()
-    outcome = call("compare", *names, "--out", "both")
+    outcome = call("compare", *names, "--into", "both")
     assert outcome.code == 0, outcome.err
     for word in ("Parameters", "Errors", "first", "second", Path("both/index.html").resolve().as_uri()):
         assert word in outcome.out
-    found = valid("compare", call("compare", *names, "--out", "both", "--json").json)
+    found = valid("compare", call("compare", *names, "--into", "both", "--json").json)
     assert [row["run"] for row in found["tables"]["parameters"]] == ["first", "second"]
     assert all(Path(file).is_file() for file in found["files"])
 

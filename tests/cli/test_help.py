@@ -76,6 +76,12 @@ def test_the_list_of_commands_says_how_to_mesh_a_scan_and_look_into_a_log(capsys
     assert "`palpate experiment inspect FILE`" in out
 
 
+def test_out_is_a_run_directory_and_other_files_go_into(group):
+    for words, command in leaves(group):
+        for option in command.params:
+            assert "--out" not in option.opts or option.help.startswith("Run directory"), words
+
+
 def test_commands_are_under_headings_in_the_order_of_a_study(capsys):
     assert main(["--help"]) == 0
     out = capsys.readouterr().out

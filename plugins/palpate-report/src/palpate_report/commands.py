@@ -61,8 +61,8 @@ def compare(
         list[Path],
         typer.Argument(metavar="RUN RUN…", help="Run directories, or studies for their newest runs."),
     ],
-    out: Annotated[
-        Path, typer.Option("--out", metavar="FOLDER", help="Where the page, tables and figure go.")
+    into: Annotated[
+        Path, typer.Option("--into", metavar="FOLDER", help="Where the page, tables and figure go.")
     ] = Path("comparison"),
     trust_plugins: TrustPlugins = False,
     as_json: AsJson = False,
@@ -79,7 +79,7 @@ def compare(
         for folder in folders:
             own, study = study_of_run(session, folder, trust=trust_plugins)
             found[folder] = from_run.read_results(study, folder, own.plugins, progress)
-    made = comparison.write_comparison(comparison.named(found), out)
+    made = comparison.write_comparison(comparison.named(found), into)
     if as_json:
         tables = {name: table.to_dicts() for name, table in made["tables"].items()}
         session.json({**made, "tables": tables})
@@ -88,4 +88,4 @@ def compare(
         session.frame(name.capitalize(), table)
     for note in made["notes"]:
         session.paragraph(note)
-    session.say(f"Page: {(out / 'index.html').resolve().as_uri()}")
+    session.say(f"Page: {(into / 'index.html').resolve().as_uri()}")

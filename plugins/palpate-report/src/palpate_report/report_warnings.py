@@ -238,7 +238,7 @@ def _about_disagreement(data: ReportData) -> Iterator[ReportWarning]:
             for row in rows.drop_nulls("parameter").iter_rows(named=True)
         ]
         yield from _listed(
-            f"{str(first).capitalize()} and {second} disagree",
+            f"{str(first).capitalize()} and {second} disagree".replace("_", " "),
             values or [f"At {', '.join(rows['spot'].unique(maintain_order=True))}"],
             "No set fits both about as well as each is fitted alone. "
             f"Typical causes: {causes}a material law that cannot describe both.",
