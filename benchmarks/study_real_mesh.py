@@ -4,7 +4,8 @@ As ``study_mesh_size.py``, with the limbs and places of ``bench_limbs.py``: all 
 proportion to the edge under the sphere, and Richardson's extrapolation gives the limit. ``--skin 1.5``
 adds a layer of a neo-Hookean skin (E 0.15 MPa, ν 0.45) over the tissue. ``--depth`` is that of the press.
 ``--bisect 0.28`` takes the default mesh in place of those of ``--sizes``, as it is and with edges above this
-share of the radius bisected at the edge of the contact, as a fit's ``fine_edge`` does.
+share of the radius bisected at the edge of the contact, as a fit's ``fine_edge`` does; with two of them
+also errors against no edge, of the curves that a fit corrects by the first, too.
 All meshes have the same few load steps, to save time.
 """
 
@@ -19,6 +20,7 @@ from study_mesh_size import PATH, RADIUS_MM, THETA, extrapolated, peaks, plan
 
 from palpate.domain import Indentation, Job, Limb, Response
 from palpate.domain.indenter import Sphere
+from palpate.fit.mesh_correction import left_over
 from palpate.limb.loading import RIM
 from palpate.mesh.refinement import refined
 from palpate.mesh.spot_frame import NEAR, contact_edge_mm
@@ -87,7 +89,7 @@ def row(segment: Segment, ratio: float, layers_mm: dict[str, float], depth_mm: f
 def bisected(segment: Segment, shares: list[float], depth_mm: float) -> None:
     """Force and torque of the default mesh, and of that with shorter edges under the sphere."""
     limb, _ = moved_to_contact(sound_mesh(segment, MeshPlan(size=SIZE)), RADIUS_MM)
-    near_mm = NEAR * RADIUS_MM
+    near_mm, edges, found = NEAR * RADIUS_MM, [], []
     for share in (None, *shares):
         start = cpu_s()
         finer = (
@@ -102,6 +104,17 @@ def bisected(segment: Segment, shares: list[float], depth_mm: float) -> None:
             f"{force:>9.4f}{torque:>13.4f}{'':>9}{cpu_s() - start:>8.0f}\n"
         )
         sys.stdout.flush()
+        edges.append(edge_mm)
+        found.append((force, torque))
+    if len(shares) < 2:
+        return
+    for name, values in zip(("force", "torque"), np.array(found).T, strict=True):
+        fitted, limit = (
+            values[k + 1] + left_over(name, edges[k] / edges[k + 1]) * (values[k + 1] - values[k])
+            for k in (0, len(shares) - 1)
+        )
+        errors = ", ".join(f"{100 * (v / limit - 1):+.2f} %" for v in (*values, fitted))
+        sys.stdout.write(f"{name}: {limit:.4f} at no edge; rows, and the corrected, are off by {errors}\n")
 
 
 def main() -> None:
