@@ -59,10 +59,11 @@ def pressures(data: ReportData) -> Figure:
     values = {spot: factor * states.pressures_MPa[deepest(states)] for spot, states in found.items()}
     most = max(float(each.max()) for each in values.values())
     figure, axes = _panels(len(found), 55.0)
-    drawn = None
+    maps = []
     for axis, (spot, states) in zip(axes, found.items(), strict=True):
-        drawn = draw_map(axis, states, deepest(states), values[spot], most) or drawn
+        maps.append(draw_map(axis, states, deepest(states), values[spot], most))
         axis.set_title(f"spot {spot}")
+    drawn = next(each for each in maps if each is not None)
     figure.colorbar(drawn, ax=list(axes), label=f"contact pressure [{data.modulus_unit}]", shrink=0.8)
     show_notice(figure, data.notice)
     return figure
