@@ -55,7 +55,7 @@ class StageRecords:
         """Read a file of a stage; a StudyError where it is missing, or not as the stage wrote it."""
         again = f"run `palpate {stage}` again"
         if not path.exists():
-            raise StudyError(f"{path}: not there yet; run `palpate {stage}` first")
+            raise StudyError(f"{path}: not there yet; run `palpate {stage} STUDY --out {self.folder}` first")
         try:
             content = path.read_bytes()
             if self._files(stage).get(self._name(path)) != sha256(content):
@@ -75,7 +75,7 @@ class StageRecords:
                 f"{file if file.exists() else folder}: damaged or replaced, {self.path} has no record of it; "
                 f"run `palpate {stage}` again"
             )
-        raise StudyError(f"{folder}: not there yet; run `palpate {stage}` first")
+        raise StudyError(f"{folder}: not there yet; run `palpate {stage} STUDY --out {self.folder}` first")
 
     def check(self, stage: str, made_from: Mapping[str, str]) -> None:
         """Refuse the files of a stage that were made from something else; an empty value is not compared."""

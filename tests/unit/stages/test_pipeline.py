@@ -145,14 +145,16 @@ def test_a_run_directory_moves_freely(make_study, plugins, tmp_path):
     ],
 )
 def test_a_stage_names_the_one_that_must_run_before(make_study, plugins, tmp_path, verb, missing, command):
-    with pytest.raises(StudyError, match=rf"{missing}: not there yet; run `palpate {command}` first"):
+    with pytest.raises(
+        StudyError, match=rf"{missing}: not there yet; run `palpate {command} STUDY --out .*run` first"
+    ):
         called(verb)(make_study(), tmp_path / "run", plugins)
     assert not (tmp_path / "run").exists()
 
 
 def test_measured_curves_are_required_before_the_sweep(make_study, plugins, tmp_path):
     pipeline.run_stage("sample", make_study(), tmp_path / "run", plugins)
-    with pytest.raises(StudyError, match=r"measured: not there yet; run `palpate experiment` first"):
+    with pytest.raises(StudyError, match=r"measured: not there yet; run `palpate experiment STUDY --out"):
         pipeline.run_stage("simulate", make_study(), tmp_path / "run", plugins)
 
 
