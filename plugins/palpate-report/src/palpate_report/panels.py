@@ -25,7 +25,7 @@ from palpate_report.style import (
 )
 
 N_COLUMNS = 3
-"""Panels side by side."""
+"""Most panels side by side; four are in two rows."""
 
 ENDS = ("cut", "fixed")
 """Parts through which one looks into a limb: sets of fixed nodes that are no bone's."""
@@ -154,7 +154,7 @@ def contact(data: ReportData) -> Figure:
 
 def _panels(n: int, height_mm: float, projection: str | None = None) -> tuple[Figure, Sequence[Any]]:
     """Figure with so many panels of this height."""
-    n_columns = min(n, N_COLUMNS)
+    n_columns = 2 if n == 4 else min(n, N_COLUMNS)
     n_rows = -(-n // n_columns)
     figure = sized(DOUBLE_MM if n_columns > 1 else SINGLE_MM, height_mm * n_rows + 15.0)
     axes = list(figure.subplots(n_rows, n_columns, squeeze=False, subplot_kw={"projection": projection}).flat)

@@ -205,7 +205,7 @@ def _draw_region(data: ReportData, axis: Axes, names: Sequence[str]) -> None:
     except QhullError:  # on a line: one parameter follows the other
         return
     look: dict[str, Any] = {"color": LINES[0][0], "alpha": 0.2, "linewidth": 0, "zorder": 2}
-    axis.fill(*edge.T, label=f"95 % region of the fit to {data.together}", **look)
+    axis.fill(*edge.T, label=f"95 % region of {data.together}, as the intervals", **look)
 
 
 def _draw_truth(data: ReportData, axis: Axes, names: Sequence[str]) -> None:
