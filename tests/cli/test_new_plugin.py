@@ -148,7 +148,7 @@ def test_the_command_reports_what_it_wrote_and_what_to_do_next(call: Call, tmp_p
         (
             "scenario",
             "x",
-            "no plugin of kind 'scenario' can be made",
+            "(known: material, solver, loader, stage, generic; generic has every other hook)",
         ),
         ("stage", "fit", "stage 'fit' is already provided; choose another"),
         ("stage", "materials", "plugin name 'materials' is taken by distribution palpate-materials"),

@@ -70,7 +70,10 @@ def new_plugin(kind: str, name: str, into: Path, plugins: Plugins) -> Path:
     """
     if kind not in KITS:
         known = ", ".join(KITS)
-        raise PluginError(f"no plugin of kind '{kind}' can be made{suggestion(kind, KITS)} (known: {known})")
+        raise PluginError(
+            f"no plugin of kind '{kind}' can be made{suggestion(kind, KITS)} (known: {known}; {GENERIC} has "
+            "every other hook)"
+        )
     _check_free(kind, name, plugins)
     folder = into / _distribution(name)
     if folder.exists():
