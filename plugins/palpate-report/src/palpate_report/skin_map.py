@@ -10,7 +10,7 @@ from matplotlib.tri import Triangulation
 from palpate.api import FloatArray, SurfaceStates
 
 BEYOND = 1.3
-"""Half the width of a map over the distance of the farthest node in contact."""
+"""Half the width and the height of a map over the distance of the farthest node in contact."""
 
 N_LEVELS = 12
 """Most steps of colour."""
@@ -36,13 +36,13 @@ def draw_map(axis: Axes, states: SurfaceStates, at: int, values: FloatArray, mos
     if not loaded.any():
         axis.set_axis_off()
         return None
-    reach = BEYOND * np.abs(place[loaded, :2]).max()
+    x, y = reach = BEYOND * np.abs(place[loaded, :2]).max(axis=0)
     # Skin that is far below is the other side of the limb. One triangle more than is shown fills the corners.
-    near = (np.abs(place[:, :2]) < reach).all(axis=1) & (place[:, 2] > place[loaded, 2].min() - reach)
+    near = (np.abs(place[:, :2]) < reach).all(axis=1) & (place[:, 2] > place[loaded, 2].min() - max(x, y))
     shown = states.triangles[near[states.triangles].any(axis=1)]
     grid = Triangulation(place[:, 0], place[:, 1], shown)
     levels = MaxNLocator(N_LEVELS).tick_values(0.0, most)
     drawn = axis.tricontourf(grid, values, levels=levels, cmap="viridis")
-    axis.set(aspect="equal", xlim=(-reach, reach), ylim=(-reach, reach), xlabel="x [mm]", ylabel="y [mm]")
+    axis.set(aspect="equal", xlim=(-x, x), ylim=(-y, y), xlabel="x [mm]", ylabel="y [mm]")
     axis.grid(visible=False)
     return drawn
