@@ -187,7 +187,7 @@ def weighted_channels(scenario: Scenario) -> str:
     """Channels and phases that a scenario weights, joined with plus signs; with weights that are not 1."""
     return " + ".join(
         channel if weight == 1.0 else f"{weight:g} {channel}" for channel, weight in scenario.weighed.items()
-    )
+    ).replace("_", " ")
 
 
 def unfitted_channels(data: ReportData) -> pl.DataFrame:
