@@ -111,8 +111,10 @@ def run_and_show(
     from palpate.stages import pipeline
 
     where = folder if fork is None else fork
-    if RunDirectory(where).result():
-        session.note(f"{where} is finished: no simulation is repeated, fit and report are made again")
+    directory = RunDirectory(where)
+    if directory.result():
+        directory.refuse_other(study, adopt=adopt)
+        session.note(f"{where} is finished: what is unchanged is kept, fit and report are made again")
     with StageProgress(session, where) as progress:
         result = pipeline.run_study(
             study,

@@ -57,7 +57,7 @@ def planned(folder):
 def test_a_sweep_that_is_stopped_continues_with_what_is_missing(sweep, tmp_path, tissue):
     log = tmp_path / "log.txt"
     solver = tissue.Analytic(tissue.AnalyticSettings(log=str(log)))
-    with pytest.raises(StoppedError, match=r"stopped with 3 of 6 simulations finished.*palpate run .*run"):
+    with pytest.raises(StoppedError, match=r"stopped with 3 simulations finished.*palpate run .*run"):
         sweep(solver, progress=Following(n_steps=6), n_workers=1)
     n_tried = len(log.read_text().splitlines())
     sweep(solver)
