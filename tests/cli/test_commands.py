@@ -396,10 +396,22 @@ def test_init_writes_a_study_of_own_presses(call: Call) -> None:
         (("leg", *own, "--measured", "try/measured/p1.csv"), "give one of each"),
         (("leg", *own[:-1], "try/p1.vtu"), "no such file"),
         (("leg", *own, "--wrench", "try/ft.csv"), "ft.csv"),
+        (("leg", "--wrench", "try/ft.csv"), "give one of each"),
     ):
         refused = call("init", *arguments, plugin=None)
         assert (refused.code, reason in refused.err) == (2, True)
     assert not Path("leg").exists()
+
+
+def test_init_finds_names_and_paths_for_own_presses(call: Call) -> None:
+    """Meshes of one name, a folder that is no name, and one behind a link."""
+    call("init", "try", plugin=None)
+    Path("deep/er").mkdir(parents=True)
+    Path("link").symlink_to("deep/er")
+    own = ("--measured", "try/measured/p1.csv", "--mesh", "try/meshes/p1.vtu")
+    assert call("init", "link/my arm", *own, *own, plugin=None).code == 0
+    study = read_study("link/my arm")
+    assert (study.name, study.spot_names) == ("my-arm", ("p1", "p2"))
 
 
 def test_init_names_the_studies_when_the_name_is_wrong(call: Call) -> None:

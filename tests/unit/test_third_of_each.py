@@ -56,4 +56,4 @@ def test_channels_of_a_plugin_are_simulated_fitted_and_reported(tmp_path):
     for name in CHANNELS:
         assert f"nmse_{name}" in errors
         assert plugins.channels[name].ordinate_label in page
-        assert name.replace("_", r"\_") in latex
+        assert name.replace("_", " ") in latex

@@ -175,10 +175,12 @@ def test_a_refined_mesh_shows_its_error_by_the_mesh_as_it_is(fitted, plugins, tm
     assert row["linear_upper"] > row["value"] * (1.0 + 0.9 * 1.645 * 0.1 / 3.0)
     assert "peak pressure 3.3 %" in " ".join(notes(found, ""))
     assert not any("[budget]" in text for text in notes(found, ""))
-    monkeypatch.setattr(predict, "refined_limbs", lambda study, tool: coarse | as_is)
+    nearly = {spot: block("hex8", n_across=20, n_down=2) for spot in study.spot_names}
+    coarse = {f"{spot}{AS_IS}": block("hex8", n_across=19, n_down=2) for spot in study.spot_names}
+    monkeypatch.setattr(predict, "refined_limbs", lambda study, tool: nearly | coarse)
     found = run_prediction(study, run, tool, plugins, SILENT)
     (said,) = [text for text in notes(found, "") if text.startswith("warning: at p2 these errors are what")]
-    assert said.endswith("fine_edge refines nothing under the tool; set a shorter one.")
+    assert said.endswith("its mesh is hardly refined under the tool; set a shorter fine_edge.")
 
 
 @pytest.mark.parametrize(("kind", "fine_edge", "finer"), [

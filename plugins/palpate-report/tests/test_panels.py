@@ -2,12 +2,13 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
 from palpate_report.answer import budget_bars, colour_of
-from palpate_report.panels import causes, limbs, pressures
+from palpate_report.panels import causes, limbs, pressed, pressures
 
 from .dimple import dimple
 
@@ -33,6 +34,18 @@ def test_pressures_of_all_spots_share_a_scale_that_holds_the_largest(content):
     # In the frame of the indenter, whose axis is the middle of the dimple.
     highest = [path for path in second.get_paths() if len(path.vertices)][-1]
     assert highest.get_extents().contains(0.0, 0.0)
+
+
+def test_contact_of_a_single_node_is_drawn_and_a_lifted_press_is_not(content):
+    states = dimple(n_across=13)
+    middle = int(np.argmin(np.linalg.norm(states.points_mm - states.positions_mm[0], axis=1)))
+    single, none = np.zeros_like(states.pressures_MPa), np.zeros_like(states.pressures_MPa)
+    single[:, middle] = 0.01
+    data = content(n_sets=8)
+    surfaces = {"p1": replace(states, pressures_MPa=single), "p2": replace(states, pressures_MPa=none)}
+    figure = pressures(replace(data, surfaces=surfaces))
+    assert [axis.get_title() for axis in figure.axes] == ["spot p1", ""]
+    assert not pressed(replace(data, surfaces={"p2": surfaces["p2"]}))
 
 
 def test_a_limb_is_drawn_with_its_normal_upwards(content):

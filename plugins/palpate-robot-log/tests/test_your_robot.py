@@ -73,6 +73,12 @@ def ros_stamps() -> Table:
     return stamp | {name: values for name, values in table.items() if "." in name and "header" not in name}
 
 
+def unset_stamps() -> Table:
+    """Stamps that nobody has set, beside a time."""
+    none = np.zeros(log()[0].size)
+    return {"header.stamp.sec": none, "header.stamp.nanosec": none} | abb()
+
+
 def franka() -> Table:
     time, x, pose, f, m = log()
     transform = np.tile(np.eye(4), (time.size, 1, 1))
@@ -157,6 +163,7 @@ def plotjuggler() -> Table:
 MAKERS = (
     sunrise,
     ros_stamps,
+    unset_stamps,
     universal_robots,
     fanuc,
     doosan,

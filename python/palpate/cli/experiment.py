@@ -142,8 +142,10 @@ def inspect(
         session.say(f"- {finding}")
     if found.study_text:
         session.say(f"\n{found.study_text}")
+        wrench = f" --wrench {other}" if other else ""
         session.next(
-            f"init FOLDER --measured {file} --mesh MESH", "put these tables into a study.toml, or make one; "
+            f"init FOLDER --measured {file}{wrench} --mesh MESH",
+            "put these tables into a study.toml, or make one; ",
         )
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import tomllib
 from collections.abc import Iterator, Sequence
@@ -70,9 +71,9 @@ def init(
         session.next("init --study NAME FOLDER")
         session.note("of your own presses: palpate init FOLDER --measured FILE --mesh FILE")
         return
-    name = study or (FOR_OWN if measured or mesh else FIRST)
+    name = study or (FOR_OWN if measured or mesh or wrench else FIRST)
     ready = Path(studies[name].directory)
-    if measured or mesh:
+    if measured or mesh or wrench:
         text = own_study_text(session, ready, folder, measured or [], mesh or [], wrench)
         check_new(folder)
         folder.mkdir(parents=True, exist_ok=True)
@@ -85,7 +86,7 @@ def init(
     command = "check {folder}"
     if measured:
         session.say(f"{folder / 'study.toml'}: presses and meshes of yours, the rest as in {name}")
-        session.note("look over it: protocol and ranges are for a silicone phantom, units may be guesses")
+        session.note(f"look over it: protocol and ranges are those of {name}, units may be guesses")
     else:
         session.say(f"{name} copied to {folder}")
         command = studies[name].first_command
@@ -109,7 +110,7 @@ def own_study_text(
     CurveError
         No loader can read the first press.
     """
-    if len(measured) != len(meshes):
+    if not measured or len(measured) != len(meshes):
         raise StudyError(
             f"{len(measured)} files with --measured and {len(meshes)} with --mesh; give one of each for "
             "every spot, in the same order"
@@ -118,20 +119,32 @@ def own_study_text(
         if not file.is_file():
             raise StudyError(f"{file}: no such file; give a file that is there")
     found = look_into(measured[0], wrench, session, None)
+    spots = [_name_of(mesh.stem) for mesh in meshes]
+    if len(set(spots)) < len(spots):
+        spots = [f"p{k}" for k in range(1, len(spots) + 1)]
     tables = [
-        ("study", {"name": folder.resolve().name, "data": "measured"}),
+        ("study", {"name": _name_of(folder.resolve().name), "data": "measured"}),
         *(
-            ("[spot]", {"name": mesh.stem, "measured": _from(folder, file), "mesh": _from(folder, mesh)})
-            for file, mesh in zip(measured, meshes, strict=True)
+            ("[spot]", {"name": spot, "measured": _from(folder, file), "mesh": _from(folder, mesh)})
+            for spot, file, mesh in zip(spots, measured, meshes, strict=True)
         ),
     ]
-    own = [f"[{name}]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in of.items()) for name, of in tables]
+    own = [
+        f"[{name}]\n" + "".join(f"{k} = {json.dumps(v, ensure_ascii=False)}\n" for k, v in of.items())
+        for name, of in tables
+    ]
     return "\n".join([*own, found.study_text, *_tables_of(ready / "study.toml")])
+
+
+def _name_of(text: str) -> str:
+    """Name of a study or spot, as near to a text as its characters allow."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "-", text).strip("-_") or "own"
 
 
 def _from(folder: Path, file: Path) -> str:
     """Path of a file as a study in a folder names it."""
-    return Path(os.path.relpath(file, folder)).as_posix()
+    # Links of folders are followed, as the system does; that of the file keeps its name.
+    return Path(os.path.relpath(file.parent.resolve() / file.name, folder.resolve())).as_posix()
 
 
 def _tables_of(file: Path) -> Iterator[str]:

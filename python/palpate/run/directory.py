@@ -43,7 +43,7 @@ from palpate.errors import StudyError
 from palpate.executors.answers import plain
 from palpate.run.atomic_files import write_atomically
 from palpate.run.fit_state import remove_fit_state
-from palpate.run.kept_inputs import is_kept, keep_inputs
+from palpate.run.kept_inputs import is_kept, keep_inputs, kept_plugin
 from palpate.run.lock import locked
 from palpate.run.manifest import (
     IN_KEYS,
@@ -170,7 +170,12 @@ class RunDirectory:
 
     def _origin(self, file: Path, before: Iterable[str]) -> str:
         """Path of a file from this folder, with which it may move; of a kept copy, that of its original."""
-        originals = {Path(place).name: place for place in before} if is_kept(self.folder, file) else {}
+        if not is_kept(self.folder, file):
+            return _from(self.folder, file)
+        for number, place in enumerate(before):
+            if file.resolve() == kept_plugin(self.folder, number, Path(place)).resolve():
+                return place
+        originals = {Path(place).name: place for place in before}
         return originals.get(file.name) or _from(self.folder, file)
 
     @property

@@ -136,6 +136,7 @@ def _run_to_narrow(given: Path | None, out: Path | None) -> Path | None:
 
 
 def _show(session: Session, study: "Study", found: "Proposal") -> None:
+    from palpate_planning.candidates import PRESSURE
     from palpate_planning.tables import not_narrowed, proposal_tables, shown_intervals, shown_ranking
     from palpate_report.display_units import rows_in_display_units
 
@@ -148,6 +149,7 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
             "wrong, else the measurement. What would narrow the intervals if the model were right:"
         )
     units = {name: channel.units[1] for name, channel in session.plugins.channels.items()}
+    units[PRESSURE] = "MPa"
     for number, ranking in tables.ranking.group_by("step", maintain_order=True):
         title = f"Press {number[0]}: expected width of each interval, in % of that before the press"
         session.frame(title, shown_ranking(ranking, found.goal.name, units).head(SHOWN))

@@ -42,6 +42,9 @@ from palpate_prediction.summary import (
 AS_IS = "/as is"
 """Added to the name of a spot: its mesh without the refinement under the tool."""
 
+LEAST_REFINEMENT = 1.1
+"""Ratio of the sizes of two meshes below which their difference does not tell the error."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpotPrediction:
@@ -303,8 +306,8 @@ def _mesh_errors(
         unknown = "no mesh was refined under the tool"
     elif {simulation.status, as_is.status} != {Status.OK}:
         unknown = "on the mesh as it is, or on the refined one, the press has not come to its end"
-    elif (refinement := plan.refinement(limbs, pressed.depth_mm[pressed.at])) <= 1.0:
-        unknown = "fine_edge refines nothing under the tool; set a shorter one"
+    elif (refinement := plan.refinement(limbs, pressed.depth_mm[pressed.at])) < LEAST_REFINEMENT:
+        refinement, unknown = 1.0, "its mesh is hardly refined under the tool; set a shorter fine_edge"
     else:
         assert as_is.response is not None
         coarser, others = press_states(as_is, threshold), as_is.response.curves

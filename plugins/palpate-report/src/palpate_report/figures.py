@@ -22,7 +22,7 @@ from palpate_report import comparison
 from palpate_report.best_sets import best_sets
 from palpate_report.headline import failure_of
 from palpate_report.material import material_curves, stress_strain
-from palpate_report.panels import causes, contact, limbs, pressures, profiles, sobol_indices
+from palpate_report.panels import causes, contact, limbs, pressed, pressures, profiles, sobol_indices
 from palpate_report.paper_tables import intervals
 from palpate_report.report_data import ReportData, label_of
 from palpate_report.space import parameter_space
@@ -67,7 +67,7 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
         drawings["sobol_indices"] = partial(sobol_indices, data)
     if data.limbs:
         drawings["limbs"] = partial(limbs, data)
-    if any(states.pressures_MPa.any() for states in data.surfaces.values()):
+    if pressed(data):
         drawings["pressures"] = partial(pressures, data)
     if data.contact:
         drawings["contact"] = partial(contact, data)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from palpate.api import Indentation, convert
+from palpate.api import Indentation, SurfaceStates, convert
 from palpate.api.fit import RISE
 from palpate.api.mesh import spot_axes
 from palpate_report.answer import budget_bars, colour_of
@@ -52,9 +52,19 @@ def causes(data: ReportData) -> Figure:
     return figure
 
 
+def pressed(data: ReportData) -> dict[str, SurfaceStates]:
+    """Skin by spot, where it is touched at the greatest depth."""
+    found = {spot: data.surfaces[spot] for spot in data.spots if spot in data.surfaces}
+    return {
+        spot: states
+        for spot, states in found.items()
+        if states.depth_mm.size and states.pressures_MPa[deepest(states)].any()
+    }
+
+
 def pressures(data: ReportData) -> Figure:
     """Draw the pressure on the skin where each press is deepest, with what was found."""
-    found = {spot: data.surfaces[spot] for spot in data.spots if spot in data.surfaces}
+    found = pressed(data)
     factor = 1.0 / convert(f"1 {data.modulus_unit}", "MPa")
     values = {spot: factor * states.pressures_MPa[deepest(states)] for spot, states in found.items()}
     most = max(float(each.max()) for each in values.values())
@@ -63,8 +73,8 @@ def pressures(data: ReportData) -> Figure:
     for axis, (spot, states) in zip(axes, found.items(), strict=True):
         maps.append(draw_map(axis, states, deepest(states), values[spot], most))
         axis.set_title(f"spot {spot}")
-    drawn = next(each for each in maps if each is not None)
-    figure.colorbar(drawn, ax=list(axes), label=f"contact pressure [{data.modulus_unit}]", shrink=0.8)
+    if drawn := [each for each in maps if each is not None]:
+        figure.colorbar(drawn[0], ax=list(axes), label=f"contact pressure [{data.modulus_unit}]", shrink=0.8)
     show_notice(figure, data.notice)
     return figure
 

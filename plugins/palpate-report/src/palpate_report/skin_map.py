@@ -12,6 +12,9 @@ from palpate.api import FloatArray, SurfaceStates
 BEYOND = 1.3
 """Half the width and the height of a map over the distance of the farthest node in contact."""
 
+LEAST_MM = 1.0
+"""Distance of the farthest node in contact, at least: one node or a row of them has none."""
+
 N_LEVELS = 12
 """Most steps of colour."""
 
@@ -33,13 +36,14 @@ def draw_map(axis: Axes, states: SurfaceStates, at: int, values: FloatArray, mos
     """
     place = (states.points_mm + states.displacements_mm[at] - states.positions_mm[at]) @ states.rotations[at]
     loaded = states.pressures_MPa[at] > 0.0
-    if not loaded.any():
+    x, y = reach = BEYOND * np.abs(place[loaded, :2]).max(axis=0, initial=LEAST_MM)
+    # Skin that is far below is the other side of the limb. One triangle more than is shown fills the corners.
+    lowest = place[loaded, 2].min(initial=0.0) - max(x, y)
+    near = (np.abs(place[:, :2]) < reach).all(axis=1) & (place[:, 2] > lowest)
+    shown = states.triangles[near[states.triangles].any(axis=1)]
+    if not loaded.any() or not len(shown):
         axis.set_axis_off()
         return None
-    x, y = reach = BEYOND * np.abs(place[loaded, :2]).max(axis=0)
-    # Skin that is far below is the other side of the limb. One triangle more than is shown fills the corners.
-    near = (np.abs(place[:, :2]) < reach).all(axis=1) & (place[:, 2] > place[loaded, 2].min() - max(x, y))
-    shown = states.triangles[near[states.triangles].any(axis=1)]
     grid = Triangulation(place[:, 0], place[:, 1], shown)
     levels = MaxNLocator(N_LEVELS).tick_values(0.0, most)
     drawn = axis.tricontourf(grid, values, levels=levels, cmap="viridis")

@@ -175,7 +175,7 @@ def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> 
     time_factor, time_unit = _factor(log, channels, stream, time_name, its_time.unit, "time")
     time = stream.columns[time_name].values
     if its_time.nanoseconds is not None:
-        time = time + 1e-9 * stream.columns[its_time.nanoseconds].values
+        time = time + 1e-9 / time_factor * stream.columns[its_time.nanoseconds].values
     # Column after column in memory: what is done to each axis of a long log takes a tenth of the time.
     table = np.zeros((len(source.columns), stream.rows.size)).T
     units = []

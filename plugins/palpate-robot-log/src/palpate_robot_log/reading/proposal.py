@@ -341,11 +341,18 @@ def _likely_unit(quantity: str, values: FloatArray, force_extent: float) -> str:
     return "N m" if force_extent > 0.0 and extent / force_extent < 0.5 else "N·mm"
 
 
+RISING = 0.9
+"""Share of steps of a time that go up, at least."""
+
+
 def time_of(stream: Stream) -> Guess | None:
     """Column of time of a stream, with its unit; None where no column increases."""
     for name, (whole, part) in product(stream.columns, _STAMPS.items()):
         stamp = name.removesuffix(whole)
-        if stamp != name and stamp + part in stream.columns:
+        if stamp == name or stamp + part not in stream.columns:
+            continue
+        seconds = stream.columns[name].values + 1e-9 * stream.columns[stamp + part].values
+        if np.mean(np.diff(seconds[np.isfinite(seconds)]) > 0.0) >= RISING:
             return Guess(columns=(name, stamp + part), stream=stream.name, unit="s", score=4.0)
     candidates = [
         (_time_score(column), -index, column) for index, column in enumerate(stream.columns.values())
@@ -368,7 +375,7 @@ def _time_score(column: Column) -> float:
     if values.size < 2 or 2 * values.size < column.values.size:
         return 0.0
     steps = np.diff(values)
-    if np.mean(steps > 0.0) < 0.9:
+    if np.mean(steps > 0.0) < RISING:
         return 0.0
     usual = float(np.median(steps))
     evenness = float(np.mean(np.abs(steps - usual) < 0.5 * usual))
