@@ -50,7 +50,7 @@ def test_contact_of_a_single_node_is_drawn_and_a_lifted_press_is_not(content):
 
 def test_a_limb_is_drawn_with_its_normal_upwards(content):
     limb = block("tet10", n_across=4, n_down=3)
-    figure = limbs(replace(content(n_sets=8), limbs={"p1": limb, "p2": limb}))
+    figure = limbs(replace(content(n_sets=8), limbs={"p1": limb, "p1/fine": limb, "p2": limb}))
     assert [axis.get_title() for axis in figure.axes] == ["spot p1", "spot p2"]
     low, high = figure.axes[0].get_zlim()
     assert low < 0.0 < high

@@ -65,7 +65,7 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
         drawings["profiles"] = partial(profiles, data)
     if not data.posterior.sobol_indices.is_empty():
         drawings["sobol_indices"] = partial(sobol_indices, data)
-    if data.limbs:
+    if not data.limbs.keys().isdisjoint(data.spots):
         drawings["limbs"] = partial(limbs, data)
     if pressed(data):
         drawings["pressures"] = partial(pressures, data)

@@ -81,8 +81,9 @@ def pressures(data: ReportData) -> Figure:
 
 def limbs(data: ReportData) -> Figure:
     """Draw the limb around each spot with its bones and the indenter at rest; the normal is upwards."""
-    figure, axes = _panels(len(data.limbs), 50.0, projection="3d")
-    for axis, (spot, limb) in zip(axes, data.limbs.items(), strict=True):
+    found = {spot: data.limbs[spot] for spot in data.spots if spot in data.limbs}
+    figure, axes = _panels(len(found), 50.0, projection="3d")
+    for axis, (spot, limb) in zip(axes, found.items(), strict=True):
         protocol = data.study.protocol_at(spot)
         indenter = protocol.indenter if isinstance(protocol, Indentation) else None
         view = coarsened(limb_view(limb, indenter), MOST_TRIANGLES)

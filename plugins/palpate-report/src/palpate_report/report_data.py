@@ -121,8 +121,8 @@ class ReportData:
         As :func:`palpate_report.report_data.by_spot` returns it.
     contact : mapping of (spot, set_id) to mapping
         Contact along the path, as :func:`palpate_report.report_data.contact_along` collects it.
-    limbs : mapping of spot name to Limb
-        Empty where there is no mesh.
+    limbs : mapping of str to Limb
+        By spot, and finer meshes by ``SPOT/fine``; empty where there is no mesh.
     manifest : mapping
         What the numbers depended on, as :func:`palpate.run.manifest.manifest` returns it.
     verification : DataFrame
