@@ -195,8 +195,8 @@ def test_meshes_are_refined_under_a_tool_where_nothing_else_is_said(
     limbs = predict.refined_limbs(tool.study(study), tool)
     assert limbs.keys() == ({"p1", f"p1{AS_IS}"} if finer else {"p1"})
     if finer:
-        edges_mm = [contact_edge_mm(limb, tool.reach_mm) for limb in limbs.values()]
-        assert edges_mm[0] < tool.reach_mm / 3.0 < edges_mm[1]
+        edges_mm = [contact_edge_mm(limb, tool.protocol.reach_mm) for limb in limbs.values()]
+        assert edges_mm[0] < tool.protocol.reach_mm / 3.0 < edges_mm[1]
 
 
 @pytest.mark.slow

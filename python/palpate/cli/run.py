@@ -107,14 +107,9 @@ def run_and_show(
     With ``adopt`` the folder may hold the run of another study file. The fit starts at ``fit_start``, if
     given, before its other starts.
     """
-    from palpate.run.directory import RunDirectory
     from palpate.stages import pipeline
 
     where = folder if fork is None else fork
-    directory = RunDirectory(where)
-    if directory.result():
-        directory.refuse_other(study, adopt=adopt)
-        session.note(f"{where} is finished: what is unchanged is kept, fit and report are made again")
     with StageProgress(session, where) as progress:
         result = pipeline.run_study(
             study,

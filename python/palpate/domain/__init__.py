@@ -221,6 +221,11 @@ class Indentation:
         return Waypoints(pose=pose, loads=self.loads, time_s=self.time_s)
 
     @property
+    def reach_mm(self) -> float:
+        """Distance from the spot up to which it touches, at its deepest."""
+        return self.indenter.reach_mm(float(self.path[:, 0].max()))
+
+    @property
     def moves(self) -> tuple[str, ...]:
         """Parts of its motion, of :data:`palpate.domain.waypoints.MOVES`."""
         pose = self.waypoints.pose

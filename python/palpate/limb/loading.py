@@ -105,8 +105,7 @@ def _automatic_mm(study: Study, limb: Limb) -> float:
     can = study.solver.provides.slopes and study.search.name != "sweep" and study.fine_runs
     if not can or not isinstance(protocol, Indentation):
         return 0.0
-    reach_mm = protocol.indenter.reach_mm(float(protocol.path[:, 0].max()))
-    return automatic_edge_mm(limb, reach_mm, _near_mm(study, limb.spot.name))
+    return automatic_edge_mm(limb, protocol.reach_mm, _near_mm(study, limb.spot.name))
 
 
 def _is_finer(coarse: Limb, fine: Limb, near_mm: float) -> bool:
@@ -127,8 +126,7 @@ def _refined_mm(study: Study, spot: str) -> tuple[float, float]:
     protocol = study.protocol_at(spot)
     if not isinstance(protocol, Indentation) or protocol.lateral is not None:
         return _near_mm(study, spot), 0.0
-    reach_mm = protocol.indenter.reach_mm(float(protocol.path[:, 0].max()))
-    return RIM[1] * reach_mm, RIM[0] * reach_mm
+    return RIM[1] * protocol.reach_mm, RIM[0] * protocol.reach_mm
 
 
 def size_at_contact(study: Study, limb: Limb) -> float:

@@ -137,6 +137,8 @@ def run_study(
     run_folder, plugins = Path(run_folder), plugins or Plugins.load()
     directory, before = RunDirectory(run_folder), RunDirectory(forked_from or run_folder)
     directory.refuse_other(study, adopt=adopt)
+    if directory.result():
+        progress.note(f"{run_folder} is finished: what is unchanged is kept, fit and report are made again")
     progress.begin("check", 1)
     stages = stages_of(study, plugins)
     wanted = list(stages_of_run(study, stages))

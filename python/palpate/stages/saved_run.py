@@ -92,8 +92,7 @@ class SavedRun:
     run: Run
 
     def __repr__(self) -> str:
-        n_fits = self.run.fit().table.height
-        return f"SavedRun({self.study.name}, {self.run.directory.folder}: {n_fits} fits)"
+        return f"SavedRun({self.study.name}, {self.run.directory.folder}: {self._found.table.height} fits)"
 
     @property
     def study(self) -> Study:

@@ -84,12 +84,7 @@ class Tool:
     @property
     def refined_mm(self) -> float:
         """Distance from the spot up to which meshes are refined, as of the deepest it may go."""
-        return self.fine_reach_mm or REFINED * self.reach_mm
-
-    @property
-    def reach_mm(self) -> float:
-        """Distance from the spot up to which it touches, as of the deepest it may go."""
-        return self.protocol.indenter.reach_mm(float(self.protocol.path[:, 0].max()))
+        return self.fine_reach_mm or REFINED * self.protocol.reach_mm
 
     def contact_mm(self, depth_mm: float) -> float:
         """Distance from the spot up to which it touches at a depth, where meshes are refined."""

@@ -178,7 +178,7 @@ def refined_limbs(study: Study, tool: Tool) -> dict[str, Limb]:
     for name, limb in list(limbs.items()):
         edge_mm = tool.fine_edge_mm
         if edge_mm is None:
-            edge_mm = automatic_edge_mm(limb, tool.reach_mm, tool.refined_mm)
+            edge_mm = automatic_edge_mm(limb, tool.protocol.reach_mm, tool.refined_mm)
         if edge_mm:
             limbs |= {name: refined(limb, tool.refined_mm, edge_mm), f"{name}{AS_IS}": limb}
     return limbs

@@ -60,6 +60,7 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
     none such.
     """
     values, fopt = _sets_at(data, spot)
+    draws = draws_of(data, data.generalising.name, MOST_DRAWS)
     parameters = tuple(data.brief.values())
     n = len(parameters)
     if n == 1:
@@ -77,7 +78,7 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
         for axis, (i, j) in zip(flat[in_space:], pairs, strict=True):
             names = [data.design.parameters[k].name for k in (i, j)]
             _draw_contours(data, axis, *names)
-            _draw_region(data, axis, names)
+            _draw_region(draws, axis, names, f"95 % region of {data.together}, as the intervals")
             _scatter(axis, (values[:, i], values[:, j]), fopt)
             _draw_paths(data, spot, axis, names)
             axis.set_xlabel(label_of(parameters[i]))
@@ -191,9 +192,8 @@ def _draw_contours(data: ReportData, axis: Axes, parameter: str, other: str) -> 
         label = "_"
 
 
-def _draw_region(data: ReportData, axis: Axes, names: Sequence[str]) -> None:
+def _draw_region(draws: pl.DataFrame, axis: Axes, names: Sequence[str], label: str) -> None:
     """Shade the hull of the 95 % of draws that are nearest to their mean, by their covariance."""
-    draws = draws_of(data, data.generalising.name, MOST_DRAWS)
     if not set(names) <= set(draws.columns):
         return
     values = draws.select(names).to_numpy()
@@ -205,7 +205,7 @@ def _draw_region(data: ReportData, axis: Axes, names: Sequence[str]) -> None:
     except QhullError:  # on a line: one parameter follows the other
         return
     look: dict[str, Any] = {"color": LINES[0][0], "alpha": 0.2, "linewidth": 0, "zorder": 2}
-    axis.fill(*edge.T, label=f"95 % region of {data.together}, as the intervals", **look)
+    axis.fill(*edge.T, label=label, **look)
 
 
 def _draw_truth(data: ReportData, axis: Axes, names: Sequence[str]) -> None:

@@ -352,7 +352,8 @@ def time_of(stream: Stream) -> Guess | None:
         if stamp == name or stamp + part not in stream.columns:
             continue
         seconds = stream.columns[name].values + 1e-9 * stream.columns[stamp + part].values
-        if np.mean(np.diff(seconds[np.isfinite(seconds)]) > 0.0) >= RISING:
+        steps = np.diff(seconds[np.isfinite(seconds)])
+        if steps.size and np.mean(steps > 0.0) >= RISING:
             return Guess(columns=(name, stamp + part), stream=stream.name, unit="s", score=4.0)
     candidates = [
         (_time_score(column), -index, column) for index, column in enumerate(stream.columns.values())
