@@ -228,6 +228,26 @@ def one_press(soft_region: dict[str, object]) -> Callable[..., tuple[Study, Plug
     return make
 
 
+@pytest.fixture(scope="session")
+def pressed_meshes(soft_region: dict[str, object]) -> Callable[..., tuple[Study, Plugins]]:
+    """Make a study of one press on a mesh with a finer one, in a folder; further arguments are plugins."""
+
+    def make(folder: Path, *plugins: object) -> tuple[Study, Plugins]:
+        return StudyRunner(folder).study(
+            palpate_materials,
+            palpate_certainty,
+            load_file(TISSUE_FILE.with_name("tetrahedra.py")),
+            *plugins,
+            mesh="block",
+            region=soft_region,
+            limb={"source": "tetrahedra"},
+            fit={"search": "least_squares", "fine_edge": "3 mm"},
+            sampling={"n_sets": 0},
+        )
+
+    return make
+
+
 @pytest.fixture(scope="session", autouse=True)
 def no_waiting_for_the_disk() -> Iterator[None]:
     """Leave out ``fsync``: it guards against a loss of power, which no test makes."""

@@ -5,17 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import palpate_certainty
-import palpate_materials
-from palpate import hookimpl
 from palpate.domain import Response, Status
 from palpate.limb.loading import load_limbs, refinement
-from palpate.mesh.specimens.blocks import block
-from palpate.plugins.interfaces import LimbSource
 from palpate.run.ledger import Ledger
 from palpate.stages import pipeline
 from palpate.testing.bench import HalfSpaceOnMesh
-from palpate.testing.studies import StudyRunner
 from palpate_certainty.error_sources import SpotMesh
 from palpate_planning.candidates import Allowed, candidates
 from palpate_planning.presses import press_meshes
@@ -69,37 +63,10 @@ def test_candidate_tells_the_less_the_more_its_own_finer_mesh_changes(run):
     assert width(None) == pytest.approx(alone)  # without an answer the error is that of one mesh
 
 
-class Tetrahedra(LimbSource):
-    """A block of tetrahedra."""
-
-    name = "tetrahedra"
-    summary = "a block of tetrahedra"
-
-    def load(self, path, spot):
-        limb = block("tet10", n_across=4, n_down=2)
-        return replace(limb, spot=spot, mesh=replace(limb.mesh, regions=("tissue",)))
-
-
-class Plugin:
-    @staticmethod
-    @hookimpl
-    def palpate_limb_sources():
-        return [Tetrahedra]
-
-
 @pytest.fixture
-def meshed(tmp_path, soft_region):
+def meshed(tmp_path, pressed_meshes):
     """Study of one press on a block of tetrahedra, and its plugins."""
-    return StudyRunner(tmp_path).study(
-        palpate_materials,
-        palpate_certainty,
-        Plugin(),
-        mesh="block",
-        region=soft_region,
-        limb={"source": "tetrahedra"},
-        fit={"search": "least_squares", "fine_edge": "3 mm"},
-        sampling={"n_sets": 0},
-    )
+    return pressed_meshes(tmp_path)
 
 
 def test_finer_mesh_is_that_of_a_study_with_the_press(meshed):

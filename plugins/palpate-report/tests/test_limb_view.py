@@ -5,9 +5,11 @@ import json
 import numpy as np
 import pytest
 
+import palpate_report
 from palpate.domain import Limb, Mesh, Spot
 from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
+from palpate.stages import pipeline
 from palpate_report.limb_view import ViewPart, limb_view
 
 
@@ -82,3 +84,12 @@ def test_traces_are_plain_values_that_name_points_that_exist() -> None:
     assert shown["skin | soft_tissue (skin)"] == "legendonly"
     assert shown["sphere"] is True
     assert shown["mark block"] is True
+
+
+def test_a_run_with_a_finer_mesh_shows_the_limbs_of_its_spots(tmp_path, pressed_meshes):
+    study, plugins = pressed_meshes(tmp_path, palpate_report)
+    result = pipeline.run_study(study, tmp_path / "run", plugins)
+    assert result.fit.mesh.height
+    report = tmp_path / "run" / "report"
+    assert (report / "index.html").is_file()
+    assert (report / "figures" / "limbs.svg").is_file()
