@@ -253,7 +253,8 @@ class Pool:
             worker.started.discard(index)
             worker.assigned.remove(index)
             if how := self._ends.get(index):
-                said = simulation.message or f"repeated, as its worker had ended: {how}"
+                repeated = f"repeated, as its worker had ended: {how}"
+                said = "; ".join(filter(None, (simulation.message, repeated)))
                 simulation = replace(simulation, message=said, n_crashes=self._crashes[index] or 1)
             return [(index, simulation)]
         elif kind == "unable":

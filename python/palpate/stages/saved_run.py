@@ -92,7 +92,7 @@ class SavedRun:
     run: Run
 
     def __repr__(self) -> str:
-        return f"SavedRun({self.study.name}, {self.run.directory.folder}: {self._found.table.height} fits)"
+        return f"SavedRun({self.study.name}, {self.run.directory.folder})"
 
     @property
     def study(self) -> Study:
