@@ -230,20 +230,17 @@ def one_press(soft_region: dict[str, object]) -> Callable[..., tuple[Study, Plug
 
 @pytest.fixture(scope="session")
 def pressed_meshes(soft_region: dict[str, object]) -> Callable[..., tuple[Study, Plugins]]:
-    """Make a study of one press on a mesh with a finer one, in a folder; further arguments are plugins."""
+    """Make a study of one press on a mesh with a finer one, in a folder; plugins, and tables by keyword."""
 
-    def make(folder: Path, *plugins: object) -> tuple[Study, Plugins]:
-        return StudyRunner(folder).study(
-            palpate_materials,
-            palpate_certainty,
-            load_file(TISSUE_FILE.with_name("tetrahedra.py")),
-            *plugins,
-            mesh="block",
-            region=soft_region,
-            limb={"source": "tetrahedra"},
-            fit={"search": "least_squares", "fine_edge": "3 mm"},
-            sampling={"n_sets": 0},
-        )
+    def make(folder: Path, *plugins: object, **tables: object) -> tuple[Study, Plugins]:
+        usual = {
+            "region": soft_region,
+            "limb": {"source": "tetrahedra"},
+            "fit": {"search": "least_squares", "fine_edge": "3 mm"},
+            "sampling": {"n_sets": 0},
+        }
+        every = (palpate_materials, palpate_certainty, load_file(TISSUE_FILE.with_name("tetrahedra.py")))
+        return StudyRunner(folder).study(*every, *plugins, mesh="block", **(usual | tables))
 
     return make
 

@@ -2,10 +2,12 @@
 
 import functools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
+import polars as pl
 
 from palpate.domain import FloatArray, Indentation, IntArray, Limb, Mesh, Spot
 from palpate.domain.material import AnisotropicMaterial
@@ -79,7 +81,7 @@ def finer_limb(study: Study, spot: StudySpot, limbs: Mapping[str, Limb]) -> Limb
     name = spot.spot.name
     coarse, fine = limbs[name], limbs.get(f"{name}/fine") if spot.fine_mesh else None
     place, near_mm = f"{spot.place}: {spot.fine_mesh or ''}".removesuffix(": "), _near_mm(study, name)
-    edge_mm = _automatic_mm(study, coarse) if spot.fine_edge_mm is None else spot.fine_edge_mm
+    edge_mm = fine_edge_mm(study, spot, coarse)
     if edge_mm:
         try:
             within, beyond = _refined_mm(study, name)
@@ -93,14 +95,35 @@ def finer_limb(study: Study, spot: StudySpot, limbs: Mapping[str, Limb]) -> Limb
     return fine
 
 
+def with_edges(study: Study, edges_mm: Mapping[str, float]) -> Study:
+    """The study with longest edges of finer meshes by spot, where it names none."""
+    chosen = (edges_mm.get(s.spot.name) if s.fine_edge_mm is None else s.fine_edge_mm for s in study.spots)
+    spots = (replace(spot, fine_edge_mm=each) for spot, each in zip(study.spots, chosen, strict=True))
+    return replace(study, spots=tuple(spots))
+
+
+def fine_meshes(study: Study, limbs: Mapping[str, Limb], edges_mm: Mapping[str, float]) -> pl.DataFrame:
+    """One row per spot whose own mesh is refined: spot, longest edge_mm under the indenter, n_nodes."""
+    study = with_edges(study, edges_mm)
+    rows = [
+        (spot.spot.name, edge_mm, limbs[fine].mesh.n_nodes)
+        for spot in study.spots
+        if (fine := f"{spot.spot.name}/fine") in limbs
+        and (edge_mm := fine_edge_mm(study, spot, limbs[spot.spot.name]))
+    ]
+    return pl.DataFrame(rows, ["spot", "edge_mm", "n_nodes"], orient="row") if rows else pl.DataFrame()
+
+
 @functools.lru_cache(maxsize=8)
 def _refined(limb: Limb, within_mm: float, edge_mm: float, beyond_mm: float) -> Limb:
     """One finer mesh for presses that differ in their twist alone."""
     return refined(limb, within_mm, edge_mm, beyond_mm)
 
 
-def _automatic_mm(study: Study, limb: Limb) -> float:
-    """Longest edge under the indenter of a limb's finer mesh where the study names none; 0: no finer mesh."""
+def fine_edge_mm(study: Study, spot: StudySpot, limb: Limb) -> float:
+    """Longest edge under the indenter to which a spot's mesh is refined, the study's or automatic; 0: not."""
+    if spot.fine_edge_mm is not None:
+        return spot.fine_edge_mm
     protocol = study.protocol_at(limb.spot.name)
     can = study.solver.provides.slopes and study.search.name != "sweep" and study.fine_runs
     if not can or not isinstance(protocol, Indentation):

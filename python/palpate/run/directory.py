@@ -9,7 +9,7 @@
     design.parquet  design.json
     ledger.sqlite           simulations: states, attempts, timings, reasons, curves, states of the skin
     scores.parquet  selection.parquet  generalisation.parquet
-    fit.parquet  fit_trace.parquet  fit_mesh.parquet  fit_curves.parquet
+    fit.parquet  fit_trace.parquet  fit_mesh.parquet  fine_meshes.parquet  fit_curves.parquet
     intervals.parquet  budget.parquet  parameter_combinations.parquet  adequacy.parquet  draws.parquet
     mesh_errors.parquet
     profile_planes.parquet  posterior.parquet  posterior_draws.parquet  profiles.parquet

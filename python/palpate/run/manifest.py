@@ -73,6 +73,7 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
         "parametrisation": _component(study.parametrisation),
         "noise": study.noise,
         "fine_runs": study.fine_runs,
+        "fine_nodes": study.fine_nodes,
         "budget": study.budget.model_dump(mode="json"),
         "truth": plain(study.truth),
         "channels": {name: _channel(channel) for name, channel in channels.items() if name in weighted},

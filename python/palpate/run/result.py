@@ -26,12 +26,15 @@ class StudyInputs:
         ``limbs`` is empty where the solver needs none.
     warnings : tuple of str
         What is odd about the study or its curves, and stops nothing.
+    edges_mm : mapping of spot name to float
+        Longest edges under the indenter of finer meshes that the run has chosen by itself.
     """
 
     measured: Mapping[str, Response]
     limbs: Mapping[str, Limb]
     design: Design
     warnings: tuple[str, ...] = ()
+    edges_mm: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +104,8 @@ class CertaintyResult:
     mesh_errors : DataFrame
         One row per fit, scenario, spot and fitted curve: relative_error of the curve by its mesh (one
         standard deviation over the curve, both as root of the mean square), and shown_by: "two meshes",
-        "one mesh" (the usual error of its edges) or "the study"; empty without meshes.
+        "usual scatter" (between meshes of one size, where it is more), "one mesh" (the usual error of its
+        edges) or "the study"; empty without meshes.
     draws : DataFrame
         One row per draw from the density of each fit, cut off at the ranges and the filters: fit, scenario
         and what was searched.

@@ -14,7 +14,7 @@ from palpate.fit.searches import BestSet
 from palpate.fit.stage import Case, FitStage
 from palpate.fit.surfaces import simulate_surfaces
 from palpate.fit.tables import fit_result
-from palpate.limb.loading import refinement
+from palpate.limb.loading import fine_meshes, refinement
 from palpate.progress import Progress, ShowsPlace
 from palpate.run.directory import design_files, measured_files
 from palpate.run.fit_state import FitState, write_fit_state
@@ -245,6 +245,7 @@ class SearchForBest(OfEveryRun):
             "fit": "Where each search ended.",
             "fit_trace": "Every evaluation of the searches.",
             "fit_mesh": "What finer meshes changed.",
+            "fine_meshes": "Edges and nodes of the meshes that were refined.",
             "fit_curves": "Curves where each search ended.",
         }
     )
@@ -256,9 +257,10 @@ class SearchForBest(OfEveryRun):
             "search": described(study.search),
             "parametrisation": described(study.parametrisation),
             "priors or values by spot": [asdict(p) for p in study.space.parameters],
-            "noise, fine_runs or fine_edge": [
+            "noise, fine_runs, fine_edge or fine_nodes": [
                 study.noise,
                 study.fine_runs,
+                study.fine_nodes,
                 [spot.fine_edge_mm for spot in study.spots],
             ],
         }
@@ -352,6 +354,7 @@ def fit_files(cases: Sequence[Case], inputs: Run) -> Files:
         "fit": found.table,
         "fit_trace": found.trace,
         "fit_mesh": found.mesh,
+        "fine_meshes": fine_meshes(inputs.study, inputs.limbs, inputs.inputs.edges_mm),
         "fit_curves": pl.concat(curves) if curves else pl.DataFrame(),
     }
 

@@ -6,7 +6,7 @@ checked before the first file is written.
 """
 
 import contextlib
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ from palpate.run.result import FitResult, SelectionResult, StudyInputs
 from palpate.sampling.study_design import draw_study
 from palpate.scoring import scores as scoring
 from palpate.simulation import jobs as simulation
+from palpate.stages.adaptation import finer_inputs
 from palpate.stages.core_stages import selected
 from palpate.stages.stage import Run, Stage, Summary, in_order, read_run, stages_of, stages_of_run
 from palpate.study.checks import setting_warnings
@@ -171,6 +172,8 @@ def run_study(
                 if stage.comes_last:
                     remove_fit_state(run_folder)
                 _make(run, stage, made_from if stage.name == "experiment" else None)
+                if "budget" in stage.tables:
+                    run = _refined(run, wanted[: wanted.index(stage) + 1])
             remove_fit_state(run_folder)
             return RunResult(
                 folder=run_folder,
@@ -198,6 +201,16 @@ def _make(run: Run, stage: Stage, made_from: Mapping[str, str] | None) -> None:
     if made_from is not None:
         run.check(stage.name)
         run.directory.write_measured_to_manifest(run.study)
+
+
+def _refined(run: Run, made: Sequence[Stage]) -> Run:
+    """Run whose fit is made again with finer meshes, until these are little of what it is uncertain by."""
+    again = made[[stage.name for stage in made].index("fit") :]
+    while finer := finer_inputs(run):
+        run = replace(run, fresh=finer, shared={})
+        for stage in again:
+            _make(run, stage, None)
+    return run
 
 
 def _changed(study: Study, inputs: StudyInputs, run: RunDirectory, plugins: Plugins) -> Changed:

@@ -16,7 +16,7 @@ from palpate.domain.component import Component, SettingsT
 from palpate.errors import PluginError, StudyError
 from palpate.fit.fitted import Fitted, fitted
 from palpate.fit.surfaces import stored_strains, stored_surfaces
-from palpate.limb.loading import load_limbs
+from palpate.limb.loading import load_limbs, with_edges
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.guard import answering_for
 from palpate.plugins.registry import MORE, suggestion
@@ -186,11 +186,13 @@ class Run:
         design, measured = stored.design(), stored.measured(study.spot_names)
         if not self.is_copy:
             self.check("experiment", "sample")
-        limbs = load_limbs(study, to_show=self.is_copy)
+        chosen = stored.table("fine_meshes") if stored.records.is_current("fit") else pl.DataFrame()
+        edges_mm = dict(chosen.select("spot", "edge_mm").iter_rows()) if chosen.height else {}
+        limbs = load_limbs(with_edges(study, edges_mm), to_show=self.is_copy)
         for name in study.spot_names if self.is_copy and study.solver.provides.mesh else ():
             if name not in limbs:
                 self.progress.note(f"warning: no limb is shown at spot '{name}': its mesh is missing")
-        return StudyInputs(measured=measured, limbs=limbs, design=design)
+        return StudyInputs(measured=measured, limbs=limbs, design=design, edges_mm=edges_mm)
 
     @property
     def measured(self) -> Mapping[str, Response]:

@@ -355,6 +355,12 @@ class FitTable(Table):
         "mesh of spots without a fine_mesh; 0: none; auto: a third of the contact's radius, or the mesh's "
         "mean edge there, for tetrahedra and a solver with slopes.",
     )
+    fine_nodes: int = Field(
+        default=20_000,
+        ge=0,
+        description="Nodes up to which a run refines further by itself, where fine_edge is auto and the mesh "
+        "more than a fifth of a variance.",
+    )
 
 
 class BudgetTable(Table):

@@ -79,6 +79,8 @@ class Study:
         Relative misfit (root of NMSE) that one standard deviation of a prior is worth.
     fine_runs : int
         Most simulations of each spot's finer mesh that correct a fit.
+    fine_nodes : int
+        Nodes up to which a run refines its finer meshes further by itself.
     budget : BudgetTable
         What the curves and the model may be wrong by.
     stages : tuple of Component
@@ -123,6 +125,7 @@ class Study:
     units: Mapping[str, str] = field(default_factory=dict)
     noise: float = 0.01
     fine_runs: int = 3
+    fine_nodes: int = 0
     budget: BudgetTable = field(default_factory=BudgetTable)
     stages: tuple[Any, ...] = ()
     n_total: int = 0
@@ -386,6 +389,7 @@ def _with_settings(
         max_draws=require(tables.sampling).max_draws,
         noise=fit.noise,
         fine_runs=fit.fine_runs,
+        fine_nodes=fit.fine_nodes,
         budget=require(tables.budget),
         executor=executor,
         stages=stages,

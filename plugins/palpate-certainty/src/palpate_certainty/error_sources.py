@@ -417,13 +417,14 @@ def mesh_errors(
     for term, name, at, scale in pieces(terms):
         channel = channel_of(name)
         fitted = residuals[at] + (scale * term.measured[channel].ordinate)[term.counted(name)]
-        by_two = "two meshes" if channel in term.corrections else "one mesh"
-        yield {
-            "spot": term.spot,
-            "channel": name,
-            "relative_error": float(np.linalg.norm(errors[at]) / np.linalg.norm(fitted)),
-            "shown_by": "the study" if is_stated(channel, stated) else by_two,
-        }
+        error = float(np.linalg.norm(errors[at]) / np.linalg.norm(fitted))
+        if is_stated(channel, stated):
+            shown_by = "the study"
+        elif channel not in term.corrections:
+            shown_by = "one mesh"
+        else:
+            shown_by = "usual scatter" if error < 1.001 * SCATTER[channel == FORCE] else "two meshes"
+        yield {"spot": term.spot, "channel": name, "relative_error": error, "shown_by": shown_by}
 
 
 def _added(correction: Correction, scale: FloatArray, inside: BoolArray, fitted: FloatArray) -> FloatArray:
