@@ -38,10 +38,9 @@ def test_meshes_are_refined_until_they_are_little_of_every_variance(run):
     limb = load_limbs(study)["p1/fine"]
     (mesh,) = directory.table("fine_meshes").to_dicts()
     assert limb.mesh.n_nodes < mesh["n_nodes"] <= study.fine_nodes
-    assert notes == [
-        f"{notes[0].partition(':')[0]}: refined to edges of {mesh['edge_mm']:.2g} mm at p1, and fitted again"
-    ]
-    assert share(directory) < 0.2
+    assert notes[-1].endswith(f": refined to edges of {mesh['edge_mm']:.2g} mm at p1, and fitted again")
+    shown_by = set(directory.table("mesh_errors")["shown_by"])
+    assert share(directory) < 0.2 or shown_by == {"usual scatter"}  # which no mesh lessens
     # A stage alone, and the run again, find the same with the simulations at hand.
     tables, n_known = (
         {name: directory.table(name) for name in ("fit", "intervals", "fine_meshes")},
