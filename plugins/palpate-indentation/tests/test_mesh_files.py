@@ -18,7 +18,7 @@ from hypothesis import given, strategies as st
 
 from palpate.domain import Spot
 from palpate.errors import MeshError, PalpateError
-from palpate.limb.loading import check_limb
+from palpate.limb.checks import check_limb
 from palpate_indentation import MeshioSettings, MeshioSource, mesh_files, mesh_source
 from palpate_indentation.mesh_files import read_here, read_mesh_file
 

@@ -8,7 +8,7 @@ import pytest
 
 from palpate.domain import Mesh, Spot
 from palpate.errors import MeshError
-from palpate.limb.loading import check_limb
+from palpate.limb.checks import check_limb
 from palpate_forearm import Phantom, write_phantom
 from palpate_forearm.phantom import write_surface
 from palpate_indentation import MeshioSettings, MeshioSource

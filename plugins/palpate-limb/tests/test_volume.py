@@ -13,7 +13,7 @@ import pytest
 from palpate.cli.app import main
 from palpate.domain import Limb, Mesh, Spot
 from palpate.errors import MeshError, PluginError
-from palpate.limb.loading import check_fine, check_limb
+from palpate.limb.checks import check_fine, check_limb
 from palpate.mesh.specimens import block
 from palpate.mesh.topology import outer_faces
 from palpate_forearm import InkMark, Phantom, PhantomBone, Scanner, Section, write_phantom

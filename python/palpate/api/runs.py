@@ -24,8 +24,10 @@ if TYPE_CHECKING:
     from palpate.fingerprints import (
         installed_code as installed_code,
     )
-    from palpate.limb.loading import (
+    from palpate.limb.checks import (
         check_limb as check_limb,
+    )
+    from palpate.limb.loading import (
         finer_limb as finer_limb,
         load_limbs as load_limbs,
         size_at_contact as size_at_contact,

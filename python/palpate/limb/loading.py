@@ -1,37 +1,27 @@
-"""Limbs: made by the study's limb source, and refused when they cannot be simulated."""
+"""Limbs of a study: made by its limb source, checked, and refined under the indenter."""
 
 import functools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 import polars as pl
 
-from palpate.domain import FloatArray, Indentation, IntArray, Limb, Mesh, Spot
+from palpate.domain import Indentation, Limb, Spot
 from palpate.domain.material import AnisotropicMaterial
 from palpate.errors import MeshError, StudyError
 from palpate.limb.cell_fields import check_frames, with_fields
-from palpate.limb.mesh_joints import check_joints, holes
+from palpate.limb.checks import check_depth, check_fine, check_limb, is_finer
+from palpate.limb.mesh_joints import holes
 from palpate.mesh.refinement import automatic_edge_mm, refined
 from palpate.mesh.spot_frame import NEAR, contact_edge_mm, spot_axes
-from palpate.mesh.topology import CELLS, HEX_CORNERS, Cell, linear_simplex, multilinear, quadratic_simplex
 from palpate.plugins.guard import answering_for
 from palpate.study.reading import Study, StudySpot
 from palpate.study.spots import mesh_note
 
 RIM = (0.733, 1.133)
 """Distances from the spot between which a press is refined, over the reach of its deepest contact."""
-
-SAME_FRAME = 0.25
-"""Difference of the boxes around two meshes of one limb, over the element size, up to which frames agree."""
-
-FINER = 0.9
-"""Mean edge of a finer mesh under the indenter over the mesh's, at most."""
-
-SAME_HEIGHT = 0.1
-"""Difference of their height at the spot, over the element size there, up to which two skins are one."""
 
 
 def load_limbs(study: Study, *, to_show: bool = False) -> dict[str, Limb]:
@@ -88,7 +78,7 @@ def finer_limb(study: Study, spot: StudySpot, limbs: Mapping[str, Limb]) -> Limb
             fine = _refined(coarse, within, edge_mm, beyond)
         except MeshError as error:
             raise MeshError(f"{place}: {error}") from error
-        if spot.fine_edge_mm is None and not _is_finer(coarse, fine, near_mm):
+        if spot.fine_edge_mm is None and not is_finer(coarse, fine, near_mm):
             return None
     if fine is not None:
         check_fine(coarse, fine, near_mm, place)
@@ -129,10 +119,6 @@ def fine_edge_mm(study: Study, spot: StudySpot, limb: Limb) -> float:
     if not can or not isinstance(protocol, Indentation):
         return 0.0
     return automatic_edge_mm(limb, protocol.reach_mm, _near_mm(study, limb.spot.name))
-
-
-def _is_finer(coarse: Limb, fine: Limb, near_mm: float) -> bool:
-    return contact_edge_mm(fine, near_mm) <= FINER * contact_edge_mm(coarse, near_mm)
 
 
 def _near_mm(study: Study, spot: str) -> float:
@@ -180,65 +166,6 @@ def _load(study: Study, spot: Spot, path: Path) -> Limb:
         return with_fields(limb, study.space.regions)
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
-
-
-def check_fine(coarse: Limb, fine: Limb, near_mm: float, place: str) -> None:
-    """Refuse a finer mesh that is not finer at the contact, or not of the same limb in the same frame.
-
-    Parameters
-    ----------
-    coarse, fine : Limb
-        Each passes :func:`check_limb`.
-    near_mm : float
-        Distance from the spot up to which elements are compared.
-    place : str
-        Where the study file names the finer mesh.
-
-    Raises
-    ------
-    MeshError
-        Naming the region, or the part whose bounding boxes differ.
-    """
-    one, other = coarse.mesh, fine.mesh
-    if one.used_regions != other.used_regions:
-        raise MeshError(
-            f"{place}: a fine mesh of another region set ({', '.join(sorted(other.used_regions))}, where the "
-            f"mesh has {', '.join(sorted(one.used_regions))}); give both the same regions"
-        )
-    size = float(np.median(np.concatenate([_extents(one.points_mm[c]) for c in one.cells.values()])))
-    there, here = _boxes(one), _boxes(other)
-    apart = {part: (float(np.abs(there[part] - here[part]).max()), SAME_FRAME * size) for part in there}
-    heights = [
-        (at.mesh.points_mm[_nearest(at)] - at.spot.position_mm) @ at.spot.normal for at in (coarse, fine)
-    ]
-    apart["the skin at the spot"] = (abs(heights[0] - heights[1]), SAME_HEIGHT * _reach(coarse))
-    for part, (distance, allowed) in apart.items():
-        if distance > allowed:
-            raise MeshError(
-                f"{place}: a fine mesh of another limb or frame: {part} ends {distance:.3g} mm from where it "
-                f"ends in the mesh, and {allowed:.2g} mm are allowed; mesh the same limb in the same frame"
-            )
-    if not _is_finer(coarse, fine, near_mm):
-        sizes = [contact_edge_mm(limb, near_mm) for limb in (coarse, fine)]
-        raise MeshError(
-            f"{place}: not finer under the indenter: edges of {sizes[1]:.2f} mm, where the mesh has "
-            f"{sizes[0]:.2f} mm; at most {FINER * sizes[0]:.2f} mm correct it. Set [fit] fine_edge to refine "
-            "the mesh itself, or name a finer one, such as `palpate limb --fine` makes"
-        )
-
-
-def _boxes(mesh: Mesh) -> dict[str, FloatArray]:
-    """Least and largest coordinates (2, 3) of the fixed nodes, the skin and each region."""
-    nodes = {f"node set '{name}'": mesh.node_sets[name] for name in ("fixed", "contact")}
-    for region in sorted(mesh.used_regions):
-        cells = [
-            cells[mesh.cell_regions[kind] == mesh.regions.index(region)] for kind, cells in mesh.cells.items()
-        ]
-        nodes[f"region '{region}'"] = np.concatenate([each.ravel() for each in cells])
-    return {
-        part: np.stack([mesh.points_mm[each].min(axis=0), mesh.points_mm[each].max(axis=0)])
-        for part, each in nodes.items()
-    }
 
 
 def _check_every_region(study: Study, limbs: Mapping[str, Limb]) -> None:
@@ -294,230 +221,3 @@ def _coarse(study: Study, name: str, limb: Limb) -> Iterator[str]:
                 f"'{protocol.indenter.name}' is rounded by {edge:.2g} mm: the pressure at its edge is not "
                 "resolved; refine the mesh there, or give a larger rounding"
             )
-
-
-def check_limb(limb: Limb, regions: Sequence[str]) -> None:
-    """Refuse a limb that cannot be simulated.
-
-    Parameters
-    ----------
-    regions : sequence of str
-        Regions that have a material; a limb may lack some.
-
-    Raises
-    ------
-    MeshError
-        Naming the element, node or region.
-    """
-    mesh = limb.mesh
-    _check_arrays(mesh)
-    _check_regions(mesh, regions)
-    _check_node_sets(mesh)
-    _check_elements(mesh)
-    _check_edges(mesh)
-    check_joints(limb)
-    _check_held(mesh)
-    _check_spot(limb)
-
-
-def check_depth(limb: Limb, protocol: Indentation) -> None:
-    """Refuse an indentation that passes through the limb, such as of a mesh in another unit.
-
-    Raises
-    ------
-    MeshError
-        Naming the depth and how far the limb reaches below the spot.
-    """
-    reach = float(((limb.spot.position_mm - limb.mesh.points_mm) @ limb.spot.normal).max())
-    deepest = float(protocol.path[:, 0].max())
-    if deepest >= reach:
-        raise MeshError(
-            f"spot '{limb.spot.name}': the protocol presses {deepest:g} mm deep, but the limb reaches "
-            f"{reach:.3g} mm below the spot; check the unit of the mesh, or press less deep"
-        )
-
-
-def _refuse(problems: Iterable[str]) -> None:
-    for problem in problems:
-        raise MeshError(problem)
-
-
-def _check_arrays(mesh: Mesh) -> None:
-    _refuse(_array_problems(mesh))
-
-
-def _array_problems(mesh: Mesh) -> Iterator[str]:
-    points = mesh.points_mm
-    if points.ndim != 2 or points.shape[1] != 3:
-        yield f"mesh: points of shape {points.shape}; give (n_nodes, 3) coordinates in mm"
-    bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
-    if bad.size:
-        yield f"mesh: node {bad[0]} is at {points[bad[0]].tolist()}; every coordinate must be finite"
-    if mesh.n_cells == 0:
-        yield f"mesh: no volume elements; give cells of {', '.join(CELLS)}"
-    for kind, cells in mesh.cells.items():
-        if kind not in CELLS:
-            yield f"mesh: elements of kind '{kind}'; use {', '.join(CELLS)}"
-        if cells.ndim != 2 or cells.shape[1] != CELLS[kind].n_nodes:
-            yield f"mesh: {kind} cells of shape {cells.shape}; give (n_cells, {CELLS[kind].n_nodes})"
-        yield from _index_problems(f"{kind} cells", cells, mesh.n_nodes)
-        if kind not in mesh.cell_regions or mesh.cell_regions[kind].shape != (len(cells),):
-            yield f"mesh: {kind} has {len(cells)} cells but not one region for each; give each cell a region"
-        ids = mesh.cell_regions[kind]
-        yield from _index_problems(f"regions of {kind}", ids, len(mesh.regions), "region")
-    for name, nodes in mesh.node_sets.items():
-        yield from _index_problems(f"node set '{name}'", nodes, mesh.n_nodes)
-
-
-def _index_problems(what: str, indices: IntArray, n: int, noun: str = "node") -> Iterator[str]:
-    bad = np.argwhere((indices < 0) | (indices >= n))
-    if bad.size:
-        place = tuple(int(i) for i in bad[0])
-        row = ", ".join(map(str, place))
-        yield f"mesh: {what}[{row}] names {noun} {indices[place]}, but there are {n}; export the mesh again"
-
-
-def _check_regions(mesh: Mesh, regions: Sequence[str]) -> None:
-    for region in sorted(mesh.used_regions - set(regions)):
-        raise MeshError(f"mesh: region '{region}' has no material (given: {', '.join(regions)}); give it one")
-
-
-def _check_node_sets(mesh: Mesh) -> None:
-    purposes = {
-        "fixed": "nodes with zero displacement, so that the limb cannot move away",
-        "contact": "the skin that is pressed",
-    }
-    for name, purpose in purposes.items():
-        if np.size(mesh.node_sets.get(name, ())) == 0:
-            raise MeshError(
-                f"mesh: node set '{name}' is missing or empty (it contains {purpose}); mark those nodes"
-            )
-    used = np.zeros(mesh.n_nodes, dtype=bool)
-    for cells in mesh.cells.values():
-        used[cells] = True
-    if not used.all():
-        raise MeshError(
-            f"mesh: {np.count_nonzero(~used)} nodes belong to no element, first node "
-            f"{np.flatnonzero(~used)[0]}; remove them"
-        )
-
-
-# ------------------------------------------------------------------- elements
-
-
-def _check_elements(mesh: Mesh) -> None:
-    for kind, cells in mesh.cells.items():
-        if not len(cells):
-            continue
-        least, size = _least_jacobian(kind, mesh.points_mm[cells])
-        # A sliver below this share of its size is flat up to round-off.
-        bad = np.flatnonzero(least <= 1e-9 * size)
-        if bad.size:
-            centre = mesh.points_mm[cells[bad[0]]].mean(axis=0)
-            raise MeshError(
-                f"mesh: {bad.size} {kind} elements are inverted or flat, first element {bad[0]} near "
-                f"{np.round(centre, 3).tolist()} mm with Jacobian determinant {least[bad[0]]:.3g} mm³; "
-                "repair the mesh or its node order"
-            )
-
-
-def _least_jacobian(kind: str, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least Jacobian determinant over the sampled points, and the cube of the extent: (n_cells,)."""
-    jacobians = np.einsum("qai,caj->cqij", _SLOPES[kind], corners)
-    least: FloatArray = np.linalg.det(jacobians).min(axis=1)
-    return least, _extents(corners) ** 3
-
-
-def _extents(corners: FloatArray) -> FloatArray:
-    """Longest side of the box around each element's nodes (n_cells, n_nodes, 3)."""
-    extents: FloatArray = np.ptp(corners, axis=1).max(axis=1)
-    return extents
-
-
-_GAUSS = 0.1381966011250105 + 0.4472135954999579 * np.eye(4)
-_SLOPES: Mapping[str, FloatArray] = MappingProxyType(
-    {
-        "tet4": linear_simplex(np.eye(4)[:1])[1],
-        "tet10": quadratic_simplex(np.vstack([np.eye(4), _GAUSS]), CELLS["tet10"].edges)[1],
-        "hex8": multilinear(np.vstack([HEX_CORNERS, HEX_CORNERS / np.sqrt(3.0)]), HEX_CORNERS)[1],
-    }
-)
-"""Slopes of the shape functions where elements are checked: at corners and quadrature points."""
-
-
-def _check_edges(mesh: Mesh) -> None:
-    """Refuse elements that share an edge but not its midside node: they would separate there."""
-    found = [_edges(mesh.cells[kind], CELLS[kind]) for kind in sorted(mesh.cells)]
-    rows = np.concatenate(found)
-    order = np.lexsort((rows[:, 1], rows[:, 0]))
-    rows = rows[order]
-    same = (rows[1:, :2] == rows[:-1, :2]).all(axis=1) & (rows[1:, 2] != rows[:-1, 2])
-    if same.any():
-        k = int(np.flatnonzero(same)[0])
-        a, b = rows[k, :2]
-        middles = sorted(int(m) for m in rows[k : k + 2, 2])
-        what = f"nodes {middles[0]} and {middles[1]}" if middles[0] >= 0 else f"node {middles[1]} and none"
-        raise MeshError(
-            f"mesh: the edge between nodes {a} and {b} has {what} in its middle, by two elements that "
-            f"share it, at {np.round(mesh.points_mm[[a, b]].mean(axis=0), 3).tolist()} mm: they would "
-            "separate there; use elements of one order, and merge equal nodes"
-        )
-
-
-def _edges(cells: IntArray, cell: Cell) -> IntArray:
-    """Edges (n_edges, 3) of cells: end nodes in order and the middle node, −1 without one."""
-    pairs = np.sort(cells[:, np.array(cell.edges)], axis=2)
-    middles = cells[:, cell.n_corners :] if cell.has_midside_nodes else np.full(pairs.shape[:2], -1)
-    return np.concatenate([pairs, middles[:, :, None]], axis=2).reshape(-1, 3)
-
-
-# ---------------------------------------------------------- supports and spot
-
-
-def _check_held(mesh: Mesh) -> None:
-    """Refuse a limb that can rotate about its fixed nodes."""
-    fixed = mesh.node_sets["fixed"]
-    own = mesh.points_mm[fixed]
-    spread = np.linalg.svd(own - own.mean(axis=0), compute_uv=False)
-    if len(spread) < 2 or spread[1] <= 1e-9 * max(float(np.ptp(mesh.points_mm, axis=0).max()), spread[0]):
-        raise MeshError(
-            f"mesh: the fixed nodes are on one line ({len(own)} nodes, the first {fixed[0]}), so the limb "
-            "can rotate freely; fix three that are not"
-        )
-
-
-def _check_spot(limb: Limb) -> None:
-    """Refuse a spot that is not on the contact surface, or whose normal points inwards."""
-    mesh, spot = limb.mesh, limb.spot
-    nearest, around, reach = _nearest(limb), _around(limb), _reach(limb)
-    distance = float(np.linalg.norm(mesh.points_mm[nearest] - spot.position_mm))
-    if distance > reach:
-        raise MeshError(
-            f"spot '{spot.name}' at {spot.position_mm.tolist()} mm is {distance:.3g} mm from the "
-            f"nearest contact node {nearest}, further than an element there ({reach:.3g} mm); "
-            "correct the spot's position, or mark the surface around it as contact"
-        )
-    inwards = np.vstack([corners.mean(axis=1) for corners in around]).mean(axis=0) - mesh.points_mm[nearest]
-    if float(inwards @ spot.normal) >= 0.0:
-        raise MeshError(
-            f"spot '{spot.name}': its normal {np.round(spot.normal, 6).tolist()} points into the limb at "
-            f"contact node {nearest}; give the outward normal"
-        )
-
-
-def _nearest(limb: Limb) -> int:
-    """Contact node nearest to the spot."""
-    contact = limb.mesh.node_sets["contact"]
-    distances = np.linalg.norm(limb.mesh.points_mm[contact] - limb.spot.position_mm, axis=1)
-    return int(contact[distances.argmin()])
-
-
-def _around(limb: Limb) -> list[FloatArray]:
-    """Coordinates (n_cells, n_nodes, 3) of the elements at that node, by kind."""
-    nearest = _nearest(limb)
-    return [limb.mesh.points_mm[c[(c == nearest).any(axis=1)]] for c in limb.mesh.cells.values()]
-
-
-def _reach(limb: Limb) -> float:
-    """Longest extent of the elements at that node, in mm."""
-    return max(float(_extents(corners).max()) for corners in _around(limb) if len(corners))

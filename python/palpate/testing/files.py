@@ -12,7 +12,7 @@ import pytest
 from palpate.domain import Spot
 from palpate.domain.component import Component
 from palpate.errors import CurveError, MeshError, PalpateError
-from palpate.limb.loading import check_limb
+from palpate.limb.checks import check_limb
 from palpate.plugins.interfaces import ExperimentLoader, LimbSource
 from palpate.plugins.optional import CurveWriter, LoadingDrawer
 from palpate.testing.components import ComponentContract, overridden

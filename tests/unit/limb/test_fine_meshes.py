@@ -9,7 +9,8 @@ from palpate.domain.indenter import Sphere
 from palpate.errors import MeshError
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.searches import BestSet
-from palpate.limb.loading import check_fine, limb_warnings, load_limbs, refinement, size_at_contact
+from palpate.limb.checks import check_fine
+from palpate.limb.loading import limb_warnings, load_limbs, refinement, size_at_contact
 from palpate.mesh.specimens.blocks import block
 from palpate.plugins.interfaces import LimbSource
 from palpate.plugins.provides import Provides

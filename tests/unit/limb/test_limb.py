@@ -10,12 +10,8 @@ import pytest
 from palpate.domain import Indentation, Limb, Mesh, Spot
 from palpate.domain.indenter import Sphere
 from palpate.errors import MeshError, PluginError, StudyError
-from palpate.limb.loading import (
-    check_depth,
-    check_limb,
-    limb_warnings,
-    load_limbs,
-)
+from palpate.limb.checks import check_depth, check_limb
+from palpate.limb.loading import limb_warnings, load_limbs
 from palpate.limb.mesh_joints import holes
 from palpate.mesh.specimens.blocks import block
 from palpate.plugins.interfaces import LimbSource, Solver
@@ -76,7 +72,7 @@ def test_a_mirrored_limb_is_inverted(kind):
 
 
 def test_the_determinant_of_a_box_is_its_volume_ratio():
-    from palpate.limb.loading import _least_jacobian
+    from palpate.limb.checks import _least_jacobian
 
     box = CUBE * [2.0, 3.0, 4.0]
     least, _ = _least_jacobian("hex8", box[None])

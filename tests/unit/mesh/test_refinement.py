@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from palpate.domain import Indentation, Limb, Mesh, Spot
 from palpate.domain.indenter import Sphere
 from palpate.errors import MeshError
-from palpate.limb.loading import check_depth, check_limb
+from palpate.limb.checks import check_depth, check_limb
 from palpate.mesh import refinement
 from palpate.mesh.refinement import GROWTH, refined
 from palpate.mesh.specimens import block
