@@ -24,10 +24,9 @@ def finer_inputs(run: Run) -> StudyInputs | None:
     Fine enough is an error of at most :data:`SHARE` of the variance of every parameter of what leads. Only
     meshes whose edges the study leaves to the run are refined, up to its ``fine_nodes``.
     """
-    study = run.study
     if not (worst := _worst(run)):
         return None
-    limbs, edges_mm = dict(run.limbs), dict(run.inputs.edges_mm)
+    study, limbs, edges_mm = run.study, run.limbs, dict(run.inputs.edges_mm)
     finer, nodes = {}, 0
     for spot in study.spots:
         name = spot.spot.name
@@ -47,8 +46,8 @@ def finer_inputs(run: Run) -> StudyInputs | None:
         return None
     sizes = ", ".join(f"{edges_mm[spot]:.2g} mm at {spot}" for spot in finer)
     run.progress.note(f"{worst}: refined to edges of {sizes}, and fitted again")
-    limbs |= {f"{spot}/fine": limb for spot, limb in finer.items()}
-    return replace(run.inputs, limbs=limbs, edges_mm=edges_mm)
+    fine = {f"{spot}/fine": limb for spot, limb in finer.items()}
+    return replace(run.inputs, limbs={**limbs, **fine}, edges_mm=edges_mm)
 
 
 def _worst(run: Run) -> str:

@@ -173,7 +173,7 @@ def run_study(
                     remove_fit_state(run_folder)
                 _make(run, stage, made_from if stage.name == "experiment" else None)
                 if "budget" in stage.tables:
-                    run = _refined(run, wanted[: wanted.index(stage) + 1])
+                    run = _refined(run, wanted[wanted.index(stages["fit"]) : wanted.index(stage) + 1])
             remove_fit_state(run_folder)
             return RunResult(
                 folder=run_folder,
@@ -203,12 +203,11 @@ def _make(run: Run, stage: Stage, made_from: Mapping[str, str] | None) -> None:
         run.directory.write_measured_to_manifest(run.study)
 
 
-def _refined(run: Run, made: Sequence[Stage]) -> Run:
+def _refined(run: Run, stages: Sequence[Stage]) -> Run:
     """Run whose fit is made again with finer meshes, until these are little of what it is uncertain by."""
-    again = made[[stage.name for stage in made].index("fit") :]
     while finer := finer_inputs(run):
-        run = replace(run, fresh=finer, shared={})
-        for stage in again:
+        run = run.with_inputs(finer)
+        for stage in stages:
             _make(run, stage, None)
     return run
 

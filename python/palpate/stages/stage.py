@@ -186,13 +186,18 @@ class Run:
         design, measured = stored.design(), stored.measured(study.spot_names)
         if not self.is_copy:
             self.check("experiment", "sample")
-        chosen = stored.table("fine_meshes") if stored.records.is_current("fit") else pl.DataFrame()
-        edges_mm = dict(chosen.select("spot", "edge_mm").iter_rows()) if chosen.height else {}
+        chosen = self.current_table("fine_meshes", "fit")
+        edges_mm = {row["spot"]: row["edge_mm"] for row in chosen.iter_rows(named=True)}
         limbs = load_limbs(with_edges(study, edges_mm), to_show=self.is_copy)
         for name in study.spot_names if self.is_copy and study.solver.provides.mesh else ():
             if name not in limbs:
                 self.progress.note(f"warning: no limb is shown at spot '{name}': its mesh is missing")
         return StudyInputs(measured=measured, limbs=limbs, design=design, edges_mm=edges_mm)
+
+    def with_inputs(self, inputs: StudyInputs) -> Self:
+        """The run with other inputs, from which nothing has been made; it lets its workers go."""
+        self._opened.close()
+        return replace(self, fresh=inputs, shared={})
 
     @property
     def measured(self) -> Mapping[str, Response]:
@@ -264,15 +269,15 @@ class Run:
 
     def surfaces(self) -> Mapping[str, SurfaceStates]:
         """States of the skin by spot, as ``palpate surface`` has simulated them; empty where it has not."""
-        return stored_surfaces(self.directory.folder, self.current_table("surface"))
+        return stored_surfaces(self.directory.folder, self.current_table("surface", "surface"))
 
     def strains(self) -> dict[str, dict[str, Any]]:
         """Strains by spot and region under that press; empty without ``palpate surface``."""
-        return stored_strains(self.directory.folder, self.current_table("surface"))
+        return stored_strains(self.directory.folder, self.current_table("surface", "surface"))
 
-    def current_table(self, name: str) -> pl.DataFrame:
+    def current_table(self, name: str, stage: str) -> pl.DataFrame:
         """Table of a stage that was made from what the stages before it have now; else empty."""
-        return self.table(name) if self.directory.records.is_current(name) else pl.DataFrame()
+        return self.table(name) if self.directory.records.is_current(stage) else pl.DataFrame()
 
     # ------------------------------------------------------------------ what results were made from
 
