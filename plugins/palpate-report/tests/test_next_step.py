@@ -85,12 +85,12 @@ def test_a_mesh_that_leads_is_refined_by_the_setting_that_is_missing(fitted):
 def test_a_mesh_that_a_run_refines_by_itself_may_have_more_nodes_or_errs_as_meshes_do(fitted):
     spots = tuple(replace(spot, fine_edge_mm=None) for spot in fitted.study.spots)
     data = because(pressed(fitted, spots=spots, fine_runs=1, fine_nodes=20_000), "mesh")
-    refined = replace(data, limbs={"p1/fine": None})
+    refined = replace(data, fit=replace(data.fit, mesh=pl.DataFrame({"coarse": [1.0]})))
     assert said(refined).endswith("; raise `fine_nodes` (20,000) in `[fit]`")
     row = {"fit": ALL_SPOTS, "scenario": "I", "spot": "p1", "channel": "force", "relative_error": 0.003}
     table = pl.DataFrame([row]).with_columns(shown_by=pl.lit("usual scatter"))
     certainty = replace(data.fit.certainty, mesh_errors=table)
-    scattered = replace(refined, fit=replace(data.fit, certainty=certainty))
+    scattered = replace(refined, fit=replace(refined.fit, certainty=certainty))
     assert "; state what your meshes err by as `mesh` in `[budget]`" in said(scattered)
 
 

@@ -107,7 +107,7 @@ def _finer(data: ReportData) -> str:
     shown = data.fit.certainty.mesh_errors
     if shown.height and set(shown["shown_by"]) == {"usual scatter"}:
         return "state what your meshes err by as `mesh` in `[budget]`: finer ones lessen it no more"
-    if any("/fine" in name for name in data.limbs) and all(s.fine_edge_mm is None for s in study.spots):
+    if data.fit.mesh.height and all(spot.fine_edge_mm is None for spot in study.spots):
         return f"raise `fine_nodes` ({study.fine_nodes:,}) in `[fit]`"
     if any(spot.fine_mesh for spot in study.spots) or not isinstance(study.protocol, Indentation):
         return "give finer meshes as `fine_mesh`"
