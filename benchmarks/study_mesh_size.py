@@ -75,8 +75,12 @@ def pressed(limb: Limb) -> Response:
 
 def peaks(response: Response) -> tuple[float, float]:
     """Largest force [N], and half the width [N·mm] of the torque's loop."""
-    torque = response["torque"].ordinate
-    return float(response["force"].ordinate.max()), float(0.5 * np.ptp(torque))
+    return peak("force", response["force"].ordinate), peak("torque", response["torque"].ordinate)
+
+
+def peak(channel: str, ordinate: np.ndarray) -> float:
+    """Largest force [N], or half the width [N·mm] of the torque's loop."""
+    return float(ordinate.max() if channel == "force" else 0.5 * np.ptp(ordinate))
 
 
 def extrapolated(sizes: np.ndarray, values: np.ndarray) -> tuple[float, float]:

@@ -162,6 +162,12 @@ def emulator(
     return Emulator(study.space.parameters, Runs(values=rows, ordinates=ordinates, slopes=known), scale)
 
 
+def on_grid(curve: Curve, x: np.ndarray) -> np.ndarray:
+    """Ordinates where a path has its points; a curve that was cut has more of them."""
+    along = [np.concatenate([[0.0], np.cumsum(np.abs(np.diff(each)))]) for each in (curve.abscissa, x)]
+    return np.interp(along[1], along[0], curve.ordinate)
+
+
 class Channel:
     """A curve of the sphere at a spot: on the mesh of the fit, and on the finer one."""
 
@@ -169,24 +175,19 @@ class Channel:
         study, rows = phantom.study, phantom.rows
         self.names = [*study.space.names, f"{REGION}.kappa", "friction"]
         self.x = coarse[0].abscissa
-        values = np.stack([self.on_grid(c) for c in coarse])
+        values = np.stack([on_grid(c, self.x) for c in coarse])
         slopes = np.stack(
-            [[self.on_grid(replace(c, ordinate=c.slopes[n])) for n in self.names] for c in coarse]
+            [[on_grid(replace(c, ordinate=c.slopes[n]), self.x) for n in self.names] for c in coarse]
         )
         self.value = emulator(study, rows, values, np.moveaxis(slopes[:, :3], 1, 2))
         self.others = [emulator(study, rows, slopes[:, k]) for k in (3, 4)]
         peaks = np.abs(values).max(axis=1)
-        apart = np.stack([self.on_grid(c) - y for c, y in zip(fine, values, strict=False)])
+        apart = np.stack([on_grid(c, self.x) - y for c, y in zip(fine, values, strict=False)])
         self.apart = apart / peaks[: len(apart), None]
         self.errors = (
             np.abs(self.value.left_out / peaks[:, None]).max(),
             np.abs(self.apart - self.apart.mean(axis=0)).max() * len(apart) / (len(apart) - 1),
         )
-
-    def on_grid(self, curve: Curve) -> np.ndarray:
-        """Ordinates where the first curve has its points; one that was cut has more of them."""
-        along = [np.concatenate([[0.0], np.cumsum(np.abs(np.diff(x)))]) for x in (curve.abscissa, self.x)]
-        return np.interp(along[1], along[0], curve.ordinate)
 
     def curve(self, name: str, row: np.ndarray, changes: np.ndarray, *, fine: bool) -> Curve:
         """The curve at a material, with changes of the bulk modulus and the friction."""

@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 from bench_inadequate import REGION, ready, ready_with_fine, say
-from study_prediction import accepted
+from study_mesh_size import peak
+from study_prediction import accepted, on_grid
 
-from palpate import Curve, Job, Limb, Status
+from palpate import Job, Limb, Status
 from palpate.fit.mesh_correction import FineRun
 from palpate.limb.loading import RIM, load_limbs, refinement
 from palpate.mesh.refinement import refined
@@ -29,18 +30,7 @@ TRUE_EDGE_MM = 1.3
 N_MATERIALS = 5
 
 
-def on_grid(curve: Curve, like: Curve) -> np.ndarray:
-    """Ordinates of a curve where another one has its points, by the length of the path."""
-    along = [np.append(0.0, np.cumsum(np.abs(np.diff(each.abscissa)))) for each in (curve, like)]
-    return np.interp(along[1], along[0], curve.ordinate)
-
-
-def size(name: str, ordinate: np.ndarray) -> float:
-    """Peak of a force, half the range of a torque."""
-    return float(ordinate.max() if name == "force" else np.ptp(ordinate) / 2.0)
-
-
-def all_limbs(study: Study, plugins: Plugins) -> dict[str, Limb]:
+def limbs_with_truth(study: Study, plugins: Plugins) -> dict[str, Limb]:
     """The study's limbs by spot and ``spot/fine``, and those of the truth by ``spot true``."""
     limbs = load_limbs(study)
     independent = load_limbs(ready_with_fine("robot-log", plugins))
@@ -59,7 +49,7 @@ def main() -> None:
     plugins = Plugins.load()
     parallel = ready_with_fine("forearm-demo", plugins).executor
     study = replace(ready("forearm-demo", plugins), executor=parallel)
-    limbs, (region,) = all_limbs(study, plugins), study.space.regions
+    limbs, (region,) = limbs_with_truth(study, plugins), study.space.regions
     rows = accepted(study, N_MATERIALS, np.random.default_rng(0))
     jobs = [
         Job(
@@ -86,19 +76,19 @@ def main() -> None:
         spot, row = jobs[k].spot, rows[k // (3 * len(study.spots))]
         mesh = SpotMesh(refinement=refinement(study, limbs)[spot])
         for name, of_channel in ratios.items():
-            like = coarse[name]
-            ordinates = [on_grid(each[name], like) for each in (coarse, fine, true)]
+            x = coarse[name].abscissa
+            ordinates = [on_grid(each[name], x) for each in (coarse, fine, true)]
             pair = FineRun(coarse={name: ordinates[0]}, fine={name: ordinates[1]}, refinement=mesh.refinement)
             added = pair.corrections[name].added
             corrected, truth = ordinates[0] + added, ordinates[2]
             stated = np.linalg.norm(mesh.remainder(name, added, corrected)) / np.linalg.norm(corrected)
             off = np.linalg.norm(corrected - truth) / np.linalg.norm(truth)
-            peak = size(name, corrected) / size(name, truth) - 1.0
+            at_peak = peak(name, corrected) / peak(name, truth) - 1.0
             of_channel.append(off / stated)
             values = ", ".join(f"{value:.5f}" for value in row)
             say(
-                f"{spot:>6}{values:>28}{name:>9}{100 * peak:>+8.2f}%{100 * off:>8.2f}%{100 * stated:>8.2f}%"
-                f"{off / stated:>8.2f}"
+                f"{spot:>6}{values:>28}{name:>9}{100 * at_peak:>+8.2f}%{100 * off:>8.2f}%"
+                f"{100 * stated:>8.2f}%{off / stated:>8.2f}"
             )
     for name, of_channel in ratios.items():
         within = sum(each <= 2.0 for each in of_channel)
