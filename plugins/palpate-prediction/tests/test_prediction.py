@@ -168,13 +168,18 @@ def test_a_refined_mesh_shows_its_error_by_the_mesh_as_it_is(fitted, plugins, tm
     as_is = {f"{spot}{AS_IS}": limb for spot, limb in coarse.items()}
     monkeypatch.setattr(predict, "refined_limbs", lambda study, tool: fine | as_is)
     tool = read_tool(tool_file(tmp_path, 'fine_edge = "3 mm"\n' + TOOL), study, plugins)
-    found = run_prediction(study, run, tool, plugins, SILENT)
+    found = run_prediction(study, run, tool, plugins, SILENT, n_solved=5)
     for spot in found.spots.values():
         assert spot.mesh["peak_MPa"] == pytest.approx(0.1 / 3.0, rel=1e-5)
     row = found.summary.filter(spot="p1", quantity="peak pressure").row(0, named=True)
     assert row["linear_upper"] > row["value"] * (1.0 + 0.9 * 1.645 * 0.1 / 3.0)
     assert "peak pressure 3.3 %" in " ".join(notes(found, ""))
     assert not any("[budget]" in text for text in notes(found, ""))
+    # Draws are pressed on the mesh as it is, where this tissue is stiffer by a tenth.
+    assert row["solved_lower"] <= row["value"] <= row["solved_upper"] < 1.05 * row["value"]
+    assert any(
+        "5 draws, each simulated on the mesh as it is and changed" in text for text in notes(found, "")
+    )
     nearly = {spot: block("hex8", n_across=20, n_down=2) for spot in study.spot_names}
     coarse = {f"{spot}{AS_IS}": block("hex8", n_across=19, n_down=2) for spot in study.spot_names}
     monkeypatch.setattr(predict, "refined_limbs", lambda study, tool: nearly | coarse)

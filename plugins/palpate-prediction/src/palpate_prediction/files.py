@@ -140,6 +140,8 @@ def _solved(spot: str, each: SpotPrediction) -> str:
     if not each.n_ended:
         return f"Solved bands at {spot}: none, since all {each.n_asked} simulated draws failed."
     text = f"Solved bands at {spot} are those of {each.n_ended} draws, each simulated"
+    if each.drawn_as_is:
+        text += " on the mesh as it is and changed as much as the refined one changes the fitted values"
     return text + (f"; {n_failed} of {each.n_asked} failed and are not in them." if n_failed else ".")
 
 

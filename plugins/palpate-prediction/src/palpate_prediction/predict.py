@@ -62,6 +62,8 @@ class SpotPrediction:
         Relative standard deviation of its error by the mesh.
     mesh_unknown : str
         Why this is what the study states, and not measured; empty where it is.
+    drawn_as_is : bool
+        Whether draws were simulated on the mesh as it is, and changed by what the refined one changes.
     n_asked, n_ended : int
         Draws that were to be simulated, and those whose simulation did not fail: the solved bands hold these.
     """
@@ -73,6 +75,7 @@ class SpotPrediction:
     by_force: bool
     mesh: Mapping[str, float]
     mesh_unknown: str
+    drawn_as_is: bool
     n_asked: int
     n_ended: int
 
@@ -235,27 +238,30 @@ def _at_spot(
 ) -> SpotPrediction:
     best = plan.thetas(plan.found.values)
     drawn = [plan.thetas(values) for values in draws]
-    jobs = [plan.job(best, slopes=True), *map(plan.job, _spread(drawn, n_solved))]
-    check_jobs(simulations.study, jobs[:1], simulations.limbs)
-    refined_too = f"{plan.spot}{AS_IS}" in simulations.limbs
-    jobs += [plan.job(best, as_is=True)] if refined_too else []
-    simulations.progress.begin(f"predict {plan.spot}", len(jobs))
-    simulation, *solved = simulations.of(jobs)
-    as_is = solved.pop() if refined_too else None
+    asked = _spread(drawn, n_solved)
+    jobs = [plan.job(best, slopes=True)]
+    check_jobs(simulations.study, jobs, simulations.limbs)
+    jobs += [plan.job(best, as_is=True)] if f"{plan.spot}{AS_IS}" in simulations.limbs else []
+    simulations.progress.begin(f"predict {plan.spot}", len(jobs) + len(asked))
+    simulation, *others = simulations.of(jobs)
     if simulation.response is None or simulation.surface is None or not len(simulation.surface.depth_mm):
         raise SolverError(
             f"spot '{plan.spot}': {plan.tool.name} cannot be pressed: "
             f"{simulation.message or 'no equilibrium state'}"
         )
     threshold, space = plan.tool.threshold_MPa, plan.stored.study.space
+    pressed = press_states(simulation, threshold)
+    as_is = next(iter(others), None)
+    both_end = as_is is not None and {simulation.status, as_is.status} == {Status.OK}
+    coarser = press_states(as_is, threshold) if as_is is not None and both_end else None
+    # Relative to the value, a finer mesh changes as much at other materials: draws need the coarse one alone.
+    solved = simulations.of([plan.job(thetas, as_is=both_end) for thetas in asked])
+    ended = [s for s in solved if s.status is Status.OK and s.surface is not None]
     curves = simulation.response.curves
     lines = {n: linear(c, best, drawn, space, plan.friction_sd) for n, c in curves.items()}
-    ended = [s for s in solved if s.status is Status.OK and s.surface is not None]
-    pressed = press_states(simulation, threshold)
     by_force = ends_by_force(plan.tool.protocol, simulation.status, pressed)
-    errors = _mesh_errors(plan, simulations.limbs, simulation, as_is, by_force=by_force)
+    errors = _mesh_errors(plan, simulations.limbs, simulation, pressed, as_is, coarser, by_force=by_force)
     stiffer = stiffer_by(curves.get("force"), lines.get("force"))
-    found = [press_states(each, threshold) for each in ended]
     return SpotPrediction(
         simulation=simulation,
         pressed=pressed,
@@ -269,8 +275,9 @@ def _at_spot(
                 plan.spot,
                 pressed,
                 stiffer,
-                found,
+                [press_states(each, threshold) for each in ended],
                 by_force=by_force,
+                coarser=coarser,
                 mesh=errors.quantities,
                 pressure_unit=plan.tool.pressure_unit,
             )
@@ -278,6 +285,7 @@ def _at_spot(
         by_force=by_force,
         mesh=errors.quantities,
         mesh_unknown=errors.unknown,
+        drawn_as_is=coarser is not None,
         n_asked=len(solved),
         n_ended=len(ended),
     )
@@ -295,22 +303,23 @@ def _mesh_errors(
     plan: _Plan,
     limbs: Mapping[str, Limb],
     simulation: Simulation,
+    pressed: PressStates,
     as_is: Simulation | None,
+    coarser: PressStates | None,
     *,
     by_force: bool,
 ) -> _MeshErrors:
     """Compare a simulation with that on the mesh as it is; what the study states where that shows nothing."""
-    stated, threshold = plan.stored.study.budget.mesh, plan.tool.threshold_MPa
-    pressed, refinement, unknown, coarser, others = press_states(simulation, threshold), 1.0, "", None, None
+    stated, refinement, unknown, others = plan.stored.study.budget.mesh, 1.0, "", None
     if as_is is None:
         unknown = "no mesh was refined under the tool"
-    elif {simulation.status, as_is.status} != {Status.OK}:
+    elif coarser is None:
         unknown = "on the mesh as it is, or on the refined one, the press has not come to its end"
     elif (refinement := plan.refinement(limbs, pressed.depth_mm[pressed.at])) < LEAST_REFINEMENT:
         refinement, unknown = 1.0, "its mesh is hardly refined under the tool; set a shorter fine_edge"
     else:
         assert as_is.response is not None
-        coarser, others = press_states(as_is, threshold), as_is.response.curves
+        others = as_is.response.curves
     assert simulation.response is not None
     quantities = mesh_errors(pressed, coarser, refinement, usual_error(FORCE, stated))
     least = {name: usual_error(name, stated) for name in simulation.response.curves}

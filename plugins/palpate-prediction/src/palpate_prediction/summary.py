@@ -228,6 +228,13 @@ def force_error(pressed: PressStates, mesh: Mapping[str, float]) -> float | None
     return mesh["depth_mm"] / growth if growth else None
 
 
+def change_by_mesh(value: float, coarser: float | None) -> float | None:
+    """Value over that on a coarser mesh; None where one of them is zero, as areas may be."""
+    if not value or not coarser:
+        return None if value or coarser else 1.0
+    return value / coarser
+
+
 def _largest(curve: Curve) -> float:
     return float(curve.ordinate[np.argmax(np.abs(curve.ordinate))])
 
@@ -278,8 +285,12 @@ def summary_rows(
     by_force: bool,
     mesh: Mapping[str, float] = NO_ERRORS,
     pressure_unit: str = "MPa",
+    coarser: PressStates | None = None,
 ) -> Iterator[dict[str, Any]]:
-    """Value, ends of the linear band, and those of simulated draws, of each quantity at a spot."""
+    """Value, ends of the linear band, and those of simulated draws, of each quantity at a spot.
+
+    ``coarser`` is of the fitted values on the mesh of the draws, where that is not the one of ``pressed``.
+    """
     per_MPa = convert("1 MPa", pressure_unit)
     for quantity in QUANTITIES:
         unit, factor = (pressure_unit, per_MPa) if quantity.unit == "MPa" else (quantity.unit, 1.0)
@@ -299,6 +310,10 @@ def summary_rows(
             for end, at in zip(("lower", "upper"), band, strict=True)
         }
         if solved:
-            lower, upper = ends(np.array([[each.value(quantity.attribute)] for each in solved]))
-            row |= {"solved_lower": factor * float(lower[0]), "solved_upper": factor * float(upper[0])}
+            share = 1.0 if coarser is None else change_by_mesh(value, coarser.value(quantity.attribute))
+            values = np.array([each.value(quantity.attribute) for each in solved])
+            row |= {
+                f"solved_{end}": None if share is None else factor * share * float(at)
+                for end, at in zip(("lower", "upper"), ends(values), strict=True)
+            }
         yield row
