@@ -166,6 +166,7 @@ def test_picture_has_every_spot_with_its_best_candidates(run, tmp_path):
     assert f"p1: {best.goal:.2f}" in text
     assert text.count("depth ") == 6  # of so many candidates, the best first
     assert described(best.press.press) in text
+    assert "mean width of all intervals" in text
     assert text.count("<path") > draw(found, {}, tmp_path / "bare")[0].read_text().count("<path")
 
 

@@ -14,7 +14,7 @@ from matplotlib.colors import Normalize
 from palpate.api import Limb
 from palpate.api.mesh import spot_axes
 from palpate_planning.candidates import described
-from palpate_planning.narrowing import Narrowing, Proposal
+from palpate_planning.narrowing import ALL, PREDICTION, WORST, Narrowing, Proposal
 from palpate_report.limb_view import limb_view
 from palpate_report.scene import coarsened
 from palpate_report.style import DOUBLE_MM, STYLE, save, sized
@@ -25,6 +25,13 @@ MOST_SHOWN, MOST_SPOTS = 6, 3
 MOST_TRIANGLES, ROW_MM = 3000, 75.0
 SCALE, LEAST_SPAN = 0.6, 0.1
 """Width of the colour scale, in those of a spot, and the least range of widths that it has."""
+
+OF_GOAL = {
+    ALL: "mean width of all intervals",
+    WORST: "width of the widest interval",
+    PREDICTION: "width of the tool's band",
+}
+"""Words for the goals that are no parameter."""
 
 SKIN, LIGHT = np.array([0.87, 0.71, 0.60]), 0.45
 """Colour of the skin, and its share where it is seen edge-on."""
@@ -53,7 +60,8 @@ def draw(proposal: Proposal, limbs: Mapping[str, Limb], folder: Path) -> list[Pa
                 _limb(top, limbs[spot], colours.to_rgba(np.array([of_spot[0].goal]))[0])
             top.set_title(f"{spot}: {of_spot[0].goal:.2f}")
             _candidates(bottom, of_spot[:MOST_SHOWN], colours)
-        label = f"width of '{proposal.goal.name}' after the press, over that now"
+        goal = proposal.goal.name
+        label = f"{OF_GOAL.get(goal, f'width of {goal}')},\nafter the press over now"
         folder.mkdir(parents=True, exist_ok=True)
         figure.colorbar(colours, ax=axes.ravel().tolist(), label=label, shrink=0.6)
         return save(figure, folder / "next")
@@ -86,5 +94,11 @@ def _candidates(axis: Axes, ranked: Sequence[Narrowing], colours: ScalarMappable
         axis.text(
             0.0, place - 0.2, f"{described(each.press.press)}: {each.goal:.2f}", va="bottom", fontsize=5
         )
+    axis.set_axis_on()
+    axis.spines[["left", "right", "top"]].set_visible(False)
+    axis.set_yticks([])
+    axis.set_xticks([0.0, 0.5, 1.0])
+    axis.set_xlabel("width after the press over now")
+    axis.axvline(1.0, color="0.6", linewidth=0.5, linestyle=":")
     axis.set_xlim(0.0, max(1.0, *widths))
     axis.set_ylim(MOST_SHOWN - 0.5, -0.5)
