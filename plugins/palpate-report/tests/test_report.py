@@ -376,6 +376,8 @@ def test_two_regions_keep_their_names(space):
     assert [p.name for p in named_briefly(one)] == ["stiffness", "grip"]
     two = ParameterSpace(regions=(*space.regions, replace(space.regions[0], region="skin"))).parameters
     assert named_briefly(two) == two
+    by_spot = [replace(one[0], name=f"{one[0].name}@{spot}") for spot in ("p1", "p2")]
+    assert [p.name for p in named_briefly(by_spot)] == ["stiffness@p1", "stiffness@p2"]
 
 
 @pytest.mark.slow

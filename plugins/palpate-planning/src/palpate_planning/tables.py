@@ -1,6 +1,6 @@
 """A proposal as tables, and as a file for a robot."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from palpate.api.cli import Closed, Row
 from palpate.api.experiment import POSE
 from palpate_planning.candidates import CandidatePress, described
 from palpate_planning.narrowing import Narrowing, Proposal
+from palpate_report.report_data import brief_names
 
 WIDTH, PEAK = "width_", "peak_"
 """How columns of a ranking begin, before the parameter and the channel."""
@@ -128,13 +129,6 @@ def shown_intervals(intervals: pl.DataFrame) -> pl.DataFrame:
     return intervals.with_columns(
         pl.col("parameter").replace_strict(brief), *numbers, _text("width", _percent)
     )
-
-
-def brief_names(names: Iterable[str]) -> dict[str, str]:
-    """Full names with what tells them apart: without the region, where all are of one."""
-    every = dict.fromkeys(names)
-    regions = {name.rpartition(".")[0] for name in every}
-    return {name: name.rpartition(".")[2] if len(regions) == 1 else name for name in every}
 
 
 def _percent(width: float) -> str:

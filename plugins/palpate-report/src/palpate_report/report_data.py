@@ -261,11 +261,18 @@ class ReportData:
         return self.study.notice
 
 
+def brief_names(names: Iterable[str]) -> dict[str, str]:
+    """Brief name of each parameter: without its region, where all are of one."""
+    parsed = {name: ParameterName.parse(name) for name in names}
+    if len({name.region for name in parsed.values()}) > 1:
+        return {name: name for name in parsed}
+    return {full: str(replace(name, region="")) for full, name in parsed.items()}
+
+
 def named_briefly(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
-    """Parameters without the name of their region, where there is only one."""
-    if len({ParameterName.parse(p.name).region for p in parameters}) > 1:
-        return tuple(parameters)
-    return tuple(replace(p, name=ParameterName.parse(p.name).name) for p in parameters)
+    """Parameters under their brief names."""
+    brief = brief_names(p.name for p in parameters)
+    return tuple(replace(p, name=brief[p.name]) for p in parameters)
 
 
 def label_of(parameter: Parameter) -> str:
