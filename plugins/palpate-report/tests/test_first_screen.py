@@ -20,6 +20,8 @@ from palpate_report.result import Report, make_conclusion
 from palpate_report.stage import summary_of
 from palpate_report.tables import make_tables, printed
 
+from .fits import at_end_of_range
+
 TRUTH = {"soft_tissue.stiffness": 0.45, "soft_tissue.grip": 22.0}
 NUMBERS = st.floats(1e-6, 1e6)
 
@@ -181,10 +183,8 @@ def test_the_failed_check_of_a_tissue_that_relaxed_takes_no_parameters_away(fitt
 
 
 def test_warnings_of_what_leads_come_before_those_of_other_fits(fitted):
-    data = passed(fitted)
-    table = data.fit.table.with_columns(at_bound=pl.lit("soft_tissue.grip"))
-    ends = [w.why for w in make_conclusion(replace(data, fit=replace(data.fit, table=table)), {}).warnings
-            if "end of their range" in w.what]  # fmt: skip
+    data = at_end_of_range(passed(fitted), "soft_tissue.grip")
+    ends = [w.why for w in make_conclusion(data, {}).warnings if "end of their range" in w.what]
     assert ends[0].startswith("grip at all spots, scenario I.")
     assert "grip at p1, scenario I" in ends[1]
 

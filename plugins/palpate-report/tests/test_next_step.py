@@ -15,6 +15,8 @@ from palpate_report.next_step import CAUSES, REMEDIES, STOP, WRITE_UP
 from palpate_report.result import Report, make_conclusion
 from palpate_report.stage import summary_of
 
+from .fits import at_end_of_range
+
 WORST, OTHER = "soft_tissue.grip", "soft_tissue.stiffness"
 
 
@@ -35,8 +37,7 @@ def with_words(data, words):
     )
     fine = certainty.adequacy.with_columns(failed=pl.lit(value=False), message=pl.lit(""))
     changed = replace(certainty, intervals=known, adequacy=fine)
-    table = data.fit.table.with_columns(at_bound=pl.lit(""))
-    return replace(data, fit=replace(data.fit, certainty=changed, table=table))
+    return replace(data, fit=replace(data.fit, certainty=changed))
 
 
 def because(data, cause, share=0.58):
@@ -129,9 +130,8 @@ def test_where_all_is_known_it_is_to_be_written_up(fitted):
 
 
 def test_a_range_that_ends_too_early_comes_before_every_cause(fitted):
-    data = because(fitted, "friction")
-    ended = data.fit.table.with_columns(at_bound=pl.lit(WORST))
-    assert said(replace(data, fit=replace(data.fit, table=ended))).startswith("widen the range of grip ")
+    ended = at_end_of_range(because(fitted, "friction"), WORST)
+    assert said(ended).startswith("widen the range of grip ")
 
 
 def test_without_a_result_it_says_what_is_missing(content, fitted):

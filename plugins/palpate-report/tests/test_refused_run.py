@@ -21,6 +21,8 @@ from palpate_report.marks import MARKS, explained, mark_of, verdict_of
 from palpate_report.paper_tables import paper_tables
 from palpate_report.tables import make_tables
 
+from .fits import at_end_of_range
+
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 
@@ -131,10 +133,8 @@ def sound(data):
     words = pl.Series(["well", "poorly", "not", "unclear"] * certainty.intervals.height)
     known = certainty.intervals.with_columns(identifiability=words.head(certainty.intervals.height))
     fine = certainty.adequacy.with_columns(failed=pl.lit(value=False), message=pl.lit(""))
-    table = data.fit.table.with_columns(at_bound=pl.lit("soft_tissue.grip"))
-    return replace(
-        data, fit=replace(data.fit, table=table, certainty=replace(certainty, intervals=known, adequacy=fine))
-    )
+    found = replace(certainty, intervals=known, adequacy=fine)
+    return at_end_of_range(replace(data, fit=replace(data.fit, certainty=found)), "soft_tissue.grip")
 
 
 def test_marks_are_those_of_the_verdict_and_are_explained_once(refused):

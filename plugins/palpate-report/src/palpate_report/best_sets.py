@@ -14,7 +14,7 @@ from palpate_report.report_data import ReportData
 from palpate_report.tables import weighted_channels
 
 EDGE = 0.01
-"""Share of a range within which the best set of a sweep is at its end."""
+"""Share of a range within which a value is at its end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,9 +112,19 @@ def _value(
     at_bound = {ParameterName.parse(each).shared for each in (best.get("at_bound") or "").split(", ")}
     ends, is_sure = (interval.get("lower"), interval.get("upper")), "is_sure" in interval
     found = Value(best.get(name), optimum, *ends, word, name in at_bound, is_sure)
-    if "fit" in best or name not in data.brief:
+    if name not in data.brief or found.value is None:
         return found
-    return replace(found, is_at_bound=_at_end(data.brief[name], found, data.design.values[:, i]))
+    if "fit" not in best:
+        return replace(found, is_at_bound=_at_end(data.brief[name], found, data.design.values[:, i]))
+    # With an interval the value is not that of the least Fopt, of which the fit's own table speaks.
+    return replace(found, is_at_bound=_at_limit(data.brief[name], found.value)) if is_sure else found
+
+
+def _at_limit(parameter: Parameter, value: float) -> bool:
+    """Whether a value is at an end of its range beyond which there are others."""
+    share = share_of_range(parameter, value)
+    is_lowest = share < EDGE and parameter.lower > parameter.physical_lower
+    return is_lowest or (share > 1.0 - EDGE and parameter.upper < parameter.physical_upper)
 
 
 def _at_end(parameter: Parameter, value: Value, drawn: FloatArray) -> bool:

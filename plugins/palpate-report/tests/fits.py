@@ -1,0 +1,16 @@
+"""Fits that end elsewhere than those that were made."""
+
+from dataclasses import replace
+
+import polars as pl
+
+
+def at_end_of_range(data, *names):
+    """The data with the values of these parameters at the upper end of their range, in every fit."""
+    known = data.fit.certainty.intervals
+    value = pl.col("value")
+    for parameter in data.design.parameters:
+        if parameter.name in names:
+            value = pl.when(pl.col("parameter") == parameter.name).then(parameter.upper).otherwise(value)
+    certainty = replace(data.fit.certainty, intervals=known.with_columns(value=value))
+    return replace(data, fit=replace(data.fit, certainty=certainty))
