@@ -78,14 +78,17 @@ def test_what_mechanics_offers_is_there_when_it_is_used():
     from palpate import mechanics
 
     assert all(getattr(mechanics, name) is not None for name in mechanics.__all__)
-    code = (
-        "from palpate import mechanics\nimport jax\n"
-        "print(jax.jit(lambda x: 2 * x)(1 / 3).dtype)  # compiled before mechanics is used"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "float64"
     with pytest.raises(AttributeError, match="no attribute 'stres'"):
         _ = mechanics.stres
+
+
+@pytest.mark.parametrize("before", ["", "import jax.numpy\n"])
+@pytest.mark.parametrize("named", ["from palpate import mechanics", "from palpate.api.mechanics import Array"])
+def test_what_a_plugin_compiles_itself_is_in_double_precision(before, named):
+    """Also before mechanics is used, and in a plugin that imports JAX at its top, before palpate."""
+    code = f"{before}{named}\nimport jax\nprint(jax.jit(lambda x: 2 * x)(1 / 3).dtype)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "float64"
 
 
 def test_the_list_of_commands_imports_nothing_heavy():

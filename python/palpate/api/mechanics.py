@@ -1,8 +1,12 @@
 """Stress, tangent and initial moduli from an energy, and the kernels of finite elements."""
 
+import importlib
 from typing import TYPE_CHECKING
 
 from palpate.lazy_imports import deferred
+
+# It turns on JAX's 64-bit mode, which a plugin needs before it compiles functions of its own.
+importlib.import_module("palpate.mechanics")
 
 if TYPE_CHECKING:
     from palpate._core import (
