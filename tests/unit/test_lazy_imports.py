@@ -83,7 +83,9 @@ def test_what_mechanics_offers_is_there_when_it_is_used():
 
 
 @pytest.mark.parametrize("before", ["", "import jax.numpy\n"])
-@pytest.mark.parametrize("named", ["from palpate import mechanics", "from palpate.api.mechanics import Array"])
+@pytest.mark.parametrize(
+    "named", ["from palpate import mechanics", "from palpate.api.mechanics import Array"]
+)
 def test_what_a_plugin_compiles_itself_is_in_double_precision(before, named):
     """Also before mechanics is used, and in a plugin that imports JAX at its top, before palpate."""
     code = f"{before}{named}\nimport jax\nprint(jax.jit(lambda x: 2 * x)(1 / 3).dtype)"

@@ -37,11 +37,12 @@ def _named(key: str, table: str) -> str:
     return f"A study names it with `{key}` under `[{table}]`."
 
 
-GENERIC = "generic"
+FIBRES, GENERIC = "fibres", "generic"
 
 KITS: Mapping[str, Kit] = MappingProxyType(
     {
         "material": Kit("materials", "material", _named('material = "{}"', "region.…")),
+        FIBRES: Kit("materials", "material with fibres", _named('material = "{}"', "region.…")),
         "solver": Kit("solvers", "solver", _named('name = "{}"', "solver")),
         "loader": Kit("loaders", "loader", _named('loader = "{}"', "experiment")),
         "stage": Kit("stages", "stage", "A study's run has it with a table `[stages.{}]`."),
