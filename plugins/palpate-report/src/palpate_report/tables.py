@@ -89,8 +89,9 @@ def make_tables(data: ReportData) -> dict[str, pl.DataFrame]:
         "failures": by_reason(failures(unranked(data.scores))),
     }
     found = data.completeness
-    # A column without a unit is in that of the material.
-    written = {name: f"{name} [{data.study.units[name]}]" for name in data.factors}
+    # Units stand in the heads where the study has others than the materials.
+    units = _units(data) if data.factors else {}
+    written = {name: f"{name} [{unit}]" for name, unit in units.items() if unit not in ("", "1")}
     return {
         name: (table if found.is_complete else _with_simulated(table, found)).rename(written, strict=False)
         for name, table in tables.items()
