@@ -305,23 +305,26 @@ STAGES: tuple[type[Stage], ...] = (
 # ------------------------------------------------------------------ what the fit's stages share
 
 
-def cases_of(inputs: Run, *, on_progress: Callable[[], None] = lambda: None) -> list[Case]:
+def cases_of(inputs: Run, *, on_progress: Callable[[], None] | None = None) -> list[Case]:
     """Fits of every case of a study; a fit that was made before has all its simulations at hand.
 
     Parameters
     ----------
-    on_progress : callable
-        Called before the searches and after each of their steps.
+    on_progress : callable, optional
+        Called before the searches and after each of their steps, by the stage that makes the fit: for others
+        the folder does not keep how far it is, for a fit that is read again has ended.
     """
     if "cases" in inputs.shared:
         return list(inputs.shared["cases"])
     if isinstance(inputs.study.search, BestSet):
         return []
-    on_progress()
+    if on_progress is not None:
+        on_progress()
 
     def show(state: FitState) -> None:
-        on_progress()
-        write_fit_state(inputs.directory.folder, state)
+        if on_progress is not None:
+            on_progress()
+            write_fit_state(inputs.directory.folder, state)
         if isinstance(inputs.progress, ShowsPlace):
             inputs.progress.at(str(state))
 

@@ -1,5 +1,6 @@
 """Each stage's file is read as it was written, and only if it was made from the present study."""
 
+import contextlib
 import shutil
 from dataclasses import replace
 from functools import partial
@@ -17,6 +18,7 @@ from palpate.progress import Silent
 from palpate.run.fit_state import read_fit_state
 from palpate.run.provenance import StageRecords
 from palpate.stages import pipeline
+from palpate.stages.core_stages import cases_of
 from palpate.stages.status import Watcher
 from palpate.study.model import BudgetTable
 from palpate_report import from_run
@@ -160,6 +162,13 @@ CHANGES = {
 def test_a_stage_that_reads_the_fit_leaves_a_finished_run(done, plugins):
     study, run = done
     pipeline.run_stage("intervals", study, run, plugins)
+    assert read_fit_state(run) is None
+    with (
+        contextlib.suppress(KeyboardInterrupt),
+        pipeline.locked_run(study, run, plugins, needs=("fit",)) as read_again,
+    ):
+        cases_of(read_again)
+        raise KeyboardInterrupt
     assert read_fit_state(run) is None
     assert not from_run.read_results(study, run, plugins).unfinished
 
