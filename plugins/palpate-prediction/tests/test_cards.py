@@ -192,6 +192,12 @@ def test_a_card_states_units_moduli_and_intervals():
     assert "** initial moduli: shear 0.0282 MPa, bulk 0.8 MPa" in card
     assert "** units: mm, N, MPa, tonne, s" in card
     assert "the strains of the experiment are not known" in card
+    of_specimen = PROGRAMS["abaqus"](
+        data("yeoh", stretches={"uniaxial": (1.02, 7.6), "pure_shear": (1.0, 5.0)})
+    )
+    assert (
+        "valid: the experiment reached stretches of 1.020 to 7.600 (uniaxial), 1.000 to 5.000" in of_specimen
+    )
 
 
 @pytest.mark.parametrize("program", PROGRAMS)
