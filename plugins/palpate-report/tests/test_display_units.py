@@ -12,6 +12,7 @@ from palpate.fit.least_squares import LeastSquares
 from palpate_report.best_sets import initial_moduli
 from palpate_report.display_units import in_display_units, rows_in_display_units
 from palpate_report.from_run import write_report
+from palpate_report.methods import methods
 from palpate_report.result import make_conclusion
 from palpate_report.tables import make_tables
 
@@ -146,3 +147,19 @@ def test_rows_of_a_table_are_in_them(both):
 def test_without_other_units_nothing_is_converted(content):
     made = content(n_sets=12)
     assert in_display_units(made) is made
+
+
+def test_the_methods_state_fixed_values_in_the_unit_of_the_ranges(content, tissue):
+    material = tissue.Spongy()
+    region = RegionMaterial(
+        region="soft_tissue",
+        material=material,
+        searched=tuple(p for p in material.parameters if p.name == "stiffness"),
+        fixed={"grip": 0.5},
+    )
+    made = content(
+        assessed=False, space=ParameterSpace(regions=(region,)), truth={STIFFNESS: 0.4},
+        units={STIFFNESS: "kPa"},
+    )  # fmt: skip
+    assert "with grip = 0.5 MPa fixed" in methods(made, (), ())
+    assert "with grip = 500 kPa fixed" in methods(in_display_units(made), (), ())

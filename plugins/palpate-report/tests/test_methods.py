@@ -28,7 +28,7 @@ def test_the_paragraph_has_the_settings_of_the_press(content, friction, depth):
     path = np.array([[0.0, 0.0], [depth, 0.0], [depth, -20.0], [depth, 15.0]])
     protocol = Indentation(indenter=Sphere(radius_mm=6.5), path=path, friction=friction)
     text = methods(replace(data, study=replace(data.study, protocol=protocol)), (), ())
-    for part in (f"coefficient of {friction:g}", f"{depth:g} mm along", "-20° to 15°", "radius 6.5 mm"):
+    for part in (f"coefficient of {friction:g}", f"{depth:g} mm along", "−20° to 15°", "radius 6.5 mm"):
         assert part in text
     for parameter in data.searched.values():
         assert f"{parameter.name} from {parameter.lower:.4g} to {parameter.upper:.4g}" in text

@@ -158,6 +158,19 @@ def test_marks_are_those_of_the_verdict_and_are_explained_once(refused):
     assert f"{best.moduli['soft_tissue'][0]:.3f}" in tex
 
 
+def test_a_set_outside_of_the_interval_has_not_its_word(content):
+    """The sweep's interval is of the optimum between its sets."""
+    data = content(assessed=False)
+    known = data.identifiability.with_columns(identifiability=pl.lit("well"))
+    data = replace(data, identifiability=known)
+    (row, *_) = data.selection.iter_rows(named=True)
+    spot, scenario, name = row["spot"], row["scenario"], "soft_tissue.stiffness"
+    above = replace(data, identifiability=known.with_columns(lower=2.0 * row[name], upper=3.0 * row[name]))
+    around = replace(data, identifiability=known.with_columns(lower=0.9 * row[name], upper=1.1 * row[name]))
+    words = [Verdicts.of(each).at(spot, scenario, name, is_fit=False) for each in (around, above)]
+    assert words == ["well", "unclear"]
+
+
 @pytest.mark.parametrize(
     ("word", "at_bound", "mark"),
     [("well", False, ""), ("roughly", False, ""), ("poorly", False, "†"), ("not", False, "†"),

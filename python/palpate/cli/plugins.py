@@ -163,7 +163,7 @@ def new_plugin(
         str,
         typer.Argument(
             metavar="KIND",
-            help="material, fibres, solver, loader, stage, or generic: a sampler, with every other hook in comments.",
+            help="material, fibres, solver, loader, stage, or generic: a sampler, other hooks in comments.",
         ),
     ],
     name: Annotated[

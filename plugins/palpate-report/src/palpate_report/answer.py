@@ -36,7 +36,7 @@ def answer(data: ReportData, conclusion: Conclusion, picture: Forest) -> Summary
     )
     where = f"all {n_spots} spots" if n_spots > 1 else f"spot {data.spots[0]}"
     fitted = f"fitted to {' + '.join(data.generalising.weighed)} (scenario {data.generalising.name})"
-    start = "the sweep" if data.study.n_sets else "the middle of the ranges"
+    start = "the sweep" if data.design.n_sets else "the middle of the ranges"
     by = f"Searched from {start}" if data.is_fitted else "Best set of the sweep"
     facts = {
         "Next": conclusion.next_step,

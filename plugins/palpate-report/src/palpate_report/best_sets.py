@@ -34,6 +34,13 @@ class Value:
     is_at_bound: bool = False
     is_sure: bool = False
 
+    @property
+    def is_in_interval(self) -> bool:
+        """Whether the interval holds the value, where both are known."""
+        if self.value is None or self.lower is None or self.upper is None:
+            return True
+        return self.lower <= self.value <= self.upper
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Best:

@@ -242,7 +242,8 @@ class Verdicts:
         known = best is not None and 0 <= i < len(best.values)
         value = best.values[i] if best is not None and known else None
         if word is None:
-            word = value.identifiability if value else UNCLEAR
+            # The sweep's interval is of the optimum between its sets: the best of these may be outside.
+            word = value.identifiability if value and value.is_in_interval else UNCLEAR
         return verdict_of(word, at_bound=value is not None and value.is_at_bound)
 
     def _is_refused(self, best: Best | None, spot: str, scenario: str, *, is_fit: bool) -> bool:

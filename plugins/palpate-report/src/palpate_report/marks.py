@@ -1,12 +1,18 @@
 """Digits of a value that its interval says something of; its verdict in words, and the mark of that."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
 from palpate.api.fit import UNCLEAR
 
 MOST_DECIMALS = 6
+
+
+def with_minus(text: str) -> str:
+    """Text with true minus signs in front of numbers, not within names and dates."""
+    return re.sub(r"(?<![\w.-])-(?=\d)", "−", text)
 
 
 def rounded(value: float, lower: float | None = None, upper: float | None = None) -> str:

@@ -3,8 +3,9 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from palpate.api import Indentation
+from palpate.api import Indentation, convert
 from palpate_report.headline import NO_PARAMETERS, Headline
+from palpate_report.marks import with_minus
 from palpate_report.next_step import CAUSES
 from palpate_report.report_data import ReportData
 
@@ -30,7 +31,7 @@ def methods(data: ReportData, estimates: Sequence[Headline], not_included: Seque
         *_intervals(data, not_included),
         *_found(estimates),
     )
-    return f"{' '.join(sentences)}\n\n```bibtex\n{references(data)}```\n"
+    return f"{with_minus(' '.join(sentences))}\n\n```bibtex\n{references(data)}```\n"
 
 
 def references(data: ReportData) -> str:
@@ -45,7 +46,8 @@ def _experiment(data: ReportData) -> Iterator[str]:
         f"Parameters were identified with palpate {versions.get('palpate', '')} "
         f"(solver {study.solver.name}, {versions.get(f'solver {study.solver.name}', 'version unknown')})."
     )
-    measured = " and ".join(data.measured_channels)
+    *first, last = (name.replace("_", " ") for name in data.measured_channels)
+    measured = f"{', '.join(first)} and {last}" if first else last
     were = "were measured" if study.data == "measured" else "were simulated, not measured"
     protocol, n = study.protocol, len(data.spots)
     spots = f"{n} spot{'s' if n > 1 else ''} ({', '.join(data.spots)})"
@@ -82,8 +84,9 @@ def _range(numbers: Sequence[int]) -> str:
 
 def _materials(data: ReportData) -> Iterator[str]:
     for region in data.study.space.regions:
-        units = {p.name: "" if p.unit in ("", "1") else f" {p.unit}" for p in region.material.parameters}
-        fixed = ", ".join(f"{name} = {value:.4g}{units[name]}" for name, value in region.fixed.items())
+        units = {p.name: p.unit for p in region.material.parameters}
+        values = (f"{name} = {_shown(data, value, units[name])}" for name, value in region.fixed.items())
+        fixed = ", ".join(values)
         tied = ", ".join(region.tied)
         yield (
             f"The region {region.region} had the material {region.material.name} ({region.convention})"
@@ -96,16 +99,23 @@ def _materials(data: ReportData) -> Iterator[str]:
     yield f"Searched were {', '.join(ranges)}."
 
 
+def _shown(data: ReportData, value: float, unit: str) -> str:
+    """Value as text, in the unit of the moduli where it is one."""
+    if unit == "MPa":
+        return f"{convert(f'{value} MPa', data.modulus_unit):.4g} {data.modulus_unit}"
+    return f"{value:.4g}{'' if unit in ('', '1') else f' {unit}'}"
+
+
 def _search(data: ReportData) -> Iterator[str]:
     study, scenario = data.study, data.generalising
     rules = study.scoring.score
     weights = " + ".join(f"{weight:g} × {channel}" for channel, weight in scenario.weights.items() if weight)
-    if study.n_sets:
+    if data.design.n_sets:
         yield (
             f"{data.design.n_sets} parameter sets (sampler {study.sampler.name}, seed {study.seed}) were "
             "simulated first."
         )
-    began = "their best" if study.n_sets else "the middle of the ranges"
+    began = "their best" if data.design.n_sets else "the middle of the ranges"
     how = (
         f"The search {study.search.name} began at {began}" if data.is_fitted else "The best set was selected"
     )

@@ -8,7 +8,7 @@ from palpate_report.headline import Headline
 from palpate_report.report_data import ReportData
 
 WRITE_UP = "every parameter is identified: write it up (docs/write-it-up.md), with report/methods.md"
-STOP = "remove the reason for the refusal, then run again"
+STOP = "change what the first warning names, such as the material, and run again"
 
 CAUSES: Mapping[str, str] = MappingProxyType(
     {
@@ -29,7 +29,7 @@ CAUSES: Mapping[str, str] = MappingProxyType(
 
 REMEDIES: Mapping[str, str] = MappingProxyType(
     {
-        "noise": "repeat the press; a mean of presses has less noise",
+        "noise": "repeat the measurement; a mean of several has less noise",
         "model": "fit another material, and `palpate compare` both runs",
         "zero": "reduce the drift of the sensor, and set `[budget] zero` to the rest",
         "gain": "calibrate the sensor, and set `[budget] gain` to the rest",

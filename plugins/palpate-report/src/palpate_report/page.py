@@ -38,7 +38,7 @@ from palpate.api.report import (
 from palpate.api.runs import answering_for
 from palpate_report.answer import answer, colour_of
 from palpate_report.forest import forest
-from palpate_report.marks import rounded
+from palpate_report.marks import rounded, with_minus
 from palpate_report.page_data import page_data
 from palpate_report.report_data import ReportData
 from palpate_report.result import Conclusion, Report, ordered
@@ -243,7 +243,7 @@ def _kind(value: object) -> str:
 
 def _with_minus(text: Callable[..., str]) -> Callable[..., str]:
     """Filter with true minus signs in front of numbers, not within names and dates."""
-    return lambda *values: re.sub(r"(?<![\w.-])-(?=\d)", "−", text(*values))
+    return lambda *values: with_minus(text(*values))
 
 
 ENLARGED = 1.5

@@ -80,7 +80,9 @@ def report_warnings(
     yield from _listed(
         f"{len(poor)} of the best fits {'is' if len(poor) == 1 else 'are'} poor",
         poor,
-        "The material, the mesh or the contact may not be what was pressed.",
+        "The material may not be what was stretched."
+        if data.study.protocol is None
+        else "The material, the mesh or the contact may not be what was pressed.",
     )
     yield from _about_fits(data)
     yield from _listed(

@@ -211,6 +211,8 @@ def _lead(data: ReportData, bests: Sequence[Best]) -> tuple[str, list[str], str]
         values += [f"{each.parameter} {each.value:.4g} {each.unit}" for each in moduli(data, best)]
         of = f"At {where}" if where != ALL_SPOTS else f"One material for all {len(data.spots)} spots"
         mean = "mean Fopt" if where == ALL_SPOTS else "Fopt"
+        if any(value.is_sure for value in best.values):  # the values weigh curves by their errors
+            mean = f"least {mean}"
         least = "at least " if where == ALL_SPOTS else ""
         r2 = [
             f"R² {name} {least}{at:.4g}"
@@ -246,7 +248,7 @@ def _spent(data: ReportData) -> str:
     fits = data.fit.table.unique(["fit", "scenario"])
     n_sweep = sum(data.completeness.simulated.values())
     fine = f" and {n_fine} of finer meshes" if (n_fine := fits["n_fine"].sum()) else ""
-    sweep = f"{n_sweep} of the sweep, " if data.study.n_sets else ""
+    sweep = f"{n_sweep} of the sweep, " if data.design.n_sets else ""
     return f"Simulations: {sweep}{fits['n_runs'].sum()} of the fit{fine}."
 
 
