@@ -364,7 +364,7 @@ def test_a_study_without_its_files_names_what_makes_them(call: Call) -> None:
     refused = call("check", "real", plugin=None)
     assert refused.code == 2
     assert "meshes/p1.vtu); paths are relative to study.toml, and `palpate limb SCAN` makes" in refused.err
-    assert "`palpate synthesise STUDY` simulates [truth] into it" in refused.err
+    assert "`palpate synthesise real` simulates [truth] into it" in refused.err
 
 
 def test_init_overwrites_nothing(call: Call) -> None:

@@ -52,7 +52,8 @@ def test_posteriors_of_a_fit_are_drawn_and_kept(call, without_sweep, tmp_path):
     pytest.importorskip("emcee")
     early = call("certainty", without_sweep)
     assert early.code == 2
-    assert "run `palpate experiment STUDY --out " in early.err
+    assert f" experiment {without_sweep} --out " in early.err
+    assert "run `palpate --plugin " in early.err
     assert call("run", without_sweep).code == 0
     drawn = call("certainty", without_sweep, "--json")
     valid("certainty", drawn.json)

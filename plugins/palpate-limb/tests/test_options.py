@@ -7,6 +7,7 @@ import pytest
 from palpate.api.runs import read_options
 from palpate.cli.app import main
 from palpate.errors import StudyError
+from palpate_limb.cli import _is_to_simulate
 from palpate_limb.options import BoneFile, ScanOptions
 
 
@@ -118,3 +119,16 @@ def test_a_wrong_option_of_the_command_line_is_named(
 ) -> None:
     assert main(["limb", "skin.stl", *given]) == 2
     assert message in " ".join(capsys.readouterr().err.split())
+
+
+def test_after_the_meshes_come_the_curves_of_a_study_that_simulates_them(tmp_path):
+    study, spot = tmp_path / "study.toml", '[[spot]]\nname = "p1"\nmeasured = "p1.csv"\n'
+    assert not _is_to_simulate(study)
+    study.write_text(spot)
+    assert not _is_to_simulate(study)  # measured, by somebody
+    study.write_text(f"{spot}[truth]\nskin.E = '0.1 MPa'\n")
+    assert _is_to_simulate(study)
+    (tmp_path / "p1.csv").touch()
+    assert not _is_to_simulate(study)
+    study.write_text("[truth")
+    assert not _is_to_simulate(study)  # `palpate check` says what is wrong

@@ -1,6 +1,7 @@
 """``palpate limb SCAN``: from a scan or model and bones to one mesh per spot."""
 
 import json
+import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -156,9 +157,21 @@ def _show(session: Session, notes: Notes, regions: tuple[str, ...]) -> None:
     session.say("\n" + study_tables([note["spot"] for note in first], regions, list(notes)))
     folder = next(iter(notes)).parent
     if (folder / "study.toml").is_file():
-        session.next(f"check {folder}", "put these tables into a study.toml, or go on with the one there; ")
+        step = "synthesise" if _is_to_simulate(folder / "study.toml") else "check"
+        session.next(f"{step} {folder}", "put these tables into a study.toml, or go on with the one there; ")
         return
     meshes = (
         f"--measured {note['spot']}.csv --mesh {next(iter(notes)) / note['spot']}.vtu" for note in first
     )
     session.next(f"init FOLDER {' '.join(meshes)}", "put these tables into a study.toml, or make one; ")
+
+
+def _is_to_simulate(study: Path) -> bool:
+    """Whether the curves of a study are those of its ``[truth]``, and not there yet."""
+    try:
+        tables = tomllib.loads(study.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return False
+    files = [spot.get("measured") for spot in tables.get("spot", ()) if isinstance(spot, dict)]
+    missing = (not (study.parent / file).exists() for file in files if isinstance(file, str))
+    return "truth" in tables and any(missing)
