@@ -109,6 +109,9 @@ def _plugins(plugins: Plugins) -> Iterator[Finding]:
         package = points[name].dist
         found = f"{package.name} {package.version}" if package else points[name].value
         yield Finding("plugins", name, found)
+    for name, states in plugins.restored.items():
+        advice = "it was restored; let the plugin leave what all plugins share"
+        yield Finding("plugins", name, f"changes at import: {', '.join(states)}", "note", advice)
     for each in plugins.broken:
         advice = f"correct it, or do without {each.source}"
         yield Finding("plugins", each.name, f"left out: {each.reason}", "wrong", advice)

@@ -86,15 +86,16 @@ def answering_for(component: "Component | type[Component]", doing: str) -> Itera
 
 
 @contextlib.contextmanager
-def guarded() -> Iterator[None]:
+def guarded() -> Iterator[list[str]]:
     """Turn whatever a plugin does wrong while it is imported or asked into a PluginError.
 
-    What it prints goes to stderr. Ctrl-C is no mistake of a plugin; a KeyboardInterrupt without it is.
+    What it prints goes to stderr, and what it changes of the process is restored: the list names that at the
+    end. Ctrl-C is no mistake of a plugin; a KeyboardInterrupt without it is.
     """
     interrupts: list[int] = []
     try:
-        with contextlib.redirect_stdout(sys.stderr), restored(), noting_interrupts(interrupts):
-            yield
+        with contextlib.redirect_stdout(sys.stderr), restored() as changed, noting_interrupts(interrupts):
+            yield changed
     except PluginError:
         raise
     except SystemExit as error:

@@ -137,6 +137,8 @@ class Registry:
         self.commands: dict[str, str] = {}
         self.import_s: dict[str, float] = {}
         """Import time of each plugin, by the name under which it is listed."""
+        self.restored: dict[str, list[str]] = {}
+        """What of the process each plugin changes when it is imported, by its name."""
         self._qualifiers: dict[str, str] = {}
         self.points: list[tuple[str, importlib.metadata.EntryPoint]] = []
         """Entry points of single components by kind, imported when the catalogues are filled."""
@@ -151,9 +153,11 @@ class Registry:
                 name = qualifier
             if name in self.sources:
                 raise PluginError(f"the plugin name '{name}' is taken by {self.sources[name]}; rename one")
-            with self._timed(name), guarded():
+            with self._timed(name), guarded() as changed:
                 plugin = load()
                 _check_version(plugin)
+            if changed:
+                self.restored[name] = changed
             self._register(name, plugin)
             self._qualifiers[name] = qualifier or name
         except PluginError as error:
@@ -396,7 +400,7 @@ def _single(kind: str, point: importlib.metadata.EntryPoint) -> Any:  # noqa: AN
     group = f"{GROUP}.{kind}"
     with guarded():
         item = point.load()
-        _check_version(sys.modules.get(getattr(item, "__module__", ""), item))
+        _check_version(item)
         _check_item(item, KINDS[kind], group)
     if item.name != point.name:
         raise PluginError(f"{group}: '{point.name}' provides '{item.name}'; give both one name")
@@ -404,8 +408,14 @@ def _single(kind: str, point: importlib.metadata.EntryPoint) -> Any:  # noqa: AN
 
 
 def _check_version(plugin: object) -> None:
-    """Refuse a plugin that needs names or meanings which this version of :mod:`palpate.api` lacks."""
-    needed = getattr(plugin, "palpate_api", API_VERSION)
+    """Refuse a plugin that needs names or meanings which this version of :mod:`palpate.api` lacks.
+
+    It says so in its module, or in a package around that.
+    """
+    parts = str(getattr(plugin, "__module__", None) or getattr(plugin, "__name__", "")).split(".")
+    around = (sys.modules.get(".".join(parts[:n])) for n in range(len(parts), 0, -1))
+    stated = (place.palpate_api for place in (plugin, *around) if hasattr(place, "palpate_api"))
+    needed = next(stated, API_VERSION)
     try:
         major, minor = map(int, needed)
     except (TypeError, ValueError):

@@ -1,5 +1,6 @@
 """Plugins: what works is found, what is broken is named and harms nothing else."""
 
+import importlib
 import importlib.metadata
 import pickle
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 import typer
 
 from palpate.errors import PalpateError, PluginError
+from palpate.plugins import registry
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import HOOKS, KINDS, add_commands, load_file, plugin_source
 from palpate.plugins.versions import FIRST_PARTY
@@ -342,6 +344,19 @@ def test_entry_points_register_in_the_order_of_their_names(
     assert plugins.samplers.provider("same") == "abc"
     assert [broken.name for broken in plugins.broken] == ["bad", "zed"]
     assert Plugins.load(entry_points=False).broken == ()
+
+
+def test_a_package_says_for_all_its_modules_what_they_need(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "palpate_vermat"
+    package.mkdir()
+    (package / "__init__.py").write_text("palpate_api = (9, 0)\n")
+    (package / "parts.py").write_text(SAMPLER.format(name="same"))
+    monkeypatch.syspath_prepend(tmp_path)
+    module = importlib.import_module("palpate_vermat.parts")
+    with pytest.raises(PluginError, match=r"needs version 9\.0 of palpate\.api"):
+        registry._check_version(module)
 
 
 def test_modules_are_kept_when_files_are_added(write: Write) -> None:

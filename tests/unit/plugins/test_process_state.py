@@ -11,6 +11,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
+from palpate.cli.doctor_checks import examine
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.guard import answering_for
 from palpate.plugins.process_state import STATES, restored
@@ -59,9 +60,12 @@ def test_an_import_and_a_call_leave_the_working_directory(write: Write) -> None:
     here = Path.cwd()
     text = "import os\nimport numpy\nos.chdir('/')\nnumpy.seterr(all='raise')\n"
     with np.errstate(all="ignore"):
-        Plugins.load([write("moves", text)], entry_points=False)
+        plugins = Plugins.load([write("moves", text)], entry_points=False)
         assert np.geterr()["over"] == "ignore"
     assert Path.cwd() == here
+    assert plugins.restored == {"moves": ["working directory", "numpy's error state"]}
+    (found,) = (each for each in examine(plugins, here, 0.0) if (each.what, each.level) == ("moves", "note"))
+    assert found.found == "changes at import: working directory, numpy's error state"
     with answering_for(bench.HalfSpace(), "moving"):
         os.chdir("/")
     assert Path.cwd() == here
