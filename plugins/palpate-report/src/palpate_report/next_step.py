@@ -63,7 +63,7 @@ def next_step(data: ReportData, estimates: Sequence[Headline], *, is_refused: bo
         return "finish the run: `palpate run RUN`"
     if is_refused:
         return STOP
-    if at_end := ", ".join(each.parameter for each in estimates if each.at_bound):
+    if at_end := ", ".join(p.parameter for p in estimates if p.at_bound and p.identifiability != "not"):
         return f"widen the range of {at_end} and run again; what is simulated is kept"
     open_ones = [each for each in estimates if each.identifiability != "well"]
     if not open_ones:

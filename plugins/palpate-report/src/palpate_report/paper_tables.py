@@ -169,10 +169,18 @@ def _table1(blocks: Sequence[_Block], *, wide: bool) -> str:
     if any(block.has_intervals for block in blocks):
         what += ", with their 95 % intervals in brackets"
     what += "; R² is the least of the fitted channels and spots"
+    laws = dict.fromkeys(
+        region.material.summary for block in blocks for region in block.data.study.space.regions
+    )
     return tabular(
         columns,
         [line for block in blocks for line in _coefficients(block, scenarios, n, wide=wide)][1:],
-        caption=_caption(what, blocks, explained(mark for block in blocks for mark in block.marks)),
+        caption=_caption(
+            what,
+            blocks,
+            f"{'; '.join(laws)}; {_curves(blocks)}",
+            explained(mark for block in blocks for mark in block.marks),
+        ),
         label="coefficients-wide" if wide else "coefficients",
         wide=wide,
         warnings=_failures(blocks),
@@ -238,10 +246,16 @@ def _failures(blocks: Sequence[_Block]) -> list[str]:
     return [f"{block.title}: {block.verdicts.failure}" for block in blocks if block.verdicts.failure]
 
 
-def _caption(what: str, blocks: Sequence[_Block], marks: str = "") -> str:
-    """Caption of a table: its content, what each scenario is fitted to, the data, and what the marks mean."""
+def _curves(blocks: Sequence[_Block]) -> str:
+    """Number of curves of each run."""
+    counts = {b.title: sum(len(r.curves) for r in b.data.measured.values()) for b in blocks}
+    return ", ".join(f"{n} curves of {title}" for title, n in counts.items())
+
+
+def _caption(what: str, blocks: Sequence[_Block], *more: str) -> str:
+    """Caption of a table: its content, what each scenario is fitted to, the data, and what else is to say."""
     fitted = {s.name: weighted_channels(s) for block in blocks for s in block.data.study.scenarios}
     scenarios = ", ".join(f"{name} ({channels})" for name, channels in fitted.items())
     notices = dict.fromkeys(block.data.notice for block in blocks if block.data.notice)
-    texts = (what, f"scenarios: {scenarios}", *notices, *_failures(blocks), marks)
+    texts = (what, f"scenarios: {scenarios}", *notices, *_failures(blocks), *more)
     return escaped(" ".join(f"{text[0].upper()}{text[1:].rstrip('.')}." for text in texts if text))
