@@ -254,7 +254,7 @@ def _about_ends(data: ReportData, bests: Sequence[Best], whose: str) -> Iterator
             f"{parameter.name} at {best.where}"
             for best in bests
             for parameter, value in zip(data.searched.values(), best.values, strict=True)
-            if value.is_at_bound
+            if value.is_at_bound and value.identifiability != "not"
         ],
         "Widen the range: the minimum may be outside.",
     )
