@@ -1,5 +1,6 @@
 """``palpate plugins``: who provides what."""
 
+import importlib.util
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -186,4 +187,5 @@ def new_plugin(
     session.say(f"{folder}")
     for file in files:
         session.say(f"  {file}")
-    session.note(f"next: cd {folder} && pytest")
+    first = "" if importlib.util.find_spec("pytest") else "pip install 'palpate[testing]' && "
+    session.note(f"next: {first}cd {folder} && pytest")

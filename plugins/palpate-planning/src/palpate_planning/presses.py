@@ -81,6 +81,7 @@ class DesignProblem:
     estimate: FloatArray | None = None
     laplace: Laplace | None = None
     limited: Mapping[str, tuple[Channel, ...]] = field(default_factory=dict)
+    progress: Progress = SILENT
 
     @property
     def shared(self) -> list[int]:
@@ -131,7 +132,7 @@ class _Stated(NamedTuple):
 
 
 def press_meshes(
-    study: Study, presses: Sequence[CandidatePress], progress: Progress = SILENT
+    study: Study, presses: Sequence[CandidatePress]
 ) -> tuple[dict[str, SpotMesh], dict[str, Limb]]:
     """Meshes under presses as far as their errors go, by press name; and their finer ones by limb name.
 
@@ -150,8 +151,6 @@ def press_meshes(
         if fine is not None:
             under[f"{press.spot}/fine"] = finer[f"{press.name}/fine"] = fine
         meshes[press.name] = spot_meshes(pressed, under, is_refined=True).get(press.spot, SpotMesh())
-    if finer:
-        progress.note(f"{len(finer)} candidates are simulated once more, on a finer mesh")
     return meshes, finer
 
 
@@ -253,7 +252,14 @@ def _stated(
     for press in finer:
         job = job_of(design, bare[press], points[0])
         jobs.append(replace(job, spot=press.name, slopes=False, fine=True))
+    once_more = f", {len(finer)} of them once more on a finer mesh" if finer else ""
+    design.progress.note(
+        f"{len(bare)} candidates at {len(points)} likely values{once_more}: {len(jobs)} simulations; "
+        "--allowed names fewer, --points 1 takes one value"
+    )
+    design.progress.begin("candidates", len(jobs))
     ended = iter(design.problem.simulate(jobs))
+    design.progress.begin("rank", 0)
     coarse = {press: [next(ended) for _ in points] for press in bare}
     fine = dict(zip(finer, ended, strict=True))
     return {

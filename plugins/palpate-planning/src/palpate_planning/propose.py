@@ -113,7 +113,7 @@ def propose(
     """
     allowed, tool = options.allowed, tool_limbs(study, options.tool)
     limits, presses = limits_of(allowed, study, plugins.channels), candidates(study, plugins, allowed)
-    meshes, finer = press_meshes(study, presses, progress)
+    meshes, finer = press_meshes(study, presses)
     if (run_folder / "fit.parquet").exists():
         with locked_run(study, run_folder, plugins, progress, needs=["fit"], more_limbs=tool | finer) as run:
             certain, assessed = joint_assessed(run)
@@ -136,8 +136,8 @@ def propose(
                 study, study.generalising, simulations.of, abscissae_of(plugins.channels), options.n_points
             )
             check_options(design, options)
-            progress.begin("plan", 0)
-            found = choose_presses(replace(design, meshes=meshes), [], presses, points, options, limits)
+            design = replace(design, meshes=meshes, progress=progress)
+            found = choose_presses(design, [], presses, points, options, limits)
         directory.write_proposal(for_robot(found, limbs))
         return found
 
@@ -176,7 +176,7 @@ class PlanningStage:
         """
         design = self.design()
         check_options(design, options)
-        self.progress.begin("next", 0)
+        self.progress.begin("fit again", 0)
         so_far, points = presses_so_far(design, self._points(options.n_points))
         found = choose_presses(design, so_far, presses, points, options, limits)
         failed_checks = tuple(check.name for check in self.assessed.checks if check.is_failed)
@@ -202,6 +202,7 @@ class PlanningStage:
             meshes=self.meshes,
             estimate=box.lower + (box.upper - box.lower) * self.assessed.point,
             laplace=self.assessed.laplace,
+            progress=self.progress,
         )
 
     @property
