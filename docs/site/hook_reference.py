@@ -77,9 +77,9 @@ def _hook(name: str, spec: Any, kind: str | None) -> Iterator[str]:  # noqa: ANN
 def _around(kind: str) -> Iterator[str]:
     """Write how to list, scaffold and test components of a kind."""
     yield f"Listed by `palpate plugins {kind.replace('_', '-')}`."
-    for word, kit in KITS.items():
-        if kit.catalogue == kind and not kit.is_whole:
-            yield f"Scaffold: `palpate new-plugin {word} NAME`."
+    words = [word for word, kit in KITS.items() if kit.catalogue == kind and not kit.is_whole]
+    if words:
+        yield f"Scaffold: `palpate new-plugin {'|'.join(words)} NAME`."
     if contract := KINDS[kind].contract:
         yield f"Tested by `palpate.testing.{contract}`."
 
