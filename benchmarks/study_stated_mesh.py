@@ -45,12 +45,13 @@ def main() -> None:
     """Print a row for each curve, and how often the true error is within twice the stated."""
     asked = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     asked.add_argument("folder", type=Path)
+    asked.add_argument("--seed", type=int, default=0)
     options = asked.parse_args()
     plugins = Plugins.load()
     parallel = ready_with_fine("forearm-demo", plugins).executor
     study = replace(ready("forearm-demo", plugins), executor=parallel)
     limbs, (region,) = limbs_with_truth(study, plugins), study.space.regions
-    rows = accepted(study, N_MATERIALS, np.random.default_rng(0))
+    rows = accepted(study, N_MATERIALS, np.random.default_rng(options.seed))
     jobs = [
         Job(
             spot=limb,
