@@ -76,3 +76,15 @@ def test_control_characters_are_spelt_out_wherever_text_is_printed(
         assert not set("\x1b\x9b\r\x7f") & set(text)
         assert r"a\u001b[31mb\u009b2Jc" in text
     assert json.loads(printed.out[printed.out.index("{") :])["name"] == steering
+
+
+def test_commands_of_a_message_are_on_the_study_that_was_read() -> None:
+    session = Session([Path("my tissue.py")], ["slow"])
+    text = "run `palpate fit STUDY --out STUDY_A/run` first; results of `palpate score`"
+    assert session.addressed(text) == text
+    session.asked = Path("my arm")
+    assert session.addressed(text) == (
+        "run `palpate --plugin 'my tissue.py' --no-plugin slow fit 'my arm' --out STUDY_A/run` first; "
+        "results of `palpate score`"
+    )
+    assert session.addressed("`palpate synthesise STUDY`").endswith("synthesise 'my arm'`")

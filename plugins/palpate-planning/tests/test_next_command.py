@@ -59,7 +59,7 @@ def test_next_press_is_ranked_made_and_added(call, weighed, tmp_path):
     study, plugins = weighed
     assert call("run", study.file, "--out", "run", plugin=bench.__file__).code == 0
     made = call("next", "run", *CHOICE, "--json", plugin=bench.__file__)
-    assert re.search(r"candidates at \d+ likely values: \d+ simulations; --allowed names fewer", made.err)
+    assert re.search(r"\d+ simulations, of candidates \(4\) by values of the parameters \(3\)", made.err)
     assert made.code == 0, made.err
     found = valid(call, "next", made.json)
     _never_widens(found)

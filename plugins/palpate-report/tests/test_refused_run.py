@@ -167,8 +167,10 @@ def test_a_set_outside_of_the_interval_has_not_its_word(content):
     spot, scenario, name = row["spot"], row["scenario"], "soft_tissue.stiffness"
     above = replace(data, identifiability=known.with_columns(lower=2.0 * row[name], upper=3.0 * row[name]))
     around = replace(data, identifiability=known.with_columns(lower=0.9 * row[name], upper=1.1 * row[name]))
-    words = [Verdicts.of(each).at(spot, scenario, name, is_fit=False) for each in (around, above)]
-    assert words == ["well", "unclear"]
+    for each, word in ((around, "well"), (above, "unclear")):
+        assert Verdicts.of(each).at(spot, scenario, name, is_fit=False) == word
+        (at,) = (best for best in best_sets(each) if (best.spot, best.scenario) == (spot, scenario))
+        assert at.values[0].identifiability == word
 
 
 @pytest.mark.parametrize(

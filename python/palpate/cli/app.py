@@ -6,7 +6,6 @@ Exit codes: 0 done, 1 no set could be selected, in all or in one of the scenario
 
 import errno
 import os
-import re
 import sys
 import traceback
 from collections.abc import Callable, Mapping, Sequence
@@ -138,7 +137,7 @@ def _run(app: typer.Typer, session: Session, given: Sequence[str]) -> int:
     except StoppedError as error:
         return _fail(error, 130)
     except PalpateError as error:
-        return _fail(PalpateError(_addressed(str(error), given, session.files)), 2)
+        return _fail(PalpateError(session.addressed(str(error))), 2)
     except OSError as error:
         return _fail(_of_file(error), 2)
     except SystemExit as stop:
@@ -146,17 +145,6 @@ def _run(app: typer.Typer, session: Session, given: Sequence[str]) -> int:
             return stop.code or 0
         return _fail(PalpateError(str(stop.code)), 2)
     return 0
-
-
-def _addressed(text: str, given: Sequence[str], files: Sequence[Path]) -> str:
-    """Message whose commands have the plugins of this call, and its study in place of ``STUDY``."""
-    named = [word for word in given[1:] if not word.startswith("-") and Path(word).exists()]
-    plugins = "".join(f"--plugin {file} " for file in files)
-
-    def command(found: re.Match[str]) -> str:
-        return f"`palpate {plugins}{found[1].replace('STUDY', named[0] if named else 'STUDY')}`"
-
-    return re.sub(r"`palpate (?!--plugin)([^`]*)`", command, text)
 
 
 def _of_file(error: OSError) -> PalpateError:

@@ -1,5 +1,7 @@
 """State of one call of the command line: its plugins, and where it writes."""
 
+import re
+import shlex
 import sys
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -61,6 +63,8 @@ class Session:
         self.given = self.files if given is None else tuple(given)
         self.without = tuple(without)
         self.make_app = make_app
+        self.asked: Path | None = None
+        """Study that was read last."""
         self.interrupts: list[int] = []
         """Signals that asked to stop: an exception in a callback of a library may be swallowed."""
 
@@ -116,6 +120,7 @@ class Session:
         from palpate.study.reading import read_study, with_study_plugins
 
         _refuse_run(path)
+        self.asked = path
         known = self.plugins.broken
         self.plugins = with_study_plugins(path, self.plugins)
         self.refuse_broken(each for each in self.plugins.broken if each not in known)
@@ -139,9 +144,24 @@ class Session:
 
     def next(self, command: str, before: str = "") -> None:
         """Print the command to run next, with the plugin files of this one."""
-        files = "".join(f"--plugin {file} " for file in self.files)
-        files += "".join(f"--no-plugin {name} " for name in self.without)
-        self.stderr.print(f"{before}next: palpate {files}{command}", markup=False)
+        self.stderr.print(f"{before}next: palpate {self._options}{command}", markup=False)
+
+    def addressed(self, text: str) -> str:
+        """Message whose commands on ``STUDY`` are those on the study that was read, with its plugins."""
+        if self.asked is None:
+            return text
+        study = shlex.quote(str(self.asked))
+
+        def command(found: re.Match[str]) -> str:
+            return f"`palpate {self._options}{found[1]}{study}{found[2]}`"
+
+        return re.sub(r"`palpate ([^`]* )STUDY((?: [^`]*)?)`", command, text)
+
+    @property
+    def _options(self) -> str:
+        """Options by which another call has the plugins of this one."""
+        options = [f"--plugin {shlex.quote(str(file))} " for file in self.files]
+        return "".join([*options, *(f"--no-plugin {name} " for name in self.without)])
 
     def say(self, text: str) -> None:
         """Print a line of the result, without markup."""

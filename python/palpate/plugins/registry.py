@@ -414,8 +414,9 @@ def _check_version(plugin: object) -> None:
     """
     parts = str(getattr(plugin, "__module__", None) or getattr(plugin, "__name__", "")).split(".")
     around = (sys.modules.get(".".join(parts[:n])) for n in range(len(parts), 0, -1))
-    stated = (place.palpate_api for place in (plugin, *around) if hasattr(place, "palpate_api"))
-    needed = next(stated, API_VERSION)
+    stated = (vars(place).get("palpate_api") for place in (plugin, *around) if isinstance(place, ModuleType))
+    # A module of that name is none.
+    needed = next((each for each in stated if each and not isinstance(each, ModuleType)), API_VERSION)
     try:
         major, minor = map(int, needed)
     except (TypeError, ValueError):

@@ -172,6 +172,7 @@ def _is_to_simulate(study: Path) -> bool:
         tables = tomllib.loads(study.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return False
-    files = [spot.get("measured") for spot in tables.get("spot", ()) if isinstance(spot, dict)]
+    spots = found if isinstance(found := tables.get("spot"), list) else []
+    files = (spot.get("measured") for spot in spots if isinstance(spot, dict))
     missing = (not (study.parent / file).exists() for file in files if isinstance(file, str))
     return "truth" in tables and any(missing)

@@ -254,8 +254,8 @@ def _stated(
         jobs.append(replace(job, spot=press.name, slopes=False, fine=True))
     once_more = f", {len(finer)} of them once more on a finer mesh" if finer else ""
     design.progress.note(
-        f"{len(bare)} candidates at {len(points)} likely values{once_more}: {len(jobs)} simulations; "
-        "--allowed names fewer, --points 1 takes one value"
+        f"{len(jobs)} simulations, of candidates ({len(bare)}) by values of the parameters ({len(points)})"
+        f"{once_more}; --allowed and --points change how many"
     )
     design.progress.begin("candidates", len(jobs))
     ended = iter(design.problem.simulate(jobs))

@@ -119,12 +119,14 @@ def _value(
     at_bound = {ParameterName.parse(each).shared for each in (best.get("at_bound") or "").split(", ")}
     ends, is_sure = (interval.get("lower"), interval.get("upper")), "is_sure" in interval
     found = Value(best.get(name), optimum, *ends, word, name in at_bound, is_sure)
-    if name not in data.brief or found.value is None:
+    if found.value is None:
         return found
-    if "fit" not in best:
-        return replace(found, is_at_bound=_at_end(data.brief[name], found, data.design.values[:, i]))
-    # With an interval the value is not that of the least Fopt, of which the fit's own table speaks.
-    return replace(found, is_at_bound=_at_limit(data.brief[name], found.value)) if is_sure else found
+    if is_sure:  # then the value is not that of the least Fopt, of which the fit's own table speaks
+        return replace(found, is_at_bound=_at_limit(data.searched[name], found.value))
+    if "fit" not in best and name in data.brief:
+        found = replace(found, is_at_bound=_at_end(data.brief[name], found, data.design.values[:, i]))
+    # The sweep's interval is of the optimum between its sets: what is outside of it has not its word.
+    return found if found.is_in_interval else replace(found, identifiability=UNCLEAR)
 
 
 def _at_limit(parameter: Parameter, value: float) -> bool:

@@ -111,7 +111,9 @@ def headlines(data: ReportData, bests: Sequence[Best]) -> list[Headline]:
                 value=chosen.get(name) if best is None else best.values[i].value,
                 lower=row.get("lower"),
                 upper=row.get("upper"),
-                identifiability=row.get("identifiability", UNCLEAR),
+                identifiability=row.get("identifiability", UNCLEAR)
+                if best is None
+                else best.values[i].identifiability,
                 at_bound=at_bound.get(name, False),
                 is_refused=is_refused,
             )
@@ -242,8 +244,7 @@ class Verdicts:
         known = best is not None and 0 <= i < len(best.values)
         value = best.values[i] if best is not None and known else None
         if word is None:
-            # The sweep's interval is of the optimum between its sets: the best of these may be outside.
-            word = value.identifiability if value and value.is_in_interval else UNCLEAR
+            word = value.identifiability if value else UNCLEAR
         return verdict_of(word, at_bound=value is not None and value.is_at_bound)
 
     def _is_refused(self, best: Best | None, spot: str, scenario: str, *, is_fit: bool) -> bool:

@@ -46,8 +46,8 @@ def _experiment(data: ReportData) -> Iterator[str]:
         f"Parameters were identified with palpate {versions.get('palpate', '')} "
         f"(solver {study.solver.name}, {versions.get(f'solver {study.solver.name}', 'version unknown')})."
     )
-    *first, last = (name.replace("_", " ") for name in data.measured_channels)
-    measured = f"{', '.join(first)} and {last}" if first else last
+    names = [name.replace("_", " ") for name in data.measured_channels]
+    measured = " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
     were = "were measured" if study.data == "measured" else "were simulated, not measured"
     protocol, n = study.protocol, len(data.spots)
     spots = f"{n} spot{'s' if n > 1 else ''} ({', '.join(data.spots)})"

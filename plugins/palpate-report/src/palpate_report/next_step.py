@@ -8,7 +8,7 @@ from palpate_report.headline import Headline
 from palpate_report.report_data import ReportData
 
 WRITE_UP = "every parameter is identified: write it up (docs/write-it-up.md), with report/methods.md"
-STOP = "change what the first warning names, such as the material, and run again"
+STOP = "see why in the first warning, change the material, the mesh or the data, and run again"
 
 CAUSES: Mapping[str, str] = MappingProxyType(
     {

@@ -249,7 +249,7 @@ def _failures(blocks: Sequence[_Block]) -> list[str]:
 def _curves(blocks: Sequence[_Block]) -> str:
     """Number of curves of each run."""
     counts = {b.title: sum(len(r.curves) for r in b.data.measured.values()) for b in blocks}
-    return ", ".join(f"{n} curves of {title}" for title, n in counts.items())
+    return ", ".join(f"{n} curve{'' if n == 1 else 's'} of {title}" for title, n in counts.items())
 
 
 def _caption(what: str, blocks: Sequence[_Block], *more: str) -> str:

@@ -366,9 +366,7 @@ def _about_coarseness(data: ReportData, bests: Sequence[Best]) -> Iterator[Repor
             for best in bests
             if best.scenario == data.generalising.name and best.found != "fit"
             for parameter, value in zip(data.brief.values(), best.values, strict=True)
-            if value.value is not None and value.optimum is not None
-            if value.lower is not None and value.upper is not None
-            if not value.lower <= value.value <= value.upper
+            if value.value is not None and value.optimum is not None and not value.is_in_interval
         ),
         'Search from the best sets ([fit] search = "least_squares"), or raise n_sets.',
     )

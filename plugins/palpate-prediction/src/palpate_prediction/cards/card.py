@@ -38,8 +38,8 @@ class CardData:
         What may be read of its value, where that was searched.
     failure : str
         Why no parameters can be read from the run; empty where they can.
-    stretches : mapping of channel to (lower, upper)
-        Stretches of the measured curves, where the experiment is on a homogeneous specimen.
+    reached : mapping of channel to (abscissa, lower, upper)
+        Ends of the measured curves, where the experiment is on a homogeneous specimen.
     number : int
         By which the parts of a model name the material: from 1, in the order of the study's regions.
     """
@@ -53,7 +53,7 @@ class CardData:
     origins: Mapping[str, str]
     verdicts: Mapping[str, str]
     failure: str = ""
-    stretches: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    reached: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
     number: int = 1
 
     @property
@@ -111,7 +111,7 @@ def head(data: CardData, form: EnergyForm | None = None) -> Iterator[str]:
             f"initial moduli: shear {form.shear_MPa:.6g} MPa, bulk {form.bulk_MPa:.6g} MPa, "
             f"Poisson's ratio {form.poisson:.6g}"
         )
-    yield _range(data.strain, data.stretches)
+    yield _range(data.strain, data.reached)
 
 
 def _with_unit(parameter: Parameter, value: float) -> str:
@@ -125,10 +125,10 @@ def _interval(data: CardData, parameter: Parameter) -> str:
     return f"95 % interval {lower:.4g} to {upper:.4g}"
 
 
-def _range(strain: Mapping[str, float], stretches: Mapping[str, tuple[float, float]]) -> str:
-    if stretches:
-        ends = (f"{low:.3f} to {high:.3f} ({name})" for name, (low, high) in stretches.items())
-        return f"valid: the experiment reached stretches of {', '.join(ends)}"
+def _range(strain: Mapping[str, float], reached: Mapping[str, tuple[str, float, float]]) -> str:
+    if reached:
+        ends = (f"{of} {low:.3f} to {high:.3f} ({name})" for name, (of, low, high) in reached.items())
+        return f"valid: the experiment reached {', '.join(ends)}"
     if not strain:
         return "valid: the strains of the experiment are not known; `palpate surface` computes them"
     return (

@@ -229,7 +229,7 @@ def as_json(data: CardData) -> str:
         "initial_shear_modulus_MPa": mu,
         "initial_bulk_modulus_MPa": kappa,
         "strain_of_experiment": dict(data.strain) or None,
-        "stretches_of_experiment": dict(data.stretches) or None,
+        "ends_of_experiment": dict(data.reached) or None,
     }
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
@@ -281,20 +281,20 @@ def cards_of(run: Run) -> Iterator[CardData]:
             origins={p: "fixed" if p in region.fixed else TIED if p in region.tied else source for p in full},
             verdicts={p: each.verdict for p, each in searched.items() if each},
             failure=failure,
-            stretches=_stretches(run),
+            reached=_reached(run),
             number=number,
         )
 
 
-def _stretches(run: Run) -> dict[str, tuple[float, float]]:
-    """Ends of the measured curves of a homogeneous specimen by channel; empty of a limb."""
+def _reached(run: Run) -> dict[str, tuple[str, float, float]]:
+    """Abscissa and its ends of the measured curves of a homogeneous specimen by channel; empty of a limb."""
     if run.study.protocol is not None:
         return {}
     ends: dict[str, list[float]] = {}
     for response in run.measured.values():
         for name, curve in response.curves.items():
             ends.setdefault(name, []).extend((float(curve.abscissa.min()), float(curve.abscissa.max())))
-    return {name: (min(each), max(each)) for name, each in ends.items()}
+    return {name: (run.channels[name].abscissa, min(each), max(each)) for name, each in ends.items()}
 
 
 def _intervals(
