@@ -44,7 +44,7 @@ def answer(data: ReportData, conclusion: Conclusion, picture: Forest) -> Summary
         "Spots": _spots(data, conclusion, picture),
         "Certainty": _causes(data),
         "NOT included": ", ".join(conclusion.not_included),
-        "Known": _known(data, conclusion),
+        "Known": conclusion.known,
         "Rests on": conclusion.spent
         or f"{sum(data.completeness.simulated.values())} simulations of the sweep.",
     }
@@ -56,25 +56,6 @@ def answer(data: ReportData, conclusion: Conclusion, picture: Forest) -> Summary
         lines=(*conclusion.estimates, *conclusion.moduli),
         facts=tuple((name, text) for name, text in facts.items() if text),
         is_sure=any(value.is_sure for each in conclusion.bests for value in each.values),
-    )
-
-
-def _known(data: ReportData, conclusion: Conclusion) -> str:
-    """Whether the intervals of simulated data hold the known answer."""
-    names = {parameter.name: name for name, parameter in data.searched.items()}
-    outside = []
-    for each in conclusion.estimates:
-        truth = data.study.truth.get(names.get(each.parameter, ""))
-        if truth is None or each.lower is None or each.upper is None:
-            return ""
-        if not each.lower <= truth <= each.upper:
-            outside.append(f"{each.parameter} ({truth:.4g})")
-    if not conclusion.estimates:
-        return ""
-    return (
-        f"the true value is outside for {', '.join(outside)}"
-        if outside
-        else "every interval holds the true value"
     )
 
 

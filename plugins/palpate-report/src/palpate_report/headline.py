@@ -121,6 +121,25 @@ def headlines(data: ReportData, bests: Sequence[Best]) -> list[Headline]:
     return found
 
 
+def known_answer(data: ReportData, estimates: Sequence[Headline]) -> str:
+    """Sentence on whether the intervals of simulated data hold the known answer; empty without one."""
+    names = {parameter.name: name for name, parameter in data.searched.items()}
+    outside = []
+    for each in estimates:
+        truth = data.study.truth.get(names.get(each.parameter, ""))
+        if truth is None or each.lower is None or each.upper is None:
+            return ""
+        if not each.lower <= truth <= each.upper:
+            outside.append(f"{each.parameter} ({truth:.4g})")
+    if not estimates:
+        return ""
+    return (
+        f"the true value is outside for {', '.join(outside)}"
+        if outside
+        else "every interval holds the true value"
+    )
+
+
 def moduli(data: ReportData, best: Best, *, is_refused: bool = False) -> Iterator[Headline]:
     """Initial shear modulus and Young's modulus of each region of a best set.
 

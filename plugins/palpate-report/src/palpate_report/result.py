@@ -12,7 +12,7 @@ from palpate.api.fit import ALL_SPOTS, UNCLEAR, WORDS
 from palpate.api.report import ReportWarning, Section, is_own
 from palpate.api.runs import Study, answering_for
 from palpate_report.best_sets import Best, best_sets, leading
-from palpate_report.headline import Headline, failure_of, headlines, moduli
+from palpate_report.headline import Headline, failure_of, headlines, known_answer, moduli
 from palpate_report.methods import methods
 from palpate_report.next_step import next_step
 from palpate_report.report_data import ReportData, label_of
@@ -81,6 +81,8 @@ class Conclusion:
         Why the parameters are those of one rate; empty where nothing shows it.
     not_included : tuple of str
         What may be wrong and is in no interval.
+    known : str
+        Whether the intervals hold the known answer of simulated data; empty where it is unknown.
     mesh : str
         What the meshes may be wrong by, and the largest share of that in an interval; empty without them.
     of_stages : mapping of word to str
@@ -106,6 +108,7 @@ class Conclusion:
     warnings: tuple[ReportWarning, ...]
     apparent: str = ""
     not_included: tuple[str, ...] = ()
+    known: str = ""
     mesh: str = ""
     of_stages: Mapping[str, str] = field(default_factory=dict)
     next_step: str = ""
@@ -124,6 +127,7 @@ class Conclusion:
             "Conclusion": f"{study.name} ({data}): {self.headline or NOTHING}",
             **({"Mesh": self.mesh} if self.mesh else {}),
             "Parameters": f"{found}{missing}" if found else "none, for the reason above",
+            **({"Known": self.known} if self.known else {}),
             **self.of_stages,
             "Warnings": warned if self.warnings else "none",
             **({"Next": self.next_step} if self.next_step else {}),
@@ -156,6 +160,7 @@ def make_conclusion(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Con
         apparent=apparent(data),
         not_included=missing,
         methods=methods(data, estimates, missing),
+        known=known_answer(data, estimates),
         mesh="" if no_fit else _mesh(data),
         of_stages={word: text for _, each in data.summaries.values() for word, text in each.labelled.items()},
         next_step=next_step(data, found, is_refused=bool(no_fit)),
