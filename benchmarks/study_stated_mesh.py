@@ -69,10 +69,12 @@ def main() -> None:
         found = simulations.of(jobs)
     for each in found:
         if each.status is not Status.OK:
-            raise SystemExit(f"{each.job.spot}: {each.message}")
+            say(f"{each.job.spot} {each.job.set_id}: {each.message}")
     say(f"{'spot':>6}{'c1, c2, c3':>28}{'channel':>9}{'peak':>9}{'curve':>9}{'stated':>9}{'ratio':>8}")
     ratios: dict[str, list[float]] = {"force": [], "torque": []}
     for k in range(0, len(found), 3):
+        if any(each.status is not Status.OK for each in found[k : k + 3]):
+            continue
         coarse, fine, true = (each.response for each in found[k : k + 3])
         spot, row = jobs[k].spot, rows[k // (3 * len(study.spots))]
         mesh = SpotMesh(refinement=refinement(study, limbs)[spot])
