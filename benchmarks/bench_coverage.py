@@ -97,7 +97,7 @@ class Layered(Solver[LayeredSettings]):
         force = self._slope(job, thetas, depths + pressed.STEP, 0.0 * depths)
         torque = self._slope(job, thetas, deepest, angles + pressed.STEP)
         torque *= 1.0 - 0.2 * np.exp(-2.0 * friction) * (1.0 + np.abs(angles) / 0.4)
-        error = self.settings.fine if job.fine else self.settings.coarse
+        error = self.settings.fine if job.mesh else self.settings.coarse
         size = np.concatenate([depths / 10.0, np.abs(angles) / 0.4])
         return np.concatenate([force, torque]) * (1.0 + error * (1.0 + size))
 
@@ -116,7 +116,7 @@ class Here(pressed.Here):
         found = []
         for job in jobs:
             thetas = tuple(theta.tobytes() for theta in job.thetas.values())
-            key = (job.spot, thetas, job.protocol.path.tobytes(), job.protocol.friction, job.slopes, job.fine)
+            key = (job.spot, thetas, job.protocol.path.tobytes(), job.protocol.friction, job.slopes, job.mesh)
             if key not in self.known:
                 self.known[key] = self.solver.simulate(job, None)
             found.append(replace(self.known[key], job=job))

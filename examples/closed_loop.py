@@ -60,7 +60,7 @@ def press_of(
         materials={region.region: region.material for region in study.space.regions},
         thetas=study.space.thetas(row),
         protocol=protocol,
-        fine=f"{spot}/fine" in limbs,
+        mesh="fine" if f"{spot}/fine" in limbs else "",
     )
     simulation = study.solver.simulate(job, limbs.get(job.limb_name))
     if simulation.status is not Status.OK or simulation.response is None:

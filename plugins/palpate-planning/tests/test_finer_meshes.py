@@ -29,7 +29,7 @@ def _finer(study, jobs, factors):
     """Simulations whose force the finer mesh of a press changes by a factor; None: it diverges."""
     for job in jobs:
         found = study.solver.simulate(job, None)
-        if job.fine:
+        if job.mesh:
             factor = factors[job.spot]
             curves = found.response.curves
             force = replace(curves["force"], ordinate=(factor or 1.0) * curves["force"].ordinate)
@@ -46,7 +46,7 @@ def test_candidate_tells_the_less_the_more_its_own_finer_mesh_changes(run):
         asked = []
 
         def simulate(jobs):
-            asked.extend(job for job in jobs if job.fine)
+            asked.extend(job for job in jobs if job.mesh)
             return list(_finer(study, jobs, {press.name: factor}))
 
         (scenario,) = (s for s in study.scenarios if s.name == study.generalise_by)

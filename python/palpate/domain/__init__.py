@@ -347,8 +347,8 @@ class Job:
     slopes : bool
         Whether to compute each curve's derivatives in the parameters and the friction too; only for a
         solver that provides ``slopes``.
-    fine : bool
-        Whether to use the spot's finer mesh.
+    mesh : str
+        Name of another mesh of the spot, such as ``fine``; empty: the spot's own.
     channels : tuple of Channel
         What to observe of the equilibrium states, where the solver has them; by itself force and torque.
     surface : bool
@@ -365,7 +365,7 @@ class Job:
     thetas: Mapping[str, FloatArray] = field(default_factory=dict)
     protocol: Protocol = field(default_factory=lambda: HomogeneousTests(paths={}))
     slopes: bool = False
-    fine: bool = False
+    mesh: str = ""
     channels: tuple[Channel, ...] = PRESS_AND_TWIST
     surface: bool = False
     warm_starts: Mapping[str, FloatArray] | None = None
@@ -373,8 +373,8 @@ class Job:
 
     @property
     def limb_name(self) -> str:
-        """Name of its limb in a batch: the spot's, or that of its finer mesh."""
-        return f"{self.spot}/fine" if self.fine else self.spot
+        """Name of its limb in a batch: the spot's, or ``<spot>/<mesh>``."""
+        return f"{self.spot}/{self.mesh}" if self.mesh else self.spot
 
     @property
     def id(self) -> SimulationId:

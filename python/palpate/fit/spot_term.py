@@ -137,7 +137,7 @@ class SpotTerm:
             thetas=inputs.thetas,
             protocol=inputs.protocol,
             slopes=slopes,
-            fine=fine,
+            mesh="fine" if fine else inputs.mesh,
             channels=self.channels,
         )
 
@@ -287,6 +287,8 @@ def pieces(terms: Sequence[SpotTerm]) -> Iterator[tuple[SpotTerm, str, slice, Fl
 def is_along_slopes(one: SpotInputs, other: SpotInputs) -> bool:
     """Whether the slopes of a simulation lead from one to the other: only parameters and friction differ."""
     a, b = one.protocol, other.protocol
+    if one.mesh != other.mesh:
+        return False
     if isinstance(a, Indentation) and isinstance(b, Indentation):
         same = a.indenter == b.indenter and a.tilt_deg == b.tilt_deg
         return a is b or (same and a.waypoints.is_same(b.waypoints))

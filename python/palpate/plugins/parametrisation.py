@@ -35,6 +35,8 @@ class SpotInputs:
     observe : callable, optional
         From the simulated response to that which is measured, smooth in the searched values, such as by a
         law of relaxation. By itself both are the same.
+    mesh : str
+        Name of another mesh of the spot, as of :class:`~palpate.domain.Job`.
     """
 
     thetas: Mapping[str, FloatArray]
@@ -42,6 +44,7 @@ class SpotInputs:
     offsets: Mapping[str, float] = field(default_factory=dict)
     gains: Mapping[str, float] = field(default_factory=dict)
     observe: Callable[[Response], Response] | None = None
+    mesh: str = ""
 
 
 class Parametrisation(Component[SettingsT]):

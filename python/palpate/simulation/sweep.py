@@ -53,6 +53,8 @@ class Simulations:
 
     Attributes
     ----------
+    limbs : dict of limb name to Limb
+        A stage may add others, before it asks for jobs on them.
     known : mapping of key to Simulation
         Every one that was asked for so far.
     """
@@ -67,10 +69,10 @@ class Simulations:
     ) -> None:
         self.study = study
         self.folder = folder
-        self.limbs = limbs
+        self.limbs = dict(limbs)
         self.progress = progress
         self._check = check
-        self._keys = JobKeys(study.solver, limbs, study.trusted)
+        self._keys = JobKeys(study.solver, self.limbs, study.trusted)
         self.known: dict[str, Simulation] = {}
         self._opened = contextlib.ExitStack()
 

@@ -109,7 +109,7 @@ class Pressed(Solver[PressedSettings]):
         parts = zip(("force", "torque"), (DEPTHS, ANGLES), answers(material, theta), strict=True)
         for i, (name, x, y) in enumerate(parts):
             # A coarse mesh is stiffer, and the more so the larger its strains are.
-            factor = 1.0 + (0.0 if job.fine else self.settings.stiffer) * (
+            factor = 1.0 + (0.0 if job.mesh else self.settings.stiffer) * (
                 1.0 + (np.abs(x) / np.abs(x).max())
             )
             by_name = {
@@ -142,11 +142,11 @@ class Here:
         return [replace(self._of(job), job=job) for job in jobs]
 
     def _of(self, job: Job) -> Simulation:
-        key = (job.spot, *(theta.tobytes() for theta in job.thetas.values()), job.slopes, job.fine)
+        key = (job.spot, *(theta.tobytes() for theta in job.thetas.values()), job.slopes, job.mesh)
         if key not in self.known:
             self.known[key] = self.solver.simulate(job, self.limbs.get(job.limb_name))
-            self.n_fine += job.fine
-            self.n_coarse += not job.fine
+            self.n_fine += bool(job.mesh)
+            self.n_coarse += not job.mesh
         return self.known[key]
 
 
@@ -210,7 +210,7 @@ def measured_at(study, row, noise=0.0, seed=1, *, fine=False) -> Response:
         materials={region.region: region.material},
         thetas=study.space.thetas(np.asarray(row)),
         protocol=study.protocol,
-        fine=fine,
+        mesh="fine" if fine else "",
     )
     rng = np.random.default_rng(seed)
     response = study.solver.simulate(job, None).response

@@ -30,7 +30,7 @@ class Softening(Solver):
 
     def simulate(self, job, limb):
         found = self.exact.simulate(job, limb)
-        if job.fine:
+        if job.mesh:
             return found
         m1, curves = job.thetas["tissue"][1], {}
         for name, curve in found.response.curves.items():
@@ -135,7 +135,7 @@ def test_fits_of_spots_use_the_fine_runs_of_the_joint_one(fit):
 def test_a_fine_simulation_that_fails_leaves_the_coarse_fit_with_a_warning(fit, pressed):
     class Coarse(pressed.Pressed):
         def simulate(self, job, limb):
-            if job.fine:
+            if job.mesh:
                 return Simulation(job=job, status=Status.DIVERGED, response=None, message="no equilibrium")
             return super().simulate(job, limb)
 

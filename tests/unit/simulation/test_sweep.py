@@ -200,7 +200,7 @@ def test_each_job_is_done_on_the_limb_of_its_name(make_study, tissue, tmp_path):
     study = make_study(solver=Weighing())
     (job,) = jobs_for(study, 1)
     with Simulations(study, tmp_path / "run", {"p1": limb(1.0), "p1/fine": limb(2.0)}) as simulations:
-        coarse, fine = simulations.of([job, replace(job, fine=True)])
+        coarse, fine = simulations.of([job, replace(job, mesh="fine")])
     assert (coarse.message, fine.message) == ("1", "2")
 
 

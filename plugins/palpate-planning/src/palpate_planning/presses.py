@@ -251,7 +251,7 @@ def _stated(
     finer = [press for press in bare if design.mesh(press).refinement > 1.0]
     for press in finer:
         job = job_of(design, bare[press], points[0])
-        jobs.append(replace(job, spot=press.name, slopes=False, fine=True))
+        jobs.append(replace(job, spot=press.name, slopes=False, mesh="fine"))
     once_more = f", {len(finer)} of them once more on a finer mesh" if finer else ""
     design.progress.note(
         f"{len(jobs)} simulations, of candidates ({len(bare)}) by values of the parameters ({len(points)})"
