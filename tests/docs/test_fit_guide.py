@@ -71,7 +71,14 @@ def test_the_budget_has_the_keys_of_a_study() -> None:
     (text,) = re.findall(r"^```toml\n(.*?)^```", guide, flags=re.MULTILINE | re.DOTALL)
     copied = BudgetTable.model_validate(tomllib.loads(text)["budget"])
     # What a loader finds stays as it is where the block is copied.
-    assert set(BudgetTable.model_fields) - copied.model_fields_set == {"onset", "zero", "mesh"}
+    assert set(BudgetTable.model_fields) - copied.model_fields_set == {
+        "onset",
+        "zero",
+        "mesh",
+        "position",
+        "bone",
+        "layers",
+    }
     given = BudgetTable.model_validate(tomllib.loads(re.sub("^# ", "", text, flags=re.MULTILINE))["budget"])
     assert given.model_fields_set == set(BudgetTable.model_fields)
     assert (given.onset, given.zero) == (ONSET_MM, 0.0)

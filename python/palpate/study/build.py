@@ -242,7 +242,7 @@ def check_parametrisation(
 def check_budget(
     context: Context, budget: BudgetTable, space: ParameterSpace, protocols: Iterable[Protocol | None]
 ) -> None:
-    """Refuse the spread of a parameter that is not fixed or tied, or leads out of its physical range."""
+    """Refuse the spread of an unknown layer, and of a parameter that is searched or would not be physical."""
     indenters = [protocol.indenter for protocol in protocols if isinstance(protocol, Indentation)]
     try:
         for indenter in indenters if budget.radius else ():
@@ -250,6 +250,10 @@ def check_budget(
             indenter.grown(-budget.radius)
     except PalpateError as error:
         context.problems.add(("budget", "radius"), str(error))
+    regions = {region.region: None for region in space.regions}
+    for name in budget.layers if regions else ():
+        if name and name not in regions:
+            context.problems.add(("budget", "layers", name), choice(name, regions, "region"))
     searched = {p.name for p in space.parameters}
     every = (name for r in space.regions for name in r.full_names.values())
     known = {name: None for name in every if name not in searched}

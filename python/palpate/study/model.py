@@ -40,7 +40,7 @@ Megabytes = Annotated[float, Quantity("MB")]
 Ratio = Annotated[float, Quantity("1")]
 
 
-def _of_all_channels(given: object) -> object:
+def _for_all(given: object) -> object:
     """Values by channel; one of all channels is under no name."""
     return given if isinstance(given, dict) else {"": given}
 
@@ -383,6 +383,26 @@ class BudgetTable(Table):
     friction: Ratio | None = Field(
         default=None, ge=0.0, description="Of the Coulomb coefficient; if left out, a tenth of it."
     )
+    position: Length | None = Field(
+        default=None,
+        ge=0.0,
+        description="Of the place of each spot along the skin, in each of two directions; if left out, as "
+        "the note of the mesh has it, else 1 mm; none where data are simulated.",
+    )
+    bone: Length | None = Field(
+        default=None,
+        ge=0.0,
+        description="Of the depth of the bones, that is of all nodes that are held, at all spots together; "
+        "if left out, 1 mm; none where data are simulated.",
+    )
+    layers: Annotated[
+        dict[str, Share], BeforeValidator(_for_all, json_schema_input_type=Share | dict[str, Share])
+    ] = Field(
+        default={},
+        description="Of the thickness of the layers above the deepest, relative, at all spots together: one "
+        "number, or one for each region. If left out, 10 %, as ultrasound has it (optical scans: 40 %); none "
+        "where data are simulated.",
+    )
     gain: Ratio = Field(
         default=0.01, ge=0.0, lt=1.0, description="Of the calibration of each channel, relative."
     )
@@ -394,7 +414,7 @@ class BudgetTable(Table):
         "the loader has found, else none.",
     )
     mesh: Annotated[
-        dict[str, Share], BeforeValidator(_of_all_channels, json_schema_input_type=Share | dict[str, Share])
+        dict[str, Share], BeforeValidator(_for_all, json_schema_input_type=Share | dict[str, Share])
     ] = Field(
         default={},
         description="Of the error of a channel by the mesh, relative, where no finer mesh shows it; also the "

@@ -9,7 +9,17 @@ import numpy as np
 import polars as pl
 from scipy.linalg import null_space
 
-from palpate.api import SILENT, Design, FloatArray, PalpateError, Progress, Response, ScoringError, Simulation
+from palpate.api import (
+    SILENT,
+    Design,
+    FloatArray,
+    Limb,
+    PalpateError,
+    Progress,
+    Response,
+    ScoringError,
+    Simulation,
+)
 from palpate.api.executors import StoppedError
 from palpate.api.fit import Case, CertaintyResult, Fit, channel_of
 from palpate.api.runs import Study, relaxation_of
@@ -60,12 +70,15 @@ class Assessment:
     measured : mapping of spot name to Response
     meshes : mapping of spot name to SpotMesh
         Of the spots whose meshes are known.
+    limbs : dict of limb name to Limb
+        On which jobs are simulated; those that a cause changes are added.
     progress : Progress
     """
 
     study: Study
     measured: Mapping[str, Response]
     meshes: Mapping[str, SpotMesh] = field(default_factory=dict)
+    limbs: dict[str, Limb] = field(default_factory=dict)
     progress: Progress = SILENT
 
     def run(self, cases: Sequence[Case]) -> CertaintyResult:
@@ -127,7 +140,8 @@ class Assessment:
         causes = error_sources_of(self.study, self.measured, [p.name for p in case.end.problem.parameters])
         weighed = {channel_of(name) for each in self.study.scenarios for name in each.weighed}
         found = dict.fromkeys(name for response in self.measured.values() for name in response)
-        columns, failures = columns_of(case.end, causes, [name for name in found if name in weighed])
+        names = [name for name in found if name in weighed]
+        columns, failures = columns_of(case.end, causes, names, self.limbs)
         for cause, why in failures.items():
             self.progress.note(f"warning: intervals are without the cause '{cause.name}': {why}")
         return columns, failures

@@ -4,7 +4,7 @@ Each cause is a further value of the fit's problem, so its derivative comes from
 parameters come from: exact slopes, or differences of simulations that the run keeps.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from palpate.api import (
     BoolArray,
     FloatArray,
     Indentation,
+    Limb,
     Parameter,
     ParameterError,
     ParameterName,
@@ -34,7 +35,8 @@ from palpate.api.fit import (
     left_over,
     pieces,
 )
-from palpate.api.runs import Study
+from palpate.api.runs import Study, check_limb, mesh_note
+from palpate_certainty.anatomy import OF_LIMB, limb_with
 from palpate_certainty.noise_model import path_of
 
 FORCE = "force"
@@ -134,6 +136,10 @@ RELATIVE = 0.1
 
 That of a fixed one goes no farther than its physical range."""
 
+POSITION_MM, BONE_MM = 1.0, 1.0
+"""Standard deviations of a spot's position along the skin, and of the depth of the bones, where data are
+measured and the study gives none."""
+
 STEPS = 10.0
 """Range of a cause, in standard deviations to either side: differences step a twentieth of it."""
 
@@ -148,13 +154,14 @@ class ErrorSource:
     Parameters
     ----------
     kind : str
-        ``onset``, ``tilt``, ``gain``, ``friction``, ``indenter`` or ``fixed``.
+        ``onset``, ``tilt``, ``gain``, ``friction``, ``indenter``, ``fixed``, ``position``, ``bone`` or
+        ``layers``.
     of : str
-        Spot, spot and axis of a tilt, channel, or full name of the parameter; empty for one that all
-        curves share.
+        Spot, spot and axis of a tilt or position, channel, region, or full name of the parameter; empty for
+        one that all curves share.
     sd : float
-        Its standard deviation: in mm, degrees, that of the friction coefficient, or a share of a gain or
-        parameter.
+        Its standard deviation: in mm, degrees, that of the friction coefficient, or a share of a gain,
+        parameter or thickness.
     """
 
     kind: str
@@ -168,8 +175,8 @@ class ErrorSource:
 
     def is_at(self, spot: str) -> bool:
         """Whether it changes the curves of a spot."""
-        spots = {"onset": self.of, "tilt": self.of.rpartition(" ")[0]}
-        return spots.get(self.kind, spot) == spot
+        at = self.of.rpartition(" ")[0]
+        return {"onset": self.of, "tilt": at, "position": at}.get(self.kind, spot) == spot
 
     @property
     def label(self) -> str:
@@ -213,6 +220,7 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[ErrorSou
         sd = RELATIVE * protocol.friction if budget.friction is None else budget.friction
         yield ErrorSource(kind="friction", of="", sd=sd)
         yield ErrorSource(kind="indenter", of="", sd=budget.radius)
+        yield from _of_anatomy(study, measured)
     searched = {p.name for p in study.space.parameters}
     for region in study.space.regions:
         room = region.room
@@ -220,6 +228,30 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[ErrorSou
             if (name := region.name_of(parameter.name)) not in searched:
                 possible = min(RELATIVE, room.get(parameter.name, np.inf))
                 yield ErrorSource(kind="fixed", of=name, sd=budget.parameters.get(name, possible))
+
+
+def _of_anatomy(study: Study, spots: Iterable[str]) -> Iterator[ErrorSource]:
+    """Position of each spot; bone and layers, which all spots share: who has measured them did it alike."""
+    budget, is_known = study.budget, study.data == "simulated"
+    if not study.solver.provides.mesh:
+        return
+    for spot in spots:
+        usual = 0.0 if is_known else _noted_mm(study, spot)
+        for axis in "xy":
+            sd = usual if budget.position is None else budget.position
+            yield ErrorSource(kind="position", of=f"{spot} {axis}", sd=sd)
+    usual = 0.0 if is_known else BONE_MM
+    yield ErrorSource(kind="bone", of="", sd=usual if budget.bone is None else budget.bone)
+    for region in study.space.regions if len(study.space.regions) > 1 else ():
+        sd = budget.layers.get(region.region, budget.layers.get("", 0.0 if is_known else RELATIVE))
+        yield ErrorSource(kind="layers", of=region.region, sd=sd)
+
+
+def _noted_mm(study: Study, spot: str) -> float:
+    """Standard deviation of a spot's position: as the note of its mesh has it, else the usual one."""
+    mesh = next((each.mesh for each in study.spots if each.spot.name == spot), None)
+    noted = (mesh_note(mesh) or {}).get("std_across_mm") if mesh is not None else None
+    return float(noted) if isinstance(noted, float) and noted > 0.0 else POSITION_MM
 
 
 def _onset_mm(response: Response) -> float:
@@ -242,13 +274,24 @@ def _found(response: Response, size: Callable[[Mapping[str, Any]], float], usual
 
 
 class WithErrorSources(Parametrisation):
-    """Values that a study searches, and each cause as one more value around zero."""
+    """Values that a study searches, and each cause as one more value around zero.
+
+    Parameters
+    ----------
+    base : Parametrisation
+    causes : sequence of ErrorSource
+    limbs : dict of limb name to Limb
+        Of the spots; those that a cause changes are added.
+    """
 
     name, summary = "with_causes", "a study's parametrisation with the causes of its budget"
 
-    def __init__(self, base: Parametrisation, causes: Sequence[ErrorSource]) -> None:
+    def __init__(
+        self, base: Parametrisation, causes: Sequence[ErrorSource], limbs: dict[str, Limb] | None = None
+    ) -> None:
         super().__init__()
         self.base, self.causes = base, tuple(causes)
+        self.limbs = {} if limbs is None else limbs
 
     def parameters(self, space: ParameterSpace, spots: Sequence[str]) -> tuple[Parameter, ...]:
         """The study's own, then the causes in standard deviations."""
@@ -268,9 +311,28 @@ class WithErrorSources(Parametrisation):
         own = {name: value for name, value in values.items() if name not in names}
         inputs = self.base.inputs(space, spot, protocol, own)
         for cause in self.causes:
-            if values[cause.name] and cause.is_at(spot):
-                inputs = _changed(space, inputs, cause, cause.sd * values[cause.name])
+            by = cause.sd * values[cause.name]
+            if by and cause.is_at(spot):
+                inputs = (
+                    self._on_other_limb(space, spot, inputs, cause, by)
+                    if cause.kind in OF_LIMB
+                    else _changed(space, inputs, cause, by)
+                )
         return inputs
+
+    def _on_other_limb(
+        self, space: ParameterSpace, spot: str, inputs: SpotInputs, cause: ErrorSource, by: float
+    ) -> SpotInputs:
+        """Inputs on a limb that a cause has changed, which is added to the others."""
+        if (limb := self.limbs.get(f"{spot}/{inputs.mesh}" if inputs.mesh else spot)) is None:
+            raise ParameterError(f"the mesh of spot '{spot}' is not known")
+        changed = limb_with(limb, cause.kind, cause.of.removeprefix(f"{spot} "), by)
+        if changed is limb:
+            return inputs
+        check_limb(changed, [region.region for region in space.regions])
+        name = f"{inputs.mesh}, {cause.name} {by:+.17g}".removeprefix(", ")
+        self.limbs[f"{spot}/{name}"] = changed
+        return replace(inputs, mesh=name)
 
 
 def _changed(space: ParameterSpace, inputs: SpotInputs, cause: ErrorSource, by: float) -> SpotInputs:
@@ -300,7 +362,7 @@ def _changed(space: ParameterSpace, inputs: SpotInputs, cause: ErrorSource, by: 
 
 
 def columns_of(
-    fit: Fit, causes: Sequence[ErrorSource], channels: Sequence[str]
+    fit: Fit, causes: Sequence[ErrorSource], channels: Sequence[str], limbs: dict[str, Limb] | None = None
 ) -> tuple[Columns, dict[ErrorSource, str]]:
     """Change of the curves by one standard deviation of each cause, where a fit has ended.
 
@@ -311,6 +373,8 @@ def columns_of(
     causes : sequence of ErrorSource
     channels : sequence of str
         Those that any scenario weighs.
+    limbs : dict of limb name to Limb, optional
+        On which the problem's jobs are simulated; those that a cause changes are added.
 
     Returns
     -------
@@ -327,7 +391,7 @@ def columns_of(
     assert fit.best is not None
     problem = fit.problem
     terms = [term.of_channels(channels) for term in problem.terms]
-    wider = problem.restated(terms, WithErrorSources(problem.parametrisation, causes))
+    wider = problem.restated(terms, WithErrorSources(problem.parametrisation, causes, limbs))
     point = np.concatenate([fit.best.point, np.full(len(causes), 0.5)])
     try:
         slopes, failed = wider.columns(point)

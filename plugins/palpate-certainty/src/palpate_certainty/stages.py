@@ -183,6 +183,7 @@ def assessment_of(inputs: Run, cases: Sequence[Case]) -> Assessment:
         meshes=spot_meshes(
             inputs.study, inputs.simulations.limbs, is_refined=any(case.n_fine for case in cases)
         ),
+        limbs=inputs.simulations.limbs,
         progress=inputs.progress,
     )
 

@@ -63,6 +63,8 @@ class DesignProblem:
         What error sources add to the presses so far.
     meshes : mapping of spot or press name to SpotMesh
         Those under the presses so far and under candidates; see :func:`press_meshes`.
+    limbs : dict of limb name to Limb
+        On which jobs are simulated; those that a cause changes are added.
     estimate : (n_parameters,) array, optional
         Values of the fit; by default those at the first point.
     laplace : Laplace, optional
@@ -78,6 +80,7 @@ class DesignProblem:
     errors: ErrorSizes
     columns: Columns = field(default_factory=dict)
     meshes: Mapping[str, SpotMesh] = field(default_factory=dict)
+    limbs: dict[str, Limb] = field(default_factory=dict)
     estimate: FloatArray | None = None
     laplace: Laplace | None = None
     limited: Mapping[str, tuple[Channel, ...]] = field(default_factory=dict)
@@ -383,7 +386,8 @@ def _columns(design: DesignProblem, problem: Problem, evaluation: Evaluation) ->
     here = [cause for cause in causes if any(cause.is_at(term.spot) for term in problem.terms)]
     channels = dict.fromkeys(name for response in measured.values() for name in response)
     fit = Fit(problem, evaluation.point, best=evaluation)
-    columns, failures = columns_of(fit, here, [name for name in channels if design.scenario.fits(name)])
+    weighed = [name for name in channels if design.scenario.fits(name)]
+    columns, failures = columns_of(fit, here, weighed, design.limbs)
     for cause, why in failures.items():
         raise PalpateError(f"{cause.name}: {why}")
     return columns

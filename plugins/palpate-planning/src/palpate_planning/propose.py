@@ -1,14 +1,14 @@
 """Presses of a study, first or further: simulated through its run, ranked, and chosen one after the other."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from scipy.stats import qmc
 
-from palpate.api import SILENT, FloatArray, Parameter, Progress, Response, Scenario, StudyError
+from palpate.api import SILENT, FloatArray, Limb, Parameter, Progress, Response, Scenario, StudyError
 from palpate.api.experiment import abscissae_of
 from palpate.api.fit import Evaluation, Problem, Simulate, term_of
 from palpate.api.runs import Plugins, RunDirectory, Simulations, Study, Tool, load_limbs, locked_run
@@ -123,6 +123,7 @@ def propose(
                 assessed=assessed,
                 columns=certain.columns(assessed.case)[0],
                 meshes={**certain.meshes, **meshes},
+                limbs=run.simulations.limbs,
                 progress=progress,
             )
             found = stage.run(presses, options, limits)
@@ -136,7 +137,7 @@ def propose(
                 study, study.generalising, simulations.of, abscissae_of(plugins.channels), options.n_points
             )
             check_options(design, options)
-            design = replace(design, meshes=meshes, progress=progress)
+            design = replace(design, meshes=meshes, limbs=simulations.limbs, progress=progress)
             found = choose_presses(design, [], presses, points, options, limits)
         directory.write_proposal(for_robot(found, limbs))
         return found
@@ -159,6 +160,7 @@ class PlanningStage:
     assessed: Assessed
     columns: Columns
     meshes: Mapping[str, SpotMesh]
+    limbs: dict[str, Limb] = field(default_factory=dict)
     progress: Progress = SILENT
 
     def run(
@@ -200,6 +202,7 @@ class PlanningStage:
             errors=errors,
             columns=self.columns,
             meshes=self.meshes,
+            limbs=self.limbs,
             estimate=box.lower + (box.upper - box.lower) * self.assessed.point,
             laplace=self.assessed.laplace,
             progress=self.progress,

@@ -23,6 +23,9 @@ CAUSES: Mapping[str, str] = MappingProxyType(
         "indenter": "radius of the indenter",
         "friction": "friction",
         "tilt": "tilt",
+        "position": "position of the spots",
+        "bone": "depth of the bone",
+        "layers": "thickness of the layers",
     }
 )
 """Causes of intervals in words; others, such as fixed parameters, are named as they are."""
@@ -37,6 +40,9 @@ REMEDIES: Mapping[str, str] = MappingProxyType(
         "indenter": "measure the radius, and set `[budget] radius`",
         "friction": "measure it, and set `friction` and `[budget] friction`",
         "tilt": "align the tool with the normal, and set `[budget] tilt` to the rest",
+        "position": "locate the spots on the scan better, and set `[budget] position` to the rest",
+        "bone": "image the bone at the spots, and set `[budget] bone` to the rest",
+        "layers": "measure them at the spots, by ultrasound or MRI, and set `[budget] layers` to the rest",
     }
 )
 """What makes each cause smaller."""

@@ -171,15 +171,14 @@ def make_conclusion(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Con
 
 def _not_included(data: ReportData) -> Iterator[str]:
     """Name what may be wrong and is in no interval: anatomy, and causes that are stated as none or failed."""
-    study, budget = data.study, data.study.budget
+    study, budget, certainty = data.study, data.study.budget, data.fit.certainty
     if study.solver.provides.mesh and study.protocol is not None:
-        yield "bone"
-        if len(study.space.regions) > 1:
-            yield "layers"
-        yield "position"
-    if data.fit.certainty.intervals.is_empty():
+        counted = set() if certainty.budget.is_empty() else set(certainty.budget["cause"])
+        anatomy = ("bone", "layers", "position") if len(study.space.regions) > 1 else ("bone", "position")
+        yield from (name for name in anatomy if name not in counted)
+    if certainty.intervals.is_empty():
         return
-    searched = {ParameterName.parse(name).shared for name in data.fit.certainty.intervals["parameter"]}
+    searched = {ParameterName.parse(name).shared for name in certainty.intervals["parameter"]}
     if study.protocol is not None and budget.friction == 0.0 and "friction" not in searched:
         yield "friction (stated as exact)"
     for name, sd in budget.parameters.items():

@@ -1,0 +1,177 @@
+"""Anatomy and placement that may be wrong: the limb with its spot, bones or layers elsewhere.
+
+Nodes move and elements stay, so that a small change of the limb is a small change of the curves. The nodes
+between what moves and what rests follow a graph's Laplace equation, Σ (uᵢ − uⱼ)/lᵢⱼ = 0 over the edges of
+the elements; those in the middle of an edge stay there.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.sparse import coo_array, diags_array
+from scipy.sparse.linalg import spsolve
+from scipy.spatial import KDTree
+
+from palpate.api import FloatArray, IntArray, Limb, Mesh
+from palpate.api.mesh import CELLS, outer_faces, spot_axes
+
+N_NEAR = 30
+"""Nodes of the skin by which the surface at a spot is known."""
+
+
+OF_LIMB = ("position", "bone", "layers")
+"""Kinds of causes that change the limb."""
+
+
+def limb_with(limb: Limb, kind: str, of: str, by: float) -> Limb:
+    """Limb that one of :data:`OF_LIMB` has changed; the same one where there is nothing to change.
+
+    Parameters
+    ----------
+    limb : Limb
+    kind : str
+    of : str
+        Axis of the spot's frame for a position, region for a layer.
+    by : float
+        Shift of the spot, or of the bones towards it, in mm; share of a layer's thickness.
+    """
+    if kind == "position":
+        return at_another_spot(limb, (by, 0.0) if of == "x" else (0.0, by))
+    way = bone_way(limb) if kind == "bone" else layer_way(limb, of)
+    if not way.any():
+        return limb
+    return replace(limb, mesh=replace(limb.mesh, points_mm=limb.mesh.points_mm + by * way))
+
+
+def at_another_spot(limb: Limb, by_mm: tuple[float, float]) -> Limb:
+    """Limb whose spot is elsewhere on its skin, along x and y of the spot's frame; the normal stays.
+
+    The height follows a quadratic surface through the nearest nodes of the skin.
+    """
+    spot = limb.spot
+    axes = spot_axes(spot.normal, spot.along)
+    skin = (limb.mesh.points_mm[limb.mesh.node_sets["contact"]] - spot.position_mm) @ axes
+    near = skin[np.argsort(np.linalg.norm(skin, axis=1))[:N_NEAR]]
+    heights, *_ = np.linalg.lstsq(_quadratic(near[:, :2]), near[:, 2], rcond=None)
+    up_mm = (_quadratic(np.array([by_mm])) - _quadratic(np.zeros((1, 2)))) @ heights
+    moved = spot.position_mm + axes @ np.array([*by_mm, up_mm.item()])
+    return replace(limb, spot=replace(spot, position_mm=moved))
+
+
+def _quadratic(at: FloatArray) -> FloatArray:
+    x, y = at.T
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+
+
+@lru_cache(maxsize=32)
+def bone_way(limb: Limb) -> FloatArray:
+    """Displacements (n_nodes, 3) that bring the bones nearer by 1 mm; zero without any below the skin.
+
+    They go along the spot's normal, and so much less as a bone faces away that its far side rests.
+    """
+    mesh, normal = limb.mesh, limb.spot.normal
+    bones = np.setdiff1d(mesh.node_sets["fixed"], mesh.node_sets["contact"])
+    facing = 0.5 - 0.5 * _normals(mesh, mesh.used_regions, bones) @ normal
+    return _followed(mesh, bones, facing[:, None] * normal)
+
+
+@lru_cache(maxsize=32)
+def layer_way(limb: Limb, region: str) -> FloatArray:
+    """Displacements (n_nodes, 3) that double a layer: zero for the deepest, or where there is none."""
+    mesh = limb.mesh
+    levels = _levels(mesh)
+    if (level := levels.get(region)) is None:
+        return np.zeros_like(mesh.points_mm)
+    own = _nodes_of(mesh, [region])
+    above = mesh.node_sets["contact"]
+    if level > 0:
+        above = _nodes_of(mesh, [name for name, other in levels.items() if other < level])
+    below = _nodes_of(mesh, [name for name, other in levels.items() if other > level])
+    top = np.intersect1d(own, above)
+    bottom = np.setdiff1d(np.intersect1d(own, below), above)
+    if not top.size or not bottom.size:
+        return np.zeros_like(mesh.points_mm)
+    normals = _normals(mesh, [region], top)
+    _, nearest = KDTree(mesh.points_mm[top]).query(mesh.points_mm[bottom])
+    away = mesh.points_mm[bottom] - mesh.points_mm[top[nearest]]
+    # Along the normal alone: the nearest node is not straight above.
+    thickness_mm = np.sum(away * normals[nearest], axis=1, keepdims=True)
+    return _followed(mesh, bottom, thickness_mm * normals[nearest])
+
+
+def _levels(mesh: Mesh) -> dict[str, int]:
+    """Number of regions between each region and the skin."""
+    levels: dict[str, int] = {}
+    reached, level = np.unique(mesh.node_sets["contact"]), 0
+    nodes = {region: _nodes_of(mesh, [region]) for region in mesh.used_regions}
+    while found := [r for r in nodes if r not in levels and np.isin(nodes[r], reached).any()]:
+        levels |= dict.fromkeys(found, level)
+        reached, level = np.unique(np.concatenate([reached, *(nodes[r] for r in found)])), level + 1
+    return levels
+
+
+def _cells_of(mesh: Mesh, regions: Iterable[str]) -> dict[str, IntArray]:
+    ids = [mesh.regions.index(region) for region in regions]
+    return {kind: cells[np.isin(mesh.cell_regions[kind], ids)] for kind, cells in mesh.cells.items()}
+
+
+def _nodes_of(mesh: Mesh, regions: Iterable[str]) -> IntArray:
+    return np.unique(np.concatenate([cells.ravel() for cells in _cells_of(mesh, regions).values()]))
+
+
+def _normals(mesh: Mesh, regions: Iterable[str], at: IntArray) -> FloatArray:
+    """Unit outward normals (n, 3) of the surface around regions, at nodes (n,) of it."""
+    is_there = np.zeros(mesh.n_nodes, dtype=np.bool_)
+    is_there[at] = True
+    normals = np.zeros_like(mesh.points_mm)
+    for kind, cells in _cells_of(mesh, regions).items():
+        faces = outer_faces(kind, cells)
+        faces = faces[is_there[faces].all(axis=1)]
+        a, b, c = (mesh.points_mm[faces[:, k]] for k in range(3))
+        for node in faces.T:
+            np.add.at(normals, node, np.cross(b - a, c - a))
+    found = normals[at]
+    return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300))
+
+
+def _followed(mesh: Mesh, moved: IntArray, by_mm: FloatArray) -> FloatArray:
+    """Displacements (n_nodes, 3) where nodes (n,) move by (n, 3); skin, held nodes and other layers rest."""
+    found = np.zeros_like(mesh.points_mm)
+    if not moved.size:
+        return found
+    edges, middles = _edges(mesh)
+    known = np.zeros(mesh.n_nodes, dtype=np.bool_)
+    for nodes in (mesh.node_sets["contact"], mesh.node_sets["fixed"], moved):
+        known[nodes] = True
+    n_regions = np.zeros(mesh.n_nodes, dtype=np.int64)
+    for region in mesh.used_regions:
+        n_regions[_nodes_of(mesh, [region])] += 1
+    known |= n_regions > 1
+    found[moved] = by_mm
+    free = np.setdiff1d(edges, np.flatnonzero(known))
+    if free.size:
+        weights = 1.0 / np.linalg.norm(np.diff(mesh.points_mm[edges], axis=1)[:, 0], axis=1)
+        i, j = edges.T
+        coupling = coo_array((weights, (i, j)), shape=(mesh.n_nodes, mesh.n_nodes)).tocsr()
+        coupling = coupling + coupling.T
+        laplacian = (diags_array(coupling.sum(axis=1)) - coupling).tocsr()[free]
+        ends = np.flatnonzero(known)
+        found[free] = spsolve(laplacian[:, free].tocsc(), -(laplacian[:, ends] @ found[ends])).reshape(-1, 3)
+    if middles.size:
+        middle, a, b = middles.T
+        found[middle] = 0.5 * (found[a] + found[b])
+    return found
+
+
+def _edges(mesh: Mesh) -> tuple[IntArray, IntArray]:
+    """Corners (n, 2) of each edge once; and (m, 3) of those with a node in the middle: that, and its ends."""
+    ends, middles = [], [np.empty((0, 3), dtype=np.int64)]
+    for kind, cells in mesh.cells.items():
+        cell = CELLS[kind]
+        pairs = np.sort(cells[:, np.array(cell.edges)], axis=2)
+        ends.append(pairs.reshape(-1, 2))
+        if cell.has_midside_nodes:
+            middles.append(np.dstack([cells[:, cell.n_corners :], pairs]).reshape(-1, 3))
+    return np.unique(np.concatenate(ends), axis=0), np.unique(np.concatenate(middles), axis=0)

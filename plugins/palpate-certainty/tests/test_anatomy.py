@@ -1,0 +1,136 @@
+"""Limbs whose spot, bone or layers are elsewhere: their geometry, and what they do to intervals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from palpate.domain import Response, Spot
+from palpate.mesh.specimens import block
+from palpate.stages import pipeline
+from palpate_certainty.anatomy import limb_with
+from palpate_certainty.error_sources import ErrorSource, columns_of, error_sources_of
+from palpate_certainty.stages import joint_assessed
+
+KINDS = ("hex8", "tet4", "tet10")
+LAYERS = {"skin": 3.0, "fat": 6.0}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(by_mm=st.floats(-3.0, 3.0))
+def test_a_nearer_bone_under_a_block_is_a_lower_block(kind, by_mm):
+    limb = block(kind)
+    moved, lower = limb_with(limb, "bone", "", by_mm), block(kind, height_mm=18.0 - by_mm)
+    z = limb.mesh.points_mm[:, 2]
+    for mesh in (moved.mesh, lower.mesh):
+        assert np.array_equal(mesh.cells[kind], limb.mesh.cells[kind])
+        np.testing.assert_allclose(mesh.points_mm[z == -18.0][:, 2], by_mm - 18.0)
+    np.testing.assert_array_equal(moved.mesh.points_mm[z == 0.0], limb.mesh.points_mm[z == 0.0])
+    np.testing.assert_allclose(moved.mesh.points_mm, lower.mesh.points_mm, atol=0.35 * abs(by_mm))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@given(by=st.floats(-0.4, 0.4))
+def test_a_thicker_layer_moves_its_lower_face_alone(kind, by):
+    limb = block(kind, n_down=6, layers_mm=LAYERS)
+    z, moved = limb.mesh.points_mm[:, 2], limb_with(limb, "layers", "skin", by).mesh.points_mm
+    np.testing.assert_allclose(moved[z == -3.0][:, 2], -3.0 * (1.0 + by))
+    for rests in (0.0, -9.0, -18.0):
+        np.testing.assert_array_equal(moved[z == rests], limb.mesh.points_mm[z == rests])
+    second = limb_with(limb, "layers", "fat", by).mesh.points_mm
+    np.testing.assert_allclose(second[z == -9.0][:, 2], -9.0 - 6.0 * by)
+    np.testing.assert_array_equal(second[z == -3.0], limb.mesh.points_mm[z == -3.0])
+
+
+def test_nodes_in_the_middle_of_an_edge_stay_there():
+    limb = block("tet10", n_down=6, layers_mm=LAYERS)
+    moved = limb_with(limb, "layers", "skin", 0.3).mesh
+    (cells,) = moved.cells.values()
+    middle = moved.points_mm[cells[:, 4]]
+    np.testing.assert_allclose(middle, moved.points_mm[cells[:, :2]].mean(axis=1), atol=1e-12)
+
+
+@pytest.mark.parametrize("of", ["soft_tissue", "bone"])
+def test_without_a_lower_face_a_layer_is_as_it_is(of):
+    limb = block(n_down=6, layers_mm=LAYERS)
+    assert limb_with(limb, "layers", of, 0.2) is limb
+
+
+def test_without_held_nodes_below_the_skin_there_is_no_bone():
+    limb = block()
+    sets = {**limb.mesh.node_sets, "fixed": limb.mesh.node_sets["contact"]}
+    floating = replace(limb, mesh=replace(limb.mesh, node_sets=sets))
+    assert limb_with(floating, "bone", "", 1.0) is floating
+
+
+@given(by_mm=st.floats(-3.0, 3.0), axis=st.sampled_from("xy"))
+def test_another_spot_on_a_cylinder_is_on_the_cylinder(by_mm, axis):
+    limb = block(n_across=24)
+    points = np.array(limb.mesh.points_mm)
+    angle = points[:, 0] / 40.0
+    points[:, 0], points[:, 2] = (40.0 + points[:, 2]) * np.array([np.sin(angle), np.cos(angle)])
+    spot = Spot(name="p1", position_mm=np.array([0.0, 0.0, 40.0]))
+    bent = replace(limb, spot=spot, mesh=replace(limb.mesh, points_mm=points))
+    moved = limb_with(bent, "position", axis, by_mm)
+    x, y, z = moved.spot.position_mm
+    assert (x, y) == pytest.approx((by_mm, 0.0) if axis == "x" else (0.0, by_mm))
+    assert np.hypot(x, z) == pytest.approx(40.0, abs=2e-3)
+    np.testing.assert_array_equal(moved.spot.normal, spot.normal)
+
+
+@pytest.fixture
+def measured_run(tmp_path, pressed_meshes):
+    """Run a study of measured data whose solver knows the mesh by its thickness alone; open it again."""
+    study, plugins = pressed_meshes(
+        tmp_path,
+        solver={"name": "half_space_on_mesh"},
+        budget={"bone": "2 mm"},
+        fit={"search": "least_squares"},
+    )
+    study = replace(study, data="measured")
+    pipeline.run_study(study, tmp_path / "run", plugins)
+    with pipeline.locked_run(study, tmp_path / "run", plugins, needs=["fit"]) as run:
+        yield run
+
+
+def test_the_bone_is_in_the_intervals_of_measured_limbs(measured_run):
+    assert measured_run.table("budget").filter(cause="bone")["share"].max() > 0.01
+    assert "position" not in measured_run.table("budget")["cause"]
+
+
+def test_doubt_in_the_bone_is_that_of_the_closed_form(measured_run):
+    stage, assessed = joint_assessed(measured_run)
+    columns, failures = stage.columns(assessed.case)
+    end = assessed.case.end
+    (term,) = end.problem.terms
+    simulation = end.problem.simulated(term, end.problem.inputs("p1", end.best.point))
+    thickness_mm = np.ptp(measured_run.limbs["p1"].mesh.points_mm[:, 2])
+    curve = simulation.response["force"]
+    stiffening = contact_mm(term.protocol, curve.abscissa) / thickness_mm
+    expected = curve.ordinate * stiffening / (1.0 + stiffening) * 2.0 / thickness_mm
+    found = columns["p1", "force"]
+    at = term.measured["force"].abscissa
+    np.testing.assert_allclose(found["bone"], np.interp(at, curve.abscissa, expected), rtol=0.05, atol=1e-4)
+    assert not failures
+    np.testing.assert_allclose([found["position p1 x"], found["position p1 y"]], 0.0, atol=1e-9)
+
+
+def test_a_bone_that_leaves_the_limb_is_no_cause_and_says_why(measured_run):
+    stage, assessed = joint_assessed(measured_run)
+    beyond = ErrorSource(kind="bone", of="", sd=30.0)
+    columns, failures = columns_of(assessed.case.end, [beyond], ["force"], stage.limbs)
+    assert columns["p1", "force"] == {}
+    assert "element" in failures[beyond]
+
+
+def contact_mm(protocol, depths_mm):
+    return np.array([protocol.indenter.contact_radius_mm(depth_mm) for depth_mm in depths_mm.tolist()])
+
+
+@pytest.mark.parametrize(("data", "sd"), [("measured", 1.0), ("simulated", 0.0)])
+def test_the_anatomy_of_simulated_data_is_known(tmp_path, pressed_meshes, data, sd):
+    study, _ = pressed_meshes(tmp_path)
+    found = error_sources_of(replace(study, data=data), {"p1": Response(curves={})}, [])
+    sds = {cause.name: cause.sd for cause in found if cause.kind in ("position", "bone", "layers")}
+    assert sds == ({"position p1 x": sd, "position p1 y": sd, "bone": sd} if sd else {})
