@@ -103,7 +103,7 @@ def test_a_fit_that_ends_at_a_bound_or_is_not_settled_is_named(content):
     # The least Fopt may be at an end where the value of the interval, which is the one that is shown, is not.
     assert about(ended(at_bound="soft_tissue.grip"), "end of their range") is None
     at_grip = conclusion(at_end_of_range(made, "soft_tissue.grip")).bests[0]
-    assert [value.is_at_bound for value in at_grip.values] == [False, True]
+    assert [value.at_bound for value in at_grip.values] == [False, True]
     at_bound = about(at_end_of_range(made, "soft_tissue.grip", "soft_tissue.stiffness"), "Best values are")
     assert at_bound.startswith("stiffness at all spots, scenario I; grip at all spots, scenario I. ")
     unsettled = ended(message=f"converged; {UNSETTLED}")

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from palpate_report.forest import Forest
-from palpate_report.headline import Headline, r2_by_spot
+from palpate_report.headline import r2_by_spot
+from palpate_report.marks import Headline
 from palpate_report.next_step import CAUSES
 from palpate_report.report_data import ReportData
 from palpate_report.report_warnings import GOOD_R2, NO_FIT_R2
@@ -55,7 +56,7 @@ def answer(data: ReportData, conclusion: Conclusion, picture: Forest) -> Summary
         about=f"{by}, {fitted}",
         lines=(*conclusion.estimates, *conclusion.moduli),
         facts=tuple((name, text) for name, text in facts.items() if text),
-        is_sure=any(value.is_sure for each in conclusion.bests for value in each.values),
+        is_sure=any(value.level for each in conclusion.bests for value in each.values),
     )
 
 
@@ -84,14 +85,11 @@ def _spots(data: ReportData, conclusion: Conclusion, picture: Forest) -> str:
 def _causes(data: ReportData) -> str:
     """Causes that the widest interval is mostly due to."""
     certainty = data.fit.certainty
-    if certainty.budget.is_empty():
-        return ""
-    main = {"fit": data.together, "scenario": data.generalising.name}
-    rows = certainty.intervals.filter(**main)
-    if rows.is_empty():
+    rows, budget = data.leading_rows(certainty.intervals), data.leading_rows(certainty.budget)
+    if rows.is_empty() or budget.is_empty():
         return ""
     name = rows.sort("relative_width", descending=True)["parameter"][0]
-    known = certainty.budget.filter(**main, parameter=name).drop_nulls("share")
+    known = budget.filter(parameter=name).drop_nulls("share")
     causes = known.sort("share", descending=True).head(MOST_CAUSES)
     shares = " and ".join(
         f"{CAUSES.get(row['cause'], row['cause'])} ({100.0 * row['share']:.0f} %)"
@@ -119,11 +117,10 @@ def colour_of(name: str) -> str:
 
 def budget_bars(data: ReportData) -> Iterator[tuple[str, list[tuple[str, float]]]]:
     """Causes of each interval that leads, with their shares in percent, the largest first."""
-    budget = data.fit.certainty.budget
+    budget = data.leading_rows(data.fit.certainty.budget)
     if budget.is_empty():
         return
-    rows = budget.filter(fit=data.together, scenario=data.generalising.name).drop_nulls("share")
-    for (name,), causes in rows.group_by("parameter", maintain_order=True):
+    for (name,), causes in budget.drop_nulls("share").group_by("parameter", maintain_order=True):
         shares = causes.sort("share", descending=True).select("cause", "share").iter_rows()
         yield (
             data.brief_name(str(name)),

@@ -10,36 +10,12 @@ import numpy as np
 from palpate.api import FloatArray, IsotropicMaterial, PalpateError, Parameter, ParameterName, convert
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, share_of_range, weighed_phases
 from palpate.api.mechanics import initial_moduli as moduli_of
+from palpate_report.marks import Headline
 from palpate_report.report_data import ReportData
 from palpate_report.tables import weighted_channels
 
 EDGE = 0.01
 """Share of a range within which a value is at its end."""
-
-
-@dataclass(frozen=True, slots=True)
-class Value:
-    """One parameter of a best set, with the optimum between the sets and its interval.
-
-    These are None where they are unknown, and the value where it differs from spot to spot. The interval
-    is the 95 % interval of a fit where ``is_sure``, else of the values that fit about as well; a set of
-    the sweep need not be in it.
-    """
-
-    value: float | None
-    optimum: float | None
-    lower: float | None
-    upper: float | None
-    identifiability: str
-    is_at_bound: bool = False
-    is_sure: bool = False
-
-    @property
-    def is_in_interval(self) -> bool:
-        """Whether the interval holds the value, where both are known."""
-        if self.value is None or self.lower is None or self.upper is None:
-            return True
-        return self.lower <= self.value <= self.upper
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +30,7 @@ class Best:
         ``set 12`` of the sweep, or ``fit`` where a search went on from there.
     fopt : float
         Of a joint fit the mean over its spots.
-    values : tuple of Value
+    values : tuple of Headline
         In the order of ``ReportData.searched``.
     r2 : mapping of channel or phase to number or None
         Of a joint fit the least of its spots.
@@ -67,7 +43,7 @@ class Best:
     fitted_to: str
     found: str
     fopt: float
-    values: tuple[Value, ...]
+    values: tuple[Headline, ...]
     r2: Mapping[str, float | None]
     moduli: Mapping[str, tuple[float, float]]
 
@@ -84,7 +60,7 @@ def best_sets(data: ReportData) -> Iterator[Best]:
         (r["spot"], r["scenario"], r["parameter"]): r for r in data.identifiability.iter_rows(named=True)
     }
     sure = {
-        (r["fit"], r["scenario"], r["parameter"]): r | {"is_sure": True}
+        (r["fit"], r["scenario"], r["parameter"]): r | {"level": 0.95}
         for r in data.fit.certainty.intervals.iter_rows(named=True)
     }
     chosen = (*data.selection.iter_rows(named=True), *data.fit.ends.iter_rows(named=True))
@@ -94,10 +70,7 @@ def best_sets(data: ReportData) -> Iterator[Best]:
         if (best := rows.get((spot, scenario))) is None:
             continue
         known = intervals | sure if "fit" in best else intervals
-        values = (
-            _value(data, best, i, name, known.get((spot, scenario, name), {}))
-            for i, name in enumerate(data.searched)
-        )
+        values = (_value(data, best, name, known.get((spot, scenario, name), {})) for name in data.searched)
         unfinished = ", unfinished" if best.get("partial") else ""
         yield Best(
             spot=spot,
@@ -111,20 +84,28 @@ def best_sets(data: ReportData) -> Iterator[Best]:
         )
 
 
-def _value(
-    data: ReportData, best: Mapping[str, Any], i: int, name: str, interval: Mapping[str, Any]
-) -> Value:
-    word = interval.get("identifiability", UNCLEAR)
-    optimum = None if "fit" in best else interval.get("optimum")
+def _value(data: ReportData, best: Mapping[str, Any], name: str, interval: Mapping[str, Any]) -> Headline:
+    parameter, is_fit = data.searched[name], "fit" in best
     at_bound = {ParameterName.parse(each).shared for each in (best.get("at_bound") or "").split(", ")}
-    ends, is_sure = (interval.get("lower"), interval.get("upper")), "is_sure" in interval
-    found = Value(best.get(name), optimum, *ends, word, name in at_bound, is_sure)
+    found = Headline(
+        parameter=parameter.name,
+        name=name,
+        unit=parameter.unit,
+        value=best.get(name),
+        optimum=None if is_fit else interval.get("optimum"),
+        lower=interval.get("lower"),
+        upper=interval.get("upper"),
+        identifiability=interval.get("identifiability", UNCLEAR),
+        level=interval.get("level"),
+        at_bound=name in at_bound,
+    )
     if found.value is None:
         return found
-    if is_sure:  # then the value is not that of the least Fopt, of which the fit's own table speaks
-        return replace(found, is_at_bound=_at_limit(data.searched[name], found.value))
-    if "fit" not in best and name in data.brief:
-        found = replace(found, is_at_bound=_at_end(data.brief[name], found, data.design.values[:, i]))
+    if found.level:  # then the value is not that of the least Fopt, of which the fit's own table speaks
+        return replace(found, at_bound=_at_limit(parameter, found.value))
+    if not is_fit and name in data.brief:
+        drawn = data.design.values[:, list(data.brief).index(name)]
+        found = replace(found, at_bound=_at_end(parameter, found, drawn))
     # The sweep's interval is of the optimum between its sets: what is outside of it has not its word.
     return found if found.is_in_interval else replace(found, identifiability=UNCLEAR)
 
@@ -136,7 +117,7 @@ def _at_limit(parameter: Parameter, value: float) -> bool:
     return is_lowest or (share > 1.0 - EDGE and parameter.upper < parameter.physical_upper)
 
 
-def _at_end(parameter: Parameter, value: Value, drawn: FloatArray) -> bool:
+def _at_end(parameter: Parameter, value: Headline, drawn: FloatArray) -> bool:
     """Whether a best set is the outermost of the design, or within a spacing of the range's end.
 
     Not where the curves show that the optimum is inside, or do not depend on the parameter.

@@ -89,7 +89,7 @@ def _leading(data: ReportData) -> dict[str, Any]:
     """Row of the fit of all spots, or of the only one; without a fit of the set for all; or nothing."""
     scenario = data.generalising.name
     if data.is_fitted:
-        return data.fit.ends.filter(fit=data.together, scenario=scenario).row(0, named=True)
+        return data.leading_rows(data.fit.ends).row(0, named=True)
     if len(data.spots) > 1:
         rows = data.generalisation.with_columns(fopt=pl.col("fopt_mean"))
     else:

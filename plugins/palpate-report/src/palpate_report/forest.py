@@ -4,8 +4,8 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from palpate_report.best_sets import Best, Value, leading
-from palpate_report.marks import rounded
+from palpate_report.best_sets import Best, leading
+from palpate_report.marks import Headline, rounded
 from palpate_report.report_data import ReportData, label_of
 
 
@@ -79,18 +79,17 @@ def forest(data: ReportData, bests: Sequence[Best]) -> Forest:
             for i, axis in enumerate(axes)
         )
         own = found.get(data.generalising.name)
-        rows.append(Row(label=spot, differs=tuple(_differs(data, own, lead)), marks=marks))
+        rows.append(Row(label=spot, differs=tuple(_differs(own, lead)), marks=marks))
     return Forest(axes=axes, rows=tuple(rows))
 
 
-def _differs(data: ReportData, own: Best | None, lead: Best | None) -> Iterator[str]:
-    if own is None or lead is None:
-        return
-    for parameter, one, other in zip(data.searched.values(), own.values, lead.values, strict=True):
-        if None in (one.lower, one.upper, other.lower, other.upper) or not (one.is_sure and other.is_sure):
+def _differs(own: Best | None, lead: Best | None) -> Iterator[str]:
+    """Parameters whose 95 % intervals are apart."""
+    for one, other in zip(own.values, lead.values, strict=True) if own and lead else ():
+        if None in (one.lower, one.upper, other.lower, other.upper) or not (one.level and other.level):
             continue
         if one.lower > other.upper or one.upper < other.lower:  # type: ignore[operator]
-            yield parameter.name
+            yield one.parameter
 
 
 def _axis(data: ReportData, bests: Sequence[Best], i: int, name: str) -> Axis:
@@ -128,7 +127,7 @@ def _percent(axis: Axis, value: float) -> float:
     return round(min(max(100.0 * (at - low) / (high - low), 0.0), 100.0), 2)
 
 
-def _mark(axis: Axis, scenario: int, value: Value) -> Mark:
+def _mark(axis: Axis, scenario: int, value: Headline) -> Mark:
     at = {end: getattr(value, end) for end in ("value", "lower", "upper")}
     known = {end: None if number is None else _percent(axis, number) for end, number in at.items()}
     ends = (value.lower, value.upper)

@@ -12,8 +12,8 @@ import polars as pl
 
 from palpate.api import ParameterName
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, FitResult
-from palpate_report.best_sets import Best, Value, best_sets, initial_moduli, leading
-from palpate_report.marks import NOT, REFUSED, TIED, mark_of, rounded, verdict_of
+from palpate_report.best_sets import Best, best_sets, initial_moduli, leading
+from palpate_report.marks import NOT, REFUSED, TIED, Headline, mark_of, verdict_of
 from palpate_report.report_data import ReportData
 from palpate_report.report_warnings import CHECK, NO_FIT_R2, failed_checks
 
@@ -22,70 +22,14 @@ NO_PARAMETERS = "No parameters can be read from this run"
 MODULI = ("initial shear modulus", "Young's modulus")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Headline:
-    """A value with what may be read of it.
-
-    Parameters
-    ----------
-    parameter : str
-        Brief name; ``<name>@<spot>`` where each spot has its own; or the name of a modulus.
-    unit : str
-    name : str
-        Full name of a parameter.
-    value, lower, upper : float or None
-        None where they are unknown, and the value where it differs from spot to spot.
-    identifiability : str
-        Word of :mod:`palpate.stages.identifiability`; empty where none is known.
-    level : float or None
-        0.95 where the interval is that of a fit; None where it is what fits about as well in the sweep.
-    at_bound, is_refused : bool
-        The value is at an end of its range; no parameters can be read from its run.
-    """
-
-    parameter: str
-    unit: str
-    value: float | None
-    name: str = ""
-    lower: float | None = None
-    upper: float | None = None
-    identifiability: str = ""
-    level: float | None = None
-    at_bound: bool = False
-    is_refused: bool = False
-
-    @property
-    def verdict(self) -> str:
-        """Verdict on the value, in words; empty where nothing is known."""
-        return verdict_of(self.identifiability, at_bound=self.at_bound, is_refused=self.is_refused)
-
-    @property
-    def label(self) -> str:
-        """Name with its unit."""
-        return self.parameter if self.unit in ("", "1") else f"{self.parameter} [{self.unit}]"
-
-    def __str__(self) -> str:
-        unit, ends, known = "" if self.unit == "1" else f" {self.unit}", (self.lower, self.upper), []
-        if self.lower is not None and self.upper is not None:
-            known = [f"{rounded(self.lower, *ends)} to {rounded(self.upper, *ends)}"]
-        known += [self.verdict] if self.verdict else []
-        value = "by spot" if self.value is None else f"= {rounded(self.value, *ends)}{unit}"
-        return f"{self.parameter} {value}" + (f" ({', '.join(known)})" if known else "")
-
-
 # -------------------------------------------------------------------- what leads
 
 
 def headlines(data: ReportData, bests: Sequence[Best]) -> list[Headline]:
     """Parameters of what leads, with the intervals of the fit where it has them, else of the sweep."""
     best, is_refused = leading(data, bests), bool(failure_of(data, bests))
-    at_bound = {
-        name: value.is_at_bound
-        for name, value in zip(data.searched, best.values if best else (), strict=False)
-    }
-    main = {"fit": data.together, "scenario": data.generalising.name}
-    rows = data.fit.certainty.intervals
-    rows = rows if rows.is_empty() else rows.filter(**main)
+    at_bound = {each.name: each.at_bound for each in best.values} if best else {}
+    rows = data.leading_rows(data.fit.certainty.intervals)
     found = [
         Headline(
             parameter=data.brief_name(row["parameter"]),
@@ -99,26 +43,23 @@ def headlines(data: ReportData, bests: Sequence[Best]) -> list[Headline]:
     ]
     if found:
         return found
-    swept = data.identified(together=True)
+    if best is not None:
+        return [replace(each, is_refused=is_refused) for each in best.values]
     chosen = next(data.generalisation.iter_rows(named=True), {})
-    for i, (name, parameter) in enumerate(data.searched.items()):
-        row = next(swept.filter(parameter=name).iter_rows(named=True), {})
-        found.append(
-            Headline(
-                parameter=parameter.name,
-                name=name,
-                unit=parameter.unit,
-                value=chosen.get(name) if best is None else best.values[i].value,
-                lower=row.get("lower"),
-                upper=row.get("upper"),
-                identifiability=row.get("identifiability", UNCLEAR)
-                if best is None
-                else best.values[i].identifiability,
-                at_bound=at_bound.get(name, False),
-                is_refused=is_refused,
-            )
+    swept = {row["parameter"]: row for row in data.identified(together=True).iter_rows(named=True)}
+    return [
+        Headline(
+            parameter=parameter.name,
+            name=name,
+            unit=parameter.unit,
+            value=chosen.get(name),
+            lower=swept.get(name, {}).get("lower"),
+            upper=swept.get(name, {}).get("upper"),
+            identifiability=swept.get(name, {}).get("identifiability", UNCLEAR),
+            is_refused=is_refused,
         )
-    return found
+        for name, parameter in data.searched.items()
+    ]
 
 
 def known_answer(data: ReportData, estimates: Sequence[Headline]) -> str:
@@ -145,12 +86,12 @@ def moduli(data: ReportData, best: Best, *, is_refused: bool = False) -> Iterato
 
     One that a single parameter changes has the interval and the word of that.
     """
-    row = {name: each.value for name, each in zip(data.searched, best.values, strict=True)}
-    moved: dict[tuple[str, int], list[tuple[Value, float, float]]] = {}
-    for name, each in zip(data.searched, best.values, strict=True):
-        if each.lower is None or each.upper is None or not each.is_sure:
+    row = {each.name: each.value for each in best.values}
+    moved: dict[tuple[str, int], list[tuple[Headline, float, float]]] = {}
+    for each in best.values:
+        if each.lower is None or each.upper is None or not each.level:
             continue
-        ends = [dict(initial_moduli(data, row | {name: end})) for end in (each.lower, each.upper)]
+        ends = [dict(initial_moduli(data, row | {each.name: end})) for end in (each.lower, each.upper)]
         for region, known in best.moduli.items():
             for i, modulus in enumerate(known):
                 lower, upper = (end[region][i] if region in end else math.nan for end in ends)
@@ -158,7 +99,7 @@ def moduli(data: ReportData, best: Best, *, is_refused: bool = False) -> Iterato
                     math.isclose(lower, modulus, rel_tol=1e-9) and math.isclose(upper, modulus, rel_tol=1e-9)
                 ):
                     moved.setdefault((region, i), []).append((each, min(lower, upper), max(lower, upper)))
-    is_sure = all(each.is_sure for each in best.values)
+    is_sure = all(each.level for each in best.values)
     for region, known in best.moduli.items():
         of = f" of {region}" if len(data.study.space.regions) > 1 else ""
         for i, (name, modulus) in enumerate(zip(MODULI, known, strict=True)):
@@ -172,7 +113,7 @@ def moduli(data: ReportData, best: Best, *, is_refused: bool = False) -> Iterato
                 upper=ends_of_one[1],
                 identifiability=of_one.identifiability if of_one else "",
                 level=0.95 if of_one else None,
-                at_bound=of_one.is_at_bound if of_one else False,
+                at_bound=of_one.at_bound if of_one else False,
                 is_refused=is_refused,
             )
 
@@ -256,15 +197,13 @@ class Verdicts:
         best = (self.of_fit if is_fit else self.of_sweep).get((spot, scenario))
         if self.failure or self._is_refused(best, spot, scenario, is_fit=is_fit):
             return REFUSED
-        head, searched = ParameterName.parse(name).shared, list(self.data.searched)
-        if head in self.data.study.space.ties and head not in searched:
+        head = ParameterName.parse(name).shared
+        if head in self.data.study.space.ties and head not in self.data.searched:
             return TIED
-        i = searched.index(head) if head in searched else -1
-        known = best is not None and 0 <= i < len(best.values)
-        value = best.values[i] if best is not None and known else None
+        value = next((each for each in best.values if each.name == head), None) if best else None
         if word is None:
             word = value.identifiability if value else UNCLEAR
-        return verdict_of(word, at_bound=value is not None and value.is_at_bound)
+        return verdict_of(word, at_bound=value is not None and value.at_bound)
 
     def _is_refused(self, best: Best | None, spot: str, scenario: str, *, is_fit: bool) -> bool:
         if is_fit and (spot, scenario) in self.refused:

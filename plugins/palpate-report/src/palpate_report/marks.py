@@ -1,8 +1,9 @@
-"""Digits of a value that its interval says something of; its verdict in words, and the mark of that."""
+"""A value as every output shows it: its digits, its verdict in words, and the mark of that."""
 
 import math
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 
 from palpate.api.fit import UNCLEAR
@@ -60,3 +61,63 @@ def explained(marks: Iterable[str]) -> str:
     seen = set("".join(marks))
     texts = [f"{mark} {meaning}" for mark, (_, meaning) in MARKS.items() if mark in seen]
     return f"{'; '.join(texts)}." if texts else ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Headline:
+    """A value with what may be read of it.
+
+    Parameters
+    ----------
+    parameter : str
+        Brief name; ``<name>@<spot>`` where each spot has its own; or the name of a modulus.
+    unit : str
+    name : str
+        Full name of a parameter.
+    value, optimum, lower, upper : float or None
+        None where they are unknown, and the value where it differs from spot to spot. The optimum is that
+        between the sets of a sweep, one of which need not be in the interval.
+    identifiability : str
+        Word of :mod:`palpate.stages.identifiability`; empty where none is known.
+    level : float or None
+        0.95 where the interval is that of a fit; None where it is what fits about as well in the sweep.
+    at_bound, is_refused : bool
+        The value is at an end of its range; no parameters can be read from its run.
+    """
+
+    parameter: str
+    unit: str
+    value: float | None
+    name: str = ""
+    optimum: float | None = None
+    lower: float | None = None
+    upper: float | None = None
+    identifiability: str = ""
+    level: float | None = None
+    at_bound: bool = False
+    is_refused: bool = False
+
+    @property
+    def verdict(self) -> str:
+        """Verdict on the value, in words; empty where nothing is known."""
+        return verdict_of(self.identifiability, at_bound=self.at_bound, is_refused=self.is_refused)
+
+    @property
+    def is_in_interval(self) -> bool:
+        """Whether the interval holds the value, where both are known."""
+        if self.value is None or self.lower is None or self.upper is None:
+            return True
+        return self.lower <= self.value <= self.upper
+
+    @property
+    def label(self) -> str:
+        """Name with its unit."""
+        return self.parameter if self.unit in ("", "1") else f"{self.parameter} [{self.unit}]"
+
+    def __str__(self) -> str:
+        unit, ends, known = "" if self.unit == "1" else f" {self.unit}", (self.lower, self.upper), []
+        if self.lower is not None and self.upper is not None:
+            known = [f"{rounded(self.lower, *ends)} to {rounded(self.upper, *ends)}"]
+        known += [self.verdict] if self.verdict else []
+        value = "by spot" if self.value is None else f"= {rounded(self.value, *ends)}{unit}"
+        return f"{self.parameter} {value}" + (f" ({', '.join(known)})" if known else "")

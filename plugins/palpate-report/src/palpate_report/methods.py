@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from palpate.api import Indentation, convert
-from palpate_report.headline import NO_PARAMETERS, Headline
-from palpate_report.marks import with_minus
+from palpate_report.headline import NO_PARAMETERS
+from palpate_report.marks import Headline, with_minus
 from palpate_report.next_step import CAUSES
 from palpate_report.report_data import ReportData
 
@@ -124,11 +124,10 @@ def _search(data: ReportData) -> Iterator[str]:
 
 
 def _intervals(data: ReportData, not_included: Sequence[str]) -> Iterator[str]:
-    budget = data.fit.certainty.budget
+    budget = data.leading_rows(data.fit.certainty.budget)
     if budget.is_empty():
         return
-    main = {"fit": data.together, "scenario": data.generalising.name}
-    causes = budget.filter(**main, status="included")["cause"].unique(maintain_order=True)
+    causes = budget.filter(status="included")["cause"].unique(maintain_order=True)
     listed = ", ".join(CAUSES.get(cause, cause) for cause in causes)
     missing = f", and not {', '.join(not_included)}" if not_included else ""
     yield f"The 95 % intervals include {listed}{missing}."

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from palpate.api import Indentation
-from palpate_report.headline import Headline
+from palpate_report.marks import Headline
 from palpate_report.report_data import ReportData
 
 WRITE_UP = "every parameter is identified: write it up (docs/write-it-up.md), with report/methods.md"
@@ -87,10 +87,9 @@ def _relative_width(value: Headline) -> float:
 
 def _narrower(data: ReportData, worst: Headline) -> str:
     """Advice that makes the largest cause of an interval smaller."""
-    budget = data.fit.certainty.budget
+    budget = data.leading_rows(data.fit.certainty.budget)
     if not budget.is_empty():
-        main = {"fit": data.together, "scenario": data.generalising.name, "parameter": worst.name}
-        budget = budget.filter(**main).drop_nulls("share").sort("share", descending=True)
+        budget = budget.filter(parameter=worst.name).drop_nulls("share").sort("share", descending=True)
     if budget.is_empty():
         return f"{worst.parameter} is {worst.verdict}: read the warnings, the worst first"
     cause, share = budget["cause"][0], f"{100.0 * budget['share'][0]:.0f} %"

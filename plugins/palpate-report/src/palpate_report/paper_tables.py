@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from palpate.api.fit import ALL_SPOTS
 from palpate_report.best_sets import Best, best_sets
-from palpate_report.headline import MODULI, Headline, Verdicts, moduli
-from palpate_report.marks import REFUSED, explained, mark_of
+from palpate_report.headline import MODULI, Verdicts, moduli
+from palpate_report.marks import REFUSED, Headline, explained, mark_of
 from palpate_report.report_data import ReportData
 from palpate_report.table_files import escaped, head, marked, number, power_of_ten, row, tabular
 from palpate_report.tables import weighted_channels
@@ -70,19 +70,10 @@ class _Block:
         cells = {}
         for at, best in self.found.items():
             is_fit, row = best.found == "fit", {}
-            for (name, p), value in zip(self.data.searched.items(), best.values, strict=True):
-                verdict = self.verdicts.at(*at, name, is_fit=is_fit)
-                ends = (value.lower, value.upper) if value.is_sure else (None, None)
-                row[name] = Headline(
-                    parameter=p.name,
-                    unit=p.unit,
-                    value=value.value,
-                    lower=ends[0],
-                    upper=ends[1],
-                    identifiability=value.identifiability,
-                    at_bound=value.is_at_bound,
-                    is_refused=verdict == REFUSED,
-                )
+            for value in best.values:
+                is_refused = self.verdicts.at(*at, value.name, is_fit=is_fit) == REFUSED
+                shown = value if value.level else replace(value, lower=None, upper=None)
+                row[value.name] = replace(shown, is_refused=is_refused)
             refused = any(each.is_refused for each in row.values())
             shear = (
                 each

@@ -213,14 +213,14 @@ class ReportData:
         """Name of the fit that leads: of all spots together, or of the only one."""
         return ALL_SPOTS if len(self.spots) > 1 else self.spots[0]
 
+    def leading_rows(self, frame: pl.DataFrame) -> pl.DataFrame:
+        """Rows of the fit that leads, in the scenario that generalises; an empty frame as it is."""
+        return frame if frame.is_empty() else frame.filter(fit=self.together, scenario=self.generalising.name)
+
     @property
     def is_fitted(self) -> bool:
         """Whether a fit of all spots together, or of the only one, has a result where it generalises."""
-        ends = self.fit.ends
-        return (
-            not ends.is_empty()
-            and not ends.filter(fit=self.together, scenario=self.generalising.name).is_empty()
-        )
+        return not self.leading_rows(self.fit.ends).is_empty()
 
     def scenario(self, name: str) -> Scenario:
         """Scenario of the study by its name."""

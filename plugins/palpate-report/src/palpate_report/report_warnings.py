@@ -95,11 +95,11 @@ def report_warnings(
     yield from _about_disagreement(data)
     main = (data.together, data.generalising.name)
     leading = [best for best in bests if (best.spot, best.scenario) == main] or list(bests)
-    yield from _about_ends(data, leading, "Best")
+    yield from _about_ends(leading, "Best")
     yield from _about_identifiability(data)
     yield from _about_posterior(data)
     yield from _about_meshes(data)
-    yield from _about_ends(data, [best for best in bests if best not in leading], "Other")
+    yield from _about_ends([best for best in bests if best not in leading], "Other")
     yield from _about_searches(data)
     yield from _about_comparisons(data)
     yield from _about_sweep(data)
@@ -139,12 +139,9 @@ def failed_checks(data: ReportData) -> Iterator[tuple[str, str, str, str]]:
 
 def left_out(data: ReportData) -> dict[str, str]:
     """Causes that the intervals of what leads are without, since they could not be simulated, and why."""
-    budget = data.fit.certainty.budget
-    if budget.is_empty():
-        return {}
-    lost = budget.filter(pl.col("share").is_null(), fit=data.together, scenario=data.generalising.name)
     # Tables of earlier runs have no status, and no row without a share.
-    return {row["cause"]: row["status"] for row in lost.iter_rows(named=True)}
+    rows = data.leading_rows(data.fit.certainty.budget).iter_rows(named=True)
+    return {row["cause"]: row["status"] for row in rows if row["share"] is None}
 
 
 def apparent(data: ReportData) -> str:
@@ -247,14 +244,14 @@ def _about_disagreement(data: ReportData) -> Iterator[ReportWarning]:
         )
 
 
-def _about_ends(data: ReportData, bests: Sequence[Best], whose: str) -> Iterator[ReportWarning]:
+def _about_ends(bests: Sequence[Best], whose: str) -> Iterator[ReportWarning]:
     return _listed(
         f"{whose} values are at the end of their range",
         [
-            f"{parameter.name} at {best.where}"
+            f"{value.parameter} at {best.where}"
             for best in bests
-            for parameter, value in zip(data.searched.values(), best.values, strict=True)
-            if value.is_at_bound and value.identifiability != "not"
+            for value in best.values
+            if value.at_bound and value.identifiability != "not"
         ],
         "Widen the range: the minimum may be outside.",
     )
@@ -280,8 +277,7 @@ def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
         )
     rows, together = (data.identified(together=together) for together in (False, True))
     if not data.fit.certainty.intervals.is_empty():
-        main = {"fit": data.together, "scenario": data.generalising.name}
-        rows, together = rows.head(0), data.fit.certainty.intervals.filter(**main)
+        rows, together = rows.head(0), data.leading_rows(data.fit.certainty.intervals)
     names = together.filter(identifiability="not")["parameter"].unique(maintain_order=True)
     if not names.is_empty():
         yield ReportWarning(
@@ -362,10 +358,10 @@ def _about_coarseness(data: ReportData, bests: Sequence[Best]) -> Iterator[Repor
     return _listed(
         "The optimum is between the sampled sets",
         (
-            f"{parameter.name} at {best.spot}: set {value.value:.4g}, optimum {value.optimum:.4g}"
+            f"{value.parameter} at {best.spot}: set {value.value:.4g}, optimum {value.optimum:.4g}"
             for best in bests
             if best.scenario == data.generalising.name and best.found != "fit"
-            for parameter, value in zip(data.brief.values(), best.values, strict=True)
+            for value in best.values
             if value.value is not None and value.optimum is not None and not value.is_in_interval
         ),
         'Search from the best sets ([fit] search = "least_squares"), or raise n_sets.',

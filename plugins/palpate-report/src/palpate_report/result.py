@@ -1,18 +1,19 @@
 """Result of a run, and what a report of it shows: parameters, tables, warnings."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
 import polars as pl
 
-from palpate.api import Parameter, ParameterName, PluginError
+from palpate.api import ParameterName, PluginError
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, WORDS
 from palpate.api.report import ReportWarning, Section, is_own
 from palpate.api.runs import Study, answering_for
 from palpate_report.best_sets import Best, best_sets, leading
-from palpate_report.headline import Headline, failure_of, headlines, known_answer, moduli
+from palpate_report.headline import failure_of, headlines, known_answer, moduli
+from palpate_report.marks import Headline
 from palpate_report.methods import methods
 from palpate_report.next_step import next_step
 from palpate_report.report_data import ReportData, label_of
@@ -190,16 +191,16 @@ def _not_included(data: ReportData) -> Iterator[str]:
 def _mesh(data: ReportData) -> str:
     """Largest relative error of each channel by the meshes of what leads, and where it matters most."""
     certainty = data.fit.certainty
-    if certainty.mesh_errors.is_empty():
+    errors, budget = data.leading_rows(certainty.mesh_errors), data.leading_rows(certainty.budget)
+    if errors.is_empty() or budget.is_empty():
         return ""
-    main = {"fit": data.together, "scenario": data.generalising.name}
-    rows = certainty.mesh_errors.filter(**main).sort("relative_error", descending=True)
+    rows = errors.sort("relative_error", descending=True)
     worst = rows.unique("channel", keep="first", maintain_order=True)
     channels = ", ".join(
         f"{100.0 * row['relative_error']:.1f} % of {row['channel']}" for row in worst.to_dicts()
     )
     shown_by = ", ".join(worst["shown_by"].unique(maintain_order=True))
-    shares = certainty.budget.filter(**main, cause="mesh").drop_nulls("share").sort("share", descending=True)
+    shares = budget.filter(cause="mesh").drop_nulls("share").sort("share", descending=True)
     if shares.is_empty():
         return ""
     parameter, share = shares.select("parameter", "share").row(0)
@@ -211,11 +212,11 @@ def _lead(data: ReportData, bests: Sequence[Best]) -> tuple[str, list[str], str]
     """Fit that leads, its values, and how well it fits; empty where there is nothing."""
     where, best = data.together, leading(data, bests)
     if best is not None:
-        values = [*_listed(data.searched, (v.value for v in best.values))]
+        values = [_equation(each.parameter, each.value, each.unit) for each in best.values]
         values += [f"{each.parameter} {each.value:.4g} {each.unit}" for each in moduli(data, best)]
         of = f"At {where}" if where != ALL_SPOTS else f"One material for all {len(data.spots)} spots"
         mean = "mean Fopt" if where == ALL_SPOTS else "Fopt"
-        if any(value.is_sure for value in best.values):  # the values weigh curves by their errors
+        if any(value.level for value in best.values):  # the values weigh curves by their errors
             mean = f"least {mean}"
         least = "at least " if where == ALL_SPOTS else ""
         r2 = [
@@ -231,18 +232,17 @@ def _lead(data: ReportData, bests: Sequence[Best]) -> tuple[str, list[str], str]
     spread = "" if row["fopt_sd"] is None else f" ± {row['fopt_sd']:.2g}"
     found = data.completeness
     of = "" if found.is_complete else f", of {found.n_everywhere} sets simulated at each"
-    values = [f"set {row['set_id']}", *_listed(data.brief, (row[name] for name in data.brief))]
+    values = [_equation(p.name, row[name], p.unit) for name, p in data.brief.items()]
     quality = f"mean Fopt {row['fopt_mean']:.4g}{spread} (scenario {row['scenario']})"
-    return f"One set for all {len(data.spots)} spots{of}", values, quality
+    return f"One set for all {len(data.spots)} spots{of}", [f"set {row['set_id']}", *values], quality
 
 
-def _listed(parameters: Mapping[str, Parameter], values: Iterable[float | None]) -> Iterator[str]:
-    for p, value in zip(parameters.values(), values, strict=True):
-        yield f"{p.name} by spot" if value is None else f"{p.name} = {value:.4g}{_unit(p)}"
+def _equation(name: str, value: float | None, unit: str) -> str:
+    return f"{name} by spot" if value is None else f"{name} = {value:.4g}{_unit(unit)}"
 
 
-def _unit(parameter: Parameter) -> str:
-    return "" if parameter.unit == "1" else f" {parameter.unit}"
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
 
 
 def _spent(data: ReportData) -> str:
@@ -263,7 +263,7 @@ def _identified(data: ReportData, found: Sequence[Headline]) -> Iterator[str]:
         return
     for each in found:
         value = "by spot" if each.value is None else f"{each.value:.4g}"
-        unit = "" if each.unit == "1" else f" {each.unit}"
+        unit = _unit(each.unit)
         ends = "" if each.lower is None else f", 95 % interval {each.lower:.4g} to {each.upper:.4g}{unit}"
         yield f"{each.parameter}: {value}{unit}{ends}; {_phrase(each.identifiability)}."
 
@@ -294,7 +294,7 @@ def _together(data: ReportData, parameter: str) -> str:
     rows = data.identified(together=True).filter(parameter=parameter).drop_nulls("lower")
     if rows.is_empty():
         return ""
-    row, unit, where = rows.row(0, named=True), _unit(data.brief[parameter]), ""
+    row, unit, where = rows.row(0, named=True), _unit(data.brief[parameter].unit), ""
     best = f"{row['value']:.4g}{unit}" if data.is_fitted else f"fitted optimum {row['optimum']:.4g}{unit}"
     if len(data.spots) > 1:
         where = f"{_phrase(row['identifiability'])} by all spots together; spot by spot: "

@@ -1,6 +1,7 @@
 """Sections on the fits: curves, warnings, every value, and the ways of the searches."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 from palpate.api.fit import ALL_SPOTS
@@ -17,8 +18,9 @@ from palpate.api.report import (
     Word,
 )
 from palpate.api.runs import file_name
-from palpate_report.best_sets import Best, Value, initial_moduli
-from palpate_report.marks import verdict_of
+from palpate_report.best_sets import Best, initial_moduli
+from palpate_report.headline import MODULI
+from palpate_report.marks import Headline
 from palpate_report.material import material_curves, rows_of
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
@@ -133,20 +135,18 @@ class MaterialItself(Section):
 # ------------------------------------------------------------------- values
 
 
-def _cell(value: Value, report: Report) -> Lines:
+def _cell(value: Headline, report: Report) -> Lines:
     lines: list[Any] = ["by spot" if value.value is None else value.value]
     if value.lower is not None and value.upper is not None:
         lines += [f"optimum {value.optimum:.4g}"] if value.optimum is not None else []
         lines.append(f"{value.lower:.4g} to {value.upper:.4g}")
-    verdict = verdict_of(
-        value.identifiability, at_bound=value.is_at_bound, is_refused=bool(report.conclusion.failure)
-    )
+    verdict = replace(value, is_refused=bool(report.conclusion.failure)).verdict
     return Lines([*lines, *map(Word, verdict.split(", "))])
 
 
 def _below(bests: Sequence[Best]) -> str:
     """Blocks below the values."""
-    if any(value.is_sure for best in bests for value in best.values):
+    if any(value.level for best in bests for value in best.values):
         return "its 95 % interval"
     return "the fitted optimum, and what fits about as well as that"
 
@@ -156,10 +156,9 @@ def _leading(data: ReportData, report: Report, bests: Sequence[Best]) -> Table:
     truth = data.study.truth
     known: list[Cell] = [None] if truth else []
     rows: list[list[Cell]] = []
-    for i, (name, label) in enumerate(zip(data.searched, report.conclusion.parameters, strict=True)):
-        rows.append(
-            [label, *(_cell(best.values[i], report) for best in bests), *([truth.get(name)] if truth else [])]
-        )
+    for values in zip(*(best.values for best in bests), strict=True):
+        of_truth = [truth.get(values[0].name)] if truth else []
+        rows.append([values[0].label, *(_cell(value, report) for value in values), *of_truth])
     rows += [[label, *values] for label, values in _moduli(data, bests)]
     mean, least = ("", "") if bests[0].spot != ALL_SPOTS else (" (all spots: mean)", " (all spots: least)")
     rows.append([f"Fopt{mean}", *(best.fopt for best in bests), *known])
@@ -181,7 +180,7 @@ def _moduli(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, list
         columns.append(dict(initial_moduli(data, data.study.truth)))
     for region in dict.fromkeys(region for column in columns for region in column):
         of = f" of {region}" if len(data.study.space.regions) > 1 else ""
-        for i, name in enumerate(("initial shear modulus", "Young's modulus")):
+        for i, name in enumerate(MODULI):
             values = [column[region][i] if region in column else None for column in columns]
             yield f"{name}{of} [{data.modulus_unit}]", values
 
