@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.api import Curve, FloatArray
+from palpate.api import FloatArray
 from palpate.api.files import write_atomically
 from palpate.api.fit import channel_of
 from palpate.api.runs import keep_only
@@ -178,25 +178,17 @@ def _notes(tables: Mapping[str, pl.DataFrame], runs: Mapping[str, ReportData]) -
 
 def _residuals(data: ReportData) -> dict[str, list[FloatArray]]:
     """Residuals over the rms ordinate of each fitted channel by spot; empty where there is no result."""
-    from palpate_report.figures import residuals
+    from palpate_report.figures import for_all_spots, residuals
 
     found: dict[str, list[FloatArray]] = {}
     channels = dict.fromkeys(map(channel_of, data.generalising.weighed))
     for spot in data.spots:
-        simulated = fitted_curves(data, spot)
+        _, simulated = for_all_spots(data, spot)
         for name, curve in data.measured[spot].curves.items():
             if name in channels and name in simulated:
                 size = float(np.sqrt(np.mean(curve.ordinate**2)))
                 found.setdefault(name, []).append(residuals(curve, simulated[name]) / size)
     return found
-
-
-def fitted_curves(data: ReportData, spot: str) -> Mapping[str, Curve]:
-    """Curves at a spot of the fit of all, or of the only one."""
-    from palpate_report.figures import fit_of, for_all_spots
-
-    alone = len(data.spots) == 1
-    return (fit_of(data, spot, data.generalising.name) if alone else for_all_spots(data, spot))[1]
 
 
 def _mean_square(parts: list[FloatArray]) -> float:

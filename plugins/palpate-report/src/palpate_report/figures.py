@@ -2,11 +2,11 @@
 
 import gc
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import cycle, product
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import matplotlib as mpl
 import numpy as np
@@ -34,10 +34,9 @@ from palpate_report.style import (
     SINGLE_MM,
     STYLE,
     Dash,
-    legend_below,
+    finished,
     save,
     set_log,
-    show_notice,
     sized,
 )
 
@@ -45,40 +44,37 @@ from palpate_report.style import (
 def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
     """Draw every figure as SVG, PDF and PNG."""
     folder.mkdir(parents=True, exist_ok=True)
-    drawings: dict[str, Callable[[], Figure]] = {}
-    if data.design.n_sets:
-        drawings["nmse_distribution"] = partial(nmse_distribution, data)
-    if not data.fit.certainty.intervals.is_empty():
-        drawings["intervals"] = partial(interval_plot, data)
-        drawings["causes"] = partial(causes, data)
-    if not data.design.n_sets and len(data.brief) > 1:
-        drawings["parameter_space"] = partial(parameter_space, data, "")
-    for spot in data.spots:
-        if data.design.n_sets:
-            drawings[f"parameter_space_{file_name(spot)}"] = partial(parameter_space, data, spot)
-        drawings[f"response_{file_name(spot)}"] = partial(responses, data, spot)
-    if len(data.spots) > 1 and (data.is_fitted or not data.generalisation.is_empty()):
-        drawings["generalised"] = partial(generalised, data)
-    if not failure_of(data, tuple(best_sets(data))) and any(material_curves(data, data.generalising.name)):
-        drawings["stress_strain"] = partial(stress_strain, data)
-    if not data.posterior.profiles.is_empty():
-        drawings["profiles"] = partial(profiles, data)
-    if not data.posterior.sobol_indices.is_empty():
-        drawings["sobol_indices"] = partial(sobol_indices, data)
-    if not data.limbs.keys().isdisjoint(data.spots):
-        drawings["limbs"] = partial(limbs, data)
-    if pressed(data):
-        drawings["pressures"] = partial(pressures, data)
-    if data.contact:
-        drawings["contact"] = partial(contact, data)
     files: list[Path] = []
     gc.freeze()  # else each collection while drawing goes through everything that was imported
     try:
-        for name, draw in drawings.items():
-            files += _saved(draw, folder / name)
+        for name, is_there, draw in _drawings(data):
+            if is_there:
+                files += _saved(partial(draw, data), folder / name)
     finally:
         gc.unfreeze()
     return tuple(files)
+
+
+def _drawings(data: ReportData) -> Iterator[tuple[str, bool, Callable[[ReportData], Figure]]]:
+    """Name of every figure, whether there is something to draw, and the function that draws it."""
+    has_sets, has_intervals = data.design.n_sets > 0, not data.fit.certainty.intervals.is_empty()
+    yield "nmse_distribution", has_sets, nmse_distribution
+    yield "intervals", has_intervals, interval_plot
+    yield "causes", has_intervals, causes
+    yield "parameter_space", not has_sets and len(data.brief) > 1, partial(parameter_space, spot="")
+    for spot in data.spots:
+        yield f"parameter_space_{file_name(spot)}", has_sets, partial(parameter_space, spot=spot)
+        yield f"response_{file_name(spot)}", True, partial(responses, spot=spot)
+    has_joint = len(data.spots) > 1 and (data.is_fitted or not data.generalisation.is_empty())
+    yield "generalised", has_joint, generalised
+    is_refused = bool(failure_of(data, tuple(best_sets(data))))
+    has_stress = not is_refused and any(material_curves(data, data.generalising.name))
+    yield "stress_strain", has_stress, stress_strain
+    yield "profiles", not data.posterior.profiles.is_empty(), profiles
+    yield "sobol_indices", not data.posterior.sobol_indices.is_empty(), sobol_indices
+    yield "limbs", not data.limbs.keys().isdisjoint(data.spots), limbs
+    yield "pressures", bool(pressed(data)), pressures
+    yield "contact", bool(data.contact), contact
 
 
 def _saved(draw: Callable[[], Figure], stem: Path) -> list[Path]:
@@ -114,9 +110,7 @@ def responses(data: ReportData, spot: str) -> Figure:
             xlabel=data.channels[channel].abscissa_label, ylabel=f"residual{_unit(data.channels[channel])}"
         )
     figure.align_ylabels()
-    legend_below(figure, list(grid[0]))
-    show_notice(figure, data.notice)
-    return figure
+    return finished(figure, grid[0], data.notice)
 
 
 def residuals(measured: Curve, simulated: Curve) -> FloatArray:
@@ -212,39 +206,22 @@ def _draw_band(axis: Axes, curve: Curve) -> None:
 
 def generalised(data: ReportData) -> Figure:
     """Show the joint fit, or the one set for all spots, on the measured curves of every spot."""
-    channels, spots = data.measured_channels, data.spots
-    figure = sized(DOUBLE_MM if len(spots) > 1 else SINGLE_MM, 46.0 * len(channels) + 22.0)
-    axes = figure.subplots(len(channels), len(spots), squeeze=False, sharex="row", sharey="row")
-    colour, dash = LINES[0]
-    for j, spot in enumerate(spots):
-        label, simulated = for_all_spots(data, spot)
-        for i, channel in enumerate(channels):
-            axis = axes[i, j]
-            if channel in data.measured[spot].curves:
-                _draw_measured(axis, data, data.measured[spot][channel])
-            else:
-                axis.set_axis_off()
-            if channel in simulated:
-                _draw(axis, simulated[channel], colour, dash, label)
-            if j:
-                axis.set_ylabel("")
-        axes[0, j].set_title(f"spot {spot}")
-    legend_below(figure, list(axes.flat))
-    show_notice(figure, data.notice)
-    return figure
+    return _curves({"": data})
 
 
 def write_comparison_figure(runs: Mapping[str, ReportData], folder: Path) -> list[Path]:
     """Draw the measured and the fitted curves of several runs, spot by spot, as ``curves``."""
     folder.mkdir(parents=True, exist_ok=True)
-    return _saved(partial(_compared, runs), folder / "curves")
+    return _saved(partial(_curves, runs), folder / "curves")
 
 
-def _compared(runs: Mapping[str, ReportData]) -> Figure:
+def _curves(runs: Mapping[str, ReportData]) -> Figure:
+    """Curves by channel and spot, on the same axes along a row where they are of one run."""
     spots = list(dict.fromkeys(spot for data in runs.values() for spot in data.spots))
     channels = list(dict.fromkeys(name for data in runs.values() for name in data.measured_channels))
     figure = sized(DOUBLE_MM if len(spots) > 1 else SINGLE_MM, 46.0 * len(channels) + 22.0)
-    axes = figure.subplots(len(channels), len(spots), squeeze=False)
+    shared: Literal["row", "none"] = "row" if len(runs) == 1 else "none"
+    axes = figure.subplots(len(channels), len(spots), squeeze=False, sharex=shared, sharey=shared)
     same = comparison.same_curves(runs)
     for k, ((name, data), (colour, dash)) in enumerate(zip(runs.items(), cycle(LINES), strict=False)):
         for (i, channel), (j, spot) in product(enumerate(channels), enumerate(spots)):
@@ -253,18 +230,18 @@ def _compared(runs: Mapping[str, ReportData]) -> Figure:
             if k == 0 or not same:
                 whose = ("experiment", MEASURED_COLOUR) if same else (f"{name}: experiment", colour)
                 _draw_measured(axes[i, j], data, data.measured[spot][channel], *whose)
-            fitted = comparison.fitted_curves(data, spot)
+            label, fitted = for_all_spots(data, spot)
             if channel in fitted:
-                _draw(axes[i, j], fitted[channel], colour, dash, name)
+                _draw(axes[i, j], fitted[channel], colour, dash, name or label)
+            if j and shared == "row":
+                axes[i, j].set_ylabel("")
     for spot, axis in zip(spots, axes[0], strict=True):
         axis.set_title(f"spot {spot}")
-    legend_below(figure, list(axes.flat))
-    notices = dict.fromkeys(data.notice for data in runs.values() if data.notice)
     for axis in axes.flat:
         if not axis.has_data():
             axis.set_axis_off()
-    show_notice(figure, "; ".join(notices))
-    return figure
+    notices = dict.fromkeys(data.notice for data in runs.values() if data.notice)
+    return finished(figure, axes.flat, "; ".join(notices))
 
 
 # ------------------------------------------------------------------ the intervals
@@ -300,9 +277,7 @@ def interval_plot(data: ReportData) -> Figure:
         axis.set_xlabel(label_of(parameter))
     axes[0].set_yticks(range(len(spots)), spots)
     axes[0].invert_yaxis()
-    legend_below(figure, list(axes))
-    show_notice(figure, data.notice)
-    return figure
+    return finished(figure, axes, data.notice)
 
 
 # ------------------------------------------------------------- NMSE over the sets
@@ -321,9 +296,7 @@ def nmse_distribution(data: ReportData) -> Figure:
     set_log(axis, "y")
     axis.set_xlabel("spot")
     axis.set_ylabel(f"Fopt (NMSE), scenario {data.generalising.name}")
-    legend_below(figure, [axis])
-    show_notice(figure, data.notice)
-    return figure
+    return finished(figure, [axis], data.notice)
 
 
 def _draw_distribution(axis: Axes, place: int, fopt: FloatArray) -> None:
@@ -361,9 +334,7 @@ def draw_presses(
         for axis, (name, curve) in zip(axes, mean.curves.items(), strict=True):
             _draw_channel(axis, [each[name] for each in presses.values() if name in each.curves], curve)
             _label(axis, channels[name])
-        legend_below(figure, list(axes))
-        show_notice(figure, notice)
-        return figure
+        return finished(figure, axes, notice)
 
     return tuple(_saved(draw, folder / "curves"))
 

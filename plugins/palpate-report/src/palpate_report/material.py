@@ -9,19 +9,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate.api import FloatArray, IsotropicMaterial, convert
+from palpate.api import FloatArray, IsotropicMaterial, RegionMaterial, convert
 from palpate.api.mechanics import nominal_stress
 from palpate_report.best_sets import every_value
 from palpate_report.headline import draws_of
 from palpate_report.report_data import ReportData
 from palpate_report.style import (
-    DOUBLE_MM,
     LEAST_COLOUR,
     LINES,
     MEASURED_COLOUR,
-    legend_below,
-    show_notice,
-    sized,
+    finished,
+    panels,
 )
 
 BAND = (0.025, 0.975)
@@ -78,12 +76,11 @@ def material_curves(data: ReportData, scenario: str) -> Iterator[MaterialCurves]
         found["known answer"] = dict(data.study.truth)
     draws = draws_of(data, scenario, MOST_DRAWS).to_dicts()
     unit = convert(f"1 {data.modulus_unit}", "MPa")
-    for region, path in product(data.study.space.regions, _paths(data)):
-        if not data.study.space.columns_of(region.region):
-            continue
-        every = {fit: _stress(data, region.region, path, row) / unit for fit, row in found.items()}
+    searched = (each for each in data.study.space.regions if data.study.space.columns_of(each.region))
+    for region, path in product(searched, _paths(data)):
+        every = {fit: _stress(data, region, path, row) / unit for fit, row in found.items()}
         stress = {fit: values for fit, values in every.items() if np.isfinite(values).all()}
-        band = np.array([_stress(data, region.region, path, row) / unit for row in draws])
+        band = np.array([_stress(data, region, path, row) / unit for row in draws])
         ends = np.quantile(band, BAND, axis=0) if band.size and np.isfinite(band).all() else (None, None)
         if stress:
             yield MaterialCurves(region=region.region, path=path, stress=stress, lower=ends[0], upper=ends[1])
@@ -98,13 +95,12 @@ def _paths(data: ReportData) -> tuple[Path, ...]:
     return replace(PATHS[0], amounts=np.linspace(low, high, PATHS[0].amounts.size)), *PATHS[1:]
 
 
-def _stress(data: ReportData, name: str, path: Path, row: Mapping[str, Any]) -> FloatArray:
+def _stress(data: ReportData, region: RegionMaterial, path: Path, row: Mapping[str, Any]) -> FloatArray:
     """Nominal stress (n,) [MPa], the slope of the energy along the path; NaN with directions."""
-    (region,) = (each for each in data.study.space.regions if each.region == name)
     if not isinstance(region.material, IsotropicMaterial):
         return np.full(path.amounts.size, np.nan)
     every = every_value(data, row)
-    theta = region.theta({p.name: every[f"{name}.{p.name}"] for p in region.material.parameters})
+    theta = region.theta({p.name: every[region.name_of(p.name)] for p in region.material.parameters})
     return nominal_stress(region.material, theta, path.mode, path.amounts)
 
 
@@ -115,15 +111,12 @@ SHOWN = {"stretch": (0.7, 0.8, 0.9, 1.1, 1.2, 1.3), "amount of shear": (0.2, 0.4
 def stress_strain(data: ReportData) -> Figure:
     """Draw the stress of each searched region along each path, with its 95 % band."""
     curves = list(material_curves(data, data.generalising.name))
-    figure = sized(DOUBLE_MM, 65.0 * -(-len(curves) // len(PATHS)) + 10.0)
-    axes = figure.subplots(-(-len(curves) // len(PATHS)), len(PATHS), squeeze=False)
-    for axis, each in zip(axes.flat, curves, strict=False):
+    figure, axes = panels(len(curves), len(PATHS), 65.0, 10.0)
+    for axis, each in zip(axes, curves, strict=True):
         _draw(axis, each, data.together)
         of = f" of {each.region}" if len(data.study.space.regions) > 1 else ""
         axis.set(xlabel=each.path.axis, ylabel=f"nominal {each.path.label}{of} [{data.modulus_unit}]")
-    legend_below(figure, list(axes.flat))
-    show_notice(figure, data.notice)
-    return figure
+    return finished(figure, axes, data.notice)
 
 
 def _draw(axis: Axes, curves: MaterialCurves, leads: str) -> None:

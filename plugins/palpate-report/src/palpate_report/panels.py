@@ -1,6 +1,5 @@
 """Figures of causes, of the posterior, and of the contact."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,14 +17,13 @@ from palpate_report.style import (
     DOUBLE_MM,
     LEAST_COLOUR,
     LINES,
-    SINGLE_MM,
-    legend_below,
-    show_notice,
+    finished,
+    panels,
     sized,
 )
 
 N_COLUMNS = 3
-"""Most panels side by side; four are in two rows."""
+"""Most panels side by side."""
 
 ENDS = ("cut", "fixed")
 """Parts through which one looks into a limb: sets of fixed nodes that are no bone's."""
@@ -47,18 +45,17 @@ def causes(data: ReportData) -> Figure:
     axis.set_yticks(range(len(bars)), [name for name, _ in bars])
     axis.invert_yaxis()
     axis.set(xlabel="share of the variance [%]", xlim=(0.0, 100.0))
-    legend_below(figure, [axis])
-    show_notice(figure, data.notice)
-    return figure
+    return finished(figure, [axis], data.notice)
 
 
 def pressed(data: ReportData) -> dict[str, SurfaceStates]:
     """Skin by spot, where it is touched at the greatest depth."""
-    found = {spot: data.surfaces[spot] for spot in data.spots if spot in data.surfaces}
     return {
         spot: states
-        for spot, states in found.items()
-        if states.depth_mm.size and states.pressures_MPa[deepest(states)].any()
+        for spot in data.spots
+        if (states := data.surfaces.get(spot)) is not None
+        and states.depth_mm.size
+        and states.pressures_MPa[deepest(states)].any()
     }
 
 
@@ -75,8 +72,7 @@ def pressures(data: ReportData) -> Figure:
         axis.set_title(f"spot {spot}")
     if drawn := [each for each in maps if each is not None]:
         figure.colorbar(drawn[0], ax=list(axes), label=f"contact pressure [{data.modulus_unit}]", shrink=0.8)
-    show_notice(figure, data.notice)
-    return figure
+    return finished(figure, [], data.notice)
 
 
 def limbs(data: ReportData) -> Figure:
@@ -99,8 +95,7 @@ def limbs(data: ReportData) -> Figure:
         axis.set_box_aspect(np.ptp(spans, axis=1), zoom=1.3)
         axis.view_init(elev=20.0, azim=-50.0)
         axis.set_axis_off()
-    show_notice(figure, data.notice)
-    return figure
+    return finished(figure, [], data.notice)
 
 
 def profiles(data: ReportData) -> Figure:
@@ -115,9 +110,7 @@ def profiles(data: ReportData) -> Figure:
         if name in truth:
             axis.axvline(truth[name], color=LEAST_COLOUR, linewidth=0.8, label="known answer")
         axis.set(xlabel=label_of(data.searched[name]), ylabel="rise of −2 log density")
-    legend_below(figure, axes)
-    show_notice(figure, data.notice)
-    return figure
+    return finished(figure, axes, data.notice)
 
 
 def sobol_indices(data: ReportData) -> Figure:
@@ -140,9 +133,7 @@ def sobol_indices(data: ReportData) -> Figure:
                 colors=[LINES[i % len(LINES)][0] for i in range(len(names))],
             )
             axis.set(xlabel=f"point of the {channel}", ylabel=f"share at {spot} [%]", ylim=(0.0, 100.0))
-    legend_below(figure, list(axes.flat))
-    show_notice(figure, data.notice)
-    return figure
+    return finished(figure, axes.flat, data.notice)
 
 
 def contact(data: ReportData) -> Figure:
@@ -158,17 +149,9 @@ def contact(data: ReportData) -> Figure:
                 steps = np.arange(1, len(path[name]) + 1)
                 axis.plot(steps, path[name], color=colour, linestyle=dash, marker=".", label=spot)
         axis.set(xlabel="step of the path", ylabel=CONTACT[name], ylim=(0.0, None))
-    legend_below(figure, axes)
-    show_notice(figure, data.notice)
-    return figure
+    return finished(figure, axes, data.notice)
 
 
-def _panels(n: int, height_mm: float, projection: str | None = None) -> tuple[Figure, Sequence[Any]]:
-    """Figure with so many panels of this height."""
-    n_columns = 2 if n == 4 else min(n, N_COLUMNS)
-    n_rows = -(-n // n_columns)
-    figure = sized(DOUBLE_MM if n_columns > 1 else SINGLE_MM, height_mm * n_rows + 15.0)
-    axes = list(figure.subplots(n_rows, n_columns, squeeze=False, subplot_kw={"projection": projection}).flat)
-    for empty in axes[n:]:
-        empty.remove()
-    return figure, axes[:n]
+def _panels(n: int, height_mm: float, projection: str | None = None) -> tuple[Figure, list[Any]]:
+    """Figure with so many panels of this height; four are in two rows."""
+    return panels(n, 2 if n == 4 else min(n, N_COLUMNS), height_mm, 15.0, projection)

@@ -19,16 +19,13 @@ from palpate_report.contours import contours, paths
 from palpate_report.headline import draws_of
 from palpate_report.report_data import ReportData, label_of
 from palpate_report.style import (
-    DOUBLE_MM,
     LEAST_COLOUR,
     LINES,
     MEASURED_COLOUR,
-    SINGLE_MM,
     PlainNumbers,
-    legend_below,
+    finished,
+    panels,
     set_log,
-    show_notice,
-    sized,
 )
 
 SMALLEST = 1e-6
@@ -64,14 +61,15 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
     parameters = tuple(data.brief.values())
     n = len(parameters)
     if n == 1:
-        figure, flat = _one_parameter(values[:, 0], fopt, parameters[0])
-        _set_scales(flat[0], parameters[:1])
-        set_log(flat[0], "y")
+        figure, flat = panels(1, 1, 70.0, 0.0)
+        _draw_one_parameter(flat[0], values[:, 0], fopt, parameters[0])
         _draw_paths(data, spot, flat[0], [data.design.parameters[0].name, "fopt"])
     else:
         pairs = list(combinations(range(n), 2))[:MOST_PAIRS]
         in_space = n == 3 and data.design.n_sets > 0 and not any(p.scale == "log" for p in parameters)
-        figure, flat = _pair_grid(len(pairs) + in_space)
+        n_panels = len(pairs) + in_space
+        n_columns = min(n_panels, 2 if n_panels <= 4 else 4)
+        figure, flat = panels(n_panels, n_columns, _PANEL_MM[n_columns], 18.0)
         if in_space:
             _draw_space(figure, flat, values, fopt, parameters)
             _draw_paths(data, spot, flat[0], [p.name for p in data.design.parameters])
@@ -87,9 +85,7 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
             _set_scales(axis, (parameters[i], parameters[j]))
     if n > 1 and np.isfinite(fopt).any():
         _colour_bar(figure, flat, data, fopt)
-    legend_below(figure, flat[-1:])
-    show_notice(figure, data.notice)
-    return figure
+    return finished(figure, flat[-1:], data.notice)
 
 
 def _sets_at(data: ReportData, spot: str) -> tuple[FloatArray, FloatArray]:
@@ -117,28 +113,16 @@ def _set_scales(axis: Axes, parameters: Sequence[Parameter]) -> None:
             ticks.locator_params(axis=name, nbins=5)
 
 
-def _one_parameter(values: FloatArray, fopt: FloatArray, parameter: Parameter) -> tuple[Figure, list[Axes]]:
-    figure = sized(SINGLE_MM, 70.0)
-    axis = figure.subplots()
+def _draw_one_parameter(axis: Axes, values: FloatArray, fopt: FloatArray, parameter: Parameter) -> None:
     axis.scatter(values, fopt, s=7, color=MEASURED_COLOUR, linewidths=0, label="set")
     if np.isfinite(fopt).any():
         least = int(np.nanargmin(fopt))
         axis.scatter(
             [values[least]], [fopt[least]], marker="*", s=70, color=LEAST_COLOUR, label=f"least: set {least}"
         )
-    axis.set_xlabel(label_of(parameter))
-    axis.set_ylabel("Fopt (NMSE)")
-    return figure, [axis]
-
-
-def _pair_grid(n_panels: int) -> tuple[Figure, list[Axes]]:
-    n_columns = min(n_panels, 2 if n_panels <= 4 else 4)
-    n_rows = -(-n_panels // n_columns)
-    figure = sized(DOUBLE_MM if n_columns > 1 else SINGLE_MM, _PANEL_MM[n_columns] * n_rows + 18.0)
-    axes = list(figure.subplots(n_rows, n_columns, squeeze=False).flat)
-    for empty in axes[n_panels:]:
-        empty.remove()
-    return figure, axes[:n_panels]
+    axis.set(xlabel=label_of(parameter), ylabel="Fopt (NMSE)")
+    _set_scales(axis, [parameter])
+    set_log(axis, "y")
 
 
 def _draw_space(

@@ -1,6 +1,6 @@
 """Style of every figure for print: sizes in mm, type, colours for all kinds of colour vision, files."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -77,6 +77,18 @@ def sized(width_mm: float, height_mm: float) -> Figure:
     return Figure(figsize=(width_mm * MM, height_mm * MM))
 
 
+def panels(
+    n: int, n_columns: int, height_mm: float, margin_mm: float, projection: str | None = None
+) -> tuple[Figure, list[Any]]:
+    """Figure with so many panels of this height, in so many columns."""
+    n_rows = -(-n // n_columns)
+    figure = sized(DOUBLE_MM if n_columns > 1 else SINGLE_MM, height_mm * n_rows + margin_mm)
+    axes = list(figure.subplots(n_rows, n_columns, squeeze=False, subplot_kw={"projection": projection}).flat)
+    for empty in axes[n:]:
+        empty.remove()
+    return figure, axes[:n]
+
+
 def save(figure: Figure, stem: Path) -> list[Path]:
     """Write a figure as ``<stem>.svg``, ``<stem>.pdf`` and ``<stem>.png``, alike each time."""
     svg, pdf, png = (stem.with_name(f"{stem.name}{suffix}") for suffix in SUFFIXES)
@@ -110,25 +122,23 @@ def set_log(axis: Axes, *names: str) -> None:
         one.set_minor_formatter(PlainNumbers())
 
 
-def show_notice(figure: Figure, notice: str) -> None:
-    """Put the notice on the data, such as that they are simulated, above a figure."""
-    if notice:
-        figure.suptitle(notice, fontsize=6.5, color="0.35")
+def finished(figure: Figure, axes: Iterable[Axes], notice: str) -> Figure:
+    """Figure with one legend of all that these axes show below it, each label once, and a notice above.
 
-
-def legend_below(figure: Figure, axes: Sequence[Axes]) -> None:
-    """Put one legend of everything that these axes show below a figure, each label once."""
+    The notice is that on the data, such as that they are simulated.
+    """
     labelled: dict[str, Any] = {}
     for axis in axes:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             labelled.setdefault(label, handle)
-    if not labelled:
-        return
-    widest = max(len(label) for label in labelled)
-    n_columns = int(figure.get_figwidth() / (0.45 + 0.052 * widest))
-    figure.legend(
-        list(labelled.values()),
-        list(labelled),
-        loc="outside lower center",
-        ncols=max(1, min(n_columns, len(labelled))),
-    )
+    if labelled:
+        n_columns = int(figure.get_figwidth() / (0.45 + 0.052 * max(map(len, labelled))))
+        figure.legend(
+            list(labelled.values()),
+            list(labelled),
+            loc="outside lower center",
+            ncols=max(1, min(n_columns, len(labelled))),
+        )
+    if notice:
+        figure.suptitle(notice, fontsize=6.5, color="0.35")
+    return figure
