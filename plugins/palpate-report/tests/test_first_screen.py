@@ -12,7 +12,7 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.sections import Table, Word
 from palpate.run.result import CertaintyResult
 from palpate_report.answer import COLOURS, answer, budget_bars
-from palpate_report.forest import Axis, _percent, _widened, forest
+from palpate_report.forest import Axis, _widened, forest
 from palpate_report.next_step import CAUSES
 from palpate_report.page import laid_out, render
 from palpate_report.report_warnings import apparent
@@ -48,7 +48,7 @@ def card(data):
 def test_an_axis_holds_everything_in_its_order(known, is_log):
     low, high = _widened(known, is_log=is_log)
     axis = Axis(label="a", low=low, high=high, is_log=is_log)
-    places = [_percent(axis, value) for value in sorted(known)]
+    places = [axis.percent(value) for value in sorted(known)]
     assert all(0.0 < place < 100.0 for place in places)
     assert places == sorted(places)
 

@@ -114,10 +114,21 @@ class Headline:
         """Name with its unit."""
         return self.parameter if self.unit in ("", "1") else f"{self.parameter} [{self.unit}]"
 
+    @property
+    def text(self) -> str:
+        """The value, with as many digits as its interval says something of."""
+        return "by spot" if self.value is None else rounded(self.value, self.lower, self.upper)
+
+    @property
+    def interval(self) -> str:
+        """The ends of the interval; empty where there is none."""
+        if self.lower is None or self.upper is None:
+            return ""
+        lower, upper = (rounded(end, self.lower, self.upper) for end in (self.lower, self.upper))
+        return f"{lower} to {upper}"
+
     def __str__(self) -> str:
-        unit, ends, known = "" if self.unit == "1" else f" {self.unit}", (self.lower, self.upper), []
-        if self.lower is not None and self.upper is not None:
-            known = [f"{rounded(self.lower, *ends)} to {rounded(self.upper, *ends)}"]
-        known += [self.verdict] if self.verdict else []
-        value = "by spot" if self.value is None else f"= {rounded(self.value, *ends)}{unit}"
-        return f"{self.parameter} {value}" + (f" ({', '.join(known)})" if known else "")
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        value = self.text if self.value is None else f"= {self.text}{unit}"
+        known = ", ".join(text for text in (self.interval, self.verdict) if text)
+        return f"{self.parameter} {value}" + (f" ({known})" if known else "")
