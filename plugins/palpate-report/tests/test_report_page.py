@@ -28,7 +28,7 @@ from palpate_report.page import render
 from palpate_report.page_data import MOST_SETS, page_data
 from palpate_report.report_data import contact_along
 from palpate_report.result import make_conclusion
-from palpate_report.scene import edge_of_contact, scene
+from palpate_report.scene import scene
 from palpate_report.tables import TITLES, make_tables
 
 from .hostile import ATTACK, NAMES, REASON, renamed
@@ -430,20 +430,6 @@ def test_a_limb_is_shown_without_a_tool_whose_file_is_lost():
     limb = block("tet4", n_across=4, n_down=3)
     protocol = Indentation(indenter=Lost(radius_mm=7.5), path=[(0, 0), (4, 0)], friction=1.0)
     assert scene(limb, protocol, 1000) == scene(limb, None, 1000)
-    path = {"depth_mm": [2.0, 4.0], "contact_radius_mm": [2.0, 5.0]}
-    assert edge_of_contact(limb, protocol, path) is None
-
-
-def test_the_edge_of_the_contact_is_on_the_pressed_sphere():
-    limb = block("tet4", n_across=4, n_down=3)
-    protocol = Indentation(indenter=Sphere(radius_mm=7.5), path=[(0, 0), (4, 0), (4, 20)], friction=1.0)
-    path = {"depth_mm": [2.0, 4.0, 4.0], "rotation_deg": [0.0, 0.0, 20.0]}
-    edge = edge_of_contact(limb, protocol, path | {"contact_radius_mm": [2.0, 5.0, 5.5]})
-    points = np.array([edge["x"], edge["y"], edge["z"]]).T
-    np.testing.assert_allclose(np.linalg.norm(points - [0.0, 0.0, 3.5], axis=1), 7.5, atol=0.02)
-    np.testing.assert_allclose(np.linalg.norm(points[:, :2], axis=1), 5.0, atol=0.02)
-    assert (points[:, 2] < 3.5).all()
-    assert edge_of_contact(limb, protocol, path | {"sticking": [1.0, 1.0, 0.5]}) is None
 
 
 def test_contact_is_taken_only_from_diagnostics_along_the_path():

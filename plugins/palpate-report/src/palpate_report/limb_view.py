@@ -77,8 +77,8 @@ class LimbView:
         mark, look = self.mark_mm[None], {"size": 5, "color": "#207040"}
         return [
             *map(_trace, self.parts),
-            scatter_trace(f"mark {self.spot}", mark, "markers") | {"marker": look},
-            scatter_trace("normal", self.normal_mm, "lines") | {"line": {"width": 6, "color": "#202020"}},
+            _points(f"mark {self.spot}", mark, "markers") | {"marker": look},
+            _points("normal", self.normal_mm, "lines") | {"line": {"width": 6, "color": "#202020"}},
         ]
 
 
@@ -211,7 +211,7 @@ def _trace(part: ViewPart) -> dict[str, Any]:
     }
 
 
-def scatter_trace(name: str, points_mm: FloatArray, mode: str) -> dict[str, Any]:
+def _points(name: str, points_mm: FloatArray, mode: str) -> dict[str, Any]:
     """Trace for Plotly of points (n, 3), as plain values."""
     x, y, z = np.round(points_mm, 2).T.tolist()
     return {"type": "scatter3d", "name": name, "mode": mode, "x": x, "y": y, "z": z, "hoverinfo": "name"}

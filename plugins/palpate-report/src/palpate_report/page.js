@@ -308,8 +308,7 @@
 
   function drawScene() {
     if (!isShown("scene")) return;
-    const edge = data.edges.length ? data.edges[state.spot][state.scenario] : null;
-    const shown = edge ? [...data.limbs[state.spot], edge] : data.limbs[state.spot];
+    const shown = data.limbs[state.spot];
     const traces = shown.map((t) => Object.assign({}, t, { name: plain(t.name), showlegend: true }));
     traces.forEach((t) => {
       if (t.type === "scatter3d" && t.mode === "lines") t.line = Object.assign({ width: 6 }, t.line, { color: colour("ink") });

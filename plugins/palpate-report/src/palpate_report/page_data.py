@@ -8,12 +8,12 @@ import matplotlib as mpl
 import numpy as np
 import polars as pl
 
-from palpate.api import FloatArray, Indentation, IntArray, Scenario
+from palpate.api import FloatArray, IntArray, Scenario
 from palpate.api.runs import objectives
 from palpate_report.contours import along, contours, paths
 from palpate_report.headline import draws_of
 from palpate_report.report_data import ReportData, label_of
-from palpate_report.scene import edge_of_contact, scene, skins
+from palpate_report.scene import scene, skins
 from palpate_report.space import MOST_PAIRS, colours
 from palpate_report.tables import weighted_channels
 
@@ -60,9 +60,14 @@ def page_data(data: ReportData) -> dict[str, Any]:
         "colours": [mpl.colors.to_hex(c) for c in colours()(np.linspace(0.0, 1.0, N_COLOURS))],
         "searches": [[_searches(data, spot, s) for s in data.study.scenarios] for spot in data.spots],
         "sets": _sets(data, sets),
-        "limbs": _limbs(data),
+        "limbs": [
+            scene(data.limbs[spot], data.study.protocol_at(spot), MOST_MESH_TRIANGLES // len(data.spots))
+            if spot in data.limbs
+            else []
+            for spot in data.spots
+            if data.limbs
+        ],
         "skins": skins(data),
-        "edges": [_edges(data, spot) for spot in data.spots] if data.contact else [],
     }
 
 
@@ -142,33 +147,6 @@ def _sets(data: ReportData, sets: IntArray) -> dict[str, Any]:
         "values": [_digits(column) for column in data.design.values[sets].T],
         "fopt": [[fopt(spot, s.name) for s in data.study.scenarios] for spot in data.spots],
     }
-
-
-# --------------------------------------------------------------------- limbs
-
-
-def _limbs(data: ReportData) -> list[list[dict[str, Any]]]:
-    if not data.limbs:
-        return []
-    most = MOST_MESH_TRIANGLES // len(data.spots)
-    return [
-        scene(data.limbs[spot], data.study.protocol_at(spot), most) if spot in data.limbs else []
-        for spot in data.spots
-    ]
-
-
-def _edges(data: ReportData, spot: str) -> list[dict[str, Any] | None]:
-    """Edge of the contact of the set that each scenario selected; None where the solver reported none."""
-    sets = dict(data.selection.filter(spot=spot).select("scenario", "set_id").iter_rows())
-    limb, protocol = data.limbs.get(spot), data.study.protocol_at(spot)
-
-    def edge(set_id: int | None) -> dict[str, Any] | None:
-        found = None if set_id is None else data.contact.get((spot, set_id))
-        if found is None or limb is None or not isinstance(protocol, Indentation):
-            return None
-        return edge_of_contact(limb, protocol, found)
-
-    return [edge(sets.get(scenario.name)) for scenario in data.study.scenarios]
 
 
 def _digits(values: FloatArray) -> list[float | None]:

@@ -1,7 +1,6 @@
 """A limb for the page, few enough triangles to turn it on any machine; and the skin under the press."""
 
 import base64
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -20,8 +19,8 @@ from palpate.api import (
     convert,
 )
 from palpate.api.mesh import spot_axes
-from palpate_report.limb_view import LimbView, ViewPart, limb_view, scatter_trace
-from palpate_report.report_data import Contact, ReportData
+from palpate_report.limb_view import LimbView, ViewPart, limb_view
+from palpate_report.report_data import ReportData
 
 MOST_BYTES = 300_000
 """Most bytes of displacements and pressures of all spots together: they are a part of one page."""
@@ -67,6 +66,8 @@ def _skin(
     nodes, triangles = _nearest(states, most // (4 * BYTES * chosen.size))
     pressures = factor * states.pressures_MPa[np.ix_(chosen, nodes)]
     poses = np.einsum("ji,kjl->kil", axes, states.rotations[chosen])
+    indenter = _indenter(data.study.protocol_at(spot))
+    outline = np.zeros((0, 3)) if indenter is None else indenter.surface()[0]
     return {
         "n": int(nodes.size),
         "unit": data.modulus_unit,
@@ -81,7 +82,7 @@ def _skin(
         ],
         "positions": np.round((states.positions_mm[chosen] - origin) @ axes, 3).tolist(),
         "rotations": np.round(poses, 5).tolist(),
-        "indenter": list(_outline(data, spot)),
+        "indenter": np.round(outline[:: max(1, -(-len(outline) // MOST_OUTLINE))], 3).tolist(),
     }
 
 
@@ -93,18 +94,6 @@ def _nearest(states: SurfaceStates, most: int) -> tuple[IntArray, IntArray]:
     kept = states.triangles[is_near[states.triangles].all(axis=1)]
     nodes, numbers = np.unique(kept, return_inverse=True)
     return nodes, numbers.reshape(-1, 3)
-
-
-def _outline(data: ReportData, spot: str) -> Iterator[list[float]]:
-    """Points of the indenter in its own frame; none where the file of its shape cannot be read."""
-    protocol = data.study.protocol_at(spot)
-    if not isinstance(protocol, Indentation):
-        return
-    try:
-        points, _ = protocol.indenter.surface()
-    except MeshError:
-        return
-    yield from np.round(points[:: -(-len(points) // MOST_OUTLINE)], 3).tolist()
 
 
 def _packed(values: FloatArray) -> dict[str, Any]:
@@ -125,10 +114,11 @@ def scene(limb: Limb, protocol: Protocol | None, most: int) -> list[dict[str, An
     most : int
         Triangles beyond which parts are made coarser, all to the same size of detail.
     """
-    if not isinstance(protocol, Indentation) or not _is_known(protocol.indenter):
-        return coarsened(limb_view(limb), most).traces()
-    traces = coarsened(limb_view(limb, protocol.indenter), most).traces()
-    name = protocol.indenter.name
+    indenter = _indenter(protocol)
+    traces = coarsened(limb_view(limb, indenter), most).traces()
+    if indenter is None or not isinstance(protocol, Indentation):
+        return traces
+    name = indenter.name
     at_rest = next(trace for trace in reversed(traces) if trace["name"] == name)
     pose = protocol.waypoints.pose
     deepest = pose[int(np.argmax(pose[:, 0]))]
@@ -136,6 +126,17 @@ def scene(limb: Limb, protocol: Protocol | None, most: int) -> list[dict[str, An
     # The same where it presses deepest; hidden until it is asked for.
     moved = dict(zip("xyz", _moved(limb, np.stack([at_rest[a] for a in "xyz"], 1), deepest), strict=True))
     return [*traces, at_rest | moved | {"name": f"{name} at {depth:g} mm", "visible": "legendonly"}]
+
+
+def _indenter(protocol: Protocol | None) -> Indenter | None:
+    """What presses; None where nothing does, or where the file of its shape cannot be read."""
+    if not isinstance(protocol, Indentation):
+        return None
+    try:
+        protocol.indenter.distance(np.zeros((1, 3)))
+    except MeshError:
+        return None
+    return protocol.indenter
 
 
 def _moved(limb: Limb, points: FloatArray, pose: FloatArray) -> list[list[float]]:
@@ -147,44 +148,6 @@ def _moved(limb: Limb, points: FloatArray, pose: FloatArray) -> list[list[float]
     inside = rotation.apply((points - limb.spot.position_mm) @ axes) + np.array([shift_x, shift_y, -depth])
     there: list[list[float]] = np.round(limb.spot.position_mm + inside @ axes.T, 2).T.tolist()
     return there
-
-
-def edge_of_contact(limb: Limb, protocol: Indentation, contact: Contact) -> dict[str, Any] | None:
-    """Trace of the circle on the indenter, where it presses deepest, up to which it is touched.
-
-    None where the radius is not known, or the file of the indenter's shape cannot be read.
-    """
-    depths, radii = contact["depth_mm"], contact.get("contact_radius_mm")
-    if radii is None or not _is_known(protocol.indenter):
-        return None
-    k = int(np.argmax(depths))
-    indenter = protocol.indenter
-    radius = min(radii[k], float(indenter.bounds_mm[1, :2].max()))
-    turns = np.linspace(0.0, 2.0 * np.pi, 49)
-    edge = radius * np.column_stack([np.cos(turns), np.sin(turns), np.zeros(turns.size)])
-    edge[:, 2] = _height(indenter, edge) - depths[k]
-    points = limb.spot.position_mm + edge @ spot_axes(limb.spot.normal, limb.spot.along).T
-    name = f"edge of the contact at {depths[k]:g} mm: radius {radius:.3g} mm"
-    return scatter_trace(name, points, "lines")
-
-
-def _is_known(indenter: Indenter) -> bool:
-    """Whether the shape can be had: a run may be shown where the file of its tool is not."""
-    try:
-        indenter.distance(np.zeros((1, 3)))
-    except MeshError:
-        return False
-    return True
-
-
-def _height(indenter: Indenter, points: FloatArray) -> FloatArray:
-    """Height (n,) [mm] of the underside above points (n, 3): as far up as one gets outside."""
-    height = np.full(len(points), indenter.bounds_mm[0, 2])
-    top = indenter.bounds_mm[1, 2]
-    for _ in range(100):
-        gap = indenter.distance(np.column_stack([points[:, :2], height]))
-        height = np.clip(height + np.maximum(gap, 0.0), None, top)
-    return height
 
 
 def coarsened(view: LimbView, most: int) -> LimbView:
