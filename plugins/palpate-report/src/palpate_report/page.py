@@ -43,7 +43,7 @@ from palpate_report.page_data import page_data
 from palpate_report.report_data import ReportData
 from palpate_report.result import Conclusion, Report, ordered
 from palpate_report.table_files import shown
-from palpate_report.tables import COMPARISON_TITLES
+from palpate_report.tables import TITLES
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +187,7 @@ def comparison_page(
     return template("comparison.html.jinja").render(
         runs=runs,
         tables=tables,
-        titles=COMPARISON_TITLES,
+        titles=TITLES,
         notes=notes,
         picture=picture,
         files=files,

@@ -10,7 +10,7 @@ from palpate_report.best_sets import Best, best_sets
 from palpate_report.headline import MODULI, Verdicts, moduli
 from palpate_report.marks import REFUSED, Headline, explained, mark_of
 from palpate_report.report_data import ReportData
-from palpate_report.table_files import escaped, head, marked, number, power_of_ten, row, tabular
+from palpate_report.table_files import escaped, head, number, power_of_ten, row, tabular
 from palpate_report.tables import weighted_channels
 
 Ends = tuple[float, float]
@@ -118,7 +118,7 @@ class _Block:
         """Parameters and moduli with their marks, then the least R² of the fitted channels."""
         row = self.cells.get((spot, scenario), {})
         texts = [
-            marked(self._number(name, row[name].value), mark_of(row[name].verdict)) if name in row else "--"
+            self._number(name, row[name].value) + escaped(mark_of(row[name].verdict)) if name in row else "--"
             for name in self.largest
         ]
         best = self.found.get((spot, scenario))

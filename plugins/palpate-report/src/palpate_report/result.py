@@ -18,6 +18,7 @@ from palpate_report.methods import methods
 from palpate_report.next_step import next_step
 from palpate_report.report_data import ReportData, label_of
 from palpate_report.report_warnings import apparent, left_out, report_warnings
+from palpate_report.tables import make_tables
 
 NOTHING = "no set fits all spots"
 """Conclusion where nothing leads."""
@@ -328,7 +329,5 @@ class Report:
     @classmethod
     def of(cls, data: ReportData) -> Self:
         """Report of these data that is not written."""
-        from palpate_report.tables import make_tables
-
         tables = make_tables(data)
         return cls(tables=tables, conclusion=make_conclusion(data, tables))

@@ -4,7 +4,6 @@ import math
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
-from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 
@@ -12,7 +11,7 @@ import polars as pl
 
 from palpate.api.files import write_atomically
 from palpate_report.marks import explained, mark_of
-from palpate_report.tables import COMPARISON_TITLES, TITLES, printed
+from palpate_report.tables import TITLES, printed
 
 PREAMBLE = r"\usepackage{booktabs,graphicx}"
 """What a document needs for these tables."""
@@ -85,11 +84,6 @@ def number(text: str) -> str:
     return f"${mantissa}" + (rf"\times10^{{{int(exponent)}}}$" if exponent else "$")
 
 
-def marked(text: str, mark: str) -> str:
-    """Text of a number with its marks."""
-    return f"{text}{escaped(mark)}"
-
-
 def head(name: str, unit: str, power: int = 0) -> str:
     """Head of a column: the symbol, a power of ten and the unit."""
     parts = [f"$10^{{{power}}}$" if power else "", "" if unit in ("", "1") else escaped(unit)]
@@ -152,30 +146,6 @@ def row(*cells: str) -> str:
     return " & ".join(cells) + r" \\"
 
 
-def plain(
-    heads: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    numeric: Sequence[bool],
-    *,
-    caption: str,
-    label: str,
-    warnings: Sequence[str] = (),
-) -> str:
-    """Lay rows out under their heads; a wide table of few rows is transposed, and long texts are broken."""
-    lengths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
-    if sum(lengths) > 2 * COLUMN_CHARACTERS and len(rows) <= MOST_TRANSPOSED < len(heads):
-        heads, *rows = [list(column) for column in zip(heads, *rows, strict=True)]
-        lengths, numeric = [max(map(len, column)) for column in zip(heads, *rows, strict=True)], ()
-    kinds = ["r" if i < len(numeric) and numeric[i] else "l" for i in range(len(heads))]
-    columns = "".join(
-        "p{60mm}" if n > COLUMN_CHARACTERS else kind for n, kind in zip(lengths, kinds, strict=True)
-    )
-    lines = chain([row(*heads), r"\midrule"], (row(*cells) for cells in rows))
-    wide = sum(lengths) > COLUMN_CHARACTERS
-    return tabular(columns, list(lines), caption=caption, label=label, wide=wide, warnings=warnings)
-
-
-_TITLES = {**TITLES, **COMPARISON_TITLES}
 _FORMULA = r"^[=+@\-\t\r]"
 """How a cell begins that a spreadsheet would run."""
 _MARKDOWN = str.maketrans(
@@ -221,18 +191,28 @@ def _csv(table: pl.DataFrame) -> str:
 def latex(name: str, table: pl.DataFrame, failures: Sequence[str] = ()) -> str:
     """Write a table for LaTeX with the packages ``booktabs`` and ``graphicx``; names are text there.
 
+    A wide table of few rows is transposed, and long texts are broken.
+
     Parameters
     ----------
     name : str
         Key of ``TITLES``; the label is ``tab:<name>``.
     table : DataFrame
     """
-    return plain(
-        [escaped(text) for text in table.columns],
-        [[_latex_cell(value) for value in cells] for cells in table.iter_rows()],
-        [dtype.is_numeric() for dtype in table.dtypes],
+    heads = [escaped(text) for text in table.columns]
+    rows = [[_latex_cell(value) for value in cells] for cells in table.iter_rows()]
+    kinds = ["r" if dtype.is_numeric() else "l" for dtype in table.dtypes]
+    lengths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
+    if sum(lengths) > 2 * COLUMN_CHARACTERS and len(rows) <= MOST_TRANSPOSED < len(heads):
+        heads, *rows = [list(column) for column in zip(heads, *rows, strict=True)]
+        lengths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
+        kinds = ["l"] * len(heads)
+    return tabular(
+        "".join("p{60mm}" if n > COLUMN_CHARACTERS else kind for n, kind in zip(lengths, kinds, strict=True)),
+        [row(*heads), r"\midrule", *(row(*cells) for cells in rows)],
         caption=escaped(_caption(name, table, failures)),
         label=name,
+        wide=sum(lengths) > COLUMN_CHARACTERS,
         warnings=failures,
     )
 
@@ -250,7 +230,7 @@ def markdown(name: str, table: pl.DataFrame, failures: Sequence[str] = ()) -> st
 def _caption(name: str, table: pl.DataFrame, failures: Sequence[str] = ()) -> str:
     """Title of a table, why no parameters can be read, and what the marks in it mean."""
     marks = explained(map(mark_of, table["verdict"])) if "verdict" in table.columns else ""
-    parts = [part for part in (_TITLES.get(name, name), *failures, marks) if part]
+    parts = [part for part in (TITLES.get(name, name), *failures, marks) if part]
     return parts[0] if len(parts) == 1 else " ".join(f"{part.rstrip('.')}." for part in parts)
 
 

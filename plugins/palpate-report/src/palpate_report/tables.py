@@ -37,18 +37,12 @@ TITLES: Mapping[str, str] = MappingProxyType(
         "convergence": "How the simulations ended",
         "verification": "Verification of the selected sets by their solver",
         "failures": "Sets that could not be ranked, by reason",
-    }
-)
-"""Captions of the tables by name."""
-
-COMPARISON_TITLES: Mapping[str, str] = MappingProxyType(
-    {
         "parameters": "Parameters of each run, with 95 % intervals where there was a fit",
         "errors": "Errors of each run; of several spots the mean, R² the least",
         "criteria": "Information criteria, the best first",
     }
 )
-"""Captions of the tables of several runs."""
+"""Captions of the tables by name; the last three are of several runs."""
 
 EXACT = 1e-6
 """NMSE below which a curve is fitted to the accuracy of solvers."""
