@@ -388,6 +388,8 @@ def test_init_writes_a_study_of_own_presses(call: Call) -> None:
     assert study.protocol.columns["depth_mm"].tolist() == ready.protocol.columns["depth_mm"].tolist()
     assert [p.name for p in study.space.parameters] == [f"soft_tissue.c{k}" for k in (1, 2, 3)]
     assert not study.truth
+    *_, friction = study.parametrisation.parameters(study.space, study.spot_names)
+    assert (friction.name, friction.prior.value, friction.prior.sd) == ("friction", 0.7, 0.3)
     (measured,) = load_measured(study, Plugins.load().channels).values()
     (expected,) = load_measured(ready, Plugins.load().channels).values()
     assert measured["force"].ordinate.tolist() == expected["force"].ordinate.tolist()

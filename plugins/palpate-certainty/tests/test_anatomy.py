@@ -128,6 +128,14 @@ def contact_mm(protocol, depths_mm):
     return np.array([protocol.indenter.contact_radius_mm(depth_mm) for depth_mm in depths_mm.tolist()])
 
 
+@pytest.mark.parametrize(("data", "share"), [("measured", 0.3), ("simulated", 0.1)])
+def test_friction_that_was_measured_on_skin_is_less_known(tmp_path, pressed_meshes, data, share):
+    study, _ = pressed_meshes(tmp_path)
+    causes = error_sources_of(replace(study, data=data), {"p1": Response(curves={})}, [])
+    (friction,) = (cause for cause in causes if cause.kind == "friction")
+    assert friction.sd == share * study.protocol.friction
+
+
 @pytest.mark.parametrize(("data", "sd"), [("measured", 1.0), ("simulated", 0.0)])
 def test_the_anatomy_of_simulated_data_is_known(tmp_path, pressed_meshes, data, sd):
     study, _ = pressed_meshes(tmp_path)

@@ -381,7 +381,9 @@ class BudgetTable(Table):
         "four simulations for each spot.",
     )
     friction: Ratio | None = Field(
-        default=None, ge=0.0, description="Of the Coulomb coefficient; if left out, a tenth of it."
+        default=None,
+        ge=0.0,
+        description="Of the Coulomb coefficient; if left out, 0.3 of it, of simulated data a tenth.",
     )
     position: Length | None = Field(
         default=None,

@@ -136,6 +136,9 @@ RELATIVE = 0.1
 
 That of a fixed one goes no farther than its physical range."""
 
+OF_FRICTION = 0.3
+"""That of a measured friction coefficient, over its value: it differs by person and humidity."""
+
 POSITION_MM, BONE_MM = 1.0, 1.0
 """Standard deviations of a spot's position along the skin, and of the depth of the bones, where data are
 measured and the study gives none."""
@@ -217,7 +220,8 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[ErrorSou
             yield ErrorSource(kind="onset", of=spot, sd=onset)
             for axis in "xy":
                 yield ErrorSource(kind="tilt", of=f"{spot} {axis}", sd=budget.tilt)
-        sd = RELATIVE * protocol.friction if budget.friction is None else budget.friction
+        usual = (RELATIVE if study.data == "simulated" else OF_FRICTION) * protocol.friction
+        sd = usual if budget.friction is None else budget.friction
         yield ErrorSource(kind="friction", of="", sd=sd)
         yield ErrorSource(kind="indenter", of="", sd=budget.radius)
         yield from _of_anatomy(study, measured)
