@@ -18,7 +18,7 @@ from palpate.plugins.provides import Provides
 from palpate_forearm import reproduction
 from palpate_forearm.comparison import compare, write
 from palpate_forearm.paper_tables import table1, table2
-from palpate_forearm.reproduction import REGIONS, Cost, Reproduction, prepare, sets_within
+from palpate_forearm.reproduction import REGIONS, Reproduction, prepare
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 
@@ -239,43 +239,12 @@ def test_a_changed_study_stays_changed(tmp_path, plugins):
     assert prepare(tmp_path, plugins, ["ogden"], SETS).studies["ogden"].seed == 7
 
 
-def test_sizes_follow_the_time():
-    costs = [Cost(n_drawn=250, n_kept=n, n_spots=4, seconds_each=3.0) for n in (250, 140, 250)]
-    assert costs[1].n_simulations == 560
-    assert costs[0].seconds(2) == 1500.0
-    assert sets_within(1e6, costs, 2) == 250
-    assert sets_within(1e-3, costs, 2) == 8
-    n = sets_within(30.0, costs, 2)
-    assert (
-        sum(c.seconds(2) for c in costs) * n / 250
-        <= 1800.0
-        < sum(c.seconds(2) for c in costs) * (n + 1) / 250
-    )
-
-
-def test_the_command_estimates_without_a_terminal(monkeypatch, capsys, tmp_path):
-    costs = [Cost(n_drawn=250, n_kept=250, n_spots=4, seconds_each=3.0)]
-    monkeypatch.setattr("palpate_forearm.reproduce_command._costs", lambda *given: costs)
-    monkeypatch.chdir(tmp_path)
-    assert main(["reproduce"]) == 0
-    out, err = capsys.readouterr()
-    assert "250" in out
-    assert "--minutes 60" in err
-    assert not list(tmp_path.iterdir())
-
-
-def test_nothing_is_timed_for_a_call_that_cannot_work(monkeypatch, capsys, tmp_path):
-    def timed(*given):
-        raise AssertionError
-
-    monkeypatch.setattr("palpate_forearm.reproduce_command._costs", timed)
+def test_a_call_that_cannot_work_is_refused(capsys, tmp_path):
     (tmp_path / "thesis.tex").touch()
     assert main(["reproduce", str(tmp_path)]) == 2
     assert "holds no reproduction" in capsys.readouterr().err
     assert main(["reproduce", str(tmp_path / "new"), "--material", "yeho"]) == 2
     assert "it has ogden, yeoh" in capsys.readouterr().err
-    assert main(["reproduce", str(tmp_path / "new"), "--sets", "9", "--minutes", "3"]) == 2
-    assert "give one of them" in capsys.readouterr().err
 
 
 @pytest.mark.slow
@@ -301,14 +270,10 @@ def test_the_command_runs_and_prints_json(monkeypatch, capsys, tmp_path):
     assert "cannot become 3" in capsys.readouterr().err
 
 
-def test_minutes_never_give_fewer_sets_than_there_are(monkeypatch, capsys, tmp_path, plugins):
+def test_without_a_number_sets_are_those_there_are_or_the_papers(tmp_path, plugins):
     from palpate.cli.session import Session
     from palpate_forearm.reproduce_command import _size
 
     prepare(tmp_path / "begun", plugins, ["ogden"], 40)
-    slow = [Cost(n_drawn=250, n_kept=250, n_spots=4, seconds_each=1e3)]
-    monkeypatch.setattr("palpate_forearm.reproduce_command._costs", lambda *given: slow)
-    for folder, size in (("begun", 40), ("new", 8)):
-        given = (Session(), tmp_path / folder, ["ogden"], "coarse")
-        assert _size(*given, n_sets=None, minutes=0.1) == size
-    assert "8 sets of each material: about" in capsys.readouterr().err
+    for folder, size in (("begun", 40), ("new", 250)):
+        assert _size(Session(), tmp_path / folder, ["ogden"], "coarse", None) == size

@@ -51,7 +51,5 @@ def palpate_commands() -> "list[Command]":
     from palpate.api.cli import RUN, Command, examples
     from palpate_forearm.reproduce_command import reproduce
 
-    calls = examples(
-        "palpate reproduce", "palpate reproduce --minutes 60", "palpate reproduce --sets 250 --fine"
-    )
+    calls = examples("palpate reproduce --sets 20", "palpate reproduce", "palpate reproduce --fine")
     return [Command(function=reproduce, panel=RUN, epilog=calls)]

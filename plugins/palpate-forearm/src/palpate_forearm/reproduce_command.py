@@ -1,19 +1,16 @@
 """``palpate reproduce``: the paper's study end to end, compared with the paper's tables."""
 
-import math
-import sys
 import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.api import StudyError
 from palpate.api.cli import TEXT_WIDTH, AsJson, Session, StageProgress
 
 if TYPE_CHECKING:
     from palpate_forearm.errata import Erratum
-    from palpate_forearm.reproduction import Cost, Reproduction
+    from palpate_forearm.reproduction import Reproduction
 
 MATERIALS = ("ogden", "yeoh", "neo_hookean")
 
@@ -31,10 +28,6 @@ def reproduce(
         int | None,
         typer.Option("--sets", min=LEAST_SETS, help="Number of sets of each material; the paper draws 250."),
     ] = None,
-    minutes: Annotated[
-        float | None,
-        typer.Option("--minutes", min=0.1, help="Draw as many sets as fit into this time, at most 250."),
-    ] = None,
     material: Annotated[
         list[str] | None,
         typer.Option(
@@ -49,16 +42,12 @@ def reproduce(
 ) -> None:
     """Repeat the paper's study on a simulated phantom: three materials, four spots, three scenarios.
 
-    Without --sets and --minutes an existing reproduction continues with its sets. For a
-    new one the time of several sizes is estimated, and asked for in a terminal. Called again with
-    more sets it keeps what is simulated.
+    Without --sets an existing reproduction continues with its sets, and a new one draws the paper's 250.
+    Called again with more sets it keeps what is simulated.
     """
     session = Session.of(context)
     chosen, phantom = list(dict.fromkeys(material or MATERIALS)), "fine" if fine else "coarse"
-    size = _size(session, folder, chosen, phantom, n_sets=n_sets, minutes=minutes)
-    if size is None:
-        session.note("choose a size: palpate reproduce --sets 250, or --minutes 60")
-        return
+    size = _size(session, folder, chosen, phantom, n_sets)
     _go(session, _prepared(session, folder, chosen, phantom, size), as_json=as_json)
 
 
@@ -70,84 +59,16 @@ def _prepared(
     return prepare(folder, session.plugins, materials, n_sets, phantom).extended(n_sets)
 
 
-def _size(
-    session: Session,
-    folder: Path,
-    materials: list[str],
-    phantom: str,
-    *,
-    n_sets: int | None,
-    minutes: float | None,
-) -> int | None:
-    """Sets to draw: as asked for, as there were, or by the time there is; None where nobody can be asked."""
-    from palpate_forearm.reproduction import refuse, sets_of
+def _size(session: Session, folder: Path, materials: list[str], phantom: str, n_sets: int | None) -> int:
+    """Sets to draw: as asked for, as there were, or as many as the paper's."""
+    from palpate_forearm.reproduction import PAPER_SETS, refuse, sets_of
 
-    if n_sets is not None and minutes is not None:
-        raise StudyError("--sets and --minutes both say how many sets to draw; give one of them")
     refuse(folder, materials, phantom)
     if n_sets is not None:
         return n_sets
-    begun = sets_of(folder, materials, session.plugins)
-    if minutes is None and begun:
+    if begun := sets_of(folder, materials, session.plugins):
         session.note(f"going on with {begun} sets of each material")
-        return begun
-    costs = _costs(session, materials, phantom)
-    return _asked(session, costs) if minutes is None else _fitting(session, costs, minutes, begun)
-
-
-def _fitting(session: Session, costs: "list[Cost]", minutes: float, begun: int) -> int:
-    """Sets for a time, and no fewer than there are."""
-    from palpate.api.executors import n_cores
-    from palpate_forearm.reproduction import sets_within
-
-    size = max(begun, sets_within(minutes, costs, n_cores()))
-    session.note(f"{size} sets of each material: about {_minutes(costs, size)} from the beginning")
-    return size
-
-
-def _asked(session: Session, costs: "list[Cost]") -> int | None:
-    from palpate.api.executors import n_cores
-    from palpate_forearm.reproduction import FEWEST_SETS, PAPER_SETS, sets_within
-
-    sizes = sorted({FEWEST_SETS, *(sets_within(m, costs, n_cores()) for m in (15.0, 60.0)), PAPER_SETS})
-    rows = [
-        [str(n), str(sum(round(c.n_simulations * n / c.n_drawn) for c in costs)), _minutes(costs, n)]
-        for n in sizes
-    ]
-    session.table(f"About, with {n_cores()} workers", ["sets", "simulations", "time"], rows)
-    if not (sys.stdin.isatty() and session.stderr.is_terminal):
-        return None
-    default = sets_within(60.0, costs, n_cores())
-    return int(typer.prompt("sets of each material", default=default, value_proc=_number, err=True))
-
-
-def _minutes(costs: "list[Cost]", n_sets: int) -> str:
-    from palpate.api.executors import n_cores
-
-    seconds = sum(c.seconds(n_cores()) * n_sets / c.n_drawn for c in costs)
-    return f"{math.ceil(seconds / 60.0)} min" if seconds < 7200.0 else f"{seconds / 3600.0:.1f} h"
-
-
-def _number(text: str) -> int:
-    """Number of sets that somebody typed."""
-    try:
-        number = int(text)
-    except ValueError:
-        number = 0
-    if number < LEAST_SETS:
-        raise typer.BadParameter(f"'{text}' is not a whole number of {LEAST_SETS} or more")
-    return number
-
-
-def _costs(session: Session, materials: list[str], phantom: str) -> "list[Cost]":
-    from tempfile import TemporaryDirectory
-
-    from palpate_forearm.reproduction import PAPER_SETS, cost, prepare
-
-    session.note("timing a few simulations of each material …")
-    with TemporaryDirectory(prefix="palpate-reproduce-") as scratch:
-        trial = prepare(Path(scratch), session.plugins, materials, PAPER_SETS, phantom)
-        return [cost(study, session.plugins) for study in trial.studies.values()]
+    return begun or PAPER_SETS
 
 
 def _go(session: Session, reproduction: "Reproduction", *, as_json: bool) -> None:

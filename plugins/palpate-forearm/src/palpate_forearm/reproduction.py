@@ -10,10 +10,9 @@ The folder of a reproduction holds what it needs and what it found::
 so that it moves freely, any of the studies can be changed, and a run that was stopped goes on.
 """
 
-import math
 import shlex
 import shutil
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -21,27 +20,20 @@ from string import Template
 from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
 from palpate.api import SILENT, Progress, StudyError
-from palpate.api.executors import StoppedError, simulate_alone
+from palpate.api.executors import StoppedError
 from palpate.api.runs import (
     NothingSelectableError,
     Plugins,
     RunDirectory,
     RunResult,
     Study,
-    check_study,
-    jobs,
     read_study,
     run_study,
 )
 
 PAPER_SETS = 250
 """Sets that the paper draws for each material."""
-
-FEWEST_SETS = 8
-"""Fewest sets that a size is proposed for."""
 
 _PARTIAL = ".study"
 """Folder that becomes ``study/`` once it is whole."""
@@ -176,63 +168,6 @@ def _copy_data(within: Path, phantom: str) -> None:
         shutil.copytree(source / part, partial / part, dirs_exist_ok=True)
     (partial / "phantom.txt").write_text(f"{phantom}\n", encoding="utf-8")
     partial.rename(within)
-
-
-# ------------------------------------------------------------------- how long
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cost:
-    """Cost of a material's sweep.
-
-    Parameters
-    ----------
-    n_drawn, n_kept : int
-        Sets before and after the filters.
-    seconds_each : float
-        Of one simulation on one worker.
-    """
-
-    n_drawn: int
-    n_kept: int
-    n_spots: int
-    seconds_each: float
-
-    @property
-    def n_simulations(self) -> int:
-        """Simulations of the sweep."""
-        return self.n_kept * self.n_spots
-
-    def seconds(self, n_workers: int) -> float:
-        """Time of the sweep on this many workers."""
-        return self.n_simulations * self.seconds_each / n_workers
-
-
-def cost(study: Study, plugins: Plugins, n_timed: int = 2) -> Cost:
-    """Time a few simulations of a study, after one that warms the solver up.
-
-    The sets that are timed are the first of the design at its first spot, in this process.
-    """
-    checked = check_study(study, plugins)
-    to_do = jobs(study, checked.design, checked.measured)[: n_timed + 1]
-    spot = to_do[0].spot
-    timed = [
-        simulate_alone(study.solver, job, checked.limbs.get(spot)).seconds
-        for job in to_do
-        if job.spot == spot
-    ]
-    return Cost(
-        n_drawn=checked.design.n_drawn,
-        n_kept=checked.design.n_sets,
-        n_spots=len(study.spots),
-        seconds_each=float(np.mean(timed[1:] or timed)),
-    )
-
-
-def sets_within(minutes: float, costs: Iterable[Cost], n_workers: int) -> int:
-    """Sets of each material that fit into a time, at least 8 and at most the paper's 250."""
-    per_set = sum(cost.seconds(n_workers) / cost.n_drawn for cost in costs)
-    return max(FEWEST_SETS, min(PAPER_SETS, math.floor(60.0 * minutes / per_set)))
 
 
 # ------------------------------------------------------------------------ run
