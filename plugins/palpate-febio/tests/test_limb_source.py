@@ -146,7 +146,7 @@ def test_decks_of_febio_3_and_2_5(tmp_path, held):
     assert limb.mesh.regions == ("fat",)
     assert limb.mesh.node_sets["fixed"].tolist() == [0, 1, 2]
     assert limb.mesh.node_sets["contact"].tolist() == [3]
-    assert read_deck(file).materials["fat"].febio_type == "neo-Hookean"
+    assert "fat" in {part.material for part in read_deck(file).parts}
 
 
 @pytest.mark.parametrize(

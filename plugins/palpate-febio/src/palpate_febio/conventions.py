@@ -20,10 +20,10 @@ import platformdirs
 
 from palpate.api import FloatArray, IsotropicMaterial, Material, MaterialError
 from palpate.api.files import ProcessLimits, run_program, write_atomically
-from palpate_febio.deck import DECK_NAME, LOG_NAME, control_of, leaf, leaves, to_bytes
+from palpate_febio.deck import DECK_NAME, LOG_NAME, add_material, hold, leaf, new_deck, to_bytes
 from palpate_febio.log import read_log
 from palpate_febio.outcome import RecordError, read_record
-from palpate_febio.spelling import DENSITY_T_PER_MM3, Written, written
+from palpate_febio.spelling import Written, written
 
 TOLERANCE = 1e-6
 """Of the stress, relative to its largest component; a right convention fits to 1e-9, a wrong one to 1e-2."""
@@ -64,13 +64,9 @@ def probe_theta(material: Material) -> FloatArray:
 
 def probe_deck(material: Written) -> bytes:
     """Deck of cubes, each deformed as a whole; one more, left alone, gives FEBio an equation to solve."""
-    root = ET.Element("febio_spec", version="4.0")
-    leaf(ET.SubElement(root, "Module", type="solid"), "units", "mm-N-s")
-    _control(root)
-    section = ET.SubElement(root, "Material")
-    element = ET.SubElement(section, "material", id="1", name="probed", type=material.febio_type)
-    for name, value in (("density", DENSITY_T_PER_MM3), *material.values):
-        leaf(element, name, format(value, ".17g"))
+    root, control = new_deck(N_STEPS)
+    leaf(ET.SubElement(control, "solver", type="solid"), "symmetric_stiffness", "symmetric")
+    add_material(ET.SubElement(root, "Material"), 1, "probed", material, digits=17)
     n = len(GRADIENTS)
     mesh = ET.SubElement(root, "Mesh")
     nodes = ET.SubElement(mesh, "Nodes", name="all")
@@ -95,14 +91,6 @@ def _list(numbers: range) -> str:
     return ",".join(map(str, numbers))
 
 
-def _control(root: ET.Element) -> None:
-    control = ET.SubElement(root, "Control")
-    leaves(control, control_of(N_STEPS))
-    leaf(ET.SubElement(control, "solver", type="solid"), "symmetric_stiffness", "symmetric")
-    constants = ET.SubElement(ET.SubElement(root, "Globals"), "Constants")
-    leaves(constants, dict.fromkeys(("T", "R", "Fc"), 0))  # FEBio loses its way after an empty section
-
-
 def _motion(root: ET.Element) -> None:
     section = ET.SubElement(root, "Boundary")
     for k, H in enumerate(GRADIENTS):
@@ -111,8 +99,7 @@ def _motion(root: ET.Element) -> None:
         )
         leaf(bc, "scale", 1, lc="1")
         leaf(bc, "F", ",".join(format(v, ".17g") for v in (np.eye(3) + H).ravel()))
-    held = ET.SubElement(section, "bc", name="base", node_set="base", type="zero displacement")
-    leaves(held, dict.fromkeys(("x_dof", "y_dof", "z_dof"), 1))
+    hold(section, "base")
     curve = ET.SubElement(ET.SubElement(root, "LoadData"), "load_controller", id="1", type="loadcurve")
     leaf(curve, "interpolate", "LINEAR")
     points = ET.SubElement(curve, "points")

@@ -28,6 +28,9 @@ BROYDEN_UPDATES = 10
 UNHURRIED = 1000
 """Iterations after which FEBio shortens the next step: augmentation takes many, and each step forgets."""
 
+DIGITS = 12
+"""Of a number: as many as FEBio prints."""
+
 SMALLEST_STEP = 1e-3
 """Of one step: shorter ones are not tried."""
 
@@ -84,12 +87,8 @@ def write_deck(problem: Problem) -> bytes:
     MeshError
         The mesh has no face to touch.
     """
-    root = ET.Element("febio_spec", version="4.0")
-    module = ET.SubElement(root, "Module", type="solid")
-    leaf(module, "units", "mm-N-s")
-    _control(root, problem)
-    constants = ET.SubElement(ET.SubElement(root, "Globals"), "Constants")
-    leaves(constants, dict.fromkeys(("T", "R", "Fc"), 0))
+    root, control = new_deck(problem.steps.n)
+    _control(control, problem)
     _materials(root, problem)
     _mesh(root, problem)
     _boundary(root, problem)
@@ -101,6 +100,31 @@ def write_deck(problem: Problem) -> bytes:
     data = {"data": ";".join(RECORD_DATA), "delim": ",", "file": RECORD_NAME}
     leaf(log, "rigid_body_data", rigid_id(problem), **data)
     return to_bytes(root)
+
+
+def new_deck(n_steps: int) -> tuple[ET.Element, ET.Element]:
+    """Root of a deck, and its control: statics in so many steps of length 1, and no plot file."""
+    root = ET.Element("febio_spec", version="4.0")
+    leaf(ET.SubElement(root, "Module", type="solid"), "units", "mm-N-s")
+    control = ET.SubElement(root, "Control")
+    steps = {"analysis": "STATIC", "time_steps": n_steps, "step_size": 1, "plot_level": "PLOT_NEVER"}
+    leaves(control, steps)
+    constants = ET.SubElement(ET.SubElement(root, "Globals"), "Constants")
+    leaves(constants, dict.fromkeys(("T", "R", "Fc"), 0))  # FEBio loses its way after an empty section
+    return root, control
+
+
+def add_material(section: ET.Element, number: int, name: str, material: Written, digits: int) -> None:
+    """Add a material as FEBio spells it."""
+    element = ET.SubElement(section, "material", id=str(number), name=name, type=material.febio_type)
+    for tag, value in (("density", DENSITY_T_PER_MM3), *material.values):
+        leaf(element, tag, format(value + 0.0, f".{digits}g"))
+
+
+def hold(section: ET.Element, node_set: str) -> None:
+    """Add the boundary condition that a node set does not move."""
+    held = ET.SubElement(section, "bc", name=node_set, node_set=node_set, type="zero displacement")
+    leaves(held, dict.fromkeys(("x_dof", "y_dof", "z_dof"), 1))
 
 
 def rigid_id(problem: Problem) -> int:
@@ -127,7 +151,7 @@ def leaves(parent: ET.Element, values: Mapping[str, object]) -> None:
 
 
 def _number(value: float) -> str:
-    return format(value + 0.0, ".12g")
+    return format(value + 0.0, f".{DIGITS}g")
 
 
 def _numbers(values: Iterable[float]) -> str:
@@ -146,14 +170,7 @@ def _material_name(problem: Problem, region: str) -> str:
 # -------------------------------------------------------------------- control
 
 
-def control_of(n_steps: int) -> dict[str, object]:
-    """Settings of a number of steps of length 1: statics, and no plot file."""
-    return {"analysis": "STATIC", "time_steps": n_steps, "step_size": 1, "plot_level": "PLOT_NEVER"}
-
-
-def _control(root: ET.Element, problem: Problem) -> None:
-    control = ET.SubElement(root, "Control")
-    leaves(control, control_of(problem.steps.n))
+def _control(control: ET.Element, problem: Problem) -> None:
     solver = ET.SubElement(control, "solver", type="solid")
     leaves(
         solver,
@@ -194,13 +211,7 @@ def _control(root: ET.Element, problem: Problem) -> None:
 def _materials(root: ET.Element, problem: Problem) -> None:
     section = ET.SubElement(root, "Material")
     for k, region in enumerate(problem.mesh.regions, start=1):
-        material = problem.materials[region]
-        element = ET.SubElement(
-            section, "material", id=str(k), name=_material_name(problem, region), type=material.febio_type
-        )
-        leaf(element, "density", _number(DENSITY_T_PER_MM3))
-        for name, value in material.values:
-            leaf(element, name, _number(value))
+        add_material(section, k, _material_name(problem, region), problem.materials[region], DIGITS)
     rigid = ET.SubElement(section, "material", id=str(rigid_id(problem)), name=INDENTER, type="rigid body")
     leaf(rigid, "density", _number(DENSITY_T_PER_MM3))
     leaf(rigid, "override_com", 1)
@@ -271,8 +282,7 @@ def _domains(root: ET.Element, problem: Problem, domains: list[tuple[str, str, I
 
 def _boundary(root: ET.Element, problem: Problem) -> None:
     section = ET.SubElement(root, "Boundary")
-    held = ET.SubElement(section, "bc", name="fixed", node_set="fixed", type="zero displacement")
-    leaves(held, dict.fromkeys(("x_dof", "y_dof", "z_dof"), 1))
+    hold(section, "fixed")
     if problem.bonded:
         glue = ET.SubElement(section, "bc", name="glue", node_set="bonded", type="rigid")
         leaf(glue, "rb", rigid_id(problem))

@@ -24,14 +24,6 @@ FACE_NODES: Mapping[str, int] = MappingProxyType({"tri3": 3, "tri6": 6, "tri7": 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DeckMaterial:
-    """A material of a deck, and FEBio's type of it."""
-
-    name: str
-    febio_type: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Part:
     """Elements of one kind with one material; ``cells`` (n, n_nodes) index into the deck's points."""
 
@@ -61,7 +53,6 @@ class Deck:
     surfaces: Mapping[str, IntArray]
     held: tuple[str, ...]
     touched: tuple[str, ...]
-    materials: Mapping[str, DeckMaterial]
 
 
 def read_deck(path: Path) -> Deck:
@@ -109,16 +100,13 @@ class _Reader:
             mesh = self.root.find("Geometry")
         if mesh is None:
             raise self.refused("no section Mesh; export the deck with its mesh")
-        points = self.points(mesh)
-        materials = self.materials()
         return Deck(
-            points=points,
-            parts=tuple(self.parts(mesh, materials)),
+            points=self.points(mesh),  # first: the others name nodes by their ids
+            parts=tuple(self.parts(mesh)),
             node_sets={self.name(e): self.nodes(e, self.set_numbers(e)) for e in mesh.findall("NodeSet")},
             surfaces={self.name(e): self.surface(e) for e in mesh.findall("Surface")},
             held=tuple(self.held()),
             touched=tuple(e.findtext("primary", "").strip() for e in mesh.findall("SurfacePair")),
-            materials=materials,
         )
 
     def name(self, element: ET.Element) -> str:
@@ -142,14 +130,16 @@ class _Reader:
             raise self.refused("no nodes; export the deck with its mesh")
         return np.array(rows)
 
-    def parts(self, mesh: ET.Element, materials: Mapping[str, DeckMaterial]) -> Iterator[Part]:
+    def parts(self, mesh: ET.Element) -> Iterator[Part]:
+        materials = self.materials()
         by_domain = {e.get("name"): e.get("mat") for e in self.root.iterfind("MeshDomains/*")}
         for block in mesh.findall("Elements"):
             kind, name = block.get("type", ""), self.name(block)
             material = by_domain.get(name) or block.get("mat")
             if material is None or material not in materials:
                 raise self.refused(f"elements '{name}' have no material (given: {material}); give them one")
-            if materials[material].febio_type == RIGID:
+            material, febio_type = materials[material]
+            if febio_type == RIGID:
                 continue
             if kind not in CELLS:
                 raise self.refused(
@@ -187,11 +177,12 @@ class _Reader:
             elif bc.get("type") == "fix" and bc.findtext("dofs", "").replace(" ", "") == "x,y,z":
                 yield bc.get("node_set", "")
 
-    def materials(self) -> dict[str, DeckMaterial]:
+    def materials(self) -> dict[str, tuple[str, str]]:
+        """Name and FEBio's type of each material, by what the deck may call it."""
         found = {}
         for element in self.root.iterfind("Material/material"):
             name = element.get("name") or f"material{element.get('id')}"
-            found[name] = DeckMaterial(name, element.get("type", ""))
+            found[name] = name, element.get("type", "")
             found.setdefault(element.get("id", ""), found[name])  # FEBio 3 may name it by number
         return found
 
@@ -316,16 +307,15 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
         """Region of each part."""
         wanted: dict[str, str] = self.settings.regions
         if not wanted:
-            return {part.name: deck.materials[part.material].name for part in deck.parts}
+            return {part.name: part.material for part in deck.parts}
         by_source = {source: region for region, source in wanted.items()}
         found = {}
         for part in deck.parts:
-            material = deck.materials[part.material].name
-            region = by_source.get(part.name) or by_source.get(material)
+            region = by_source.get(part.name) or by_source.get(part.material)
             if region is None:
                 raise MeshError(
-                    f"{path}: part '{part.name}' with material '{material}' is named by no region of the "
-                    f"settings ({', '.join(f'{r} = {s}' for r, s in wanted.items())}); add it"
+                    f"{path}: part '{part.name}' with material '{part.material}' is named by no region of "
+                    f"the settings ({', '.join(f'{r} = {s}' for r, s in wanted.items())}); add it"
                 )
             found[part.name] = region
         return found
