@@ -20,7 +20,7 @@ from palpate.api import (
     Solver,
     Status,
 )
-from palpate_validation.comparison import Case, Contender, Row, answer, at
+from palpate_validation.comparison import Case, Contender, Row, answer
 
 DEPTH_MM = 2.0
 TWIST_DEG = -22.5
@@ -179,14 +179,16 @@ def pair_rows(
             continue
         path = case.protocol.columns[channel.abscissa]
         place = float(path[np.argmax(np.abs(path))])
-        found, expected = (_ordinate(answers[each], channel.name, place) for each in (name, other))
+        (found, why), (expected, why_other) = (
+            answer(answers[each], channel.name, [place]) for each in (name, other)
+        )
         difference, note = None, ""
-        if isinstance(found, str) or isinstance(expected, str):
-            note = f"{name}: {found}" if isinstance(found, str) else f"{other}: {expected}"
-        elif found == expected:
+        if found is None or expected is None:
+            note = f"{name}: {why}" if found is None else f"{other}: {why_other}"
+        elif found[0] == expected[0]:
             difference = 0.0
         elif peak := _peak(answers[other], channel.name):
-            difference = abs(found - expected) / peak
+            difference = abs(float(found[0] - expected[0])) / peak
         else:
             note = f"{other}: its {channel.name} is zero all along"
         yield case.row(
@@ -197,16 +199,6 @@ def pair_rows(
             tolerance=TOLERANCES.get(channel.name, TOLERANCE),
             note=note,
         )
-
-
-def _ordinate(simulation: Simulation, channel: str, place: float) -> float | str:
-    """Ordinate at an abscissa, or why there is none."""
-    if simulation.status is not Status.OK or simulation.response is None:
-        return simulation.message or simulation.status.value
-    if channel not in simulation.response:
-        return f"no channel '{channel}' in its result"
-    value = float(at(simulation.response[channel], [place])[0])
-    return value if np.isfinite(value) else f"its {channel} does not reach {place:g}"
 
 
 def _peak(simulation: Simulation, channel: str) -> float:
