@@ -28,14 +28,6 @@ IGNORED = frozenset(
 """Points, edges and faces, which a mesh generator writes next to the volume."""
 
 
-def _one_region() -> dict[str, int | str]:
-    return {"soft_tissue": 0}
-
-
-def _plain_names() -> dict[str, Choice | list[Choice]]:
-    return {"fixed": "fixed", "contact": "contact"}
-
-
 class MeshioSettings(Settings):
     """Settings of :class:`MeshioSource`."""
 
@@ -47,13 +39,13 @@ class MeshioSettings(Settings):
         description="Cell data with a whole number per element; empty: the whole mesh is one region.",
     )
     regions: dict[str, int | str] = Field(
-        default_factory=_one_region,
+        default={"soft_tissue": 0},
         min_length=1,
         description="Number of each region in that data, by the region's name; or its group of elements "
         "(physical group of Gmsh, element set of Abaqus).",
     )
     node_sets: dict[str, Choice | list[Choice]] = Field(
-        default_factory=_plain_names,
+        default={"fixed": "fixed", "contact": "contact"},
         min_length=1,
         description="Nodes of each node set: point data (not zero: in the set), a point set or a group of "
         "elements by name; { normal, at, within } for a plane; { surface, within } for nodes near a "
@@ -94,8 +86,7 @@ class MeshioSource(LimbSource[MeshioSettings]):
         """
         settings = self.settings
         content = read_mesh_file(path)
-        points = _points(path, content) * convert(f"1 {settings.unit}", "mm")
-        _check_extent(path, points, settings.unit)
+        points = _points_mm(path, content, settings.unit)
         cells, ids = _volume(path, content, settings)
         mesh = Mesh(
             points_mm=points,
@@ -111,7 +102,7 @@ class MeshioSource(LimbSource[MeshioSettings]):
         return Limb(spot=spot, mesh=mesh)
 
 
-def _points(path: Path, content: MeshFile) -> NDArray[np.float64]:
+def _points_mm(path: Path, content: MeshFile, unit: str) -> NDArray[np.float64]:
     points = content.points
     if points.ndim != 2 or points.shape[1] != 3:
         raise MeshError(f"{path}: points of shape {points.shape}; a limb's mesh has three coordinates each")
@@ -121,16 +112,14 @@ def _points(path: Path, content: MeshFile) -> NDArray[np.float64]:
             f"{path}: node {bad[0]} is at {points[bad[0]].tolist()}; every coordinate must be finite, "
             "write the mesh again"
         )
-    return points
-
-
-def _check_extent(path: Path, points_mm: NDArray[np.float64], unit: str) -> None:
-    longest = float(np.ptp(points_mm, axis=0).max()) if len(points_mm) else 0.0
+    points = points * convert(f"1 {unit}", "mm")
+    longest = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     if longest > LONGEST_MM:
         raise MeshError(
             f"{path}: {longest:.4g} mm long when read in {unit}, longer than any limb ({LONGEST_MM:g} mm); "
             "set the unit of the file in the limb's settings"
         )
+    return points
 
 
 def _volume(
@@ -215,37 +204,31 @@ def _by_group(path: Path, content: MeshFile, block: int, settings: MeshioSetting
 
 def _by_number(path: Path, content: MeshFile, block: int, settings: MeshioSettings) -> IntArray:
     """Index of the region of each element of a block, by its number in the cell data."""
-    region_data = settings.region_data
+    region_data, names = settings.region_data, list(settings.regions)
+    n_cells = len(content.blocks[block][1])
+    if not region_data and len(names) != 1:
+        raise MeshError(
+            f'{path}: region_data = "" makes the mesh one region, but regions names {len(names)} '
+            f"({', '.join(names)}); name the cell data that separates them"
+        )
     if not region_data:
-        return _region_ids(path, np.zeros(len(content.blocks[block][1])), settings)
+        return np.zeros(n_cells, dtype=np.int64)
     if region_data not in content.cell_data:
         groups = f", or name regions by group: {', '.join(content.cell_sets)}" if content.cell_sets else ""
         raise MeshError(
             f"{path}: no cell data '{region_data}' (there: {', '.join(content.cell_data) or 'none'}); "
             f'set region_data to one of them, or to "" when the mesh is one region{groups}'
         )
-    return _region_ids(path, content.cell_data[region_data][block], settings)
-
-
-def _region_ids(path: Path, numbers: NDArray[np.generic], settings: MeshioSettings) -> IntArray:
-    """Index into the names of the settings, for each element."""
-    names = list(settings.regions)
-    if not settings.region_data:
-        if len(names) != 1:
-            raise MeshError(
-                f'{path}: region_data = "" makes the mesh one region, but regions names {len(names)} '
-                f"({', '.join(names)}); name the cell data that separates them"
-            )
-        return np.zeros(len(numbers), dtype=np.int64)
-    check_whole(path, f"cell data '{settings.region_data}'", numbers)
-    ids = np.full(len(numbers), -1)
+    numbers = content.cell_data[region_data][block]
+    check_whole(path, f"cell data '{region_data}'", numbers)
+    ids = np.full(n_cells, -1, dtype=np.int64)
     for index, number in enumerate(settings.regions.values()):
         ids[numbers == number] = index
     if (ids < 0).any():
         unknown = sorted({int(n) for n in numbers[ids < 0].astype(np.float64)})
         raise MeshError(
-            f"{path}: cell data '{settings.region_data}' holds {', '.join(map(str, unknown))} "
+            f"{path}: cell data '{region_data}' holds {', '.join(map(str, unknown))} "
             f"(first in element {int(np.flatnonzero(ids < 0)[0])}), which regions does not name; "
             "add them to regions in the limb's settings"
         )
-    return ids.astype(np.int64)
+    return ids
