@@ -63,14 +63,6 @@ class Trial:
     balance: Balance
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Slope:
-    """Change with one component of the position: displacements (n_nodes, 3) and loads (6,)."""
-
-    moved: FloatArray
-    loads: FloatArray
-
-
 class LoadControl:
     """Finds positions at which loads are reached.
 
@@ -133,7 +125,7 @@ class LoadControl:
                 guess = begin(position, load)
             else:
                 guess = Start(self._model.carried(at.balance.displacements + moved, load.pose))
-            found = equilibrium(self._model, self._thetas, load, guess, self._model.linear, self._tolerance)
+            found = equilibrium(self._model, self._thetas, load, guess, self._tolerance)
             n_iterations += found.n_iterations
             if found.reason:
                 n_shortened += 1
@@ -168,10 +160,10 @@ class LoadControl:
         free = aim.free
         if not at.loads.any():  # off the skin: down to it, first to depth 0
             wanted = np.where(free == DEPTH, max(self._steps[DEPTH], -at.position[DEPTH]), 0.0)
-            slopes = None
+            slopes = []
         else:
             slopes = [self._slope(at, memory, component) for component in free]
-            matrix = np.stack([slope.loads[free] for slope in slopes], axis=1)
+            matrix = np.stack([loads[free] for _, loads in slopes], axis=1)
             missing = _missing(at.loads, aim)
             if free.size == 1 and not matrix[0, 0] > 0.0:  # past a peak of the load: on, in search of more
                 wanted = np.sign(missing) * self._steps[free]
@@ -180,8 +172,8 @@ class LoadControl:
                 wanted = wanted * min(1.0, 1.0 / float((np.abs(wanted) / self._steps[free]).max()))
         change = self._within(at, aim, wanted)
         moved = np.zeros_like(at.balance.displacements)
-        for step, slope in zip(change, slopes or (), strict=False):
-            moved += step * slope.moved
+        for step, (with_component, _) in zip(change, slopes, strict=False):
+            moved += step * with_component
         return change, moved
 
     def _within(self, at: Trial, aim: Aim, wanted: FloatArray) -> FloatArray:
@@ -203,7 +195,8 @@ class LoadControl:
             )
         return change
 
-    def _slope(self, at: Trial, memory: Memory, component: int) -> _Slope:
+    def _slope(self, at: Trial, memory: Memory, component: int) -> tuple[FloatArray, FloatArray]:
+        """Change of displacements (n_nodes, 3) and loads (6,) with one component of the position."""
         way, displacements = np.eye(6)[component], at.balance.displacements
         load, move = ContactState(pose(at.position), memory, self._law), motion(at.position, way)
         here = self._model.linearised(displacements, self._thetas)
@@ -214,7 +207,7 @@ class LoadControl:
         moved = rates.carried(self._model.straight(np.zeros_like(displacements), step), move)
         change = rates.change(moved, np.zeros_like(memory.anchors), motion=move)
         force, moment, _ = rates.answer(change, moved, move)
-        return _Slope(moved, wrench_rates(force, moment, rates.at_rest(), tip_at(at.position), way))
+        return moved, wrench_rates(force, moment, rates.at_rest(), tip_at(at.position), way)
 
 
 def _missing(loads: FloatArray, aim: Aim) -> FloatArray:

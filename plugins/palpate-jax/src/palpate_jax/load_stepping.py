@@ -208,7 +208,7 @@ class LoadStepping:
             position = aim.position
             load = self._load(state, position)
             start = self._start(state, load, position, guesses)
-            balance = equilibrium(self._model, self._thetas, load, start, self.linear, self._tolerance)
+            balance = equilibrium(self._model, self._thetas, load, start, self._tolerance)
         self.n_iterations += balance.n_iterations
         self.n_held += balance.held
         self._settled = not balance.reason and balance.n_iterations > 0

@@ -9,7 +9,6 @@ import numpy as np
 from palpate.api import FloatArray
 from palpate_jax.contact import ContactState
 from palpate_jax.model import Model, Residual
-from palpate_jax.sparse import LinearSolver
 
 MOST_ITERATIONS = 16
 MOST_TRIALS = 8
@@ -61,45 +60,27 @@ class Balance:
 
 
 def equilibrium(
-    model: Model,
-    thetas: Mapping[str, FloatArray],
-    load: ContactState,
-    start: Start,
-    linear: LinearSolver,
-    tolerance: float,
+    model: Model, thetas: Mapping[str, FloatArray], load: ContactState, start: Start, tolerance: float
 ) -> Balance:
     """Displacements at which internal and contact forces balance.
+
+    With much friction Newton's method may cycle between stick and slip: more pressure lets slipping
+    points stick, and the other way round. Then friction limits are fixed, and updated until they agree
+    with the pressures: with fixed limits there is a potential, in which the line search always descends,
+    also from a saddle where the tissue buckles. The imbalance after the last update is small, and reported.
 
     Parameters
     ----------
     tolerance : float
         Imbalance relative to the forces.
     """
-    balance = _newton(model, thetas, load, start, linear, tolerance)
-    if balance.reason and load.law.friction > 0.0:
-        return _by_held_limits(model, thetas, load, balance, linear, tolerance)
-    return balance
-
-
-def _by_held_limits(
-    model: Model,
-    thetas: Mapping[str, FloatArray],
-    load: ContactState,
-    failed: Balance,
-    linear: LinearSolver,
-    tolerance: float,
-) -> Balance:
-    """Balance with fixed friction limits, updated until they agree with the pressures.
-
-    With much friction Newton's method may cycle between stick and slip: more pressure lets slipping
-    points stick, and the other way round. With fixed limits there is a potential, in
-    which the line search always descends, also from a saddle where the tissue buckles. The
-    imbalance after the last update is small, and reported.
-    """
+    failed = _newton(model, thetas, load, start, tolerance)
+    if not failed.reason or not load.law.friction > 0.0:
+        return failed
     displacements, n_iterations = failed.displacements, failed.n_iterations
     for _ in range(MOST_RENEWALS):
         held = model.contact.held(displacements, load)
-        balance = _newton(model, thetas, held, Start(displacements), linear, tolerance)
+        balance = _newton(model, thetas, held, Start(displacements), tolerance)
         n_iterations += balance.n_iterations
         if balance.reason:
             break
@@ -110,12 +91,7 @@ def _by_held_limits(
 
 
 def _newton(
-    model: Model,
-    thetas: Mapping[str, FloatArray],
-    load: ContactState,
-    start: Start,
-    linear: LinearSolver,
-    tolerance: float,
+    model: Model, thetas: Mapping[str, FloatArray], load: ContactState, start: Start, tolerance: float
 ) -> Balance:
     displacements = start.displacements
     residual = start.residual or model.forces(displacements, thetas).residual(load)
@@ -127,7 +103,7 @@ def _newton(
         nearly = iteration > 0 and residual.relative <= min(NEARLY * tolerance, MOST_NEARLY)
         here = model.linearised(displacements, thetas, nearly=nearly)
         try:
-            step = linear.solve(
+            step = model.linear.solve(
                 here.matrix(load),
                 partial(here.preconditioner, load),
                 -residual.free,
