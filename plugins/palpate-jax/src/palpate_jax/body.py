@@ -9,7 +9,7 @@ F̄ = F: the plain displacement element.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,14 +35,22 @@ class Block:
         Otherwise plain displacement elements.
     fields : mapping of name to (n_elements, q) or (n_elements, q, 3) array
         Cell fields of the mesh, in its frame.
+    kind : str
+    rows : (n_cells,) array
+        Cells of the mesh that it was made of, among those of their kind.
+    places : (n_cells, p) element numbers and (n_cells, p) point numbers
+        Quadrature points of each of these cells.
     """
 
     region: str
     nodes: IntArray
     gradients: FloatArray
     volumes: FloatArray
-    mean_dilatation: bool = True
-    fields: Mapping[str, FloatArray] = field(default_factory=dict)
+    mean_dilatation: bool
+    fields: Mapping[str, FloatArray]
+    kind: str
+    rows: IntArray
+    places: tuple[IntArray, IntArray]
 
     def deformation(self, displacements: FloatArray) -> tuple[FloatArray, FloatArray]:
         """F (e, q, 3, 3) of displacements (n_nodes, 3), and the factor (e, q) to make it the material's."""
@@ -67,7 +75,7 @@ def blocks(mesh: Mesh, mean_dilatation: bool | Collection[str] = True) -> tuple[
         for index, region in enumerate(mesh.regions):
             mean = mean_dilatation if isinstance(mean_dilatation, bool) else region in mean_dilatation
             element = ELEMENTS[kind] if mean else PLAIN_ELEMENTS[kind]
-            own = mesh.cell_regions[kind] == index
+            own = np.flatnonzero(mesh.cell_regions[kind] == index)
             nodes = cells[own]
             if len(nodes) == 0:
                 continue
@@ -78,7 +86,8 @@ def blocks(mesh: Mesh, mean_dilatation: bool | Collection[str] = True) -> tuple[
                 name: np.repeat(by_kind[kind][own][:, None], volumes.shape[1], axis=1)
                 for name, by_kind in mesh.cell_fields.items()
             }
-            block = Block(region, nodes, gradients, volumes, mean, fields)
+            elements, points = np.indices(volumes.shape)
+            block = Block(region, nodes, gradients, volumes, mean, fields, kind, own, (elements, points))
             if mean and kind == "tet4":
                 block = _by_patch(block, tetrahedron_patches(mesh.points_mm, nodes))
             found.append(block)
@@ -109,17 +118,10 @@ def _by_patch(block: Block, labels: IntArray) -> Block:
     }
     for name, values in block.fields.items():
         fields[name][labels, slots] = values[:, 0]
-    return Block(block.region, nodes, gradients, volumes, block.mean_dilatation, fields)
-
-
-def points_of_cells(points_mm: FloatArray, cells: IntArray, block: Block) -> tuple[IntArray, IntArray]:
-    """Element and point numbers (c, p) of each cell's quadrature points in the block that they became."""
-    n_points = block.volumes.shape[1]
-    if not (cells.shape[1] == 4 and block.mean_dilatation):
-        own = np.indices((len(cells), n_points))
-        return own[0], own[1]
-    labels = tetrahedron_patches(points_mm, cells)
-    return labels[:, None], _places(labels)[:, None]
+    places_of_cells = labels[:, None], slots[:, None]
+    return replace(
+        block, nodes=nodes, gradients=gradients, volumes=volumes, fields=fields, places=places_of_cells
+    )
 
 
 def _places(labels: IntArray) -> IntArray:

@@ -17,16 +17,16 @@ region                elements  index into the regions of the mesh
 Nodal tractions are means around a node, such that area × traction adds up to the force.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import jax
 import numpy as np
 
-from palpate.api import FloatArray, IntArray, Limb, Material, Mesh
+from palpate.api import FloatArray, Limb, Material
 from palpate.api.mechanics import stress
 from palpate.api.mesh import CELLS, in_spot_frame, spot_axes
-from palpate_jax.body import Block, blocks, points_of_cells
+from palpate_jax.body import Block, blocks
 from palpate_jax.contact import Contact
 from palpate_jax.load_stepping import LoadStep
 from palpate_jax.skin import nodal_tractions
@@ -111,28 +111,17 @@ class FieldWriter:
         self, thetas: Mapping[str, FloatArray], displacements: FloatArray
     ) -> dict[str, dict[str, FloatArray]]:
         """Cell data by kind and name."""
-        mesh = self._mesh
         found: dict[str, dict[str, FloatArray]] = {}
-        for (kind, rows, region), block in zip(_block_cells(mesh), self._blocks, strict=True):
-            own = found.setdefault(kind, {"region": mesh.cell_regions[kind].astype(np.float64)})
-            places = points_of_cells(mesh.points_mm, mesh.cells[kind][rows], block)
-            values = cell_fields(
-                self._materials[region], thetas[region], block, displacements, places, self._axes
-            )
+        for block in self._blocks:
+            regions = self._mesh.cell_regions[block.kind]
+            own = found.setdefault(block.kind, {"region": regions.astype(np.float64)})
+            material, theta = self._materials[block.region], thetas[block.region]
+            values = cell_fields(material, theta, block, displacements, self._axes)
             for name, value in zip(("cauchy_stress_MPa", "principal_stretches", "J"), values, strict=True):
                 if name == "cauchy_stress_MPa":
                     value = (self._axes @ value @ self._axes.T).reshape(-1, 9)
-                own.setdefault(name, np.zeros((len(mesh.cells[kind]), *value.shape[1:])))[rows] = value
+                own.setdefault(name, np.zeros((len(regions), *value.shape[1:])))[block.rows] = value
         return found
-
-
-def _block_cells(mesh: Mesh) -> Iterator[tuple[str, IntArray, str]]:
-    """Kind, rows in that kind's cells and region of each block, in the order of ``blocks``."""
-    for kind in mesh.cells:
-        for index, region in enumerate(mesh.regions):
-            rows = np.flatnonzero(mesh.cell_regions[kind] == index)
-            if rows.size:
-                yield kind, rows, region
 
 
 def cell_fields(
@@ -140,15 +129,12 @@ def cell_fields(
     theta: FloatArray,
     block: Block,
     displacements: FloatArray,
-    places: tuple[IntArray, IntArray],
     axes: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Cauchy stress, stretches and J of cells.
+    """Cauchy stress, stretches and J of the cells of a block.
 
     Parameters
     ----------
-    places : (c, p) element numbers and (c, p) point numbers
-        Quadrature points of each cell.
     axes : (3, 3) array, optional
         As of :class:`palpate_jax.body.Body`.
 
@@ -159,7 +145,7 @@ def cell_fields(
         The largest first.
     J : (c,) array
     """
-    gradients, _ = block.deformation(displacements)
+    places, (gradients, _) = block.places, block.deformation(displacements)
     stresses, J = _cauchy(material, theta, block, gradients, axes)
     volumes = block.volumes[places]
     now = volumes * J[places]
