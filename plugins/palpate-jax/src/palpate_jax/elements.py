@@ -9,13 +9,14 @@ import numpy as np
 from palpate.api import BoolArray, FloatArray, IntArray
 from palpate.api.mesh import CELLS, HEX_CORNERS, barycentric, linear_simplex, multilinear, quadratic_simplex
 
+Rule = tuple[FloatArray, FloatArray]
+"""Points (q, d) and weights (q,) of a quadrature."""
+
 _TRI_EDGES = ((0, 1), (1, 2), (2, 0))
-
-
 _QUAD_CORNERS = HEX_CORNERS[:4, :2]
 
 
-def _gauss_box(n: int, dimension: int) -> tuple[FloatArray, FloatArray]:
+def _gauss_box(n: int, dimension: int) -> Rule:
     """Tensor-product Gauss points and weights on [−1, 1]^d."""
     x, w = np.polynomial.legendre.leggauss(n)
     points = np.stack(np.meshgrid(*[x] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
@@ -23,7 +24,11 @@ def _gauss_box(n: int, dimension: int) -> tuple[FloatArray, FloatArray]:
     return points, weights.prod(axis=1)
 
 
-def _tet_points() -> tuple[FloatArray, FloatArray]:
+def _tet_centre() -> Rule:
+    return np.full((1, 3), 0.25), np.full(1, 1.0 / 6.0)
+
+
+def _tet_points() -> Rule:
     """Four points, exact to degree 2 (Keast 1986)."""
     a, b = (5.0 - np.sqrt(5.0)) / 20.0, (5.0 + 3.0 * np.sqrt(5.0)) / 20.0
     points = np.full((4, 3), a)
@@ -31,7 +36,7 @@ def _tet_points() -> tuple[FloatArray, FloatArray]:
     return points, np.full(4, 1.0 / 24.0)
 
 
-def _tet_points_plain() -> tuple[FloatArray, FloatArray]:
+def _tet_points_plain() -> Rule:
     """Eight points, exact to degree 3 (Jinyun 1984), as FEBio integrates a plain tet10."""
     points, weights = [], []
     for a, weight in ((0.328054696711427, 0.138527966511862), (0.106952273932930, 0.111472033488138)):
@@ -40,14 +45,14 @@ def _tet_points_plain() -> tuple[FloatArray, FloatArray]:
     return np.array(points), np.array(weights)
 
 
-def _triangle_points() -> tuple[FloatArray, FloatArray]:
+def _triangle_points() -> Rule:
     """Three points, exact to degree 2 (Strang & Fix 1973)."""
     points = np.full((3, 2), 1.0 / 6.0)
     points[1:][np.eye(2, dtype=bool)] = 2.0 / 3.0
     return points, np.full(3, 1.0 / 6.0)
 
 
-def _quarter_points() -> tuple[FloatArray, FloatArray]:
+def _quarter_points() -> Rule:
     """Three points in each quarter of the triangle: 12, exact to degree 2."""
     points, weights = _triangle_points()
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
@@ -84,42 +89,41 @@ class Element:
     face: Face
 
 
-def _face(
-    shape: Callable[[FloatArray], tuple[FloatArray, FloatArray]], rule: tuple[FloatArray, FloatArray]
-) -> Face:
-    values, slopes = shape(rule[0])
-    return Face(values, slopes, rule[1])
+Shape = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""Shape functions and their slopes at points."""
 
 
-def _tet10(rule: tuple[FloatArray, FloatArray]) -> Element:
-    points, weights = rule
-    return Element(
-        slopes=quadratic_simplex(barycentric(points), CELLS["tet10"].edges)[1],
-        quadrature_weights=weights,
-        face=_face(lambda p: quadratic_simplex(barycentric(p), _TRI_EDGES), _quarter_points()),
+def _element(shape: Shape, rule: Rule, face_shape: Shape, face_rule: Rule) -> Element:
+    values, slopes = face_shape(face_rule[0])
+    return Element(shape(rule[0])[1], rule[1], Face(values, slopes, face_rule[1]))
+
+
+def _tet10(rule: Rule) -> Element:
+    return _element(
+        lambda p: quadratic_simplex(barycentric(p), CELLS["tet10"].edges),
+        rule,
+        lambda p: quadratic_simplex(barycentric(p), _TRI_EDGES),
+        _quarter_points(),
     )
 
 
-def _tet4() -> Element:
-    points, weights = np.full((1, 3), 0.25), np.full(1, 1.0 / 6.0)
-    return Element(
-        slopes=linear_simplex(barycentric(points))[1],
-        quadrature_weights=weights,
-        face=_face(lambda p: linear_simplex(barycentric(p)), _triangle_points()),
-    )
-
-
-def _hex8() -> Element:
-    points, weights = _gauss_box(2, 3)
-    return Element(
-        slopes=multilinear(points, HEX_CORNERS)[1],
-        quadrature_weights=weights,
-        face=_face(lambda p: multilinear(p, _QUAD_CORNERS), _gauss_box(2, 2)),
-    )
+def _linear(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return linear_simplex(barycentric(points))
 
 
 ELEMENTS: Mapping[str, Element] = MappingProxyType(
-    {"tet4": _tet4(), "tet10": _tet10(_tet_points()), "hex8": _hex8()}
+    {
+        "tet4": _element(
+            _linear, (np.full((1, 3), 0.25), np.full(1, 1.0 / 6.0)), _linear, _triangle_points()
+        ),
+        "tet10": _tet10(_tet_points()),
+        "hex8": _element(
+            lambda p: multilinear(p, HEX_CORNERS),
+            _gauss_box(2, 3),
+            lambda p: multilinear(p, _QUAD_CORNERS),
+            _gauss_box(2, 2),
+        ),
+    }
 )
 """Element kinds of a mesh, by the names of :data:`palpate.api.mesh.CELLS`."""
 
