@@ -324,19 +324,16 @@ class Contact:
             known, before, found = self._last
             if before.is_same(load) and np.array_equal(known, displacements):
                 return found
-        found = self._touched(displacements, load)
-        self._last = displacements.copy(), load, found
-        return found
-
-    def _touched(self, displacements: FloatArray, load: ContactState) -> Touched:
         positions = load.pose.into(self.positions(displacements))
         inside = load.law.shape.distance(positions) < 0.0
         faces = [np.flatnonzero(inside[numbers].any(axis=1)) for numbers in self._numbers]
-        found = [n[f].ravel() for n, f in zip(self._numbers, faces, strict=True)]
-        where = np.concatenate([np.empty(0, dtype=np.int64), *found])
+        numbers = [n[f].ravel() for n, f in zip(self._numbers, faces, strict=True)]
+        where = np.concatenate([np.empty(0, dtype=np.int64), *numbers])
         anchors, anchored = load.memory.anchors[where], load.memory.anchored[where]
         limits = None if load.limits is None else load.limits[where]
-        return Touched(faces, where, Points(positions[where], anchors, anchored, load.law, limits))
+        found = Touched(faces, where, Points(positions[where], anchors, anchored, load.law, limits))
+        self._last = displacements.copy(), load, found
+        return found
 
     def _by_surface(
         self, touched: Touched, per_point: FloatArray

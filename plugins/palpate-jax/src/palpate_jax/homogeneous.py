@@ -309,13 +309,13 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
             slopes = self._at_sets(accepted, slopes=True) if accepted and jobs[0].slopes else {}
         except Exception as error:  # a third party's energy may raise anything
             message = f"{type(error).__name__}: {error}"
-            yield from (_failed(job, Status.CRASHED, message) for job in jobs)
+            yield from (Simulation(job=job, status=Status.CRASHED, message=message) for job in jobs)
             return
         seconds = (time.perf_counter() - started) / len(jobs)
         rows = iter(range(len(accepted)))
         for k, job in enumerate(jobs):
             if k in refused:
-                yield _failed(job, Status.DIVERGED, refused[k])
+                yield Simulation(job=job, status=Status.DIVERGED, message=refused[k])
             else:
                 row = next(rows)
                 own, d_own = ({mode: values[row] for mode, values in v.items()} for v in (stresses, slopes))
@@ -410,10 +410,6 @@ def _specimen(job: Job) -> tuple[Material, FloatArray]:
     ((region, material),) = job.materials.items()
     material.check(job.thetas[region])
     return material, job.thetas[region]
-
-
-def _failed(job: Job, status: Status, message: str) -> Simulation:
-    return Simulation(job=job, status=status, response=None, message=message)
 
 
 def _simulation(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.api import FloatArray, IntArray, Limb, Material, Mesh, MeshError
+from palpate.api import FloatArray, Limb, Material, Mesh, MeshError
 from palpate.api.mesh import in_spot_frame, spot_axes
 from palpate_jax.body import Body
 from palpate_jax.contact import Answer, Contact, ContactState, Motion, Pose
@@ -60,20 +60,17 @@ class Model:
         unknowns[self.bonded] = -1
         self._free = unknowns.ravel() >= 0
         unknowns.reshape(-1)[self._free] = np.arange(self._free.sum())
-        self._unknowns = unknowns
-        groups = [b.nodes for b in self.body.blocks] + [s.nodes for s in self.contact.surfaces]
-        self.pattern = Pattern([self._numbers(nodes) for nodes in groups], int(self._free.sum()))
+        nodes = [b.nodes for b in self.body.blocks] + [s.nodes for s in self.contact.surfaces]
+        groups = [unknowns[each].reshape(len(each), -1) for each in nodes]
+        self.pattern = Pattern(groups, int(self._free.sum()))
         places = [self.pattern.places(k) for k in range(len(self.body.blocks))]
         self.body.bind(places, len(self.pattern.indices))
         self.linear = LinearSolver(self.pattern)
         self._last: Linearised | None = None
 
-    def _numbers(self, nodes: IntArray) -> IntArray:
-        return self._unknowns[nodes].reshape(len(nodes), -1)
-
     def rest(self) -> FloatArray:
         """Displacements (n_nodes, 3) of the unloaded limb."""
-        return np.zeros_like(self._unknowns, dtype=np.float64)
+        return np.zeros(self.points.shape)
 
     def moved(self, displacements: FloatArray, step: FloatArray, load: ContactState) -> FloatArray:
         """Displacements after a step of the free unknowns, curved along a nearby indenter."""

@@ -185,11 +185,6 @@ class Control:
     kept_position: FloatArray
     kept_loads: FloatArray
 
-    @property
-    def kept(self) -> tuple[FloatArray, FloatArray]:
-        """Of position and loads."""
-        return self.kept_position, self.kept_loads
-
 
 @partial(jax.jit, static_argnums=0)
 def _shear_modulus_slopes(material: Material, theta: Array) -> tuple[Array, Array]:
@@ -294,7 +289,7 @@ class Sensitivity:
 
         At given positions first; then the free components move so that the loads change as prescribed.
         """
-        position, loads = (kept * each for kept, each in zip(control.kept, self._origin, strict=True))
+        position, loads = control.kept_position * self._origin[0], control.kept_loads * self._origin[1]
         free, at = control.free, control.position
         position[:, free] = 0.0
         motions = [motion(at, way) for way in position]

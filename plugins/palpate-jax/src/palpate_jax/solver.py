@@ -166,9 +166,21 @@ class JaxSolver(Solver[JaxSettings]):
                     f"spot '{job.spot}': region '{region}' has no material; give it one in the study"
                 )
             check_reference_state(job.materials[region], job.thetas[region])
-        _check_names(self.settings.mean_dilatation, limb)
+        named = self.settings.mean_dilatation
+        for region in () if isinstance(named, bool) else named:
+            if region not in limb.mesh.regions:
+                raise StudyError(
+                    f"spot '{limb.spot.name}': setting mean_dilatation names region '{region}', and the mesh "
+                    f"has {', '.join(limb.mesh.regions)}; correct the name"
+                )
         if self.settings.fields != "none":
-            _check_folder(self._fields_folder(job))
+            folder = self._fields_folder(job)
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise StudyError(
+                    f"{folder}: fields cannot be written there ({error.strerror}); name another fields_folder"
+                ) from None
 
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Simulate the protocol's path; if it cannot be finished, ``diverged`` with partial curves.
@@ -326,24 +338,6 @@ def _same(one: object, other: object) -> bool:
     if is_dataclass(one) and type(one) is type(other):
         return all(_same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
     return bool(np.array_equal(one, other))  # type: ignore[arg-type]
-
-
-def _check_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StudyError(
-            f"{folder}: fields cannot be written there ({error.strerror}); name another fields_folder"
-        ) from None
-
-
-def _check_names(mean_dilatation: bool | tuple[str, ...], limb: Limb) -> None:
-    for region in () if isinstance(mean_dilatation, bool) else mean_dilatation:
-        if region not in limb.mesh.regions:
-            raise StudyError(
-                f"spot '{limb.spot.name}': setting mean_dilatation names region '{region}', and the mesh has "
-                f"{', '.join(limb.mesh.regions)}; correct the name"
-            )
 
 
 def equilibrium_states(reached: Sequence[LoadStep]) -> EquilibriumStates:
