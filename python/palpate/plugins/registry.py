@@ -304,7 +304,10 @@ def registered(
     registry = Registry()
     registry.register(GROUP, "the core", lambda: importlib.import_module(CORE_PLUGIN))
     points = installed_points() if entry_points else []
-    _check_known(without, points)
+    known = sorted({name for point in points for name in (point.name, owner_of(point))})
+    if unknown := [name for name in without if name not in known]:
+        close = suggestion(unknown[0], known)
+        raise PluginError(f"no plugin '{unknown[0]}' is installed{close}; see `palpate plugins`")
     for point in points:
         if {point.name, owner_of(point)} & set(without):
             continue
@@ -386,15 +389,6 @@ def _source(point: importlib.metadata.EntryPoint) -> str:
     return f"distribution {owner_of(point)}"
 
 
-def _check_known(names: Sequence[str], points: Sequence[importlib.metadata.EntryPoint]) -> None:
-    known = sorted({name for point in points for name in (point.name, owner_of(point))})
-    for name in names:
-        if name not in known:
-            raise PluginError(
-                f"no plugin '{name}' is installed{suggestion(name, known)}; see `palpate plugins`"
-            )
-
-
 def _single(kind: str, point: importlib.metadata.EntryPoint) -> Any:  # noqa: ANN401 -- any entry
     """Import the one component, or value, of an entry point."""
     group = f"{GROUP}.{kind}"
@@ -410,13 +404,13 @@ def _single(kind: str, point: importlib.metadata.EntryPoint) -> Any:  # noqa: AN
 def _check_version(plugin: object) -> None:
     """Refuse a plugin that needs names or meanings which this version of :mod:`palpate.api` lacks.
 
-    It says so in its module, or in a package around that.
+    The plugin's own ``palpate_api`` counts, else that of its module, else that of the packages around it.
     """
     parts = str(getattr(plugin, "__module__", None) or getattr(plugin, "__name__", "")).split(".")
     around = (sys.modules.get(".".join(parts[:n])) for n in range(len(parts), 0, -1))
-    stated = (vars(place).get("palpate_api") for place in (plugin, *around) if isinstance(place, ModuleType))
-    # A module of that name is none.
-    needed = next((each for each in stated if each and not isinstance(each, ModuleType)), API_VERSION)
+    stated = (getattr(place, "palpate_api", None) for place in (plugin, *around))
+    # A module of that name is no version.
+    needed = next((each for each in stated if not isinstance(each, ModuleType | None)), API_VERSION)
     try:
         major, minor = map(int, needed)
     except (TypeError, ValueError):

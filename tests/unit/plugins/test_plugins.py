@@ -3,11 +3,12 @@
 import importlib
 import importlib.metadata
 import pickle
+import re
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
 
 import pytest
 import typer
@@ -357,6 +358,29 @@ def test_a_package_says_for_all_its_modules_what_they_need(
     module = importlib.import_module("palpate_vermat.parts")
     with pytest.raises(PluginError, match=r"needs version 9\.0 of palpate\.api"):
         registry._check_version(module)
+    module.palpate_api = ModuleType("palpate_api")
+    with pytest.raises(PluginError, match=r"needs version 9\.0 of palpate\.api"):
+        registry._check_version(module)
+    module.palpate_api = (1, 0)
+    registry._check_version(module)
+
+
+@pytest.mark.parametrize("stated", [0, (), "", False])
+def test_an_empty_version_is_refused(write: Write, stated: object) -> None:
+    module = load_file(write("empty", f"palpate_api = {stated!r}\n" + SAMPLER.format(name="x")))
+    with pytest.raises(
+        PluginError, match=re.escape(f"palpate_api = {stated!r}; give major and minor version")
+    ):
+        registry._check_version(module)
+
+
+def test_an_object_states_its_version_before_its_module() -> None:
+    class Hooks:
+        palpate_api = (9, 0)
+
+    for plugin in (Hooks, Hooks(), SimpleNamespace(palpate_api=(9, 0))):
+        with pytest.raises(PluginError, match=r"needs version 9\.0 of palpate\.api"):
+            registry._check_version(plugin)
 
 
 def test_modules_are_kept_when_files_are_added(write: Write) -> None:
