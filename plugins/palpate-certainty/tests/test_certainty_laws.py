@@ -8,7 +8,7 @@ from scipy.stats import binom, chi2
 
 from palpate_certainty.adequacy import checks, misfits
 from palpate_certainty.laplace import Laplace, laplace, scores_of
-from palpate_certainty.noise_model import ResidualLayout, estimate, excess, grouped, groups_of
+from palpate_certainty.noise_model import COMMON, ResidualLayout, estimate, excess, grouped, groups_of
 from palpate_certainty.tables import parameter_combinations
 
 seeds = st.integers(0, 2**32 - 1)
@@ -343,3 +343,23 @@ def test_directions_come_by_how_well_they_are_known(seed):
     found = parameter_combinations(("a", "b", "c"), np.ones(3), np.ones(3), root @ root.T + 1e-6 * np.eye(3))
     assert len(found) == 3
     assert found[0].relative_width <= found[-1].relative_width * 3.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("share", "low", "high"), [(0.0, 0.0, 0.3), (1.0, 0.7, 1.0)])
+def test_what_the_discrepancies_of_sites_have_in_common_is_found(share, low, high):
+    rows, jacobian = press(n_spots=5, n=12)
+    rng, found = np.random.default_rng(5), []
+    covariance = sum(1e-6 * rows.noise(c, 0.0) + 1e-4 * rows.discrepancy(c, 0.35, share) for c in (0, 1))
+    for _ in range(6):
+        residuals = fitted(drawn(rng, covariance), jacobian)
+        known, free = np.zeros((len(residuals), 1)), null_space(jacobian.T)
+        found.append(estimate(residuals, free, known, rows, expected=0.005))
+    assert low <= np.median([each.common for each in found]) <= high
+
+
+def test_two_sites_do_not_tell_what_they_have_in_common():
+    rows, jacobian = press(n_spots=2, n=12)
+    residuals = fitted(np.random.default_rng(6).normal(size=len(rows.spot)), jacobian)
+    known, free = np.zeros((len(residuals), 1)), null_space(jacobian.T)
+    assert estimate(residuals, free, known, rows, expected=0.005).common == COMMON

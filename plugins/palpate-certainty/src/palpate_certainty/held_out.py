@@ -107,7 +107,13 @@ def _errors_without(assessed: Assessed, kept: BoolArray, expected: float) -> tup
     residuals, free = model.residuals[kept], null_space(model.jacobian[kept].T)
     known = np.concatenate(list(model.known.values()), axis=1)[kept]
     errors = estimate(
-        residuals, free, known, rows, expected=expected, lengths=tuple(assessed.errors.of_lengths)
+        residuals,
+        free,
+        known,
+        rows,
+        expected=expected,
+        lengths=tuple(assessed.errors.of_lengths),
+        common=assessed.errors.common,
     )
     noise, discrepancy = errors.covariances(rows)
     return errors, excess(residuals, free, known, noise + discrepancy)

@@ -19,7 +19,13 @@ from palpate.api import BoolArray, FloatArray, IntArray
 from palpate.api.fit import SpotTerm, channel_of, pieces
 
 COMMON = 0.5
-"""Share of a discrepancy's variance that all spots have in common."""
+"""Share of a discrepancy's variance that all spots have in common, where too few of them tell."""
+
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Shares among which that is averaged: of a wrong law it is 1, of wrong anatomy 0."""
+
+ENOUGH_SITES = 3
+"""Places that tell what they have in common."""
 
 LONGEST_NOISE = 0.1
 """Longest correlation of noise, in ranges of the abscissa."""
@@ -84,10 +90,13 @@ class ResidualLayout:
         covariance: FloatArray = same * along * np.outer(self.scale, self.scale)
         return covariance
 
-    def discrepancy(self, channel: int, length: float) -> FloatArray:
-        """Covariance (n, n) of a discrepancy of size 1 over the largest ordinate in a channel."""
+    def discrepancy(self, channel: int, length: float, common: float = COMMON) -> FloatArray:
+        """Covariance (n, n) of a discrepancy of size 1 over the largest ordinate in a channel.
+
+        All sites have the share ``common`` of its variance in common.
+        """
         along = matern(np.abs(self.path[:, None] - self.path) / length)
-        same = np.where(self.site[:, None] == self.site, 1.0, COMMON) * self._both(channel)
+        same = np.where(self.site[:, None] == self.site, 1.0, common) * self._both(channel)
         covariance: FloatArray = same * along * np.outer(self.envelope, self.envelope)
         return covariance
 
@@ -171,6 +180,9 @@ LENGTHS = (0.15, 0.35, 0.8)
 
 PAIRS = tuple(product(POINTS, LENGTHS))
 
+LEAST = 0.02
+"""Probability below which a pair of lengths is left out."""
+
 LEAST_NOISE = 1e-5
 """Least noise, over the largest ordinate: simulated curves are not exact."""
 
@@ -192,10 +204,13 @@ class NoiseModel:
         the channel, over the square of the largest ordinate, times the probability of the pair.
     correlations : mapping of (points, length) to float
         Probability of each pair.
+    common : float
+        Share of the discrepancy's variance that all sites have in common.
     """
 
     of_lengths: Mapping[tuple[float, float], tuple[Mapping[int, float], Mapping[int, float]]]
     correlations: Mapping[tuple[float, float], float]
+    common: float = COMMON
 
     @property
     def noise(self) -> dict[int, float]:
@@ -217,7 +232,7 @@ class NoiseModel:
         for (points, length), (of_noise, of_discrepancy) in self.of_lengths.items():
             for channel in rows.channels:
                 noise += of_noise[channel] * rows.noise(channel, points)
-                discrepancy += of_discrepancy[channel] * rows.discrepancy(channel, length)
+                discrepancy += of_discrepancy[channel] * rows.discrepancy(channel, length, self.common)
         return noise, discrepancy
 
 
@@ -239,6 +254,7 @@ def estimate(
     *,
     expected: float,
     lengths: Sequence[tuple[float, float]] = PAIRS,
+    common: float | None = None,
 ) -> NoiseModel:
     """Estimate noise and discrepancy from the residuals of a fit.
 
@@ -254,15 +270,25 @@ def estimate(
         Discrepancy that models usually have, over the largest ordinate.
     lengths : sequence of (points, length)
         Pairs of correlation lengths that are tried.
+    common : float, optional
+        Share of the discrepancy's variance that all sites have in common; by default found from three sites
+        on, for the most likely lengths, as a mean over :data:`SHARES`.
     """
     channels = rows.channels
-    modes = list(_modes(residuals, free, known, rows, expected, lengths))
-    best = max(mode.value for mode in modes)
-    weights = np.exp(np.array([mode.value for mode in modes]) - best)
-    weights /= weights.sum()
+
+    def tried(pairs: Sequence[tuple[float, float]], share: float) -> tuple[list[_Mode], FloatArray]:
+        modes = list(_modes(residuals, free, known, rows, expected, pairs, share))
+        return modes, _probabilities(modes)
+
+    modes, weights = tried(lengths, COMMON if common is None else common)
+    n_sites = np.unique(rows.site[rows.channel >= 0]).size
+    if common is None and n_sites >= ENOUGH_SITES:
+        best = [modes[int(np.argmax(weights))].lengths]
+        common = float(_probabilities([tried(best, share)[0][0] for share in SHARES]) @ SHARES)
+        modes, weights = tried([m.lengths for m, w in zip(modes, weights, strict=True) if w > LEAST], common)
     k, of_lengths, likely = len(channels), {}, {}
     for weight, mode in zip(weights, modes, strict=True):
-        if weight < 0.02:
+        if weight < LEAST:
             continue
         squares = mode.squares.copy()
         for i in range(k):
@@ -273,7 +299,15 @@ def estimate(
     return NoiseModel(
         of_lengths=of_lengths,
         correlations={lengths: weight / sum(likely.values()) for lengths, weight in likely.items()},
+        common=COMMON if common is None else common,
     )
+
+
+def _probabilities(modes: Sequence["_Mode"]) -> FloatArray:
+    """Probabilities (n,) of modes by their likelihoods."""
+    values = np.array([mode.value for mode in modes])
+    weights = np.exp(values - values.max())
+    return np.asarray(weights / weights.sum())
 
 
 def excess(residuals: FloatArray, free: FloatArray, known: FloatArray, rest: FloatArray) -> float:
@@ -307,12 +341,13 @@ def _modes(
     rows: ResidualLayout,
     expected: float,
     lengths: Sequence[tuple[float, float]],
+    common: float,
 ) -> Iterator[_Mode]:
     channels = rows.channels
     fixed = projection.T @ known
     of_noise, of_discrepancy = map(set, zip(*lengths, strict=True))
     noises = {points: [rows.noise(c, points) for c in channels] for points in of_noise}
-    others = {length: [rows.discrepancy(c, length) for c in channels] for length in of_discrepancy}
+    others = {length: [rows.discrepancy(c, length, common) for c in channels] for length in of_discrepancy}
     free = projection.T @ residuals
     seen = {
         id(part): projection.T @ part @ projection

@@ -37,12 +37,15 @@ class ErrorSizes:
         :class:`~palpate_certainty.noise_model.NoiseModel`.
     usual : float
         Both of a channel that no press has shown so far.
+    common : float
+        Share of a discrepancy's variance that all sites have in common.
     """
 
     noise: Mapping[str, float]
     discrepancy: Mapping[str, float]
     correlations: Mapping[tuple[float, float], float] = field(default_factory=lambda: {(0.0, 0.35): 1.0})
     usual: float = 0.005
+    common: float = COMMON
 
     def marginal(self, i: int) -> dict[float, float]:
         """Probability of each correlation length: of noise (0) or of the discrepancy (1)."""
@@ -206,8 +209,8 @@ def _left_out(
             part = np.zeros((inside.size, along.shape[1]))
             part[inside] = size * rows.envelope[inside][:, None] * along
             name = f"model {channel} {length:g}"
-            found[name] = np.sqrt(COMMON) * part
-            found[f"{name} {site}"] = np.sqrt(1.0 - COMMON) * part
+            found[name] = np.sqrt(errors.common) * part
+            found[f"{name} {site}"] = np.sqrt(1.0 - errors.common) * part
     return found
 
 

@@ -193,6 +193,7 @@ class PlanningStage:
             discrepancy={channels[i]: size for i, size in found.discrepancy.items()},
             correlations=found.correlations,
             usual=self.study.budget.discrepancy,
+            common=found.common,
         )
         return DesignProblem(
             study=self.study,
