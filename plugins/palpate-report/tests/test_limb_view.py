@@ -10,7 +10,7 @@ from palpate.domain import Limb, Mesh, Spot
 from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
 from palpate.stages import pipeline
-from palpate_report.limb_view import ViewPart, limb_view
+from palpate_report.limb_view import ViewPart, limb_view, traces
 
 
 def enclosed(parts: list[ViewPart]) -> float:
@@ -25,14 +25,14 @@ def test_the_outer_parts_enclose_a_mesh_of_any_elements(kind: str) -> None:
     limb = block(kind, n_across=4, n_down=3, layers_mm={"skin": 6.0})
     view = limb_view(limb)
     points = limb.mesh.points_mm
-    outer = [part for part in view.parts if part.role != "interface"]
+    outer = [part for part in view if part.role != "interface"]
     assert enclosed(outer) == pytest.approx(np.prod(np.ptp(points, axis=0)))
     assert {part.region for part in outer} == {"skin", "soft_tissue"}
 
 
 def test_the_spot_s_skin_and_what_is_fixed_are_separate() -> None:
     limb = block("tet10", n_across=4, n_down=3, layers_mm={"skin": 6.0})
-    parts = {(part.name, part.region): part for part in limb_view(limb).parts}
+    parts = {(part.name, part.region): part for part in limb_view(limb)}
     contact, fixed = parts["contact", "skin"], parts["fixed", "soft_tissue"]
     assert (contact.role, fixed.role) == ("contact", "fixed")
     assert np.abs(contact.points_mm[:, 2]).max() == 0.0
@@ -54,7 +54,7 @@ def test_a_bone_is_named_by_its_node_set() -> None:
         regions=mesh.regions,
         node_sets={**mesh.node_sets, "fixed": np.union1d(low, sides), "ulna": low, "cut": sides},
     )
-    parts = {part.name: part for part in limb_view(Limb(spot=limb.spot, mesh=named)).parts}
+    parts = {part.name: part for part in limb_view(Limb(spot=limb.spot, mesh=named))}
     assert parts["ulna"].role == parts["cut"].role == "fixed"
     assert (parts["ulna"].points_mm[:, 2] == mesh.points_mm[:, 2].min()).all()
     assert len(parts["ulna"].triangles) == 2 * 4 * 4
@@ -65,22 +65,21 @@ def test_the_sphere_rests_on_any_spot() -> None:
     spot = Spot(name="p2", position_mm=np.array([3.0, -2.0, 1.0]), normal=np.array([0.6, 0.0, 0.8]))
     mesh = block("tet4", n_across=2, n_down=2).mesh
     view = limb_view(Limb(spot=spot, mesh=mesh), Sphere(radius_mm=7.5))
-    ball = next(part for part in view.parts if part.role == "indenter")
+    ball = next(part for part in view if part.role == "indenter")
     heights = (ball.points_mm - spot.position_mm) @ spot.normal
     assert heights.min() == pytest.approx(0.0, abs=0.05)
     assert enclosed([ball]) == pytest.approx(4.0 / 3.0 * np.pi * 7.5**3, rel=0.02)
-    np.testing.assert_allclose(view.normal_mm[1] - view.normal_mm[0], 22.5 * spot.normal)
-    np.testing.assert_array_equal(view.mark_mm, spot.position_mm)
 
 
 def test_traces_are_plain_values_that_name_points_that_exist() -> None:
-    view = limb_view(block("tet10", n_across=4, n_down=3, layers_mm={"skin": 6.0}), Sphere(radius_mm=7.5))
-    traces = json.loads(json.dumps(view.traces()))
-    assert [trace["type"] for trace in traces[-2:]] == ["scatter3d", "scatter3d"]
-    for trace in traces[:-2]:
+    limb = block("tet10", n_across=4, n_down=3, layers_mm={"skin": 6.0})
+    found = json.loads(json.dumps(traces(limb, limb_view(limb, Sphere(radius_mm=7.5)), 22.5)))
+    mark, normal = ([trace[axis] for axis in "xyz"] for trace in found[-2:])
+    assert (mark, normal) == ([[0.0]] * 3, [[0.0, 0.0], [0.0, 0.0], [0.0, 22.5]])
+    for trace in found[:-2]:
         corners = [*trace["i"], *trace["j"], *trace["k"]]
         assert (min(corners), max(corners)) == (0, len(trace["x"]) - 1)
-    shown = {trace["name"]: trace.get("visible", True) for trace in traces}
+    shown = {trace["name"]: trace.get("visible", True) for trace in found}
     assert shown["skin | soft_tissue (skin)"] == "legendonly"
     assert shown["sphere"] is True
     assert shown["mark block"] is True

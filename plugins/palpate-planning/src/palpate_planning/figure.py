@@ -71,7 +71,7 @@ def _limb(axis: Axes, limb: Limb, colour: object) -> None:
     """The outside of a limb seen along the normal of its spot, which is a dot."""
     spot = limb.spot
     axes = spot_axes(spot.normal, spot.along)
-    parts = [p for p in coarsened(limb_view(limb), MOST_TRIANGLES).parts if p.role in ("contact", "free")]
+    parts = [p for p in coarsened(limb_view(limb), MOST_TRIANGLES) if p.role in ("contact", "free")]
     corners = np.concatenate([part.points_mm[part.triangles] for part in parts])
     seen = (corners - spot.position_mm) @ axes
     normals = np.cross(seen[:, 1] - seen[:, 0], seen[:, 2] - seen[:, 0])

@@ -5,7 +5,7 @@ interface. A face belongs to the smallest node set that holds all of its corners
 that a bone is separate from the other nodes that are held still.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Literal
@@ -53,58 +53,27 @@ class ViewPart:
     triangles: IntArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LimbView:
-    """View of one limb.
-
-    Parameters
-    ----------
-    spot : str
-    parts : tuple of ViewPart
-    mark_mm : (3,) array
-        Position of the spot.
-    normal_mm : (2, 3) array
-        Both ends of an arrow along the outward normal.
-    """
-
-    spot: str
-    parts: tuple[ViewPart, ...]
-    mark_mm: FloatArray
-    normal_mm: FloatArray
-
-    def traces(self) -> list[dict[str, Any]]:
-        """Traces for Plotly as plain values: a ``mesh3d`` of each part, the mark and the normal."""
-        mark, look = self.mark_mm[None], {"size": 5, "color": "#207040"}
-        return [
-            *map(_trace, self.parts),
-            _points(f"mark {self.spot}", mark, "markers") | {"marker": look},
-            _points("normal", self.normal_mm, "lines") | {"line": {"width": 6, "color": "#202020"}},
-        ]
-
-
-def limb_view(limb: Limb, indenter: Indenter | None = None) -> LimbView:
-    """Surfaces of a limb, with its spot.
-
-    Parameters
-    ----------
-    limb : Limb
-    indenter : Indenter, optional
-        Rests on the spot; without it none is shown.
+def limb_view(limb: Limb, indenter: Indenter | None = None) -> tuple[ViewPart, ...]:
+    """Surfaces of a limb, and the indenter at rest on its spot, where one is given.
 
     Raises
     ------
     MeshError
         The mesh has a kind of element that has no known faces.
     """
-    mesh, spot = limb.mesh, limb.spot
-    arrow = 3.0 * indenter.radius_mm if indenter else 0.25 * float(np.ptp(mesh.points_mm, axis=0).max())
-    body = () if indenter is None else (_indenter(spot, indenter),)
-    return LimbView(
-        spot=spot.name,
-        parts=(*_surfaces(mesh), *body),
-        mark_mm=spot.position_mm,
-        normal_mm=np.stack([spot.position_mm, spot.position_mm + arrow * spot.normal]),
-    )
+    body = () if indenter is None else (_indenter(limb.spot, indenter),)
+    return (*_surfaces(limb.mesh), *body)
+
+
+def traces(limb: Limb, parts: Sequence[ViewPart], arrow_mm: float) -> list[dict[str, Any]]:
+    """Traces for Plotly as plain values: a ``mesh3d`` of each part, the spot, and its normal as an arrow."""
+    spot, look = limb.spot, {"size": 5, "color": "#207040"}
+    normal = np.stack([spot.position_mm, spot.position_mm + arrow_mm * spot.normal])
+    return [
+        *map(_trace, parts),
+        _points(f"mark {spot.name}", normal[:1], "markers") | {"marker": look},
+        _points("normal", normal, "lines") | {"line": {"width": 6, "color": "#202020"}},
+    ]
 
 
 def _surfaces(mesh: Mesh) -> Iterator[ViewPart]:

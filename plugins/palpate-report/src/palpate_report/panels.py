@@ -82,9 +82,8 @@ def limbs(data: ReportData) -> Figure:
     for axis, (spot, limb) in zip(axes, found.items(), strict=True):
         protocol = data.study.protocol_at(spot)
         indenter = protocol.indenter if isinstance(protocol, Indentation) else None
-        view = coarsened(limb_view(limb, indenter), MOST_TRIANGLES)
         turned = spot_axes(limb.spot.normal, limb.spot.along)
-        for part in view.parts:
+        for part in coarsened(limb_view(limb, indenter), MOST_TRIANGLES):
             if part.role == "interface":
                 continue
             points = (part.points_mm - limb.spot.position_mm) @ turned

@@ -19,7 +19,7 @@ from palpate.api import (
     convert,
 )
 from palpate.api.mesh import spot_axes
-from palpate_report.limb_view import LimbView, ViewPart, limb_view
+from palpate_report.limb_view import ViewPart, limb_view, traces
 from palpate_report.report_data import ReportData
 
 MOST_BYTES = 300_000
@@ -115,17 +115,19 @@ def scene(limb: Limb, protocol: Protocol | None, most: int) -> list[dict[str, An
         Triangles beyond which parts are made coarser, all to the same size of detail.
     """
     indenter = _indenter(protocol)
-    traces = coarsened(limb_view(limb, indenter), most).traces()
+    size = float(np.ptp(limb.mesh.points_mm, axis=0).max())
+    arrow_mm = 0.25 * size if indenter is None else 3.0 * indenter.radius_mm
+    shown = traces(limb, coarsened(limb_view(limb, indenter), most), arrow_mm)
     if indenter is None or not isinstance(protocol, Indentation):
-        return traces
+        return shown
     name = indenter.name
-    at_rest = next(trace for trace in reversed(traces) if trace["name"] == name)
+    at_rest = next(trace for trace in reversed(shown) if trace["name"] == name)
     pose = protocol.waypoints.pose
     deepest = pose[int(np.argmax(pose[:, 0]))]
     depth = float(deepest[0])
     # The same where it presses deepest; hidden until it is asked for.
     moved = dict(zip("xyz", _moved(limb, np.stack([at_rest[a] for a in "xyz"], 1), deepest), strict=True))
-    return [*traces, at_rest | moved | {"name": f"{name} at {depth:g} mm", "visible": "legendonly"}]
+    return [*shown, at_rest | moved | {"name": f"{name} at {depth:g} mm", "visible": "legendonly"}]
 
 
 def _indenter(protocol: Protocol | None) -> Indenter | None:
@@ -150,17 +152,16 @@ def _moved(limb: Limb, points: FloatArray, pose: FloatArray) -> list[list[float]
     return there
 
 
-def coarsened(view: LimbView, most: int) -> LimbView:
+def coarsened(parts: tuple[ViewPart, ...], most: int) -> tuple[ViewPart, ...]:
     """Merge the points of each part within cells of one size, just as large as is needed.
 
     The indenter, whose triangles are few and do not count, stays what it is.
     """
-    size = 0.0
-    parts = view.parts
-    while sum(len(part.triangles) for part in parts if part.role != "indenter") > max(most, 0):
-        size = 1.3 * size or 0.5 * _mean_edge(view.parts)
-        parts = tuple(_coarser(part, size) for part in view.parts)
-    return replace(view, parts=parts)
+    size, coarse = 0.0, parts
+    while sum(len(part.triangles) for part in coarse if part.role != "indenter") > max(most, 0):
+        size = 1.3 * size or 0.5 * _mean_edge(parts)
+        coarse = tuple(_coarser(part, size) for part in parts)
+    return coarse
 
 
 def _mean_edge(parts: tuple[ViewPart, ...]) -> float:
