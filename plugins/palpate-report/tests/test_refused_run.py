@@ -154,7 +154,7 @@ def test_marks_are_those_of_the_verdict_and_are_explained_once(refused):
     assert tex.count(r"$^{\ddagger}$ at an end of the range") == 1
     assert r"$\mu_{0}$" in tex
     assert "$R^2$" in tex
-    best = Verdicts.of(data).of_fit["p1", "I"]
+    best = Verdicts(data).of_fit["p1", "I"]
     assert f"{best.moduli['soft_tissue'][0]:.3f}" in tex
 
 
@@ -168,7 +168,7 @@ def test_a_set_outside_of_the_interval_has_not_its_word(content):
     above = replace(data, identifiability=known.with_columns(lower=2.0 * row[name], upper=3.0 * row[name]))
     around = replace(data, identifiability=known.with_columns(lower=0.9 * row[name], upper=1.1 * row[name]))
     for each, word in ((around, "well"), (above, "unclear")):
-        assert Verdicts.of(each).at(spot, scenario, name, is_fit=False) == word
+        assert Verdicts(each).at(spot, scenario, name, is_fit=False) == word
         (at,) = (best for best in best_sets(each) if (best.spot, best.scenario) == (spot, scenario))
         assert at.values[0].identifiability == word
 

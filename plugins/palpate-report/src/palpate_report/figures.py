@@ -23,7 +23,6 @@ from palpate_report.best_sets import best_sets
 from palpate_report.headline import failure_of
 from palpate_report.material import material_curves, stress_strain
 from palpate_report.panels import causes, contact, limbs, pressed, pressures, profiles, sobol_indices
-from palpate_report.paper_tables import intervals
 from palpate_report.report_data import ReportData, label_of
 from palpate_report.space import parameter_space
 from palpate_report.style import (
@@ -253,21 +252,22 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 
 def interval_plot(data: ReportData) -> Figure:
     """Fitted parameters with their 95 % intervals by spot and scenario, the joint fit first."""
-    spots = [spot for spot in (ALL_SPOTS, *data.spots) if spot in data.fit.ends["fit"].to_list()]
-    names, ends = list(data.searched.items()), intervals(data)
+    fits = [best for best in best_sets(data) if best.found == "fit"]
+    spots, names = list(dict.fromkeys(best.spot for best in fits)), list(data.searched.items())
     figure = sized(DOUBLE_MM if len(names) > 1 else SINGLE_MM, 14.0 * len(spots) + 36.0)
     axes = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
     scenarios = [s.name for s in data.study.scenarios]
-    for axis, (name, parameter) in zip(axes, names, strict=True):
-        for row in data.fit.ends.iter_rows(named=True):
-            if row.get(name) is None:
+    for k, (axis, (name, parameter)) in enumerate(zip(axes, names, strict=True)):
+        for best in fits:
+            if (found := best.values[k]).value is None:
                 continue
-            i = scenarios.index(row["scenario"])
-            at = spots.index(row["fit"]) + 0.6 * ((i + 0.5) / len(scenarios) - 0.5)
+            i = scenarios.index(best.scenario)
+            at = spots.index(best.spot) + 0.6 * ((i + 0.5) / len(scenarios) - 0.5)
             look = {"color": LINES[i % len(LINES)][0], "marker": MARKERS[i % len(MARKERS)], "markersize": 3.5}
-            if span := ends.get((row["fit"], row["scenario"], name)):
-                axis.plot(span, [at, at], "-|", linewidth=1.0, color=look["color"], markersize=4.0)
-            axis.plot(row[name], at, linestyle="none", label=f"scenario {row['scenario']}", **look)
+            if found.level and found.lower is not None and found.upper is not None:
+                ends = [found.lower, found.upper]
+                axis.plot(ends, [at, at], "-|", linewidth=1.0, color=look["color"], markersize=4.0)
+            axis.plot(found.value, at, linestyle="none", label=f"scenario {best.scenario}", **look)
         if (truth := data.study.truth.get(name)) is not None:
             axis.axvline(truth, color="black", linewidth=0.8, label="known answer")
         if parameter.scale == "log":

@@ -6,7 +6,7 @@ states of a value of another fit; nothing else decides what may be read.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import polars as pl
 
@@ -153,13 +153,11 @@ def r2_by_spot(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, s
                 yield name, spot, r2
 
 
-@dataclass(frozen=True, slots=True)
 class Verdicts:
     """Verdicts on each value of a run, of any fit and of the sweep.
 
-    Parameters
+    Attributes
     ----------
-    data : ReportData
     failure : str
         As :func:`failure_of` returns it.
     of_fit, of_sweep : mapping of (spot, scenario) to Best
@@ -167,24 +165,13 @@ class Verdicts:
         Fits that do not describe their curves.
     """
 
-    data: ReportData
-    failure: str
-    of_fit: Mapping[tuple[str, str], Best]
-    of_sweep: Mapping[tuple[str, str], Best]
-    refused: frozenset[tuple[str, str]]
-
-    @classmethod
-    def of(cls, data: ReportData) -> "Verdicts":
-        """Verdicts on the values of a run."""
+    def __init__(self, data: ReportData) -> None:
         bests = tuple(best_sets(data))
         swept = tuple(best_sets(replace(data, fit=FitResult()))) if not data.fit.table.is_empty() else bests
-        return cls(
-            data=data,
-            failure=failure_of(data, bests),
-            of_fit={(b.spot, b.scenario): b for b in bests if b.found == "fit"},
-            of_sweep={(b.spot, b.scenario): b for b in swept},
-            refused=frozenset((fit, scenario) for fit, scenario, *_ in failed_checks(data)),
-        )
+        self.data, self.failure = data, failure_of(data, bests)
+        self.of_fit = {(b.spot, b.scenario): b for b in bests if b.found == "fit"}
+        self.of_sweep = {(b.spot, b.scenario): b for b in swept}
+        self.refused = {(fit, scenario) for fit, scenario, *_ in failed_checks(data)}
 
     def at(self, spot: str, scenario: str, name: str, *, is_fit: bool, word: str | None = None) -> str:
         """Verdict on a parameter (full name) by what was found at a spot.
@@ -223,7 +210,7 @@ OF_SETS = ("table1_coefficients", "identifiability", "distance_to_truth", "gener
 
 def with_verdicts(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> dict[str, pl.DataFrame]:
     """Tables with a column ``verdict`` where they have values of parameters, and words in full."""
-    verdicts, in_full = Verdicts.of(data), pl.col("^identifiability$").replace("not", NOT)
+    verdicts, in_full = Verdicts(data), pl.col("^identifiability$").replace("not", NOT)
     return {
         name: table.with_columns(in_full)
         if name not in (*OF_FITS, *OF_SETS)

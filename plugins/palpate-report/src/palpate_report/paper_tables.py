@@ -13,16 +13,6 @@ from palpate_report.report_data import ReportData
 from palpate_report.table_files import escaped, head, number, power_of_ten, row, tabular
 from palpate_report.tables import weighted_channels
 
-Ends = tuple[float, float]
-
-
-def intervals(data: ReportData) -> dict[tuple[str, str, str], Ends]:
-    """Ends of the 95 % intervals by fit, scenario and full name of the parameter."""
-    return {
-        (r["fit"], r["scenario"], r["parameter"]): (r["lower"], r["upper"])
-        for r in data.fit.certainty.intervals.iter_rows(named=True)
-    }
-
 
 def materials_of(data: ReportData) -> str:
     """Materials that are searched, each with its region where there are several."""
@@ -62,7 +52,7 @@ class _Block:
 
     @cached_property
     def verdicts(self) -> Verdicts:
-        return Verdicts.of(self.data)
+        return Verdicts(self.data)
 
     @cached_property
     def cells(self) -> dict[tuple[str, str], dict[str, Headline]]:
