@@ -95,8 +95,7 @@ def _causes(data: ReportData) -> str:
         f"{CAUSES.get(row['cause'], row['cause'])} ({100.0 * row['share']:.0f} %)"
         for row in causes.iter_rows(named=True)
     )
-    brief = data.searched[name].name if name in data.searched else name
-    return f"widest for {brief}, mostly by {shares}"
+    return f"widest for {data.brief_name(name)}, mostly by {shares}"
 
 
 COLOURS = (

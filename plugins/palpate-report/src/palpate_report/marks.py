@@ -16,6 +16,11 @@ def with_minus(text: str) -> str:
     return re.sub(r"(?<![\w.-])-(?=\d)", "−", text)
 
 
+def with_unit(text: str, unit: str) -> str:
+    """A number and its unit, if it has one."""
+    return text if unit in ("", "1") else f"{text} {unit}"
+
+
 def rounded(value: float, lower: float | None = None, upper: float | None = None) -> str:
     """Text of a value, with two digits of the width of its interval; with three digits where it has none."""
     width = 0.0 if lower is None or upper is None else upper - lower
@@ -128,7 +133,6 @@ class Headline:
         return f"{lower} to {upper}"
 
     def __str__(self) -> str:
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        value = self.text if self.value is None else f"= {self.text}{unit}"
+        value = self.text if self.value is None else f"= {with_unit(self.text, self.unit)}"
         known = ", ".join(text for text in (self.interval, self.verdict) if text)
         return f"{self.parameter} {value}" + (f" ({known})" if known else "")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from palpate.api import Indentation, convert
 from palpate_report.headline import NO_PARAMETERS
-from palpate_report.marks import Headline, with_minus
+from palpate_report.marks import Headline, with_minus, with_unit
 from palpate_report.next_step import CAUSES
 from palpate_report.report_data import ReportData
 
@@ -93,8 +93,7 @@ def _materials(data: ReportData) -> Iterator[str]:
             f"{f', with {fixed} fixed' if fixed else ''}{f', {tied} tied' if tied else ''}."
         )
     ranges = (
-        f"{p.name} from {p.lower:.4g} to {p.upper:.4g}{'' if p.unit in ('', '1') else f' {p.unit}'}"
-        for p in data.searched.values()
+        with_unit(f"{p.name} from {p.lower:.4g} to {p.upper:.4g}", p.unit) for p in data.searched.values()
     )
     yield f"Searched were {', '.join(ranges)}."
 
@@ -103,7 +102,7 @@ def _shown(data: ReportData, value: float, unit: str) -> str:
     """Value as text, in the unit of the moduli where it is one."""
     if unit == "MPa":
         return f"{convert(f'{value} MPa', data.modulus_unit):.4g} {data.modulus_unit}"
-    return f"{value:.4g}{'' if unit in ('', '1') else f' {unit}'}"
+    return with_unit(f"{value:.4g}", unit)
 
 
 def _search(data: ReportData) -> Iterator[str]:

@@ -16,6 +16,7 @@ from palpate.api.runs import (
     unranked,
 )
 from palpate_report.best_sets import Best
+from palpate_report.marks import with_unit
 from palpate_report.report_data import ReportData
 from palpate_report.tables import cost_of_one_set, finding
 
@@ -100,12 +101,9 @@ def report_warnings(
     yield from _about_posterior(data)
     yield from _about_meshes(data)
     yield from _about_ends([best for best in bests if best not in leading], "Other")
-    yield from _about_searches(data)
-    yield from _about_comparisons(data)
-    yield from _about_sweep(data)
+    yield from _about_simulations(data)
     yield from _about_coarseness(data, bests)
-    yield from _about_measured(data)
-    yield from _about_trust(data)
+    yield from _about_origins(data)
     if sentence := finding(tables):
         what, _, why = sentence.partition(": ")
         yield ReportWarning(what, why[:1].upper() + why[1:])
@@ -215,7 +213,7 @@ def _about_meshes(data: ReportData) -> Iterator[ReportWarning]:
         )
 
 
-def _about_measured(data: ReportData) -> Iterator[ReportWarning]:
+def _about_origins(data: ReportData) -> Iterator[ReportWarning]:
     yield from _listed("Something is odd about the measured curves", measured_warnings(data.measured))
     curves = [curve for response in data.measured.values() for curve in response.curves.values()]
     if not data.notice and all(curve.std is None for curve in curves):
@@ -223,6 +221,12 @@ def _about_measured(data: ReportData) -> Iterator[ReportWarning]:
             "No spread was measured",
             "Without repeated presses nothing is known of how much another press would differ from these "
             "curves; the intervals rest on the misfit alone.",
+        )
+    if names := list(data.manifest.get("trusted", {})):
+        yield ReportWarning(
+            f"Results of earlier code are accepted: {', '.join(names)}",
+            "Simulations of the sweep were made with other code than the local search and the verification. "
+            "Run in a new folder to have all of the same code.",
         )
 
 
@@ -233,7 +237,7 @@ def _about_disagreement(data: ReportData) -> Iterator[ReportWarning]:
     for (first, second), rows in data.disagreements.group_by("first", "second", maintain_order=True):
         values = [
             f"{data.brief[row['parameter']].name} at {row['spot']}: {row['first_optimum']:.4g} by {first}, "
-            f"{row['second_optimum']:.4g} by {second}{'' if row['unit'] == '1' else ' ' + row['unit']}"
+            + with_unit(f"{row['second_optimum']:.4g} by {second}", row["unit"])
             for row in rows.drop_nulls("parameter").iter_rows(named=True)
         ]
         yield from _listed(
@@ -255,15 +259,6 @@ def _about_ends(bests: Sequence[Best], whose: str) -> Iterator[ReportWarning]:
         ],
         "Widen the range: the minimum may be outside.",
     )
-
-
-def _about_trust(data: ReportData) -> Iterator[ReportWarning]:
-    if names := list(data.manifest.get("trusted", {})):
-        yield ReportWarning(
-            f"Results of earlier code are accepted: {', '.join(names)}",
-            "Simulations of the sweep were made with other code than the local search and the verification. "
-            "Run in a new folder to have all of the same code.",
-        )
 
 
 def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
@@ -344,16 +339,6 @@ def _about_one_set(data: ReportData) -> Iterator[ReportWarning]:
         )
 
 
-def _about_sweep(data: ReportData) -> Iterator[ReportWarning]:
-    n_parameters = len(data.design.parameters)
-    n_sets = min(data.completeness.simulated.values())
-    if n_sets < FEW_SETS * n_parameters and data.fit.table.is_empty():
-        yield ReportWarning(
-            f"A thin sweep: {n_sets} sets for {n_parameters} parameters",
-            "The best set is the best of few; raise n_sets, or name a search under [fit].",
-        )
-
-
 def _about_coarseness(data: ReportData, bests: Sequence[Best]) -> Iterator[ReportWarning]:
     return _listed(
         "The optimum is between the sampled sets",
@@ -381,7 +366,7 @@ def _about_failures(data: ReportData) -> Iterator[ReportWarning]:
         )
 
 
-def _about_searches(data: ReportData) -> Iterator[ReportWarning]:
+def _about_simulations(data: ReportData) -> Iterator[ReportWarning]:
     messages = (part for row in data.fit.ends.iter_rows(named=True) for part in row["message"].split("; "))
     known = (m for m in messages if m not in ("converged", UNSETTLED) and not m.startswith(UNSEEN))
     yield from _listed("Not every search converged", dict.fromkeys(known))
@@ -390,13 +375,16 @@ def _about_searches(data: ReportData) -> Iterator[ReportWarning]:
         f"{len(failed)} of {len(data.verification)} selected sets failed verification",
         [f"{row['spot']}, set {row['set_id']}: {row['message']}" for row in failed],
     )
-
-
-def _about_comparisons(data: ReportData) -> Iterator[ReportWarning]:
     for file, comparison in data.comparisons.items():
         if not isinstance(comparison, Mapping) or comparison.get("passed") is not True:
             why = f"See the rows of {file} under provenance."
             yield ReportWarning("The solvers were not found to agree", why)
+    n_parameters, n_sets = len(data.design.parameters), min(data.completeness.simulated.values())
+    if n_sets < FEW_SETS * n_parameters and data.fit.table.is_empty():
+        yield ReportWarning(
+            f"A thin sweep: {n_sets} sets for {n_parameters} parameters",
+            "The best set is the best of few; raise n_sets, or name a search under [fit].",
+        )
 
 
 def _about_conventions(data: ReportData) -> Iterator[ReportWarning]:

@@ -13,7 +13,7 @@ from palpate.api.report import ReportWarning, Section, is_own
 from palpate.api.runs import Study, answering_for
 from palpate_report.best_sets import Best, best_sets, leading
 from palpate_report.headline import failure_of, headlines, known_answer, moduli
-from palpate_report.marks import Headline
+from palpate_report.marks import Headline, with_unit
 from palpate_report.methods import methods
 from palpate_report.next_step import next_step
 from palpate_report.report_data import ReportData, label_of
@@ -239,11 +239,7 @@ def _lead(data: ReportData, bests: Sequence[Best]) -> tuple[str, list[str], str]
 
 
 def _equation(name: str, value: float | None, unit: str) -> str:
-    return f"{name} by spot" if value is None else f"{name} = {value:.4g}{_unit(unit)}"
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else f" {unit}"
+    return f"{name} by spot" if value is None else f"{name} = {with_unit(f'{value:.4g}', unit)}"
 
 
 def _spent(data: ReportData) -> str:
@@ -264,9 +260,9 @@ def _identified(data: ReportData, found: Sequence[Headline]) -> Iterator[str]:
         return
     for each in found:
         value = "by spot" if each.value is None else f"{each.value:.4g}"
-        unit = _unit(each.unit)
-        ends = "" if each.lower is None else f", 95 % interval {each.lower:.4g} to {each.upper:.4g}{unit}"
-        yield f"{each.parameter}: {value}{unit}{ends}; {_phrase(each.identifiability)}."
+        ends = "" if each.lower is None else with_unit(f"{each.lower:.4g} to {each.upper:.4g}", each.unit)
+        known = with_unit(value, each.unit) + (f", 95 % interval {ends}" if ends else "")
+        yield f"{each.parameter}: {known}; {_phrase(each.identifiability)}."
 
 
 def _by_sweep(data: ReportData, parameter: str) -> str:
@@ -295,11 +291,12 @@ def _together(data: ReportData, parameter: str) -> str:
     rows = data.identified(together=True).filter(parameter=parameter).drop_nulls("lower")
     if rows.is_empty():
         return ""
-    row, unit, where = rows.row(0, named=True), _unit(data.brief[parameter].unit), ""
-    best = f"{row['value']:.4g}{unit}" if data.is_fitted else f"fitted optimum {row['optimum']:.4g}{unit}"
+    row, unit, where = rows.row(0, named=True), data.brief[parameter].unit, ""
+    of, best = ("", row["value"]) if data.is_fitted else ("fitted optimum ", row["optimum"])
     if len(data.spots) > 1:
         where = f"{_phrase(row['identifiability'])} by all spots together; spot by spot: "
-    return f"{best}, {row['lower']:.4g} to {row['upper']:.4g}{unit} fits about as well; {where}"
+    ends = with_unit(f"{row['lower']:.4g} to {row['upper']:.4g}", unit)
+    return f"{of}{with_unit(f'{best:.4g}', unit)}, {ends} fits about as well; {where}"
 
 
 def _phrase(word: str) -> str:

@@ -7,10 +7,10 @@ from palpate.api import Parameter
 from palpate.api.fit import share_of_range
 from palpate.api.report import Bar, Block, Fold, Listing, Paragraph, Section, Shares, Table, Word
 from palpate_report.answer import budget_bars
-from palpate_report.marks import verdict_of
+from palpate_report.marks import verdict_of, with_unit
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
-from palpate_report.sections.tables import picture, table
+from palpate_report.sections.tables import picture, tables
 
 
 class Certainty(Section):
@@ -33,12 +33,11 @@ class Certainty(Section):
             ["parameter", "causes"],
             [[n, Shares(parts)] for n, parts in bars],
         )
-        yield from table(report, "inadequate")
-        every = [t for name in ("intervals", "parameter_combinations", "budget") for t in table(report, name)]
-        yield Fold("Every interval, combinations that are known better, and every cause", every)
+        yield from tables(report, "inadequate")
+        every = tables(report, "intervals", "parameter_combinations", "budget")
+        yield Fold("Every interval, combinations that are known better, and every cause", list(every))
         if "posterior" in report.tables:
-            names = ("posterior", "profile_ends", "volumes", "emulator")
-            found = [t for name in names for t in table(report, name)]
+            found = tables(report, "posterior", "profile_ends", "volumes", "emulator")
             if not data.posterior.sobol_indices.is_empty():
                 yield Paragraph(
                     "Which parameter rules the curves where: its share of the variance over the ranges by "
@@ -109,14 +108,13 @@ def _table(caption: str, rows: list[dict[str, Any]], *, words: bool) -> Table:
 
 
 def _cells(row: Mapping[str, Any]) -> list[Any]:
-    unit = "" if row["unit"] == "1" else f" {row['unit']}"
     other, correlation = row["most_correlated_with"], row["correlation"]
     return [
         row["name"],
         row["spot"],
         row["scenario"],
         row["bar"],
-        f"{row['value']:.4g}{unit}",
+        with_unit(f"{row['value']:.4g}", row["unit"]),
         row["optimum"],
         None if row["lower"] is None else f"{row['lower']:.4g} to {row['upper']:.4g}",
         None if not other or correlation is None else f"{other} ({correlation:.2f})",

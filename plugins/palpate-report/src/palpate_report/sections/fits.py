@@ -24,7 +24,8 @@ from palpate_report.marks import Headline
 from palpate_report.material import material_curves, rows_of
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
-from palpate_report.sections.tables import picture, table
+from palpate_report.sections.tables import picture, tables
+from palpate_report.tables import TITLES, printed
 
 
 class Curves(Section):
@@ -85,7 +86,7 @@ class Values(Section):
         else:
             yield _every(data, report)
         if "distance_to_truth" in report.tables:
-            yield Fold("Distance to the known answer", list(table(report, "distance_to_truth")))
+            yield Fold("Distance to the known answer", list(tables(report, "distance_to_truth")))
 
 
 class Fits(Section):
@@ -104,9 +105,9 @@ class Fits(Section):
                 "to meshes without error."
             )
             rows = report.tables["fit_mesh"].filter(scenario=data.generalising.name)
-            yield from table(report, "fit_mesh", rows)
-        yield from table(report, "table2_fit")
-        yield Fold("Every fit", list(table(report, "fit")))
+            yield Table.of(TITLES["fit_mesh"], printed("fit_mesh", rows))
+        yield from tables(report, "table2_fit")
+        yield Fold("Every fit", list(tables(report, "fit")))
 
 
 class MaterialItself(Section):

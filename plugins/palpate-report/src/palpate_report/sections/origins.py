@@ -20,7 +20,7 @@ from palpate.api.report import (
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
 from palpate_report.scene import deepest
-from palpate_report.sections.tables import picture, table
+from palpate_report.sections.tables import picture, tables
 from palpate_report.table_files import shown
 
 
@@ -155,7 +155,7 @@ class Provenance(Section):
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show the manifest."""
         yield Paragraph("What every number of this page depended on.")
-        if found := [t for name in ("table1_fit", "table1_coefficients") for t in table(report, name)]:
+        if found := list(tables(report, "table1_fit", "table1_coefficients")):
             yield Fold("Coefficients, each in its convention", found)
         for name, comparison in data.comparisons.items():
             yield from _comparison(name, comparison if isinstance(comparison, Mapping) else {})

@@ -6,7 +6,7 @@ from palpate.api.report import Block, Drawing, Paragraph, Section, Table
 from palpate_report.contours import planes_of
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
-from palpate_report.sections.tables import picture, table
+from palpate_report.sections.tables import picture, tables
 from palpate_report.tables import TITLES
 
 
@@ -50,7 +50,7 @@ class Distribution(Section):
                 "nmse_distribution",
                 "Fopt of every set by spot; the least is in the table",
             )
-            yield from table(report, "table2_nmse")
+            yield from tables(report, "table2_nmse")
 
 
 class OtherChannels(Section):
@@ -62,8 +62,7 @@ class OtherChannels(Section):
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show what each fit misses."""
         yield Paragraph("What a fit to some channels misses in the others, such as a fit to force in torque.")
-        yield from table(report, "unfitted_channels")
-        yield from table(report, "cross_channel")
+        yield from tables(report, "unfitted_channels", "cross_channel")
 
 
 class Generalisation(Section):
@@ -80,8 +79,7 @@ class Generalisation(Section):
             "The set of the sweep with the least mean Fopt over all spots, and how much worse it fits each "
             "than the best set there."
         )
-        yield from table(report, "generalised")
-        yield from table(report, "cost_of_one_set")
+        yield from tables(report, "generalised", "cost_of_one_set")
 
 
 class Convergence(Section):
@@ -96,5 +94,4 @@ class Convergence(Section):
             yield Table.of(TITLES["convergence"], data.convergence)
         if "failures" not in report.tables and data.design.n_sets:
             yield Paragraph("All simulated sets could be ranked.")
-        for name in ("failures", "verification"):
-            yield from table(report, name)
+        yield from tables(report, "failures", "verification")

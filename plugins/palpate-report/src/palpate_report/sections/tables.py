@@ -2,18 +2,16 @@
 
 from collections.abc import Iterator
 
-import polars as pl
-
 from palpate.api.report import Picture, Table
 from palpate_report.result import Report
 from palpate_report.tables import TITLES, printed
 
 
-def table(report: Report, name: str, frame: pl.DataFrame | None = None) -> Iterator[Table]:
-    """Show a table of the report by its name, where it is there, or rows in its place."""
-    frame = report.tables.get(name) if frame is None else frame
-    if frame is not None:
-        yield Table.of(TITLES[name], printed(name, frame))
+def tables(report: Report, *names: str) -> Iterator[Table]:
+    """Show tables of the report by their names, those that are there."""
+    for name in names:
+        if name in report.tables:
+            yield Table.of(TITLES[name], printed(name, report.tables[name]))
 
 
 def picture(report: Report, name: str, label: str) -> Iterator[Picture]:
