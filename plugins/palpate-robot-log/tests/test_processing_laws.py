@@ -273,7 +273,6 @@ def test_thinning_averages_rows_and_loses_nothing_of_the_figures():
         {"normal": {"method": "tool_axis"}},
         {"onset": {"method": "given", "time": "0.5 s"}},
         {"gravity": {"method": "off"}},
-        {"frame": {"transport": False}},
         {"relaxation": {"enabled": False}},
         {"spikes": {"enabled": False}},
     ],

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from palpate.errors import CurveError
@@ -75,11 +74,6 @@ def test_the_lateral_force_is_that_along_the_first_stroke(angle_deg):
 def test_without_the_switch_the_path_gives_no_normal():
     with pytest.raises(CurveError, match=r"give slide\.enabled"):
         process(slid()[0], ProcessingSettings())
-
-
-def test_a_slide_needs_the_frame_of_the_spot():
-    with pytest.raises(ValidationError, match=r"slide\.enabled with frame\.rotate = false"):
-        ProcessingSettings.model_validate({"slide": {"enabled": True}, "frame": {"rotate": False}})
 
 
 @pytest.mark.parametrize(

@@ -193,13 +193,9 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
         slide = find_slide(raw, motion, located.strokes, normal.vector)
         located = replace(located, strokes=replace(located.strokes, slides=slide.strokes))
     tared, free, tool, drift, bias = _cleaned(located, settings)
-    if settings.frame.rotate:
-        # About the tip itself where it leaves the contact axis.
-        spot = motion.origin_mm if slide is None else tared.position_mm
-        tip, transport = np.array(settings.frame.sensor_to_tip), settings.frame.transport
-        wrench = wrench_at_spot(tared, spot, normal.vector, tip, transport=transport)
-    else:  # the sensor's axes are the spot's already
-        wrench = SpotWrench(force_N=tared.force_N, moment_Nmm=tared.moment_Nmm)
+    # About the tip itself where it leaves the contact axis.
+    spot = motion.origin_mm if slide is None else tared.position_mm
+    wrench = wrench_at_spot(tared, spot, normal.vector, np.array(settings.frame.sensor_to_tip))
     check_torque(calm, located, wrench, weighed=tool is not None)
     onset, touch, leave = onset_of(located, settings.onset, wrench.pressing)
     time, depth = raw.time_s, motion.travel_mm - onset.travel_mm

@@ -95,9 +95,9 @@ def aligned(located: Located, settings: ProcessingSettings) -> tuple[Located, La
     if choice.lag is not None:
         lag = Lag(seconds=choice.lag, std_s=0.0, taken_out=choice.lag != 0.0)
     else:
-        recording, motion, normal = located.recording, located.motion, located.normal.vector
-        wrench = wrench_at_spot(recording, motion.origin_mm, normal, np.zeros(3), transport=False)
-        lag = estimate_lag(recording.time_s, wrench.twisting, located.strokes.twists)
+        recording = located.recording
+        torque = -rotated(recording.quaternion, recording.moment_Nmm) @ located.normal.vector
+        lag = estimate_lag(recording.time_s, torque, located.strokes.twists)
         lag = replace(lag, taken_out=lag.significant)
     if not lag.taken_out:
         return located, lag
@@ -106,12 +106,7 @@ def aligned(located: Located, settings: ProcessingSettings) -> tuple[Located, La
 
 
 def wrench_at_spot(
-    recording: Recording,
-    spot_mm: FloatArray,
-    normal: FloatArray,
-    tip_mm: FloatArray,
-    *,
-    transport: bool = True,
+    recording: Recording, spot_mm: FloatArray, normal: FloatArray, tip_mm: FloatArray
 ) -> SpotWrench:
     """Wrench rotated into the spot's frame, with its moment moved: M(c) = M(o) + (o - c) × F.
 
@@ -123,15 +118,11 @@ def wrench_at_spot(
         Unit outward normal in the base frame.
     tip_mm : (3,) array
         Tool tip in the sensor's frame; zero where the sensor reports about the tip.
-    transport : bool
-        Whether to move the moment.
     """
     axes = spot_axes(normal)
     force = rotated(recording.quaternion, recording.force_N)
-    moment = rotated(recording.quaternion, recording.moment_Nmm)
-    if transport:
-        sensor = recording.position_mm - rotated(recording.quaternion, tip_mm)
-        moment = moment + cross(sensor - spot_mm, force)
+    sensor = recording.position_mm - rotated(recording.quaternion, tip_mm)
+    moment = rotated(recording.quaternion, recording.moment_Nmm) + cross(sensor - spot_mm, force)
     return SpotWrench(force_N=force @ axes, moment_Nmm=moment @ axes)
 
 

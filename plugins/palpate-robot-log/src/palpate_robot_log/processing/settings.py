@@ -93,11 +93,6 @@ class NormalChoice(Settings):
 class SpotFrame(Settings):
     """Frame of the wrench."""
 
-    rotate: bool = Field(
-        default=True,
-        description="Rotate the wrench into the spot's frame; off where its z is the normal already.",
-    )
-    transport: bool = Field(default=True, description="Move the moment to the contact axis.")
     sensor_to_tip: Offset = Field(
         default=(0.0, 0.0, 0.0),
         description="Tool tip in the sensor's frame, from the point that moments are about.",
@@ -190,12 +185,3 @@ class ProcessingSettings(Settings):
     relaxation: Switch = Field(
         default_factory=Switch, description="Measure how far force and torque fall in each dwell."
     )
-
-    @model_validator(mode="after")
-    def _one_frame(self) -> Self:
-        if self.slide.enabled and not self.frame.rotate:
-            raise ValueError(
-                "slide.enabled with frame.rotate = false: the line of the slide is in the base frame, and "
-                "the force in that of the sensor; leave one of them out"
-            )
-        return self
