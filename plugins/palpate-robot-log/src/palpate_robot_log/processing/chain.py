@@ -1,11 +1,12 @@
 """The steps in their order: from a recording to curves, with a record of each."""
 
-import math
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
+from pydantic_core import to_json
 
 from palpate.api import Curve, FloatArray, IntArray, Relaxation
 from palpate.api.mesh import SpotWrench, spot_axes
@@ -125,7 +126,8 @@ class Processed:
         ]
         uncertainty = {"depth_mm": self.onset.std_mm, "drift": self._drift_at_ends()}
         record = {"units": UNITS, "uncertainty": uncertainty, "steps": steps, "phases": phases}
-        return {name: plain(part) for name, part in record.items()}
+        text = to_json(record, inf_nan_mode="null", fallback=lambda value: value.tolist())
+        return dict(json.loads(text))
 
     def _found(self) -> dict[str, Any]:
         """Findings by step."""
@@ -315,16 +317,3 @@ def _zero_std(
     fixed = along_normal(*((zero, zero) if bias is None else (bias.force_std_N, bias.moment_std_Nmm)))
     elapsed = np.abs(recording.time_s - recording.time_s[free].mean())
     return {name: np.hypot(std, elapsed * rates.get(name, 0.0)) for name, std in fixed.items()}, rates
-
-
-def plain(value: Any) -> Any:  # noqa: ANN401 - whatever a finding holds
-    """The value in what JSON holds: arrays as lists, numbers that are not finite as None."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return int(value) if isinstance(value, np.integer) else value
