@@ -73,7 +73,7 @@ def checked_time(series: Series, channels: ChannelMap) -> Series:
 
 def check_values(series: Mapping[str, Series], channels: ChannelMap) -> float:
     """Distance of the orientations from turns, once all numbers may be those of a press."""
-    bounds, position = channels.plausible, series["position"]
+    bounds = channels.plausible
     for name, limit, unit in (
         ("force", channels.force_limit, "N"),
         ("moment", channels.moment_limit, "N·mm"),
@@ -89,9 +89,8 @@ def check_values(series: Mapping[str, Series], channels: ChannelMap) -> float:
                 row,
                 column,
             )
-    _check_position(position, bounds)
-    _check_wrench(series["force"], series["moment"], bounds)
-    _check_frozen(position, channels.stuck)
+    _check_magnitudes(series, bounds)
+    _check_frozen(series["position"], channels.stuck)
     if "orientation" not in series:
         return 0.0
     match channels.orientation.form:
@@ -107,48 +106,36 @@ def check_values(series: Mapping[str, Series], channels: ChannelMap) -> float:
 # ------------------------------------------------------------------- units by magnitude
 
 
-def _check_position(position: Series, bounds: Plausible) -> None:
-    """Refuse a way of the tip that no robot goes, which is what a wrong unit makes of it."""
-    extent = float(np.ptp(position.values, axis=0).max())
-    unit = position.units[1]
-    what = f"the tip moves {extent:.4g} mm in all with columns in {unit}"
-    _check_plausible(position, extent, bounds.travel, what, "travel")
-    reach = float(np.abs(position.values).max())
-    if reach > bounds.reach:
-        raise position.fault(
-            f"the tip is {reach:.4g} mm from the base with columns in {unit}, plausible is up to "
-            f"{bounds.reach:g} mm; correct unit, or raise plausible.reach",
-            int(np.argmax(np.abs(position.values).max(axis=1))),
-        )
-
-
-def _check_wrench(force: Series, moment: Series, bounds: Plausible) -> None:
-    """Refuse forces and moments that their units make too large or too small."""
-    force_range, moment_range = (float(np.ptp(each.values, axis=0).max()) for each in (force, moment))
-    what = f"it varies by {force_range:.4g} N with columns in {force.units[1]}"
-    _check_plausible(force, force_range, bounds.force, what, "force", "N")
-    if moment_range > 0.0:
-        lever = moment_range / force_range
-        what = (
-            f"it varies by {moment_range:.4g} N·mm with columns in {moment.units[1]}, which with a force of "
-            f"{force_range:.4g} N is a lever of {lever:.3g} mm"
-        )
-        _check_plausible(moment, lever, bounds.lever, what, "lever")
-
-
-def _check_plausible(
-    series: Series, value: float, bounds: tuple[float, float], what: str, setting: str, unit: str = "mm"
-) -> None:
-    """Refuse a value out of its bounds; hint at a factor of 1000 where that would be plausible."""
-    least, most = bounds
-    if least <= value <= most:
-        return
-    factors = {"larger": 1e3, "smaller": 1e-3}
-    fitting = [word for word, factor in factors.items() if least <= value * factor <= most]
-    hint = f" (a unit 1000 times {fitting[0]} would do)" if fitting else ""
-    raise series.fault(
-        f"{what}, plausible is {least:g} to {most:g} {unit}{hint}; correct unit, or widen plausible.{setting}"
+def _check_magnitudes(series: Mapping[str, Series], bounds: Plausible) -> None:
+    """Refuse what a wrong unit makes of a press; hint at a factor of 1000 where that would be plausible."""
+    position, force, moment = (series[name] for name in ("position", "force", "moment"))
+    extent, force_range, moment_range = (
+        float(np.ptp(each.values, axis=0).max()) for each in (position, force, moment)
     )
+    lever = moment_range / max(force_range, 1e-300)
+    as_lever = f", which with a force of {force_range:.4g} N is a lever of {lever:.3g} mm"
+    rules = [
+        (position, "travel", extent, "mm", f"the tip moves {extent:.4g} mm in all", ""),
+        (force, "force", force_range, "N", f"it varies by {force_range:.4g} N", ""),
+        (moment, "lever", lever, "mm", f"it varies by {moment_range:.4g} N·mm", as_lever),
+    ]
+    for each, setting, value, unit, what, more in rules[: 3 if moment_range > 0.0 else 2]:
+        least, most = getattr(bounds, setting)
+        if not least <= value <= most:
+            factors = {"larger": 1e3, "smaller": 1e-3}
+            fitting = [word for word, factor in factors.items() if least <= value * factor <= most]
+            hint = f" (a unit 1000 times {fitting[0]} would do)" if fitting else ""
+            raise each.fault(
+                f"{what} with columns in {each.units[1]}{more}, plausible is {least:g} to {most:g} "
+                f"{unit}{hint}; correct unit, or widen plausible.{setting}"
+            )
+    reach = np.abs(position.values).max(axis=1)
+    if reach.max() > bounds.reach:
+        raise position.fault(
+            f"the tip is {reach.max():.4g} mm from the base with columns in {position.units[1]}, plausible "
+            f"is up to {bounds.reach:g} mm; correct unit, or raise plausible.reach",
+            int(reach.argmax()),
+        )
 
 
 def _check_angles(orientation: Series, bounds: Plausible) -> None:
