@@ -120,15 +120,6 @@ class OnsetChoice(Settings):
         return self
 
 
-class Slides(Settings):
-    """A slide after the press."""
-
-    enabled: bool = Field(
-        default=False,
-        description="Find the slide; moments are then about the tip, which leaves the contact axis.",
-    )
-
-
 class Smoothing(Settings):
     """Smoothing within each branch."""
 
@@ -175,8 +166,10 @@ class ProcessingSettings(Settings):
     onset: OnsetChoice = Field(default_factory=OnsetChoice, description="First contact.")
     smoothing: Smoothing = Field(default_factory=Smoothing, description="Smoothing of each branch.")
     resampling: Resampling = Field(default_factory=Resampling, description="Points of the curves.")
-    slide: Slides = Field(
-        default_factory=Slides, description="Slide along the skin after the press: gives `lateral_force`."
+    slide: Switch = Field(
+        default=Switch(enabled=False),
+        description="Slide along the skin after the press: gives `lateral_force`. Moments are then about the "
+        "tip, which leaves the contact axis.",
     )
     over_time: Switch = Field(
         default=Switch(enabled=False),
