@@ -12,7 +12,6 @@ from palpate.plugins.optional import Inspection
 from palpate_indentation import CsvLoader, CsvSettings
 from palpate_robot_log.reading.assembly import read_recording
 from palpate_robot_log.reading.channel_map import ChannelMap
-from palpate_robot_log.reading.formats import Request
 from palpate_robot_log.reading.inspection import inspect_log
 from palpate_robot_log.reading.proposal import QUANTITIES, channel_map, propose, study_text, words_of
 from palpate_robot_log.reading.raw import RawLog, Stream
@@ -98,15 +97,6 @@ def test_missing_channels_are_reported_and_left_to_be_named(tmp_path: Path) -> N
         "acts_on",
         "wrench_frame",
     }
-
-
-def test_a_layout_that_the_user_gives_is_used(tmp_path: Path) -> None:
-    table = write.press()
-    write.write_text(tmp_path / "log.csv", table)
-    body = (tmp_path / "log.csv").read_text().split("\n", 1)[1]
-    (tmp_path / "log.csv").write_text(body)
-    found = inspect_log(tmp_path / "log.csv", request=Request(text=TextFormat(names=list(write.COLUMNS))))
-    assert found.record["problem"] == ""
 
 
 # ------------------------------------------------------------------ names and guesses

@@ -34,7 +34,7 @@ _ALONG = 0.8
 _TO_SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
-def inspect_log(path: Path, wrench: Path | None = None, request: Request | None = None) -> Inspection:
+def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
     """Contents of a log of unknown columns, and a study that may read it.
 
     Parameters
@@ -43,20 +43,17 @@ def inspect_log(path: Path, wrench: Path | None = None, request: Request | None 
         Of any format that is read.
     wrench : Path, optional
         The file of the wrench where ``path`` has the pose alone.
-    request : Request, optional
-        How text is laid out, and limits; columns and streams are left open.
 
     Raises
     ------
     CurveError
         The file cannot be read at all. What is merely wrong in it is among the findings.
     """
-    request = request or Request()
     if wrench is None:
-        log = read_log(path, request)
+        log = read_log(path, Request())
         proposal = propose(log)
     else:
-        log = read_both(path, wrench, request)
+        log = read_both(path, wrench, Request())
         proposal = replace(propose(log), files=LogFiles.of(path, wrench).model_dump())
     proposal = judged(log, proposal)
     # A force of three components is a sensor's, whatever else the log has of depth.
