@@ -123,8 +123,6 @@ def shifted(recording: Recording, lag_s: float) -> Recording:
             f"the wrench comes {lag_s:.3f} s after the pose; correct the clock of one of them, or give "
             "alignment.lag"
         )
-    if lag_s == 0.0:
-        return recording
     time = recording.time_s
     kept = np.flatnonzero((time + lag_s >= time[0]) & (time + lag_s <= time[-1]))
     at = time[kept] + lag_s

@@ -74,18 +74,13 @@ def columns_of(channels: ChannelMap) -> tuple[str, ...]:
     times = [
         name for time in (channels.time, *(each.time for each in sources)) if time for name in time.columns
     ]
-    columns = [_bare(name) for source in sources for name in source.columns if name != NO_COLUMN]
+    columns = [name.removeprefix("-") for source in sources for name in source.columns if name != NO_COLUMN]
     return tuple(dict.fromkeys([*times, *columns]))
 
 
 def _sources(channels: ChannelMap) -> dict[str, Vector | Orientation]:
     names = ("position", "orientation", "force", "moment")
     return {name: getattr(channels, name) for name in names}
-
-
-def _bare(column: str) -> str:
-    """Name of a column without the minus that turns its sign."""
-    return column.removeprefix("-")
 
 
 def assemble(log: RawLog, channels: ChannelMap) -> Reading:
@@ -170,7 +165,7 @@ def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> 
     source = _sources(channels)[what]
     its_time = source.time or channels.time
     time_name = its_time.column
-    real = [_bare(name) for name in source.columns if name != NO_COLUMN]
+    real = [name.removeprefix("-") for name in source.columns if name != NO_COLUMN]
     stream = log.stream_of([*its_time.columns, *real], source.stream)
     time_factor, time_unit = _factor(log, channels, stream, time_name, its_time.unit, "time")
     time = stream.columns[time_name].values
@@ -181,9 +176,9 @@ def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> 
     units = []
     for index, name in enumerate(source.columns):
         if name != NO_COLUMN:
-            factor, unit = _factor(log, channels, stream, _bare(name), source.unit, kind)
+            factor, unit = _factor(log, channels, stream, name.removeprefix("-"), source.unit, kind)
             sign = -1.0 if name.startswith("-") else 1.0
-            np.multiply(stream.columns[_bare(name)].values, sign * factor, out=table[:, index])
+            np.multiply(stream.columns[name.removeprefix("-")].values, sign * factor, out=table[:, index])
             units.append(unit)
     series = Series(
         log=log,

@@ -6,7 +6,7 @@ or rate within it.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -294,14 +294,6 @@ def _columns(path: Path, series: "pl.Series") -> list[Column]:
 # -------------------------------------------------------------------------------- TDMS
 
 
-class _Clock(NamedTuple):
-    """Rows of a stream, and the time step and start [s] where they are waveforms."""
-
-    n_rows: int
-    step_s: float | None
-    start_s: float
-
-
 def read_tdms(path: Path) -> RawLog:
     """Channels of numbers and of time stamps, scaled as LabVIEW shows them.
 
@@ -353,30 +345,31 @@ def _streams(
     passed_over: list[str],
 ) -> Iterator[Stream]:
     """The channels of a group by their length, time step and start."""
-    by_clock: dict[_Clock, dict[str, Column]] = {}
+    # Columns by number of rows, and time step and start [s] of waveforms.
+    by_clock: dict[tuple[int, float | None, float], dict[str, Column]] = {}
     for channel in group.channels():
         column = _column(channel, origin)
         if column is None:
             passed_over.append(f"{group.name}.{channel.name}")
             continue
-        given = channel.properties
+        given, start_s = channel.properties, 0.0
         step, start = given.get("wf_increment"), given.get("wf_start_time")
-        clock = _Clock(column.values.size, None, 0.0)
         if step is not None:
-            offset = float(given.get("wf_start_offset", 0.0))
+            step = float(step)
+            start_s = float(given.get("wf_start_offset", 0.0))
             if origin is not None and start is not None and np.datetime64(start) > UNSET:
-                offset += float(_seconds(np.datetime64(start), origin))
-            clock = _Clock(column.values.size, float(step), offset)
-        by_clock.setdefault(clock, {})[channel.name] = column
+                start_s += float(_seconds(np.datetime64(start), origin))
+        by_clock.setdefault((column.values.size, step, start_s), {})[channel.name] = column
     # Names have as much of the clocks as they differ in.
-    parts = [(f"{c.n_rows} rows", f"every {c.step_s} s", f"from {c.start_s} s") for c in by_clock]
+    parts = [(f"{n} rows", f"every {step_s} s", f"from {start_s} s") for n, step_s, start_s in by_clock]
     named = [[", ".join([group.name, *each[:n]]) for each in parts] for n in range(4)]
     names = next((names for names in named if len(set(names)) == len(parts)), named[-1])
-    for name, (clock, columns) in zip(names, by_clock.items(), strict=True):
-        if clock.step_s is not None and TIME not in columns:
-            seconds = clock.start_s + clock.step_s * np.arange(clock.n_rows, dtype=np.float64)
+    for name, ((n_rows, step_s, start_s), columns) in zip(names, by_clock.items(), strict=True):
+        rows = np.arange(n_rows, dtype=np.int64)
+        if step_s is not None and TIME not in columns:
+            seconds = start_s + step_s * rows.astype(np.float64)
             columns[TIME] = Column(name=TIME, values=seconds, unit="s")
-        yield Stream(name=name, rows=np.arange(clock.n_rows, dtype=np.int64), columns=columns)
+        yield Stream(name=name, rows=rows, columns=columns)
 
 
 def _column(channel: Any, origin: np.datetime64 | None) -> Column | None:  # noqa: ANN401 - npTDMS is untyped

@@ -249,7 +249,8 @@ def _possible(group: Group, *, is_turned: bool) -> Iterable[tuple[str, Guess]]:
 def _of_angles(group: Group, guess: Guess) -> Guess:
     """Three angles with the forms that robots log, the likeliest first."""
     words, shown = set(group.words), group.columns[-1].shown_unit
-    largest = np.abs(_values(_named(group, guess))).max(initial=0.0)
+    columns = [column for column in group.columns if column.name in guess.columns]
+    largest = np.abs(_values(columns)).max(initial=0.0)
     is_in_degrees = shown == "deg" or (not kind_of(shown) and largest > 2.0 * np.pi)
     forms = [("axis_angle", ""), ("euler", "xyz"), ("euler", "XYZ"), ("euler", "ZYX")]
     if "abc" in words:  # KUKA; Doosan and Stäubli
@@ -284,10 +285,6 @@ def _of_transform(group: Group, guess: Callable[[list[int], float], Guess]) -> I
 
 def _first_of(guesses: Sequence[Guess]) -> Guess:
     return replace(guesses[0], also=tuple(guesses[1:]))
-
-
-def _named(group: Group, guess: Guess) -> list[Column]:
-    return [column for column in group.columns if column.name in guess.columns]
 
 
 def _are_turns(rows: FloatArray) -> bool:
