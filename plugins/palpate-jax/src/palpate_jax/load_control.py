@@ -12,12 +12,12 @@ from functools import partial
 
 import numpy as np
 
-from palpate.api import FloatArray, IntArray
+from palpate.api import FloatArray
 from palpate.api.experiment import POSE, WRENCH
 from palpate_jax.contact import ContactLaw, ContactState, Memory
 from palpate_jax.model import Model
 from palpate_jax.newton import Balance, Start, equilibrium
-from palpate_jax.schedule import DEPTH, HERTZ, motion, pose, tip_at, wrench, wrench_rates
+from palpate_jax.schedule import DEPTH, HERTZ, Aim, motion, pose, tip_at, wrench, wrench_rates
 from palpate_jax.sensitivity import Rates
 
 MOST_TRIALS = 20
@@ -29,25 +29,6 @@ FINER = 1e-2
 
 ACCURACY = 1e-4
 """Residual of the linear systems of the slopes."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Aim:
-    """A position (6,), and the loads (6,) that move components of it: NaN where none does.
-
-    ``limits`` (6,) are the farthest places to which a load may move its component, and ``asked`` the loads
-    that the motion names.
-    """
-
-    position: FloatArray
-    loads: FloatArray
-    limits: FloatArray
-    asked: FloatArray
-
-    @property
-    def free(self) -> IntArray:
-        """Components that a load moves."""
-        return np.flatnonzero(~np.isnan(self.loads))
 
 
 class NotReachedError(Exception):
@@ -178,7 +159,8 @@ class LoadControl:
 
     def _within(self, at: Trial, aim: Aim, wanted: FloatArray) -> FloatArray:
         """The change, cut at the limits; refuse one where all that misses its load is at its limit."""
-        free, limits = aim.free, np.abs(aim.limits[aim.free])
+        # The end of a load step is the farthest place to which a load may move its component.
+        free, limits = aim.free, np.abs(aim.target.end[aim.free])
         lowest = np.where(free == DEPTH, -np.inf, -limits)
         place = at.position[free]
         change: FloatArray = np.clip(place + wanted, lowest, limits) - place
@@ -189,8 +171,8 @@ class LoadControl:
             (load, _, unit), (farthest, _, of) = WRENCH[k].rpartition("_"), POSE[k].rpartition("_")
             unit = unit.replace("Nmm", "N·mm")
             raise NotReachedError(
-                f"{load.replace('_', ' ')} of {aim.asked[k]:g} {unit} is not reached up to the farthest "
-                f"{farthest.replace('_', ' ')} allowed, {at.position[k]:g} {of}: the largest is "
+                f"{load.replace('_', ' ')} of {aim.target.loads[k]:g} {unit} is not reached up to the "
+                f"farthest {farthest.replace('_', ' ')} allowed, {at.position[k]:g} {of}: the largest is "
                 f"{self._largest[k]:.4g} {unit}; allow more, or ask for less"
             )
         return change

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -11,11 +11,11 @@ from palpate.api import FloatArray, IsotropicMaterial, Material
 from palpate.api.mechanics import principal_derivatives
 from palpate_jax.contact import Answer, ContactLaw, ContactState, Memory
 from palpate_jax.initial_guess import InitialGuess
-from palpate_jax.load_control import Aim, LoadControl, NotReachedError, Trial
+from palpate_jax.load_control import LoadControl, NotReachedError, Trial
 from palpate_jax.model import Model
 from palpate_jax.newton import Balance, Start, equilibrium
-from palpate_jax.schedule import REST, Schedule, Target, motion, pose
-from palpate_jax.sensitivity import Control, Sensitivity, Slopes
+from palpate_jax.schedule import REST, Aim, Schedule, Target, motion, pose
+from palpate_jax.sensitivity import Sensitivity, Slopes
 
 SMALLEST_CUT = 1.0 / 32.0
 
@@ -137,17 +137,18 @@ class LoadStepping:
     def _advance(self, state: _State, target: Target, guesses: Sequence[FloatArray]) -> str:
         """Step to the target, halving a step that fails; returns the reason if it cannot be reached."""
         done, share = 0.0, 1.0
-        way = _Way.to(target, state.position, state.loads)
+        origin = state.position, state.loads
         if self._sensitivity is not None:
             self._sensitivity.start()
         while done < 1.0:
             share = min(share, 1.0 - done)
             last = done + share >= 1.0 - 1e-12
             part = 1.0 if last else done + share
-            reason = self._step(state, way, part, guesses if share == 1.0 else ())
+            aim = Aim.at(target, *origin, part)
+            reason = self._step(state, aim, guesses if share == 1.0 else ())
             if reason and guesses and share == 1.0:
                 self.linear.reset()
-                reason = self._step(state, way, part, ())
+                reason = self._step(state, aim, ())
             if not reason:
                 done = part
                 share *= 2.0
@@ -198,9 +199,8 @@ class LoadStepping:
         assert found.residual is not None
         return found if found.residual.least_jacobian > 0.0 and found.imbalance < best.imbalance else best
 
-    def _step(self, state: _State, way: "_Way", part: float, guesses: Sequence[FloatArray]) -> str:
+    def _step(self, state: _State, aim: Aim, guesses: Sequence[FloatArray]) -> str:
         """Go a part of the way of a load step; returns the reason if that fails."""
-        aim = way.aim(part)
         if aim.free.size:
             found = self._to_loads(state, aim)
             position, balance = found.position, found.balance
@@ -220,8 +220,8 @@ class LoadStepping:
                 state.memory,
             )
             if self._sensitivity is not None:
-                control = way.control(part, position) if self._control is not None else None
-                self._sensitivity.balanced(state.displacements, load, control)
+                reached = None if self._control is None else replace(aim, position=position)
+                self._sensitivity.balanced(state.displacements, load, reached)
             if self._control is not None:
                 state.loads = self._control.loads(state.displacements, position, load)
             state.memory = self._model.contact.remember(state.displacements, load)
@@ -244,38 +244,6 @@ class LoadStepping:
         answer = self._model.answer(state.displacements, self._thetas, load)
         slopes = None if self._sensitivity is None else self._sensitivity.slopes
         return LoadStep(state.position, answer, state.displacements, load, slopes, time_s)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Way:
-    """A load step from a position and loads (6,) to a target; parts of it are aims of their own."""
-
-    target: Target
-    origin: FloatArray
-    end: FloatArray
-    loads: FloatArray
-    end_loads: FloatArray
-
-    @classmethod
-    def to(cls, target: Target, origin: FloatArray, loads: FloatArray) -> "_Way":
-        return cls(target, origin, target.position(origin), loads, target.loads_after(loads))
-
-    def aim(self, part: float) -> Aim:
-        if part == 1.0:
-            return Aim(self.end, self.end_loads, self.target.end, self.target.loads)
-        position = self.origin + part * (self.end - self.origin)
-        loads = self.loads + part * (self.end_loads - self.loads)
-        return Aim(position, loads, self.target.end, self.target.loads)
-
-    def control(self, part: float, position: FloatArray) -> Control:
-        """Parts of the position, and of the loads, that change with those at the origin."""
-        kept = self.target.kept_loads(self.loads)
-        return Control(
-            position=position,
-            free=self.aim(part).free,
-            kept_position=np.where(np.isnan(self.target.loads), 1.0 - part * self.target.share, 1.0),
-            kept_loads=1.0 - part + part * kept,
-        )
 
 
 CRUSHED = 0.05

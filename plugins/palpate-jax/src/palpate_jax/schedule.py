@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.api import BoolArray, FloatArray, Indentation
+from palpate.api import BoolArray, FloatArray, Indentation, IntArray
 from palpate_jax.contact import Answer, Motion, Pose
 
 REST = np.zeros(6)
@@ -126,6 +126,51 @@ class Target:
         if before[0] > 0.0 and self.loads[0] > 0.0 and np.isfinite(after[0]):
             kept[0] *= (after[0] / before[0]) ** (1.0 - 1.0 / HERTZ)
         return kept
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Aim:
+    """Part of the way of a load step from a position and loads (6,) to its target.
+
+    Parameters
+    ----------
+    position : (6,) array
+    loads : (6,) array
+        Those that move components of the position: NaN where none does.
+    origin_loads : (6,) array
+        At the beginning of the load step.
+    part : float
+        Share of the way, up to 1.
+    """
+
+    target: Target
+    position: FloatArray
+    loads: FloatArray
+    origin_loads: FloatArray
+    part: float
+
+    @classmethod
+    def at(cls, target: Target, origin: FloatArray, loads: FloatArray, part: float) -> "Aim":
+        """Aim a part of the way."""
+        end, end_loads = target.position(origin), target.loads_after(loads)
+        if part < 1.0:
+            end, end_loads = origin + part * (end - origin), loads + part * (end_loads - loads)
+        return cls(target, end, end_loads, loads, part)
+
+    @property
+    def free(self) -> IntArray:
+        """Components that a load moves."""
+        return np.flatnonzero(~np.isnan(self.loads))
+
+    @property
+    def kept_position(self) -> FloatArray:
+        """Derivative (6,) of the prescribed position in that at the beginning of the load step."""
+        return np.where(np.isnan(self.target.loads), 1.0 - self.part * self.target.share, 1.0)
+
+    @property
+    def kept_loads(self) -> FloatArray:
+        """Derivative (6,) of the prescribed loads in those at the beginning of the load step."""
+        return 1.0 - self.part + self.part * self.target.kept_loads(self.origin_loads)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

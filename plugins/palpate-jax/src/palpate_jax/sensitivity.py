@@ -22,11 +22,11 @@ from functools import partial
 import jax
 import numpy as np
 
-from palpate.api import FloatArray, IntArray, Material, ParameterName
+from palpate.api import FloatArray, Material, ParameterName
 from palpate.api.mechanics import Array, moduli_at_rest
 from palpate_jax.contact import Answer, Change, ContactLaw, ContactState, Motion
 from palpate_jax.model import Linearised, Model
-from palpate_jax.schedule import motion, tip_at, wrench_rates
+from palpate_jax.schedule import Aim, motion, tip_at, wrench_rates
 
 PROBE_MM = 1e-5
 """Largest displacement of the central difference for the forces of the bonded nodes."""
@@ -167,25 +167,6 @@ class Slopes:
         return bool(np.isfinite(np.hstack([self.force_N, self.moment_Nmm, self.position])).all())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Control:
-    """Prescription of an equilibrium state, where loads are.
-
-    Parameters
-    ----------
-    position : (6,) array
-    free : (n_free,) array
-        Components that loads moved.
-    kept_position, kept_loads : (6,) array
-        Derivative of what was prescribed in that at the beginning of the load step.
-    """
-
-    position: FloatArray
-    free: IntArray
-    kept_position: FloatArray
-    kept_loads: FloatArray
-
-
 @partial(jax.jit, static_argnums=0)
 def _shear_modulus_slopes(material: Material, theta: Array) -> tuple[Array, Array]:
     return jax.value_and_grad(lambda t: moduli_at_rest(material, t)[0])(theta)
@@ -235,8 +216,14 @@ class Sensitivity:
         """Begin a load step: what it keeps of position and loads is kept of those here."""
         self._origin = self._position, self._loads
 
-    def balanced(self, displacements: FloatArray, load: ContactState, control: Control | None = None) -> None:
-        """Advance the derivatives from the last equilibrium state to this one."""
+    def balanced(self, displacements: FloatArray, load: ContactState, reached: Aim | None = None) -> None:
+        """Advance the derivatives from the last equilibrium state to this one.
+
+        Parameters
+        ----------
+        reached : Aim, optional
+            What was prescribed, with the position that was found; given where loads are prescribed.
+        """
         if not self.slopes.finite:
             return
         model = self._model
@@ -246,11 +233,11 @@ class Sensitivity:
         held = np.zeros_like(self._moved)
         external = [rates.force(change) for change in self._changes(rates, held)]
         rhs = np.stack([model.free(e - b) for e, b in zip(external, body, strict=True)])
-        if control is None:
+        if reached is None:
             self._moved = self._solved(here, load, rhs)
         else:
-            self._controlled(here, load, rates, rhs, body, control)
-        self._follow(rates, load, body, control)
+            self._controlled(here, load, rates, rhs, body, reached)
+        self._follow(rates, load, body, reached)
 
     def _body_rates(self, displacements: FloatArray) -> FloatArray:
         """∂f_body/∂θ (m, n_nodes, 3), none for the friction."""
@@ -283,14 +270,14 @@ class Sensitivity:
         rates: Rates,
         rhs: FloatArray,
         body: FloatArray,
-        control: Control,
+        reached: Aim,
     ) -> None:
         """Solve where loads are prescribed: positions change with the parameters too.
 
         At given positions first; then the free components move so that the loads change as prescribed.
         """
-        position, loads = control.kept_position * self._origin[0], control.kept_loads * self._origin[1]
-        free, at = control.free, control.position
+        position, loads = reached.kept_position * self._origin[0], reached.kept_loads * self._origin[1]
+        free, at = reached.free, reached.position
         position[:, free] = 0.0
         motions = [motion(at, way) for way in position]
         units = [motion(at, way) for way in np.eye(6)[free]]
@@ -333,18 +320,18 @@ class Sensitivity:
             force[k], moment[k], _ = rates.answer(change, moved[k], motion(at, position[k]), internal)
         return wrench_rates(force, moment, answer, tip_at(at), position)
 
-    def _follow(self, rates: Rates, load: ContactState, body: FloatArray, control: Control | None) -> None:
+    def _follow(self, rates: Rates, load: ContactState, body: FloatArray, reached: Aim | None) -> None:
         """Store the derivatives of force, moment and anchors; compare ``Contact.remember``."""
         where = rates.touched.where
         slip = rates.touched.points.friction / load.law.penalty
         force, moment = np.zeros((2, len(self._names), 3))
-        motions = None if control is None else [motion(control.position, way) for way in self._position]
+        motions = None if reached is None else [motion(reached.position, way) for way in self._position]
         for k, change in enumerate(self._changes(rates, self._moved, motions)):
             way = motions[k] if motions else None
             force[k], moment[k], friction = rates.answer(change, self._moved[k], way, body[k])
             anchors = change.positions.copy()
             anchors[where] -= (friction - change.penalty * slip) / load.law.penalty
             self._anchors[k] = anchors
-        if control is not None:
+        if reached is not None:
             self._loads = wrench_rates(force, moment, rates.at_rest(), load.pose.tip, self._position)
         self.slopes = Slopes(self._names, force, moment, self._position)
