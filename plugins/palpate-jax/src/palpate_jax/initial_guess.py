@@ -133,22 +133,9 @@ class InitialGuess:
         return solution
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class WarmStart:
-    """A set that reached every load step.
-
-    Parameters
-    ----------
-    thetas : mapping of region to (n_parameters,) array
-    modulus_MPa : float
-        Initial shear modulus where the indenter touches.
-    stack : (n_load_steps + 1, n_nodes, 3) array
-        Displacements [mm], from rest.
-    """
-
-    thetas: Mapping[str, FloatArray]
-    modulus_MPa: float
-    stack: NDArray[np.float32]
+WarmStart = tuple[Mapping[str, FloatArray], float, NDArray[np.float32]]
+"""Parameters by region, initial shear modulus [MPa] where the indenter touches, and displacements
+(n_load_steps + 1, n_nodes, 3) [mm] from rest, of a set that reached every load step."""
 
 
 class WarmStarts:
@@ -159,10 +146,8 @@ class WarmStarts:
         self._regions = tuple(materials)
         self._moduli = np.array([p.kind == "modulus" for _, p in parameters])
         self._logarithmic = self._moduli & np.array([p.lower * p.upper > 0.0 for _, p in parameters])
-        self._stacks = [warm_start.stack for warm_start in warm_starts]
-        self._features = np.array(
-            [self._of(warm_start.thetas, warm_start.modulus_MPa) for warm_start in warm_starts]
-        )
+        self._stacks = [stack for _, _, stack in warm_starts]
+        self._features = np.array([self._of(thetas, modulus_MPa) for thetas, modulus_MPa, _ in warm_starts])
 
     def __len__(self) -> int:
         return len(self._stacks)

@@ -237,7 +237,7 @@ class JaxSolver(Solver[JaxSettings]):
                 thetas = {region: each[i] for region, each in values.items()}
                 stack = self._states_of(self._warm_start(job, values, int(i)), limb)
                 if stack is not None and len(stack) == 1 + n_steps:
-                    found[int(i)] = WarmStart(thetas, self._modulus(prepared, thetas), stack)
+                    found[int(i)] = thetas, self._modulus(prepared, thetas), stack
             prepared.warm_starts[key] = WarmStarts(prepared.materials, [found[i] for i in sorted(found)])
         return prepared.warm_starts[key]
 
