@@ -305,4 +305,4 @@ def test_without_a_number_sets_are_those_there_are_or_the_papers(tmp_path, plugi
 
     prepare(tmp_path / "begun", plugins, ["ogden"], 40)
     for folder, size in (("begun", 40), ("new", 250)):
-        assert _size(Session(), tmp_path / folder, ["ogden"], "coarse", None) == size
+        assert _size(Session(), tmp_path / folder, ["ogden"]) == size

@@ -47,7 +47,7 @@ def reproduce(
     """
     session = Session.of(context)
     chosen, phantom = list(dict.fromkeys(material or MATERIALS)), "fine" if fine else "coarse"
-    size = _size(session, folder, chosen, phantom, n_sets)
+    size = n_sets or _size(session, folder, chosen)
     _go(session, _prepared(session, folder, chosen, phantom, size), as_json=as_json)
 
 
@@ -59,13 +59,10 @@ def _prepared(
     return prepare(folder, session.plugins, materials, n_sets, phantom).extended(n_sets)
 
 
-def _size(session: Session, folder: Path, materials: list[str], phantom: str, n_sets: int | None) -> int:
-    """Sets to draw: as asked for, as there were, or as many as the paper's."""
-    from palpate_forearm.reproduction import PAPER_SETS, refuse, sets_of
+def _size(session: Session, folder: Path, materials: list[str]) -> int:
+    """Sets to draw: as many as there are, else as the paper's."""
+    from palpate_forearm.reproduction import PAPER_SETS, sets_of
 
-    refuse(folder, materials, phantom)
-    if n_sets is not None:
-        return n_sets
     if begun := sets_of(folder, materials, session.plugins):
         session.note(f"going on with {begun} sets of each material")
     return begun or PAPER_SETS

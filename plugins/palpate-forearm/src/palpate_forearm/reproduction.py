@@ -101,7 +101,7 @@ def prepare(
     StudyError
         Another material or phantom, the folder holds something else, or cannot be written.
     """
-    refuse(folder, materials, phantom)
+    _refuse(folder, materials, phantom)
     within = folder / "study"
     try:
         _copy_data(within, phantom)
@@ -115,14 +115,8 @@ def prepare(
     return Reproduction(folder=folder, studies=studies)
 
 
-def refuse(folder: Path, materials: Sequence[str], phantom: str) -> None:
-    """Raise where :func:`prepare` could not begin or go on, before anything is written or timed.
-
-    Raises
-    ------
-    StudyError
-        A material is not in the paper, or the folder holds something else, or the other phantom.
-    """
+def _refuse(folder: Path, materials: Sequence[str], phantom: str) -> None:
+    """Raise where :func:`prepare` could not begin or go on, before anything is written."""
     unknown = [name for name in materials if name not in REGIONS]
     if unknown:
         raise StudyError(f"material '{unknown[0]}' is not in the paper; it has {', '.join(REGIONS)}")
