@@ -19,6 +19,7 @@ from palpate_robot_log.processing.corrections import (
 )
 from palpate_robot_log.processing.curves import smoothed
 from palpate_robot_log.processing.press import wrench_at_spot
+from palpate_robot_log.processing.settings import Smoothing
 from palpate_robot_log.recording import Recording, thinned, turn_and_tilt
 
 from . import simulated_logs as logs
@@ -223,16 +224,15 @@ SHAPES = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["savgol", "spline"])
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("noise_share", [0.0, 0.003, 0.02])
-def test_smoothing_keeps_peaks(method, shape, noise_share):
+def test_smoothing_keeps_peaks(shape, noise_share):
     time = np.linspace(0.0, 1.0, 1200)
     true = SHAPES[shape](time)
     peak = np.abs(true).max()
     random = np.random.default_rng(7)
     found = [
-        smoothed(time, true + random.normal(0.0, noise_share * peak, time.size), method=method, peak=peak)
+        smoothed(time, true + random.normal(0.0, noise_share * peak, time.size), peak, Smoothing())
         for _ in range(1 if noise_share == 0.0 else 20)
     ]
     mean = np.mean([one.values for one in found], axis=0)
@@ -242,14 +242,11 @@ def test_smoothing_keeps_peaks(method, shape, noise_share):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["savgol", "spline"])
-def test_the_standard_deviation_of_smoothed_values_is_that_of_repeats(method):
+def test_the_standard_deviation_of_smoothed_values_is_that_of_repeats():
     time = np.linspace(0.0, 1.0, 1000)
     true = SHAPES["press"](time)
     random = np.random.default_rng(11)
-    found = [
-        smoothed(time, true + random.normal(0.0, 0.1, time.size), method=method, peak=12.0) for _ in range(60)
-    ]
+    found = [smoothed(time, true + random.normal(0.0, 0.1, 1000), 12.0, Smoothing()) for _ in range(60)]
     spread = np.std([one.values for one in found], axis=0)
     reported = np.mean([one.std for one in found], axis=0)
     assert 0.6 < np.median(reported / spread) < 1.6
@@ -267,7 +264,6 @@ def test_thinning_averages_rows_and_loses_nothing_of_the_figures():
 @pytest.mark.parametrize(
     "steps",
     [
-        {"smoothing": {"method": "spline"}},
         {"smoothing": {"method": "savgol", "window": "0.4 s", "order": 2}},
         {"resampling": {"points": 31}},
         {"normal": {"method": "tool_axis"}},

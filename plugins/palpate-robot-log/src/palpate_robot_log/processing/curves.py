@@ -1,32 +1,26 @@
 """Curves of force over depth and torque over rotation, branch by branch, and relaxation in the dwells.
 
-Smoothing keeps peaks: Savitzky-Golay or a smoothing spline, within one branch. The Savitzky-Golay
-window is the longest whose own bias stays small: smoothing the smoothed values once more may move
-none of them by more than ``BIAS_SHARE`` of the peak, beyond what their noise explains. A branch ends
-where the motion turns, so no window spans a kink.
+Smoothing keeps peaks: Savitzky-Golay within one branch. Its window is the longest whose own bias stays
+small: smoothing the smoothed values once more may move none of them by more than ``BIAS_SHARE`` of the
+peak, beyond what their noise explains. A branch ends where the motion turns, so no window spans a kink.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import make_smoothing_spline
-from scipy.linalg import solveh_banded
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from palpate.api import Curve, FloatArray, Relaxation
-from palpate_robot_log.processing.settings import ProcessingSettings
+from palpate_robot_log.processing.settings import ProcessingSettings, Smoothing
 from palpate_robot_log.recording import block_means, correlation_factor, noise_std
 
 BIAS_SHARE = 0.001  # share of the peak that smoothing may move a value by
 _ABSCISSA = 0.1  # what smoothing may do to depth and rotation, over what it may do to force and torque
 _MAX_ROWS = 3000  # rows of a branch that are smoothed; more are averaged in blocks first
 _SLOPE_POINTS = 31
-_PARTS = 20
-_STIFFNESSES = 24
 _GROWTH = 1.5
 _RELAXED_ROWS = 1000
 _FEWEST_RELAXED = 12
@@ -62,15 +56,14 @@ def curve_of(
         Standard deviation of the abscissa's zero, of a curve that rises from there: what is before
         it is left out, and what a shift would do to the ordinate is added in squares.
     """
-    choice, resampling = settings.smoothing, settings.resampling
+    resampling = settings.resampling
     whole = slice(signal.branches[0].start, signal.branches[-1].stop)
     peak, span = float(np.abs(signal.ordinate[whole]).max()), float(np.ptp(signal.abscissa[whole]))
     parts, smoothings = [], []
     for rows in signal.branches:
         time = time_s[rows]
-        smooth = partial(smoothed, time, method=choice.method, window_s=choice.window, order=choice.order)
-        level = smooth(signal.abscissa[rows], peak=_ABSCISSA * span).values
-        ordinate = smooth(signal.ordinate[rows], peak=peak)
+        level = smoothed(time, signal.abscissa[rows], _ABSCISSA * span, settings.smoothing).values
+        ordinate = smoothed(time, signal.ordinate[rows], peak, settings.smoothing)
         # Noise in a slow start would make the path turn where the tool did not.
         sense = 1.0 if level[-1] >= level[0] else -1.0
         level = sense * np.minimum(np.maximum.accumulate(sense * level), sense * level[-1])
@@ -108,9 +101,7 @@ class Smoothed:
     """A branch after smoothing; arrays (n,) at the times that were given.
 
     ``std`` is that of the smoothed values, ``noise`` that of the given ones, ``bias`` the
-    largest change that smoothing once more would make (of a spline: the largest mean residual
-    of a twentieth), and ``window_s`` the window's length (of a spline: the
-    length over which it bends).
+    largest change that smoothing once more would make, and ``window_s`` the window's length.
     """
 
     values: FloatArray
@@ -120,35 +111,24 @@ class Smoothed:
     window_s: float
 
 
-def smoothed(
-    time_s: FloatArray,
-    values: FloatArray,
-    *,
-    method: Literal["savgol", "spline", "none"],
-    peak: float,
-    window_s: float | None = None,
-    order: int = 3,
-) -> Smoothed:
-    """One branch after smoothing.
+def smoothed(time_s: FloatArray, values: FloatArray, peak: float, choice: Smoothing) -> Smoothed:
+    """One branch after smoothing; very few rows are left as they are.
 
-    Very few rows are left as they are. ``peak`` is the largest magnitude of the whole curve; the length
-    of the Savitzky-Golay window is chosen by its bias when left out, and ``order`` is the degree of its
-    polynomial.
+    ``peak`` is the largest magnitude of the whole curve.
     """
-    if method == "none" or values.size < order + 4:
+    order = choice.order
+    if choice.method == "none" or values.size < order + 4:
         noise = noise_std(values)
         return Smoothed(values=values, std=np.full(values.shape, noise), noise=noise, bias=0.0, window_s=0.0)
     block = -(-time_s.size // _MAX_ROWS)
     coarse, means = block_means(time_s, block), block_means(values, block)
-    if method == "spline":
-        return _spline(time_s, coarse, means, block)
     even = np.linspace(coarse[0], coarse[-1], coarse.size)
     step = float(even[1] - even[0])
     y = np.interp(even, coarse, means)
-    if window_s is None:
+    if choice.window is None:
         window = _longest_window(y, BIAS_SHARE * peak, order)
     else:
-        window = _odd(window_s / step, order, y.size)
+        window = _odd(choice.window / step, order, y.size)
     smooth = savgol_filter(y, window, order, mode="interp")
     residual = y - smooth
     gain = _gain(window, order)
@@ -191,48 +171,6 @@ def _odd(window: float, order: int, n_rows: int) -> int:
 def _gain(window: int, order: int) -> float:
     """Variance of a value in the middle of white noise of variance 1: Σ h²."""
     return float(np.sum(savgol_coeffs(window, order) ** 2))
-
-
-def _spline(time: FloatArray, x: FloatArray, y: FloatArray, block: int) -> Smoothed:
-    """Cubic smoothing spline whose stiffness has the least generalised cross-validation score."""
-    step = float(np.ptp(x)) / (x.size - 1)
-    rows = (x - x[0]) / step
-    length, gain, trace = _stiffness(y)
-    fit = make_smoothing_spline(rows, y, lam=length**4)
-    residual = y - fit(rows)
-    noise = float(np.sqrt(residual @ residual / (x.size - trace)))
-    spread = noise * correlation_factor(residual) * float(np.sqrt(gain))
-    return Smoothed(
-        values=fit((time - x[0]) / step),
-        std=np.full(time.shape, spread),
-        noise=noise * float(np.sqrt(block)),
-        bias=max(abs(float(part.mean())) for part in np.array_split(residual, _PARTS)),
-        window_s=length * step,
-    )
-
-
-def _stiffness(y: FloatArray) -> tuple[float, float, float]:
-    """Length in rows over which the spline bends, the noise variance that it leaves, and its trace.
-
-    Sought with the spline's discrete likeness, (1 + λ D'D) z = y with second differences D and
-    λ = length⁴, which is solved in a fraction of the spline's time. Trace and variance come from a
-    probe of random signs.
-    """
-    n = y.size
-    probe = np.random.default_rng(0).choice([-1.0, 1.0], n)
-    bands = np.zeros((3, n))
-    bands[2] = np.r_[1.0, 5.0, np.full(n - 4, 6.0), 5.0, 1.0]
-    bands[1, 1:] = np.r_[-2.0, np.full(n - 3, -4.0), -2.0]
-    bands[0, 2:] = 1.0
-    unit = np.array([[0.0], [0.0], [1.0]])
-    scores = []
-    for length in np.geomspace(1.5, n / 4.0, _STIFFNESSES):
-        smooth, answer = solveh_banded(unit + length**4 * bands, np.stack([y, probe], axis=1)).T
-        trace = float(answer @ probe)
-        squares = float(np.sum((y - smooth) ** 2))
-        scores.append((squares / (n - trace) ** 2, float(length), float(np.mean(answer**2)), trace))
-    _, length, gain, trace = min(scores)
-    return length, gain, trace
 
 
 def relaxation(

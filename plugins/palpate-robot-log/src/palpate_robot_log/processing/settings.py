@@ -123,9 +123,7 @@ class OnsetChoice(Settings):
 class Smoothing(Settings):
     """Smoothing within each branch."""
 
-    method: Literal["savgol", "spline", "none"] = Field(
-        default="savgol", description="Savitzky-Golay, a smoothing spline, or none."
-    )
+    method: Literal["savgol", "none"] = Field(default="savgol", description="Savitzky-Golay, or none.")
     window: Seconds | None = Field(
         default=None,
         gt=0.0,
