@@ -15,7 +15,7 @@ def test_without_a_file_the_options_are_those_of_the_guide() -> None:
     options = read_options(None, ScanOptions, {})
     assert options.length_mm == pytest.approx(80.0)
     assert (options.mesh.size.fine_mm, options.mesh.size.coarse_mm) == pytest.approx((2.1, 18.0))
-    assert (options.mesh.kind, options.mesh.core, options.mesh.mesher) == ("tet10", "soft_tissue", "ftetwild")
+    assert (options.mesh.kind, options.mesh.core) == ("tet10", "soft_tissue")
     assert list(options.mark) == ["p1", "p2", "p3", "p4"]
     assert (options.mark_radii, options.smoothing, options.into) == ([1.2, 10.0], 20, Path("meshes"))
 
@@ -31,7 +31,7 @@ def test_the_guide_has_every_key_and_its_default(tmp_path: Path) -> None:
     assert "mark = " in block
     assert "landmarks = " in block
     assert (of_guide.length, of_guide.size) == pytest.approx((default.length_mm, default.mesh.size.fine_mm))
-    for key in ("mark_radii", "repair", "smoothing", "stump", "radius", "fine", "core", "linear", "mesher"):
+    for key in ("mark_radii", "repair", "smoothing", "stump", "radius", "fine", "core", "linear"):
         assert getattr(of_guide, key) == getattr(default, key), key
 
 
@@ -60,7 +60,6 @@ def test_options_of_the_command_line_come_first_and_have_their_own_folder(tmp_pa
         ("\nsize = '0 mm'", "limb.toml:2: size: '0 mm': must be greater than 0"),
         ("stump = 1", "limb.toml:1: stump: 1: not true or false"),
         ("smoothing = 201", "limb.toml:1: smoothing: 201: must be less than or equal to 200"),
-        ("mesher = 'magic'", "limb.toml:1: mesher: 'magic' is not one of 'ftetwild' or 'gmsh'"),
         ("core = 'a b'", "limb.toml:1: core: 'a b' is not a name; use letters, digits, - and _"),
         ("unit = 'MPa'", "limb.toml:1: unit: '1 MPa' is not of the kind of mm"),
         ("unit = '0 mm'", "limb.toml:1: unit: 0 mm: give more than 0 mm"),

@@ -21,7 +21,7 @@ from palpate_indentation import MeshioSettings, MeshioSource
 from palpate_limb import from_scan
 from palpate_limb.from_scan import layers_at_bone, sound_mesh
 from palpate_limb.layers import below_skin, extruded, read_layers
-from palpate_limb.meshing import MeshingTask, SizeField, run_mesher
+from palpate_limb.meshing import SizeField, run_ftetwild
 from palpate_limb.options import ScanOptions
 from palpate_limb.quality import assess, cell_volumes, check_quality, dihedral_angles_deg, scaled_jacobians
 from palpate_limb.segment import Segment, core_of, cut, gap_of_bones
@@ -292,22 +292,18 @@ def test_layers_that_reach_a_bone_are_remarked() -> None:
 # --------------------------------------------------------------------- meshers
 
 
-def task() -> MeshingTask:
+def filled(time_limit_s: float) -> None:
     body = segment().tissue
-    return MeshingTask(points_mm=body.points_mm, faces=body.faces, nested=False, size=SIZE, tolerance_mm=0.3)
+    run_ftetwild(body.points_mm, body.faces, SIZE, 0.3, time_limit_s, nested=False)
 
 
-def test_a_mesher_that_is_missing_or_slow_or_unknown_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "gmsh.py").write_text("raise ImportError('gmsh is missing')\n")
+def test_a_mesher_that_is_slow_or_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(MeshError, match=r"fTetWild failed \(.*stopped after 0\.05 s"):
+        filled(0.05)
+    (tmp_path / "pytetwild.py").touch()
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(PluginError, match="no mesher 'magic'"):
-        run_mesher("magic", task(), 10.0)
-    with pytest.raises(PluginError, match="install it"):
-        run_mesher("gmsh", task(), 60.0)
-    with pytest.raises(MeshError, match=r"stopped after 0\.05 s"):
-        run_mesher("ftetwild", task(), 0.05)
+    with pytest.raises(PluginError, match="fTetWild: pytetwild is missing; install it"):
+        filled(60.0)
 
 
 # --------------------------------------------------------------------- command

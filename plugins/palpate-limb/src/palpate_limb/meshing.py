@@ -12,7 +12,7 @@ import os
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType, ModuleType
+from types import ModuleType
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -78,39 +78,41 @@ class SizeField:
         return points, hexes[:, _SIX_TETS].reshape(-1, 4), self.at(points)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MeshingTask:
-    """Surfaces to fill, the body's and those that elements must follow inside of it, and sizes to respect.
+def run_ftetwild(
+    points_mm: FloatArray,
+    faces: IntArray,
+    size: SizeField,
+    tolerance_mm: float,
+    time_limit_s: float,
+    *,
+    nested: bool,
+) -> tuple[FloatArray, IntArray]:
+    """Points (n, 3) and tetrahedra (m, 4) of positive volume that fill surfaces.
 
-    Points are (n, 3), faces (m, 3). Where surfaces are ``nested``, everything within the box may be filled:
-    the caller keeps what is in the body. The mesh's surface may stray by ``tolerance_mm``.
+    A PluginError where fTetWild is not installed; a MeshError where it fails, takes longer than
+    ``time_limit_s`` or fills nothing.
+
+    Parameters
+    ----------
+    points_mm, faces : (n, 3), (m, 3) array
+        Surface of the body, and those that elements must follow inside of it.
+    tolerance_mm : float
+        Distance by which the mesh may leave the surfaces.
+    nested : bool
+        Whether there are several surfaces: everything within their box may be filled then, and the caller
+        keeps what is in the body.
     """
-
-    points_mm: FloatArray
-    faces: IntArray
-    nested: bool
-    size: SizeField
-    tolerance_mm: float
-
-
-def run_mesher(mesher: str, task: MeshingTask, time_limit_s: float) -> tuple[FloatArray, IntArray]:
-    """Points (n, 3) and tetrahedra (m, 4) of positive volume, by a mesher of ``MESHERS``.
-
-    A mesher that is unknown or not installed is a PluginError; one that fails, takes longer than
-    ``time_limit_s`` or fills nothing is a MeshError.
-    """
-    if (fill := MESHERS.get(mesher)) is None:
-        raise PluginError(f"no mesher '{mesher}'; choose {' or '.join(MESHERS)}")
-    points, tets = _run_tool(f"mesher '{mesher}'", time_limit_s, fill, task)
+    what = "filling the surfaces by fTetWild"
+    points, tets = _run_tool(what, time_limit_s, _ftetwild, points_mm, faces, size, tolerance_mm, nested)
     if not len(tets):
-        raise MeshError(f"mesher '{mesher}' filled nothing; check that the surfaces are closed and outward")
+        raise MeshError("fTetWild filled nothing; check that the surfaces are closed and outward")
     return points, tets
 
 
 def run_mmg(
     mesh: Arrays, size: SizeField, largest_mm: FloatArray, deviation_mm: float, time_limit_s: float
 ) -> Arrays:
-    """A mesh of straight tetrahedra with edges of the sizes asked for; errors as of :func:`run_mesher`.
+    """A mesh of straight tetrahedra with edges of the sizes asked for; errors as of :func:`run_ftetwild`.
 
     Parameters
     ----------
@@ -132,26 +134,29 @@ def _run_tool(
     try:
         return run_function(ProcessLimits(time_s=time_limit_s), function, *args, **kwargs)
     except ImportError as error:
-        raise PluginError(f"{what}: {error}; install it, e.g. pip install 'palpate-limb[all]'") from None
+        raise PluginError(f"{what}: {error}; install it: pip install palpate-limb") from None
     except (ChildProcessError, MemoryError) as error:
-        raise MeshError(
-            f"{what} failed ({error}); check the surfaces, coarsen the mesh, raise the time limit, or use "
-            "another mesher"
-        ) from None
+        raise MeshError(f"{what} failed ({error}); check the surfaces, or coarsen the mesh") from None
 
 
-def _ftetwild(task: MeshingTask) -> tuple[FloatArray, IntArray]:
+def _ftetwild(
+    points: FloatArray,
+    faces: IntArray,
+    size: SizeField,
+    tolerance_mm: float,
+    nested: bool,
+) -> tuple[FloatArray, IntArray]:
     """Points and tetrahedra by Hu et al. 2020, who take any triangles and keep to them within a tolerance."""
     os.chdir(tempfile.gettempdir())  # fTetWild leaves files where it runs
-    grid, cells, sizes = task.size.background(task.points_mm.min(axis=0), task.points_mm.max(axis=0))
-    points, tets = _pytetwild().tetrahedralize_mesh(
-        np.ascontiguousarray(task.points_mm, dtype=np.float64),
-        np.ascontiguousarray(task.faces, dtype=np.uint32),
+    grid, cells, sizes = size.background(points.min(axis=0), points.max(axis=0))
+    filled, tets = _pytetwild().tetrahedralize_mesh(
+        np.ascontiguousarray(points, dtype=np.float64),
+        np.ascontiguousarray(faces, dtype=np.uint32),
         True,  # optimise
         True,  # skip the simplification: the surfaces come simplified
         0.05,
         float(sizes.max()),
-        task.tolerance_mm / float(np.linalg.norm(np.ptp(task.points_mm, axis=0))),
+        tolerance_mm / float(np.linalg.norm(np.ptp(points, axis=0))),
         STOP_ENERGY,
         False,  # coarsen
         1,  # threads
@@ -159,12 +164,12 @@ def _ftetwild(task: MeshingTask) -> tuple[FloatArray, IntArray]:
         6,  # log level
         True,  # quiet
         True,  # VTK's order: positive volumes
-        task.nested,  # keep everything
+        nested,  # keep everything
         np.ascontiguousarray(grid, dtype=np.float64),
         np.ascontiguousarray(cells, dtype=np.int32),
         np.ascontiguousarray(sizes, dtype=np.float64),
     )
-    return np.asarray(points, dtype=np.float64), np.asarray(tets, dtype=np.int64)
+    return np.asarray(filled, dtype=np.float64), np.asarray(tets, dtype=np.int64)
 
 
 def _pytetwild() -> ModuleType:
@@ -177,34 +182,6 @@ def _pytetwild() -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-def _gmsh(task: MeshingTask) -> tuple[FloatArray, IntArray]:
-    """Delaunay tetrahedra behind the surface's own triangles."""
-    import gmsh
-
-    if task.nested:
-        raise ValueError("gmsh is given one closed surface here; use ftetwild for layers")
-    gmsh.initialize()
-    gmsh.option.setNumber("General.Terminal", 0)
-    surface = gmsh.model.addDiscreteEntity(2)
-    gmsh.model.mesh.addNodes(2, surface, list(range(1, len(task.points_mm) + 1)), task.points_mm.ravel())
-    gmsh.model.mesh.addElementsByType(surface, 2, [], (task.faces + 1).ravel())
-    gmsh.model.geo.addVolume([gmsh.model.geo.addSurfaceLoop([surface])])
-    gmsh.model.geo.synchronize()
-    gmsh.model.mesh.setSizeCallback(lambda _d, _t, *at: float(task.size.at(np.array([at[:3]]))[0]))
-    gmsh.model.mesh.generate(3)
-    tags, points, _ = gmsh.model.mesh.getNodes()
-    _, nodes = gmsh.model.mesh.getElementsByType(4)
-    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
-    row[tags] = np.arange(len(tags))
-    return np.asarray(points).reshape(-1, 3), row[nodes].reshape(-1, 4)
-
-
-MESHERS: Mapping[str, Callable[[MeshingTask], tuple[FloatArray, IntArray]]] = MappingProxyType(
-    {"ftetwild": _ftetwild, "gmsh": _gmsh}
-)
-"""Functions that fill surfaces, by name; Gmsh (GPL) is an extra that the user installs."""
 
 
 def _adapted(now: Arrays, size: SizeField, largest_mm: FloatArray, deviation_mm: float) -> Arrays:

@@ -4,7 +4,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import numpy as np
 from pydantic import (
@@ -149,7 +149,6 @@ class ScanOptions(Settings, strict=True):
     layer_table: Annotated[File, _readable_by(read_layers)] | None = None  # the same, as from ultrasound
     core: Name = TISSUE  # region below all layers
     linear: bool = False  # four-node elements
-    mesher: Literal["ftetwild", "gmsh"] = "ftetwild"
 
     @field_validator("spot")
     @classmethod
@@ -209,7 +208,6 @@ class ScanOptions(Settings, strict=True):
             kind="tet4" if self.linear else "tet10",
             layers_mm={name: self.layer[name] for name in self.layers if name in self.layer},
             core=self.core,
-            mesher=self.mesher,
         )
 
     def mesh_at(self, spot: str) -> MeshPlan:

@@ -108,13 +108,13 @@ def check_quality(quality: Quality, spot: str, wanted_mm: float) -> None:
     if quality.least_scaled_jacobian < LEAST_SCALED_JACOBIAN:
         raise MeshError(
             f"spot '{spot}': an element with scaled Jacobian {quality.least_scaled_jacobian:.3g} "
-            f"(at least {LEAST_SCALED_JACOBIAN} is needed); use smaller elements or another mesher"
+            f"(at least {LEAST_SCALED_JACOBIAN} is needed); use smaller elements (size)"
         )
     if quality.near_scaled_jacobian < LEAST_NEAR:
         raise MeshError(
             f"spot '{spot}': an element under the indenter with scaled Jacobian "
             f"{quality.near_scaled_jacobian:.3g} (at least {LEAST_NEAR} is needed there); use smaller "
-            "elements or another mesher"
+            "elements (size)"
         )
     if abs(quality.volume_error) > LARGEST_VOLUME_ERROR:
         raise MeshError(
@@ -124,7 +124,7 @@ def check_quality(quality: Quality, spot: str, wanted_mm: float) -> None:
     if quality.contact_edge_mm > LONGEST_EDGE * wanted_mm:
         raise MeshError(
             f"spot '{spot}': edges under the indenter are {quality.contact_edge_mm:.3g} mm long where "
-            f"{wanted_mm:g} mm were asked for; use a slower growth or another mesher"
+            f"{wanted_mm:g} mm were asked for (size); mesh it again, or ask for longer ones"
         )
 
 

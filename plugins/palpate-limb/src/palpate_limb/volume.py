@@ -11,7 +11,7 @@ import numpy as np
 from palpate.api import BoolArray, FloatArray, IntArray, Limb, Mesh, MeshError, Spot
 from palpate.api.mesh import CELLS, outer_faces, with_midpoints
 from palpate_limb.layers import below_skin, extruded
-from palpate_limb.meshing import MeshingTask, SizeField, run_mesher, run_mmg
+from palpate_limb.meshing import SizeField, run_ftetwild, run_mmg
 from palpate_limb.quality import scaled_jacobians
 from palpate_limb.segment import Segment, core_of, gap_of_bones
 from palpate_limb.surfaces import Surface, joined, parts_of, solid, surface_of
@@ -44,7 +44,6 @@ class MeshPlan:
     layers_mm: Mapping[str, float] = field(default_factory=lambda: NO_LAYERS)
     core: str = TISSUE
     tolerance_mm: float = 0.4
-    mesher: str = "ftetwild"
     time_limit_s: float = 300.0
 
     def __post_init__(self) -> None:
@@ -128,10 +127,7 @@ def _filled(segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan)
         surfaces.append(replace(layer, faces=layer.faces[~(ends[0] | ends[1])]))
     points, faces = joined(surfaces)
     nested = len(surfaces) > 1
-    task = MeshingTask(
-        points_mm=points, faces=faces, nested=nested, size=plan.size, tolerance_mm=plan.tolerance_mm
-    )
-    points, tets = run_mesher(plan.mesher, task, plan.time_limit_s)
+    points, tets = run_ftetwild(points, faces, plan.size, plan.tolerance_mm, plan.time_limit_s, nested=nested)
     if nested:
         tets = tets[segment.tissue.contains(points[tets].mean(axis=1))]
     points, tets = _largest(points, _positive(points, tets))
