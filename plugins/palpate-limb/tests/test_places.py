@@ -18,7 +18,7 @@ from palpate_limb.bones import covered, read_bones
 from palpate_limb.from_scan import ReadScan, read_scan
 from palpate_limb.marks import locate_at
 from palpate_limb.options import BoneFile, ScanOptions
-from palpate_limb.places import Around, Point, Station, place_of, position_mm, read_points
+from palpate_limb.places import Around, Station, place_of, position_mm, read_points
 from palpate_limb.repair import closed, defects, largest, parts, repaired
 from palpate_limb.segment import cut
 from palpate_limb.surfaces import Surface, guessed_unit, mm_per_unit
@@ -193,7 +193,7 @@ def test_points_are_given_or_named_and_lie_on_the_skin(tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text("name,x,y,z\nwrist,0,29.5,40\nelbow, -31, 0, 160\n")
     points = read_points(tmp_path / "points.csv")
     places = {name: place_of(text, points) for name, text in {"a": "wrist", "b": "1.5,-29,80"}.items()}
-    assert isinstance(places["b"], Point)
+    np.testing.assert_array_equal(places["b"], [1.5, -29.0, 80.0])
     np.testing.assert_allclose(position_mm("a", places["a"], around()), [0.0, 30.0, 40.0], atol=0.1)
     with pytest.raises(MeshError, match=r"spot 'a': \(0, 59, 80\) mm is 29 mm from tube"):
         position_mm("a", places["a"], replace(around(), mm_per_unit=2.0))

@@ -19,13 +19,6 @@ FARTHEST_MM = 10.0
 _SHARE = re.compile(r"(?:(?P<bone>[\w-]+):)?(?P<share>[+-]?\d+(?:\.\d*)?)\s*%(?:\s*,\s*(?P<angle>[^,]+))?")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Point:
-    """A point ``at`` (3,) near the skin, in the scan's own coordinates and unit."""
-
-    at: FloatArray
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Station:
     """A share of the extent of the limb (``bone`` empty) or of a bone along the axis, 0 at the lower end.
@@ -39,14 +32,14 @@ class Station:
     bone: str = ""
 
 
-Place: TypeAlias = Point | Station
+Place: TypeAlias = FloatArray | Station  # a point (3,) is in the scan's own coordinates and unit
 
 
 def place_of(text: str, points: Mapping[str, FloatArray]) -> Place:
     """Place meant by ``"12,30,-4"``, ``"45%,120deg"``, ``"ulna:95%"`` or a name; else a ValueError."""
     given = text.strip()
     if given in points:
-        return Point(at=points[given])
+        return points[given]
     if match := _SHARE.fullmatch(given):
         angle, bone = match["angle"], match["bone"] or ""
         if angle is None and not bone:
@@ -59,7 +52,7 @@ def place_of(text: str, points: Mapping[str, FloatArray]) -> Place:
             f"{text}: give x,y,z in the scan's coordinates, a share of the limb and an angle "
             f'("45%,120deg"), a share of a bone ("ulna:40%"), or one of points{known}'
         )
-    return Point(at=at)
+    return at
 
 
 def _numbers(cells: Sequence[str]) -> FloatArray | None:
@@ -114,8 +107,8 @@ class Around:
 
 def position_mm(name: str, place: Place, around: Around) -> FloatArray:
     """The point (3,) of the skin that a place means; a MeshError, naming the spot, where there is none."""
-    if isinstance(place, Point):
-        point = place.at * around.mm_per_unit
+    if not isinstance(place, Station):
+        point = place * around.mm_per_unit
         on, gaps = around.skin.nearest(point[None])
         if gaps[0] > FARTHEST_MM:
             raise MeshError(
