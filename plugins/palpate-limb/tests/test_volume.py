@@ -73,8 +73,6 @@ def test_the_size_field_is_fine_within_its_radius_and_grows() -> None:
     assert volumes.min() > 0.0
     assert volumes.sum() == pytest.approx(26.0**3)
     assert values.shape == (len(points),)
-    with pytest.raises(MeshError, match="give 0 < fine <= coarse"):
-        SizeField(fine_mm=5.0, coarse_mm=4.0, radius_mm=6.0)
 
 
 def test_a_regular_tetrahedron_is_perfect_and_a_folded_one_negative() -> None:

@@ -50,14 +50,6 @@ class SizeField:
     radius_mm: float
     growth: float = 0.8
 
-    def __post_init__(self) -> None:
-        if not (0.0 < self.fine_mm <= self.coarse_mm and self.radius_mm > 0.0 and self.growth > 0.0):
-            raise MeshError(
-                f"mesh size: fine {self.fine_mm:g} mm, coarse {self.coarse_mm:g} mm within "
-                f"{self.radius_mm:g} mm, growth {self.growth:g}; give 0 < fine <= coarse, a radius and a "
-                "growth > 0"
-            )
-
     def at(self, points_mm: FloatArray) -> FloatArray:
         """Edge length [mm] wanted at points (n, 3) in the spot's frame."""
         away = np.linalg.norm(points_mm, axis=1) - self.radius_mm
