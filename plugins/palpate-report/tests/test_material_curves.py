@@ -8,11 +8,11 @@ import pytest
 
 from palpate.fit.least_squares import LeastSquares
 from palpate.mechanics.homogeneous import MODES
-from palpate.testing.sections import small_runs
 from palpate_report.best_sets import initial_moduli
 from palpate_report.headline import draws_of
 from palpate_report.material import PATHS, material_curves
 from palpate_report.sections.fits import MaterialItself
+from palpate_report.testing import small_runs
 
 TRUTH = {"soft_tissue.stiffness": 0.45, "soft_tissue.grip": 22.0}
 

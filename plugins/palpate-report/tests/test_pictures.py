@@ -8,9 +8,9 @@ import pytest
 from PIL import Image
 
 from palpate.plugins.sections import Fold, Picture
-from palpate.testing.sections import small_runs
 from palpate_report.sections import origins as pictures
 from palpate_report.sections.origins import Pictures
+from palpate_report.testing import small_runs
 
 
 def shown(paths):

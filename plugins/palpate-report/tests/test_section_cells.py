@@ -6,8 +6,8 @@ from hypothesis import given, strategies as st
 
 from palpate.errors import PluginError
 from palpate.plugins.sections import Bar, Fold, Lines, Section, Shares, Table, Word
-from palpate.plugins.showable import checked
 from palpate_report.page import template
+from palpate_report.showable import checked
 
 
 class Extra(Section):

@@ -26,12 +26,6 @@ if TYPE_CHECKING:
         Word as Word,
         heading as heading,
     )
-    from palpate.plugins.showable import (
-        address as address,
-        checked as checked,
-        figure_data as figure_data,
-        is_own as is_own,
-    )
 
 if not TYPE_CHECKING:
     __getattr__ = deferred(__name__)

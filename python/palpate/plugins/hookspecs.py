@@ -181,6 +181,7 @@ def palpate_sections() -> "Iterable[type[Section]]":  # type: ignore[empty-body]
 
     A section is paragraphs, tables, figures as data, pictures and warnings: no markup and no script. Every
     one that is provided is shown where it has something to show; palpate-report's come through this hook too.
+    Its ``palpate_report.testing.SectionContract`` tests one.
     """
 
 

@@ -65,9 +65,9 @@ class Kind:
 
     @property
     def contract(self) -> str:
-        """Class of :mod:`palpate.testing` that tests what is provided; empty for studies."""
+        """Class of :mod:`palpate.testing` that tests what is provided; empty where it has none."""
         words = self.noun.removeprefix("experiment ").title().replace(" ", "")
-        return "" if words == "Study" else f"{words}Contract"
+        return "" if words in ("Study", "Section") else f"{words}Contract"
 
     @property
     def bases(self) -> tuple[type[Any], ...]:

@@ -11,7 +11,7 @@ runs the laws that palpate relies on::
             return MyTissue()
 """
 
-from palpate.testing.components import ComponentContract, check_described, plugins_with
+from palpate.testing.components import ComponentContract, check_described, overridden, plugins_with
 from palpate.testing.executors import ExecutorContract, LinearMaterial
 from palpate.testing.files import Expected, LimbSourceContract, LoaderContract
 from palpate.testing.fits import (
@@ -23,7 +23,6 @@ from palpate.testing.fits import (
 )
 from palpate.testing.materials import MaterialContract
 from palpate.testing.presses import ChannelContract, IndenterContract, MotionContract, ScenarioContract
-from palpate.testing.sections import SectionContract, SmallRun, small_run
 from palpate.testing.solvers import SolverContract
 from palpate.testing.stages import ScoreContract, StageContract
 from palpate.testing.studies import SmallStudy, StudyRunner, study_runner
@@ -45,15 +44,13 @@ __all__ = [
     "ScenarioContract",
     "ScoreContract",
     "SearchContract",
-    "SectionContract",
     "SetFilterContract",
-    "SmallRun",
     "SmallStudy",
     "SolverContract",
     "StageContract",
     "StudyRunner",
     "check_described",
+    "overridden",
     "plugins_with",
-    "small_run",
     "study_runner",
 ]

@@ -29,11 +29,7 @@ from palpate.api.report import (
     Paragraph,
     Picture,
     Table,
-    address,
-    checked,
-    figure_data,
     heading,
-    is_own,
 )
 from palpate.api.runs import answering_for
 from palpate_report.answer import answer, colour_of
@@ -42,6 +38,7 @@ from palpate_report.marks import rounded, with_minus
 from palpate_report.page_data import page_data
 from palpate_report.report_data import ReportData
 from palpate_report.result import Conclusion, Report, ordered
+from palpate_report.showable import address, checked, figure_data, is_own
 from palpate_report.table_files import shown
 from palpate_report.tables import TITLES
 

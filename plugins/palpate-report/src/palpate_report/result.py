@@ -9,7 +9,7 @@ import polars as pl
 
 from palpate.api import ParameterName, PluginError
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, WORDS
-from palpate.api.report import ReportWarning, Section, is_own
+from palpate.api.report import ReportWarning, Section
 from palpate.api.runs import Study, answering_for
 from palpate_report.best_sets import Best, best_sets, leading
 from palpate_report.headline import failure_of, headlines, known_answer, moduli
@@ -18,6 +18,7 @@ from palpate_report.methods import methods
 from palpate_report.next_step import next_step
 from palpate_report.report_data import ReportData, label_of
 from palpate_report.report_warnings import apparent, left_out, report_warnings
+from palpate_report.showable import is_own
 from palpate_report.tables import make_tables
 
 NOTHING = "no set fits all spots"

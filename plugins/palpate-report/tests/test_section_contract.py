@@ -6,9 +6,8 @@ import pytest
 
 from palpate.errors import PluginError
 from palpate.plugins.sections import Figure, Fold, Paragraph, Picture, ReportWarning, Section
-from palpate.testing import SectionContract
-from palpate.testing.sections import small_runs
 from palpate_report.sections import SECTIONS
+from palpate_report.testing import SectionContract, small_runs
 
 
 class TestTheCore(SectionContract):

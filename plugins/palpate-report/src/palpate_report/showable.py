@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.errors import PluginError
-from palpate.plugins.sections import (
+from palpate.api import PluginError
+from palpate.api.report import (
     Bar,
     Block,
     Drawing,

@@ -1,5 +1,9 @@
-"""Laws of sections of the page, on runs of a small study."""
+"""The contract test of a plugin's section, on runs of a small study.
 
+As those of :mod:`palpate.testing`: subclass it and override the fixture ``section``.
+"""
+
+import importlib.util
 import json
 import re
 import tempfile
@@ -13,11 +17,9 @@ from typing import Any, NamedTuple
 import polars as pl
 import pytest
 
-from palpate.domain.component import Component
-from palpate.errors import PluginError
-from palpate.plugins.catalogue import Plugins
-from palpate.plugins.registry import installed_points, owner_of
-from palpate.plugins.sections import (
+import palpate_report
+from palpate.api import Component
+from palpate.api.report import (
     Block,
     Facts,
     Figure,
@@ -30,10 +32,11 @@ from palpate.plugins.sections import (
     Section,
     Table,
 )
-from palpate.plugins.showable import checked, figure_data
-from palpate.run.directory import RunDirectory
-from palpate.stages.stage import read_run
-from palpate.testing.components import ComponentContract, overridden, plugins_with
+from palpate.api.runs import Plugins, RunDirectory, read_run, run_study
+from palpate.testing import ComponentContract, StudyRunner, overridden, plugins_with
+from palpate_report.showable import checked, figure_data
+
+__all__ = ["SectionContract", "SmallRun", "small_run", "small_runs"]
 
 MOST_BYTES = 500_000
 """Most bytes of the figures and pictures of a section of a small run."""
@@ -50,7 +53,7 @@ RUNS: Mapping[str, Mapping[str, Any]] = {
 
 
 class SmallRun(NamedTuple):
-    """Values that a section is given: ``ReportData`` and ``Report`` of palpate-report."""
+    """Values that a section is given: ``ReportData`` and ``Report``."""
 
     data: Any
     report: Any
@@ -58,20 +61,8 @@ class SmallRun(NamedTuple):
 
 @cache
 def page() -> Plugins:
-    """The core with palpate-report, which lays sections out.
-
-    Raises
-    ------
-    PluginError
-        It is not installed.
-    """
-    if found := _installed("palpate-report"):
-        return plugins_with(*found)
-    raise PluginError("sections are tested on the page of palpate-report; install palpate[standard]")
-
-
-def _installed(name: str) -> list[object]:
-    return [point.load() for point in installed_points() if owner_of(point) == name]
+    """The core with palpate-report, which lays sections out."""
+    return plugins_with(palpate_report)
 
 
 def small_run(folder: Path, plugins: Iterable[object], tables: Mapping[str, Any]) -> SmallRun:
@@ -84,12 +75,10 @@ def small_run(folder: Path, plugins: Iterable[object], tables: Mapping[str, Any]
     tables : mapping
         Tables of the study, as :class:`palpate.testing.StudyRunner` takes them.
     """
-    from palpate.stages import pipeline
-    from palpate.testing.studies import StudyRunner
-
-    every = dict.fromkeys([*plugins, *_installed("palpate-certainty")])
+    beside = ["palpate_certainty"] if importlib.util.find_spec("palpate_certainty") else []
+    every = dict.fromkeys([*plugins, *map(importlib.import_module, beside)])
     study, loaded = StudyRunner(folder).study(*every, **tables)
-    pipeline.run_study(study, folder / "run", loaded)
+    run_study(study, folder / "run", loaded)
     run = read_run(study, RunDirectory(folder / "run"), loaded, is_copy=False)
     sections = {**page().sections, **run.sections}
     return _reported(page().stages["report"]().data(replace(run, sections=sections)))
