@@ -3,8 +3,6 @@
 import io
 import itertools
 import re
-import subprocess
-import sys
 import threading
 from types import SimpleNamespace
 
@@ -15,7 +13,6 @@ from rich.console import Console
 from palpate.cli import progress as shown, status as status_command
 from palpate.cli.progress import StageProgress, best
 from palpate.cli.session import Session
-from palpate.executors.machine import usage
 from palpate.run.lock import locked
 
 pytestmark = pytest.mark.usefixtures("one_figure")
@@ -105,7 +102,7 @@ def test_a_narrow_terminal_keeps_count_time_left_and_failures(follow, monkeypatc
     session, text = follow(is_terminal=True, width=width)
     clock = itertools.count()
     monkeypatch.setattr(shown.time, "monotonic", lambda: next(clock) * 600.0)
-    side = "cpu 78 % of 2 cores, memory 1.4 GB; best I 0.0221 (p1/5), II 0.00256 (p1/5), III 0.1 (p2/17)"
+    side = "best I 0.0221 (p1/5), II 0.00256 (p1/5), III 0.1 (p2/17), IV 0.0221 (p1/5), V 0.00256 (p1/5)"
     with StageProgress(session) as following:
         following._side.text = side
         following.begin("simulate", 10_000)
@@ -118,7 +115,7 @@ def test_a_narrow_terminal_keeps_count_time_left_and_failures(follow, monkeypatc
     plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text.getvalue())
     first, second = plain.splitlines()[-2:]
     assert re.match(r"simulate +9200/10000 about \d+ h \d+ min left +133 failed ", first), first
-    assert second.startswith("  67 timed_out, 66 diverged, 9067 ok, 2 running; cpu 78"), second
+    assert second.startswith("  67 timed_out, 66 diverged, 9067 ok, 2 running; best I"), second
     assert max(len(first.rstrip()), len(second.rstrip())) <= width
 
 
@@ -158,14 +155,14 @@ def test_the_time_left_counts_nothing_that_was_reused(follow, monkeypatch, n_reu
         assert following._left() == f"{status_command.about(10.0 * (95 - n_reused))} left"
 
 
-def test_the_side_shows_processor_memory_and_the_best_sets(whole_run, follow, monkeypatch, until):
+def test_the_side_shows_the_best_sets(whole_run, follow, monkeypatch, until):
     monkeypatch.setattr(shown, "LOOK_S", 0.05)
     session, _ = follow(is_terminal=False)
     with StageProgress(session, whole_run) as following:
         following.begin("simulate", 5)
         until(lambda: "best" in following._side.text)
         side = following._side.text
-    assert re.search(r"cpu \d+ % of \d+ cores, memory \d+\.\d GB; best pull only [\d.e-]+ \(s\d/\d+\)", side)
+    assert re.fullmatch(r"best pull only [\d.e-]+ \(s\d/\d+\).*", side)
     assert not following._side._thread.is_alive()
 
 
@@ -180,27 +177,6 @@ def test_the_best_of_each_scenario_is_named_with_its_place():
     )
     assert best(frame) == "best I 0.25 (b/7), II 1e-09 (a/1)"
     assert best(frame.clear()) == ""
-
-
-@pytest.mark.skipif(usage() is None, reason="no /proc here")
-def test_the_use_of_workers_and_of_what_they_start_counts(until):
-    before = usage()
-    hold = "x = bytearray(150_000_000)\nwhile 1: x"
-    busy = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {hold!r}])"
-    child = subprocess.Popen([sys.executable, "-c", busy], start_new_session=True)
-
-    def counts():
-        now = usage()
-        return now[1] >= before[1] + 140.0 and now[0] >= before[0] + 0.3
-
-    try:
-        until(counts)
-    finally:
-        import os
-        import signal
-
-        os.killpg(child.pid, signal.SIGKILL)
-        child.wait()
 
 
 @pytest.mark.slow

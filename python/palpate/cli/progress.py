@@ -1,7 +1,6 @@
 """Progress on stderr: a bar for people, lines for the log of a batch system."""
 
 import contextlib
-import os
 import signal
 import threading
 import time
@@ -218,7 +217,7 @@ class StageProgress:
 
 
 class _Side:
-    """Thread that reads processor load, memory and the best sets, and then calls ``looked``."""
+    """Thread that calls ``looked`` and reads the best sets so far."""
 
     def __init__(self, folder: Path | None, looked: Callable[[], None]) -> None:
         self.text = ""
@@ -240,39 +239,23 @@ class _Side:
     def _look(self) -> None:
         if self._ended.wait(LOOK_S):  # most commands end before anything needs to be imported
             return
-        from palpate.executors.machine import usage
         from palpate.stages.status import Watcher
 
-        watcher = None if self._folder is None else Watcher(self._folder)
-        before, next_s = (time.monotonic(), usage()), 0.0
+        watcher, next_s = None if self._folder is None else Watcher(self._folder), 0.0
         self._looked()
         while not self._ended.wait(LOOK_S):
             self._looked()
-            now = (time.monotonic(), usage())
-            if now[0] < next_s:
+            begun = time.monotonic()
+            if watcher is None or begun < next_s:
                 continue
-            parts = [_use(before, now)]
-            before = now
             # The sweep itself reports what is wrong with the folder.
             with contextlib.suppress(PalpateError, OSError):
-                parts.append(best(watcher.status().best) if watcher else "")
-            self.text = _joined(*parts)
-            next_s = time.monotonic() + 20.0 * (time.monotonic() - now[0])
+                self.text = best(watcher.status().best)
+            next_s = time.monotonic() + 20.0 * (time.monotonic() - begun)
 
 
 def _joined(*parts: str) -> str:
     return "; ".join(part for part in parts if part)
-
-
-_Use = tuple[float, tuple[float, float] | None]
-
-
-def _use(before: _Use, now: _Use) -> str:
-    """Processors that worked between two looks, and memory now."""
-    if before[1] is None or now[1] is None:
-        return ""
-    share = max(0.0, now[1][0] - before[1][0]) / max(1e-9, now[0] - before[0])
-    return f"cpu {100.0 * share:.0f} % of {os.cpu_count()} cores, memory {now[1][1] / 1e3:.1f} GB"
 
 
 def best(frame: "pl.DataFrame") -> str:

@@ -2,7 +2,6 @@
 
 import contextlib
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
 THREAD_VARIABLES = (
@@ -82,29 +81,3 @@ def thread_limits(n_threads: int) -> dict[str, str]:
         flags = os.environ.get("XLA_FLAGS", "")
         limits["XLA_FLAGS"] = f"{flags} --xla_cpu_multi_thread_eigen=false".strip()
     return limits
-
-
-def usage() -> tuple[float, float] | None:
-    """Processor seconds so far and memory [MB] now of this process and its workers; None if unknown.
-
-    A worker leads a process group of its own, to which the programs that its solver starts belong.
-    """
-    me, ticks, pages = os.getpid(), 0, 0
-    stats = dict(_stats())
-    leaders = {pid for pid, fields in stats.items() if int(fields[1]) == me or pid == me}
-    for pid, fields in stats.items():
-        if pid in leaders or int(fields[2]) in leaders - {me}:
-            ticks += int(fields[11]) + int(fields[12])
-            pages += int(fields[21])
-    if not ticks:
-        return None
-    return ticks / os.sysconf("SC_CLK_TCK"), pages * os.sysconf("SC_PAGE_SIZE") * 1e-6
-
-
-def _stats() -> Iterator[tuple[int, list[str]]]:
-    """Fields of /proc/<pid>/stat after the name, which may hold spaces: state, parent, group and so on."""
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            yield int(path.parent.name), path.read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
