@@ -258,15 +258,6 @@ def test_ctrl_c_that_a_callback_swallows_stops_the_next_stage(
     assert outcome.code == 130
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="no such limit there")
-def test_an_exhausted_file_table_is_an_error(study: Path, tmp_path: Path) -> None:
-    command = f"ulimit -n 12; exec {sys.executable} -m palpate --plugin {PLUGIN} run {study}"
-    done = subprocess.run(["sh", "-c", command], capture_output=True, text=True, check=False, cwd=tmp_path)
-    assert done.returncode == 2
-    assert "raise the limit (ulimit -n 1024)" in done.stderr
-    assert "Traceback" not in done.stderr
-
-
 @pytest.mark.slow
 def test_a_process_ends_with_the_code(study: Path, tmp_path: Path) -> None:
     edit(study, '"closed_form"', '"clsed_form"')

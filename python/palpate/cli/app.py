@@ -49,9 +49,6 @@ PANELS: Mapping[str, tuple[Callable[..., object], ...]] = MappingProxyType(
 )
 """Commands by the heading under which help lists them."""
 
-FEWEST_FILES = 32
-"""Files that must be free to be opened when a command starts."""
-
 COMMANDS = (*PANELS[START], *PANELS[RUN])
 STAGES = PANELS[STAGES_PANEL]
 GROUPS = MappingProxyType({experiment: experiment_commands, limb: limb_commands})
@@ -125,7 +122,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(app: typer.Typer, session: Session, given: Sequence[str]) -> int:
     try:
-        _check_open_files()
         if not _is_core_command(given):
             from palpate.plugins.registry import add_commands
 
@@ -156,21 +152,6 @@ def _of_file(error: OSError) -> PalpateError:
     if not is_of_disk(error):
         raise error
     return PalpateError(f"{error.filename or 'a file'}: {reason(error)}")
-
-
-def _check_open_files() -> None:
-    """Refuse to start where libraries could not open their files: some of them abort then."""
-    opened: list[int] = []
-    try:
-        opened.extend(os.open(os.devnull, os.O_RDONLY) for _ in range(FEWEST_FILES))
-    except OSError as error:
-        raise PalpateError(
-            f"this process can open no more than {len(opened)} files ({error.strerror}); palpate needs "
-            f"{FEWEST_FILES}: raise the limit (ulimit -n 1024)"
-        ) from None
-    finally:
-        for descriptor in opened:
-            os.close(descriptor)
 
 
 def _reserve_stdout() -> None:
