@@ -1,6 +1,6 @@
 """Commands that a plugin adds to the command line, of their own or under a stage."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -49,25 +49,15 @@ class Command:
         return name_of(self.function)
 
     def add_to(self, app: "typer.Typer") -> None:
-        """Add it to the application, or to its stage.
-
-        Raises
-        ------
-        PluginError
-            The stage takes no commands.
-        """
+        """Add it to the application, or to its stage, which is one of the application's groups."""
         from typer.core import TyperCommand
 
         if not self.stage:
             app.command(self.name, rich_help_panel=self.panel, epilog=self.epilog)(self.function)
             return
-        groups = {group.name: group.typer_instance for group in app.registered_groups}
-        if (group := groups.get(self.stage)) is None:
-            raise PluginError(
-                f"stage '{self.stage}' takes no commands; use one of {', '.join(map(str, groups))}"
-            )
+        groups = {each.name: each.typer_instance for each in app.registered_groups if each.typer_instance}
         kind = type("StageCommand", (TyperCommand,), {"suffixes": self.suffixes})
-        group.command(cls=kind, epilog=self.epilog)(self.function)
+        groups[self.stage].command(cls=kind, epilog=self.epilog)(self.function)
 
 
 def command_names(app: "typer.Typer") -> list[str]:
@@ -82,9 +72,21 @@ def command_names(app: "typer.Typer") -> list[str]:
     return names
 
 
-def refuse_command_clashes(app: "typer.Typer") -> None:
-    """Raise a PluginError where two commands have one name."""
-    names = command_names(app)
-    double = sorted({name for name in names if names.count(name) > 1})
-    if double:
-        raise PluginError(f"command '{double[0]}' already exists; rename it")
+def new_names(app: "typer.Typer", commands: Iterable[Command], stages: Iterable[str]) -> list[str]:
+    """Names, such as ``limb scan``, of commands and stages that an application can get.
+
+    Raises
+    ------
+    PluginError
+        A stage takes no commands, or a name is taken.
+    """
+    names, groups = list(stages), [str(group.name) for group in app.registered_groups]
+    for command in commands:
+        if command.stage and command.stage not in groups:
+            raise PluginError(f"stage '{command.stage}' takes no commands; use one of {', '.join(groups)}")
+        names.append(f"{command.stage} {command.name}".lstrip())
+    taken = command_names(app)
+    for k, name in enumerate(names):
+        if name in taken or name in names[:k]:
+            raise PluginError(f"command '{name}' already exists; rename it")
+    return names

@@ -25,7 +25,7 @@ import pluggy
 from palpate.errors import PluginError
 from palpate.fingerprints import CONTENT_HASH, content_hash
 from palpate.plugins import hookspecs
-from palpate.plugins.commands import command_names, refuse_command_clashes
+from palpate.plugins.commands import new_names
 from palpate.plugins.guard import BrokenPlugin, guarded
 from palpate.plugins.versions import API_VERSION, FIRST_PARTY, THIS_VERSION
 
@@ -247,23 +247,20 @@ class Registry:
         """
         broken = []
         for name, source in self.sources.items():
-            apps = [app, *(group.typer_instance for group in app.registered_groups if group.typer_instance)]
-            kept = [(part, list(part.registered_commands), list(part.registered_groups)) for part in apps]
-            before = command_names(app)
             try:
                 with guarded():
                     added = self._own_commands(name)
-                    for command in added:
-                        command.add_to(app)
-                    if add_stage is not None and all(command.stage for command in added):
-                        for stage in self._stages(name):
-                            add_stage(stage)
-                    refuse_command_clashes(app)
-                self.commands |= {command: name for command in command_names(app) if command not in before}
+                    is_for_stages = add_stage and all(command.stage for command in added)
+                    stages = self._stages(name) if is_for_stages else []
+                    names = new_names(app, added, [stage.name for stage in stages])
             except PluginError as error:
-                for part, commands, groups in kept:
-                    part.registered_commands[:], part.registered_groups[:] = commands, groups
                 broken.append(BrokenPlugin.of(error, name, source))
+                continue
+            self.commands |= dict.fromkeys(names, name)
+            for command in added:
+                command.add_to(app)
+            for stage in stages:
+                add_stage(stage)  # type: ignore[misc]
         return tuple(broken)
 
     def outputs(self) -> dict[str, Any]:
