@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -18,7 +18,6 @@ from palpate.plugins.parametrisation import Parametrisation
 from palpate.plugins.score import ScoringRules
 from palpate.plugins.search import Search
 from palpate.study.build import (
-    Components,
     Context,
     build_components,
     build_scenarios,
@@ -29,8 +28,8 @@ from palpate.study.build import (
 from palpate.study.model import BudgetTable, ExecutorTable, Tables
 from palpate.study.problems import ModelT, Problems, read_tables, require
 from palpate.study.regions import build_space, build_truth, display_units
-from palpate.study.solver_checks import check_body, check_channels, check_protocols, check_regions
-from palpate.study.source_positions import MOST_BYTES, MOST_SIMULATIONS, Key, KeyLines, check_plain, dotted
+from palpate.study.solver_checks import check_solver
+from palpate.study.source_positions import MOST_BYTES, MOST_SIMULATIONS, KeyLines, check_plain, dotted
 from palpate.study.spots import StudySpot, build_protocol, build_spots
 
 __all__ = ["Study", "StudySpot", "read_options", "read_study", "relative", "with_study_plugins"]
@@ -340,7 +339,10 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     truth = build_truth(context, tables, space)
     _check_sizes(context, tables, parts.executor)
     protocols = [protocol, *(spot.protocol for spot in spots)]
-    _check_together(context, tables, parts, space, protocols, scenarios)
+    if tables.budget:
+        check_budget(context, tables.budget, space, protocols)
+    if parts.solver:
+        check_solver(context, parts.solver, tables, space, scenarios, protocols)
     if parts.parametrisation:
         check_parametrisation(context, parts.parametrisation, tables, measured, scenarios)
     context.problems.raise_if_any()
@@ -397,38 +399,6 @@ def _with_settings(
         n_attempts=limits.attempts,
         cache=study.folder / limits.cache if limits.cache else None,
     )
-
-
-def _check_together(
-    context: Context,
-    tables: Tables,
-    parts: Components,
-    space: ParameterSpace,
-    protocols: Sequence[Protocol | None],
-    scenarios: Sequence[Scenario],
-) -> None:
-    """Refuse what a table asks of the others; the first protocol is that of the study."""
-    if tables.budget:
-        check_budget(context, tables.budget, space, protocols)
-    if parts.solver:
-        _check_solver(context, parts.solver, tables, space, scenarios, protocols)
-
-
-def _check_solver(
-    context: Context,
-    solver: Solver,
-    tables: Tables,
-    space: ParameterSpace,
-    scenarios: Sequence[Scenario],
-    protocols: Sequence[Protocol | None],
-) -> None:
-    """Refuse what the solver does not provide; the first protocol is that of the study."""
-    check_body(context, solver, tables)
-    check_regions(context, solver, tables, space)
-    keys: list[Key] = [("protocol",), *(("spot", i, "protocol") for i in range(len(protocols) - 1))]
-    check_protocols(context, solver, tables, zip(keys, protocols, strict=True))
-    if tables.selection:
-        check_channels(context, solver, tables.selection, scenarios)
 
 
 def _check_sizes(context: Context, tables: Tables, executor: Executor | None) -> None:

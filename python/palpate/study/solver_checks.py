@@ -1,6 +1,6 @@
 """Refuse a study that asks for more than its solver provides, or gives what it would not use."""
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Sequence
 
 from palpate.domain import ParameterSpace, Protocol, Scenario, channel_of
 from palpate.plugins.interfaces import Solver
@@ -11,8 +11,25 @@ from palpate.study.source_positions import Key
 OTHER = "choose another of either"
 
 
-def check_channels(
-    context: Context, solver: Solver, selection: SelectionTable, scenarios: Collection[Scenario]
+def check_solver(
+    context: Context,
+    solver: Solver,
+    tables: Tables,
+    space: ParameterSpace,
+    scenarios: Sequence[Scenario],
+    protocols: Sequence[Protocol | None],
+) -> None:
+    """Refuse what the solver does not provide; the first protocol is that of the study, then of each spot."""
+    _check_body(context, solver, tables)
+    _check_regions(context, solver, tables, space)
+    keys: list[Key] = [("protocol",), *(("spot", i, "protocol") for i in range(len(protocols) - 1))]
+    check_protocols(context, solver, tables, zip(keys, protocols, strict=True))
+    if tables.selection:
+        _check_channels(context, solver, tables.selection, scenarios)
+
+
+def _check_channels(
+    context: Context, solver: Solver, selection: SelectionTable, scenarios: Sequence[Scenario]
 ) -> None:
     """Refuse a scenario of a channel that the solver does not compute."""
     provides, known = solver.provides, context.plugins.channels
@@ -27,7 +44,7 @@ def check_channels(
             )
 
 
-def check_body(context: Context, solver: Solver, tables: Tables) -> None:
+def _check_body(context: Context, solver: Solver, tables: Tables) -> None:
     """Refuse a study without the tables and meshes that the solver needs, or with those it does not use."""
     provides, add, name = solver.provides, context.problems.add, f"solver '{solver.name}'"
     needed = {"limb": provides.mesh, "protocol": provides.body != "specimen"}
@@ -48,7 +65,7 @@ def check_body(context: Context, solver: Solver, tables: Tables) -> None:
                 add(("spot", index, key), f"{name} takes no mesh; remove the key")
 
 
-def check_regions(context: Context, solver: Solver, tables: Tables, space: ParameterSpace) -> None:
+def _check_regions(context: Context, solver: Solver, tables: Tables, space: ParameterSpace) -> None:
     """Refuse more regions, or other materials, than the solver simulates."""
     provides, add, name = solver.provides, context.problems.add, f"solver '{solver.name}'"
     regions, most = list(tables.region), provides.max_regions
@@ -77,9 +94,12 @@ def check_protocols(
     provides, add, name = solver.provides, context.problems.add, f"solver '{solver.name}'"
     if provides.body == "specimen":
         return  # that there is a protocol is reported already
-    for place, shape in _indenters(tables):
+    named: list[tuple[Key, ProtocolTable | SpotProtocolTable | None]] = [(("protocol",), tables.protocol)]
+    named += [(("spot", index, "protocol"), spot.protocol) for index, spot in enumerate(tables.spot)]
+    for key, table in named:
+        shape = table.indenter.shape if table and table.indenter else ""
         if shape in context.plugins.indenters and not provides.simulates(shape):  # else reported already
-            known = ", ".join(provides.indenters or ())
+            known, place = ", ".join(provides.indenters or ()), (*key, "indenter", "shape")
             add(place, f"{name} does not simulate indenter '{shape}' (it has {known}); {OTHER}")
     for key, protocol in protocols:
         if missing := provides.other_moves(protocol):
@@ -88,12 +108,3 @@ def check_protocols(
                 (*key, "motion"),
                 f"{name} simulates no motion with {', '.join(missing)} (it has {known}); {OTHER}",
             )
-
-
-def _indenters(tables: Tables) -> Iterator[tuple[Key, str]]:
-    """Each indenter that the file names, with its key."""
-    named: list[tuple[Key, ProtocolTable | SpotProtocolTable | None]] = [(("protocol",), tables.protocol)]
-    named += [(("spot", index, "protocol"), spot.protocol) for index, spot in enumerate(tables.spot)]
-    for key, table in named:
-        if table is not None and table.indenter is not None:
-            yield (*key, "indenter", "shape"), table.indenter.shape
