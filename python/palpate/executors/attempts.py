@@ -97,7 +97,8 @@ def attempt(
                 index, job, begun = culprits[0]
                 yield index, _failed(job, error, begun)
             for index, job, _ in culprits if len(culprits) > 1 else ():
-                yield index, _attempt_alone(solver, limb, (index, job), started)
+                started(index)
+                yield index, simulate_alone(solver, job, limb)
             if not culprits and not flight.n_answered:
                 yield from ((index, _failed(job, error, perf_counter())) for index, job in flight.waiting)
                 return
@@ -110,20 +111,14 @@ def attempt(
 
 def simulate_alone(solver: Solver, job: Job, limb: Limb | None) -> Simulation:
     """Simulate one job in this process; an error of the solver becomes its status."""
-    return _attempt_alone(solver, limb, (0, job), lambda index: None)
-
-
-def _attempt_alone(
-    solver: Solver, limb: Limb | None, task: Task, started: Callable[[int], None]
-) -> Simulation:
-    flight = _InFlight([task], started, lambda: True)
-    job = next(flight.feed())
     begun = perf_counter()
     try:
-        answered = flight.answer(solver.simulate(job, limb))
+        answer = solver.simulate(job, limb)
     except (Exception, SystemExit) as error:
         return _failed(job, error, begun)
-    return _unanswered(job) if answered is None else answered[1]
+    if isinstance(answer, Simulation) and _name(answer.job) != _name(job):
+        return _unanswered(job)
+    return usable(job, answer, perf_counter() - begun)
 
 
 def usable(job: Job, answer: object, seconds: float) -> Simulation:
