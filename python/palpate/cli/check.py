@@ -117,7 +117,11 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
         "Searched parameters",
         ["name", "lower", "upper", "unit", "prior", "description"],
         [
-            [p.name, p.lower, p.upper, p.unit, _prior(p), f"{p.description}{_where(p)}"]
+            [
+                *(p.name, p.lower, p.upper, p.unit),
+                f"{p.prior.value:g} ± {p.prior.sd:g}" if p.prior else None,
+                f"{p.description}; a value for each spot" if p.by_spot else p.description,
+            ]
             for p in in_units(study, (*study.space.parameters, *_by_fit_alone(study)))
         ],
     )
@@ -154,15 +158,6 @@ def _by_fit_alone(study: "Study") -> list["Parameter"]:
 def _limits(parameter: "Parameter") -> "Searched":
     p = parameter
     return {"name": p.name, "lower": p.lower, "upper": p.upper, "unit": p.unit}
-
-
-def _prior(parameter: "Parameter") -> str:
-    prior = parameter.prior
-    return f"{prior.value:g} ± {prior.sd:g}" if prior else "–"
-
-
-def _where(parameter: "Parameter") -> str:
-    return "; a value for each spot" if parameter.by_spot else ""
 
 
 def _meshes(study: "Study", checked: "StudyInputs", spot: str) -> str:

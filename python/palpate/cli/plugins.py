@@ -12,7 +12,6 @@ from palpate.cli.session import Session
 
 if TYPE_CHECKING:
     from palpate.plugins.catalogue import Plugins
-    from palpate.plugins.interfaces import Solver
 
 COMMANDS = "commands"
 """What is listed besides the catalogues."""
@@ -84,6 +83,7 @@ def describe(loaded: "Plugins", kind: str, name: str) -> dict[str, Any]:
     from palpate.domain.component import Component
     from palpate.domain.material import Material
     from palpate.plugins.interfaces import Solver
+    from palpate.plugins.provides import provided_by_default
 
     catalogue = loaded.catalogue(kind)
     entry = catalogue[name]
@@ -94,7 +94,8 @@ def describe(loaded: "Plugins", kind: str, name: str) -> dict[str, Any]:
     if isinstance(entry, type) and issubclass(entry, Material):
         found.update(_material(entry))
     if isinstance(entry, type) and issubclass(entry, Solver):
-        found["provides"] = _provides(entry)
+        provides = provided_by_default(entry)  # None where some of its settings have no default
+        found["provides"] = {} if provides is None else asdict(provides)
     for attribute in ("abscissa", "ordinate", "weights", "directory"):
         if hasattr(entry, attribute) and not isinstance(entry, type):
             found[attribute] = getattr(entry, attribute)
@@ -115,14 +116,6 @@ def _material(material: Any) -> dict[str, Any]:  # noqa: ANN401 -- a material cl
     keys = ("name", "unit", "lower", "upper", "physical_lower", "physical_upper", "kind", "description")
     parameters = [{key: getattr(p, key) for key in keys} for p in built.parameters]
     return {"parameters": parameters, "conventions": ["textbook", *built.conventions]}
-
-
-def _provides(solver: type["Solver"]) -> dict[str, Any]:
-    """Describe what a solver provides with its default settings; empty where some have no default."""
-    from palpate.plugins.provides import provided_by_default
-
-    provides = provided_by_default(solver)
-    return {} if provides is None else asdict(provides)
 
 
 def _show_all(session: Session, found: dict[str, list[dict[str, Any]]]) -> None:

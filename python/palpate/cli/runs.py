@@ -94,7 +94,10 @@ def session_of_run(
                 f"palpate --plugin {file.name} {command} {run}"
             )
     if others and not trust:
-        _ask(session, run, others, command)
+        lines = [f"{run} names plugin files, which are programs:", *(f"  {file}" for file in others)]
+        options = " ".join(f"--plugin {file}" for file in others)
+        remedy = f"look at them; then use --trust-plugins, or name them: palpate {options} {command} {run}"
+        session.confirm("\n".join(lines), "execute them?", remedy)
     return Session((*session.files, *others), session.without, session.make_app, session.given)
 
 
@@ -158,13 +161,3 @@ def plugins_of(run: Path, manifest: Mapping[str, Any]) -> list[Path]:
         copy = kept_plugin(run, number, file)
         found.append(file if file.is_file() else copy if copy.is_file() else copies.get(file.name, copy))
     return found
-
-
-def _ask(session: Session, run: Path, files: list[Path], command: str) -> None:
-    text = "\n".join([f"{run} names plugin files, which are programs:", *(f"  {file}" for file in files)])
-    options = " ".join(f"--plugin {file}" for file in files)
-    session.confirm(
-        text,
-        "execute them?",
-        f"look at them; then use --trust-plugins, or name them: palpate {options} {command} {run}",
-    )

@@ -187,7 +187,10 @@ class Session:
         """Print a value as JSON; numbers that are not finite become null."""
         from pydantic_core import to_json
 
-        text = to_json(value, indent=2, inf_nan_mode="null", fallback=_plain)
+        def plain(other: object) -> object:
+            return dict(other) if isinstance(other, Mapping) else str(other)
+
+        text = to_json(value, indent=2, inf_nan_mode="null", fallback=plain)
         typer.echo(visible(text.decode()))
 
     def frame(self, title: str, frame: "pl.DataFrame") -> None:
@@ -288,8 +291,3 @@ def cell(value: object) -> str:
             return "> 0" if value == sys.float_info.min else f"{value:.6g}"
         case _:
             return str(value)
-
-
-def _plain(value: object) -> object:
-    """A value that JSON does not know: a mapping as a table, anything else as its text."""
-    return dict(value) if isinstance(value, Mapping) else str(value)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.domain import Curve, Indentation, Job, Response, Simulation, Status, SurfaceStates
+from palpate.domain import Curve, Indentation, Response, Simulation, Status, SurfaceStates
 from palpate.errors import CurveError
 
 LONGEST_MESSAGE = 4000
@@ -90,7 +90,9 @@ def reject_nonphysical(simulation: Simulation) -> Simulation:
     curves = () if simulation.response is None else tuple(simulation.response.curves.values())
     if not curves:
         return _unreadable(simulation, "the solver answered ok without a curve")
-    if _deforms(simulation.job) and not any(np.any(curve.ordinate) for curve in curves):
+    press = simulation.job.protocol
+    deforms = not isinstance(press, Indentation) or np.any(press.path[:, 0])
+    if deforms and not any(np.any(curve.ordinate) for curve in curves):
         names = ", ".join(curve.channel for curve in curves)
         return _unreadable(
             simulation,
@@ -102,11 +104,6 @@ def reject_nonphysical(simulation: Simulation) -> Simulation:
 
 def _unreadable(simulation: Simulation, why: str) -> Simulation:
     return replace(simulation, status=Status.UNREADABLE, message=why)
-
-
-def _deforms(job: Job) -> bool:
-    protocol = job.protocol
-    return not isinstance(protocol, Indentation) or bool(np.any(protocol.path[:, 0]))
 
 
 def storable(message: object, longest: int = LONGEST_MESSAGE) -> str:

@@ -135,19 +135,15 @@ class Pool:
                 raise ExecutorError("the executor was closed, or given other jobs, before these had ended")
             if batch.should_continue():
                 self._staff()
-            elif not self._let_go():
-                break
+            else:
+                for worker in [each for each in self._workers if not each.started]:  # between two jobs
+                    self._dismiss(worker)
+                if not self._workers:
+                    break
             for result in self._next_results():
                 n_left -= 1
                 yield result
         self.is_running = False
-
-    def _let_go(self) -> bool:
-        """Dismiss the workers that are between two jobs; returns whether any is left."""
-        for worker in list(self._workers):
-            if not worker.started:
-                self._dismiss(worker)
-        return bool(self._workers)
 
     def close(self) -> None:
         """Stop every worker, whatever it does."""
@@ -313,7 +309,8 @@ class Pool:
         n_attempts = self._batch.limits.n_attempts
         final = [index for index in suspects if self._crashes[index] >= n_attempts]
         self._alone.extend(index for index in suspects if self._crashes[index] < n_attempts)
-        message = f"the worker process ended {_times(n_attempts)} on this job: {worker.how_it_ended()}"
+        times = {1: "once", 2: "twice"}.get(n_attempts, f"{n_attempts} times")
+        message = f"the worker process ended {times} on this job: {worker.how_it_ended()}"
         return [
             (
                 index,
@@ -337,10 +334,6 @@ class Pool:
             if index not in suspects:
                 self._pending[self._batch.jobs[index].limb_name].appendleft(index)
         return suspects
-
-
-def _times(n: int) -> str:
-    return {1: "once", 2: "twice"}.get(n, f"{n} times")
 
 
 def _setup(batch: Batch) -> _Setup:
@@ -457,11 +450,8 @@ class _Worker:
         with contextlib.suppress(BrokenPipeError):
             if self._process.stdin is not None:
                 self._process.stdin.close()
-        self.last_output = self._last_line()
-
-    def _last_line(self) -> str:
         lines = self._output.decode(errors="replace").splitlines()
-        return next((line.strip() for line in reversed(lines) if line.strip()), "")
+        self.last_output = next((line.strip() for line in reversed(lines) if line.strip()), "")
 
     @property
     def killed_by(self) -> int:

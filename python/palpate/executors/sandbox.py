@@ -118,7 +118,9 @@ def run_program(
             _started(command, working_directory or folder, environment, limits, printed) as process,
             _guarded(process.pid, folder if is_scratch else None),
         ):
-            _let_in(process)
+            if process.stdin is not None:  # its guard knows its group now
+                with contextlib.suppress(BrokenPipeError), process.stdin as gate:  # it may have been killed
+                    gate.write(b"\n")
             stopped = _watched(process, folder, limits, printed)
             if stopped:
                 end_group(process, limits.grace_s)
@@ -227,13 +229,6 @@ def _located(program: str, folder: Path, variables: Mapping[str, str]) -> str:
     if found is None:
         raise PluginError(f"{program}: cannot be started (no such program); check its path")
     return found
-
-
-def _let_in(process: "subprocess.Popen[bytes]") -> None:
-    """Let a program start: its guard knows its group now."""
-    if process.stdin is not None:
-        with contextlib.suppress(BrokenPipeError), process.stdin as gate:  # it may have been killed
-            gate.write(b"\n")
 
 
 @contextmanager

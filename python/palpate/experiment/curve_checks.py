@@ -316,16 +316,12 @@ def lever_mm(protocol: Indentation) -> float:
     return min(sticking, 3.0 * np.pi / 16.0 * protocol.friction * min(contact, indenter.reach_mm(depth)))
 
 
-def _contact_radius_mm(protocol: Indentation) -> float:
-    return protocol.indenter.contact_radius_mm(float(protocol.path[:, 0].max()))
-
-
 _ARMS: Mapping[tuple[str, int | None], Callable[[Indentation], float]] = MappingProxyType(
     {
         ("depth_mm", 2): lambda protocol: 1.0,
         ("rotation_deg", 3): lever_mm,
         ("slide_mm", 2): lambda protocol: protocol.friction,
-        ("tilt_deg", 3): _contact_radius_mm,
+        ("tilt_deg", 3): lambda press: press.indenter.contact_radius_mm(float(press.path[:, 0].max())),
     }
 )
 """What the peak is over Hertz's force, about or at most, by abscissa and power of the length."""

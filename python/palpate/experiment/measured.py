@@ -1,6 +1,6 @@
 """Measured curves: read by the study's loader, and checked against its protocol."""
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -143,7 +143,8 @@ def _load_spot(study: Study, spot: StudySpot, channels: Mapping[str, Channel]) -
                     )
             found = _check_response(study, spot, path, response, channels)
             warnings += [f"{path.name}: spot '{spot.spot.name}': {text}" for text in found]
-            responses[_told(path, study, responses)] = response
+            file = relative(path, study.folder)  # bare for a file in another folder
+            responses[str(path) if file in responses else file] = response
         _check_alike(spot, paths, responses)
     if study.protocol_at(spot.spot.name) is None:
         first = {name: curve for response in responses.values() for name, curve in response.curves.items()}
@@ -196,12 +197,6 @@ def _load_file(study: Study, spot: StudySpot, path: Path, only: str | None) -> R
     return response
 
 
-def _told(path: Path, study: Study, taken: Collection[str]) -> str:
-    """Path from the study's folder; the whole path of a file elsewhere whose name is taken."""
-    name = relative(path, study.folder)
-    return name if name not in taken else str(path)
-
-
 def _check_response(
     study: Study, spot: StudySpot, path: Path, response: Response, channels: Mapping[str, Channel]
 ) -> list[str]:
@@ -210,7 +205,11 @@ def _check_response(
     found = [str(text) for text in response.record.get("warnings", ())]
     try:
         for name, curve in response.curves.items():
-            _check_known(name, channels)
+            if name not in channels:
+                raise CurveError(
+                    f"channel '{name}' is not declared by any plugin "
+                    f"(known: {', '.join(channels) or 'none'}); declare it in a palpate_channels hook"
+                )
             if isinstance(protocol, Indentation):
                 check_covers(curve, channels[name], protocol, study.scoring.minimum_coverage)
                 if channels[name].abscissa in protocol.columns:
@@ -235,14 +234,6 @@ def _check_alike(spot: StudySpot, paths: Sequence[Path], responses: Mapping[str,
                 f"{len(paths)} presses {paths[0].name} has {', '.join(latest[0])}; "
                 f"measure '{missing[0]}' in each press or in none"
             )
-
-
-def _check_known(name: str, channels: Mapping[str, Channel]) -> None:
-    if name not in channels:
-        raise CurveError(
-            f"channel '{name}' is not declared by any plugin (known: {', '.join(channels) or 'none'}); "
-            "declare it in a palpate_channels hook"
-        )
 
 
 def _check_parametrisation(study: Study, every: Mapping[str, Presses]) -> None:

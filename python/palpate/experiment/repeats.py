@@ -43,8 +43,14 @@ def average(repeats: Mapping[str, Curve]) -> Curve:
     (first_file, first), *others = repeats.items()
     if not others:
         return first
-    for file, other in others:
-        _check_turns(file, other, first_file, first)
+    for file, curve in others:
+        if _directions(curve) != _directions(first):
+            raise CurveError(
+                f"{file}: channel '{curve.channel}' turns {len(curve.branches) - 1} times and starts "
+                f"{_way(curve)}, where the first press {first_file} turns {len(first.branches) - 1} times "
+                f"and starts {_way(first)}; presses of one spot follow one path; list the other as a "
+                "separate spot"
+            )
     curves = list(repeats.values())
     abscissa = _common(curves)
     ordinates = np.stack([_at(curve, curve.ordinate, abscissa) for curve in curves])
@@ -86,16 +92,6 @@ def described(mean: Curve, repeats: Mapping[str, Curve]) -> dict[str, Any]:
             file: float(np.mean((values - mean.ordinate) ** 2)) / scale**2 for file, values in apart.items()
         },
     }
-
-
-def _check_turns(file: str, curve: Curve, first_file: str, first: Curve) -> None:
-    if _directions(curve) == _directions(first):
-        return
-    raise CurveError(
-        f"{file}: channel '{curve.channel}' turns {len(curve.branches) - 1} times and starts "
-        f"{_way(curve)}, where the first press {first_file} turns {len(first.branches) - 1} times and starts "
-        f"{_way(first)}; presses of one spot follow one path; list the other as a separate spot"
-    )
 
 
 def _directions(curve: Curve) -> list[bool]:

@@ -96,9 +96,10 @@ def _distribution(name: str) -> str:
 def _check_free(kind: str, name: str, plugins: Plugins) -> None:
     """Refuse a name that Python cannot use, or that palpate or an installed plugin has."""
     if not _is_allowed(name):
+        like = re.sub(r"\W+", "_", name.lower(), flags=re.ASCII).strip("_")
+        like = like if _is_allowed(like) else f"my_{like}".rstrip("_")
         raise PluginError(
-            f"plugin name '{name}': give a Python identifier in lower case that is no keyword, such as "
-            f"{_repaired(name)}"
+            f"plugin name '{name}': give a Python identifier in lower case that is no keyword, such as {like}"
         )
     if name in plugins.catalogue(KITS[kind].catalogue):
         raise PluginError(f"{KITS[kind].noun} '{name}' is already provided; choose another name")
@@ -117,12 +118,6 @@ def _check_free(kind: str, name: str, plugins: Plugins) -> None:
 
 def _is_allowed(name: str) -> bool:
     return bool(_NAME.fullmatch(name)) and not keyword.iskeyword(name) and not keyword.issoftkeyword(name)
-
-
-def _repaired(name: str) -> str:
-    """Offer an allowed name like the one given."""
-    like = re.sub(r"\W+", "_", name.lower(), flags=re.ASCII).strip("_")
-    return like if _is_allowed(like) else f"my_{like}".rstrip("_")
 
 
 def _class(name: str) -> str:

@@ -24,7 +24,12 @@ def setting_warnings(study: Study) -> Iterator[str]:
     protocols = {spot.spot.name: study.protocol_at(spot.spot.name) for spot in study.spots}
     for spot, protocol in protocols.items():
         if isinstance(protocol, Indentation):
-            yield from _depth(spot, protocol)
+            indenter, depth = protocol.indenter, float(protocol.path[:, 0].max())
+            if depth > DEEPEST * indenter.radius_mm:
+                yield (
+                    f"spot '{spot}': a {indenter.name} of radius {indenter.radius_mm:g} mm is pressed "
+                    f"{depth:g} mm deep, {depth / indenter.radius_mm:.0f} times its radius; check both"
+                )
             if protocol.friction > MOST_FRICTION:
                 yield (
                     f"spot '{spot}': friction {protocol.friction:g} is far above what was measured on skin "
@@ -47,15 +52,6 @@ def setting_warnings(study: Study) -> Iterator[str]:
                     f"{name}: is searched and resists change of volume only, which an indentation of nearly "
                     "incompressible tissue hardly shows; fix it, or expect that it is not identifiable"
                 )
-
-
-def _depth(spot: str, protocol: Indentation) -> Iterator[str]:
-    radius, depth = protocol.indenter.radius_mm, float(protocol.path[:, 0].max())
-    if depth > DEEPEST * radius:
-        yield (
-            f"spot '{spot}': a {protocol.indenter.name} of radius {radius:g} mm is pressed {depth:g} mm "
-            f"deep, {depth / radius:.0f} times its radius; check both"
-        )
 
 
 def _range(name: str, region: RegionMaterial, parameter: Parameter) -> Iterator[str]:

@@ -5,7 +5,7 @@ has accepted, so it needs to find keys and skip values, not to check them.
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 Key = tuple[str | int, ...]
 """Path to a value: table names, keys, and positions in arrays (from 0)."""
@@ -164,7 +164,10 @@ def check_plain(value: object) -> None:
             raise ValueError(f"{dotted(key[:2])} is nested more than {DEEPEST} deep; make it flatter")
         if problem := _problem(key, each):
             raise ValueError(problem)
-        waiting.extend(_inside(key, each))
+        if isinstance(each, Mapping):
+            waiting += [((*key, str(name)), inner) for name, inner in each.items()]
+        elif isinstance(each, list):
+            waiting += [((*key, place), inner) for place, inner in enumerate(each)]
 
 
 def _problem(key: Key, value: object) -> str:
@@ -180,10 +183,3 @@ def _problem(key: Key, value: object) -> str:
     if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
         return f"{dotted(key)}: a whole number beyond ±{LARGEST_INTEGER}; write a smaller one"
     return ""
-
-
-def _inside(key: Key, value: object) -> Iterator[tuple[Key, object]]:
-    if isinstance(value, Mapping):
-        yield from (((*key, str(name)), each) for name, each in value.items())
-    elif isinstance(value, list):
-        yield from (((*key, place), each) for place, each in enumerate(value))

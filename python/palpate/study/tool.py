@@ -114,20 +114,17 @@ def read_tool(path: Path, study: Study, plugins: Plugins) -> Tool:
     tables = Tables(written=frozenset(raw), protocol=table.protocol)
     check_protocols(context, study.solver, tables, [(("protocol",), protocol)])
     problems.raise_if_any()
+    moduli = (p.name for p in study.space.parameters if p.kind == "modulus")
+    own_unit = next((study.units[name] for name in moduli if name in study.units), "MPa")
     return Tool(
         name=path.stem,
         protocol=require(protocol),
         spots=spots,
         threshold_MPa=table.threshold,
-        pressure_unit=unit_of(raw["threshold"]) if "threshold" in raw else _modulus_unit(study),
+        pressure_unit=unit_of(raw["threshold"]) if "threshold" in raw else own_unit,
         fine_edge_mm=None if table.fine_edge == "auto" else table.fine_edge,
         fine_reach_mm=table.fine_reach,
     )
-
-
-def _modulus_unit(study: Study) -> str:
-    moduli = (p.name for p in study.space.parameters if p.kind == "modulus")
-    return next((study.units[name] for name in moduli if name in study.units), "MPa")
 
 
 def _spots(path: Path, table: ToolTable, study: Study, problems: Problems) -> tuple[StudySpot, ...]:

@@ -336,17 +336,14 @@ class Rehearsal:
         except StopIteration as end:
             self.message = end.value
             return False
-        self._check(trials)
-        self._answers = [self._evaluation(trial) for trial in trials]
-        return True
-
-    def _check(self, trials: Sequence[Trial]) -> None:
         assert len(trials) > 0, "asks for no trial; return the reason instead to end"
         assert len(self.points) + len(trials) <= self.most, f"has not ended after {self.most} evaluations"
         for trial in trials:
             point = np.asarray(trial.point)
             assert point.shape == self.start.shape, f"asks for a point of shape {point.shape}"
             assert ((point >= 0.0) & (point <= 1.0)).all(), f"asks for {point}, outside the unit box"
+        self._answers = [self._evaluation(trial) for trial in trials]
+        return True
 
     def residuals(self, point: FloatArray) -> FloatArray:
         """Residuals (n + 1,) at a point."""

@@ -172,7 +172,8 @@ class SolverContract(ComponentContract):
         self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
     ) -> None:
         columns = set(solver.provides.columns) - (set(STATE_COLUMNS) - set(WRENCH))
-        asked = tuple(_over_depth(column) for column in sorted(columns))
+        bare = Channel(name="", abscissa=POSE[0], ordinate="", abscissa_label="", ordinate_label="")
+        asked = tuple(replace(bare, name=f"{each} over depth", ordinate=each) for each in sorted(columns))
         if not asked or not isinstance(job.protocol, Indentation):
             return
         response = solver.simulate(replace(job, channels=(*job.channels, *asked)), limb).response
@@ -441,12 +442,6 @@ class SolverContract(ComponentContract):
             return job.protocol.paths.get(channel)
         abscissae = {each.name: each.abscissa for each in job.channels}
         return job.protocol.columns.get(abscissae.get(channel, ""))
-
-
-def _over_depth(column: str) -> Channel:
-    return Channel(
-        name=f"{column} over depth", abscissa=POSE[0], ordinate=column, abscissa_label="", ordinate_label=""
-    )
 
 
 def _first_isotropic(job: Job) -> tuple[IsotropicMaterial, FloatArray]:

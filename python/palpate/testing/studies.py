@@ -83,21 +83,23 @@ class StudyRunner:
             palpate would leave a plugin out, or a simulation failed.
         """
         from palpate import sample, score, select, simulate
-        from palpate.stages import notebook as stages
+        from palpate.stages import notebook as stages, pipeline
 
         study, loaded = self.study(*plugins, mesh=mesh, **tables)
         measured, design = stages.measure(study, loaded), sample(study)
         simulated = simulate(study, design, measured)
         failed = simulated.filter(pl.col("status") != "ok")
         assert failed.is_empty(), f"a simulation failed: {failed['message'][0]}"
-        scores = score(study, simulated, measured)
+        scores, fitted = score(study, simulated, measured), pl.DataFrame()
+        if "fit" in tables:
+            fitted = pipeline.run_study(study, self.folder / "run", loaded).fit.table
         return SmallStudy(
             study=study,
             plugins=loaded,
             simulated=simulated,
             scores=scores,
             selection=select(study, scores, design),
-            fitted=self._fitted(study, loaded) if "fit" in tables else pl.DataFrame(),
+            fitted=fitted,
         )
 
     def study(self, *plugins: object, mesh: str = "", **tables: Mapping[str, Any]) -> tuple[Study, Plugins]:
@@ -111,12 +113,6 @@ class StudyRunner:
         study = replace(study, truth=middle)
         synthesise(study, loaded.channels)
         return study, loaded
-
-    def _fitted(self, study: Study, plugins: Plugins) -> pl.DataFrame:
-        """Run a study in a run directory, to the end of its fit."""
-        from palpate.stages import pipeline
-
-        return pipeline.run_study(study, self.folder / "run", plugins).fit.table
 
     def write(self, mesh: str = "", **tables: Mapping[str, Any]) -> Path:
         """Write the study file, without its measured curves, and return its path."""

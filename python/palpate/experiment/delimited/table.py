@@ -102,7 +102,7 @@ class TextTable:
         """
         layout = self.layout
         chosen = self._chosen(wanted)
-        begin = _offset(self._data, layout.first_line)
+        begin = sum(map(len, islice(io.BytesIO(self._data), layout.first_line - 1)))
         rows, values, notes = _fast(self._data, begin, layout, chosen) or _slow(
             str(self.path), self._data[begin:], layout, chosen, strict=wanted is not None
         )
@@ -209,11 +209,6 @@ def _bytes(path: Path, text_format: TextFormat) -> bytes:
             "format that 'palpate experiment inspect' knows"
         )
     return data if b"\n" in data else data.replace(b"\r", b"\n")
-
-
-def _offset(data: bytes, line: int) -> int:
-    """Index of the first byte of a line, counted from 1."""
-    return sum(map(len, islice(io.BytesIO(data), line - 1)))
 
 
 Numbers = tuple[IntArray, list[FloatArray], list[str]]
