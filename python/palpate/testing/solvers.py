@@ -16,6 +16,7 @@ from palpate.domain import (
     Job,
     Limb,
     ParameterName,
+    Response,
     Simulation,
     Status,
     moving_span,
@@ -160,12 +161,11 @@ class SolverContract(ComponentContract):
         )
         lacks = ", ".join(provides.lacks(job))
         assert not lacks, f"`provides` lacks what the job asks for: {lacks}"
-        assert answer.response is not None, answer.message
         observed = {channel.name for channel in job.channels if provides.computes(channel)}
-        undeclared = ", ".join(sorted(set(answer.response) - observed - set(provides.channels)))
+        undeclared = ", ".join(sorted(set(curves(answer)) - observed - set(provides.channels)))
         assert not undeclared, f"the answer has {undeclared}, which is not among the channels of `provides`"
         declared = self._moved_channels(job) & set(provides.channels)
-        missed = ", ".join(sorted(declared - set(answer.response)))
+        missed = ", ".join(sorted(declared - set(curves(answer))))
         assert not missed, f"no curve of {missed}, which `provides` declares among its channels"
 
     def test_it_observes_every_channel_of_its_columns(
@@ -176,27 +176,23 @@ class SolverContract(ComponentContract):
         asked = tuple(replace(bare, name=f"{each} over depth", ordinate=each) for each in sorted(columns))
         if not asked or not isinstance(job.protocol, Indentation):
             return
-        response = solver.simulate(replace(job, channels=(*job.channels, *asked)), limb).response
-        assert response is not None
-        assert answer.response is not None
+        response = curves(solver.simulate(replace(job, channels=(*job.channels, *asked)), limb))
         missed = [channel.ordinate for channel in asked if channel.name not in response]
         assert not missed, (
             f"no curve over depth of {', '.join(missed)}, which `provides` has as columns; return "
             "`states.observed(job.channels)`"
         )
-        for name, curve in answer.response.curves.items():
+        for name, curve in curves(answer).curves.items():
             said = f"channel '{name}' changes where the job asks for more channels"
             np.testing.assert_array_equal(response[name].ordinate, curve.ordinate, said)
 
     def test_the_same_job_gives_the_same_bits(
         self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
     ) -> None:
-        again = solver.simulate(job, limb)
-        assert answer.response is not None, answer.message
-        assert again.response is not None, again.message
-        for channel in answer.response:
+        once, again = curves(answer), curves(solver.simulate(job, limb))
+        for channel in once:
             said = f"channel '{channel}': the same job has two answers, and only one of them is kept"
-            first, second = answer.response[channel], again.response[channel]
+            first, second = once[channel], again[channel]
             np.testing.assert_array_equal(second.abscissa, first.abscissa, said)
             np.testing.assert_array_equal(second.ordinate, first.ordinate, said)
 
@@ -238,21 +234,18 @@ class SolverContract(ComponentContract):
             pytest.skip("the solver declares no slopes")
         simulation = solver.simulate(replace(job, slopes=True), limb)
         self.assert_scaled(simulation, answer, 1.0)
-        assert simulation.response is not None
         names = {
             str(ParameterName(region, p.name)) for region, m in job.materials.items() for p in m.parameters
         }
         names |= {"friction"} if isinstance(job.protocol, Indentation) else set()
-        for channel, curve in simulation.response.curves.items():
+        for channel, curve in curves(simulation).curves.items():
             assert set(curve.slopes) == names, (
                 f"channel '{channel}': slopes in {', '.join(sorted(curve.slopes)) or 'nothing'} instead of "
                 f"{', '.join(sorted(names))}"
             )
         for name, step, ahead, behind in neighbours(job):
-            after, before = (solver.simulate(other, limb).response for other in (ahead, behind))
-            assert after is not None
-            assert before is not None
-            for channel, curve in simulation.response.curves.items():
+            after, before = (curves(solver.simulate(other, limb)) for other in (ahead, behind))
+            for channel, curve in curves(simulation).curves.items():
                 change = 0.5 * (after[channel].ordinate - before[channel].ordinate)
                 off = np.abs(step * curve.slopes[name] - change).max()
                 rounding = self.scaling_tolerance * np.abs(curve.ordinate).max()
@@ -270,9 +263,8 @@ class SolverContract(ComponentContract):
         self.assert_scaled(simulation, answer, 1.0)
         states = simulation.surface
         assert states is not None, "no surface, although the job asks for it"
-        assert simulation.response is not None
         force, _ = states.resultants(limb.spot.position_mm)
-        wanted = float(np.abs(simulation.response["force"].ordinate).max())
+        wanted = float(np.abs(curves(simulation)["force"].ordinate).max())
         carried = float(-(force @ limb.spot.normal).min())
         assert abs(carried / wanted - 1.0) <= 0.01, (
             f"the tractions press with {carried:g} N where the curve has {wanted:g} N: they are those of the "
@@ -298,12 +290,11 @@ class SolverContract(ComponentContract):
                 indenter=Sphere(radius_mm=RADIUS_MM), path=HALF_SPACE_PATH, friction=HALF_SPACE_FRICTION
             ),
         )
-        simulation = half_space_solver.simulate(pressed, half_space)
-        assert simulation.response is not None, simulation.message
+        response = curves(half_space_solver.simulate(pressed, half_space))
         for channel, expected in half_space_peaks(material, theta).items():
-            if channel not in simulation.response:
+            if channel not in response:
                 continue
-            found = float(simulation.response[channel].ordinate[-1])
+            found = float(response[channel].ordinate[-1])
             assert abs(found / expected - 1.0) <= self.half_space_tolerance, (
                 f"channel '{channel}': {found:g} for a half-space whose answer is {expected:g}: force is in "
                 "N and positive on the way in, torque in N·mm and of the rotation's sign"
@@ -321,8 +312,7 @@ class SolverContract(ComponentContract):
             else (c != "simple_shear") + np.linspace(0.0, SMALL_STRAIN, max(2, len(path)))
             for c, path in job.protocol.paths.items()
         }
-        response = solver.simulate(replace(job, protocol=HomogeneousTests(paths=paths)), None).response
-        assert response is not None
+        response = curves(solver.simulate(replace(job, protocol=HomogeneousTests(paths=paths)), None))
         for channel, modulus in moduli.items():
             if modulus is None:
                 continue
@@ -346,9 +336,7 @@ class SolverContract(ComponentContract):
     ) -> None:
         if finer is None:
             pytest.skip("no `finer` solver is given: nothing shows that answers have converged")
-        found, reference = (each.simulate(job, limb).response for each in (solver, finer))
-        assert found is not None
-        assert reference is not None
+        found, reference = (curves(each.simulate(job, limb)) for each in (solver, finer))
         for channel in reference:
             largest = float(np.abs(reference[channel].ordinate).max())
             off = np.abs(_at(found[channel], reference[channel]) - reference[channel].ordinate).max()
@@ -402,15 +390,14 @@ class SolverContract(ComponentContract):
 
     def assert_scaled(self, simulation: Simulation, reference: Simulation, factor: float) -> None:
         """Assert that every ordinate is ``factor``, to the channel's degree, times the reference's."""
-        assert simulation.response is not None, simulation.message
-        assert reference.response is not None, reference.message
-        assert set(simulation.response) == set(reference.response), "channels come and go with the moduli"
-        for channel in reference.response:
+        found, known = curves(simulation), curves(reference)
+        assert set(found) == set(known), "channels come and go with the moduli"
+        for channel in known:
             times = factor ** self.degrees.get(channel, 1)
-            expected = times * reference.response[channel].ordinate
+            expected = times * known[channel].ordinate
             tolerance = self.scaling_tolerance * float(np.abs(expected).max())
             np.testing.assert_allclose(
-                simulation.response[channel].ordinate,
+                found[channel].ordinate,
                 expected,
                 atol=tolerance,
                 err_msg=f"channel '{channel}': moduli times {factor:g} is not the curve times {times:g}; "
@@ -442,6 +429,12 @@ class SolverContract(ComponentContract):
             return job.protocol.paths.get(channel)
         abscissae = {each.name: each.abscissa for each in job.channels}
         return job.protocol.columns.get(abscissae.get(channel, ""))
+
+
+def curves(simulation: Simulation) -> Response:
+    """Curves of a simulation that must have some."""
+    assert simulation.response is not None, simulation.message
+    return simulation.response
 
 
 def _first_isotropic(job: Job) -> tuple[IsotropicMaterial, FloatArray]:
