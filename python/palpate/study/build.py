@@ -20,7 +20,6 @@ from palpate.plugins.score import Score
 from palpate.plugins.search import Search
 from palpate.study.model import (
     BudgetTable,
-    ExecutorTable,
     ScenarioTable,
     SelectionTable,
     Tables,
@@ -64,50 +63,36 @@ class Components:
 
 def build_components(context: Context, tables: Tables) -> Components:
     """Build every component that the file names, except the materials."""
-    plugins, fit = context.plugins, tables.fit
+    plugins = context.plugins
 
-    def named(catalogue: Catalogue[type[C]], table: str, key: str) -> C | None:
+    def named(
+        catalogue: Catalogue[type[C]], table: str, key: str, within: str = "settings", at: Key | None = None
+    ) -> C | None:
         given = getattr(tables, table)
-        name = getattr(given, key, None)
-        return build_component(context, catalogue, name, given.settings, (table, key)) if name else None
+        if not (name := getattr(given, key, None)):
+            return None
+        return build_component(
+            context, catalogue, name, getattr(given, within), (table, key), at or (table, within)
+        )
 
-    filters = [
-        build_component(context, plugins.set_filters, name, settings, (*FILTERS, name), (*FILTERS, name))
-        for name, settings in (tables.sampling.filters.items() if tables.sampling else ())
-    ]
-    stages = [
-        build_component(context, plugins.stages, name, settings, ("stages", name), ("stages", name))
-        for name, settings in tables.stages.items()
-    ]
+    def several(
+        catalogue: Catalogue[type[C]], given: Mapping[str, Mapping[str, object]], table: Key
+    ) -> tuple[C, ...]:
+        places = {name: (*table, name) for name in given}
+        built = (build_component(context, catalogue, n, given[n], at, at) for n, at in places.items())
+        return tuple(each for each in built if each is not None)
+
     return Components(
         loader=named(plugins.loaders, "experiment", "loader"),
         limb_source=named(plugins.limb_sources, "limb", "source"),
         sampler=named(plugins.samplers, "sampling", "sampler"),
-        filters=tuple(built for built in filters if built is not None),
-        stages=tuple(built for built in stages if built is not None),
+        filters=several(plugins.set_filters, tables.sampling.filters if tables.sampling else {}, FILTERS),
+        stages=several(plugins.stages, tables.stages, ("stages",)),
         solver=named(plugins.solvers, "solver", "name"),
         executor=named(plugins.executors, "executor", "name"),
-        score=build_component(
-            context,
-            plugins.scores,
-            tables.scoring.score,
-            tables.scoring.settings,
-            ("scoring", "score"),
-            ("scoring",),
-        )
-        if tables.scoring
-        else None,
+        score=named(plugins.scores, "scoring", "score", at=("scoring",)),
         search=named(plugins.searches, "fit", "search"),
-        parametrisation=build_component(
-            context,
-            plugins.parametrisations,
-            fit.parametrisation,
-            fit.searched,
-            ("fit", "parametrisation"),
-            ("fit", "searched"),
-        )
-        if fit
-        else None,
+        parametrisation=named(plugins.parametrisations, "fit", "parametrisation", "searched"),
     )
 
 
@@ -267,12 +252,3 @@ def check_budget(
         elif sd > room.get(name, np.inf):
             reason = f"{sd:g} of its value leads out of its physical range; give {room[name]:.2g} or less"
             context.problems.add(("budget", "parameters", name), reason)
-
-
-def check_limits(context: Context, executor: Executor, table: ExecutorTable) -> None:
-    """Refuse a limit that nothing would hold."""
-    if table.memory_limit is not None and not executor.holds_limits:
-        context.problems.add(
-            ("executor", "memory_limit"),
-            f"executor '{executor.name}' holds no job to it; leave it out, or name another executor",
-        )

@@ -22,7 +22,6 @@ from palpate.study.build import (
     build_components,
     build_scenarios,
     check_budget,
-    check_limits,
     check_parametrisation,
 )
 from palpate.study.model import BudgetTable, ExecutorTable, Tables
@@ -411,5 +410,9 @@ def _check_sizes(context: Context, tables: Tables, executor: Executor | None) ->
         )
     if tables.sampling and 0 < tables.sampling.max_draws < tables.sampling.n_sets:
         context.problems.add(("sampling", "max_draws"), "less than n_sets; raise it, or leave it out")
-    if executor:
-        check_limits(context, executor, tables.executor or ExecutorTable())
+    limit = tables.executor and tables.executor.memory_limit
+    if executor and limit is not None and not executor.holds_limits:
+        context.problems.add(
+            ("executor", "memory_limit"),
+            f"executor '{executor.name}' holds no job to it; leave it out, or name another executor",
+        )
