@@ -129,12 +129,15 @@ def measured_warnings(measured: Mapping[str, Response]) -> tuple[str, ...]:
 
 
 def _load_spot(study: Study, spot: StudySpot, channels: Mapping[str, Channel]) -> Presses:
-    responses: dict[str, Response] = {}
+    loader, responses = study.loader_at(spot.spot.name), dict[str, Response]()
     read_from: dict[str, str | None] = {}
     warnings: list[str] = []
     for only, paths in spot.measured.items():
         for path in paths:
-            response = _load_file(study, spot, path, only)
+            with answering_for(loader, f"reading {path}"):
+                response = loader.load(path, only)
+                if not isinstance(response, Response):
+                    raise TypeError(f"it returned a {type(response).__name__} and not a Response")
             for name in response:
                 if read_from.setdefault(name, only) != only:
                     raise CurveError(
@@ -186,15 +189,6 @@ def _own_folder(folder: Path, name: str) -> Path:
     own = folder / (f"{name}~{taken + 1}" if taken else name)
     own.mkdir()
     return own
-
-
-def _load_file(study: Study, spot: StudySpot, path: Path, only: str | None) -> Response:
-    loader = study.loader_at(spot.spot.name)
-    with answering_for(loader, f"reading {path}"):
-        response = loader.load(path, only)
-        if not isinstance(response, Response):
-            raise TypeError(f"it returned a {type(response).__name__} and not a Response")
-    return response
 
 
 def _check_response(
