@@ -4,8 +4,9 @@ Simulated sessions on strips of tissue in closed form, at four spots of differen
 parameters; presses have noise and an onset of their own; gains, friction and what the model leaves out are
 drawn once, in part for each spot. One way presses four spots alike, as the paper; others press the first spot
 so, and then twice where the next press is expected to narrow most: the parameters, or the force of a tool.
-Prints each session as it ends, then how wide the intervals are relative to the four alike, how many hold the
-truth, and the width that was expected over that of the fit.
+With ``--mesh`` every curve has an error of so much, with a random sign at each press; the budget states it as
+that of the mesh. Prints each session as it ends, then how wide the intervals are relative to the four alike,
+how many hold the truth, and the width that was expected over that of the fit.
 
     python benchmarks/bench_next.py --n 50
 """
@@ -88,6 +89,13 @@ class Spots(strips.Layered):
         return replace(found, response=Response(curves=curves))
 
 
+class OnMesh(Spots):
+    """Strips whose curves have the error of a mesh."""
+
+    name, summary = "on_mesh", "strips of tissue at several spots, on meshes"
+    provides = replace(Spots.provides, body="mesh")
+
+
 def _along(rotations: np.ndarray) -> np.ndarray:
     """Points along rotations, a quarter of a degree to two degrees apart."""
     parts = [np.linspace(a, b, 16)[1:] for a, b in pairwise(rotations)]
@@ -99,9 +107,11 @@ class World:
 
     candidates, tool = CANDIDATES, TOOL
 
-    def __init__(self, seed: int) -> None:
-        self.rng = np.random.default_rng(seed)
-        self.study = strips.study_of("yeoh", Spots())
+    def __init__(self, seed: int, mesh: float = 0.0) -> None:
+        self.rng, self.mesh, self.signs = np.random.default_rng(seed), mesh, {}
+        self.study = strips.study_of("yeoh", OnMesh() if mesh else Spots())
+        if mesh:
+            self.study = replace(self.study, budget=self.study.budget.model_copy(update={"mesh": {"": mesh}}))
         self.study = replace(self.study, protocol=protocol_of(10.0, TWISTS_DEG[1]))
         (self.row,) = strips.pressed.truths(self.study, 1, seed)
         budget, rng = self.study.budget, self.rng
@@ -126,6 +136,10 @@ class World:
             protocol=replace(protocol, path=path, friction=self.friction),
         )
         curves = self.study.solver.simulate(job, None).response.curves
+        for name, curve in curves.items() if self.mesh else ():
+            key = (spot, protocol.path.tobytes(), name)
+            sign = self.signs.setdefault(key, self.rng.choice([-1.0, 1.0]))
+            curves = {**curves, name: replace(curve, ordinate=(1.0 + sign * self.mesh) * curve.ordinate)}
         return Response(curves={name: self._measured(spot, c, onset) for name, c in curves.items()})
 
     def _measured(self, spot: str, curve: Curve, onset: float) -> Curve:
@@ -232,9 +246,9 @@ def chosen(world: World, first: tuple, *, for_tool: bool) -> dict:
     return {"widths": widths[-1], "first": widths[0], "holds": holds, "expected": expected, "presses": names}
 
 
-def session(seed: int, ways: list[str]) -> dict:
+def session(seed: int, ways: list[str], mesh: float) -> dict:
     """Some ways in the world of a seed."""
-    return compared(World(seed), ways)
+    return compared(World(seed, mesh), ways)
 
 
 def compared(world: World, ways: list[str]) -> dict:
@@ -306,6 +320,7 @@ def main() -> None:
     parser.add_argument("--n", type=int, default=50, help="sessions")
     parser.add_argument("--workers", type=int, help="processes; default: all cores")
     parser.add_argument("--ways", nargs="*", choices=WAYS, default=list(WAYS), help="how presses are chosen")
+    parser.add_argument("--mesh", type=float, default=0.0, help="relative error of each curve by its mesh")
     parser.add_argument("--bound", action="store_true", help="what any presses could reach, instead")
     asked = parser.parse_args()
     found = []
@@ -317,7 +332,7 @@ def main() -> None:
             say(f"{way}: mean {ratios.mean(axis=0).round(2)}, least {ratios.min(axis=0).round(2)}")
         return
     with ProcessPoolExecutor(asked.workers) as pool:
-        for each in pool.map(session, range(asked.n), repeat(asked.ways)):
+        for each in pool.map(session, range(asked.n), repeat(asked.ways), repeat(asked.mesh)):
             found.append(each)
             say(f"{len(found)}: " + "; ".join(f"{way} {np.round(e['widths'], 4)}" for way, e in each.items()))
             if len(found) % 4 == 0:

@@ -1,17 +1,19 @@
 """FisherInformation adds up to the covariance of the joint fit."""
 
+import itertools
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from palpate.domain import Curve
+from palpate.domain import Curve, Parameter
 from palpate.fit.spot_term import Correction
 from palpate_certainty.laplace import Laplace, laplace, scores_of
 from palpate_certainty.noise_model import ResidualLayout
-from palpate_planning.information import ErrorSizes, FisherInformation, press_information
-from palpate_planning.narrowing import Expected
+from palpate_planning.information import ErrorSizes, ExpectedError, FisherInformation, press_information
+from palpate_planning.narrowing import Expected, Goal
 from palpate_planning.presses import _as_of
 
 ERRORS = ErrorSizes(
@@ -50,6 +52,7 @@ def _information(press, site):
         ERRORS,
         channels=("force", "torque"),
         site=site,
+        press=site,
     )
 
 
@@ -143,6 +146,84 @@ def test_a_repeated_press_leaves_the_part_of_the_mesh_as_it_is(seed):
     expected, found = once.covariance(1e6), (once + again).covariance(1e6)  # no prior
     sizes = np.sqrt(np.diag(expected))
     assert np.abs(found - expected).max() <= 1e-3 * np.outer(sizes, sizes).max()
+
+
+def _meshed(seed, amplitude=1.0, signs=(1.0,) * 4):
+    """Three presses of two curves each, of which the last repeats the second; with columns of mesh errors."""
+    rng = np.random.default_rng(seed)
+    presses = []
+    for _ in range(2):
+        columns = rng.normal(size=(4, 12))
+        causes = {"gain: force": columns[2][:, None], "onset: p": columns[3][:, None]}
+        for k, name in enumerate(("force", "torque")):
+            rows = np.repeat([k == 0, k == 1], 6)
+            sign = signs[2 * len(presses) + k]
+            causes[f"mesh: {name}"] = (amplitude * sign * rows * columns[k])[:, None]
+        presses.append(FisherInformation.of(3.0 * rng.normal(size=(12, 3)), causes, f"p{len(presses)}"))
+    return presses[0] + presses[1] + presses[1].again("p1", 1)
+
+
+def _brute_force(information, along):
+    """Largest change of one combination of parameters over all signs, by the normal equations."""
+    covariance, root = information.covariance(), information.root
+    fit = covariance @ information.scores.T @ np.linalg.inv(root)
+    blocks = {}
+    for k, (press, causes) in enumerate(zip(information.presses, information.causes, strict=True)):
+        for name in ("mesh: force", "mesh: torque"):
+            column = blocks.setdefault((press, name), np.zeros(len(root)))
+            column[12 * k : 12 * k + 12] = causes[name][:, 0]
+    columns = np.array(list(blocks.values())).T
+    assert columns.shape[1] == 4
+    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=4)))
+    return np.abs(signs @ (along @ fit @ columns)).max()
+
+
+@given(seed=st.integers(0, 10_000))
+def test_mesh_bias_is_the_largest_over_all_signs(seed):
+    information = _meshed(seed)
+    along = np.random.default_rng(seed).normal(size=3)
+    (found,) = information.expected_error().mesh_bias(along[None])
+    assert found == pytest.approx(_brute_force(information, along), rel=1e-9)
+
+
+@given(seed=st.integers(0, 10_000), signs=st.tuples(*[st.sampled_from([-1.0, 1.0])] * 4))
+def test_mesh_bias_does_not_depend_on_the_signs_of_errors(seed, signs):
+    """The covariance does: it takes the error of a channel as one number, so flip all curves of a channel."""
+    signs = (*signs[:2], *signs[:2])
+    each = np.eye(3)
+    one, other = (_meshed(seed, signs=s).expected_error() for s in ((1.0,) * 4, signs))
+    np.testing.assert_allclose(one.mesh_bias(each), other.mesh_bias(each), rtol=1e-9)
+    np.testing.assert_allclose(one.rms(each), other.rms(each), rtol=1e-9)
+
+
+@given(seed=st.integers(0, 10_000), amplitude=st.floats(0.0, 10.0))
+def test_error_at_worst_is_no_less_than_the_standard_deviation(seed, amplitude):
+    error, each = _meshed(seed, amplitude).expected_error(), np.eye(3)
+    sds, biases = np.sqrt(np.diag(error.covariance)), error.mesh_bias(each)
+    assert (biases >= 0.0).all()
+    assert (error.rms(each) >= sds * (1.0 - 1e-12)).all()
+    parameters = [
+        Parameter(name=f"a.{i}", unit="", lower=0.0, upper=1.0, kind="shape", description="")
+        for i in range(3)
+    ]
+    for name in ("all", "worst", "a.1"):
+        goal = Goal(name=name, parameters=tuple(parameters), values=np.full(3, 0.5))
+        alone = ExpectedError(covariance=error.covariance, drawn=np.zeros((3, 0)), at_worst=np.zeros((3, 0)))
+        assert goal.error(error) >= goal.error(alone) * (1.0 - 1e-12)
+
+
+@given(seed=st.integers(0, 10_000), factor=st.floats(1.0, 10.0))
+def test_mesh_bias_is_proportional_to_the_error_for_one_fit(seed, factor):
+    error, each = _meshed(seed).expected_error(), np.eye(3)
+    larger = replace(error, at_worst=factor * error.at_worst)
+    np.testing.assert_allclose(larger.mesh_bias(each), factor * error.mesh_bias(each), rtol=1e-12)
+    assert (larger.rms(each) >= error.rms(each) * (1.0 - 1e-12)).all()
+
+
+def test_without_an_error_of_the_mesh_there_is_no_bias():
+    error, each = _meshed(0, amplitude=0.0).expected_error(), np.eye(3)
+    assert not error.mesh_bias(each).any()
+    np.testing.assert_allclose(error.rms(each), np.sqrt(np.diag(error.covariance)), rtol=1e-12)
 
 
 @given(seed=st.integers(0, 10_000), shrunk=st.floats(0.1, 1.0))

@@ -106,19 +106,18 @@ def test_a_ranking_is_shown_in_percent_with_units():
             "press": ["p1-1", "p1-2"],
             "spot": "p1",
             "protocol": ["depth 5 mm", "depth 10 mm"],
-            "width": [0.79895, 0.9],
+            "error": [0.79895, 0.9],
             "width_skin.c1": [0.79895, 0.812],
             "width_skin.c2": [0.98, 0.951],
             "peak_force": [12.3456, 14.0],
         }
     )
-    shown = shown_ranking(ranking, "all", {"force": "N"})
-    assert shown.columns == ["press", "spot", "protocol", "all", "c1", "c2", "force N"]
+    shown = shown_ranking(ranking, {"force": "N"})
+    assert shown.columns == ["press", "spot", "protocol", "error", "c1", "c2", "force N"]
     assert shown.row(0)[3:] == ("80 %", "80 %", "98 %", "12.3")
     assert not_narrowed(ranking) == ["skin.c2"]
     two = ranking.rename({"width_skin.c2": "width_fat.c1"})
-    assert {"skin.c1", "fat.c1"} < set(shown_ranking(two, "skin.c1", {}).columns)
-    assert "width" not in shown_ranking(two, "skin.c1", {}).columns
+    assert {"skin.c1", "fat.c1"} < set(shown_ranking(two, {}).columns)
 
 
 def test_intervals_are_shown_with_four_digits():
@@ -130,8 +129,8 @@ def test_intervals_are_shown_with_four_digits():
         "lower": 13.0,
         "upper": 14.612345,
     }
-    shown = shown_intervals(pl.DataFrame([row | {"width": 0.973}]))
-    assert shown.row(0) == (0, "c1", "kPa", "13.97", "13", "14.61", "97 %")
+    shown = shown_intervals(pl.DataFrame([row | {"width": 0.973, "mesh_bias": 0.4567}]))
+    assert shown.row(0) == (0, "c1", "kPa", "13.97", "13", "14.61", "97 %", "0.46")
 
 
 def _never_widens(found):

@@ -166,7 +166,7 @@ def test_picture_has_every_spot_with_its_best_candidates(run, tmp_path):
     assert f"p1: {best.goal:.2f}" in text
     assert text.count("depth ") == 6  # of so many candidates, the best first
     assert described(best.press.press) in text
-    assert "mean width of all intervals" in text
+    assert "mean error of all parameters" in text
     assert text.count("<path") > draw(found, {}, tmp_path / "bare")[0].read_text().count("<path")
 
 
@@ -248,6 +248,33 @@ def _first_design(run, simulate):
     (scenario,) = (s for s in study.scenarios if s.name == study.generalise_by)
     abscissae = {name: channel.abscissa for name, channel in plugins.channels.items()}
     return before_any_press(study, scenario, lambda jobs: list(simulate(jobs)), abscissae, 3)
+
+
+def test_presses_go_to_two_places_unless_one_is_asked_for(run):
+    """The second press at another place, if there is one: here the same place under two names."""
+    study, folder, plugins = run
+    (spot,) = study.spots
+    both = replace(study, spots=(spot, replace(spot, spot=replace(spot.spot, name="p2"))))
+    design, points = _first_design(
+        (both, folder, plugins), lambda jobs: (study.solver.simulate(j, None) for j in jobs)
+    )
+    (press,) = candidates(
+        study, plugins, Allowed(protocol={"depth": ["2 mm"], "twist": [["20 deg", "0 deg"]]})
+    )
+    made = [
+        press,
+        replace(
+            press, name="p2-1", spot="p2", protocol=replace(press.protocol, path=[(0.0, 0.0), (0.2, 0.0)])
+        ),
+    ]
+
+    def places(n_presses, **asked):
+        options = PlanOptions(n_presses=n_presses, allowed=Allowed(**asked))
+        found = choose_presses(design, [], made, points, options, {})
+        return [step.chosen.press.press.spot for step in found.steps]
+
+    assert places(3) == ["p1", "p2", "p1"]
+    assert places(2, places=1) == ["p1", "p1"]
 
 
 def _diverged(study, jobs):

@@ -129,6 +129,9 @@ MOST_PRESSES = 500
 """Most candidates: each is simulated at several points."""
 
 
+USUAL_PLACES = 2
+"""Least number of places of the chosen presses: what the model leaves out at one would decide the fit."""
+
 PRESSURE = "pressure"
 """Largest contact pressure, which is limited like a channel."""
 
@@ -153,6 +156,11 @@ class Allowed(BaseModel):
     )
     limits: dict[str, str] = Field(
         default={}, description='Most of each channel, and pressure, with its unit, such as force = "30 N".'
+    )
+    places: int = Field(
+        default=USUAL_PLACES,
+        ge=1,
+        description="Least number of places of the chosen presses, where the spots are at so many.",
     )
 
     _file: Path | None = PrivateAttr(None)

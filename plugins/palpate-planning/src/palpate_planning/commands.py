@@ -151,12 +151,25 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
     units = {name: channel.units[1] for name, channel in session.plugins.channels.items()}
     units[PRESSURE] = "MPa"
     for number, ranking in tables.ranking.group_by("step", maintain_order=True):
-        title = f"Press {number[0]}: expected width of each interval, in % of that before the press"
-        session.frame(title, shown_ranking(ranking, found.goal.name, units).head(SHOWN))
+        title = (
+            f"Press {number[0]}: expected error ({found.goal.name}), with the bias of the meshes, and width "
+            "of each interval, in % of those before the press"
+        )
+        session.frame(title, shown_ranking(ranking, units).head(SHOWN))
+        best = ranking.row(int(ranking["error"].arg_min() or 0), named=True)
+        if best["press"] != ranking["press"][0]:
+            session.paragraph(
+                f"{best['press']} has a smaller error, but is at the place of the presses before; to allow "
+                "it, put places = 1 in the file of --allowed."
+            )
     if same := not_narrowed(tables.ranking.filter(step=1)):
         session.paragraph(f"No allowed press narrows {', '.join(same)} by more than 5 %.")
     intervals = shown_intervals(rows_in_display_units(study, tables.intervals))
     session.frame("95 % intervals: now (step 0), and expected after each press", intervals)
+    session.paragraph(
+        "mesh_bias is the most that the errors of the meshes can change a value, in its unit, where each "
+        "press has its own. The error of a press counts it; the intervals do not."
+    )
     if tables.refused.height:
         session.frame("Refused", tables.refused)
 

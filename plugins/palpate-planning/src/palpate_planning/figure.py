@@ -27,9 +27,9 @@ SCALE, LEAST_SPAN = 0.6, 0.1
 """Width of the colour scale, in those of a spot, and the least range of widths that it has."""
 
 OF_GOAL = {
-    ALL: "mean width of all intervals",
-    WORST: "width of the widest interval",
-    PREDICTION: "width of the tool's band",
+    ALL: "mean error of all parameters",
+    WORST: "largest relative error",
+    PREDICTION: "error of the tool's force",
 }
 """Words for the goals that are no parameter."""
 
@@ -40,7 +40,7 @@ SKIN, LIGHT = np.array([0.87, 0.71, 0.60]), 0.45
 def draw(proposal: Proposal, limbs: Mapping[str, Limb], folder: Path) -> list[Path]:
     """Draw ``next.svg``, ``.pdf`` and ``.png``: each spot seen along its normal, with its candidates.
 
-    The colour is the expected width of the goal after the first press, over that now.
+    The colour is the expected error of the goal after the first press, over that now.
     """
     ranked = proposal.steps[0].ranked
     spots = list(dict.fromkeys(each.press.press.spot for each in ranked))
@@ -61,7 +61,7 @@ def draw(proposal: Proposal, limbs: Mapping[str, Limb], folder: Path) -> list[Pa
             top.set_title(f"{spot}: {of_spot[0].goal:.2f}")
             _candidates(bottom, of_spot[:MOST_SHOWN], colours)
         goal = proposal.goal.name
-        label = f"{OF_GOAL.get(goal, f'width of {goal}')},\nafter the press over now"
+        label = f"{OF_GOAL.get(goal, f'error of {goal}')},\nafter the press over now"
         folder.mkdir(parents=True, exist_ok=True)
         figure.colorbar(colours, ax=axes.ravel().tolist(), label=label, shrink=0.6)
         return save(figure, folder / "next")
@@ -86,7 +86,7 @@ def _limb(axis: Axes, limb: Limb, colour: object) -> None:
 
 
 def _candidates(axis: Axes, ranked: Sequence[Narrowing], colours: ScalarMappable) -> None:
-    """Expected width of each candidate, the best at the top."""
+    """Expected error of each candidate, the best at the top."""
     widths = [each.goal for each in ranked]
     places = np.arange(len(ranked))
     axis.barh(places, widths, color=colours.to_rgba(np.array(widths)), height=0.3)
@@ -98,7 +98,7 @@ def _candidates(axis: Axes, ranked: Sequence[Narrowing], colours: ScalarMappable
     axis.spines[["left", "right", "top"]].set_visible(False)
     axis.set_yticks([])
     axis.set_xticks([0.0, 0.5, 1.0])
-    axis.set_xlabel("width after the press over now")
+    axis.set_xlabel("error after the press over now")
     axis.axvline(1.0, color="0.6", linewidth=0.5, linestyle=":")
     axis.set_xlim(0.0, max(1.0, *widths))
     axis.set_ylim(MOST_SHOWN - 0.5, -0.5)

@@ -22,7 +22,7 @@ from palpate.api import (
 from palpate.api.fit import LEVEL, Parametrisation, SpotInputs, pieces
 from palpate.api.runs import Study, Tool
 from palpate_certainty.laplace import N_DRAWS, RANGE_SD, Density, Laplace
-from palpate_planning.information import FisherInformation
+from palpate_planning.information import ExpectedError, FisherInformation
 from palpate_planning.presses import DesignProblem, SimulatedPress, job_of, point_in, slopes_of
 from palpate_prediction.predict import refined_limbs
 from palpate_prediction.summary import is_by_force
@@ -178,18 +178,29 @@ class Goal:
     def __post_init__(self) -> None:
         check_goal(self.name, self.parameters)
 
-    def width(self, covariance: FloatArray) -> float:
-        """Width to be narrowed, in some unit, of a covariance (n, n) in shares of the ranges."""
-        ranges = np.array([p.upper - p.lower for p in self.parameters])
-        sds = np.sqrt(np.diag(covariance)) * ranges
+    @property
+    def ranges(self) -> FloatArray:
+        """Widths (n_parameters,) of the ranges."""
+        return np.array([p.upper - p.lower for p in self.parameters])
+
+    @property
+    def gradients(self) -> FloatArray:
+        """Changes (n_predicted, n_parameters) of what is predicted, over it, per range."""
+        gradients = [each.gradient * self.ranges for each in self.predicted]
+        return np.array(gradients).reshape(-1, len(self.parameters))
+
+    def error(self, error: ExpectedError) -> float:
+        """Error to be reduced, in some unit: of root mean square errors, with the meshes at their worst."""
         if self.name == PREDICTION:
-            along = np.stack([each.gradient for each in self.predicted]) * ranges
-            return float(np.sqrt(np.mean(np.sum(along @ covariance * along, axis=1))))
+            return float(np.sqrt(np.mean(error.rms(self.gradients) ** 2)))
+        rms = error.rms(np.eye(len(self.parameters)))
         if self.name == ALL:
-            return float(np.exp(0.5 * np.linalg.slogdet(covariance)[1] / len(covariance)))
+            # The volume with the correlations of the fit, each width with the bias.
+            wider = np.log(rms / error.sds).mean()
+            return float(np.exp(0.5 * np.linalg.slogdet(error.covariance)[1] / len(rms) + wider))
         if self.name == WORST:
-            return float((sds / np.maximum(np.abs(self.values), 1e-3 * ranges)).max())
-        return float(sds[[p.name for p in self.parameters].index(self.name)])
+            return float((rms * self.ranges / np.maximum(np.abs(self.values), 1e-3 * self.ranges)).max())
+        return float(rms[[p.name for p in self.parameters].index(self.name)])
 
 
 def check_goal(name: str, parameters: Sequence[Parameter]) -> None:
@@ -213,17 +224,20 @@ class Narrowing:
     Parameters
     ----------
     goal : float
-        Width of the goal over that before the press, in the mean over the points.
+        Error of the goal over that before the press, in the mean over the points.
     widths : (n_parameters,) array
-        Of each parameter, likewise.
-    covariance : (n_parameters, n_parameters) array
-        After it, at the first point, as :attr:`Plan.covariance` is.
+        Of the interval of each parameter, over that before, likewise.
+    mesh_bias : (n_parameters,) array
+        Largest change of each parameter by the meshes after it, in units of the parameters, likewise.
+    error : ExpectedError
+        After it, at the first point, as :attr:`Plan.error` is.
     """
 
     press: SimulatedPress
     goal: float
     widths: FloatArray
-    covariance: FloatArray
+    mesh_bias: FloatArray
+    error: ExpectedError
 
 
 class Plan:
@@ -246,16 +260,16 @@ class Plan:
         ]
 
     @property
-    def covariance(self) -> FloatArray:
-        """Covariance (n_parameters, n_parameters) at the first point, in shares of the ranges.
+    def error(self) -> ExpectedError:
+        """Error at the first point, in shares of the ranges.
 
         It knows little of the ranges, as that of a fit: :class:`Expected` cuts it off at them.
         """
-        return self._information[0].covariance(RANGE_SD)
+        return self._information[0].expected_error(RANGE_SD)
 
     def ranked(self, presses: Sequence[SimulatedPress]) -> list[Narrowing]:
         """Effects of each of these presses as the next one, the best first."""
-        before = [information.covariance() for information in self._information]
+        before = [information.expected_error() for information in self._information]
         found = [self._narrowing(each, before) for each in presses if each.at]
         return sorted(found, key=lambda each: each.goal)
 
@@ -270,17 +284,17 @@ class Plan:
         added = [at.information.again(name, times) if times else at.information for at in press.at]
         return [known + more for known, more in zip(self._information, added, strict=True)]
 
-    def _narrowing(self, press: SimulatedPress, before: Sequence[FloatArray]) -> Narrowing:
-        information = self._with(press)
-        after = [each.covariance() for each in information]
+    def _narrowing(self, press: SimulatedPress, before: Sequence[ExpectedError]) -> Narrowing:
+        information, each = self._with(press), np.eye(len(self.goal.parameters))
+        after = [known.expected_error() for known in information]
         pairs = list(zip(before, after, strict=True))
-        widths = [np.sqrt(np.diag(new) / np.diag(old)) for old, new in pairs]
-        goals = [self.goal.width(new) / self.goal.width(old) for old, new in pairs]
+        biases = [new.mesh_bias(each) * self.goal.ranges for new in after]
         return Narrowing(
             press=press,
-            goal=float(np.mean(goals)),
-            widths=np.mean(widths, axis=0),
-            covariance=information[0].covariance(RANGE_SD),
+            goal=float(np.mean([self.goal.error(new) / self.goal.error(old) for old, new in pairs])),
+            widths=np.mean([new.sds / old.sds for old, new in pairs], axis=0),
+            mesh_bias=np.mean(biases, axis=0),
+            error=information[0].expected_error(RANGE_SD),
         )
 
 
@@ -338,6 +352,8 @@ class Proposal:
 
     Parameters
     ----------
+    before : ExpectedError
+        As planned, by the presses so far.
     steps : tuple of Step
         One after the other.
     refused : mapping of name to str
@@ -350,6 +366,7 @@ class Proposal:
 
     goal: Goal
     expected: Expected
+    before: ExpectedError
     steps: tuple[Step, ...]
     refused: Mapping[str, str]
     failed_checks: tuple[str, ...] = ()
@@ -363,9 +380,18 @@ class Proposal:
         """Ends (n_predicted,) of the 95 % bands of what is predicted now, and after each step."""
         return [bands(self.goal, density) for density in self._densities()]
 
+    def mesh_biases(self) -> list[FloatArray]:
+        """Largest change (n_parameters + n_predicted,) by the meshes now, and after each step, in units."""
+        forces = np.array([each.force_N for each in self.goal.predicted])
+        along = np.concatenate([np.diag(self.goal.ranges), self.goal.gradients * forces[:, None]])
+        return [error.mesh_bias(along) for error in self._errors()]
+
     def _densities(self) -> Iterator[Density]:
-        for covariance in [self.expected.before, *(step.chosen.covariance for step in self.steps)]:
-            yield self.expected.after(covariance)
+        for error in self._errors():
+            yield self.expected.after(error.covariance)
+
+    def _errors(self) -> list[ExpectedError]:
+        return [self.before, *(step.chosen.error for step in self.steps)]
 
 
 def interval(goal: Goal, density: Density) -> tuple[FloatArray, FloatArray]:

@@ -95,6 +95,10 @@ class DesignProblem:
         """Term of the press so far at a spot, or of the first that there is."""
         return next((t for t in self.problem.terms if t.spot == spot), self.problem.terms[0])
 
+    def site(self, spot: str) -> str:
+        """Name of the place of a spot: the first spot of the fit that is there."""
+        return next((term.site for term in self.problem.terms if term.spot == spot), spot)
+
     def mesh(self, press: CandidatePress) -> SpotMesh:
         """Mesh under a press, as far as its error goes."""
         return self.meshes.get(press.name, SpotMesh())
@@ -423,6 +427,7 @@ def _information(
         design.errors,
         channels=channels,
         site=term.site,
+        press=press.name,
     )
 
 

@@ -18,6 +18,7 @@ from palpate_certainty.stages import joint_assessed
 from palpate_certainty.tables import Assessed, density_of
 from palpate_planning.candidates import (
     PRESSURE,
+    USUAL_PLACES,
     Allowed,
     CandidatePress,
     Limit,
@@ -274,11 +275,18 @@ def choose_presses(
         name, why = next(iter(refused.items()))
         raise StudyError(f"none of {len(simulated)} candidates is possible: {name}: {why}; allow others")
     plan = Plan(so_far, goal, of_priors(design), len(points))
-    expected, steps = _expected(design, goal, plan.covariance), []
+    before, n_places = plan.error, USUAL_PLACES if options.allowed is None else options.allowed.places
+    expected, steps = _expected(design, goal, before.covariance), []
+    sites, used = {design.site(each.press.spot) for each in so_far}, set[str]()
     for _ in range(options.n_presses):
-        steps.append(Step(ranked=tuple(plan.ranked(possible))))
+        others = used or sites
+        ranked = plan.ranked(possible)
+        if len(others) < n_places:
+            ranked.sort(key=lambda each: design.site(each.press.press.spot) in others)  # stable
+        steps.append(Step(ranked=tuple(ranked)))
         plan.add(steps[-1].chosen.press)
-    return Proposal(goal=goal, expected=expected, steps=tuple(steps), refused=refused)
+        used.add(design.site(steps[-1].chosen.press.press.spot))
+    return Proposal(goal=goal, expected=expected, before=before, steps=tuple(steps), refused=refused)
 
 
 def shared_parameters(design: DesignProblem) -> tuple[Parameter, ...]:

@@ -14,7 +14,7 @@ from palpate_planning.candidates import CandidatePress, described
 from palpate_planning.narrowing import Narrowing, Proposal
 from palpate_report.report_data import brief_names
 
-WIDTH, PEAK = "width_", "peak_"
+WIDTH, MESH_BIAS, PEAK = "width_", "mesh_bias_", "peak_"
 """How columns of a ranking begin, before the parameter and the channel."""
 
 
@@ -42,11 +42,12 @@ class ProposalTables:
     Parameters
     ----------
     ranking : DataFrame
-        One row per step and candidate, the best first: step, press, spot, what is done, width (of the goal,
-        over that before the step), width of each parameter, and the peak of each channel.
+        One row per step and candidate, the best first: step, press, spot, what is done, error of the goal and
+        width of each interval (over those before the step), mesh bias of each parameter (in its unit), and
+        the peak of each channel. Where presses go to more places, those at other places come first.
     intervals : DataFrame
         One row per parameter, and predicted force, and step, from 0 (now): value, lower and upper end of the
-        95 % interval, and its width over that now.
+        95 % interval, its width over that now, and the most that the errors of the meshes can change it.
     refused : DataFrame
         Candidates that cannot be made, and why.
     """
@@ -73,10 +74,13 @@ def proposal_tables(proposal: Proposal) -> ProposalTables:
 
 def _row(proposal: Proposal, found: Narrowing) -> dict[str, Any]:
     press = found.press.press
-    names = [f"{WIDTH}{p.name}" for p in proposal.goal.parameters]
+    widths, biases = (
+        {f"{head}{p.name}": float(value) for p, value in zip(proposal.goal.parameters, values, strict=True)}
+        for head, values in ((WIDTH, found.widths), (MESH_BIAS, found.mesh_bias))
+    )
     peaks = {f"{PEAK}{name}": peak for name, peak in found.press.peaks.items()}
-    about = {"press": press.name, "spot": press.spot, "protocol": described(press), "width": found.goal}
-    return about | dict(zip(names, found.widths.tolist(), strict=True)) | peaks
+    about = {"press": press.name, "spot": press.spot, "protocol": described(press), "error": found.goal}
+    return about | widths | biases | peaks
 
 
 def _intervals(proposal: Proposal) -> list[dict[str, Any]]:
@@ -94,8 +98,9 @@ def _intervals(proposal: Proposal) -> list[dict[str, Any]]:
             "lower": float(lower[i]),
             "upper": float(upper[i]),
             "width": float((upper[i] - lower[i]) / first[i]),
+            "mesh_bias": float(biases[i]),
         }
-        for step, (lower, upper) in enumerate(ends)
+        for step, ((lower, upper), biases) in enumerate(zip(ends, proposal.mesh_biases(), strict=True))
         for i, ((name, unit), value) in enumerate(zip(about, values, strict=True))
     ]
 
@@ -110,11 +115,11 @@ def not_narrowed(ranking: pl.DataFrame) -> list[str]:
     return [name.removeprefix(WIDTH) for name in widths if ranking[name].min() > NARROWER]  # type: ignore[operator]
 
 
-def shown_ranking(ranking: pl.DataFrame, goal: str, units: Mapping[str, str]) -> pl.DataFrame:
-    """Ranking of one step as text: widths in percent, peaks with the ``units`` of their channels."""
+def shown_ranking(ranking: pl.DataFrame, units: Mapping[str, str]) -> pl.DataFrame:
+    """Ranking of one step as text: error and widths in percent, peaks with ``units`` of their channels."""
     brief = brief_names(name.removeprefix(WIDTH) for name in ranking.columns if name.startswith(WIDTH))
     shown = [pl.col("press"), pl.col("spot"), pl.col("protocol")]
-    shown += [] if goal in brief else [_text("width", _percent).alias(goal)]
+    shown.append(_text("error", _percent))
     shown += [_text(f"{WIDTH}{name}", _percent).alias(short) for name, short in brief.items()]
     for name in (name for name in ranking.columns if name.startswith(PEAK)):
         channel = name.removeprefix(PEAK)
@@ -123,9 +128,10 @@ def shown_ranking(ranking: pl.DataFrame, goal: str, units: Mapping[str, str]) ->
 
 
 def shown_intervals(intervals: pl.DataFrame) -> pl.DataFrame:
-    """Intervals as text: four digits, and the width in percent of that now."""
+    """Intervals as text: four digits (the bias two), and the width in percent of that now."""
     brief = brief_names(intervals["parameter"])
     numbers = [_text(name, "{:.4g}".format) for name in ("value", "lower", "upper")]
+    numbers.append(_text("mesh_bias", "{:.2g}".format))
     return intervals.with_columns(
         pl.col("parameter").replace_strict(brief), *numbers, _text("width", _percent)
     )
@@ -147,7 +153,7 @@ def for_robot(proposal: Proposal, limbs: Mapping[str, Limb]) -> dict[str, Any]:
         "presses": [
             {
                 **_pose(step.chosen.press.press, limbs),
-                "expected_width": step.chosen.goal,
+                "expected_error": step.chosen.goal,
                 "expected_peaks": step.chosen.press.peaks,
             }
             for step in proposal.steps

@@ -15,7 +15,7 @@ Frames = TypeVar("Frames", ReportData, FitResult, CertaintyResult, PosteriorResu
 
 VALUES = (
     *("value", "lower", "upper", "noise_lower", "noise_upper", "optimum", "first_optimum", "second_optimum"),
-    *("sd", "mean", "mean_solved", "value_solved", "coarse", "corrected"),
+    *("sd", "mean", "mean_solved", "value_solved", "coarse", "corrected", "mesh_bias"),
 )
 """Columns in the unit of the parameter that their row names."""
 
