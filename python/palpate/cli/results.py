@@ -6,33 +6,10 @@ from palpate.cli.session import Session
 from palpate.errors import NothingSelectableError
 
 if TYPE_CHECKING:
-    import polars as pl
-
     from palpate.cli.progress import StageProgress
-    from palpate.run.result import SelectionResult
     from palpate.stages.pipeline import RunResult
     from palpate.stages.stage import Summary
     from palpate.study.reading import Study
-
-
-def show_run(
-    session: Session,
-    study: "Study",
-    result: "RunResult",
-    progress: "StageProgress",
-    *,
-    tables: bool,
-    as_json: bool,
-) -> None:
-    """Print what a run found: by its last stage, such as the report.
-
-    Raises
-    ------
-    NothingSelectableError
-        After the printing, where a scenario has no set at a spot.
-    """
-    values = _as_json(study, result) if as_json else None
-    show_summary(session, result.summary, progress, tables=tables, values=values)
 
 
 def show_summary(
@@ -72,24 +49,19 @@ def show_summary(
         raise NothingSelectableError(summary.missing)
 
 
-def _as_json(study: "Study", result: "RunResult") -> dict[str, Any]:
-    """Collect what a run found, for a script."""
+def run_values(study: "Study", result: "RunResult") -> dict[str, Any]:
+    """Result of a run as ``--json`` prints it."""
+    tables = ("selection", "generalisation", "verification")
     return {
         "study": study.name,
         "data": study.data,
         "folder": str(result.folder),
         "n_sets": result.design.n_sets,
         "n_simulations": len(result.simulations),
-        **{name: frame.to_dicts() for name, frame in tables_of(result.selected).items()},
+        **{name: getattr(result.selected, name).to_dicts() for name in tables},
         "fit": result.fit.table.to_dicts(),
         **result.summary.values,
     }
-
-
-def tables_of(selected: "SelectionResult") -> dict[str, "pl.DataFrame"]:
-    """Tables of what identification chose, by name."""
-    names = ("selection", "generalisation", "verification")
-    return {name: getattr(selected, name) for name in names}
 
 
 def data_notice(study: "Study") -> str:

@@ -19,7 +19,7 @@ from palpate.cli.options import (
     TrustPlugins,
 )
 from palpate.cli.progress import StageProgress
-from palpate.cli.results import show_run
+from palpate.cli.results import run_values, show_summary
 from palpate.cli.runs import original_study
 from palpate.cli.session import Session, run_folder
 from palpate.errors import StudyError
@@ -122,7 +122,8 @@ def run_and_show(
             fit_start=fit_start,
             confirm=lambda changed: _confirm(session, changed, folder, sure=go_on or fork is not None),
         )
-    show_run(session, study, result, progress, tables=tables, as_json=as_json)
+    values = run_values(study, result) if as_json else None
+    show_summary(session, result.summary, progress, tables=tables, values=values)
 
 
 def _confirm(session: Session, changed: "Changed", folder: Path, *, sure: bool) -> None:
