@@ -28,25 +28,25 @@ def _file_name(given: str) -> str:
     return given
 
 
-LONGEST_PART = 200
-LONGEST_PATH = 2_000
+LONGEST_PART, LONGEST_PATH = 200, 2_000
 FileName = Annotated[str, AfterValidator(_file_name)]
 """A path that file systems take, relative to the study file."""
 
 Length = Annotated[float, Quantity("mm")]
-Angle = Annotated[float, Quantity("deg")]
 Seconds = Annotated[float, Quantity("s")]
-Megabytes = Annotated[float, Quantity("MB")]
 Ratio = Annotated[float, Quantity("1")]
-
-
-def _for_all(given: object) -> object:
-    """Values by channel; one of all channels is under no name."""
-    return given if isinstance(given, dict) else {"": given}
-
 
 Share = Annotated[Ratio, Field(ge=0.0, lt=1.0)]
 """A relative standard deviation."""
+
+Shares = Annotated[
+    dict[str, Share],
+    BeforeValidator(
+        lambda given: given if isinstance(given, dict) else {"": given},
+        json_schema_input_type=Share | dict[str, Share],
+    ),
+]
+"""One for each name; one for all of them is under no name."""
 
 
 class Table(BaseModel):
@@ -296,7 +296,7 @@ class ExecutorTable(Table):
         default=None, description="Name of an executor; if left out worker processes of this machine."
     )
     settings: dict[str, Any] = Field(default={}, description="Settings of the executor.")
-    memory_limit: Megabytes | None = Field(
+    memory_limit: Annotated[float, Quantity("MB")] | None = Field(
         default=None, gt=0.0, description="Most memory that one simulation may take; if left out no limit."
     )
     attempts: int = Field(default=2, ge=1, le=10, description="Worker crashes tolerated per job.")
@@ -373,7 +373,7 @@ class BudgetTable(Table):
         "else 0.05 mm.",
     )
     radius: Length = Field(default=0.0, ge=0.0, description="Of the indenter's radius.")
-    tilt: Angle = Field(
+    tilt: Annotated[float, Quantity("deg")] = Field(
         default=0.0,
         ge=0.0,
         lt=MOST_TILT_DEG / 2.0,
@@ -397,9 +397,7 @@ class BudgetTable(Table):
         description="Of the depth of the bones, that is of all nodes that are held, at all spots together; "
         "if left out, 1 mm; none where data are simulated.",
     )
-    layers: Annotated[
-        dict[str, Share], BeforeValidator(_for_all, json_schema_input_type=Share | dict[str, Share])
-    ] = Field(
+    layers: Shares = Field(
         default={},
         description="Of the thickness of the layers above the deepest, relative, at all spots together: one "
         "number, or one for each region. If left out, 10 %, as ultrasound has it (optical scans: 40 %); none "
@@ -415,9 +413,7 @@ class BudgetTable(Table):
         description="Of what a channel drifts by along its curve, over its largest ordinate; if left out, as "
         "the loader has found, else none.",
     )
-    mesh: Annotated[
-        dict[str, Share], BeforeValidator(_for_all, json_schema_input_type=Share | dict[str, Share])
-    ] = Field(
+    mesh: Shares = Field(
         default={},
         description="Of the error of a channel by the mesh, relative, where no finer mesh shows it; also the "
         "least of a prediction's. One number, or one for each channel. If left out, as the note of the mesh "
