@@ -32,8 +32,7 @@ class Quality:
     Dihedral angles are of the straight-edged elements, ``contact_edge_mm`` is the mean edge of contact
     faces within ``near_mm`` of the spot, ``near_scaled_jacobian`` the least of elements with their middle
     there, ``layers_mm`` mean and standard deviation of each layer's thickness there, the outermost first,
-    ``volume_error`` the difference from the volume between scan, bones
-    and cuts as a share of it, ``spot_gap_mm`` the distance from the spot to the nearest contact node, and
+    ``volume_error`` the difference from the volume between scan, bones and cuts as a share of it, and
     ``regions`` the share of the volume of each.
     """
 
@@ -41,14 +40,11 @@ class Quality:
     n_cells: int
     least_scaled_jacobian: float
     near_scaled_jacobian: float
-    median_scaled_jacobian: float
     least_dihedral_deg: float
     largest_dihedral_deg: float
     contact_edge_mm: float
     near_mm: float
-    volume_mm3: float
     volume_error: float
-    spot_gap_mm: float
     regions: dict[str, float]
     layers_mm: dict[str, tuple[float, float]]
 
@@ -69,14 +65,11 @@ def assess(limb: Limb, segment: Segment, near_mm: float, rise_mm: float = 0.0) -
         n_cells=mesh.n_cells,
         least_scaled_jacobian=float(scaled.min()),
         near_scaled_jacobian=float(scaled[near].min(initial=1.0)),
-        median_scaled_jacobian=float(np.median(scaled)),
         least_dihedral_deg=float(angles.min()),
         largest_dihedral_deg=float(angles.max()),
         contact_edge_mm=contact_edge_mm(limb, near_mm),
         near_mm=near_mm,
-        volume_mm3=float(volumes.sum()),
         volume_error=float(volumes.sum() / whole - 1.0),
-        spot_gap_mm=float(np.linalg.norm(points[mesh.node_sets["contact"]], axis=1).min()),
         regions={name: float(volumes[ids == i].sum() / volumes.sum()) for i, name in enumerate(mesh.regions)},
         layers_mm=dict(_layers(limb, segment, near_mm, rise_mm)),
     )
