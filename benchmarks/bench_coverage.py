@@ -11,6 +11,12 @@ finer mesh shows.
 
     python benchmarks/bench_coverage.py --n 200 --studies yeoh --errors 0.5 1 2 3
     python benchmarks/bench_coverage.py --n 40 --posterior    # of emulated posteriors too
+    python benchmarks/bench_coverage.py --scenarios --studies ogden yeoh    # what force and torque tell alone
+
+With ``--scenarios`` the same data are fitted by I (both), II (torque) and III (force). Printed are how many
+intervals by I are narrower than that by II and by III, or at most 2 % wider; that of standard deviations, by
+which no curve tells less than none; and the median ratio of the volumes by III and by I, before and after
+the densities are cut at the ranges.
 """
 
 import argparse
@@ -28,13 +34,14 @@ import polars as pl
 from pydantic import Field
 
 from palpate import Curve, Job, Limb, Response, Settings, Simulation, Solver, Status
-from palpate.domain import Design, ParameterSpace, RegionMaterial
+from palpate.domain import Design, ParameterSpace, RegionMaterial, Scenario
 from palpate.fit.stage import FitStage
 from palpate.plugins.provides import Provides
 from palpate.plugins.registry import load_file
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.error_sources import ONSET_MM, RELATIVE, SpotMesh
 from palpate_certainty.posterior_sampling import PosteriorSampling
+from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Ogden, Yeoh
 
 pressed = load_file(Path(__file__).parents[1] / "tests" / "data" / "plugins" / "pressed_tissue.py")
@@ -46,6 +53,7 @@ WIDE = 0.8
 STUDIES = {
     "ogden": {"tissue": (Ogden(), ("c1", "m1", "kappa"))},
     "yeoh": {"tissue": (Yeoh(), ("c1", "c2", "c3"))},
+    "neo-Hookean": {"tissue": (NeoHookean(), ("E", "nu"))},
     "two layers": {"skin": (Ogden(), ("c1",)), "tissue": (Ogden(), ("c1", "m1"))},
 }
 VOLUMES = {"skin": pressed.VOLUMES_MM3 * [0.0, 0.0, 0.5, 2.0], "tissue": pressed.VOLUMES_MM3}
@@ -251,6 +259,49 @@ def experiment(
     return found
 
 
+ALONE = {"I": {"force": 1.0, "torque": 1.0}, "II": {"torque": 1.0}, "III": {"force": 1.0}}
+"""Weights of the channels by scenario."""
+
+
+def of_scenarios(name: str, friction: float, seed: int) -> dict[str, dict[str, np.ndarray]]:
+    """Standard deviations, widths of intervals and volumes by scenario, of one experiment."""
+    rng = np.random.default_rng(seed)
+    coarse = MESH * rng.normal()
+    scenarios = tuple(Scenario(name=each, weights=weights) for each, weights in ALONE.items())
+    study = study_of(name, Layered(LayeredSettings(coarse=coarse, fine=coarse / RATIO)))
+    budget = study.budget.model_copy(update={"friction": friction})
+    study = replace(study, scenarios=scenarios, budget=budget)
+    (row,) = pressed.truths(study, 1, seed)
+    measured = {"p1": measured_at(study, row, rng)}
+    meshes = {"p1": SpotMesh(refinement=RATIO**0.5)}
+    cases = stage_of(study, measured).run()
+    found = {}
+    for each in Assessment(study=study, measured=measured, meshes=meshes).assessed(cases):
+        cut = np.cov(each.density.draws(1000), rowvar=False)
+        found[each.case.scenario.name] = {
+            "sd": np.sqrt(np.diag(each.laplace.covariance)),
+            "interval": np.subtract(*reversed(each.density.interval(each.point))),
+            "volumes": np.sqrt([np.linalg.det(each.laplace.covariance), np.linalg.det(cut)]),
+        }
+    return found
+
+
+def table_of_scenarios(name: str, friction: float, found: list[dict]) -> None:
+    """Print what the scenarios tell of the same data."""
+    whole = [each for each in found if each.keys() == ALONE.keys()]
+    say(
+        f"\n{name}, friction known to {friction:g}: {len(found)} experiments, {len(whole)} with all scenarios"
+    )
+    for key in ("sd", "interval"):
+        for other in ("II", "III"):
+            ratios = np.concatenate([each["I"][key] / each[other][key] for each in whole])
+            narrow = f"at most 1.02 in {100.0 * np.mean(ratios <= 1.02):.1f} % of {ratios.size}"
+            spread = f"median {np.median(ratios):.2f}, largest {ratios.max():.2f}"
+            say(f"{key} by I over that by {other}: {narrow}, {spread}")
+    volumes = np.median([each["III"]["volumes"] / each["I"]["volumes"] for each in whole], axis=0)
+    say(f"volume by III over that by I: {volumes[0]:.1f}, cut at the ranges {volumes[1]:.1f}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--n", type=int, default=200, help="experiments of each study")
@@ -260,10 +311,17 @@ def main() -> None:
     )
     parser.add_argument("--mesh-shape", action="store_true", help="of the mesh's error: a wave, instead")
     parser.add_argument("--posterior", action="store_true", help="draw posteriors too, seconds each")
+    parser.add_argument("--scenarios", action="store_true", help="force and torque alone, instead")
+    parser.add_argument(
+        "--friction", type=float, nargs="*", default=[RELATIVE], help="its standard deviation, by --scenarios"
+    )
     parser.add_argument("--workers", type=int, help="processes; default: all cores")
     chosen = parser.parse_args()
     with ProcessPoolExecutor(chosen.workers) as pool:
-        for name, times in product(chosen.studies, chosen.errors):
+        for name, friction in product(chosen.studies if chosen.scenarios else (), chosen.friction):
+            of_name = functools.partial(of_scenarios, name, friction)
+            table_of_scenarios(name, friction, list(pool.map(of_name, range(chosen.n), chunksize=5)))
+        for name, times in product(() if chosen.scenarios else chosen.studies, chosen.errors):
             measure = functools.partial(measured_at, times=times, has_shape=chosen.mesh_shape)
             of_name = functools.partial(experiment, name, posterior=chosen.posterior, measure=measure)
             table(name, times, list(pool.map(of_name, range(chosen.n), chunksize=5)))
