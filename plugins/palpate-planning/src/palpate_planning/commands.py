@@ -157,9 +157,14 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
         )
         session.frame(title, shown_ranking(ranking, units).head(SHOWN))
         best = ranking.row(int(ranking["error"].arg_min() or 0), named=True)
+        if best["error"] >= 1.0:
+            session.paragraph(
+                "No allowed press reduces the error: with the meshes at their worst, each adds as much bias "
+                "as it takes variance away. Use finer meshes, or allow other presses."
+            )
         if best["press"] != ranking["press"][0]:
             session.paragraph(
-                f"{best['press']} has a smaller error, but is at the place of the presses before; to allow "
+                f"{best['press']} has a smaller error, but is at a place of the presses before; to allow "
                 "it, put places = 1 in the file of --allowed."
             )
     if same := not_narrowed(tables.ranking.filter(step=1)):
