@@ -2,7 +2,7 @@
 
 Noise of a curve is correlated over a few points, as smoothing leaves it. The discrepancy of a curve is a
 Gaussian process along its path, times the largest ordinate reached so far, so that it is zero at first
-contact; half of its variance is common to all spots. Their sizes are those that make the residuals most
+contact; a share of its variance is common to all sites. Their sizes are those that make the residuals most
 likely once the parameters are fitted (restricted likelihood: Patterson & Thompson, Biometrika 58, 1971).
 """
 
