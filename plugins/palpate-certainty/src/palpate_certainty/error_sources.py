@@ -35,8 +35,8 @@ from palpate.api.fit import (
     left_over,
     pieces,
 )
-from palpate.api.runs import Study, check_limb, mesh_note
-from palpate_certainty.anatomy import OF_LIMB, limb_with
+from palpate.api.runs import Study, check_limb
+from palpate_certainty.anatomy import BONE_MM, OF_LIMB, limb_with, noted_position_mm
 from palpate_certainty.noise_model import path_of
 
 FORCE = "force"
@@ -139,10 +139,6 @@ That of a fixed one goes no farther than its physical range."""
 OF_FRICTION = 0.3
 """That of a measured friction coefficient, over its value: it differs by person and humidity."""
 
-POSITION_MM, BONE_MM = 1.0, 1.0
-"""Standard deviations of a spot's position along the skin, and of the depth of the bones, where data are
-measured and the study gives none."""
-
 STEPS = 10.0
 """Range of a cause, in standard deviations to either side: differences step a twentieth of it."""
 
@@ -240,7 +236,7 @@ def _of_anatomy(study: Study, spots: Iterable[str]) -> Iterator[ErrorSource]:
     if not study.solver.provides.mesh:
         return
     for spot in spots:
-        usual = 0.0 if is_known else _noted_mm(study, spot)
+        usual = 0.0 if is_known else noted_position_mm(study, spot)
         for axis in "xy":
             sd = usual if budget.position is None else budget.position
             yield ErrorSource(kind="position", of=f"{spot} {axis}", sd=sd)
@@ -249,13 +245,6 @@ def _of_anatomy(study: Study, spots: Iterable[str]) -> Iterator[ErrorSource]:
     for region in study.space.regions if len(study.space.regions) > 1 else ():
         sd = budget.layers.get(region.region, budget.layers.get("", 0.0 if is_known else RELATIVE))
         yield ErrorSource(kind="layers", of=region.region, sd=sd)
-
-
-def _noted_mm(study: Study, spot: str) -> float:
-    """Standard deviation of a spot's position: as the note of its mesh has it, else the usual one."""
-    mesh = next((each.mesh for each in study.spots if each.spot.name == spot), None)
-    noted = (mesh_note(mesh) or {}).get("std_across_mm") if mesh is not None else None
-    return float(noted) if isinstance(noted, float) and noted > 0.0 else POSITION_MM
 
 
 def _onset_mm(response: Response) -> float:
