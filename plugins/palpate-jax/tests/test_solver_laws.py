@@ -196,22 +196,28 @@ def test_an_unstable_material_diverges_with_its_partial_curve(solver):
 
 @pytest.mark.slow
 def test_tissue_that_loses_contact_slides_on():
-    """A stable material whose contact finds no balance near the last one reaches the end of the path.
+    """Stable materials whose contact finds no balance near the last one reach the end of the path.
 
-    The rim of a hole in the contact surface, at the spot itself, is where it lets go in large steps.
+    The rim of a hole in the contact surface, at the spot itself, is where it lets go in large steps. With
+    which of the materials it does so depends on the rounding of the machine.
     """
     meshes = files("palpate_forearm") / "studies" / "forearm-demo" / "meshes"
-    with as_file(meshes / "p2.vtu") as path:
-        forearm = MeshioSource().load(path, Spot(name="p2"))
+    with as_file(meshes / "p3.vtu") as path:
+        forearm = MeshioSource().load(path, Spot(name="p3"))
     sets = forearm.mesh.node_sets
     at_the_spot = np.linalg.norm(forearm.mesh.points_mm, axis=1).argmin()
     holed = {**sets, "contact": sets["contact"][sets["contact"] != at_the_spot]}
     forearm = replace(forearm, mesh=replace(forearm.mesh, node_sets=holed))
-    values = [0.020737081873653952, -0.00135976843538408, 5.19326876459339e-05, 0.8]
-    job = make_job(values, path=[(0.0, 0.0), (10.0, 0.0), (10.0, -22.5)], friction=1.0)
-    simulation = JaxSolver(JaxSettings(depth_steps=3, rotation_step_deg=22.5)).simulate(job, forearm)
-    assert simulation.status is Status.OK, simulation.message
-    assert simulation.diagnostics["n_held"] > 0
+    solver = JaxSolver(JaxSettings(depth_steps=2, rotation_step_deg=22.5))
+    n_held = 0
+    for c1 in np.linspace(0.021, 0.023, 9):
+        job = make_job(
+            [c1, -0.00136, 5.19e-5, 0.8], path=[(0.0, 0.0), (10.0, 0.0), (10.0, -22.5)], friction=1.0
+        )
+        simulation = solver.simulate(job, forearm)
+        assert simulation.status is Status.OK, simulation.message
+        n_held += simulation.diagnostics["n_held"]
+    assert n_held > 0
 
 
 def test_coupled_material_runs(solver, limb):

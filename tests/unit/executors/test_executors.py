@@ -45,7 +45,8 @@ def test_failures_stay_with_their_job(make_study, solver):
     assert "exit code 17" in found[1].message
     assert "limit 4 s" in found[2].message
     assert found[2].seconds >= 4.0
-    assert found[3].message == "ZeroDivisionError: stretch of zero"
+    # Taken with the job that ended the worker, it is repeated, which is said too.
+    assert found[3].message.startswith("ZeroDivisionError: stretch of zero")
     assert found[4].response["force"].abscissa.size == 8
 
 
