@@ -6,11 +6,13 @@ import re
 import signal
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
 from palpate import __version__
+from palpate.cli.init import own_study_text
 from palpate.cli.session import Session
 from palpate.experiment.measured import load_measured
 from palpate.plugins.catalogue import Plugins
@@ -394,6 +396,27 @@ def test_init_writes_a_study_of_own_presses(call: Call) -> None:
         refused = call("init", *arguments, plugin=None)
         assert (refused.code, reason in refused.err) == (2, True)
     assert not Path("leg").exists()
+
+
+@pytest.mark.parametrize(
+    ("fit", "searches"),
+    [
+        ("", True),
+        ("[fit]\nsearch = 'grid'\n", True),
+        ("[ fit.searched ]\nfriction = { lower = 0.1, upper = 1.5 }\n", False),
+        ("[fit]\nsearched.friction = { lower = 0.1, upper = 1.5 }\n", False),
+        ("[fit.parametrisation]\nname = 'relaxing'\n", False),
+    ],
+)
+def test_init_leaves_what_a_ready_study_searches(
+    call: Call, tmp_path: Path, fit: str, searches: bool
+) -> None:
+    call("init", "try", plugin=None)
+    (tmp_path / "study.toml").write_text(f"[study]\n[protocol]\nfriction = 1.0\n\n{fit}", encoding="utf-8")
+    files = ([Path("try/measured/p1.csv")], [Path("try/meshes/p1.vtu")])
+    text = own_study_text(Session(), tmp_path, Path("arm"), *files)
+    fitted = tomllib.loads(text).get("fit", {})
+    assert (fitted.get("searched", {}).get("friction", {}).get("prior") is not None) == searches
 
 
 def test_init_finds_names_and_paths_for_own_presses(call: Call) -> None:

@@ -27,7 +27,7 @@ OF_PRESSES = ("study", "spot", "experiment", "budget", "truth")
 """Tables of a ready study that hold for its own presses alone."""
 
 SEARCHED = """[fit.searched]
-# Of skin on plastic 0.3 to 1.0, by person and humidity: where the twist slips, it tells.
+# Of skin on plastic 0.3 to 1.0, by person and humidity; a twist that slips shows how much it is.
 friction = { lower = 0.1, upper = 1.5, prior = { value = 0.7, sd = 0.3 } }
 """
 """What a study of own presses searches besides the material, where the ready study says nothing of it."""
@@ -139,10 +139,11 @@ def own_study_text(
         f"[{name}]\n" + "".join(f"{k} = {json.dumps(v, ensure_ascii=False)}\n" for k, v in of.items())
         for name, of in tables
     ]
-    tables_of_ready = list(_tables_of(ready / "study.toml"))
-    heads = {text.partition("\n")[0].partition("]")[0] for text in tables_of_ready}
-    searched = [SEARCHED] if "[protocol" in heads and "[fit.searched" not in heads else []
-    return "\n".join([*own, found.study_text, *tables_of_ready, *searched])
+    kept = "\n".join(_tables_of(ready / "study.toml"))
+    raw = tomllib.loads(kept)
+    says_nothing = raw.get("fit", {}).keys().isdisjoint({"searched", "parametrisation"})
+    searched = [SEARCHED] if "protocol" in raw and says_nothing else []
+    return "\n".join([*own, found.study_text, kept, *searched])
 
 
 def _name_of(text: str) -> str:
