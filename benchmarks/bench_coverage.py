@@ -39,7 +39,8 @@ from palpate.fit.stage import FitStage
 from palpate.plugins.provides import Provides
 from palpate.plugins.registry import load_file
 from palpate_certainty.assessment import Assessment
-from palpate_certainty.error_sources import ONSET_MM, RELATIVE, SpotMesh
+from palpate_certainty.error_sources import ONSET_MM, RELATIVE
+from palpate_certainty.mesh_error import SpotMesh
 from palpate_certainty.posterior_sampling import PosteriorSampling
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Ogden, Yeoh

@@ -18,8 +18,8 @@ from bench_coverage import MESH, RATIO, Layered, LayeredSettings, measured_at, p
 
 from palpate import Response
 from palpate_certainty.assessment import Assessment
-from palpate_certainty.error_sources import SpotMesh
 from palpate_certainty.held_out import held_out, is_apart
+from palpate_certainty.mesh_error import SpotMesh
 
 SPOTS = ("p1", "p2", "p3", "p4")
 

@@ -17,7 +17,7 @@ from study_anatomy import COARSE, DEPTH, RANGES, SKIN_MM, TABLES, segment_on, wr
 import palpate
 from palpate import Job, Limb
 from palpate.limb.loading import load_limbs
-from palpate_certainty.anatomy import limb_with
+from palpate_certainty.anatomy import changed_limb
 
 OTHERS = {"bones": ("bone", "", -2.0), "thin": ("layers", "skin", -0.5), "thick": ("layers", "skin", 0.5)}
 ONE_SD = [
@@ -30,7 +30,7 @@ ONE_SD = [
 
 def moved(limb: Limb, kind: str, of: str, by_mm: float) -> Limb:
     """Limb changed by so many millimetres."""
-    return limb_with(limb, kind, of, by_mm / SKIN_MM if kind == "layers" else by_mm)
+    return changed_limb(limb, kind, of, by_mm / SKIN_MM if kind == "layers" else by_mm)
 
 
 def main() -> None:

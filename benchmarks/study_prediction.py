@@ -35,7 +35,7 @@ from palpate.study.model import BudgetTable
 from palpate.study.reading import Study
 from palpate.study.tool import read_tool
 from palpate_certainty.emulator import Emulator, Runs
-from palpate_certainty.error_sources import FORCE, usual_error
+from palpate_certainty.mesh_error import FORCE, usual_error
 from palpate_prediction.bands import ends, scores
 from palpate_prediction.predict import refined_limbs
 from palpate_prediction.summary import mesh_error, press_states, with_mesh

@@ -24,7 +24,7 @@ from palpate.mesh.refinement import refined
 from palpate.plugins.catalogue import Plugins
 from palpate.simulation.sweep import Simulations
 from palpate.study.reading import Study
-from palpate_certainty.error_sources import SpotMesh
+from palpate_certainty.mesh_error import SpotMesh
 
 TRUE_EDGE_MM = 1.3
 N_MATERIALS = 5

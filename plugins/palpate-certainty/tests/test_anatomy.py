@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 from palpate.domain import Response, Spot
 from palpate.mesh.specimens import block
 from palpate.stages import pipeline
-from palpate_certainty.anatomy import limb_with
+from palpate_certainty.anatomy import changed_limb
 from palpate_certainty.error_sources import ErrorSource, columns_of, error_sources_of
 from palpate_certainty.stages import joint_assessed
 
@@ -21,7 +21,7 @@ LAYERS = {"skin": 3.0, "fat": 6.0}
 @given(by_mm=st.floats(-3.0, 3.0))
 def test_a_nearer_bone_under_a_block_is_a_lower_block(kind, by_mm):
     limb = block(kind)
-    moved, lower = limb_with(limb, "bone", "", by_mm), block(kind, height_mm=18.0 - by_mm)
+    moved, lower = changed_limb(limb, "bone", "", by_mm), block(kind, height_mm=18.0 - by_mm)
     z = limb.mesh.points_mm[:, 2]
     for mesh in (moved.mesh, lower.mesh):
         assert np.array_equal(mesh.cells[kind], limb.mesh.cells[kind])
@@ -34,18 +34,18 @@ def test_a_nearer_bone_under_a_block_is_a_lower_block(kind, by_mm):
 @given(by=st.floats(-0.4, 0.4))
 def test_a_thicker_layer_moves_its_lower_face_alone(kind, by):
     limb = block(kind, n_down=6, layers_mm=LAYERS)
-    z, moved = limb.mesh.points_mm[:, 2], limb_with(limb, "layers", "skin", by).mesh.points_mm
+    z, moved = limb.mesh.points_mm[:, 2], changed_limb(limb, "layers", "skin", by).mesh.points_mm
     np.testing.assert_allclose(moved[z == -3.0][:, 2], -3.0 * (1.0 + by))
     for rests in (0.0, -9.0, -18.0):
         np.testing.assert_array_equal(moved[z == rests], limb.mesh.points_mm[z == rests])
-    second = limb_with(limb, "layers", "fat", by).mesh.points_mm
+    second = changed_limb(limb, "layers", "fat", by).mesh.points_mm
     np.testing.assert_allclose(second[z == -9.0][:, 2], -9.0 - 6.0 * by)
     np.testing.assert_array_equal(second[z == -3.0], limb.mesh.points_mm[z == -3.0])
 
 
 def test_nodes_in_the_middle_of_an_edge_stay_there():
     limb = block("tet10", n_down=6, layers_mm=LAYERS)
-    moved = limb_with(limb, "layers", "skin", 0.3).mesh
+    moved = changed_limb(limb, "layers", "skin", 0.3).mesh
     (cells,) = moved.cells.values()
     middle = moved.points_mm[cells[:, 4]]
     np.testing.assert_allclose(middle, moved.points_mm[cells[:, :2]].mean(axis=1), atol=1e-12)
@@ -54,14 +54,27 @@ def test_nodes_in_the_middle_of_an_edge_stay_there():
 @pytest.mark.parametrize("of", ["soft_tissue", "bone"])
 def test_without_a_lower_face_a_layer_is_as_it_is(of):
     limb = block(n_down=6, layers_mm=LAYERS)
-    assert limb_with(limb, "layers", of, 0.2) is limb
+    assert changed_limb(limb, "layers", of, 0.2) is limb
+
+
+@given(by_mm=st.floats(-3.0, 3.0))
+def test_the_ends_of_a_cut_limb_go_with_its_bones(by_mm):
+    """Held ends that the mesh names move as the tissue between bone and skin does, others as if of bone."""
+    limb = block()
+    x, _, z = limb.mesh.points_mm.T
+    ends = np.flatnonzero(np.abs(x) == np.abs(x).max())
+    sets = {**limb.mesh.node_sets, "cut": ends, "fixed": np.union1d(limb.mesh.node_sets["fixed"], ends)}
+    cut = replace(limb, mesh=replace(limb.mesh, node_sets=sets))
+    moved = changed_limb(cut, "bone", "", by_mm).mesh.points_mm
+    np.testing.assert_allclose(moved, changed_limb(limb, "bone", "", by_mm).mesh.points_mm, atol=1e-9)
+    np.testing.assert_array_equal(moved[z == 0.0], limb.mesh.points_mm[z == 0.0])
 
 
 def test_without_held_nodes_below_the_skin_there_is_no_bone():
     limb = block()
     sets = {**limb.mesh.node_sets, "fixed": limb.mesh.node_sets["contact"]}
     floating = replace(limb, mesh=replace(limb.mesh, node_sets=sets))
-    assert limb_with(floating, "bone", "", 1.0) is floating
+    assert changed_limb(floating, "bone", "", 1.0) is floating
 
 
 @given(by_mm=st.floats(-3.0, 3.0), axis=st.sampled_from("xy"))
@@ -72,7 +85,7 @@ def test_another_spot_on_a_cylinder_is_on_the_cylinder(by_mm, axis):
     points[:, 0], points[:, 2] = (40.0 + points[:, 2]) * np.array([np.sin(angle), np.cos(angle)])
     spot = Spot(name="p1", position_mm=np.array([0.0, 0.0, 40.0]))
     bent = replace(limb, spot=spot, mesh=replace(limb.mesh, points_mm=points))
-    moved = limb_with(bent, "position", axis, by_mm)
+    moved = changed_limb(bent, "position", axis, by_mm)
     x, y, z = moved.spot.position_mm
     assert (x, y) == pytest.approx((by_mm, 0.0) if axis == "x" else (0.0, by_mm))
     assert np.hypot(x, z) == pytest.approx(40.0, abs=2e-3)
@@ -142,3 +155,27 @@ def test_the_anatomy_of_simulated_data_is_known(tmp_path, pressed_meshes, data, 
     found = error_sources_of(replace(study, data=data), {"p1": Response(curves={})}, [])
     sds = {cause.name: cause.sd for cause in found if cause.kind in ("position", "bone", "layers")}
     assert sds == ({"position p1 x": sd, "position p1 y": sd, "bone": sd} if sd else {})
+
+
+def test_presses_at_one_place_share_its_position(tmp_path, pressed_meshes):
+    study, _ = pressed_meshes(tmp_path)
+    (first,) = study.spots
+    again = replace(first, spot=replace(first.spot, name="p1-again"))
+    away = replace(first, spot=replace(first.spot, name="p2", position_mm=np.array([5.0, 0.0, 0.0])))
+    measured = dict.fromkeys(("p1", "p1-again", "p2"), Response(curves={}))
+    study = replace(study, data="measured", spots=(first, again, away))
+    found = [each for each in error_sources_of(study, measured, []) if each.kind == "position"]
+    assert {each.of: each.spots for each in found} == {
+        "p1 x": ("p1", "p1-again"),
+        "p1 y": ("p1", "p1-again"),
+        "p2 x": ("p2",),
+        "p2 y": ("p2",),
+    }
+
+
+@pytest.mark.parametrize(("noted", "sd"), [("2.5", 2.5), ("2", 2.0), ("-1.0", 1.0), ("null", 1.0)])
+def test_the_position_is_as_uncertain_as_its_note_says(tmp_path, pressed_meshes, noted, sd):
+    study, _ = pressed_meshes(tmp_path)
+    study.spots[0].mesh.with_suffix(".json").write_text(f'{{"std_across_mm": {noted}}}')
+    found = error_sources_of(replace(study, data="measured"), {"p1": Response(curves={})}, [])
+    assert [each.sd for each in found if each.kind == "position"] == [sd, sd]

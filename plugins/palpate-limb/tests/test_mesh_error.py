@@ -8,7 +8,7 @@ import pytest
 from palpate.errors import MeshError
 from palpate.run.manifest import manifest
 from palpate.study.spots import mesh_note
-from palpate_certainty.error_sources import SpotMesh, noted_errors
+from palpate_certainty.mesh_error import SpotMesh, noted_errors
 from palpate_limb.limb_files import RATIOS, mesh_error
 from palpate_limb.options import DEFAULT_SIZE
 

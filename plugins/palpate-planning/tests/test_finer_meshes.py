@@ -10,7 +10,7 @@ from palpate.limb.loading import load_limbs, refinement
 from palpate.run.ledger import Ledger
 from palpate.stages import pipeline
 from palpate.testing.bench import HalfSpaceOnMesh
-from palpate_certainty.error_sources import SpotMesh
+from palpate_certainty.mesh_error import SpotMesh
 from palpate_planning.candidates import Allowed, candidates
 from palpate_planning.presses import press_meshes
 from palpate_planning.propose import PlanOptions, before_any_press, choose_presses, propose

@@ -21,6 +21,9 @@ from palpate.api.runs import Study, mesh_note
 N_NEAR = 30
 """Nodes of the skin by which the surface at a spot is known."""
 
+N_FACE = 3
+"""Nodes that neighbours share at least: those of a face."""
+
 POSITION_MM, BONE_MM = 1.0, 1.0
 """Standard deviations of a spot's position along the skin, and of the depth of the bones, where data are
 measured and the study gives none."""
@@ -33,10 +36,10 @@ def noted_position_mm(study: Study, spot: str) -> float:
     """Standard deviation of a spot's position: as the note of its mesh has it, else the usual one."""
     mesh = next((each.mesh for each in study.spots if each.spot.name == spot), None)
     noted = (mesh_note(mesh) or {}).get("std_across_mm") if mesh is not None else None
-    return float(noted) if isinstance(noted, float) and noted > 0.0 else POSITION_MM
+    return float(noted) if isinstance(noted, float | int) and noted > 0.0 else POSITION_MM
 
 
-def limb_with(limb: Limb, kind: str, of: str, by: float) -> Limb:
+def changed_limb(limb: Limb, kind: str, of: str, by: float) -> Limb:
     """Limb that one of :data:`OF_LIMB` has changed; the same one where there is nothing to change.
 
     Parameters
@@ -50,10 +53,10 @@ def limb_with(limb: Limb, kind: str, of: str, by: float) -> Limb:
     """
     if kind == "position":
         return at_another_spot(limb, (by, 0.0) if of == "x" else (0.0, by))
-    way = bone_way(limb) if kind == "bone" else layer_way(limb, of)
-    if not way.any():
+    moves = bone_displacements(limb) if kind == "bone" else layer_displacements(limb, of)
+    if not moves.any():
         return limb
-    return replace(limb, mesh=replace(limb.mesh, points_mm=limb.mesh.points_mm + by * way))
+    return replace(limb, mesh=replace(limb.mesh, points_mm=limb.mesh.points_mm + by * moves))
 
 
 def at_another_spot(limb: Limb, by_mm: tuple[float, float]) -> Limb:
@@ -77,19 +80,30 @@ def _quadratic(at: FloatArray) -> FloatArray:
 
 
 @lru_cache(maxsize=32)
-def bone_way(limb: Limb) -> FloatArray:
+def bone_displacements(limb: Limb) -> FloatArray:
     """Displacements (n_nodes, 3) that bring the bones nearer by 1 mm; zero without any below the skin.
 
-    They go along the spot's normal, and so much less as a bone faces away that its far side rests.
+    They go along the spot's normal, and so much less as a bone faces away that its far side rests. Bones are
+    the held surface below the skin, but for the ends at which a limb was cut, where the mesh names them.
     """
     mesh, normal = limb.mesh, limb.spot.normal
-    bones = np.setdiff1d(mesh.node_sets["fixed"], mesh.node_sets["contact"])
+    bones = np.setdiff1d(_held(mesh), mesh.node_sets["contact"])
     facing = 0.5 - 0.5 * _normals(mesh, mesh.used_regions, bones) @ normal
-    return _followed(mesh, bones, facing[:, None] * normal)
+    return _with_the_rest(mesh, bones, facing[:, None] * normal)
+
+
+def _held(mesh: Mesh) -> IntArray:
+    """Held nodes; where the mesh names ends at which a limb was cut, those on held faces beside them."""
+    fixed, cut = mesh.node_sets["fixed"], mesh.node_sets.get("cut")
+    if cut is None:
+        return fixed
+    faces = [outer_faces(kind, cells) for kind, cells in mesh.cells.items()]
+    are_beside = [np.isin(each, fixed).all(axis=1) & ~np.isin(each, cut).all(axis=1) for each in faces]
+    return np.unique(np.concatenate([f[beside].ravel() for f, beside in zip(faces, are_beside, strict=True)]))
 
 
 @lru_cache(maxsize=32)
-def layer_way(limb: Limb, region: str) -> FloatArray:
+def layer_displacements(limb: Limb, region: str) -> FloatArray:
     """Displacements (n_nodes, 3) that double a layer: zero for the deepest, or where there is none."""
     mesh = limb.mesh
     levels = _levels(mesh)
@@ -109,7 +123,7 @@ def layer_way(limb: Limb, region: str) -> FloatArray:
     away = mesh.points_mm[bottom] - mesh.points_mm[top[nearest]]
     # Along the normal alone: the nearest node is not straight above.
     thickness_mm = np.sum(away * normals[nearest], axis=1, keepdims=True)
-    return _followed(mesh, bottom, thickness_mm * normals[nearest])
+    return _with_the_rest(mesh, bottom, thickness_mm * normals[nearest])
 
 
 def _levels(mesh: Mesh) -> dict[str, int]:
@@ -117,7 +131,7 @@ def _levels(mesh: Mesh) -> dict[str, int]:
     levels: dict[str, int] = {}
     reached, level = np.unique(mesh.node_sets["contact"]), 0
     nodes = {region: _nodes_of(mesh, [region]) for region in mesh.used_regions}
-    while found := [r for r in nodes if r not in levels and np.isin(nodes[r], reached).any()]:
+    while found := [r for r in nodes if r not in levels and np.isin(nodes[r], reached).sum() >= N_FACE]:
         levels |= dict.fromkeys(found, level)
         reached, level = np.unique(np.concatenate([reached, *(nodes[r] for r in found)])), level + 1
     return levels
@@ -147,14 +161,17 @@ def _normals(mesh: Mesh, regions: Iterable[str], at: IntArray) -> FloatArray:
     return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300))
 
 
-def _followed(mesh: Mesh, moved: IntArray, by_mm: FloatArray) -> FloatArray:
-    """Displacements (n_nodes, 3) where nodes (n,) move by (n, 3); skin, held nodes and other layers rest."""
+def _with_the_rest(mesh: Mesh, moved: IntArray, by_mm: FloatArray) -> FloatArray:
+    """Displacements (n_nodes, 3) where nodes (n,) move by (n, 3); skin, held nodes and other layers rest.
+
+    The ends at which a limb was cut move along.
+    """
     found = np.zeros_like(mesh.points_mm)
     if not moved.size:
         return found
     edges, middles = _edges(mesh)
     known = np.zeros(mesh.n_nodes, dtype=np.bool_)
-    for nodes in (mesh.node_sets["contact"], mesh.node_sets["fixed"], moved):
+    for nodes in (mesh.node_sets["contact"], _held(mesh), moved):
         known[nodes] = True
     n_regions = np.zeros(mesh.n_nodes, dtype=np.int64)
     for region in mesh.used_regions:

@@ -28,14 +28,13 @@ from palpate_certainty.error_sources import (
     MESH,
     Columns,
     ErrorSource,
-    SpotMesh,
     columns_of,
     error_budget,
     error_sources_of,
-    is_stated,
     mesh_errors,
 )
 from palpate_certainty.laplace import FLAT_SD, laplace, scores_of, whitening
+from palpate_certainty.mesh_error import SpotMesh, is_stated
 from palpate_certainty.noise_model import (
     NoiseModel,
     ResidualLayout,

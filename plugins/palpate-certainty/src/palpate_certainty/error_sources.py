@@ -5,7 +5,7 @@ parameters come from: exact slopes, or differences of simulations that the run k
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -32,101 +32,12 @@ from palpate.api.fit import (
     SpotInputs,
     SpotTerm,
     channel_of,
-    left_over,
     pieces,
 )
 from palpate.api.runs import Study, check_limb
-from palpate_certainty.anatomy import BONE_MM, OF_LIMB, limb_with, noted_position_mm
+from palpate_certainty.anatomy import BONE_MM, OF_LIMB, changed_limb, noted_position_mm
+from palpate_certainty.mesh_error import FORCE, SCATTER, SpotMesh, is_stated
 from palpate_certainty.noise_model import path_of
-
-FORCE = "force"
-"""The channel whose error by the mesh is the least."""
-
-AT_RATIO = 0.3
-"""Edge under the indenter over its radius for which the errors of :data:`USUAL` are."""
-
-USUAL = {True: 0.03, False: 0.07}
-"""Relative error of the normal force, and of other channels, as meshes of the forearm's phantom and of real
-limbs show it against meshes with edges of 1.3 mm."""
-
-SCATTER = {True: 0.003, False: 0.012}
-"""Relative scatter between extrapolated meshes, of the normal force and of others: no single pair shows it.
-
-Independent meshes of the forearm's phantom differ so much at four spots, and torque by up to twice of it
-where the material varies too (``benchmarks/study_stated_mesh.py``).
-"""
-
-DOUBT = 0.5
-"""Standard deviation of an extrapolation over itself."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SpotMesh:
-    """Mesh of a spot, as far as its error goes.
-
-    Parameters
-    ----------
-    edge_over_radius : float
-        Mean edge under the indenter over its radius; as :data:`AT_RATIO` if unknown.
-    noted : mapping of channel to float
-        Relative errors of the note that comes with the mesh.
-    refinement : float
-        Element size under the indenter over that of the finer mesh; 1 without one.
-    """
-
-    edge_over_radius: float = AT_RATIO
-    noted: Mapping[str, float] = field(default_factory=dict)
-    refinement: float = 1.0
-
-    def error(self, channel: str, stated: Mapping[str, float]) -> float:
-        """Relative error of a channel: stated by the study, else noted, else as usual for such edges.
-
-        Below :data:`AT_RATIO` it is proportional to the edge, the order that torque shows.
-
-        Parameters
-        ----------
-        channel : str
-        stated : mapping of channel to float
-            An empty name is of all channels.
-        """
-        if (given := stated.get(channel, stated.get(""))) is not None:
-            return given
-        usual = usual_error(channel, {}) * min(1.0, self.edge_over_radius / AT_RATIO)
-        return self.noted.get(channel, usual)
-
-    def remainder(self, channel: str, added: FloatArray, fitted: FloatArray) -> FloatArray:
-        """Error (n,) that an extrapolated correction leaves, where it adds ``added`` (n,) to a coarse curve.
-
-        :data:`DOUBT` of what is extrapolated; a share of the fitted curve (n,), if that is more: another
-        mesh of the same size differs by so much.
-        """
-        share = left_over(channel, self.refinement)
-        left = DOUBT * share / (1.0 + share) * added
-        scattered = SCATTER[channel == FORCE] * fitted
-        return left if np.linalg.norm(left) > np.linalg.norm(scattered) else scattered
-
-
-def usual_error(channel: str, stated: Mapping[str, float]) -> float:
-    """Relative error of a channel by any mesh: as the study states it, else the usual one."""
-    return stated.get(channel, stated.get("", USUAL[channel == FORCE]))
-
-
-def is_stated(channel: str, stated: Mapping[str, float]) -> bool:
-    """True if a study states the mesh's error of a channel."""
-    return channel in stated or "" in stated
-
-
-def noted_errors(note: Mapping[str, object] | None) -> dict[str, float]:
-    """Relative errors by channel of a mesh's note; empty where it has none."""
-    found = (note or {}).get("mesh_error")
-    if not isinstance(found, Mapping):
-        return {}
-    return {
-        str(name): float(value)
-        for name, value in found.items()
-        if name != "edge_over_radius" and isinstance(value, float) and 0.0 < value < 1.0
-    }
-
 
 ONSET_MM = 0.05
 """Standard deviation of the onset of contact where neither the study nor the loader gives one."""
@@ -134,7 +45,7 @@ ONSET_MM = 0.05
 RELATIVE = 0.1
 """That of friction and of fixed and tied parameters, over their values, where the study gives none.
 
-That of a fixed one goes no farther than its physical range."""
+That of a fixed one goes no farther than its physical range; that of a layer is of its thickness."""
 
 OF_FRICTION = 0.3
 """That of a measured friction coefficient, over its value: it differs by person and humidity."""
@@ -161,11 +72,14 @@ class ErrorSource:
     sd : float
         Its standard deviation: in mm, degrees, that of the friction coefficient, or a share of a gain,
         parameter or thickness.
+    spots : tuple of str
+        Those whose curves it changes; empty for all.
     """
 
     kind: str
     of: str
     sd: float
+    spots: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -174,8 +88,7 @@ class ErrorSource:
 
     def is_at(self, spot: str) -> bool:
         """Whether it changes the curves of a spot."""
-        at = self.of.rpartition(" ")[0]
-        return {"onset": self.of, "tilt": at, "position": at}.get(self.kind, spot) == spot
+        return not self.spots or spot in self.spots
 
     @property
     def label(self) -> str:
@@ -213,9 +126,9 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[ErrorSou
     if isinstance(protocol, Indentation):
         for spot, response in measured.items():
             onset = _onset_mm(response) if budget.onset is None else budget.onset
-            yield ErrorSource(kind="onset", of=spot, sd=onset)
+            yield ErrorSource(kind="onset", of=spot, sd=onset, spots=(spot,))
             for axis in "xy":
-                yield ErrorSource(kind="tilt", of=f"{spot} {axis}", sd=budget.tilt)
+                yield ErrorSource(kind="tilt", of=f"{spot} {axis}", sd=budget.tilt, spots=(spot,))
         usual = (RELATIVE if study.data == "simulated" else OF_FRICTION) * protocol.friction
         sd = usual if budget.friction is None else budget.friction
         yield ErrorSource(kind="friction", of="", sd=sd)
@@ -231,15 +144,19 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[ErrorSou
 
 
 def _of_anatomy(study: Study, spots: Iterable[str]) -> Iterator[ErrorSource]:
-    """Position of each spot; bone and layers, which all spots share: who has measured them did it alike."""
+    """Position of each site; bone and layers, which all spots share: who has measured them did it alike."""
     budget, is_known = study.budget, study.data == "simulated"
     if not study.solver.provides.mesh:
         return
+    sites: dict[str, tuple[str, ...]] = {}
     for spot in spots:
-        usual = 0.0 if is_known else noted_position_mm(study, spot)
+        site = study.site_of(spot)
+        sites[site] = (*sites.get(site, ()), spot)
+    for site, there in sites.items():
+        usual = 0.0 if is_known else noted_position_mm(study, site)
+        sd = usual if budget.position is None else budget.position
         for axis in "xy":
-            sd = usual if budget.position is None else budget.position
-            yield ErrorSource(kind="position", of=f"{spot} {axis}", sd=sd)
+            yield ErrorSource(kind="position", of=f"{site} {axis}", sd=sd, spots=there)
     usual = 0.0 if is_known else BONE_MM
     yield ErrorSource(kind="bone", of="", sd=usual if budget.bone is None else budget.bone)
     for region in study.space.regions if len(study.space.regions) > 1 else ():
@@ -319,7 +236,7 @@ class WithErrorSources(Parametrisation):
         """Inputs on a limb that a cause has changed, which is added to the others."""
         if (limb := self.limbs.get(f"{spot}/{inputs.mesh}" if inputs.mesh else spot)) is None:
             raise ParameterError(f"the mesh of spot '{spot}' is not known")
-        changed = limb_with(limb, cause.kind, cause.of.removeprefix(f"{spot} "), by)
+        changed = changed_limb(limb, cause.kind, cause.of.rpartition(" ")[2], by)
         if changed is limb:
             return inputs
         check_limb(changed, [region.region for region in space.regions])

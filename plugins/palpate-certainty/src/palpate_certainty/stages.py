@@ -18,9 +18,9 @@ from palpate.api.fit import (
 )
 from palpate.api.runs import Files, Study, at_measured, mesh_note, size_at_contact
 from palpate_certainty.assessment import Assessment
-from palpate_certainty.error_sources import SpotMesh, noted_errors
 from palpate_certainty.held_out import held_out, sentence
 from palpate_certainty.identifiability import assess_identifiability
+from palpate_certainty.mesh_error import SpotMesh, noted_errors
 from palpate_certainty.posterior_sampling import PosteriorSampling
 from palpate_certainty.posterior_tables import posterior_result
 from palpate_certainty.tables import Assessed, certainty_result

@@ -36,8 +36,9 @@ from palpate.api.fit import (
     fine_run,
 )
 from palpate.api.runs import Study, finer_limb, load_limbs
-from palpate_certainty.error_sources import Columns, SpotMesh, columns_of, error_budget, error_sources_of
+from palpate_certainty.error_sources import Columns, columns_of, error_budget, error_sources_of
 from palpate_certainty.laplace import Laplace
+from palpate_certainty.mesh_error import SpotMesh
 from palpate_certainty.noise_model import grouped, groups_of, layout_of, path_of
 from palpate_certainty.stages import spot_meshes
 from palpate_planning.candidates import PRESSURE, CandidatePress

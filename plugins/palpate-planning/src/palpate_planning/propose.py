@@ -12,8 +12,9 @@ from palpate.api import SILENT, FloatArray, Limb, Parameter, Progress, Response,
 from palpate.api.experiment import abscissae_of
 from palpate.api.fit import Evaluation, Problem, Simulate, term_of
 from palpate.api.runs import Plugins, RunDirectory, Simulations, Study, Tool, load_limbs, locked_run
-from palpate_certainty.error_sources import Columns, SpotMesh
+from palpate_certainty.error_sources import Columns
 from palpate_certainty.laplace import Laplace
+from palpate_certainty.mesh_error import SpotMesh
 from palpate_certainty.stages import joint_assessed
 from palpate_certainty.tables import Assessed, density_of
 from palpate_planning.candidates import (

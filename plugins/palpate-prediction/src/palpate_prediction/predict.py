@@ -24,7 +24,8 @@ from palpate.api import (
 from palpate.api.fit import Fitted, SpotInputs, inputs_at, job_of
 from palpate.api.mesh import automatic_edge_mm, contact_edge_mm, refined
 from palpate.api.runs import Plugins, RunDirectory, Simulations, Study, Tool, check_jobs, load_limbs, read_run
-from palpate_certainty.error_sources import FORCE, RELATIVE, usual_error
+from palpate_certainty.error_sources import RELATIVE
+from palpate_certainty.mesh_error import FORCE, usual_error
 from palpate_prediction.bands import Thetas, check_shared, draws_of, ends, exceedances, frame_rows, linear
 from palpate_prediction.summary import (
     QUANTITIES,
