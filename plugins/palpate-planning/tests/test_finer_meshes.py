@@ -1,5 +1,6 @@
 """Candidates whose error of the mesh a finer mesh of their own shows."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -108,3 +109,20 @@ def test_finer_meshes_narrow_what_is_expected_of_a_press(meshed, tmp_path, is_fi
 def _n_simulated(folder):
     with Ledger(folder) as ledger:
         return len(ledger.seconds())
+
+
+@pytest.mark.parametrize(("bone", "is_possible"), [("2 mm", True), ("30 mm", False)])
+def test_a_bone_that_leaves_the_limb_refuses_no_candidate(tmp_path, pressed_meshes, notes, bone, is_possible):
+    """It is ranked without that cause, which is said; the simulations of causes are announced."""
+    solver = {"name": "half_space_on_mesh"}
+    study, plugins = pressed_meshes(tmp_path, solver=solver, budget={"bone": bone, "mesh": 0.01})
+    allowed = Allowed(protocol={"depth": ["2 mm"], "twist": [[]]})
+    options = PlanOptions(allowed=allowed, n_points=2, n_presses=1)
+    found = propose(study, tmp_path / "plan", plugins, notes, options)
+    assert not found.refused
+    warned = [text for text in notes.texts if "without the cause 'bone'" in text]
+    assert len(warned) == (not is_possible)
+    (announced,) = (text for text in notes.texts if "simulations, of candidates" in text)
+    most = sum(int(text) for text in re.findall(r"(\d+) (?:simulations|more)", announced))
+    n_simulated = _n_simulated(tmp_path / "plan")
+    assert (n_simulated == most) if is_possible else (n_simulated < most), (n_simulated, announced)

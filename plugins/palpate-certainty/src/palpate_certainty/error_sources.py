@@ -271,6 +271,12 @@ def _changed(space: ParameterSpace, inputs: SpotInputs, cause: ErrorSource, by: 
     return replace(inputs, protocol=replace(protocol, path=path), offsets=offsets)
 
 
+def n_differences(causes: Iterable[ErrorSource], study: Study) -> int:
+    """Most simulations of a spot for the derivatives of causes: two for each that is no slope."""
+    by_slope = {"gain", "friction", "fixed"} if study.solver.provides.slopes else {"gain"}
+    return 2 * sum(cause.kind not in by_slope for cause in causes)
+
+
 def columns_of(
     fit: Fit, causes: Sequence[ErrorSource], channels: Sequence[str], limbs: dict[str, Limb] | None = None
 ) -> tuple[Columns, dict[ErrorSource, str]]:

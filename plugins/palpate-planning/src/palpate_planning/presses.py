@@ -36,7 +36,15 @@ from palpate.api.fit import (
     fine_run,
 )
 from palpate.api.runs import Study, finer_limb, load_limbs
-from palpate_certainty.error_sources import Columns, columns_of, error_budget, error_sources_of
+from palpate_certainty.anatomy import OF_LIMB
+from palpate_certainty.error_sources import (
+    Columns,
+    ErrorSource,
+    columns_of,
+    error_budget,
+    error_sources_of,
+    n_differences,
+)
 from palpate_certainty.laplace import Laplace
 from palpate_certainty.mesh_error import SpotMesh
 from palpate_certainty.noise_model import grouped, groups_of, layout_of, path_of
@@ -224,7 +232,7 @@ def _simulated(
     if failure := next((each.failure for each in ended if each.jacobian is None), ""):
         return SimulatedPress(press=press, failure=failure)
     try:
-        columns = _columns(design, stated[0].problem, ended[0])
+        columns = _columns(design, press, stated[0].problem, ended[0])
     except PalpateError as error:
         return SimulatedPress(press=press, failure=str(error))
     at = []
@@ -261,9 +269,11 @@ def _stated(
         job = job_of(design, bare[press], points[0])
         jobs.append(replace(job, spot=press.name, slopes=False, mesh="fine"))
     once_more = f", {len(finer)} of them once more on a finer mesh" if finer else ""
+    n_more = sum(_n_differences(design, problem, len(points)) for problem in bare.values())
+    more = f"; up to {n_more} more for slopes and the error budget" if n_more else ""
     design.progress.note(
         f"{len(jobs)} simulations, of candidates ({len(bare)}) by values of the parameters ({len(points)})"
-        f"{once_more}; --allowed and --points change how many"
+        f"{once_more}{more}; --allowed and --points change how many"
     )
     design.progress.begin("candidates", len(jobs))
     ended = iter(design.problem.simulate(jobs))
@@ -274,6 +284,12 @@ def _stated(
         press: _restated(design, press, problem, points[0], coarse[press], fine.get(press))
         for press, problem in bare.items()
     }
+
+
+def _n_differences(design: DesignProblem, bare: Problem, n_points: int) -> int:
+    """Most simulations of a press for what is no slope of the solver: causes at one point, values at all."""
+    values = 0 if design.study.solver.provides.slopes else 2 * len(bare.names) * n_points
+    return values + n_differences(_causes(design, bare), design.study)
 
 
 def _restated(
@@ -385,16 +401,27 @@ def slopes_of(asked: Sequence[tuple[Problem, FloatArray]]) -> list[Evaluation]:
     return [finish(ended)[0] for finish in finishing]
 
 
-def _columns(design: DesignProblem, problem: Problem, evaluation: Evaluation) -> Columns:
+def _causes(design: DesignProblem, problem: Problem) -> list[ErrorSource]:
+    """Causes that change the curves of a press."""
     measured = {term.spot: term.measured for term in problem.terms}
     causes = error_sources_of(design.study, {**design.measured, **measured}, problem.names)
-    here = [cause for cause in causes if any(cause.is_at(term.spot) for term in problem.terms)]
+    return [cause for cause in causes if any(cause.is_at(term.spot) for term in problem.terms)]
+
+
+def _columns(
+    design: DesignProblem, press: CandidatePress, problem: Problem, evaluation: Evaluation
+) -> Columns:
+    """Change of the curves of a press by each cause; refuse it where that of its own motion is unknown."""
+    measured = {term.spot: term.measured for term in problem.terms}
+    here = _causes(design, problem)
     channels = dict.fromkeys(name for response in measured.values() for name in response)
     fit = Fit(problem, evaluation.point, best=evaluation)
     weighed = [name for name in channels if design.scenario.fits(name)]
     columns, failures = columns_of(fit, here, weighed, design.limbs)
     for cause, why in failures.items():
-        raise PalpateError(f"{cause.name}: {why}")
+        if cause.kind not in OF_LIMB:
+            raise PalpateError(f"{cause.name}: {why}")
+        design.progress.note(f"warning: {press.name} is ranked without the cause '{cause.name}': {why}")
     return columns
 
 
