@@ -16,7 +16,7 @@ from palpate.testing import bench
 from palpate.testing.studies import StudyRunner
 from palpate_planning import commands
 from palpate_planning.candidates import Allowed, candidates
-from palpate_planning.tables import not_narrowed, shown_intervals, shown_ranking
+from palpate_planning.tables import not_narrowed, realised, shown_intervals, shown_ranking, shown_realised
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
@@ -65,9 +65,8 @@ def test_next_press_is_ranked_made_and_added(call, weighed, tmp_path):
     _never_widens(found)
     name = found["presses"][0]["press"]
     _measure(study, plugins, tmp_path, name)
-    extended = call(
-        "extend", "run", "--press", name, "--with", f"{name}.txt", "--json", plugin=bench.__file__
-    )
+    press = ("--press", name, "--with", f"{name}.txt")
+    extended = call("extend", "run", *press, "--json", plugin=bench.__file__)
     assert extended.code == 0, extended.err
     valid(call, "extend", extended.json)
     before, after = (RunDirectory(tmp_path / folder).fit() for folder in ("run", f"run-{name}"))
@@ -76,6 +75,9 @@ def test_next_press_is_ranked_made_and_added(call, weighed, tmp_path):
             fitted = (before, after)[row["step"]].certainty.intervals
             at = fitted.filter(parameter=row["parameter"]).row(0, named=True)  # of the joint fit
             assert at["upper"] - at["lower"] == pytest.approx(row["upper"] - row["lower"], rel=1e-3)
+    found_with_it = realised(found, name, before.certainty.intervals, after.certainty.intervals)
+    assert found_with_it.height == len(after.certainty.intervals["parameter"].unique())
+    np.testing.assert_allclose(found_with_it["expected"], found_with_it["realised"], rtol=1e-3)
     start = after.trace.row(0, named=True)
     answer = before.joint_values("both")
     assert {parameter: start[parameter] for parameter in answer} == answer
@@ -131,6 +133,32 @@ def test_intervals_are_shown_with_four_digits():
     }
     shown = shown_intervals(pl.DataFrame([row | {"width": 0.973, "mesh_bias": 0.4567}]))
     assert shown.row(0) == (0, "c1", "kPa", "13.97", "13", "14.61", "97 %", "0.46")
+
+
+def test_a_press_is_compared_with_what_was_expected_of_it():
+    proposed = {
+        "presses": [{"press": "p1-2"}],
+        "ranking": [
+            {"step": 1, "press": "p1-2", "width_E": 0.4, "width_nu": 0.9},
+            {"step": 1, "press": "p1-1", "width_E": 0.7, "width_nu": 1.0},
+            {"step": 2, "press": "p1-1", "width_E": 0.1, "width_nu": 0.1},
+        ],
+        "intervals": [
+            {"step": k, "parameter": "E", "width": width} for k, width in enumerate((1.0, 0.5, 0.2))
+        ],
+    }
+    before = pl.DataFrame([{"fit": "p1", "parameter": "E", "lower": 1.0, "upper": 3.0}])
+    after = pl.DataFrame(
+        [
+            {"fit": "p1", "parameter": "E", "lower": 1.0, "upper": 9.0},
+            {"fit": "all spots", "parameter": "E", "lower": 1.5, "upper": 2.5},
+            {"fit": "all spots", "parameter": "friction", "lower": 0.5, "upper": 0.6},
+        ]
+    )
+    chosen = realised(proposed, "p1-2", before, after)
+    assert chosen.rows() == [("E", 0.5, 0.5)]
+    assert shown_realised(chosen).rows() == [("E", "50 %", "50 %")]
+    assert realised(proposed, "p1-1", before, after).rows() == [("E", 0.7, 0.5)]
 
 
 def _never_widens(found):

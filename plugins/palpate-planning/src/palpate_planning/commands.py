@@ -52,7 +52,7 @@ def next_(  # named apart from the builtin
         typer.Option(
             "--for",
             metavar="GOAL",
-            help="What to narrow: all, worst, one parameter, or with --tool the prediction; default: all.",
+            help="Error to reduce: all, worst, one parameter, or with --tool the prediction; default: all.",
             show_default=False,
         ),
     ] = None,
@@ -61,7 +61,7 @@ def next_(  # named apart from the builtin
         typer.Option(
             "--tool",
             metavar="FILE",
-            help="Narrow the force of this tool, as `palpate predict` reports it.",
+            help="Reduce the error of the force of this tool, as `palpate predict` reports it.",
             show_default=False,
         ),
     ] = None,
@@ -81,9 +81,10 @@ def next_(  # named apart from the builtin
     trust_plugins: TrustPlugins = False,
     as_json: AsJson = False,
 ) -> None:
-    """Rank presses by how much each would narrow the intervals of a run, or those of a study without a fit.
+    """Rank presses by the error that a run would have after each, or a study without a fit.
 
-    Without a fit it is over the ranges of the study, and nothing needs to be measured.
+    The error is that of the intervals with the bias of the meshes. Without a fit it is over the ranges of the
+    study, and nothing needs to be measured.
     """
     from palpate.api.runs import RunDirectory, load_limbs, read_options, read_tool
     from palpate_planning.candidates import Allowed
@@ -164,8 +165,9 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
             )
         if best["press"] != ranking["press"][0]:
             session.paragraph(
-                f"{best['press']} has a smaller error, but is at a place of the presses before; to allow "
-                "it, put places = 1 in the file of --allowed."
+                f"{best['press']} would reduce the error more, but is at a place that has been pressed: at "
+                "two places the meshes err differently. places = 1 at the top of the file of --allowed ranks "
+                "presses by the error alone."
             )
     if same := not_narrowed(tables.ranking.filter(step=1)):
         session.paragraph(f"No allowed press narrows {', '.join(same)} by more than 5 %.")
@@ -223,3 +225,19 @@ def extend(
         adopt=True,
         fit_start=RunDirectory(folder).fit().joint_values(study.generalise_by),
     )
+    if not as_json:
+        _show_realised(session, study, name, folder, target)
+
+
+def _show_realised(session: Session, study: "Study", press: str, before: Path, after: Path) -> None:
+    """Show what a press was expected to make of the intervals, and what it has made of them."""
+    from palpate.api.runs import RunDirectory
+    from palpate_planning.tables import realised, shown_realised
+
+    intervals = [RunDirectory(folder).fit().certainty.intervals for folder in (before, after)]
+    if any(each.is_empty() for each in intervals):
+        return
+    of_joint = [each.filter(scenario=study.generalise_by) for each in intervals]
+    found = realised(RunDirectory(before).proposal(), press, *of_joint)
+    if found.height:
+        session.frame(f"Intervals with {press}, in % of those without it", shown_realised(found))

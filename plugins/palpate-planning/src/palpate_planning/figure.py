@@ -24,7 +24,7 @@ MOST_SHOWN, MOST_SPOTS = 6, 3
 
 MOST_TRIANGLES, ROW_MM = 3000, 75.0
 SCALE, LEAST_SPAN = 0.6, 0.1
-"""Width of the colour scale, in those of a spot, and the least range of widths that it has."""
+"""Width of the colour scale, in those of a spot, and the least range of errors that it has."""
 
 OF_GOAL = {
     ALL: "mean error of all parameters",
@@ -46,8 +46,8 @@ def draw(proposal: Proposal, limbs: Mapping[str, Limb], folder: Path) -> list[Pa
     spots = list(dict.fromkeys(each.press.press.spot for each in ranked))
     rows = -(-len(spots) // MOST_SPOTS)
     columns = min(len(spots), MOST_SPOTS)
-    widths = [each.goal for each in ranked]
-    colours = ScalarMappable(Normalize(min(widths), max(max(widths), min(widths) + LEAST_SPAN)), "viridis")
+    errors = [each.goal for each in ranked]
+    colours = ScalarMappable(Normalize(min(errors), max(max(errors), min(errors) + LEAST_SPAN)), "viridis")
     with matplotlib.rc_context(cast("Any", dict(STYLE))):
         figure = sized(DOUBLE_MM * (columns + SCALE) / (MOST_SPOTS + SCALE), ROW_MM * rows)
         axes = figure.subplots(2 * rows, columns, squeeze=False)
@@ -87,9 +87,9 @@ def _limb(axis: Axes, limb: Limb, colour: object) -> None:
 
 def _candidates(axis: Axes, ranked: Sequence[Narrowing], colours: ScalarMappable) -> None:
     """Expected error of each candidate, the best at the top."""
-    widths = [each.goal for each in ranked]
+    errors = [each.goal for each in ranked]
     places = np.arange(len(ranked))
-    axis.barh(places, widths, color=colours.to_rgba(np.array(widths)), height=0.3)
+    axis.barh(places, errors, color=colours.to_rgba(np.array(errors)), height=0.3)
     for place, each in zip(places, ranked, strict=True):
         axis.text(
             0.0, place - 0.2, f"{described(each.press.press)}: {each.goal:.2f}", va="bottom", fontsize=5
@@ -100,5 +100,5 @@ def _candidates(axis: Axes, ranked: Sequence[Narrowing], colours: ScalarMappable
     axis.set_xticks([0.0, 0.5, 1.0])
     axis.set_xlabel("error after the press over now")
     axis.axvline(1.0, color="0.6", linewidth=0.5, linestyle=":")
-    axis.set_xlim(0.0, max(1.0, *widths))
+    axis.set_xlim(0.0, max(1.0, *errors))
     axis.set_ylim(MOST_SHOWN - 0.5, -0.5)

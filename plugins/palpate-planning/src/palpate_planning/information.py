@@ -169,16 +169,16 @@ class FisherInformation:
         covariance = self.covariance(range_sd)
         fit = covariance @ solve_triangular(self.root, self.scores, lower=True, trans="T").T
         shared: dict[str, FloatArray] = {}
-        each: dict[tuple[str, str], FloatArray] = {}
+        of_press: dict[tuple[str, str], FloatArray] = {}
         end = 0
         for press, causes in zip(self.presses, self.causes, strict=True):
             begin, end = end, end + len(next(iter(causes.values())))
             for name in (name for name in causes if name.startswith(f"{MESH}: ")):
                 (change,) = (fit[:, begin:end] @ causes[name]).T
                 shared[name] = shared.get(name, 0.0) + change
-                each[press, name] = each.get((press, name), 0.0) + change
+                of_press[press, name] = of_press.get((press, name), 0.0) + change
         drawn, at_worst = (
-            np.array(list(of.values())).reshape(-1, len(covariance)).T for of in (shared, each)
+            np.array(list(of.values())).reshape(-1, len(covariance)).T for of in (shared, of_press)
         )
         return ExpectedError(covariance=covariance, drawn=drawn, at_worst=at_worst)
 

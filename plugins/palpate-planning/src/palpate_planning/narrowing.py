@@ -189,15 +189,15 @@ class Goal:
         gradients = [each.gradient * self.ranges for each in self.predicted]
         return np.array(gradients).reshape(-1, len(self.parameters))
 
-    def error(self, error: ExpectedError) -> float:
+    def error(self, expected: ExpectedError) -> float:
         """Error to be reduced, in some unit: of root mean square errors, with the meshes at their worst."""
         if self.name == PREDICTION:
-            return float(np.sqrt(np.mean(error.rms(self.gradients) ** 2)))
-        rms = error.rms(np.eye(len(self.parameters)))
+            return float(np.sqrt(np.mean(expected.rms(self.gradients) ** 2)))
+        rms = expected.rms(np.eye(len(self.parameters)))
         if self.name == ALL:
             # The volume with the correlations of the fit, each width with the bias.
-            wider = np.log(rms / error.sds).mean()
-            return float(np.exp(0.5 * np.linalg.slogdet(error.covariance)[1] / len(rms) + wider))
+            wider = np.log(rms / expected.sds).mean()
+            return float(np.exp(0.5 * np.linalg.slogdet(expected.covariance)[1] / len(rms) + wider))
         if self.name == WORST:
             return float((rms * self.ranges / np.maximum(np.abs(self.values), 1e-3 * self.ranges)).max())
         return float(rms[[p.name for p in self.parameters].index(self.name)])
@@ -285,10 +285,10 @@ class Plan:
         return [known + more for known, more in zip(self._information, added, strict=True)]
 
     def _narrowing(self, press: SimulatedPress, before: Sequence[ExpectedError]) -> Narrowing:
-        information, each = self._with(press), np.eye(len(self.goal.parameters))
+        information, alone = self._with(press), np.eye(len(self.goal.parameters))
         after = [known.expected_error() for known in information]
         pairs = list(zip(before, after, strict=True))
-        biases = [new.mesh_bias(each) * self.goal.ranges for new in after]
+        biases = [new.mesh_bias(alone) * self.goal.ranges for new in after]
         return Narrowing(
             press=press,
             goal=float(np.mean([self.goal.error(new) / self.goal.error(old) for old, new in pairs])),

@@ -10,6 +10,7 @@ import polars as pl
 from palpate.api import Indentation, Limb
 from palpate.api.cli import Closed, Row
 from palpate.api.experiment import POSE
+from palpate.api.fit import ALL_SPOTS
 from palpate_planning.candidates import CandidatePress, described
 from palpate_planning.narrowing import Narrowing, Proposal
 from palpate_report.report_data import brief_names
@@ -113,6 +114,47 @@ def not_narrowed(ranking: pl.DataFrame) -> list[str]:
     """Parameters that no press of a ranking narrows by more than a twentieth."""
     widths = [name for name in ranking.columns if name.startswith(WIDTH)]
     return [name.removeprefix(WIDTH) for name in widths if ranking[name].min() > NARROWER]  # type: ignore[operator]
+
+
+def realised(
+    proposed: Mapping[str, Any], press: str, before: pl.DataFrame, after: pl.DataFrame
+) -> pl.DataFrame:
+    """Width of each interval with a press over that without it: as was expected, and as it is.
+
+    Parameters
+    ----------
+    proposed : mapping
+        What :func:`for_robot` describes.
+    press : str
+        One of its candidates. The expected interval is cut off at the range for the chosen one alone.
+    before, after : DataFrame
+        Intervals of the scenario that generalises, without and with the press.
+    """
+    (row,) = (each for each in proposed["ranking"] if (each["step"], each["press"]) == (1, press))
+    expected = {name.removeprefix(WIDTH): width for name, width in row.items() if name.startswith(WIDTH)}
+    if press == proposed["presses"][0]["press"]:
+        expected = {each["parameter"]: each["width"] for each in proposed["intervals"] if each["step"] == 1}
+    without, with_it = _joint_widths(before), _joint_widths(after)
+    rows = [
+        {"parameter": name, "expected": width, "realised": with_it[name] / without[name]}
+        for name, width in expected.items()
+        if name in with_it and without.get(name)
+    ]
+    return pl.from_dicts(rows) if rows else pl.DataFrame()
+
+
+def _joint_widths(intervals: pl.DataFrame) -> dict[str, float]:
+    """Width of each parameter's interval in the joint fit; in that of the spot, where there is one."""
+    joint = intervals.filter(fit=ALL_SPOTS)
+    shown = intervals if joint.is_empty() else joint
+    return {row["parameter"]: row["upper"] - row["lower"] for row in shown.to_dicts()}
+
+
+def shown_realised(found: pl.DataFrame) -> pl.DataFrame:
+    """Expected and realised widths as text, in percent of those before."""
+    brief = brief_names(found["parameter"])
+    widths = [_text(name, _percent) for name in ("expected", "realised")]
+    return found.with_columns(pl.col("parameter").replace_strict(brief), *widths)
 
 
 def shown_ranking(ranking: pl.DataFrame, units: Mapping[str, str]) -> pl.DataFrame:
