@@ -49,7 +49,7 @@ def main() -> None:
     options = asked.parse_args()
     plugins = Plugins.load()
     parallel = ready_with_fine("forearm-demo", plugins).executor
-    study = replace(ready("forearm-demo", plugins), executor=parallel)
+    study = replace(ready("forearm-demo", plugins), executor=parallel, time_limit_s=3600.0)
     limbs, (region,) = limbs_with_truth(study, plugins), study.space.regions
     rows = accepted(study, N_MATERIALS, np.random.default_rng(options.seed))
     jobs = [
