@@ -162,7 +162,7 @@ def test_presses_at_one_place_share_its_position(tmp_path, pressed_meshes):
     (first,) = study.spots
     again = replace(first, spot=replace(first.spot, name="p1-again"))
     away = replace(first, spot=replace(first.spot, name="p2", position_mm=np.array([5.0, 0.0, 0.0])))
-    measured = dict.fromkeys(("p1", "p1-again", "p2"), Response(curves={}))
+    measured = dict.fromkeys(("p1", "p1-again", "p2", "planned"), Response(curves={}))
     study = replace(study, data="measured", spots=(first, again, away))
     found = [each for each in error_sources_of(study, measured, []) if each.kind == "position"]
     assert {each.of: each.spots for each in found} == {
@@ -170,6 +170,8 @@ def test_presses_at_one_place_share_its_position(tmp_path, pressed_meshes):
         "p1 y": ("p1", "p1-again"),
         "p2 x": ("p2",),
         "p2 y": ("p2",),
+        "planned x": ("planned",),
+        "planned y": ("planned",),
     }
 
 

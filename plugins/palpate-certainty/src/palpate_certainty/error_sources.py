@@ -150,7 +150,8 @@ def _of_anatomy(study: Study, spots: Iterable[str]) -> Iterator[ErrorSource]:
         return
     sites: dict[str, tuple[str, ...]] = {}
     for spot in spots:
-        site = study.site_of(spot)
+        # A planned press may be where the study has no spot.
+        site = study.site_of(spot) if spot in study.spot_names else spot
         sites[site] = (*sites.get(site, ()), spot)
     for site, there in sites.items():
         usual = 0.0 if is_known else noted_position_mm(study, site)
