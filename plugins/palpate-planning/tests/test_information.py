@@ -12,7 +12,13 @@ from palpate.domain import Curve, Parameter
 from palpate.fit.spot_term import Correction
 from palpate_certainty.laplace import Laplace, laplace, scores_of
 from palpate_certainty.noise_model import ResidualLayout
-from palpate_planning.information import ErrorSizes, ExpectedError, FisherInformation, press_information
+from palpate_planning.information import (
+    ErrorSizes,
+    ExpectedError,
+    FisherInformation,
+    cause_name,
+    press_information,
+)
 from palpate_planning.narrowing import Expected, Goal
 from palpate_planning.presses import _as_of
 
@@ -37,7 +43,7 @@ def _press(rng, n=24, span=1.0):
     )
     known = {
         "gain: force": rng.normal(size=2 * n) * 0.01,
-        "onset: onset of p1": rng.normal(size=2 * n) * 0.01,
+        cause_name("onset", "onset", "p1"): rng.normal(size=2 * n) * 0.01,
     }
     return slopes, rows, known
 
@@ -139,7 +145,7 @@ def test_a_repeated_press_leaves_the_part_of_the_mesh_as_it_is(seed):
     def information(added):
         # Next to no noise.
         scores = np.linalg.svd(slopes, full_matrices=False)[0].T / 3e-5
-        return FisherInformation.of(scores @ slopes, {"mesh: ": (scores @ added)[:, None]})
+        return FisherInformation.of(scores @ slopes, {cause_name("mesh", ""): (scores @ added)[:, None]})
 
     once = information(correction.at(curve.ordinate))
     again = information(_as_of(term, "force", curve).at(curve.ordinate))
@@ -158,7 +164,7 @@ def _meshed(seed, amplitude=1.0, signs=(1.0,) * 4):
         for k, name in enumerate(("force", "torque")):
             rows = np.repeat([k == 0, k == 1], 6)
             sign = signs[2 * len(presses) + k]
-            causes[f"mesh: {name}"] = (amplitude * sign * rows * columns[k])[:, None]
+            causes[cause_name("mesh", name)] = (amplitude * sign * rows * columns[k])[:, None]
         presses.append(FisherInformation.of(3.0 * rng.normal(size=(12, 3)), causes, f"p{len(presses)}"))
     return presses[0] + presses[1] + presses[1].again("p1", 1)
 
@@ -169,13 +175,24 @@ def _brute_force(information, along):
     fit = covariance @ information.scores.T @ np.linalg.inv(root)
     blocks = {}
     for k, (press, causes) in enumerate(zip(information.presses, information.causes, strict=True)):
-        for name in ("mesh: force", "mesh: torque"):
+        for name in (cause_name("mesh", channel) for channel in ("force", "torque")):
             column = blocks.setdefault((press, name), np.zeros(len(root)))
             column[12 * k : 12 * k + 12] = causes[name][:, 0]
     columns = np.array(list(blocks.values())).T
     assert columns.shape[1] == 4
     signs = np.array(list(itertools.product((-1.0, 1.0), repeat=4)))
     return np.abs(signs @ (along @ fit @ columns)).max()
+
+
+def test_a_press_that_is_made_again_draws_its_own_causes_again():
+    names = [
+        cause_name("onset", "onset", "p1"),
+        cause_name("onset", "onset", "p11"),
+        cause_name("gain", "force"),
+    ]
+    once = FisherInformation.of(np.zeros((1, 3)), dict.fromkeys(names, np.ones((1, 1))), "p1")
+    (again,) = once.again("p1", 2).causes
+    assert list(again) == ["onset: onset of p1 2", "onset: onset of p11", "gain: force"]
 
 
 @given(seed=st.integers(0, 10_000))

@@ -56,12 +56,21 @@ class ErrorSizes:
         return found
 
 
+def cause_name(label: str, name: str, press: str = "") -> str:
+    """Name of an error source among all presses; with its press where no other shares it."""
+    return f"{label}: {name}{_of(press)}"
+
+
+def _of(press: str) -> str:
+    return f" of {press}" if press else ""
+
+
 Named = TypeVar("Named")
 
 
 def _renamed(causes: Mapping[str, Named], press: str, number: int) -> dict[str, Named]:
     """Rename the error sources that act on one press only."""
-    end = f" of {press}"
+    end = _of(press)
     return {f"{name} {number}" if name.endswith(end) else name: part for name, part in causes.items()}
 
 
@@ -173,7 +182,7 @@ class FisherInformation:
         end = 0
         for press, causes in zip(self.presses, self.causes, strict=True):
             begin, end = end, end + len(next(iter(causes.values())))
-            for name in (name for name in causes if name.startswith(f"{MESH}: ")):
+            for name in (name for name in causes if name.startswith(cause_name(MESH, ""))):
                 (change,) = (fit[:, begin:end] @ causes[name]).T
                 shared[name] = shared.get(name, 0.0) + change
                 of_press[press, name] = of_press.get((press, name), 0.0) + change

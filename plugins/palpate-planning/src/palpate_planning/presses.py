@@ -50,7 +50,7 @@ from palpate_certainty.mesh_error import SpotMesh
 from palpate_certainty.noise_model import grouped, groups_of, layout_of, path_of
 from palpate_certainty.stages import spot_meshes
 from palpate_planning.candidates import PRESSURE, CandidatePress
-from palpate_planning.information import ErrorSizes, FisherInformation, press_information
+from palpate_planning.information import ErrorSizes, FisherInformation, cause_name, press_information
 from palpate_prediction.summary import contact_of
 
 USUAL_POINTS = 100
@@ -440,7 +440,7 @@ def _information(
     meshes = {term.spot: design.mesh(press)}
     found = error_budget(design.study, measured, [term], evaluation.residuals[:n], columns, meshes)
     known = {
-        _shared_name(label, name, press): groups @ column
+        cause_name(label, name, press.name if label in OF_ONE_PRESS else ""): groups @ column
         for label, of_label in found.items()
         for name, column in of_label.items()
         if column.any()
@@ -457,11 +457,6 @@ def _information(
         site=term.site,
         press=press.name,
     )
-
-
-def _shared_name(label: str, name: str, press: CandidatePress) -> str:
-    """Name of a cause among all presses, with that of the press where no other shares it."""
-    return f"{label}: {name} of {press.name}" if label in OF_ONE_PRESS else f"{label}: {name}"
 
 
 def with_pressures(
