@@ -19,7 +19,7 @@ from palpate_planning.information import (
     cause_name,
     press_information,
 )
-from palpate_planning.narrowing import Expected, Goal
+from palpate_planning.plan import Expected, Goal
 from palpate_planning.presses import _as_of
 
 ERRORS = ErrorSizes(

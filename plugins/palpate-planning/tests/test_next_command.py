@@ -93,12 +93,12 @@ def test_a_study_is_its_newest_run_once_that_has_a_fit(tmp_path, monkeypatch):
     run.mkdir()
     study.touch()
     monkeypatch.setattr(commands, "newest_run", lambda given: run)
-    assert commands._run_to_narrow(study, None) is None
+    assert commands._run_to_extend(study, None) is None
     (run / "fit.parquet").touch()
-    assert commands._run_to_narrow(study, None) == run
-    assert commands._run_to_narrow(study, tmp_path / "other") is None
+    assert commands._run_to_extend(study, None) == run
+    assert commands._run_to_extend(study, tmp_path / "other") is None
     with pytest.raises(StudyError, match="is for a study"):
-        commands._run_to_narrow(run, tmp_path / "other")
+        commands._run_to_extend(run, tmp_path / "other")
 
 
 def test_a_ranking_is_shown_in_percent_with_units():

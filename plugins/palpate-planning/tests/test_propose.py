@@ -27,7 +27,7 @@ from palpate_planning.candidates import (
     with_presses,
 )
 from palpate_planning.figure import draw
-from palpate_planning.narrowing import tool_forces
+from palpate_planning.plan import tool_forces
 from palpate_planning.presses import simulated_presses, with_pressures
 from palpate_planning.propose import PlanOptions, before_any_press, choose_presses, propose
 from palpate_planning.tables import ProposalOutput, for_robot, proposal_tables
@@ -75,7 +75,7 @@ def test_goal_of_one_parameter_is_its_own_width(run):
     found = _proposed(run, goal="tissue.nu")
     best = found.steps[0].chosen
     assert best.goal == pytest.approx(best.widths[1])
-    with pytest.raises(StudyError, match=r"'nu' is nothing to narrow; name one of all, worst, tissue\.E"):
+    with pytest.raises(StudyError, match=r"'nu' is no goal; name one of all, worst, tissue\.E"):
         _proposed(run, goal="nu")
 
 

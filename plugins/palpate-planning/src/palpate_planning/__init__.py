@@ -1,4 +1,4 @@
-"""Presses to make, first or next, so that intervals become narrow."""
+"""Presses to make, first or next, that reduce the error of a fit."""
 
 from typing import TYPE_CHECKING
 

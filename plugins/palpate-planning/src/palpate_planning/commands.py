@@ -24,7 +24,7 @@ from palpate.api.cli import (
 
 if TYPE_CHECKING:
     from palpate.api.runs import Study
-    from palpate_planning.narrowing import Proposal
+    from palpate_planning.plan import Proposal
     from palpate_planning.tables import ProposalOutput
 
 SHOWN = 8
@@ -91,7 +91,7 @@ def next_(  # named apart from the builtin
     from palpate_planning.figure import draw
     from palpate_planning.propose import PlanOptions, propose
 
-    session, folder = Session.of(context), _run_to_narrow(run, out)
+    session, folder = Session.of(context), _run_to_extend(run, out)
     if folder is not None:
         session, file = original_study(session, folder, trust=trust_plugins, command="next")
         study = session.study(file)
@@ -126,8 +126,8 @@ def next_(  # named apart from the builtin
     )
 
 
-def _run_to_narrow(given: Path | None, out: Path | None) -> Path | None:
-    """Run directory whose intervals are to become narrower; None for a study that has no fit yet."""
+def _run_to_extend(given: Path | None, out: Path | None) -> Path | None:
+    """Run directory that further presses are for; None for a study that has no fit yet."""
     if given is not None and is_study(given):
         found = newest_run(given) if out is None else None
         return found if found and (found / "fit.parquet").exists() else None
@@ -145,9 +145,9 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
     if found.failed_checks:
         failed = ", ".join(found.failed_checks)
         session.paragraph(
-            f"The model does not describe the data ({failed}), so narrower intervals would mislead."
+            f"The model does not describe the data ({failed}), so the expected errors would mislead."
             f" First repeat the press at {found.check} as it was: if its curves repeat, the model is "
-            "wrong, else the measurement. What would narrow the intervals if the model were right:"
+            "wrong, else the measurement. Presses to make if the model were right:"
         )
     units = {name: channel.units[1] for name, channel in session.plugins.channels.items()}
     units[PRESSURE] = "MPa"

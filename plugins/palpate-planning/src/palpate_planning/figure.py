@@ -14,7 +14,7 @@ from matplotlib.colors import Normalize
 from palpate.api import Limb
 from palpate.api.mesh import spot_axes
 from palpate_planning.candidates import described
-from palpate_planning.narrowing import ALL, PREDICTION, WORST, Narrowing, Proposal
+from palpate_planning.plan import ALL, PREDICTION, WORST, ExpectedEffect, Proposal
 from palpate_report.limb_view import limb_view
 from palpate_report.scene import coarsened
 from palpate_report.style import DOUBLE_MM, STYLE, save, sized
@@ -85,7 +85,7 @@ def _limb(axis: Axes, limb: Limb, colour: object) -> None:
     axis.set_aspect("equal")
 
 
-def _candidates(axis: Axes, ranked: Sequence[Narrowing], colours: ScalarMappable) -> None:
+def _candidates(axis: Axes, ranked: Sequence[ExpectedEffect], colours: ScalarMappable) -> None:
     """Expected error of each candidate, the best at the top."""
     errors = [each.goal for each in ranked]
     places = np.arange(len(ranked))

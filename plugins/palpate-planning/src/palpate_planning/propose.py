@@ -28,7 +28,7 @@ from palpate_planning.candidates import (
     limits_of,
 )
 from palpate_planning.information import ErrorSizes, FisherInformation
-from palpate_planning.narrowing import (
+from palpate_planning.plan import (
     ALL,
     PREDICTION,
     Expected,
@@ -61,7 +61,7 @@ class PlanOptions:
     Parameters
     ----------
     goal : str, optional
-        What to narrow: ``all``, ``worst``, one parameter, or ``prediction``; by default the prediction where
+        Error to reduce: ``all``, ``worst``, one parameter, or ``prediction``; by default the prediction where
         a tool is given, else all.
     tool : Tool, optional
         Whose force is predicted.
@@ -88,7 +88,7 @@ class PlanOptions:
             )
 
     @property
-    def narrowed(self) -> str:
+    def goal_name(self) -> str:
         """Name of the goal."""
         return self.goal or (ALL if self.tool is None else PREDICTION)
 
@@ -104,7 +104,7 @@ def propose(
     progress: Progress = SILENT,
     options: PlanOptions = USUAL,
 ) -> Proposal:
-    """Rank presses by how much they would narrow the joint fit of a run; simulates each at likely parameters.
+    """Rank presses by the error of the joint fit of a run after each; simulates each at likely parameters.
 
     Without a fit they are the first presses of the study, over its ranges and priors; none is measured.
 
@@ -245,7 +245,7 @@ def check_options(design: DesignProblem, options: PlanOptions) -> None:
     StudyError
         There is no such goal, or the tool's force is known, or not by what presses share.
     """
-    check_goal(options.narrowed, shared_parameters(design))
+    check_goal(options.goal_name, shared_parameters(design))
     if options.tool is not None:
         check_tool(design, options.tool)
 
@@ -313,7 +313,7 @@ def _goal(design: DesignProblem, options: PlanOptions, point: FloatArray) -> Goa
         # The most likely values may be some that no material has.
         predicted = tool_forces(design, tool, at if design.problem.accepts(at[None])[0] else point)
     return Goal(
-        name=options.narrowed,
+        name=options.goal_name,
         parameters=shared_parameters(design),
         values=values[design.shared],
         predicted=predicted,

@@ -12,7 +12,7 @@ from palpate.api.cli import Closed, Row
 from palpate.api.experiment import POSE
 from palpate.api.fit import ALL_SPOTS
 from palpate_planning.candidates import CandidatePress, described
-from palpate_planning.narrowing import Narrowing, Proposal
+from palpate_planning.plan import ExpectedEffect, Proposal
 from palpate_report.report_data import brief_names
 
 WIDTH, MESH_BIAS, PEAK = "width_", "mesh_bias_", "peak_"
@@ -73,7 +73,7 @@ def proposal_tables(proposal: Proposal) -> ProposalTables:
     )
 
 
-def _row(proposal: Proposal, found: Narrowing) -> dict[str, Any]:
+def _row(proposal: Proposal, found: ExpectedEffect) -> dict[str, Any]:
     press = found.press.press
     widths, biases = (
         {f"{head}{p.name}": float(value) for p, value in zip(proposal.goal.parameters, values, strict=True)}

@@ -1,4 +1,4 @@
-"""Further presses that narrow an interval most, one after the other."""
+"""Further presses that reduce the expected error most, chosen one after the other."""
 
 import functools
 import operator
@@ -156,7 +156,7 @@ force of a tool."""
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Goal:
-    """Intervals that are to become narrower.
+    """Error that presses are to reduce.
 
     Parameters
     ----------
@@ -212,13 +212,11 @@ def check_goal(name: str, parameters: Sequence[Parameter]) -> None:
     """
     known = [ALL, WORST, *(p.name for p in parameters)]
     if name not in (*known, PREDICTION):
-        raise StudyError(
-            f"'{name}' is nothing to narrow; name one of {', '.join(known)}, or {PREDICTION} with a tool"
-        )
+        raise StudyError(f"'{name}' is no goal; name one of {', '.join(known)}, or {PREDICTION} with a tool")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Narrowing:
+class ExpectedEffect:
     """Effect that is expected of a press.
 
     Parameters
@@ -241,7 +239,7 @@ class Narrowing:
 
 
 class Plan:
-    """Presses so far, to which the ones that narrow most are added.
+    """Presses so far, to which those that reduce the error most are added.
 
     Parameters
     ----------
@@ -267,10 +265,10 @@ class Plan:
         """
         return self._information[0].expected_error(RANGE_SD)
 
-    def ranked(self, presses: Sequence[SimulatedPress]) -> list[Narrowing]:
+    def ranked(self, presses: Sequence[SimulatedPress]) -> list[ExpectedEffect]:
         """Effects of each of these presses as the next one, the best first."""
         before = [information.expected_error() for information in self._information]
-        found = [self._narrowing(each, before) for each in presses if each.at]
+        found = [self._effect(each, before) for each in presses if each.at]
         return sorted(found, key=lambda each: each.goal)
 
     def add(self, press: SimulatedPress) -> None:
@@ -284,12 +282,12 @@ class Plan:
         added = [at.information.again(name, times) if times else at.information for at in press.at]
         return [known + more for known, more in zip(self._information, added, strict=True)]
 
-    def _narrowing(self, press: SimulatedPress, before: Sequence[ExpectedError]) -> Narrowing:
-        information, alone = self._with(press), np.eye(len(self.goal.parameters))
+    def _effect(self, press: SimulatedPress, before: Sequence[ExpectedError]) -> ExpectedEffect:
+        information, identity = self._with(press), np.eye(len(self.goal.parameters))
         after = [known.expected_error() for known in information]
         pairs = list(zip(before, after, strict=True))
-        biases = [new.mesh_bias(alone) * self.goal.ranges for new in after]
-        return Narrowing(
+        biases = [new.mesh_bias(identity) * self.goal.ranges for new in after]
+        return ExpectedEffect(
             press=press,
             goal=float(np.mean([self.goal.error(new) / self.goal.error(old) for old, new in pairs])),
             widths=np.mean([new.sds / old.sds for old, new in pairs], axis=0),
@@ -338,11 +336,11 @@ class Expected:
 class Step:
     """One more press: every candidate as this step, the best first."""
 
-    ranked: tuple[Narrowing, ...]
+    ranked: tuple[ExpectedEffect, ...]
 
     @property
-    def chosen(self) -> Narrowing:
-        """The one that narrows most."""
+    def chosen(self) -> ExpectedEffect:
+        """The one that is proposed: the first."""
         return self.ranked[0]
 
 
