@@ -15,6 +15,7 @@ import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import polars as pl
@@ -31,6 +32,7 @@ from palpate.simulation.sweep import Simulations
 from palpate.study.model import BudgetTable
 from palpate.study.reading import Study, read_study
 from palpate_certainty.assessment import Assessment
+from palpate_certainty.mesh_error import SpotMesh
 from palpate_certainty.tables import Assessed
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Ogden
@@ -160,16 +162,18 @@ def unsound(study: Study) -> Iterator[tuple[Study, Truth]]:
     )
 
 
-def measured_of(study: Study, truth: Truth, simulations: Simulations, seed: int) -> dict[str, Response]:
-    """What is measured, with everything wrong that the budget has."""
+def measured_of(
+    study: Study, truth: Truth, simulations: Simulations, seed: int, times: float = 1.0
+) -> dict[str, Response]:
+    """What is measured, with everything wrong that the budget has, ``times`` as much but for the noise."""
     rng, budget = np.random.default_rng([seed, 1]), study.budget
-    gains = {channel: 1.0 + budget.gain * rng.normal() for channel in ("force", "torque")}
-    friction = truth.friction * (1.0 + budget.friction * rng.normal())
-    bulk = 1.0 + 0.1 * rng.normal()
+    gains = {channel: 1.0 + times * budget.gain * rng.normal() for channel in ("force", "torque")}
+    friction = truth.friction * (1.0 + times * budget.friction * rng.normal())
+    bulk = 1.0 + times * 0.1 * rng.normal()
     thetas = {r: np.append(t[:-1], t[-1] * bulk) if r == REGION else t for r, t in truth.thetas.items()}
     found = {}
     for spot, limb in truth.limbs.items():
-        onset, tilt_deg = budget.onset * rng.normal(), tuple(budget.tilt * rng.normal(size=2))
+        onset, tilt_deg = times * budget.onset * rng.normal(), tuple(times * budget.tilt * rng.normal(size=2))
         protocol = study.protocol_at(spot)
         assert isinstance(protocol, Indentation)
         path = protocol.path.copy()
@@ -184,7 +188,7 @@ def measured_of(study: Study, truth: Truth, simulations: Simulations, seed: int)
             x, y = dense(curve.abscissa), dense(curve.ordinate)
             along = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(x)))])
             peak = np.abs(y).max()
-            y = gains[channel] * y + budget.zero * rng.normal() * peak * along / along[-1]
+            y = gains[channel] * y + times * budget.zero * rng.normal() * peak * along / along[-1]
             y = y + NOISE * peak * rng.normal(size=x.size)
             x = x - onset if channel == "force" else x
             curves[channel] = Curve(channel=channel, abscissa=x, ordinate=y).cut(slice(1, None))
@@ -198,9 +202,17 @@ def dense(values: np.ndarray) -> np.ndarray:
     return np.interp(at, np.arange(values.size), values)
 
 
-def assessed(study: Study, truth: Truth, simulations: Simulations, seed: int) -> Assessed:
-    """Measure, fit, and assess the joint fit."""
-    measured = measured_of(study, truth, simulations, seed)
+def assessed(
+    study: Study,
+    truth: Truth,
+    simulations: Simulations,
+    seed: int,
+    *,
+    times: float = 1.0,
+    meshes: Mapping[str, SpotMesh] = MappingProxyType({}),
+) -> Assessed:
+    """Measure, with errors ``times`` as large as the budget's, fit, and assess the joint fit."""
+    measured = measured_of(study, truth, simulations, seed, times)
     none = np.zeros((0, len(study.space.parameters)))
     stage = FitStage(
         study=study,
@@ -209,9 +221,10 @@ def assessed(study: Study, truth: Truth, simulations: Simulations, seed: int) ->
         scores=pl.DataFrame(),
         simulations=simulations,
         abscissae={"force": "depth_mm", "torque": "rotation_deg"},
+        refinement={spot: mesh.refinement for spot, mesh in meshes.items()},
     )
     case = stage.run()[0]
-    certainty = Assessment(study=study, measured=measured)
+    certainty = Assessment(study=study, measured=measured, meshes=meshes)
     return certainty.assess(case, *certainty.columns(case))
 
 

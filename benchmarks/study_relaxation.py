@@ -70,9 +70,10 @@ def measured(
     twist_s: float,
     is_long_term: bool,
     shares: Mapping[float, float] = ONE,
+    **where: object,
 ) -> Response:
     """Curves of a tissue that relaxes; ``is_long_term`` has it end at the parameters, else begin there."""
-    elastic = measured_at(study, row, rng)
+    elastic = measured_at(study, row, rng, **where)
     force, torque = elastic["force"], elastic["torque"]
     # Values that all fall with time do so during the motion alone.
     begun = press_s + (0.0 if by_time else REST_S)
