@@ -1,6 +1,7 @@
 """``palpate next`` and ``extend`` to their ends, where every point is weighed by its errors."""
 
 import re
+from types import SimpleNamespace
 
 import jsonschema
 import numpy as np
@@ -78,6 +79,10 @@ def test_next_press_is_ranked_made_and_added(call, weighed, tmp_path):
     found_with_it = realised(found, name, before.certainty.intervals, after.certainty.intervals)
     assert found_with_it.height == len(after.certainty.intervals["parameter"].unique())
     np.testing.assert_allclose(found_with_it["expected"], found_with_it["realised"], rtol=1e-3)
+    shown = []
+    session = SimpleNamespace(frame=lambda title, frame: shown.append(frame))
+    commands._show_realised(session, study, name, tmp_path / "run", tmp_path / f"run-{name}")
+    assert shown[0]["realised"].str.starts_with("± ").all()
     start = after.trace.row(0, named=True)
     answer = before.joint_values("both")
     assert {parameter: start[parameter] for parameter in answer} == answer
@@ -147,18 +152,19 @@ def test_a_press_is_compared_with_what_was_expected_of_it():
             {"step": k, "parameter": "E", "width": width} for k, width in enumerate((1.0, 0.5, 0.2))
         ],
     }
-    before = pl.DataFrame([{"fit": "p1", "parameter": "E", "lower": 1.0, "upper": 3.0}])
+    before = pl.DataFrame([{"fit": "p1", "parameter": "E", "value": 2.0, "lower": 1.0, "upper": 3.0}])
     after = pl.DataFrame(
         [
-            {"fit": "p1", "parameter": "E", "lower": 1.0, "upper": 9.0},
-            {"fit": "all spots", "parameter": "E", "lower": 1.5, "upper": 2.5},
-            {"fit": "all spots", "parameter": "friction", "lower": 0.5, "upper": 0.6},
+            {"fit": "p1", "parameter": "E", "value": 5.0, "lower": 1.0, "upper": 9.0},
+            {"fit": "all spots", "parameter": "E", "value": 2.5, "lower": 2.1, "upper": 2.9},
+            {"fit": "all spots", "parameter": "friction", "value": 0.5, "lower": 0.5, "upper": 0.6},
         ]
     )
     chosen = realised(proposed, "p1-2", before, after)
-    assert chosen.rows() == [("E", 0.5, 0.5)]
-    assert shown_realised(chosen).rows() == [("E", "50 %", "50 %")]
-    assert realised(proposed, "p1-1", before, after).rows() == [("E", 0.7, 0.5)]
+    assert chosen.columns == ["parameter", "before", "expected", "realised"]
+    assert chosen.row(0)[1:] == pytest.approx((0.5, 0.2, 0.16))  # 1 of 2, half of it of 2.5, and 0.4 of 2.5
+    assert shown_realised(chosen).rows() == [("E", "± 50 %", "± 20 %", "± 16 %")]
+    assert realised(proposed, "p1-1", before, after)["expected"].to_list() == pytest.approx([0.28])
 
 
 def _never_widens(found):

@@ -230,7 +230,7 @@ def extend(
 
 
 def _show_realised(session: Session, study: "Study", press: str, before: Path, after: Path) -> None:
-    """Show what a press was expected to make of the intervals, and what it has made of them."""
+    """Show the intervals that were expected of a press next to those of the fit with it."""
     from palpate.api.runs import RunDirectory
     from palpate_planning.tables import realised, shown_realised
 
@@ -240,4 +240,4 @@ def _show_realised(session: Session, study: "Study", press: str, before: Path, a
     of_joint = [each.filter(scenario=study.generalise_by) for each in intervals]
     found = realised(RunDirectory(before).proposal(), press, *of_joint)
     if found.height:
-        session.frame(f"Intervals with {press}, in % of those without it", shown_realised(found))
+        session.frame(f"95 % intervals before and with {press}, in % of the value", shown_realised(found))

@@ -119,7 +119,9 @@ def not_narrowed(ranking: pl.DataFrame) -> list[str]:
 def realised(
     proposed: Mapping[str, Any], press: str, before: pl.DataFrame, after: pl.DataFrame
 ) -> pl.DataFrame:
-    """Width of each interval with a press over that without it: as was expected, and as it is.
+    """Half of each interval over its value: before a press, as expected after it, and as realised.
+
+    Expected is the half before times the width that was planned, over the value of the fit with the press.
 
     Parameters
     ----------
@@ -134,27 +136,29 @@ def realised(
     expected = {name.removeprefix(WIDTH): width for name, width in row.items() if name.startswith(WIDTH)}
     if press == proposed["presses"][0]["press"]:
         expected = {each["parameter"]: each["width"] for each in proposed["intervals"] if each["step"] == 1}
-    without, with_it = _joint_widths(before), _joint_widths(after)
-    rows = [
-        {"parameter": name, "expected": width, "realised": with_it[name] / without[name]}
-        for name, width in expected.items()
-        if name in with_it and without.get(name)
-    ]
+    without, with_it = _joint_intervals(before), _joint_intervals(after)
+    rows = []
+    for name in (name for name in expected if name in without and name in with_it):
+        (value_before, half_before), (value, half) = without[name], with_it[name]
+        if value_before and value:
+            planned = expected[name] * half_before / value
+            row = {"before": half_before / value_before, "expected": planned, "realised": half / value}
+            rows.append({"parameter": name, **row})
     return pl.from_dicts(rows) if rows else pl.DataFrame()
 
 
-def _joint_widths(intervals: pl.DataFrame) -> dict[str, float]:
-    """Width of each parameter's interval in the joint fit; in that of the spot, where there is one."""
+def _joint_intervals(intervals: pl.DataFrame) -> dict[str, tuple[float, float]]:
+    """Size of each value, and half of its interval, in the joint fit; of the spot, where there is one."""
     joint = intervals.filter(fit=ALL_SPOTS)
-    shown = intervals if joint.is_empty() else joint
-    return {row["parameter"]: row["upper"] - row["lower"] for row in shown.to_dicts()}
+    shown = (intervals if joint.is_empty() else joint).to_dicts()
+    return {row["parameter"]: (abs(row["value"]), (row["upper"] - row["lower"]) / 2.0) for row in shown}
 
 
 def shown_realised(found: pl.DataFrame) -> pl.DataFrame:
-    """Expected and realised widths as text, in percent of those before."""
+    """Halves of intervals as text, in percent of the values."""
     brief = brief_names(found["parameter"])
-    widths = [_text(name, _percent) for name in ("expected", "realised")]
-    return found.with_columns(pl.col("parameter").replace_strict(brief), *widths)
+    halves = [_text(name, _plus_minus) for name in ("before", "expected", "realised")]
+    return found.with_columns(pl.col("parameter").replace_strict(brief), *halves)
 
 
 def shown_ranking(ranking: pl.DataFrame, units: Mapping[str, str]) -> pl.DataFrame:
@@ -181,6 +185,10 @@ def shown_intervals(intervals: pl.DataFrame) -> pl.DataFrame:
 
 def _percent(width: float) -> str:
     return f"{100 * width:.0f} %"
+
+
+def _plus_minus(half: float) -> str:
+    return f"± {100 * half:.2g} %" if half < 1.0 else f"± {100 * half:.0f} %"
 
 
 def _text(name: str, written: Callable[[float], str]) -> pl.Expr:
