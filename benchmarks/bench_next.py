@@ -3,11 +3,10 @@
 Simulated sessions on strips of tissue in closed form, at four spots of different thickness. Each has random
 parameters; presses have noise and an onset of their own; gains, friction and what the model leaves out are
 drawn once, in part for each spot. One way presses four spots alike, as the paper; others press the first spot
-so, and then twice where the next press is expected to reduce the error most: of the parameters, or of the force
-of a tool.
-With ``--mesh`` every curve has an error of so much, with a random sign at each press; the budget states it as
-that of the mesh. Prints each session as it ends, then how wide the intervals are relative to the four alike,
-how many hold the truth, and the width that was expected over that of the fit.
+so, and then twice where the next press is expected to reduce the error most, of the parameters or of the
+force of a tool. With ``--mesh`` every curve has an error of so much, with a random sign at each press; the
+budget states it as that of the mesh. Prints each session as it ends, then how wide the intervals are
+relative to the four alike, how many hold the truth, and the width that was expected over that of the fit.
 
     python benchmarks/bench_next.py --n 50
 """
