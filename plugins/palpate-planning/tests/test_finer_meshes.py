@@ -6,13 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.domain import Response, Status
+from palpate.domain import Job, Response, Status
 from palpate.limb.loading import load_limbs, refinement
+from palpate.run.directory import RunDirectory
 from palpate.run.ledger import Ledger
+from palpate.run.result import ALL_SPOTS
 from palpate.stages import pipeline
+from palpate.study.reading import read_study
 from palpate.testing.bench import HalfSpaceOnMesh
 from palpate_certainty.mesh_error import SpotMesh
-from palpate_planning.candidates import Allowed, candidates
+from palpate_planning.candidates import Allowed, candidates, extended_study
 from palpate_planning.presses import press_meshes
 from palpate_planning.propose import PlanOptions, before_any_press, choose_presses, propose
 
@@ -126,3 +129,33 @@ def test_a_bone_that_leaves_the_limb_refuses_no_candidate(tmp_path, pressed_mesh
     most = sum(int(text) for text in re.findall(r"(\d+) (?:simulations|more)", announced))
     n_simulated = _n_simulated(tmp_path / "plan")
     assert (n_simulated == most) if is_possible else (n_simulated < most), (n_simulated, announced)
+
+
+@pytest.mark.slow
+def test_what_finer_meshes_leave_is_expected_as_the_fit_has_it(tmp_path, pressed_meshes):
+    """Each press has an error of its own mesh, also where it is at a place that has been pressed."""
+    solver = {"name": "half_space_on_mesh"}
+    study, plugins = pressed_meshes(
+        tmp_path, solver=solver, budget={"gain": 0.0, "onset": "0 mm", "bone": "0 mm"}
+    )
+    pipeline.run_study(study, tmp_path / "run", plugins)
+    allowed = Allowed(protocol={"depth": ["5 mm"], "twist": [["4 deg"]]})
+    found = propose(study, tmp_path / "run", plugins, options=PlanOptions(allowed=allowed, n_points=2))
+    press = found.steps[0].chosen.press.press
+    materials = {region.region: region.material for region in study.space.regions}
+    thetas = study.space.thetas(np.array([study.truth[p.name] for p in study.space.parameters]))
+    job = Job(spot="p1", set_id=0, materials=materials, thetas=thetas, protocol=press.protocol)
+    measured = study.solver.simulate(job, load_limbs(study)["p1"]).response
+    study.loader.save(tmp_path / "press.txt", measured)
+    _, written = extended_study(tmp_path / "run", study.file, None, tmp_path / "press.txt")
+    pipeline.run_study(read_study(written, plugins), tmp_path / "more", plugins)
+    widths = [_widths(RunDirectory(tmp_path / each).fit()) for each in ("run", "more")]
+    expected = found.steps[0].chosen.widths
+    np.testing.assert_allclose(widths[1] / widths[0], expected, rtol=0.01)
+
+
+def _widths(fit):
+    shown = fit.certainty.intervals.filter(scenario="both")
+    joint = shown.filter(fit=ALL_SPOTS)
+    shown = joint if joint.height else shown
+    return (shown["upper"] - shown["lower"]).to_numpy()

@@ -38,6 +38,7 @@ from palpate.api.fit import (
 from palpate.api.runs import Study, finer_limb, load_limbs
 from palpate_certainty.anatomy import OF_LIMB
 from palpate_certainty.error_sources import (
+    MESH,
     Columns,
     ErrorSource,
     columns_of,
@@ -440,7 +441,7 @@ def _information(
     meshes = {term.spot: design.mesh(press)}
     found = error_budget(design.study, measured, [term], evaluation.residuals[:n], columns, meshes)
     known = {
-        cause_name(label, name, press.name if label in OF_ONE_PRESS else ""): groups @ column
+        _name(label, name, press): groups @ column
         for label, of_label in found.items()
         for name, column in of_label.items()
         if column.any()
@@ -457,6 +458,15 @@ def _information(
         site=term.site,
         press=press.name,
     )
+
+
+def _name(label: str, name: str, press: CandidatePress) -> str:
+    """Name of a cause among all presses."""
+    if label in OF_ONE_PRESS:
+        return cause_name(label, name, press.name)
+    _, is_of_spot, channel = name.rpartition(" ")
+    # The fit will have the press as a spot of its own, with the error of its own finer mesh.
+    return cause_name(label, f"{press.name} {channel}" if label == MESH and is_of_spot else name)
 
 
 def with_pressures(
