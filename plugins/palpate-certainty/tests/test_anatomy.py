@@ -8,7 +8,9 @@ from hypothesis import given, strategies as st
 
 from palpate.domain import Response, Spot
 from palpate.mesh.specimens import block
+from palpate.mesh.topology import CELLS
 from palpate.stages import pipeline
+from palpate_certainty import anatomy
 from palpate_certainty.anatomy import changed_limb
 from palpate_certainty.error_sources import ErrorSource, columns_of, error_sources_of
 from palpate_certainty.stages import joint_assessed
@@ -68,6 +70,20 @@ def test_the_ends_of_a_cut_limb_go_with_its_bones(by_mm):
     moved = changed_limb(cut, "bone", "", by_mm).mesh.points_mm
     np.testing.assert_allclose(moved, changed_limb(limb, "bone", "", by_mm).mesh.points_mm, atol=1e-9)
     np.testing.assert_array_equal(moved[z == 0.0], limb.mesh.points_mm[z == 0.0])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_regions_that_meet_at_an_edge_alone_are_no_neighbours(kind):
+    """Muscle that meets the skin along an edge, and fat by faces, is as deep as the fat allows."""
+    limb = block(kind, n_down=6, layers_mm=LAYERS)
+    mesh, (cells,) = limb.mesh, limb.mesh.cells.values()
+    x, _, z = mesh.points_mm[cells[:, : CELLS[kind].n_corners]].mean(axis=1).T
+    names = np.select([(z > -3.0) & (x > 0.0), (z < -3.0) & (x < 0.0)], [0, 2], 1)
+    top = (mesh.points_mm[:, 2] == 0.0) & (mesh.points_mm[:, 0] > 0.0)
+    sets = {**mesh.node_sets, "contact": np.flatnonzero(top)}
+    regions = ("skin", "fat", "muscle")
+    named = replace(mesh, regions=regions, cell_regions={kind: names}, node_sets=sets)
+    assert anatomy._levels(named) == {"skin": 0, "fat": 1, "muscle": 2}
 
 
 def test_without_held_nodes_below_the_skin_there_is_no_bone():

@@ -21,9 +21,6 @@ from palpate.api.runs import Study, mesh_note
 N_NEAR = 30
 """Nodes of the skin by which the surface at a spot is known."""
 
-N_FACE = 3
-"""Nodes that neighbours share at least: those of a face."""
-
 POSITION_MM, BONE_MM = 1.0, 1.0
 """Standard deviations of a spot's position along the skin, and of the depth of the bones, where data are
 measured and the study gives none."""
@@ -87,19 +84,23 @@ def bone_displacements(limb: Limb) -> FloatArray:
     the held surface below the skin, but for the ends at which a limb was cut, where the mesh names them.
     """
     mesh, normal = limb.mesh, limb.spot.normal
-    bones = np.setdiff1d(_held(mesh), mesh.node_sets["contact"])
+    bones = np.setdiff1d(_resting(mesh), mesh.node_sets["contact"])
     facing = 0.5 - 0.5 * _normals(mesh, mesh.used_regions, bones) @ normal
     return _with_the_rest(mesh, bones, facing[:, None] * normal)
 
 
-def _held(mesh: Mesh) -> IntArray:
-    """Held nodes; where the mesh names ends at which a limb was cut, those on held faces beside them."""
-    fixed, cut = mesh.node_sets["fixed"], mesh.node_sets.get("cut")
-    if cut is None:
-        return fixed
-    faces = [outer_faces(kind, cells) for kind, cells in mesh.cells.items()]
-    are_beside = [np.isin(each, fixed).all(axis=1) & ~np.isin(each, cut).all(axis=1) for each in faces]
-    return np.unique(np.concatenate([f[beside].ravel() for f, beside in zip(faces, are_beside, strict=True)]))
+def _resting(mesh: Mesh) -> IntArray:
+    """Fixed nodes, without those of the ends at which a limb was cut, where the mesh names them.
+
+    Nodes of such an end that are on another fixed face too, the rim of a bone, stay.
+    """
+    fixed, cut = mesh.node_sets["fixed"], mesh.node_sets.get("cut", np.empty(0, dtype=np.int64))
+    others = [np.empty(0, dtype=np.int64)]
+    for kind, cells in mesh.cells.items() if cut.size else ():
+        faces = outer_faces(kind, cells)
+        is_other = np.isin(faces, fixed).all(axis=1) & ~np.isin(faces, cut).all(axis=1)
+        others.append(faces[is_other].ravel())
+    return np.setdiff1d(fixed, np.setdiff1d(cut, np.concatenate(others)))
 
 
 @lru_cache(maxsize=32)
@@ -131,10 +132,16 @@ def _levels(mesh: Mesh) -> dict[str, int]:
     levels: dict[str, int] = {}
     reached, level = np.unique(mesh.node_sets["contact"]), 0
     nodes = {region: _nodes_of(mesh, [region]) for region in mesh.used_regions}
-    while found := [r for r in nodes if r not in levels and np.isin(nodes[r], reached).sum() >= N_FACE]:
+    while found := [r for r in nodes if r not in levels and _has_face(mesh, r, reached)]:
         levels |= dict.fromkeys(found, level)
         reached, level = np.unique(np.concatenate([reached, *(nodes[r] for r in found)])), level + 1
     return levels
+
+
+def _has_face(mesh: Mesh, region: str, nodes: IntArray) -> bool:
+    """Whether an element of a region has a face of these nodes (n,)."""
+    every = (cells[:, np.array(CELLS[kind].faces)] for kind, cells in _cells_of(mesh, [region]).items())
+    return any(bool(np.isin(faces, nodes).all(axis=2).any()) for faces in every)
 
 
 def _cells_of(mesh: Mesh, regions: Iterable[str]) -> dict[str, IntArray]:
@@ -164,14 +171,14 @@ def _normals(mesh: Mesh, regions: Iterable[str], at: IntArray) -> FloatArray:
 def _with_the_rest(mesh: Mesh, moved: IntArray, by_mm: FloatArray) -> FloatArray:
     """Displacements (n_nodes, 3) where nodes (n,) move by (n, 3); skin, held nodes and other layers rest.
 
-    The ends at which a limb was cut move along.
+    Ends at which a limb was cut move as the tissue does, where the mesh names them.
     """
     found = np.zeros_like(mesh.points_mm)
     if not moved.size:
         return found
     edges, middles = _edges(mesh)
     known = np.zeros(mesh.n_nodes, dtype=np.bool_)
-    for nodes in (mesh.node_sets["contact"], _held(mesh), moved):
+    for nodes in (mesh.node_sets["contact"], _resting(mesh), moved):
         known[nodes] = True
     n_regions = np.zeros(mesh.n_nodes, dtype=np.int64)
     for region in mesh.used_regions:

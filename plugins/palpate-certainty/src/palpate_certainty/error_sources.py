@@ -73,7 +73,7 @@ class ErrorSource:
         Its standard deviation: in mm, degrees, that of the friction coefficient, or a share of a gain,
         parameter or thickness.
     spots : tuple of str
-        Those whose curves it changes; empty for all.
+        Spots whose curves it changes; empty for all.
     """
 
     kind: str
@@ -273,7 +273,7 @@ def _changed(space: ParameterSpace, inputs: SpotInputs, cause: ErrorSource, by: 
 
 
 def n_differences(causes: Iterable[ErrorSource], study: Study) -> int:
-    """Most simulations of a spot for the derivatives of causes: two for each that is no slope."""
+    """Most simulations of a spot for the derivatives of causes: two for each without a slope."""
     by_slope = {"gain", "friction", "fixed"} if study.solver.provides.slopes else {"gain"}
     return 2 * sum(cause.kind not in by_slope for cause in causes)
 
