@@ -1,7 +1,6 @@
 """``palpate next`` and ``extend`` to their ends, where every point is weighed by its errors."""
 
 import re
-from types import SimpleNamespace
 
 import jsonschema
 import numpy as np
@@ -79,10 +78,12 @@ def test_next_press_is_ranked_made_and_added(call, weighed, tmp_path):
     found_with_it = realised(found, name, before.certainty.intervals, after.certainty.intervals)
     assert found_with_it.height == len(after.certainty.intervals["parameter"].unique())
     np.testing.assert_allclose(found_with_it["expected"], found_with_it["realised"], rtol=1e-3)
-    shown = []
-    session = SimpleNamespace(frame=lambda title, frame: shown.append(frame))
-    commands._show_realised(session, study, name, tmp_path / "run", tmp_path / f"run-{name}")
-    assert shown[0]["realised"].str.starts_with("± ").all()
+    other = next(row["press"] for row in found["ranking"] if row["press"] != name)
+    _measure(study, plugins, tmp_path, other)
+    told = call("extend", "run", "--press", other, "--with", f"{other}.txt", plugin=bench.__file__)
+    assert told.code == 0, told.err
+    assert f"95 % intervals before and with {other}, in % of the value" in told.out
+    assert re.search(r"E +± \d+(\.\d+)? % +± ", told.out)
     start = after.trace.row(0, named=True)
     answer = before.joint_values("both")
     assert {parameter: start[parameter] for parameter in answer} == answer

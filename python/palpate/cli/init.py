@@ -30,7 +30,7 @@ SEARCHED = """[fit.searched]
 # Of skin on plastic 0.3 to 1.0, by person and humidity; a twist that slips shows how much it is.
 friction = { lower = 0.1, upper = 1.5, prior = { value = 0.7, sd = 0.3 } }
 """
-"""What a study of own presses searches besides the material, where the ready study says nothing of it."""
+"""Table of a study of own presses whose ready study searches nothing else, in no other parametrisation."""
 
 
 def init(
@@ -140,7 +140,7 @@ def own_study_text(
         for name, of in tables
     ]
     kept = "\n".join(_tables_of(ready / "study.toml"))
-    raw = tomllib.loads(kept)
+    raw = tomllib.loads((ready / "study.toml").read_text(encoding="utf-8"))
     says_nothing = raw.get("fit", {}).keys().isdisjoint({"searched", "parametrisation"})
     searched = [SEARCHED] if "protocol" in raw and says_nothing else []
     return "\n".join([*own, found.study_text, kept, *searched])

@@ -58,7 +58,7 @@ USUAL_POINTS = 100
 """Points of a curve where no measured one shows how many there are."""
 
 OF_ONE_PRESS = ("onset", "tilt", "zero")
-"""Causes that are drawn again with each press."""
+"""Kinds of causes that act on one press only."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -149,8 +149,8 @@ def realised(
 
 def _joint_intervals(intervals: pl.DataFrame) -> dict[str, tuple[float, float]]:
     """Size of each value, and half of its interval, in the joint fit; of the spot, where there is one."""
-    joint = intervals.filter(fit=ALL_SPOTS)
-    shown = (intervals if joint.is_empty() else joint).to_dicts()
+    one = intervals["fit"].n_unique() == 1
+    shown = (intervals if one else intervals.filter(fit=ALL_SPOTS)).to_dicts()
     return {row["parameter"]: (abs(row["value"]), (row["upper"] - row["lower"]) / 2.0) for row in shown}
 
 
@@ -188,7 +188,7 @@ def _percent(width: float) -> str:
 
 
 def _plus_minus(half: float) -> str:
-    return f"± {100 * half:.2g} %" if half < 1.0 else f"± {100 * half:.0f} %"
+    return f"± {100 * half:.2g} %" if half < 0.1 else f"± {100 * half:.0f} %"
 
 
 def _text(name: str, written: Callable[[float], str]) -> pl.Expr:
