@@ -116,6 +116,8 @@ def own_study_text(
     CurveError
         No loader can read the first press.
     """
+    from palpate.study.reading import parse_toml
+
     if not measured or len(measured) != len(meshes):
         raise StudyError(
             f"{len(measured)} files with --measured and {len(meshes)} with --mesh; give one of each for "
@@ -139,10 +141,10 @@ def own_study_text(
         f"[{name}]\n" + "".join(f"{k} = {json.dumps(v, ensure_ascii=False)}\n" for k, v in of.items())
         for name, of in tables
     ]
-    kept = "\n".join(_tables_of(ready / "study.toml"))
-    raw = tomllib.loads((ready / "study.toml").read_text(encoding="utf-8"))
-    says_nothing = raw.get("fit", {}).keys().isdisjoint({"searched", "parametrisation"})
-    searched = [SEARCHED] if "protocol" in raw and says_nothing else []
+    ready_text, raw = parse_toml(ready / "study.toml")
+    kept = "\n".join(_tables_of(ready_text))
+    is_open = raw.get("fit", {}).keys().isdisjoint({"searched", "parametrisation"})
+    searched = [SEARCHED] if "protocol" in raw and is_open else []
     return "\n".join([*own, found.study_text, kept, *searched])
 
 
@@ -157,10 +159,10 @@ def _from(folder: Path, file: Path) -> str:
     return Path(os.path.relpath(file.parent.resolve() / file.name, folder.resolve())).as_posix()
 
 
-def _tables_of(file: Path) -> Iterator[str]:
+def _tables_of(text: str) -> Iterator[str]:
     """Tables of a ready study, with their comments, that hold for other presses too."""
     block: list[str] = []
-    for line in (*file.read_text(encoding="utf-8").splitlines(), "[end]"):
+    for line in (*text.splitlines(), "[end]"):
         if line.startswith("["):
             head = block[0].strip("[]").partition(".")[0] if block else OF_PRESSES[0]
             if head not in OF_PRESSES:
