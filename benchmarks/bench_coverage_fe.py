@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 from bench_inadequate import REGION, Truth, assessed, held, ready, ready_with_fine, say
+from bench_wrong import is_flagged
 from scipy.interpolate import CubicSpline
 from scipy.stats import qmc
 from study_mesh_size import RADIUS_MM, exact_segment, meshed
@@ -270,23 +271,24 @@ def world(emulated: Emulated, spots: Sequence[str], seed: int, times: float) -> 
     meshes = forearm.meshes(emulated.mesh, spots)
     found = assessed(study, truth, emulated, seed, times=times, meshes=meshes)
     low, high = found.density.interval(found.point)
-    return {
+    result = {
         "holds": held(truth, found),
         "wide": np.append(high - low > WIDE, False),
         "failed": [check.name for check in found.checks if check.is_failed],
         "apart": is_apart(held_out(found, study.budget.discrepancy)),
         "width": high - low,
     }
+    return result | {"flagged": is_flagged(result, len(spots))}
 
 
-def row_of(title: str, found: Sequence[dict], n_spots: int) -> str:
+def row_of(title: str, found: Sequence[dict]) -> str:
     """One line of the table."""
     held_by, wide = (np.array([each[key] for each in found]) for key in ("holds", "wide"))
     cells = []
     for k in range(wide.shape[1]):
         at = ~wide[:, k]
         cells.append(f"{100.0 * held_by[at, 0, k].mean():.0f} of {at.sum()}" if at.any() else "wide")
-    flagged = np.array([bool(each["failed"]) or (n_spots > 2 and each["apart"]) for each in found])
+    flagged = np.array([each["flagged"] for each in found])
     either = flagged | (held_by[:, 0, -1] == 1)
     by_noise = f"{100.0 * held_by[:, 1, -1].mean():.0f}"
     counts = Counter(name for each in found for name in dict.fromkeys(each["failed"]))
@@ -319,9 +321,9 @@ def main() -> None:
                 at = AT[mesh.partition(",")[0]]
                 spots = at if chosen.joint else (at[seed // len(chosen.meshes) % len(at)],)
                 found.append(world(emulated, spots, seed, times))
-            say(row_of(f"{mesh}, {times:g}", found, len(spots)))
+            say(row_of(f"{mesh}, {times:g}", found))
             every += found
-        say(row_of(f"all, {times:g}", every, len(spots)))
+        say(row_of(f"all, {times:g}", every))
 
 
 if __name__ == "__main__":
