@@ -80,10 +80,10 @@ def test_next_press_is_ranked_made_and_added(call, weighed, tmp_path):
     np.testing.assert_allclose(found_with_it["expected"], found_with_it["realised"], rtol=1e-3)
     other = next(row["press"] for row in found["ranking"] if row["press"] != name)
     _measure(study, plugins, tmp_path, other)
-    told = call("extend", "run", "--press", other, "--with", f"{other}.txt", plugin=bench.__file__)
-    assert told.code == 0, told.err
-    assert f"95 % intervals before and with {other}, in % of the value" in told.out
-    assert re.search(r"E +± \d+(\.\d+)? % +± ", told.out)
+    printed = call("extend", "run", "--press", other, "--with", f"{other}.txt", plugin=bench.__file__)
+    assert printed.code == 0, printed.err
+    assert f"95 % intervals before and with {other}, in % of the value" in printed.out
+    assert re.search(r"E +± \d+(\.\d+)? % +± ", printed.out)
     start = after.trace.row(0, named=True)
     answer = before.joint_values("both")
     assert {parameter: start[parameter] for parameter in answer} == answer

@@ -1,5 +1,6 @@
 """``palpate next`` and ``palpate extend``: which presses to make, and a run with one more."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -23,6 +24,7 @@ from palpate.api.cli import (
 )
 
 if TYPE_CHECKING:
+    from palpate.api.fit import FitResult
     from palpate.api.runs import Study
     from palpate_planning.plan import Proposal
     from palpate_planning.tables import ProposalOutput
@@ -210,7 +212,8 @@ def extend(
     folder = find_run(run)
     session, file = original_study(Session.of(context), folder, trust=trust_plugins, command="extend")
     name, written = extended_study(folder, file, press, measured)
-    target = out or folder.with_name(f"{folder.name}-{name}")
+    target, before = out or folder.with_name(f"{folder.name}-{name}"), RunDirectory(folder)
+    fit = before.fit()
     session.note(f"study with the press '{name}': {written}")
     study = session.study(written)
     run_and_show(
@@ -223,21 +226,21 @@ def extend(
         tables=tables,
         as_json=as_json,
         adopt=True,
-        fit_start=RunDirectory(folder).fit().joint_values(study.generalise_by),
+        fit_start=fit.joint_values(study.generalise_by),
     )
     if not as_json:
-        _show_realised(session, study, name, folder, target)
+        _show_realised(session, study, name, before.proposal(), (fit, RunDirectory(target).fit()))
 
 
-def _show_realised(session: Session, study: "Study", press: str, before: Path, after: Path) -> None:
+def _show_realised(
+    session: Session, study: "Study", press: str, proposed: Mapping[str, Any], fits: "Sequence[FitResult]"
+) -> None:
     """Show the intervals that were expected of a press next to those of the fit with it."""
-    from palpate.api.runs import RunDirectory
     from palpate_planning.tables import realised, shown_realised
 
-    intervals = [RunDirectory(folder).fit().certainty.intervals for folder in (before, after)]
+    intervals = [fit.certainty.intervals for fit in fits]
     if any(each.is_empty() for each in intervals):
         return
-    of_joint = [each.filter(scenario=study.generalise_by) for each in intervals]
-    found = realised(RunDirectory(before).proposal(), press, *of_joint)
+    found = realised(proposed, press, *(each.filter(scenario=study.generalise_by) for each in intervals))
     if found.height:
         session.frame(f"95 % intervals before and with {press}, in % of the value", shown_realised(found))

@@ -404,21 +404,19 @@ def slopes_of(asked: Sequence[tuple[Problem, FloatArray]]) -> list[Evaluation]:
 
 def _causes(design: DesignProblem, problem: Problem) -> list[ErrorSource]:
     """Causes that change the curves of a press."""
-    measured = {term.spot: term.measured for term in problem.terms}
-    causes = error_sources_of(design.study, {**design.measured, **measured}, problem.names)
-    return [cause for cause in causes if any(cause.is_at(term.spot) for term in problem.terms)]
+    (term,) = problem.terms
+    causes = error_sources_of(design.study, {**design.measured, term.spot: term.measured}, problem.names)
+    return [cause for cause in causes if cause.is_at(term.spot)]
 
 
 def _columns(
     design: DesignProblem, press: CandidatePress, problem: Problem, evaluation: Evaluation
 ) -> Columns:
     """Change of the curves of a press by each cause; refuse it where that of its own motion is unknown."""
-    measured = {term.spot: term.measured for term in problem.terms}
-    here = _causes(design, problem)
-    channels = dict.fromkeys(name for response in measured.values() for name in response)
+    (term,) = problem.terms
+    weighed = [name for name in term.measured if design.scenario.fits(name)]
     fit = Fit(problem, evaluation.point, best=evaluation)
-    weighed = [name for name in channels if design.scenario.fits(name)]
-    columns, failures = columns_of(fit, here, weighed, design.limbs)
+    columns, failures = columns_of(fit, _causes(design, problem), weighed, design.limbs)
     for cause, why in failures.items():
         if cause.kind not in OF_LIMB:
             raise PalpateError(f"{cause.name}: {why}")
@@ -478,13 +476,10 @@ def with_pressures(
     `palpate predict` takes it.
     """
     possible = [press for press in presses if press.at]
-    simulated = dict(zip(possible, design.problem.simulate(_jobs(design, possible, point)), strict=True))
+    jobs = [job_of(design, bare_problem(design, each.press), point) for each in possible]
+    ended = design.problem.simulate([replace(job, slopes=False, surface=True) for job in jobs])
+    simulated = dict(zip(possible, ended, strict=True))
     return [_added(each, simulated[each]) if each in simulated else each for each in presses]
-
-
-def _jobs(design: DesignProblem, presses: Sequence[SimulatedPress], point: FloatArray) -> list[Job]:
-    jobs = [job_of(design, bare_problem(design, each.press), point) for each in presses]
-    return [replace(job, slopes=False, surface=True) for job in jobs]
 
 
 def _added(press: SimulatedPress, simulation: Simulation) -> SimulatedPress:
