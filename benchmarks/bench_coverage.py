@@ -13,17 +13,18 @@ the joint region holds or that is said. ``bench_wrong.py`` has larger errors, an
 
 With ``--scenarios`` the same data are fitted by I (both), II (torque) and III (force). Printed are how many
 intervals by I are narrower than that by II and by III, or at most 2 % wider; that of standard deviations, by
-which no curve tells less than none; and the median ratio of the volumes by III and by I, before and after
-the densities are cut at the ranges.
+which no curve tells less than none; and the median ratio of the volumes by II and III and by I, before and
+after the densities are cut at the ranges. ``--friction`` is what is known of its coefficient of 0.7: all
+(``known``), to a tenth (``measured``), to 0.3 of it (``default``), or the prior of a search, 0.7 ± 0.3
+(``searched``).
 """
 
 import argparse
 import functools
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import product
 from pathlib import Path
 from types import MappingProxyType
 
@@ -34,6 +35,7 @@ from pydantic import Field
 from palpate import Curve, Job, Limb, Response, Settings, Simulation, Solver, Status
 from palpate.domain import Design, ParameterSpace, RegionMaterial, Scenario
 from palpate.fit.mesh_correction import left_over
+from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
 from palpate.fit.stage import FitStage
 from palpate.plugins.provides import Provides
 from palpate.plugins.registry import load_file
@@ -50,6 +52,7 @@ pressed = load_file(Path(__file__).parents[1] / "tests" / "data" / "plugins" / "
 NOISE, MESH, RATIO = 0.005, 0.03, 4.0
 """Noise over the largest ordinate; error of the coarse mesh; that over the error of the fine one."""
 MESHES = SpotMesh(refinement=RATIO**0.5)
+LEAST_FRICTION = 0.1
 WIDE = 0.8
 """Width of an interval over the range beyond which it holds a truth of the range by construction."""
 STUDIES = {
@@ -161,20 +164,21 @@ def measured_at(
     shared: np.random.Generator | None = None,
     times: float = 1.0,
     has_shape: bool = False,
-    true: "type[Layered]" = Layered,
+    true: "Callable[[LayeredSettings], Layered]" = Layered,
+    friction_sd: float = RELATIVE,
 ) -> Response:
     """What is measured of a material, with everything wrong that the budget has, or ``times`` as much.
 
     With a shape the mesh's error is a wave along each curve, as large as that which the budget has.
     ``shared`` draws what is alike at all spots: friction, fixed values, gains and half of a discrepancy.
-    ``true`` makes the curves.
+    ``true`` makes the solver of the curves.
     """
     of_all = shared or rng
     budget = study.budget
     onset = times * rng.normal() * ONSET_MM
     path = study.protocol.path.copy()
     path[path[:, 0] > 0.0, 0] += onset
-    friction = 1.0 + times * RELATIVE * of_all.normal()
+    friction = max(study.protocol.friction + times * friction_sd * of_all.normal(), LEAST_FRICTION)
     protocol = replace(study.protocol, path=path, friction=friction)
     regions = study.space.regions
     thetas = {
@@ -280,45 +284,88 @@ def experiment(
 
 ALONE = {"I": {"force": 1.0, "torque": 1.0}, "II": {"torque": 1.0}, "III": {"force": 1.0}}
 """Weights of the channels by scenario."""
+FRICTION = 0.7
+FRICTIONS = {"known": 0.0, "measured": 0.1 * FRICTION, "default": 0.3 * FRICTION, "searched": 0.3}
+"""Coefficient of the scenarios' worlds, and its standard deviation by what is known of it."""
+SEARCHED = StandardSettings.model_validate(
+    {
+        "friction": {
+            "lower": LEAST_FRICTION,
+            "upper": 1.5,
+            "prior": {"value": FRICTION, "sd": FRICTIONS["searched"]},
+        }
+    }
+)
+"""As ``palpate init --measured`` has it."""
 
 
-def of_scenarios(name: str, friction: float, seed: int) -> dict[str, dict[str, np.ndarray]]:
-    """Standard deviations, widths of intervals and volumes by scenario, of one experiment."""
+def of_scenarios(
+    name: str, friction: str, seed: int, solver: Layered | None = None, row: np.ndarray | None = None
+) -> dict[str, dict[str, np.ndarray]]:
+    """Standard deviations, widths of intervals and volumes of the materials' parameters, by scenario.
+
+    One experiment: on a closed-form world, or on that of ``solver``, with the true values ``row``.
+    """
     rng = np.random.default_rng(seed)
     coarse = MESH * rng.normal()
     scenarios = tuple(Scenario(name=each, weights=weights) for each, weights in ALONE.items())
-    study = study_of(name, Layered(LayeredSettings(coarse=coarse, fine=coarse / RATIO)))
-    budget = study.budget.model_copy(update={"friction": friction})
-    study = replace(study, scenarios=scenarios, budget=budget)
-    (row,) = pressed.truths(study, 1, seed)
-    measured = {"p1": measured_at(study, row, rng)}
+    study = study_of(name, solver or Layered(LayeredSettings(coarse=coarse, fine=coarse / RATIO)))
+    sd = FRICTIONS[friction]
+    study = replace(
+        study,
+        scenarios=scenarios,
+        budget=study.budget.model_copy(update={"friction": sd}),
+        protocol=replace(study.protocol, friction=FRICTION),
+        parametrisation=StandardParametrisation(SEARCHED if friction == "searched" else StandardSettings()),
+    )
+    if row is None:
+        (row,) = pressed.truths(study, 1, seed)
+    true = Layered if solver is None else lambda _: solver
+    measured = {"p1": measured_at(study, row, rng, true=true, friction_sd=sd)}
     meshes = {"p1": MESHES}
     cases = stage_of(study, measured).run()
     found = {}
     for each in Assessment(study=study, measured=measured, meshes=meshes).assessed(cases):
-        cut = np.cov(each.density.draws(1000), rowvar=False)
+        # Volumes and regions are of the material, whatever the friction is.
+        material = each.density.of(range(row.size))
+        covariance = each.laplace.covariance[: row.size, : row.size]
+        box = each.end.problem.box
+        truth = ((np.resize(row, box.lower.size) - box.lower) / (box.upper - box.lower))[: row.size]
+        cut = np.cov(material.draws(1000), rowvar=False)
         found[each.case.scenario.name] = {
-            "sd": np.sqrt(np.diag(each.laplace.covariance)),
-            "interval": np.subtract(*reversed(each.density.interval(each.point))),
-            "volumes": np.sqrt([np.linalg.det(each.laplace.covariance), np.linalg.det(cut)]),
+            "sd": np.sqrt(np.diag(covariance)),
+            "interval": np.subtract(*reversed(material.interval(each.point[: row.size]))),
+            "volumes": np.sqrt([np.linalg.det(covariance), np.linalg.det(cut)]),
+            "holds": material.holds(truth),
         }
     return found
 
 
-def table_of_scenarios(name: str, friction: float, found: list[dict]) -> None:
-    """Print what the scenarios tell of the same data."""
-    whole = [each for each in found if each.keys() == ALONE.keys()]
-    say(
-        f"\n{name}, friction known to {friction:g}: {len(found)} experiments, {len(whole)} with all scenarios"
-    )
-    for key in ("sd", "interval"):
+def table_of_scenarios(name: str, by_friction: Mapping[str, Sequence[dict]]) -> None:
+    """Print what the scenarios tell of the same data, by what is known of the friction."""
+    known = next(iter(by_friction.values()))
+    for friction, found in by_friction.items():
+        whole = [each for each in found if each.keys() == ALONE.keys()]
+        say(f"\n{name}, friction {friction}: {len(found)} experiments, {len(whole)} with all scenarios")
+        for key in ("sd", "interval"):
+            for other in ("II", "III"):
+                ratios = np.concatenate([each["I"][key] / each[other][key] for each in whole])
+                narrow = f"at most 1.02 in {100.0 * np.mean(ratios <= 1.02):.1f} % of {ratios.size}"
+                spread = f"median {np.median(ratios):.2f}, largest {ratios.max():.2f}"
+                say(f"{key} by I over that by {other}: {narrow}, {spread}")
         for other in ("II", "III"):
-            ratios = np.concatenate([each["I"][key] / each[other][key] for each in whole])
-            narrow = f"at most 1.02 in {100.0 * np.mean(ratios <= 1.02):.1f} % of {ratios.size}"
-            spread = f"median {np.median(ratios):.2f}, largest {ratios.max():.2f}"
-            say(f"{key} by I over that by {other}: {narrow}, {spread}")
-    volumes = np.median([each["III"]["volumes"] / each["I"]["volumes"] for each in whole], axis=0)
-    say(f"volume by III over that by I: {volumes[0]:.1f}, cut at the ranges {volumes[1]:.1f}")
+            volumes = np.array([each[other]["volumes"] / each["I"]["volumes"] for each in whole])
+            middle = np.median(volumes, axis=0)
+            low, high = np.quantile(volumes[:, 0], [0.1, 0.9])
+            say(
+                f"volume by {other} over that by I: {middle[0]:.2g} ({low:.2g} to {high:.2g} in 80 %), "
+                f"cut at the ranges {middle[1]:.2g}"
+            )
+        for each in ALONE:
+            held = 100.0 * np.mean([one[each]["holds"] for one in whole])
+            both = [(a[each], b[each]) for a, b in zip(found, known, strict=True) if each in a and each in b]
+            wider = np.median([a["volumes"][0] / b["volumes"][0] for a, b in both])
+            say(f"{each}: joint region holds in {held:.0f} %, volume over that of the first row {wider:.2g}")
 
 
 def main() -> None:
@@ -328,14 +375,15 @@ def main() -> None:
     parser.add_argument("--posterior", action="store_true", help="draw posteriors too, seconds each")
     parser.add_argument("--scenarios", action="store_true", help="force and torque alone, instead")
     parser.add_argument(
-        "--friction", type=float, nargs="*", default=[RELATIVE], help="its standard deviation, by --scenarios"
+        "--friction", nargs="*", choices=FRICTIONS, default=["measured"], help="what is known, by --scenarios"
     )
     parser.add_argument("--workers", type=int, help="processes; default: all cores")
     chosen = parser.parse_args()
     with ProcessPoolExecutor(chosen.workers) as pool:
-        for name, friction in product(chosen.studies if chosen.scenarios else (), chosen.friction):
-            of_name = functools.partial(of_scenarios, name, friction)
-            table_of_scenarios(name, friction, list(pool.map(of_name, range(chosen.n), chunksize=5)))
+        for name in chosen.studies if chosen.scenarios else ():
+            of_name = [functools.partial(of_scenarios, name, friction) for friction in chosen.friction]
+            found = [list(pool.map(each, range(chosen.n), chunksize=5)) for each in of_name]
+            table_of_scenarios(name, dict(zip(chosen.friction, found, strict=True)))
         for name in () if chosen.scenarios else chosen.studies:
             of_name = functools.partial(experiment, name, posterior=chosen.posterior)
             table(name, list(pool.map(of_name, range(chosen.n), chunksize=5)))
