@@ -1,5 +1,6 @@
 """Relaxation: laws of the convolution, and FEBio's relaxing blocks."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +8,7 @@ import polars as pl
 import pytest
 from hypothesis import given, strategies as st
 
+from palpate.api import relaxing
 from palpate.domain import Curve, Indentation, ParameterSpace, RegionMaterial, Response
 from palpate.domain.indenter import Sphere
 from palpate.errors import ParameterError, StudyError
@@ -174,6 +176,12 @@ class TestRelaxing(ParametrisationContract):
         timeless = Indentation(indenter=protocol.indenter, path=protocol.path, friction=0.5)
         with pytest.raises(StudyError, match='motion = "moves"'):
             Relaxing().inputs(space, "p1", timeless, {})
+
+    def test_a_region_that_relaxes_in_the_solver_is_refused(self, space, protocol):
+        (region,) = space.regions
+        twice = ParameterSpace(regions=(replace(region, material=relaxing(region.material, TIMES_S)),))
+        with pytest.raises(StudyError, match="relaxes in the solver already; remove its relaxation_times"):
+            Relaxing().inputs(twice, "p1", protocol, {})
 
 
 @pytest.mark.parametrize("times", [["0 s", "1 s"], ["2 s", "1 s"], ["1 s", "1 s"]])

@@ -36,6 +36,12 @@ class HyperelasticMaterial(Component[SettingsT]):
     fields: tuple[str, ...] = ()
     """Cell fields of the mesh that the energy takes: see :class:`AnisotropicMaterial`."""
 
+    relaxation_times_s: tuple[float, ...] = ()
+    """Time constants, each with a share of the stress that relaxes: the last parameters."""
+
+    relaxes_isochoric: bool = False
+    """Whether only the stress of the isochoric part of the energy, Ψ(J^(-1/3) F), relaxes."""
+
     def __eq__(self, other: object) -> bool:
         """Whether both have one class and equal settings, and so one energy: what is compiled is shared."""
         if self is other or not isinstance(other, HyperelasticMaterial):

@@ -43,6 +43,8 @@ class Provides:
         Parts of a motion, among :data:`palpate.domain.waypoints.MOVES`.
     slopes : bool
         Whether a job with ``slopes`` gets exact derivatives with its curves; else they are differenced.
+    relaxation : bool
+        Whether materials may relax in time.
     surface : bool
         Whether a job with ``surface`` gets the states of the skin with its curves.
     accuracy : float
@@ -63,6 +65,7 @@ class Provides:
     indenters: tuple[str, ...] | None = ("sphere",)
     motions: tuple[str, ...] = ("depth", "rotation")
     slopes: bool = False
+    relaxation: bool = False
     surface: bool = False
     accuracy: float = 1e-4
 
@@ -120,6 +123,8 @@ class Provides:
         if not self.takes_regions(len(job.materials)):
             yield f"{len(job.materials)} regions"
         for material in job.materials.values():
+            if material.relaxation_times_s and not self.relaxation:
+                yield "materials that relax"
             if not self.takes_directions(material):
                 yield f"anisotropic materials such as '{material.name}'"
             elif missing := self.missing_fields(material):

@@ -91,7 +91,7 @@ def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = N
 
 def _measured_warnings(study: Study, measured: Mapping[str, Response]) -> tuple[str, ...]:
     law = study.parametrisation
-    if all(map(law.models_relaxation, study.scenarios)):
+    if all(map(study.models_relaxation, study.scenarios)):
         return measured_warnings(measured)
     return (*measured_warnings(measured), *relaxation_warnings(measured, study.budget.gain, law.relaxing))
 

@@ -230,6 +230,14 @@ class RegionTable(Table):
         description="How the coefficients are written: textbook, or one the material knows.",
     )
     settings: dict[str, Any] = Field(default={}, description="Settings of the material.")
+    relaxation_times: list[Annotated[Seconds, Field(gt=0.0)]] = Field(
+        default=[],
+        description="Time constants of its relaxation; each adds a parameter, the share of the stress "
+        'that relaxes with it: relaxed_10s of "10 s".',
+    )
+    relaxing_stress: Literal["all", "isochoric"] = Field(
+        default="all", description="Stress that relaxes: all of it, or that of the shape at constant volume."
+    )
     parameters: dict[
         str,
         Annotated[

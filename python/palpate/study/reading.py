@@ -136,6 +136,11 @@ class Study:
             f"solver {self.solver.name})"
         )
 
+    def models_relaxation(self, scenario: Scenario) -> bool:
+        """True if a region relaxes, or the parametrisation has the relaxation of what a scenario weighs."""
+        relaxes = any(region.material.relaxation_times_s for region in self.space.regions)
+        return relaxes or self.parametrisation.models_relaxation(scenario)
+
     @property
     def folder(self) -> Path:
         """Folder of the study file."""

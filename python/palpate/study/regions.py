@@ -10,6 +10,7 @@ import numpy as np
 from palpate.domain import FloatArray, Parameter, ParameterName, ParameterSpace, Prior, RegionMaterial, Tie
 from palpate.domain.material import Material
 from palpate.domain.parameters import ratio_of
+from palpate.domain.relaxing import relaxing
 from palpate.errors import PalpateError
 from palpate.study.build import Context, build_component
 from palpate.study.model import ParameterTable, RegionTable, Tables
@@ -176,6 +177,8 @@ def _region(context: Context, name: str, table: RegionTable) -> RegionMaterial |
     )
     if material is None:
         return None
+    if table.relaxation_times:
+        material = relaxing(material, table.relaxation_times, table.relaxing_stress == "isochoric")
     defaults: dict[str, Parameter] = {}
     with context.problems.at(*key, "convention"):
         defaults = {p.name: p for p in _in_convention(material, table.convention)}

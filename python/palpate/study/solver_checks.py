@@ -77,6 +77,8 @@ def _check_regions(context: Context, solver: Solver, tables: Tables, space: Para
         )
     for region in space.regions:
         key, material = ("region", region.region, "material"), region.material
+        if material.relaxation_times_s and not provides.relaxation:
+            add((*key[:2], "relaxation_times"), f"{name} simulates no material that relaxes; {OTHER}")
         if not provides.takes_directions(material):
             add(key, f"{name} simulates no anisotropic material such as '{material.name}'; {OTHER}")
         elif missing := provides.missing_fields(material):

@@ -132,6 +132,20 @@ def test_a_solver_refuses_regions_and_materials_that_it_does_not_simulate(
     assert read_text(tmp_path, plugins, TEXT)
 
 
+def test_shares_of_the_stress_that_relax_are_parameters_where_the_solver_knows_time(
+    tmp_path: Path, plugins: Plugins, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    material = 'material = "spring"'
+    text = TEXT.replace(material, f'{material}\nrelaxation_times = ["0.25 s", "1 min"]')
+    (message,) = messages(tmp_path, plugins, text)
+    assert (
+        "region.rubber.relaxation_times: solver 'closed_form' simulates no material that relaxes" in message
+    )
+    provide(plugins, monkeypatch, "closed_form", relaxation=True)
+    names = read_text(tmp_path, plugins, text).space.names
+    assert names == ("rubber.k", "rubber.relaxed_250ms", "rubber.relaxed_60s")
+
+
 def test_a_spot_has_a_motion_of_its_own(
     tmp_path: Path, plugins: Plugins, monkeypatch: pytest.MonkeyPatch
 ) -> None:

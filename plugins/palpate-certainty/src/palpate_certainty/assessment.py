@@ -265,7 +265,7 @@ class Assessment:
 
     def _relaxation(self, case: Case) -> Iterator[Check]:
         """Check the rests of the case's spots, where any were measured; nothing where the model has them."""
-        if self.study.parametrisation.models_relaxation(case.scenario):
+        if self.study.models_relaxation(case.scenario):
             return
         measured = {spot: self.measured[spot] for spot in case.spots}
         if found := relaxation_of(measured, self.study.budget.gain):

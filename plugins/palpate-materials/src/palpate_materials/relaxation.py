@@ -201,6 +201,12 @@ class Relaxing(StandardParametrisation):
         """Inputs of the standard parametrisation, and the relaxation of their curves."""
         if not isinstance(protocol, Indentation) or protocol.time_s is None:
             raise StudyError('a tissue that relaxes needs the times of its press; use motion = "moves"')
+        for region in space.regions:
+            if region.material.relaxation_times_s:
+                raise StudyError(
+                    f"region '{region.region}' relaxes in the solver already; remove its relaxation_times, "
+                    'or choose parametrisation = "standard"'
+                )
         shares = np.array([values[name] for name in self.times_s])
         if not shares.sum() < 1.0:
             raise ParameterError(f"shares that relax add up to {shares.sum():.3g}; they are less than 1")

@@ -144,7 +144,7 @@ def left_out(data: ReportData) -> dict[str, str]:
 
 def apparent(data: ReportData) -> str:
     """Sentence on moduli that are apparent ones, since the tissue relaxed; empty where they are not."""
-    if data.study.parametrisation.models_relaxation(data.generalising):
+    if data.study.models_relaxation(data.generalising):
         return ""
     found = relaxation_of(data.measured, data.study.budget.gain)
     return found.sentence[:1].upper() + found.sentence[1:] if found and found.is_beyond else ""
