@@ -98,20 +98,51 @@ def _mean_dilatation_tangent(k: _Kinematics, P: Jax, A: Jax, volumes: Jax) -> tu
     return tangent, total, mixed, curvature
 
 
+def _block_stress(
+    material: Material, mean: bool, displacements: Jax, geometry: _Geometry, parameters: Jax
+) -> tuple[Jax, _Kinematics]:
+    """First Piola–Kirchhoff stress (e, q, 3, 3), conjugate to F, and the kinematics."""
+    gradients, volumes, rest, fields = geometry
+    k = _kinematics(displacements, gradients, volumes, rest)
+    if not mean:
+        return stress(material, k.F, parameters, fields), k
+    P = stress(material, k.s[..., None, None] * k.F, parameters, fields)
+    Q, pressure, _ = _mean_dilatation_stress(k, P, volumes)
+    return k.s[..., None, None] * Q + (pressure * k.J)[..., None, None] * k.H, k
+
+
 def _block_force(
     material: Material, mean: bool, displacements: Jax, geometry: _Geometry, parameters: Jax
 ) -> tuple[Jax, Jax]:
     """Nodal forces (e, n, 3) [N] and the least J (e,) of each element."""
-    gradients, volumes, rest, fields = geometry
-    k = _kinematics(displacements, gradients, volumes, rest)
-    if mean:
-        P = stress(material, k.s[..., None, None] * k.F, parameters, fields)
-        Q, pressure, _ = _mean_dilatation_stress(k, P, volumes)
-        P = k.s[..., None, None] * Q + (pressure * k.J)[..., None, None] * k.H
-    else:
-        P = stress(material, k.F, parameters, fields)
-    force = jnp.einsum("eq,eqiJ,eqaJ->eai", volumes, P, gradients)
+    P, k = _block_stress(material, mean, displacements, geometry, parameters)
+    force = jnp.einsum("eq,eqiJ,eqaJ->eai", geometry[1], P, geometry[0])
     return force, k.J.min(axis=1)
+
+
+def _block_second_stress(
+    material: Material, mean: bool, displacements: Jax, geometry: _Geometry, parameters: Jax
+) -> tuple[Jax]:
+    """Second Piola–Kirchhoff stress F⁻¹P (e, q, 3, 3)."""
+    P, k = _block_stress(material, mean, displacements, geometry, parameters)
+    return (jnp.einsum("eqiI,eqiJ->eqIJ", k.H, P),)
+
+
+def _block_second_stress_rates(
+    material: Material, mean: bool, displacements: Jax, geometry: _Geometry, parameters: Jax, ways: Jax
+) -> tuple[Jax]:
+    """Its rates (e, m, q, 3, 3), as displacements (e, n, 3) and parameters (p,) go m ``ways``.
+
+    ``ways`` are rates of the displacements (e, m, n, 3), and of the parameters (m, p).
+    """
+
+    def rate(moved: Jax, changed: Jax) -> Jax:
+        def second_stress(u: Jax, p: Jax) -> Jax:
+            return _block_second_stress(material, mean, u, geometry, p)[0]
+
+        return jax.jvp(second_stress, (displacements, parameters), (moved, changed))[1]
+
+    return (jax.vmap(rate, in_axes=(1, 0), out_axes=1)(*ways),)
 
 
 def _block_tangent(
@@ -164,6 +195,8 @@ def _block_rates(
 _force_kernel = jax.jit(_block_force, static_argnums=(0, 1))
 _tangent_kernel = jax.jit(_block_tangent, static_argnums=(0, 1))
 _rates_kernel = jax.jit(_block_rates, static_argnums=(0, 1))
+_second_stress_kernel = jax.jit(_block_second_stress, static_argnums=(0, 1))
+_second_stress_rates_kernel = jax.jit(_block_second_stress_rates, static_argnums=(0, 1))
 
 
 def _chunks(array: NDArray[T]) -> NDArray[T]:
@@ -216,6 +249,8 @@ class AutodiffKernel:
         self._force = partial(_force_kernel, material, mean_dilatation)
         self._tangent = partial(_tangent_kernel, material, mean_dilatation)
         self._rates = partial(_rates_kernel, material, mean_dilatation)
+        self._second_stress = partial(_second_stress_kernel, material, mean_dilatation)
+        self._second_stress_rates = partial(_second_stress_rates_kernel, material, mean_dilatation)
         self._places: IntArray = np.empty(0, dtype=np.int64)
 
     def bind(self, places: IntArray) -> None:
@@ -242,6 +277,25 @@ class AutodiffKernel:
         self._scatter(forces, total)
         values += np.bincount(self._places, stiffness.ravel(), minlength=len(values))
         return float(least.min())
+
+    def second_stress(self, displacements: FloatArray, theta: FloatArray) -> FloatArray:
+        """Second Piola–Kirchhoff stress (e, q, 3, 3) [MPa] in the frame of the material's directions."""
+        (found,) = self._evaluate(self._second_stress, displacements, np.asarray(theta))
+        return found
+
+    def second_stress_rates(
+        self, displacements: FloatArray, theta: FloatArray, moved: FloatArray, changed: FloatArray
+    ) -> FloatArray:
+        """Its rates (m, e, q, 3, 3), as displacements and parameters change by rows of these two."""
+        theta = np.asarray(theta)
+        parts = [
+            self._second_stress_rates(
+                displacements[nodes], geometry, theta, (moved[:, nodes].swapaxes(0, 1), changed)
+            )
+            for nodes, geometry in self._chunks
+        ]
+        found: FloatArray = np.concatenate([np.asarray(rates) for (rates,) in parts])[: len(self._nodes)]
+        return found.swapaxes(0, 1)
 
     def _evaluate(
         self, kernel: Callable[..., tuple[Jax, ...]], displacements: FloatArray, theta: FloatArray

@@ -6,6 +6,8 @@ E = Σ_q w_q Ψ(F̄_q) with F̄ = (θ/J)^(1/3) F, where θ is the element's mean
 Taylor & Pister 1985). Force and tangent are its exact first and second
 derivatives, so Newton converges quadratically. With ``mean_dilatation`` off,
 F̄ = F: the plain displacement element.
+
+A block whose material relaxes has the stress of these forces in :mod:`palpate_jax.viscoelasticity`.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -17,6 +19,10 @@ from palpate.api import FloatArray, IntArray, Material, Mesh
 from palpate_jax.autodiff import AutodiffKernel
 from palpate_jax.compiled import CompiledKernel, serves
 from palpate_jax.elements import ELEMENTS, PLAIN_ELEMENTS, tetrahedron_patches
+from palpate_jax.viscoelasticity import InLoadStep, Relaxation, Stresses, held_in, weighted
+
+Histories = Mapping[int, Stresses]
+"""History variables by number of the blocks that relax."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,14 +162,22 @@ class Body:
         self._shape = (mesh.n_nodes, 3)
         self._n_entries: int | None = None
         self._kernels: list[CompiledKernel | AutodiffKernel] = []
-        for block in self.blocks:
+        self._relaxations: dict[int, Relaxation] = {}
+        for number, block in enumerate(self.blocks):
             material = materials[block.region]
+            times_s = material.relaxation_times_s
+            material = weighted(material) if times_s else material
             shape = (block.nodes, block.gradients, block.volumes, block.mean_dilatation)
-            if serves(material):
+            if compiled := serves(material):
                 self._kernels.append(CompiledKernel(material, *shape))
-                continue
-            fields = {name: block.fields[name] for name in material.fields}
-            self._kernels.append(AutodiffKernel(material, *shape, axes=axes, fields=fields))
+            if times_s or not compiled:
+                fields = {name: block.fields[name] for name in material.fields}
+                kernel = AutodiffKernel(material, *shape, axes=axes, fields=fields)
+                self._kernels += [] if compiled else [kernel]
+            if times_s:
+                turned = block.gradients if axes is None else block.gradients @ axes.T
+                relaxing = (block.nodes, turned, block.volumes, mesh.points_mm, np.array(times_s))
+                self._relaxations[number] = Relaxation(kernel, *relaxing)
 
     def bind(self, places: Sequence[IntArray], n_entries: int) -> None:
         """Set the places of the stiffness entries, before the first tangent.
@@ -176,23 +190,87 @@ class Body:
         """
         for kernel, own in zip(self._kernels, places, strict=True):
             kernel.bind(own)
+        for number, relaxation in self._relaxations.items():
+            relaxation.bind(places[number])
         self._n_entries = n_entries
+
+    def at_rest(self, *leading: int) -> Histories:
+        """History of a body at rest; with leading axes, that of derivatives. Empty where nothing relaxes."""
+        return {number: each.at_rest(*leading) for number, each in self._relaxations.items()}
+
+    def in_step(
+        self, values: Mapping[str, FloatArray], before: Histories, duration_s: float
+    ) -> Mapping[str, FloatArray]:
+        """Materials in a load step that begins with this history; the values alone where nothing relaxes."""
+        if not self._relaxations:
+            return values
+        theta = {number: values[self.blocks[number].region] for number in before}
+        held = {n: self._relaxations[n].in_step(theta[n], each, duration_s) for n, each in before.items()}
+        return InLoadStep(values, held)
+
+    def after(self, displacements: FloatArray, thetas: Mapping[str, FloatArray]) -> Histories:
+        """History at the end of a load step, which is in equilibrium there."""
+        return {n: self._relaxations[n].after(displacements, held) for n, held in held_in(thetas).items()}
+
+    def slopes_after(
+        self,
+        displacements: FloatArray,
+        thetas: Mapping[str, FloatArray],
+        slopes: Histories,
+        moved: FloatArray,
+    ) -> Histories:
+        """Derivatives of that history as nodes move by ``moved`` (m, n_nodes, 3); rows as in ``thetas``."""
+        ends = dict(zip(thetas, np.cumsum([len(theta) for theta in thetas.values()]).tolist(), strict=True))
+        found = {}
+        for n, held in held_in(thetas).items():
+            theta, end = thetas[self.blocks[n].region], ends[self.blocks[n].region]
+            changed = np.zeros((len(moved), len(theta)))
+            changed[end - len(theta) : end] = np.eye(len(theta))
+            found[n] = self._relaxations[n].slopes_after(displacements, held, slopes[n], moved, changed)
+        return found
 
     def force(self, displacements: FloatArray, thetas: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
         """Internal nodal forces (n_nodes, 3) [N] and the least J of any quadrature point."""
         total = np.zeros(self._shape)
         least = [
-            kernel.add_force(displacements, thetas[block.region], total)
-            for block, kernel in zip(self.blocks, self._kernels, strict=True)
+            kernel.add_force(displacements, theta, total)
+            for kernel, theta in zip(self._kernels, self._thetas(thetas), strict=True)
         ]
+        for n, held in held_in(thetas).items():
+            self._relaxations[n].add_force(held.matrix, displacements, total)
         return total, float(np.min(least))
 
+    def _thetas(self, thetas: Mapping[str, FloatArray]) -> list[FloatArray]:
+        """Values that each kernel takes; of what relaxes at once, where no load step is given."""
+        held = held_in(thetas)
+        at_once = {n: np.array([*thetas[self.blocks[n].region], 1.0, 1.0]) for n in self._relaxations}
+        every = at_once | {n: each.theta for n, each in held.items()}
+        return [every.get(n, thetas[block.region]) for n, block in enumerate(self.blocks)]
+
     def rates(self, displacements: FloatArray, thetas: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
-        """∂force/∂θ (m, n_nodes, 3) of a region's m parameters, by region, at fixed displacements."""
+        """∂force/∂θ (m, n_nodes, 3) of a region's m parameters, by region.
+
+        Displacements, and the history before the load step, are fixed.
+        """
         totals = {region: np.zeros((len(theta), *self._shape)) for region, theta in thetas.items()}
-        for block, kernel in zip(self.blocks, self._kernels, strict=True):
-            kernel.add_rates(displacements, thetas[block.region], totals[block.region])
+        held, every = held_in(thetas), zip(self.blocks, self._kernels, self._thetas(thetas), strict=True)
+        for n, (block, kernel, theta) in enumerate(every):
+            own = np.zeros((len(theta), *self._shape)) if n in held else totals[block.region]
+            kernel.add_rates(displacements, theta, own)
+            if n in held:
+                self._relaxations[n].add_rates(displacements, held[n], own, totals[block.region])
         return totals
+
+    def add_rates_of_history(
+        self,
+        displacements: FloatArray,
+        thetas: Mapping[str, FloatArray],
+        slopes: Histories,
+        totals: FloatArray,
+    ) -> None:
+        """Add the change of the forces with the history before a load step to ``totals`` (m, n_nodes, 3)."""
+        for n, held in held_in(thetas).items():
+            self._relaxations[n].add_rates_of_history(displacements, held, slopes[n], totals)
 
     def tangent(
         self, displacements: FloatArray, thetas: Mapping[str, FloatArray]
@@ -208,7 +286,10 @@ class Body:
             raise RuntimeError("the places of the stiffness entries are not set; call `bind` first")
         total, values = np.zeros(self._shape), np.zeros(self._n_entries + 1)
         least = [
-            kernel.add_tangent(displacements, thetas[block.region], total, values)
-            for block, kernel in zip(self.blocks, self._kernels, strict=True)
+            kernel.add_tangent(displacements, theta, total, values)
+            for kernel, theta in zip(self._kernels, self._thetas(thetas), strict=True)
         ]
+        for n, held in held_in(thetas).items():
+            self._relaxations[n].add_force(held.matrix, displacements, total)
+            self._relaxations[n].add_stiffness(held.matrix, values)
         return total, values[:-1], float(np.min(least))

@@ -53,6 +53,11 @@ class LoadControl:
         As of load stepping.
     steps : (6,) array
         Largest step of each component [mm, degrees].
+
+    Attributes
+    ----------
+    thetas : mapping of region to array
+        Materials in the load step.
     """
 
     def __init__(
@@ -63,13 +68,13 @@ class LoadControl:
         tolerance: float,
         steps: FloatArray,
     ) -> None:
-        self._model, self._thetas, self._law = model, thetas, law
+        self._model, self.thetas, self._law = model, thetas, law
         self._tolerance, self._steps = FINER * tolerance, steps
         self._largest = np.zeros(6)
 
     def loads(self, displacements: FloatArray, position: FloatArray, load: ContactState) -> FloatArray:
         """Loads (6,) at an equilibrium state."""
-        found = wrench(self._model.answer(displacements, self._thetas, load), tip_at(position))
+        found = wrench(self._model.answer(displacements, self.thetas, load), tip_at(position))
         self._largest = np.maximum(self._largest, np.abs(found))
         return found
 
@@ -106,7 +111,7 @@ class LoadControl:
                 guess = begin(position, load)
             else:
                 guess = Start(self._model.carried(at.balance.displacements + moved, load.pose))
-            found = equilibrium(self._model, self._thetas, load, guess, self._tolerance)
+            found = equilibrium(self._model, self.thetas, load, guess, self._tolerance)
             n_iterations += found.n_iterations
             if found.reason:
                 n_shortened += 1
@@ -181,8 +186,8 @@ class LoadControl:
         """Change of displacements (n_nodes, 3) and loads (6,) with one component of the position."""
         way, displacements = np.eye(6)[component], at.balance.displacements
         load, move = ContactState(pose(at.position), memory, self._law), motion(at.position, way)
-        here = self._model.linearised(displacements, self._thetas)
-        rate, rates = here.rate(load, move), Rates(self._model, displacements, load, self._thetas)
+        here = self._model.linearised(displacements, self.thetas)
+        rate, rates = here.rate(load, move), Rates(self._model, displacements, load, self.thetas)
         step = self._model.linear.solve(
             here.matrix(load), partial(here.preconditioner, load), -rate, ACCURACY
         )

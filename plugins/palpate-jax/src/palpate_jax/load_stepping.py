@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.api import FloatArray, IsotropicMaterial, Material
 from palpate.api.mechanics import principal_derivatives
+from palpate_jax.body import Histories
 from palpate_jax.contact import Answer, ContactLaw, ContactState, Memory
 from palpate_jax.initial_guess import InitialGuess
 from palpate_jax.load_control import LoadControl, NotReachedError, Trial
@@ -68,7 +69,7 @@ class Stop:
 class _State:
     """The last equilibrium state; ``friction_history`` is the history that it was balanced with.
 
-    Its ``loads`` (6,) are known where a load is prescribed.
+    Its ``loads`` (6,) are known where a load is prescribed; ``stresses`` is the history of what relaxes.
     """
 
     position: FloatArray
@@ -76,6 +77,8 @@ class _State:
     memory: Memory
     friction_history: Memory
     loads: FloatArray
+    stresses: Histories
+    time_s: float = 0.0
 
 
 class LoadStepping:
@@ -101,7 +104,8 @@ class LoadStepping:
         sensitivity: Sensitivity | None = None,
     ) -> None:
         self._model = model
-        self._thetas = thetas
+        self._values = thetas
+        self._thetas = thetas  # in the load step
         self._law = law
         self._tolerance = tolerance
         self._initial_guess = initial_guess
@@ -117,9 +121,10 @@ class LoadStepping:
     def along(self, schedule: Schedule) -> Iterator[LoadStep | Stop]:
         """Balance at each target in turn; the last may be a ``Stop``."""
         nothing = self._model.contact.no_memory(pose(REST))
-        state = _State(REST, self._model.rest(), nothing, nothing, np.zeros(6))
+        stresses = self._model.body.at_rest()
+        state = _State(REST, self._model.rest(), nothing, nothing, np.zeros(6), stresses)
         if schedule.has_loads:
-            self._control = LoadControl(self._model, self._thetas, self._law, self._tolerance, schedule.steps)
+            self._control = LoadControl(self._model, self._values, self._law, self._tolerance, schedule.steps)
         for k, target in enumerate(schedule.targets):
             # Where a load moves the indenter the first trial's position is not that of the guesses.
             guessed = None if target.has_loads else self._initial_guess
@@ -137,18 +142,18 @@ class LoadStepping:
     def _advance(self, state: _State, target: Target, guesses: Sequence[FloatArray]) -> str:
         """Step to the target, halving a step that fails; returns the reason if it cannot be reached."""
         done, share = 0.0, 1.0
-        origin = state.position, state.loads
+        origin, origin_s = (state.position, state.loads), state.time_s
         if self._sensitivity is not None:
             self._sensitivity.start()
         while done < 1.0:
             share = min(share, 1.0 - done)
             last = done + share >= 1.0 - 1e-12
             part = 1.0 if last else done + share
-            aim = Aim.at(target, *origin, part)
-            reason = self._step(state, aim, guesses if share == 1.0 else ())
+            aim, time_s = Aim.at(target, *origin, part), origin_s + part * (target.time_s - origin_s)
+            reason = self._step(state, aim, time_s, guesses if share == 1.0 else ())
             if reason and guesses and share == 1.0:
                 self.linear.reset()
-                reason = self._step(state, aim, ())
+                reason = self._step(state, aim, time_s, ())
             if not reason:
                 done = part
                 share *= 2.0
@@ -199,8 +204,12 @@ class LoadStepping:
         assert found.residual is not None
         return found if found.residual.least_jacobian > 0.0 and found.imbalance < best.imbalance else best
 
-    def _step(self, state: _State, aim: Aim, guesses: Sequence[FloatArray]) -> str:
-        """Go a part of the way of a load step; returns the reason if that fails."""
+    def _step(self, state: _State, aim: Aim, time_s: float, guesses: Sequence[FloatArray]) -> str:
+        """Go a part of the way of a load step, until a time; returns the reason if that fails."""
+        body = self._model.body
+        self._thetas = body.in_step(self._values, state.stresses, time_s - state.time_s)
+        if self._control is not None:
+            self._control.thetas = self._thetas
         if aim.free.size:
             found = self._to_loads(state, aim)
             position, balance = found.position, found.balance
@@ -221,10 +230,11 @@ class LoadStepping:
             )
             if self._sensitivity is not None:
                 reached = None if self._control is None else replace(aim, position=position)
-                self._sensitivity.balanced(state.displacements, load, reached)
+                self._sensitivity.balanced(state.displacements, load, self._thetas, reached)
             if self._control is not None:
                 state.loads = self._control.loads(state.displacements, position, load)
             state.memory = self._model.contact.remember(state.displacements, load)
+            state.stresses, state.time_s = body.after(state.displacements, self._thetas), time_s
         return balance.reason
 
     def _to_loads(self, state: _State, aim: Aim) -> Trial:

@@ -73,6 +73,15 @@ def wrench_rates(
 DEPTH = 0
 """Component of a position."""
 
+STEPS_PER_DECADE = 6
+"""Steps of a dwell of a tissue that relaxes; a curve over time is straight between them.
+
+Its error is then 1 % of what relaxes, at most.
+"""
+
+FIRST_OF_DWELL = 0.1
+"""The first of them, over the shortest time constant."""
+
 HERTZ = 1.5
 """Exponent of the depth in the force of a round indenter."""
 
@@ -198,11 +207,14 @@ class Schedule:
         return cls(tuple(Target(at, np.ones(6), none) for at in positions), np.ones(6))
 
 
-def schedule(protocol: Indentation, depth_steps: int, rotation_step_deg: float) -> Schedule:
+def schedule(
+    protocol: Indentation, depth_steps: int, rotation_step_deg: float, fastest_s: float = 0.0
+) -> Schedule:
     """Targets of a protocol, with its waypoints and without the rest.
 
     Shifts take steps of the depth's length, tilts those of the rotation, and a load as many as the depth;
-    a load that was not prescribed before takes all of them, as nobody knows by how much it changes.
+    a load that was not prescribed before takes all of them, as nobody knows by how much it changes. A dwell
+    has steps where something relaxes, ``fastest_s`` being its shortest time constant.
     """
     depth_step_mm = max(float(protocol.path[:, 0].max()), 1e-9) / depth_steps
     steps = np.array([*[depth_step_mm] * 3, *[rotation_step_deg] * 3])
@@ -220,10 +232,20 @@ def schedule(protocol: Indentation, depth_steps: int, rotation_step_deg: float) 
         n = max(
             _count(_farthest(pose[k], lowest[k - 1], pose[k - 1], known)[given] / steps[given]),
             _count(depth_steps * _changes(loads[k - 1], loads[k], largest)),
-            1,
         )
-        targets += _between(pose[k - 1 : k + 1], loads[k], known, times[k - 1 : k + 1], n)
+        moments = times[k - 1] + (times[k] - times[k - 1]) * np.arange(1, max(n, 1) + 1) / max(n, 1)
+        if n == 0 and fastest_s > 0.0:
+            moments = _dwell(times[k - 1], times[k], fastest_s)
+        targets += _between(pose[k - 1 : k + 1], loads[k], known, moments)
     return Schedule(tuple(targets), steps)
+
+
+def _dwell(start_s: float, end_s: float, fastest_s: float) -> FloatArray:
+    """Times after the start of a dwell up to its end, the closer to the start the more."""
+    first = FIRST_OF_DWELL * fastest_s
+    decades = float(np.log10(max((end_s - start_s) / first, 1.0)))
+    n = int(np.ceil(STEPS_PER_DECADE * decades)) + 1
+    return np.append(start_s + np.geomspace(min(first, end_s - start_s), end_s - start_s, n)[:-1], end_s)
 
 
 def _count(change: FloatArray) -> int:
@@ -242,10 +264,9 @@ def _changes(before: FloatArray, after: FloatArray, largest: FloatArray) -> Floa
     return np.where(np.isfinite(after), np.where(is_known, changed, 1.0), 0.0)
 
 
-def _between(
-    ends: FloatArray, loads: FloatArray, known: BoolArray, times: FloatArray, n: int
-) -> Iterator[Target]:
-    """Make n targets from one waypoint to the next; what is not ``known`` at the first goes by shares."""
+def _between(ends: FloatArray, loads: FloatArray, known: BoolArray, times: FloatArray) -> Iterator[Target]:
+    """Targets at times (n,) up to the next waypoint; what is not ``known`` at the first goes by shares."""
+    n = len(times)
     between = ends[0] + (ends[1] - ends[0]) * np.arange(1, n + 1)[:, None] / n
     between[-1] = ends[1]  # to the last bit, so that no branch starts next to a waypoint
     for j in range(n):
@@ -255,5 +276,5 @@ def _between(
             share=np.where(known, 1.0, share),
             loads=loads,
             load_share=share,
-            time_s=float(times[0] + (times[1] - times[0]) * (j + 1) / n),
+            time_s=float(times[j]),
         )

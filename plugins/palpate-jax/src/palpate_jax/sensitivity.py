@@ -6,7 +6,8 @@ anchors a of the contact; its derivative is one linear system per parameter,
     K du = −∂f_body/∂θ + ∂f_contact/∂a da + ∂f_contact/∂ε dε + ∂f_contact/∂μ dμ,
 
 with the exact tangent K, and the new anchors' derivative follows from du as the
-anchors follow from u. So da is the history of the derivative. The
+anchors follow from u. So da is the history of the derivative. Stresses that relax have
+one of the same kind (:mod:`palpate_jax.viscoelasticity`). The
 penalty ε counts too: it is proportional to the initial shear modulus of the touched
 region. (Kleiber, Antúnez, Hien & Kowalczyk, Parameter Sensitivity in Nonlinear
 Mechanics, 1997, treat path dependence in this way.)
@@ -197,7 +198,7 @@ class Sensitivity:
         self._accuracy = max(ACCURACY * tolerance, FINEST)
         own = [(region, k, p.name) for region in thetas for k, p in enumerate(materials[region].parameters)]
         self._names = (*(str(ParameterName(region, name)) for region, _, name in own), FRICTION)
-        self._model, self._thetas, self._law = model, thetas, law
+        self._model, self._law = model, law
         n = len(self._names)
         self._friction = np.eye(n)[-1]
         modulus, slopes = _shear_modulus_slopes(
@@ -210,26 +211,35 @@ class Sensitivity:
         n_points = len(model.contact.positions(model.rest()))
         self._anchors = np.zeros((n, n_points, 3))
         self._position, self._loads = np.zeros((n, 6)), np.zeros((n, 6))
+        self._histories = model.body.at_rest(n)
         self.slopes = Slopes(self._names, np.zeros((n, 3)), np.zeros((n, 3)), self._position)
 
     def start(self) -> None:
         """Begin a load step: what it keeps of position and loads is kept of those here."""
         self._origin = self._position, self._loads
 
-    def balanced(self, displacements: FloatArray, load: ContactState, reached: Aim | None = None) -> None:
+    def balanced(
+        self,
+        displacements: FloatArray,
+        load: ContactState,
+        thetas: Mapping[str, FloatArray],
+        reached: Aim | None = None,
+    ) -> None:
         """Advance the derivatives from the last equilibrium state to this one.
 
         Parameters
         ----------
+        thetas : mapping of region to array
+            Materials in the load step.
         reached : Aim, optional
             What was prescribed, with the position that was found; given where loads are prescribed.
         """
         if not self.slopes.finite:
             return
         model = self._model
-        here = model.linearised(displacements, self._thetas)
-        rates = Rates(model, displacements, load, self._thetas)
-        body = self._body_rates(displacements)
+        here = model.linearised(displacements, thetas)
+        rates = Rates(model, displacements, load, thetas)
+        body = self._body_rates(displacements, thetas)
         held = np.zeros_like(self._moved)
         external = [rates.force(change) for change in self._changes(rates, held)]
         rhs = np.stack([model.free(e - b) for e, b in zip(external, body, strict=True)])
@@ -238,11 +248,16 @@ class Sensitivity:
         else:
             self._controlled(here, load, rates, rhs, body, reached)
         self._follow(rates, load, body, reached)
+        if self.slopes.finite:
+            moved, histories = self._moved, self._histories
+            self._histories = model.body.slopes_after(displacements, thetas, histories, moved)
 
-    def _body_rates(self, displacements: FloatArray) -> FloatArray:
-        """∂f_body/∂θ (m, n_nodes, 3), none for the friction."""
-        rates = self._model.body.rates(displacements, self._thetas)
-        return np.concatenate([*(rates[region] for region in self._thetas), np.zeros_like(self._moved[:1])])
+    def _body_rates(self, displacements: FloatArray, thetas: Mapping[str, FloatArray]) -> FloatArray:
+        """∂f_body/∂θ (m, n_nodes, 3) with the history's part; that alone for the friction."""
+        body, rates = self._model.body, self._model.body.rates(displacements, thetas)
+        found = np.concatenate([*(rates[region] for region in thetas), np.zeros_like(self._moved[:1])])
+        body.add_rates_of_history(displacements, thetas, self._histories, found)
+        return found
 
     def _changes(
         self, rates: Rates, moved: FloatArray, motions: Sequence[Motion | None] | None = None

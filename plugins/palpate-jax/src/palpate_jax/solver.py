@@ -126,6 +126,7 @@ class JaxSolver(Solver[JaxSettings]):
         indenters=None,
         motions=("depth", "rotation", "shift", "tilt", "load"),
         slopes=True,
+        relaxation=True,
         surface=True,
     )
 
@@ -165,7 +166,18 @@ class JaxSolver(Solver[JaxSettings]):
                 raise MeshError(
                     f"spot '{job.spot}': region '{region}' has no material; give it one in the study"
                 )
-            check_reference_state(job.materials[region], job.thetas[region])
+            material = job.materials[region]
+            check_reference_state(material, job.thetas[region])
+            if material.relaxation_times_s and protocol.time_s is None:
+                raise StudyError(
+                    f"region '{region}' relaxes, which needs the times of its press; give durations: "
+                    'motion = "moves"'
+                )
+            if material.relaxation_times_s and self.settings.fields != "none":
+                raise StudyError(
+                    f"region '{region}' relaxes, and the fields show no stress that has relaxed; "
+                    'set fields = "none"'
+                )
         named = self.settings.mean_dilatation
         for region in () if isinstance(named, bool) else named:
             if region not in limb.mesh.regions:
@@ -229,7 +241,7 @@ class JaxSolver(Solver[JaxSettings]):
         arrays = [b"" if each is None else each.tobytes() for each in (*motion, *values.values())]
         key = (protocol.indenter, protocol.friction, *arrays)
         if key not in prepared.warm_starts:
-            n_steps = len(self._schedule(protocol).targets)
+            n_steps = len(self._schedule(protocol, prepared).targets)
             n = len(next(iter(values.values())))
             found: dict[int, WarmStart] = {}
             # Each worker begins with another one, so that they share what none of them has.
@@ -285,14 +297,16 @@ class JaxSolver(Solver[JaxSettings]):
         sensitivity = Sensitivity(model, prepared.materials, thetas, law, tolerance) if job.slopes else None
         stepping = LoadStepping(model, thetas, law, tolerance, initial_guess, sensitivity)
         reached: list[LoadStep] = []
-        for state in stepping.along(self._schedule(protocol)):
+        for state in stepping.along(self._schedule(protocol, prepared)):
             if isinstance(state, Stop):
                 return stepping, reached, state
             reached.append(state)
         return stepping, reached, None
 
-    def _schedule(self, protocol: Indentation) -> Schedule:
-        return schedule(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
+    def _schedule(self, protocol: Indentation, prepared: _Prepared) -> Schedule:
+        times_s = [time for material in prepared.materials.values() for time in material.relaxation_times_s]
+        steps = self.settings.depth_steps, self.settings.rotation_step_deg
+        return schedule(protocol, *steps, min(times_s, default=0.0))
 
     def _write_fields(self, prepared: _Prepared, job: Job, reached: Sequence[LoadStep]) -> None:
         from palpate_jax.fields import FieldWriter  # here: slow to import, and rarely used

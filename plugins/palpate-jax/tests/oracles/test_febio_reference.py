@@ -13,12 +13,14 @@ import numpy as np
 import polars as pl
 import pytest
 
+from palpate.api import relaxing
 from palpate.domain import Indentation, Job, Limb, Mesh, Spot, Status
 from palpate.domain.indenter import Sphere
 from palpate.mesh.topology import CELLS
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
-from palpate_materials.uncoupled import Ogden
+from palpate_materials.relaxation import FORCE_OVER_TIME, TORQUE_OVER_TIME
+from palpate_materials.uncoupled import Ogden, Yeoh
 
 DATA = Path(__file__).parents[1] / "data" / "febio_reference"
 MATERIALS = {"ogden": Ogden, "neo_hookean": NeoHookean}
@@ -138,3 +140,59 @@ def test_patches_take_the_locking_out_of_that_forearm():
     """What FEBio's linear tetrahedra lock at ν = 0.44 on this mesh shows as the excess of its force."""
     excess = -compared("frictionless_arm_tet4", (0.4, 1.0), mean_dilatation=True)["signed force"]
     assert 0.1 < excess < 0.2
+
+
+# ------------------------------------------------------------------------------ relaxation
+
+RELAXING = Path(__file__).parents[3] / "palpate-materials" / "tests" / "data" / "relaxing_febio"
+LONG_TERM, TIMES_S, OVER_LONG_TERM = 1.4, (0.5, 5.0), (0.25, 0.15)
+"""Modulus at once over that of the long term, time constants, and what relaxes over that of the long term."""
+
+
+def relaxed_against_febio(case, material, at_once, isochoric, every):
+    """Largest differences of force and torque over their peaks: press, rest, twist and rest."""
+    rows = pl.read_csv(RELAXING / f"relaxing_bonded_{case}.csv")
+    corners = np.isin(rows["time_s"].to_numpy(), [0.0, 1.0, 5.0, 6.0, 10.0])
+    rows = rows.filter(corners | (np.arange(len(rows)) % every == 0))
+    theta = np.array([*at_once, *(g / LONG_TERM for g in OVER_LONG_TERM)])
+    job = Job(
+        spot="febio",
+        set_id=0,
+        materials={"soft_tissue": relaxing(material, TIMES_S, isochoric)},
+        thetas={"soft_tissue": theta},
+        protocol=Indentation(
+            indenter=Sphere(radius_mm=7.5),
+            path=rows.select("depth_mm", "angle_deg").to_numpy(),
+            friction=0.0,
+            time_s=rows["time_s"].to_numpy(),
+        ),
+        channels=(FORCE_OVER_TIME, TORQUE_OVER_TIME),
+    )
+    solver = JaxSolver(JaxSettings(depth_steps=2, rotation_step_deg=22.5, mean_dilatation=isochoric))
+    simulation = solver.simulate(job, limb_of(f"bonded_{case}", ("soft_tissue",)))
+    assert simulation.status is Status.OK, simulation.message
+    errors = []
+    for channel, column in (("force_over_time", "force_N"), ("torque_over_time", "torque_Nmm")):
+        curve, expected = simulation.response[channel], rows[column].to_numpy()
+        at = np.searchsorted(curve.time_s, rows["time_s"].to_numpy() - 1e-9)
+        errors.append(np.abs(curve.ordinate[at] - expected).max() / np.abs(expected).max())
+    print(f"{case}: force {errors[0]:.1e}, torque {errors[1]:.1e}")  # noqa: T201
+    return errors
+
+
+@pytest.mark.slow
+def test_force_and_torque_of_a_block_that_relaxes():
+    """All of the stress, as in FEBio's `viscoelastic`; the convolution is 15 % off in torque."""
+    at_once = LONG_TERM * 0.0735, 0.4434
+    force, torque = relaxed_against_febio("neo_hookean", NeoHookean(), at_once, False, 2)
+    assert force < 1e-3
+    assert torque < 1e-3
+
+
+@pytest.mark.slow
+def test_force_and_torque_of_a_block_whose_isochoric_stress_relaxes():
+    """As in `uncoupled viscoelastic`, whose bulk modulus is that of the long term: 0.07 % and 0.1 % off."""
+    at_once = *(LONG_TERM * c for c in (0.0129, -1e-3, 9.2e-5)), 0.6
+    force, torque = relaxed_against_febio("yeoh", Yeoh(), at_once, True, 3)
+    assert force < 2e-3
+    assert torque < 2e-3
