@@ -28,12 +28,15 @@ _LENGTH = struct.Struct("<Q")
 
 
 class _Pickler(pickle.Pickler):
-    """Sends a component as its class and settings, so that nothing it has cached travels."""
+    """Sends a component as its class and settings, so that nothing it has cached travels.
+
+    One that says by ``__reduce__`` how it is made is made so.
+    """
 
     def reducer_override(self, obj: object) -> Any:  # noqa: ANN401 - as pickle declares it
         if isinstance(obj, MappingProxyType):
             return _frozen, (dict(obj),)  # the type itself has no name to be found by
-        if isinstance(obj, Component):
+        if isinstance(obj, Component) and type(obj).__reduce__ is object.__reduce__:
             return type(obj), (obj.settings,)
         return NotImplemented
 

@@ -8,6 +8,7 @@ import pytest
 from palpate.api.mechanics import StandardMaterial
 from palpate.domain.relaxing import relaxing
 from palpate.errors import ParameterError
+from palpate.executors.worker import packed
 from palpate.testing import LinearMaterial
 from palpate_materials.uncoupled import Yeoh
 
@@ -35,10 +36,10 @@ def test_shares_add_up_to_less_than_one():
 
 def test_its_key_and_its_copies_know_the_times():
     material = relaxing(Yeoh(), TIMES_S, isochoric=True)
-    copy = pickle.loads(pickle.dumps(material))
-    assert copy == material
-    assert hash(copy) == hash(material)
-    assert copy.fingerprint() == Yeoh().fingerprint()
+    for copy in (pickle.loads(pickle.dumps(material)), pickle.loads(packed(material))):
+        assert copy == material
+        assert hash(copy) == hash(material)
+        assert copy.fingerprint() == Yeoh().fingerprint()
     others = Yeoh(), relaxing(Yeoh(), TIMES_S), relaxing(Yeoh(), (0.5,), isochoric=True)
     assert all(material != other for other in others)
     assert len({m.settings.model_dump_json() for m in (material, *others)}) == 4
