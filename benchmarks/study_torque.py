@@ -117,7 +117,7 @@ def worlds(
     say(f"\n{name}: {len(found)} of {n} simulated in {time.monotonic() - begun:.0f} s")
     force = 100.0 * np.median([of_friction(each.force(each.depth)[[0, -1]]) for _, each, _ in found])
     torque = 100.0 * np.median([of_friction(each.torque[[0, -2], TURN]) for _, each, _ in found])
-    say(f"0.1 of friction: {force:.1f} % of the force at its end, {torque:.1f} % of the torque at its turn")
+    say(f"friction + 10 %: {force:.1f} % of the force at its end, {torque:.1f} % of the torque at its turn")
     return found
 
 
