@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.api import IsotropicMaterial, relaxing
-from palpate.domain import Indentation, Job, Parameter, Status
+from palpate.domain import Channel, Indentation, Job, Parameter, Status
 from palpate.domain.indenter import Sphere
 from palpate.errors import StudyError
 from palpate.mesh.specimens import block
@@ -176,6 +176,9 @@ WHEN = (0.0, 1.0, 3.0, 4.0)
 TIGHT = {"depth_steps": 4, "rotation_step_deg": 7.5, "tolerance": 1e-10}
 LIMB = block("hex8", n_across=8, n_down=2, **SIZE)
 BONDED_MM = 4.0
+DEPTH_OVER_TIME = Channel(
+    name="depth_over_time", abscissa="time_s", ordinate="depth_mm", abscissa_label="", ordinate_label=""
+)
 
 
 def glued(limb):
@@ -326,14 +329,32 @@ def test_the_slope_in_friction_is_a_difference():
     )
 
 
-def test_under_a_constant_force_the_tool_sinks_in():
-    """Creep: the force of a press is held while the tissue relaxes."""
-    job = make_job([*YEOH, *SHARES], path=((0.0, 0.0), (4.0, 0.0), (4.0, 0.0)), when=(0.0, 1.0, 6.0))
+def held_force(values, **changes):
+    """Depth over time of a tool that presses with 1 N from 1 s to 6 s."""
+    path, when = ((0.0, 0.0), (4.0, 0.0), (4.0, 0.0)), (0.0, 1.0, 6.0)
+    job = make_job(values, path=path, when=when, channels=(DEPTH_OVER_TIME,), **changes)
     loads = np.full((3, 6), np.nan)
     loads[1:, 0] = 1.0
-    simulation = run(replace(job, protocol=replace(job.protocol, loads=loads)), tolerance=1e-5)
-    depth, force = (np.array(simulation.diagnostics[name]) for name in ("depth_mm", "force_N"))
-    late = np.flatnonzero(np.abs(force[:, 2] - 1.0) < 1e-4)
-    assert late.size > 5
-    assert (np.diff(depth[late]) > 0.0).all()
-    assert depth[late[-1]] > 1.2 * depth[late[0]]
+    return replace(job, protocol=replace(job.protocol, loads=loads))
+
+
+def test_under_a_constant_force_the_tool_sinks_in():
+    depth = run(held_force([*YEOH, *SHARES]), tolerance=1e-5).response["depth_over_time"]
+    late = depth.time_s >= 1.0
+    assert late.sum() > 5
+    assert (np.diff(depth.ordinate[late]) > 0.0).all()
+    assert depth.ordinate[-1] > 1.2 * depth.ordinate[late][0]
+
+
+@pytest.mark.slow
+def test_slopes_of_the_depth_under_a_constant_force_are_differences():
+    values = np.array([*YEOH, *SHARES])
+    found = run(held_force(values, slopes=True)).response["depth_over_time"]
+    for k, parameter in enumerate(relaxing(Yeoh(), TIMES_S).parameters):
+        slopes = found.slopes[f"soft_tissue.{parameter.name}"]
+        step = 1e-5 * found.ordinate.max() / np.abs(slopes).max() * np.eye(len(values))[k]
+        ahead, behind = (
+            run(held_force(values + sign * step)).response["depth_over_time"].ordinate for sign in (1, -1)
+        )
+        difference = (ahead - behind) / (2.0 * step[k])
+        assert np.abs(slopes - difference).max() < 2e-5 * np.abs(difference).max(), parameter.name
