@@ -16,7 +16,6 @@ import functools
 import operator
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from itertools import combinations_with_replacement, pairwise, product, repeat
@@ -35,7 +34,6 @@ from palpate.study.reading import StudySpot
 from palpate.study.tool import Tool
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.error_sources import ONSET_MM, RELATIVE
-from palpate_certainty.mesh_error import SpotMesh
 from palpate_planning.candidates import USUAL_PLACES, CandidatePress
 from palpate_planning.information import FisherInformation
 from palpate_planning.plan import ALL, Goal
@@ -169,13 +167,9 @@ class World:
             self.shapes[spot, channel] = np.linalg.cholesky(along) @ self.rng.normal(size=grid.size)
         return np.interp(path, grid, self.shapes[spot, channel])
 
-    def simulations(self, presses: Sequence[str]) -> strips.Here:
+    def simulations(self) -> strips.Here:
         """What answers jobs."""
         return strips.Here(self.study.solver, {})
-
-    def meshes(self, presses: Mapping[str, Indentation]) -> dict[str, SpotMesh]:
-        """Meshes of presses and candidates as far as they are known."""
-        return {}
 
     def spot(self, name: str, protocol: Indentation) -> StudySpot:
         """A press as a spot of a study."""
@@ -186,19 +180,17 @@ class World:
         spots = tuple(self.spot(name, protocol) for name, (protocol, _) in presses.items())
         study = replace(self.study, spots=spots)
         measured = {name: response for name, (_, response) in presses.items()}
-        meshes = self.meshes({name: protocol for name, (protocol, _) in presses.items()})
         parameters = study.space.parameters
         stage = JointFit(
             study=study,
             design=Design(parameters=parameters, values=np.zeros((0, len(self.row))), seed=1, n_drawn=0),
             measured=measured,
             scores=pl.DataFrame(),
-            simulations=self.simulations(list(presses)),
+            simulations=self.simulations(),
             abscissae={"force": "depth_mm", "torque": "rotation_deg"},
-            refinement={name: meshes[name].refinement for name in presses if name in meshes},
         )
         (case,) = stage.run()
-        certainty = Assessment(study=study, measured=measured, meshes=meshes)
+        certainty = Assessment(study=study, measured=measured)
         columns, failures = certainty.columns(case)
         others = [self.spot(name, study.protocol) for name in THICKNESS if name not in presses]
         return PlanningStage(
@@ -206,7 +198,7 @@ class World:
             measured=measured,
             assessed=certainty.assess(case, columns, failures),
             columns=columns,
-            meshes=meshes,
+            meshes={},
         )
 
     def tool_force(self, row: np.ndarray) -> float:
@@ -224,7 +216,6 @@ class JointFit(FitStage):
         (scenario,) = self.study.scenarios
         case = Case(ALL_SPOTS, self.study.spot_names, scenario)
         self._search([case], {id(case): []})
-        self._correct([case])
         return [case]
 
 

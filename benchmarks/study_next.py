@@ -2,8 +2,8 @@
 
 Sessions as those of ``bench_next.py`` on the demo's forearm: four spots, each pressed 5 or 10 mm deep without
 a twist, with ±22.5° and with ±45°. The truth is a random Yeoh material of the ranges, on other and finer
-meshes; fits and candidates are corrected by finer meshes as ``palpate next`` makes them. Each session has
-noise, drift, gains, friction and bulk modulus of its own, which the fit does not know.
+meshes. Each session has noise, drift, gains, friction and bulk modulus of its own, which the fit does not
+know.
 
 Finite elements give the curves of a few materials; between these each is emulated as in
 ``study_prediction.py``. The tool whose force is predicted is the plate of the ready study, 5 mm deep at p1,
@@ -13,7 +13,7 @@ on the mesh of the fit. What is in FOLDER is not simulated again.
 """
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import compress, product
 from pathlib import Path
@@ -21,9 +21,8 @@ from types import SimpleNamespace
 
 import bench_next as sessions
 import numpy as np
-import study_prediction
 from bench_inadequate import NOISE, REGION, dense, ready, ready_with_fine, say
-from study_prediction import N_COARSE, N_FINE, RELATIVE, SPOTS, Channel, accepted, emulator, on_grid
+from study_prediction import BUDGET, N_COARSE, N_FINE, RELATIVE, SPOTS, Channel, accepted, emulator
 
 from palpate import Curve, Job, Response, Simulation, Status
 from palpate.domain import Indentation
@@ -33,18 +32,10 @@ from palpate.plugins.catalogue import Plugins
 from palpate.simulation.sweep import Simulations
 from palpate.study.reading import StudySpot
 from palpate.study.tool import read_tool
-from palpate_certainty.mesh_error import SpotMesh
 from palpate_planning.candidates import CandidatePress
-from palpate_planning.presses import press_meshes
 
 DEPTHS_MM, TWISTS_DEG = (5.0, 10.0), (0.0, 22.5, 45.0)
 AT, TOOL_DEPTH_MM = "p1", 5.0
-BUDGET = study_prediction.BUDGET.model_copy(update={"mesh": {}})
-"""That of the mesh is what finer meshes show."""
-SMALL = 0.02
-"""Ordinates over the largest below which no ratio of two curves is taken."""
-N_ADDED = 2
-"""Materials at which what the finer meshes add is simulated; its mean over the ordinates is taken."""
 
 
 class Phantom:
@@ -62,30 +53,20 @@ class Phantom:
         path = np.array([(0.0, 0.0), (TOOL_DEPTH_MM, 0.0)])
         self.tool = replace(tool, protocol=replace(tool.protocol, path=path, loads=None))
         twisted = [key for key in product(SPOTS, DEPTHS_MM, TWISTS_DEG) if key[2]]
-        self.candidates = [
-            CandidatePress(name=_name(*key), spot=key[0], protocol=self.protocol(*key))
-            for key in product(SPOTS, DEPTHS_MM, TWISTS_DEG)
-        ]
-        self.meshes, finer = press_meshes(self.study, self.candidates)
-        limbs |= finer
         with Simulations(self.study, folder, limbs) as simulations:
             jobs = [self._job(AT, self.tool.protocol, row, slopes=True) for row in self.rows]
             for spot, *press in twisted:
                 protocol = self.protocol(spot, *press)
                 jobs += [self._job(spot, protocol, row, slopes=True) for row in self.rows]
                 jobs += [self._job(f"{spot} true", protocol, row) for row in self.rows[:N_FINE]]
-                added = f"{_name(spot, *press)}/fine"
-                jobs += [self._job(added, protocol, row) for row in self.rows[:N_ADDED]]
             found = iter(simulations.of([replace(job, set_id=-1 - k) for k, job in enumerate(jobs)]))
             pressed = [_answer(next(found))["force"] for _ in self.rows]
             self.force = self._force(pressed)
-            self.channels, self.added = {}, {}
+            self.channels = {}
             for key in twisted:
                 coarse = [_answer(next(found)) for _ in self.rows]
-                true = [_answer(next(found)) for _ in range(N_FINE)]
-                fine = [_answer(next(found)) for _ in range(N_ADDED)]
-                self.channels[key] = self._channels(coarse, true)
-                self.added[key] = {n: _added(c.x, coarse, fine, n) for n, c in self.channels[key].items()}
+                fine = [_answer(next(found)) for _ in range(N_FINE)]
+                self.channels[key] = self._channels(coarse, fine)
 
     def _channels(self, coarse: Sequence[Response], fine: Sequence[Response]) -> dict[str, Channel]:
         """Curves of a press, by the materials at which it has slopes."""
@@ -94,11 +75,6 @@ class Phantom:
         chosen = list(compress(coarse, has_slopes))
         with_fine = list(compress(fine, has_slopes))
         return {n: Channel(used, [r[n] for r in chosen], [r[n] for r in with_fine]) for n in coarse[0]}
-
-    def mesh(self, spot: str, protocol: Indentation) -> SpotMesh:
-        """Mesh under a press."""
-        depth, twist = (float(np.abs(column).max()) for column in protocol.path[:, :2].T)
-        return self.meshes[_name(spot, depth, twist)]
 
     def protocol(self, spot: str, depth_mm: float, twist_deg: float) -> Indentation:
         """A press and twist of the study's sphere."""
@@ -132,36 +108,14 @@ class Phantom:
         return Curve(channel="force", abscissa=TOOL_DEPTH_MM * ends, ordinate=size * ends, slopes=slopes)
 
     def curves(
-        self, spot: str, protocol: Indentation, row: np.ndarray, changes: np.ndarray, mesh: str
+        self, spot: str, protocol: Indentation, row: np.ndarray, changes: np.ndarray, *, fine: bool
     ) -> Response:
-        """A press, with changes of the bulk modulus and the friction; without a twist, as before one.
-
-        The ``mesh`` is that of the fit where it has no name, ``fine`` its finer one, and ``true``.
-        """
+        """A press, with changes of the bulk modulus and the friction; without a twist, as before one."""
         depth, twist = (float(np.abs(column).max()) for column in protocol.path[:, :2].T)
         assert np.array_equal(protocol.path[:, :2], self.protocol(spot, depth, twist).path[:, :2])
-        key = (spot, depth, twist or min(filter(None, TWISTS_DEG)))
-        found = {}
-        for n in ("force", "torque") if twist else ("force",):
-            curve = self.channels[key][n].curve(n, row, changes, fine=mesh == "true")
-            larger = 1.0 + self.added[key][n] if mesh == "fine" else np.ones(curve.ordinate.size)
-            slopes = {name: larger * slope for name, slope in curve.slopes.items()}
-            found[n] = replace(curve, ordinate=larger * curve.ordinate, slopes=slopes)
-        return Response(curves=found)
-
-
-def _name(spot: str, depth_mm: float, twist_deg: float) -> str:
-    return f"{spot}-{depth_mm:g}-{twist_deg:g}"
-
-
-def _added(x: np.ndarray, coarse: Sequence[Response], fine: Sequence[Response], name: str) -> np.ndarray:
-    """What a finer mesh adds to a curve (n,), over its ordinates; 0 where these are small."""
-    found = []
-    for one, other in zip(coarse, fine, strict=False):
-        y, finer = (on_grid(each[name], x) for each in (one, other))
-        large = np.abs(y) > SMALL * np.abs(y).max()
-        found.append(np.where(large, finer - y, 0.0) / np.where(large, y, 1.0))
-    return np.mean(found, axis=0)
+        channels = self.channels[spot, depth, twist or min(filter(None, TWISTS_DEG))]
+        names = ("force", "torque") if twist else ("force",)
+        return Response(curves={n: channels[n].curve(n, row, changes, fine=fine) for n in names})
 
 
 def _answer(simulation: Simulation) -> Response:
@@ -172,16 +126,10 @@ def _answer(simulation: Simulation) -> Response:
 
 @dataclass
 class Emulated:
-    """Answers jobs as ``Simulations`` does; presses by name have finer meshes."""
+    """Answers jobs as ``Simulations`` does."""
 
     phantom: Phantom
-    presses: Sequence[str] = ()
     known: dict = field(default_factory=dict)
-
-    @property
-    def limbs(self) -> dict[str, None]:
-        """Meshes by name."""
-        return dict.fromkeys([*self.presses, *(f"{name}/fine" for name in self.presses)])
 
     def of(self, jobs: Sequence[Job]) -> list[Simulation]:
         """Simulations of jobs, in their order."""
@@ -196,7 +144,7 @@ class Emulated:
         changes = np.array(
             [theta[3] - bulk, job.protocol.friction - phantom.study.protocol_at(spot).friction]
         )
-        return phantom.curves(spot, job.protocol, theta[:3], changes, job.mesh)
+        return phantom.curves(spot, job.protocol, theta[:3], changes, fine=False)
 
 
 class World(sessions.World):
@@ -210,11 +158,16 @@ class World(sessions.World):
         bulk = self.study.space.thetas(self.row)[REGION][3]
         friction = self.study.protocol_at(AT).friction
         self.changes = RELATIVE * rng.normal(size=2) * [bulk, friction]
-        self.candidates = phantom.candidates
+        self.candidates = [
+            CandidatePress(
+                name=f"{spot}-{depth:g}-{twist:g}", spot=spot, protocol=phantom.protocol(spot, depth, twist)
+            )
+            for spot, depth, twist in product(SPOTS, DEPTHS_MM, TWISTS_DEG)
+        ]
 
     def press(self, spot: str, protocol: Indentation) -> Response:
         """Measure a press."""
-        true = self.phantom.curves(spot, protocol, self.row, self.changes, "true")
+        true = self.phantom.curves(spot, protocol, self.row, self.changes, fine=True)
         return Response(
             curves={name: self._measured(spot, curve, 0.0) for name, curve in true.curves.items()}
         )
@@ -226,14 +179,9 @@ class World(sessions.World):
         y = y + NOISE * peak * self.rng.normal(size=x.size)
         return Curve(channel=curve.channel, abscissa=x - onset, ordinate=y).cut(slice(1, None))
 
-    def simulations(self, presses: Sequence[str]) -> Emulated:
+    def simulations(self) -> Emulated:
         """What answers jobs."""
-        return Emulated(self.phantom, presses)
-
-    def meshes(self, presses: Mapping[str, Indentation]) -> dict[str, SpotMesh]:
-        """Meshes of presses so far, at a place by its name, and of candidates."""
-        known = {name: self.phantom.mesh(name[:2], protocol) for name, protocol in presses.items()}
-        return {**self.phantom.meshes, **known}
+        return Emulated(self.phantom)
 
     def spot(self, name: str, protocol: Indentation) -> StudySpot:
         """A press as a spot of the study, at the place of the same limb."""
