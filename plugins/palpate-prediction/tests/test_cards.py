@@ -11,6 +11,7 @@ import polars as pl
 import pytest
 
 from palpate import mechanics
+from palpate.api import relaxing
 from palpate.errors import MaterialError
 from palpate.fit.fitted import Fitted
 from palpate.run.result import CertaintyResult, FitResult
@@ -42,13 +43,15 @@ def origins_of(material):
 def data(name, **changes):
     material, theta = CASES[name]
     given = {
+        "material": material,
+        "theta": np.array(theta),
         "title": "arm",
         "region": "tissue",
         "intervals": {},
         "strain": {},
         **origins_of(material),
     } | changes
-    return CardData(material=material, theta=np.array(theta), **given)
+    return CardData(**given)
 
 
 # ------------------------------------------- what each program does with its numbers, by its manual
@@ -227,6 +230,18 @@ def test_json_has_every_material_and_others_are_refused_with_the_reason():
     for program in READERS:
         with pytest.raises(MaterialError, match=f"'demiray' cannot be written for {program}: its class decl"):
             PROGRAMS[program](given)
+
+
+def test_a_material_that_relaxes_is_refused_but_by_json():
+    material, theta = relaxing(Yeoh(), [10.0]), np.array([*CASES["yeoh"][1], 0.2])
+    given = data("yeoh", material=material, theta=theta, **origins_of(material))
+    for program in PROGRAMS.keys() - {"json"}:
+        with pytest.raises(MaterialError, match=f"'yeoh' relaxes, and cards for {program} have no relax"):
+            PROGRAMS[program](given)
+    card, elastic = (json.loads(PROGRAMS["json"](each)) for each in (given, data("yeoh")))
+    assert card["energy"] == elastic["energy"]
+    assert card["settings"]["relaxation_times_s"] == [10.0]
+    assert card["parameters"]["relaxed_10s"]["value"] == 0.2
 
 
 def test_json_has_the_formula_alone():

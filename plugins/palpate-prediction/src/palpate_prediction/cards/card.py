@@ -75,8 +75,13 @@ def check_form(data: CardData, program: str) -> EnergyForm:
     Raises
     ------
     MaterialError
-        The material declares none.
+        The material declares none, or relaxes.
     """
+    if data.material.relaxation_times_s:
+        raise MaterialError(
+            f"material '{data.material.name}' relaxes, and cards for {program} have no relaxation; "
+            "use --for json"
+        )
     if not isinstance(data.material, StandardMaterial):
         raise MaterialError(
             f"material '{data.material.name}' cannot be written for {program}: its class declares no "
