@@ -4,16 +4,20 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
+import numpy as np
 from pydantic import Field, create_model
 
 from palpate.domain.component import NO_FIELDS, Array
 from palpate.domain.curves import FloatArray
 from palpate.domain.material import HyperelasticMaterial, Material
 from palpate.domain.parameter import Parameter
-from palpate.errors import ParameterError
+from palpate.errors import MaterialError, ParameterError
 
 LARGEST_TOTAL = 0.9
 """Sum of the shares at the upper ends of their ranges."""
+
+SHORTEST_S = 1e-3
+"""Unit of the times in the names of shares."""
 
 
 class RelaxingMaterial(HyperelasticMaterial):
@@ -36,15 +40,24 @@ class RelaxingMaterial(HyperelasticMaterial):
     def _own(self, theta: Array) -> Array:
         return theta[: len(self.elastic.parameters)]
 
-    def _factors(self, convention: str) -> tuple[float, ...]:
-        return (*self.elastic._factors(convention), *(1.0 for _ in self.relaxation_times_s))
+    def _shares(self, theta: Array) -> Array:
+        return theta[len(self.elastic.parameters) :]
+
+    def to_textbook(self, values: FloatArray, convention: str) -> FloatArray:  # noqa: D102
+        return np.append(self.elastic.to_textbook(self._own(values), convention), self._shares(values))
+
+    def from_textbook(self, theta: FloatArray, convention: str) -> FloatArray:  # noqa: D102
+        return np.append(self.elastic.from_textbook(self._own(theta), convention), self._shares(theta))
 
     def check(self, theta: FloatArray) -> None:
         """Refuse what the elastic material refuses, and shares that add up to 1."""
-        super().check(theta)
+        HyperelasticMaterial.check(self, theta)  # that of the elastic class takes its own values alone
         self.elastic.check(self._own(theta))
-        if not (total := float(sum(theta[len(self.elastic.parameters) :]))) < 1.0:
-            raise ParameterError(f"shares that relax add up to {total:.3g}; they are less than 1")
+        if not (total := float(np.sum(self._shares(theta)))) < 1.0:
+            raise ParameterError(
+                f"material '{self.name}': shares that relax add up to {total:.3g}; they are less than 1, "
+                "so lower their values or upper bounds"
+            )
 
     def fingerprint(self) -> str:  # noqa: D102
         return str(self.elastic.fingerprint())
@@ -58,14 +71,27 @@ def _relaxing(elastic: type[Any]) -> Any:  # noqa: ANN401
     """Class of the relaxing form of materials of a class, whose settings have the times too."""
     added: Any = {"relaxation_times_s": (tuple[float, ...], Field()), "relaxes_isochoric": (bool, Field())}
     settings = create_model(elastic.Settings.__name__, __base__=elastic.Settings, **added)
-    return type(f"Relaxing{elastic.__name__}", (RelaxingMaterial, elastic), {"Settings": settings})
+    own = {"Settings": settings, "__doc__": elastic.__doc__}
+    return type(f"Relaxing{elastic.__name__}", (RelaxingMaterial, elastic), own)
 
 
 def relaxing(material: Material, times_s: Sequence[float], isochoric: bool = False) -> Material:
     """The material with shares of its stress that relax, parameters such as ``relaxed_10s`` after its own.
 
     With ``isochoric`` only the stress of the isochoric part of its energy, Ψ(J^(-1/3) F), relaxes.
+
+    Raises
+    ------
+    MaterialError
+        A time constant is shorter than 1 ms, or two are less than that apart: shares have names in ms.
     """
+    in_range = all(SHORTEST_S <= time < np.inf for time in times_s)
+    if not (in_range and len({round(time / SHORTEST_S) for time in times_s}) == len(times_s)):
+        given = ", ".join(f"{time:g} s" for time in times_s)
+        raise MaterialError(
+            f"time constants are at least {1e3 * SHORTEST_S:g} ms, and that far apart, got {given}; "
+            "change or remove one"
+        )
     cls, times = _relaxing(type(material)), tuple(map(float, times_s))
     own = {"relaxation_times_s": times, "relaxes_isochoric": isochoric}
     shares = tuple(_share(time, LARGEST_TOTAL / len(times)) for time in times)

@@ -178,7 +178,10 @@ def _region(context: Context, name: str, table: RegionTable) -> RegionMaterial |
     if material is None:
         return None
     if table.relaxation_times:
-        material = relaxing(material, table.relaxation_times, table.relaxing_stress == "isochoric")
+        with context.problems.at(*key, "relaxation_times"):
+            material = relaxing(material, table.relaxation_times, table.relaxing_stress == "isochoric")
+    elif table.relaxing_stress != "all":
+        context.problems.add((*key, "relaxing_stress"), "nothing relaxes; give relaxation_times too")
     defaults: dict[str, Parameter] = {}
     with context.problems.at(*key, "convention"):
         defaults = {p.name: p for p in _in_convention(material, table.convention)}

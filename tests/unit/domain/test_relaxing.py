@@ -7,10 +7,10 @@ import pytest
 
 from palpate.api.mechanics import StandardMaterial
 from palpate.domain.relaxing import relaxing
-from palpate.errors import ParameterError
+from palpate.errors import MaterialError, ParameterError
 from palpate.executors.worker import packed
 from palpate.testing import LinearMaterial
-from palpate_materials.uncoupled import Yeoh
+from palpate_materials.uncoupled import Ogden, Yeoh
 
 TIMES_S = (0.5, 10.0)
 THETA = np.array([0.0141, -0.0011, 1.05e-4, 0.4, 0.3, 0.2])
@@ -32,6 +32,19 @@ def test_shares_add_up_to_less_than_one():
     with pytest.raises(ParameterError, match=r"shares that relax add up to 1\.1; they are less than 1"):
         material.check(np.array([0.3, 0.5, 0.6]))
     assert sum(p.upper for p in material.parameters[1:]) < 1.0
+
+
+def test_a_share_is_no_parameter_of_the_elastic_material():
+    """Ogden refuses exponents of zero, and nothing relaxes at the lower end of a share."""
+    relaxing(Ogden(), TIMES_S).check(np.array([0.06, 3.1, 0.4, 0.0, 0.0]))
+    with pytest.raises(MaterialError, match="exponent m1 = 0"):
+        relaxing(Ogden(), TIMES_S).check(np.array([0.06, 0.0, 0.4, 0.1, 0.1]))
+
+
+@pytest.mark.parametrize("times_s", [(1.0, 1.0), (1.0001, 1.0002), (1e-4,), (0.0,), (np.inf,), (np.nan,)])
+def test_shares_have_names_of_their_own(times_s):
+    with pytest.raises(MaterialError, match="time constants are at least 1 ms, and that far apart, got "):
+        relaxing(Yeoh(), times_s)
 
 
 def test_its_key_and_its_copies_know_the_times():

@@ -144,6 +144,12 @@ def test_shares_of_the_stress_that_relax_are_parameters_where_the_solver_knows_t
     provide(plugins, monkeypatch, "closed_form", relaxation=True)
     names = read_text(tmp_path, plugins, text).space.names
     assert names == ("rubber.k", "rubber.relaxed_250ms", "rubber.relaxed_60s")
+    (message,) = messages(tmp_path, plugins, text.replace("1 min", "250 ms"))
+    assert "region.rubber.relaxation_times: time constants are at least 1 ms, and that far apart" in message
+    (message,) = messages(
+        tmp_path, plugins, TEXT.replace(material, f'{material}\nrelaxing_stress = "isochoric"')
+    )
+    assert "region.rubber.relaxing_stress: nothing relaxes; give relaxation_times too" in message
 
 
 def test_a_spot_has_a_motion_of_its_own(
