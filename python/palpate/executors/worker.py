@@ -30,7 +30,7 @@ _LENGTH = struct.Struct("<Q")
 class _Pickler(pickle.Pickler):
     """Sends a component as its class and settings, so that nothing it has cached travels.
 
-    One that says by ``__reduce__`` how it is made is made so.
+    A class with a ``__reduce__`` of its own is sent by that.
     """
 
     def reducer_override(self, obj: object) -> Any:  # noqa: ANN401 - as pickle declares it
