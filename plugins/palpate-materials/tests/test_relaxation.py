@@ -184,7 +184,9 @@ class TestRelaxing(ParametrisationContract):
             Relaxing().inputs(twice, "p1", protocol, {})
 
 
-@pytest.mark.parametrize("times", [["0 s", "1 s"], ["2 s", "1 s"], ["1 s", "1 s"]])
+@pytest.mark.parametrize(
+    "times", [["0 s", "1 s"], ["2 s", "1 s"], ["1 s", "1 s"], ["0.1 ms"], ["1.0001 s", "1.0002 s"]]
+)
 def test_times_grow_from_above_zero(times):
     with pytest.raises(ValueError, match="above 0 and grow"):
         RelaxingSettings(relaxation_times=times)

@@ -158,8 +158,9 @@ class RelaxingSettings(StandardSettings):
     @field_validator("relaxation_times")
     @classmethod
     def _grow(cls, times: tuple[float, ...]) -> tuple[float, ...]:
-        if not (times[0] > 0.0 and (np.diff(times) > 0.0).all()):
-            raise ValueError("time constants are above 0 and grow")
+        in_ms = np.round(1000.0 * np.array(times))  # as in the names of the shares
+        if not (in_ms[0] > 0.0 and (np.diff(in_ms) > 0.0).all()):
+            raise ValueError("time constants are above 0 and grow, by 1 ms or more")
         return times
 
 
