@@ -22,10 +22,10 @@ from palpate.study.model import (
     BudgetTable,
     ScenarioTable,
     SelectionTable,
-    Tables,
 )
 from palpate.study.problems import Problems, choice
 from palpate.study.source_positions import Key
+from palpate.study.tables import Tables
 
 C = TypeVar("C", bound=Component)
 

@@ -5,8 +5,6 @@ This decides what a file may look like; what its names mean is for
 """
 
 import reprlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
@@ -480,29 +478,3 @@ class StudyFile(Table):
     truth: dict[str, Any] = Field(
         default={}, description="Known answer by region.parameter, for simulated data only."
     )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tables:
-    """The tables of one file; None or empty where a table is absent or not valid.
-
-    ``written`` names the tables that the file has, valid or not.
-    """
-
-    written: frozenset[str]
-    study: StudyTable | None = None
-    spot: Sequence[SpotTable] = ()
-    experiment: ExperimentTable | None = None
-    limb: LimbTable | None = None
-    protocol: ProtocolTable | None = None
-    region: Mapping[str, RegionTable] = field(default_factory=dict)
-    sampling: SamplingTable | None = None
-    solver: SolverTable | None = None
-    executor: ExecutorTable | None = None
-    scoring: ScoringTable | None = None
-    selection: SelectionTable | None = None
-    fit: FitTable | None = None
-    budget: BudgetTable | None = None
-    scenario: Sequence[ScenarioTable] = ()
-    stages: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    truth: Mapping[str, Any] = field(default_factory=dict)

@@ -8,15 +8,14 @@ import types
 import typing
 from collections.abc import Container, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Any, TypeVar
 
-from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from palpate.errors import PalpateError, StudyError
 from palpate.plugins.registry import suggestion
-from palpate.study.model import StudyFile, Tables
 from palpate.study.source_positions import Key, KeyLines, dotted
 
 T = TypeVar("T")
@@ -176,27 +175,6 @@ def _plain(annotation: object) -> object:
         kept = [arg for arg in typing.get_args(annotation) if arg is not type(None)]
         return _plain(kept[0]) if len(kept) == 1 else functools.reduce(operator.or_, kept)
     return annotation
-
-
-def read_tables(raw: Mapping[str, Any], problems: Problems) -> Tables:
-    """Check the shape of a study file, table by table, so that one bad table hides no other."""
-    valid: dict[str, Any] = {}
-    for name, field in StudyFile.model_fields.items():
-        if name not in raw:
-            if field.is_required():
-                problems.add((), f"missing table [{name}]; add it")
-            elif field.default is not None:
-                valid[name] = field.default
-            continue
-        try:
-            table: Any = Annotated[field.annotation, field]
-            valid[name] = TypeAdapter(table).validate_python(raw[name])
-        except ValidationError as error:
-            problems.add_invalid((name,), error, field.annotation)
-    for name in raw.keys() - StudyFile.model_fields.keys():
-        known = tuple(StudyFile.model_fields)
-        problems.add((name,), f"unknown table{suggestion(name, known)} (known: {', '.join(known)})")
-    return Tables(written=frozenset(raw), **valid)
 
 
 def require(value: T | None) -> T:

@@ -24,12 +24,13 @@ from palpate.study.build import (
     check_budget,
     check_parametrisation,
 )
-from palpate.study.model import BudgetTable, ExecutorTable, Tables
-from palpate.study.problems import ModelT, Problems, read_tables, require
+from palpate.study.model import BudgetTable, ExecutorTable
+from palpate.study.problems import ModelT, Problems, require
 from palpate.study.regions import build_space, build_truth, display_units
 from palpate.study.solver_checks import check_solver
 from palpate.study.source_positions import MOST_BYTES, MOST_SIMULATIONS, KeyLines, check_plain, dotted
 from palpate.study.spots import StudySpot, build_protocol, build_spots
+from palpate.study.tables import Tables, read_tables
 
 __all__ = ["Study", "StudySpot", "read_options", "read_study", "relative", "with_study_plugins"]
 

@@ -13,9 +13,10 @@ from palpate.domain.parameters import ratio_of
 from palpate.domain.relaxing import relaxing
 from palpate.errors import PalpateError
 from palpate.study.build import Context, build_component
-from palpate.study.model import ParameterTable, RegionTable, Tables
+from palpate.study.model import ParameterTable, RegionTable
 from palpate.study.problems import Problems, choice
 from palpate.study.source_positions import Key
+from palpate.study.tables import Tables
 from palpate.units import convert, convert_factor, unit_of
 
 _NAME = re.compile(r"([\w-]+\.)?[^\W\d]\w*")

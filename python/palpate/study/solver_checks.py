@@ -5,8 +5,9 @@ from collections.abc import Iterable, Sequence
 from palpate.domain import ParameterSpace, Protocol, Scenario, channel_of
 from palpate.plugins.interfaces import Solver
 from palpate.study.build import Context
-from palpate.study.model import ProtocolTable, SelectionTable, SpotProtocolTable, Tables
+from palpate.study.model import ProtocolTable, SelectionTable, SpotProtocolTable
 from palpate.study.source_positions import Key
+from palpate.study.tables import Tables
 
 OTHER = "choose another of either"
 

@@ -13,8 +13,9 @@ from palpate.errors import MeshError
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import ExperimentLoader
 from palpate.study.build import Context, build_component
-from palpate.study.model import ExperimentTable, ProtocolTable, SpotTable, Tables
+from palpate.study.model import ExperimentTable, ProtocolTable, SpotTable
 from palpate.study.source_positions import MOST_BYTES, Key, check_plain
+from palpate.study.tables import Tables
 
 
 def mesh_note(mesh: Path) -> dict[str, Any] | None:

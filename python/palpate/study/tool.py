@@ -11,12 +11,13 @@ from palpate.domain import Indentation, Spot
 from palpate.errors import StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.study.build import Context
-from palpate.study.model import FileName, Length, Name, ProtocolTable, Table, Tables
+from palpate.study.model import FileName, Length, Name, ProtocolTable, Table
 from palpate.study.problems import Problems, require
 from palpate.study.reading import Study, parse_toml
 from palpate.study.solver_checks import check_protocols
 from palpate.study.source_positions import KeyLines
 from palpate.study.spots import StudySpot, build_protocol
+from palpate.study.tables import Tables
 from palpate.units import Quantity, unit_of
 
 Pressure = Annotated[float, Quantity("MPa")]
