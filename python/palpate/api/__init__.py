@@ -69,7 +69,7 @@ if TYPE_CHECKING:
         IsotropicMaterial as IsotropicMaterial,
         Material as Material,
     )
-    from palpate.domain.relaxing import relaxing as relaxing
+    from palpate.domain.relaxing import relaxing as relaxing, time_name as time_name
     from palpate.errors import (
         CurveError as CurveError,
         MaterialError as MaterialError,

@@ -102,8 +102,12 @@ def relaxing(material: Material, times_s: Sequence[float], isochoric: bool = Fal
     return result
 
 
+def time_name(time_s: float) -> str:
+    """Time in the name of a share: in whole seconds, else in ms."""
+    return f"{time_s:.0f}s" if time_s == round(time_s) else f"{1000.0 * time_s:.0f}ms"
+
+
 def _share(time_s: float, upper: float) -> Parameter:
-    time = f"{time_s:.0f}s" if time_s == round(time_s) else f"{1000.0 * time_s:.0f}ms"
     text = f"share of the stress that relaxes with {time_s:g} s"
     ends: Any = {"lower": 0.0, "upper": upper, "physical_lower": 0.0, "physical_upper": 1.0}
-    return Parameter(name=f"relaxed_{time}", unit="", kind="shape", description=text, **ends)
+    return Parameter(name=f"relaxed_{time_name(time_s)}", unit="", kind="shape", description=text, **ends)

@@ -38,6 +38,7 @@ from palpate.api import (
     Stage,
     StudyError,
     Summary,
+    time_name,
 )
 from palpate.api.experiment import TIME
 from palpate.api.fit import SpotInputs, StandardParametrisation, StandardSettings, for_each_spot
@@ -176,7 +177,7 @@ class Relaxing(StandardParametrisation):
     @property
     def times_s(self) -> dict[str, float]:
         """Time constants, by the names of their shares."""
-        return {f"{RELAXED}.{_label(time)}": time for time in self.settings.relaxation_times}
+        return {f"{RELAXED}.{time_name(time)}": time for time in self.settings.relaxation_times}
 
     def parameters(self, space: ParameterSpace, spots: Sequence[str]) -> tuple[Parameter, ...]:
         """Parameters of the standard parametrisation, then a share for each time, the same at all spots."""
@@ -224,10 +225,6 @@ class Relaxing(StandardParametrisation):
         if not indents:
             yield ("relaxation_times",), 'homogeneous tests have no times; use parametrisation = "standard"'
         yield from super().unusable(channels, indents=indents)
-
-
-def _label(time_s: float) -> str:
-    return f"{time_s:.0f}s" if time_s == round(time_s) else f"{1000.0 * time_s:.0f}ms"
 
 
 class RelaxationOverTime(Stage):
