@@ -69,7 +69,12 @@ if TYPE_CHECKING:
         IsotropicMaterial as IsotropicMaterial,
         Material as Material,
     )
-    from palpate.domain.relaxing import relaxing as relaxing, time_name as time_name
+    from palpate.domain.relaxing import (
+        checked_times as checked_times,
+        relaxed_share as relaxed_share,
+        relaxing as relaxing,
+        time_name as time_name,
+    )
     from palpate.errors import (
         CurveError as CurveError,
         MaterialError as MaterialError,

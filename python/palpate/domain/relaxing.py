@@ -83,18 +83,13 @@ def relaxing(material: Material, times_s: Sequence[float], isochoric: bool = Fal
     Raises
     ------
     MaterialError
-        A time constant is shorter than 1 ms, or two are less than that apart: shares have names in ms.
+        The material relaxes already, or :func:`checked_times` refuses the times.
     """
-    in_range = all(SHORTEST_S <= time < np.inf for time in times_s)
-    if not (in_range and len({round(time / SHORTEST_S) for time in times_s}) == len(times_s)):
-        given = ", ".join(f"{time:g} s" for time in times_s)
-        raise MaterialError(
-            f"time constants are at least {1e3 * SHORTEST_S:g} ms, and that far apart, got {given}; "
-            "change or remove one"
-        )
-    cls, times = _relaxing(type(material)), tuple(map(float, times_s))
+    if material.relaxation_times_s:
+        raise MaterialError(f"material '{material.name}' relaxes already; give it all times at once")
+    cls, times = _relaxing(type(material)), checked_times(times_s)
     own = {"relaxation_times_s": times, "relaxes_isochoric": isochoric}
-    shares = tuple(_share(time, LARGEST_TOTAL / len(times)) for time in times)
+    shares = (relaxed_share(f"relaxed_{time_name(t)}", t, LARGEST_TOTAL / len(times)) for t in times)
     result: Material = cls.__new__(cls)
     vars(result).update(vars(material) | own)
     vars(result).update(elastic=material, parameters=(*material.parameters, *shares))
@@ -107,7 +102,26 @@ def time_name(time_s: float) -> str:
     return f"{time_s:.0f}s" if time_s == round(time_s) else f"{1000.0 * time_s:.0f}ms"
 
 
-def _share(time_s: float, upper: float) -> Parameter:
+def checked_times(times_s: Sequence[float]) -> tuple[float, ...]:
+    """Time constants whose shares have names of their own, in ms.
+
+    Raises
+    ------
+    MaterialError
+        One is shorter than 1 ms, or two are less than that apart.
+    """
+    in_range = all(SHORTEST_S <= time < np.inf for time in times_s)
+    if not (in_range and len({round(time / SHORTEST_S) for time in times_s}) == len(times_s)):
+        given = ", ".join(f"{time:g} s" for time in times_s)
+        raise MaterialError(
+            f"time constants are at least {1e3 * SHORTEST_S:g} ms, and that far apart, got {given}; "
+            "change or remove one"
+        )
+    return tuple(map(float, times_s))
+
+
+def relaxed_share(name: str, time_s: float, upper: float) -> Parameter:
+    """Share of the stress that relaxes with a time constant, searched from 0 to ``upper``."""
     text = f"share of the stress that relaxes with {time_s:g} s"
     ends: Any = {"lower": 0.0, "upper": upper, "physical_lower": 0.0, "physical_upper": 1.0}
-    return Parameter(name=f"relaxed_{time_name(time_s)}", unit="", kind="shape", description=text, **ends)
+    return Parameter(name=name, unit="1", kind="shape", description=text, **ends)

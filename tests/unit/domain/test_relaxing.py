@@ -47,6 +47,11 @@ def test_shares_have_names_of_their_own(times_s):
         relaxing(Yeoh(), times_s)
 
 
+def test_what_relaxes_is_not_made_to_relax_again():
+    with pytest.raises(MaterialError, match="material 'yeoh' relaxes already; give it all times at once"):
+        relaxing(relaxing(Yeoh(), TIMES_S), (1.0,))
+
+
 def test_its_key_and_its_copies_know_the_times():
     material = relaxing(Yeoh(), TIMES_S, isochoric=True)
     for copy in (pickle.loads(pickle.dumps(material)), pickle.loads(packed(material))):

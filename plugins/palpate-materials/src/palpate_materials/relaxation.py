@@ -38,6 +38,8 @@ from palpate.api import (
     Stage,
     StudyError,
     Summary,
+    checked_times,
+    relaxed_share,
     time_name,
 )
 from palpate.api.experiment import TIME
@@ -158,11 +160,8 @@ class RelaxingSettings(StandardSettings):
 
     @field_validator("relaxation_times")
     @classmethod
-    def _grow(cls, times: tuple[float, ...]) -> tuple[float, ...]:
-        in_ms = np.round(1000.0 * np.array(times))  # as in the names of the shares
-        if not (in_ms[0] > 0.0 and (np.diff(in_ms) > 0.0).all()):
-            raise ValueError("time constants are above 0 and grow, by 1 ms or more")
-        return times
+    def _check(cls, times: tuple[float, ...]) -> tuple[float, ...]:
+        return checked_times(times)
 
 
 class Relaxing(StandardParametrisation):
@@ -182,19 +181,7 @@ class Relaxing(StandardParametrisation):
     def parameters(self, space: ParameterSpace, spots: Sequence[str]) -> tuple[Parameter, ...]:
         """Parameters of the standard parametrisation, then a share for each time, the same at all spots."""
         upper = self.settings.relaxation_upper
-        own = [
-            Parameter(
-                name=name,
-                unit="1",
-                lower=0.0,
-                upper=upper,
-                kind="shape",
-                physical_lower=0.0,
-                physical_upper=1.0,
-                description=f"share of the moduli that relaxes with {time:g} s",
-            )
-            for name, time in self.times_s.items()
-        ]
+        own = [relaxed_share(name, time, upper) for name, time in self.times_s.items()]
         return (*super().parameters(space, spots), *for_each_spot(own, spots))
 
     def inputs(
@@ -250,7 +237,7 @@ class RelaxationOverTime(Stage):
             raise StudyError('no relaxation is searched; set parametrisation = "relaxing" in [fit]')
         names, times_s = list(law.times_s), np.array(law.settings.relaxation_times)
         values, longest_s = inputs.table("intervals"), _duration_s(inputs)
-        at_s = np.geomspace(0.1 * times_s[0], max(longest_s, times_s[0]), 25)
+        at_s = np.geomspace(0.1 * times_s.min(), max(longest_s, times_s.min()), 25)
         rows = []
         for (fit, scenario), draws in inputs.table("draws").group_by("fit", "scenario", maintain_order=True):
             found = values.filter(fit=fit, scenario=scenario)
