@@ -36,7 +36,13 @@ def test_what_a_move_does_not_name_stays():
         [4, 2, -1, 3, 0, 0],
     ]
     assert np.isnan(made.loads).all()
-    assert made.time_s.tolist() == [0, 1, 2, 3]
+    assert made.time_s is None
+
+
+def test_a_motion_has_times_where_each_move_has_a_duration():
+    press, rest = {"depth": "4 mm", "duration": "500 ms"}, {"repeat": 2, "moves": [{"duration": "3 s"}]}
+    assert moves(press, rest).waypoints().time_s.tolist() == [0, 0.5, 3.5, 6.5]
+    assert moves(press, rest, {"depth": "0 mm"}).waypoints().time_s is None
 
 
 def test_a_force_is_reached_then_held_or_left():

@@ -91,6 +91,12 @@ class RegionMaterial:
             if p.name in self.fixed and value
         }
 
+    @property
+    def relaxes(self) -> bool:
+        """True if a share of the stress that relaxes is searched, or fixed above 0."""
+        n_own = len(self.material.parameters) - len(self.material.relaxation_times_s)
+        return any(self.fixed.get(p.name, 1.0) != 0.0 for p in self.material.parameters[n_own:])
+
     def theta(self, values: Mapping[str, float]) -> FloatArray:
         """Textbook parameters in the order of ``material.parameters``, shape (n_parameters,)."""
         numbers = [

@@ -27,7 +27,7 @@ from palpate.study.build import (
 from palpate.study.model import BudgetTable, ExecutorTable
 from palpate.study.problems import ModelT, Problems, require
 from palpate.study.regions import build_space, build_truth, display_units
-from palpate.study.solver_checks import check_solver
+from palpate.study.solver_checks import check_solver, check_times, named_protocols, relaxing_parts
 from palpate.study.source_positions import MOST_BYTES, MOST_SIMULATIONS, KeyLines, check_plain, dotted
 from palpate.study.spots import StudySpot, build_protocol, build_spots
 from palpate.study.tables import Tables, read_tables
@@ -139,7 +139,7 @@ class Study:
 
     def models_relaxation(self, scenario: Scenario) -> bool:
         """True if a region relaxes, or the parametrisation has the relaxation of what a scenario weighs."""
-        relaxes = any(region.material.relaxation_times_s for region in self.space.regions)
+        relaxes = any(region.relaxes for region in self.space.regions)
         return relaxes or self.parametrisation.models_relaxation(scenario)
 
     @property
@@ -349,6 +349,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     if parts.solver:
         check_solver(context, parts.solver, tables, space, scenarios, protocols)
     if parts.parametrisation:
+        check_times(context, relaxing_parts(space, parts.parametrisation), named_protocols(protocols))
         check_parametrisation(context, parts.parametrisation, tables, measured, scenarios)
     context.problems.raise_if_any()
     study = Study(

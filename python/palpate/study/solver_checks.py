@@ -1,9 +1,10 @@
 """Refuse a study that asks for more than its solver provides, or gives what it would not use."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
-from palpate.domain import ParameterSpace, Protocol, Scenario, channel_of
+from palpate.domain import Indentation, ParameterSpace, Protocol, Scenario, channel_of
 from palpate.plugins.interfaces import Solver
+from palpate.plugins.parametrisation import Parametrisation
 from palpate.study.build import Context
 from palpate.study.model import ProtocolTable, SelectionTable, SpotProtocolTable
 from palpate.study.source_positions import Key
@@ -23,10 +24,33 @@ def check_solver(
     """Refuse what the solver does not provide; the first protocol is that of the study, then of each spot."""
     _check_body(context, solver, tables)
     _check_regions(context, solver, tables, space)
-    keys: list[Key] = [("protocol",), *(("spot", i, "protocol") for i in range(len(protocols) - 1))]
-    check_protocols(context, solver, tables, zip(keys, protocols, strict=True))
+    check_protocols(context, solver, tables, named_protocols(protocols))
     if tables.selection:
         _check_channels(context, solver, tables.selection, scenarios)
+
+
+def named_protocols(protocols: Sequence[Protocol | None]) -> Iterator[tuple[Key, Protocol | None]]:
+    """Each protocol with the key of its table; the first is that of the study, then of each spot."""
+    keys: list[Key] = [("protocol",), *(("spot", i, "protocol") for i in range(len(protocols) - 1))]
+    return zip(keys, protocols, strict=True)
+
+
+def relaxing_parts(space: ParameterSpace, parametrisation: Parametrisation) -> str:
+    """Name of what relaxes in the model: regions, or the tissue; empty where nothing does."""
+    regions = [f"'{region.region}'" for region in space.regions if region.material.relaxation_times_s]
+    named = f"region{'s' * (len(regions) > 1)} {', '.join(regions)}" if regions else ""
+    return named or ("the tissue" if parametrisation.relaxing else "")
+
+
+def check_times(context: Context, relaxing: str, protocols: Iterable[tuple[Key, Protocol | None]]) -> None:
+    """Refuse a motion without times under which something relaxes."""
+    for key, protocol in protocols if relaxing else ():
+        if isinstance(protocol, Indentation) and protocol.time_s is None:
+            context.problems.add(
+                (*key, "motion"),
+                f"{relaxing} relaxes, which needs the times of the motion; name a motion that has them, such "
+                'as "moves" with the duration of each move',
+            )
 
 
 def _check_channels(

@@ -14,7 +14,7 @@ from palpate.study.build import Context
 from palpate.study.model import FileName, Length, Name, ProtocolTable, Table
 from palpate.study.problems import Problems, require
 from palpate.study.reading import Study, parse_toml
-from palpate.study.solver_checks import check_protocols
+from palpate.study.solver_checks import check_protocols, check_times, relaxing_parts
 from palpate.study.source_positions import KeyLines
 from palpate.study.spots import StudySpot, build_protocol
 from palpate.study.tables import Tables
@@ -113,7 +113,9 @@ def read_tool(path: Path, study: Study, plugins: Plugins) -> Tool:
     protocol = build_protocol(context, table.protocol)
     spots = _spots(path, table, study, problems)
     tables = Tables(written=frozenset(raw), protocol=table.protocol)
-    check_protocols(context, study.solver, tables, [(("protocol",), protocol)])
+    named = [(("protocol",), protocol)]
+    check_protocols(context, study.solver, tables, named)
+    check_times(context, relaxing_parts(study.space, study.parametrisation), named)
     problems.raise_if_any()
     moduli = (p.name for p in study.space.parameters if p.kind == "modulus")
     own_unit = next((study.units[name] for name in moduli if name in study.units), "MPa")

@@ -152,6 +152,35 @@ def test_shares_of_the_stress_that_relax_are_parameters_where_the_solver_knows_t
     assert "region.rubber.relaxing_stress: nothing relaxes; give relaxation_times too" in message
 
 
+def test_a_region_that_relaxes_needs_the_times_of_each_motion(
+    tmp_path: Path, plugins: Plugins, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    provide(plugins, monkeypatch, "on_mesh", relaxation=True)
+    material = 'material = "spring"'
+    text = LIMB_STUDY.replace(material, f'{material}\nrelaxation_times = ["1 s"]')
+    text += '\n[spot.protocol]\ndepth = "5 mm"\n'
+    for key, message in zip(
+        ("protocol.motion", "spot 's2', protocol.motion"), messages(tmp_path, plugins, text), strict=True
+    ):
+        assert (
+            f"{key}: region 'rubber' relaxes, which needs the times of the motion; name a motion" in message
+        )
+
+
+@pytest.mark.parametrize(("share", "relaxes"), [("0", False), ("0.2", True), ("", True)])
+def test_the_model_relaxes_where_a_share_is_searched_or_above_zero(
+    tmp_path: Path, plugins: Plugins, monkeypatch: pytest.MonkeyPatch, share: str, relaxes: bool
+) -> None:
+    provide(plugins, monkeypatch, "closed_form", relaxation=True)
+    material = 'material = "spring"'
+    text = TEXT.replace(material, f'{material}\nrelaxation_times = ["1 s"]')
+    given = "[region.rubber.parameters]\n"
+    assert given in text
+    text = text.replace(given, f"{given}relaxed_1s = {share}\n" if share else given)
+    study = read_text(tmp_path, plugins, text)
+    assert study.models_relaxation(study.generalising) is relaxes
+
+
 def test_a_spot_has_a_motion_of_its_own(
     tmp_path: Path, plugins: Plugins, monkeypatch: pytest.MonkeyPatch
 ) -> None:

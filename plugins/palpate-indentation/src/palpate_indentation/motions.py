@@ -1,5 +1,6 @@
 """A motion made of moves: to a place, or until a load is reached."""
 
+import math
 from collections.abc import Iterator
 from typing import Annotated, NamedTuple, Self
 
@@ -43,7 +44,9 @@ class Move(Settings):
     slide_force: tuple[Force, Force] | None = Field(None, description="Force along x and y to push by.")
     tilt_moment: tuple[Moment, Moment] | None = Field(None, description="Moment about x and y to tilt by.")
     torque: Moment | None = Field(None, description="Torque about the normal to turn by.")
-    duration: Annotated[float, Quantity("s")] = Field(1.0, gt=0.0, description="Time that it takes.")
+    duration: Annotated[float, Quantity("s")] | None = Field(
+        None, gt=0.0, description="Time that it takes; of each move, or the motion has no times."
+    )
     repeat: int = Field(1, ge=1, le=MOST_WAYPOINTS, description="How often `moves` are made.")
     moves: tuple["Move", ...] = Field((), description="Moves that are repeated.")
 
@@ -113,7 +116,7 @@ class Moves(Motion[MovesSettings]):
 
 
 def _followed(settings: MovesSettings) -> Waypoints:
-    poses, loads, times = [np.zeros(6)], [np.full(6, np.nan)], [0.0]
+    poses, loads, times_s = [np.zeros(6)], [np.full(6, np.nan)], [0.0]
     for move in (single for each in settings.moves for single in each.each()):
         if len(poses) > MOST_WAYPOINTS:
             raise StudyError(f"the motion has more than {MOST_WAYPOINTS} moves; repeat less often")
@@ -121,8 +124,11 @@ def _followed(settings: MovesSettings) -> Waypoints:
         _check_tilt(pose[3:5], "tilt" if np.isnan(load[3]) else "tilt_limit")
         poses.append(pose)
         loads.append(load)
-        times.append(times[-1] + move.duration)
-    return Waypoints(pose=np.array(poses), loads=np.array(loads), time_s=np.array(times))
+        times_s.append(times_s[-1] + (math.nan if move.duration is None else move.duration))
+    is_timed = math.isfinite(times_s[-1])
+    return Waypoints(
+        pose=np.array(poses), loads=np.array(loads), time_s=np.array(times_s) if is_timed else None
+    )
 
 
 def _check_tilt(tilt: FloatArray, key: str) -> None:
