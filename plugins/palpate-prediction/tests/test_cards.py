@@ -82,6 +82,7 @@ def numbers(text):
 
 def febio(card):
     root = ET.fromstring(re.sub(r"<!--.*?-->", "", card, flags=re.DOTALL))
+    root = root if (elastic := root.find("elastic")) is None else elastic
     own = {child.tag: float(child.text) for child in root}
     log = lambda J: 0.5 * own["k"] * jnp.log(J) ** 2  # noqa: E731
     if root.attrib["type"] == "neo-Hookean":
@@ -100,7 +101,10 @@ def febio(card):
 def abaqus(card):
     lines = [line for line in card.splitlines() if not line.startswith("**")]
     keyword = next(line for line in lines if line.startswith("*Hyperelastic")).lower()
-    values = numbers(" ".join(lines[[line.lower() for line in lines].index(keyword) + 1 :]))
+    first = [line.lower() for line in lines].index(keyword) + 1
+    after = next((i for i, line in enumerate(lines) if line.startswith("*Viscoelastic")), len(lines))
+    values = numbers(" ".join(lines[first:after]))
+    keyword = keyword.removesuffix(", moduli=instantaneous")
     n = int(keyword.partition("n=")[2] or {"neo hooke": 1, "yeoh": 3}[keyword.partition(", ")[2]])
     if "ogden" in keyword:
         pairs, d1 = list(zip(values[: 2 * n : 2], values[1 : 2 * n : 2], strict=True)), values[2 * n]
@@ -109,7 +113,7 @@ def abaqus(card):
 
 
 def ansys(card):
-    lines = [line for line in card.splitlines() if not line.startswith("!")]
+    lines = [line for line in card.partition("\nTB,PRONY")[0].splitlines() if not line.startswith("!")]
     (table,) = (line.split(",") for line in lines if line.startswith("TB,"))
     values = [v for line in lines if line.startswith("TBDATA") for v in map(float, line.split(",")[2:])]
     kind, n = table[5], int(table[4] or 1)
@@ -232,12 +236,118 @@ def test_json_has_every_material_and_others_are_refused_with_the_reason():
             PROGRAMS[program](given)
 
 
-def test_a_material_that_relaxes_is_refused_but_by_json():
-    material, theta = relaxing(Yeoh(), [10.0]), np.array([*CASES["yeoh"][1], 0.2])
-    given = data("yeoh", material=material, theta=theta, **origins_of(material))
-    for program in PROGRAMS.keys() - {"json"}:
-        with pytest.raises(MaterialError, match=f"'yeoh' relaxes, and cards for {program} have no relax"):
-            PROGRAMS[program](given)
+# ------------------------------------------------------------------------ relaxation
+
+TIMES_S, SHARES = (0.5, 3.0, 10.0, 40.0), (0.1, 0.0, 0.2, 0.15)
+
+
+def relaxed(name, isochoric=False, times_s=TIMES_S, shares=SHARES):
+    elastic, theta = CASES[name]
+    material, own = relaxing(elastic, times_s, isochoric), origins_of(elastic)
+    own["origins"] |= {p.name: "fitted" for p in material.parameters if p.name.startswith("relaxed")}
+    return data(name, material=material, theta=np.array([*theta, *shares]), **own)
+
+
+def moduli_of(energy):
+    h = jax.hessian(energy)(jnp.ones(3))
+    return float(h[0, 0] - h[0, 1]) / 2.0, float(h[0, 0] + 2.0 * h[0, 1]) / 3.0
+
+
+def febio_over_time(card, time_s):
+    """FEBio's manual, viscoelastic: G(t) = g0 + Σ g_i e^(-t/t_i) of the elastic material, g0 = 1."""
+    root = ET.fromstring(re.sub(r"<!--.*?-->", "", card, flags=re.DOTALL))
+    own = {child.tag: float(child.text) for child in root if child.tag[0] in "gt"}
+    n = len(own) // 2
+    left = own.get("g0", 1.0) + sum(own[f"g{i}"] * np.exp(-time_s / own[f"t{i}"]) for i in range(1, n + 1))
+    shear, bulk = moduli_of(febio(card))
+    is_of_shape = root.attrib["type"] == "uncoupled viscoelastic"
+    return shear * left, bulk * (np.ones_like(left) if is_of_shape else left)
+
+
+def abaqus_over_time(card, time_s):
+    """Abaqus: g_R(t) = 1 - Σ g_i (1 - e^(-t/τ_i)), k_R(t) alike, of the moduli that MODULI names."""
+    lines = [line for line in card.splitlines() if not line.startswith("**")]
+    assert "moduli=instantaneous" in next(line for line in lines if line.startswith("*Hyperelastic"))
+    rows = np.array([numbers(line) for line in lines[lines.index("*Viscoelastic, time=prony") + 1 :]])
+    gone = -np.expm1(-time_s[:, None] / rows[:, 2])
+    shear, bulk = moduli_of(abaqus(card))
+    return shear * (1.0 - gone @ rows[:, 0]), bulk * (1.0 - gone @ rows[:, 1])
+
+
+def ansys_over_time(card, time_s):
+    """Ansys: G(t) = G0 (1 - Σ α_i + Σ α_i e^(-t/τ_i)), G0 of the constants at the fast load limit."""
+    left = {"SHEAR": np.ones_like(time_s), "BULK": np.ones_like(time_s)}
+    for part in card.split("TB,PRONY,")[1:]:
+        first, *rows = [line for line in part.splitlines() if line.startswith(("1,", "TBDATA"))]
+        values = [v for line in rows for v in map(float, line.split(",")[2:])]
+        pairs = np.array(values).reshape(-1, 2)
+        _, _, n, kind = first.split(",")
+        assert int(n) == len(pairs)
+        left[kind] = 1.0 - pairs[:, 0].sum() + np.exp(-time_s[:, None] / pairs[:, 1]) @ pairs[:, 0]
+    shear, bulk = moduli_of(ansys(card))
+    return shear * left["SHEAR"], bulk * left["BULK"]
+
+
+OVER_TIME = {"febio": febio_over_time, "abaqus": abaqus_over_time, "ansys": ansys_over_time}
+
+
+@pytest.mark.parametrize("isochoric", [False, True])
+@pytest.mark.parametrize("name", ["neo_hookean", "yeoh", "ogden2"])
+@pytest.mark.parametrize("program", OVER_TIME)
+def test_the_cards_formula_relaxes_as_palpate_does(program, name, isochoric):
+    if (program, name, isochoric) == ("febio", "neo_hookean", True):
+        return  # refused
+    time_s = np.array([0.0, 0.1, 1.0, 10.0, 1e5])
+    card = PROGRAMS[program](relaxed(name, isochoric))
+    material, theta = CASES[name]
+    left = 1.0 + np.expm1(-time_s[:, None] / np.array(TIMES_S)) @ np.array(SHARES)
+    shear, bulk = OVER_TIME[program](card, time_s)
+    mu, kappa = mechanics.initial_moduli(material, np.array(theta))
+    np.testing.assert_allclose(shear, mu * left, rtol=1e-9)
+    if program == "febio" and name != "neo_hookean" and not isochoric:
+        assert "the bulk modulus does not relax here; in palpate it does, as the shear one" in card
+        np.testing.assert_allclose(bulk, kappa, rtol=1e-9)
+    else:
+        np.testing.assert_allclose(bulk, kappa * (1.0 if isochoric else left), rtol=1e-9)
+    assert f"long-term moduli: shear {0.55 * mu:.6g} MPa" in card
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CASES)
+def test_febios_elastic_material_is_that_of_the_long_term(name):
+    """At large strains too: its whole stress, or that of the shape, is a share of the stress at once."""
+    material, theta = CASES[name]
+    energy = febio(PROGRAMS["febio"](relaxed(name)))
+    for F in (UNIAXIAL, SHEAR):
+        at_once = np.asarray(mechanics.cauchy_stress(material, F[None], np.array(theta)))[0]
+        np.testing.assert_allclose(
+            deviator(cauchy(energy, F)), 0.55 * deviator(at_once), rtol=1e-9, atol=1e-12
+        )
+
+
+def test_a_card_that_a_program_has_no_form_for_is_refused_with_the_reason():
+    with pytest.raises(
+        MaterialError, match="'yeoh' relaxes, and cannot be written for ls-dyna: the moduli G_i"
+    ):
+        PROGRAMS["ls-dyna"](relaxed("yeoh"))
+    with pytest.raises(
+        MaterialError, match="the whole stress of an energy that couples shape and volume relax"
+    ):
+        PROGRAMS["febio"](relaxed("neo_hookean", isochoric=True))
+    many = relaxed("yeoh", times_s=range(1, 8), shares=[0.1] * 7)
+    with pytest.raises(MaterialError, match="take 6 time constants, and it has 7; fit fewer"):
+        PROGRAMS["febio"](many)
+
+
+def test_a_card_without_a_share_above_zero_is_that_of_the_elastic_material():
+    for program in READERS:
+        card, elastic = PROGRAMS[program](relaxed("yeoh", shares=[0.0] * 4)), PROGRAMS[program](data("yeoh"))
+        kept = [line for line in card.splitlines() if "relaxed" not in line]
+        assert kept == elastic.splitlines()
+
+
+def test_json_has_the_shares_of_what_relaxes():
+    given = relaxed("yeoh", times_s=(10.0,), shares=(0.2,))
     card, elastic = (json.loads(PROGRAMS["json"](each)) for each in (given, data("yeoh")))
     assert card["energy"] == elastic["energy"]
     assert card["settings"]["relaxation_times_s"] == [10.0]
@@ -280,7 +390,7 @@ def test_the_interval_is_that_of_the_spot_whose_value_it_is(space):
     ]
     fit = FitResult(certainty=CertaintyResult(intervals=pl.DataFrame(rows)))
     found = Fitted(source="fit", fit="all spots", scenario="both", values={}, spots=("p1", "p2"))
-    assert _intervals(fit, found, region, theta) == {
+    assert _intervals(fit, found, region, theta, region.full_names) == {
         "stiffness": pytest.approx((0.3, 0.5)),
         "grip": pytest.approx((19.9, 20.1)),
     }

@@ -1,6 +1,7 @@
 """Predictions: what is measured of the skin, how sure it is, and where it extrapolates."""
 
 from dataclasses import replace
+from types import MappingProxyType
 
 import meshio
 import numpy as np
@@ -13,6 +14,7 @@ from palpate.domain.waypoints import Waypoints
 from palpate.errors import StudyError
 from palpate.fit.fitted import Fitted
 from palpate.fit.least_squares import LeastSquares
+from palpate.fit.parametrisation import StandardParametrisation
 from palpate.mesh.specimens import block
 from palpate.mesh.spot_frame import contact_edge_mm
 from palpate.plugins.interfaces import Solver
@@ -89,7 +91,7 @@ class Pressed(Solver):
         (theta,) = job.thetas.values()
         if self.fails(job):
             return Simulation(job=job, status=Status.DIVERGED, response=None, message="step too small")
-        response, surface, found = type(self).answer(*theta), None, {}
+        response, surface, found = type(self).answer(*theta[:2]), None, {}
         if job.slopes:
             given = {
                 name: response[name].ordinate / value
@@ -242,6 +244,53 @@ def test_a_spot_that_the_joint_fit_leaves_out_has_the_shared_values_alone(
         StudyError, match=r"spot 'p2': .*grip was fitted for each spot by itself, and not for"
     ):
         run_prediction(study, run, tool, plugins, SILENT)
+
+
+class AllRelax(StandardParametrisation):
+    """All moduli relax, by shares that a fit has searched."""
+
+    name, summary = "all_relax", "all moduli relax"
+    relaxing = frozenset({"force"})
+    times_s = MappingProxyType({"relaxed.1s": 1.0, "relaxed.10s": 10.0})
+
+
+def held_for(tool, rest_s):
+    """The tool pressed in a second, then held."""
+    held = tool.protocol
+    path = np.vstack([held.path[:2], held.path[1]])
+    return replace(tool, protocol=replace(held, path=path, time_s=np.array([0.0, 1.0, 1.0 + rest_s])))
+
+
+@pytest.mark.slow
+def test_what_a_fit_has_found_to_relax_is_pressed_by_a_solver_that_relaxes_it(
+    fitted, plugins, tmp_path, monkeypatch
+):
+    study, run = fitted
+    tool = held_for(read_tool(tool_file(tmp_path), study, plugins), 30.0)
+    whole, jobs = read_run(study, run, plugins).fitted(), []
+    shares = {"relaxed.1s": 0.2, "relaxed.10s": 0.1}
+    found = replace(whole, values=dict(whole.values) | shares)
+    monkeypatch.setattr(Run, "fitted", lambda self: found)
+    monkeypatch.setattr(StandardParametrisation, "times_s", AllRelax.times_s)
+    with pytest.raises(StudyError, match="solver 'pressed' does not provide materials that relax"):
+        run_prediction(study, run, tool, plugins, SILENT)
+    monkeypatch.setattr(Pressed, "provides", replace(Pressed.provides, relaxation=True, slopes=False))
+    monkeypatch.setattr(Pressed, "fails", staticmethod(lambda job: jobs.append(job)))
+    run_prediction(study, run, tool, plugins, SILENT, n_solved=2)
+    pressed = [job for job in jobs if job.surface and job.protocol.time_s is not None]
+    assert len(pressed) == 3  # without meshes both spots have the same jobs
+    for job in pressed:
+        assert job.materials["soft_tissue"].relaxation_times_s == (1.0, 10.0)
+        assert job.thetas["soft_tissue"][-2:].tolist() == [0.2, 0.1]
+        assert job.protocol.time_s[-1] == 31.0
+
+
+def test_a_tool_without_times_is_refused_where_the_tissue_relaxes(make_study, plugins, tmp_path):
+    study = make_study(parametrisation=AllRelax())
+    with pytest.raises(
+        StudyError, match=r"ball\.toml:\d+: protocol\.motion: the tissue relaxes, which needs the"
+    ):
+        read_tool(tool_file(tmp_path), study, plugins)
 
 
 @pytest.mark.slow

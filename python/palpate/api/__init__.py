@@ -70,6 +70,7 @@ if TYPE_CHECKING:
         Material as Material,
     )
     from palpate.domain.relaxing import (
+        RelaxingMaterial as RelaxingMaterial,
         checked_times as checked_times,
         relaxed_share as relaxed_share,
         relaxing as relaxing,

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
         Fitted as Fitted,
         inputs_at as inputs_at,
         job_of as job_of,
+        relaxing_space as relaxing_space,
+        relaxing_thetas as relaxing_thetas,
     )
     from palpate.fit.mesh_correction import (
         fine_run as fine_run,

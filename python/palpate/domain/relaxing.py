@@ -43,6 +43,14 @@ class RelaxingMaterial(HyperelasticMaterial):
     def _shares(self, theta: Array) -> Array:
         return theta[len(self.elastic.parameters) :]
 
+    def at_once(self, theta: FloatArray) -> tuple[Material, FloatArray]:
+        """Elastic material of a load that is over at once, and its values."""
+        return self.elastic, self._own(theta)
+
+    def relaxation(self, theta: FloatArray) -> dict[float, float]:
+        """Share of the stress that relaxes with each time constant [s]."""
+        return dict(zip(self.relaxation_times_s, map(float, self._shares(theta)), strict=True))
+
     def to_textbook(self, values: FloatArray, convention: str) -> FloatArray:  # noqa: D102
         return np.append(self.elastic.to_textbook(self._own(values), convention), self._shares(values))
 

@@ -1,13 +1,14 @@
 """Fitted values of a run, for all spots together, and what they mean at each spot."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import polars as pl
 
-from palpate.domain import Job, ParameterName, Response
+from palpate.domain import FloatArray, Job, ParameterName, ParameterSpace, Response
+from palpate.domain.relaxing import relaxing
 from palpate.errors import StudyError
 from palpate.plugins.guard import answering_for
 from palpate.plugins.parametrisation import SpotInputs, at_spot
@@ -100,6 +101,28 @@ def inputs_at(
         return SpotInputs(thetas=study.space.thetas(row), protocol=protocol)
     with answering_for(study.parametrisation, f"what it gives spot '{spot}'"):
         return study.parametrisation.inputs(study.space, spot, protocol, values)
+
+
+def relaxing_space(study: Study) -> ParameterSpace:
+    """Materials of a study, which have the shares of all moduli of its parametrisation as their last values.
+
+    They relax at every point of the tissue, where the parametrisation relaxes curves.
+    """
+    if not (times_s := tuple(study.parametrisation.times_s.values())):
+        return study.space
+    regions = (replace(each, material=relaxing(each.material, times_s)) for each in study.space.regions)
+    return ParameterSpace(regions=tuple(regions))
+
+
+def relaxing_thetas(
+    study: Study, thetas: Mapping[str, FloatArray], values: Mapping[str, float]
+) -> dict[str, FloatArray]:
+    """Textbook values of the materials of :func:`relaxing_space`, from those of the study's at these values.
+
+    A sweep's set has no shares, and so relaxes by nothing.
+    """
+    shares = [values.get(name, 0.0) for name in study.parametrisation.times_s]
+    return {region: np.append(theta, shares) for region, theta in thetas.items()}
 
 
 def job_of(study: Study, spot: str, inputs: SpotInputs, *, surface: bool = False) -> Job:

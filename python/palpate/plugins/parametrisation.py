@@ -53,6 +53,11 @@ class Parametrisation(Component[SettingsT]):
     relaxing: ClassVar[frozenset[str]] = frozenset()
     """Channels whose relaxation is part of the model."""
 
+    @property
+    def times_s(self) -> Mapping[str, float]:
+        """Time constants, by the names of the searched shares of all moduli that relax with them."""
+        return {}
+
     def models_relaxation(self, scenario: Scenario) -> bool:
         """True if the model has the relaxation of all that a scenario weighs: none is then warned of."""
         return set(map(channel_of, scenario.weighed)) <= self.relaxing

@@ -21,7 +21,7 @@ from palpate.api import (
     StudyError,
     SurfaceStates,
 )
-from palpate.api.fit import Fitted, SpotInputs, inputs_at, job_of
+from palpate.api.fit import Fitted, SpotInputs, inputs_at, job_of, relaxing_space, relaxing_thetas
 from palpate.api.mesh import automatic_edge_mm, contact_edge_mm, refined
 from palpate.api.runs import Plugins, RunDirectory, Simulations, Study, Tool, check_jobs, load_limbs, read_run
 from palpate_certainty.error_sources import RELATIVE
@@ -138,13 +138,13 @@ def predict(stored: Run, tool: Tool, n_solved: int = 0) -> Prediction:
     draws = draws_of(found, run.fit(), run.posterior())
     _check(stored, len(draws), n_solved)
     experiment = _experiment(stored)
-    pressed = tool.study(study)
+    pressed = replace(tool.study(study), space=relaxing_space(study))
     limbs = refined_limbs(pressed, tool)
     observed = tuple(c for c in stored.channels.values() if c.columns <= set(study.solver.provides.columns))
     with Simulations(pressed, run.folder, limbs, stored.progress, stored.check_lock) as simulations:
         spots = {}
         for spot in pressed.spot_names:
-            plan = _Plan(stored, tool, found, spot, observed)
+            plan = _Plan(stored, pressed, tool, found, spot, observed)
             spots[spot] = _at_spot(plan, simulations, draws, n_solved)
     strains = exceedances(experiment, {spot: each.simulation for spot, each in spots.items()})
     return Prediction(tool=tool, fitted=found, spots=spots, strains=strains, n_draws=len(draws))
@@ -193,6 +193,7 @@ class _Plan:
     """Plan by which values become jobs of a tool at a spot."""
 
     stored: Run
+    pressed: Study
     tool: Tool
     found: Fitted
     spot: str
@@ -202,10 +203,11 @@ class _Plan:
         """Textbook values of the materials; friction and offsets are the tool's own."""
         study = self.stored.study
         if self.spot in self.found.spots:
-            return inputs_at(study, self.spot, values, self.stored.inputs.measured).thetas
-        check_shared(values, study.space.names, self.spot)
-        row = np.array([values[name] for name in study.space.names])
-        return study.space.thetas(row)
+            thetas = inputs_at(study, self.spot, values, self.stored.inputs.measured).thetas
+        else:
+            check_shared(values, study.space.names, self.spot)
+            thetas = study.space.thetas(np.array([values[name] for name in study.space.names]))
+        return relaxing_thetas(study, thetas, values)
 
     @property
     def friction_sd(self) -> float:
@@ -226,9 +228,10 @@ class _Plan:
         return sizes[0] / sizes[1]
 
     def job(self, thetas: Thetas, *, slopes: bool = False, as_is: bool = False) -> Job:
-        study, name = self.stored.study, f"{self.spot}{AS_IS}" if as_is else self.spot
-        made = job_of(study, name, SpotInputs(thetas=thetas, protocol=self.tool.protocol), surface=True)
-        return replace(made, slopes=slopes and study.solver.provides.slopes, channels=self.channels)
+        name = f"{self.spot}{AS_IS}" if as_is else self.spot
+        inputs = SpotInputs(thetas=thetas, protocol=self.tool.protocol)
+        made = job_of(self.pressed, name, inputs, surface=True)
+        return replace(made, slopes=slopes and self.pressed.solver.provides.slopes, channels=self.channels)
 
 
 def _at_spot(
@@ -250,7 +253,7 @@ def _at_spot(
             f"spot '{plan.spot}': {plan.tool.name} cannot be pressed: "
             f"{simulation.message or 'no equilibrium state'}"
         )
-    threshold, space = plan.tool.threshold_MPa, plan.stored.study.space
+    threshold, space = plan.tool.threshold_MPa, plan.pressed.space
     pressed = press_states(simulation, threshold)
     as_is = next(iter(others), None)
     both_end = as_is is not None and {simulation.status, as_is.status} == {Status.OK}

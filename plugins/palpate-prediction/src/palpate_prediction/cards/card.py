@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.api import FloatArray, Material, MaterialError, Parameter
+from palpate.api import FloatArray, Material, MaterialError, Parameter, RelaxingMaterial
 from palpate.api.mechanics import EnergyForm, StandardMaterial
 from palpate_report.marks import explained, mark_of
 
@@ -68,27 +68,32 @@ class CardData:
             text += " (WARNING: not all are results)" if marks else ""
         return text.replace("R²", "R2").encode("ascii", "replace").decode()
 
+    @property
+    def relaxation(self) -> dict[float, float]:
+        """Share of the stress that relaxes with each time constant [s], of those above 0."""
+        if not isinstance(self.material, RelaxingMaterial):
+            return {}
+        return {time: share for time, share in self.material.relaxation(self.theta).items() if share > 0.0}
+
 
 def check_form(data: CardData, program: str) -> EnergyForm:
-    """Return the standard form of the energy.
+    """Return the standard form of the energy at once.
 
     Raises
     ------
     MaterialError
-        The material declares none, or relaxes.
+        The material declares none.
     """
-    if data.material.relaxation_times_s:
-        raise MaterialError(
-            f"material '{data.material.name}' relaxes, and cards for {program} have no relaxation; "
-            "use --for json"
-        )
-    if not isinstance(data.material, StandardMaterial):
+    material, theta = data.material, data.theta
+    if isinstance(material, RelaxingMaterial):
+        material, theta = material.at_once(theta)
+    if not isinstance(material, StandardMaterial):
         raise MaterialError(
             f"material '{data.material.name}' cannot be written for {program}: its class declares no "
             "standard energy (method energy_form), such as powers of I1 - 3 or of the stretches; use "
             "--for json, or fit ogden, yeoh or neo_hookean"
         )
-    return data.material.energy_form(data.theta)
+    return material.energy_form(theta)
 
 
 def ranges_of(strains: Sequence[Mapping[str, Any]]) -> dict[str, float]:
@@ -116,11 +121,29 @@ def head(data: CardData, form: EnergyForm | None = None) -> Iterator[str]:
             f"initial moduli: shear {form.shear_MPa:.6g} MPa, bulk {form.bulk_MPa:.6g} MPa, "
             f"Poisson's ratio {form.poisson:.6g}"
         )
+    yield from _relaxation(data, form)
     yield _range(data.strain, data.reached)
 
 
+def _relaxation(data: CardData, form: EnergyForm | None) -> Iterator[str]:
+    """Lines on what relaxes, if anything does."""
+    if not (shares := data.relaxation):
+        return
+    left, of_shape = 1.0 - sum(shares.values()), data.material.relaxes_isochoric
+    terms = "".join(f" - {g:.6g} (1 - exp(-t/{tau:.6g}))" for tau, g in shares.items())
+    yield f"relaxation: the moduli above are those at once; G(t)/G(0) = 1{terms}"
+    if form is not None:
+        bulk = form.bulk_MPa * (1.0 if of_shape else left)
+        yield f"long-term moduli: shear {form.shear_MPa * left:.6g} MPa, bulk {bulk:.6g} MPa"
+    which = "stress of the shape at constant volume" if of_shape else "stress"
+    yield (
+        f"in palpate the second Piola-Kirchhoff {which} relaxes; a program where another stress does differs "
+        "where the tissue is turned or deformed much after it has relaxed"
+    )
+
+
 def _with_unit(parameter: Parameter, value: float) -> str:
-    return f"{value:.6g} {parameter.unit}".strip()
+    return f"{value:.6g}" if parameter.unit in ("", "1") else f"{value:.6g} {parameter.unit}"
 
 
 def _interval(data: CardData, parameter: Parameter) -> str:

@@ -9,18 +9,28 @@ abaqus      Σ C_k0 (Ĩ1 − 3)^k; Σ 2 μ_j/α_j² (Σ λ̃^α_j − 3)        
 ansys       Σ C_k0 (Ĩ1 − 3)^k; Σ μ_j/α_j (Σ λ̃^α_j − 3)              (J − 1)²/d1, d1 = 2/K
 ls-dyna     Σ C_k0 (Ĩ1 − 3)^k; Σ μ_j/α_j (Σ λ̃^α_j − 3)              K (J − 1 − ln J), K by ν (Ogden)
 ==========  ======================================================  ================================
+
+A material that relaxes by G(t) = G(0) (1 − Σ γ_i (1 − e^(−t/τ_i))) is in
+
+==========  ========================================================================================
+febio       moduli of the long term, G(t) = G∞ (1 + Σ g_i e^(−t/t_i)), so that g_i = γ_i/(1 − Σ γ)
+abaqus      moduli at once, G(t) = G0 (1 − Σ g_i (1 − e^(−t/τ_i))); k_i of the bulk modulus
+ansys       moduli at once, G(t) = G0 (1 − Σ α_i + Σ α_i e^(−t/τ_i)); SHEAR and BULK by themselves
+==========  ========================================================================================
 """
 
 import inspect
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 
 from palpate.api import FloatArray, MaterialError, ParameterName, RegionMaterial, Run
-from palpate.api.fit import FitResult, Fitted, inputs_at
+from palpate.api.fit import FitResult, Fitted, inputs_at, relaxing_space, relaxing_thetas
 from palpate.api.mechanics import EnergyForm
+from palpate.api.runs import Study
 from palpate_prediction.cards.card import (
     DENSITY_T_PER_MM3,
     CardData,
@@ -38,6 +48,9 @@ STRESS = (
     "stress: Cauchy, sigma_a = lambda_a/J dW/dlambda_a; J = lambda1 lambda2 lambda3, "
     "l_a = J^(-1/3) lambda_a, I1 = l1^2 + l2^2 + l3^2"
 )
+
+MOST_FEBIO = 6
+"""Terms g_i, t_i that FEBio's viscoelastic materials take."""
 
 MOST_YEOH_LS_DYNA = 3
 """Powers of I1 - 3 that *MAT_HYPERELASTIC_RUBBER takes."""
@@ -71,14 +84,62 @@ def _numbers(values: Iterable[float], per_line: int = 8) -> list[str]:
 
 def febio(data: CardData) -> str:
     """Element ``<material>`` of a FEBio 4 file."""
-    form = check_form(data, "febio")
+    form, shares = check_form(data, "febio"), data.relaxation
+    left = 1.0 - sum(shares.values())
     lines = [*head(data, form), *_febio_energy(form), STRESS]
-    kind, values = _febio_values(form)
-    body = "".join(f"    <{name}>{value:.12g}</{name}>\n" for name, value in values)
-    comment = "\n".join(f"  {line.replace('--', '- -')}" for line in lines)
+    kind, values = _febio_values(_long_term(form, left))
     density = f"    <density>{DENSITY_T_PER_MM3:g}</density>\n"
+    body = _tags(values)
+    if shares:
+        relaxing, about = _febio_relaxation(data, form)
+        lines += about
+        terms = [
+            (f"{name}{i}", value)
+            for i, (time_s, share) in enumerate(shares.items(), 1)
+            for name, value in (("g", share / left), ("t", time_s))
+        ]
+        body = f'{_tags(terms)}    <elastic type="{kind}">\n{density}{body}    </elastic>\n'
+        kind = relaxing
+    comment = "\n".join(f"  {line.replace('--', '- -')}" for line in lines)
     start = f'<material id="{data.number}" name="{data.region}" type="{kind}">'
     return f"<!--\n{comment}\n-->\n{start}\n{density}{body}</material>\n"
+
+
+def _tags(values: Iterable[tuple[str, float]]) -> str:
+    return "".join(f"    <{name}>{value:.12g}</{name}>\n" for name, value in values)
+
+
+def _long_term(form: EnergyForm, left: float) -> EnergyForm:
+    """Energy whose stress is that which is left; the bulk modulus of a separate volume stays."""
+    return replace(
+        form,
+        powers=tuple(left * c for c in form.powers),
+        stretches=tuple((left * c, m) for c, m in form.stretches),
+        bulk_MPa=left * form.bulk_MPa if form.volume == "coupled" else form.bulk_MPa,
+    )
+
+
+def _febio_relaxation(data: CardData, form: EnergyForm) -> tuple[str, list[str]]:
+    """Type of FEBio's material around the elastic one, and lines on it."""
+    name, of_shape = data.material.name, data.material.relaxes_isochoric
+    if len(data.relaxation) > MOST_FEBIO:
+        raise MaterialError(
+            f"material '{name}' cannot be written for febio: its viscoelastic materials take {MOST_FEBIO} "
+            f"time constants, and it has {len(data.relaxation)}; fit fewer"
+        )
+    if form.volume == "coupled" and of_shape:
+        raise MaterialError(
+            f"material '{name}' cannot be written for febio: there the whole stress of an energy that "
+            "couples shape and volume relaxes, and here that of the shape alone; fit it with "
+            'relaxing_stress = "all"'
+        )
+    terms = "G(t) = G (1 + sum g_i exp(-t/t_i)), with the long-term G of the elastic material below"
+    if form.volume == "coupled":
+        return "viscoelastic", [terms]
+    pressure = (
+        [] if of_shape else ["the bulk modulus does not relax here; in palpate it does, as the shear one"]
+    )
+    return "uncoupled viscoelastic", [terms, *pressure]
 
 
 def _febio_values(form: EnergyForm) -> tuple[str, list[tuple[str, float]]]:
@@ -130,8 +191,17 @@ def abaqus(data: CardData) -> str:
         STRESS,
         *differences(data, form, _quadratic),
     ]
+    shares, of_bulk = data.relaxation, 0.0 if data.material.relaxes_isochoric else 1.0
+    keyword += ", moduli=instantaneous" if shares else ""
     named = f"*Material, name={data.region}\n*Density\n{DENSITY_T_PER_MM3:g},\n{keyword}\n"
-    return "".join(f"** {line}\n" for line in comments) + named + "\n".join(_numbers([*values, *rest])) + "\n"
+    lines = _numbers([*values, *rest])
+    if shares:
+        comments.append(
+            "G(t) = G (1 - sum g_i (1 - exp(-t/tau_i))); lines of *Viscoelastic are g_i, k_i, tau_i"
+        )
+        lines.append("*Viscoelastic, time=prony")
+        lines += [", ".join(_numbers([g, of_bulk * g, tau])) for tau, g in shares.items()]
+    return "".join(f"** {line}\n" for line in comments) + named + "\n".join(lines) + "\n"
 
 
 def ansys(data: CardData) -> str:
@@ -152,22 +222,35 @@ def ansys(data: CardData) -> str:
         *differences(data, form, _quadratic),
     ]
     rest = [d1, *[0.0] * (0 if table == "NEO" else n - 1)]
-    numbers = [*values, *rest]
     option = "" if table == "NEO" else f"{n}"
     lines = [
         f"MP,DENS,{data.number},{DENSITY_T_PER_MM3:g}",
         f"TB,HYPER,{data.number},1,{option},{table}",
+        *_table([*values, *rest]),
     ]
-    lines += [
-        f"TBDATA,{i + 1}," + ",".join(f"{value:.12g}" for value in numbers[i : i + 6])
-        for i in range(0, len(numbers), 6)
-    ]
+    if shares := data.relaxation:
+        comments.append("G(t) = G (1 - sum a_i (1 - exp(-t/tau_i))); TB,PRONY has pairs a_i, tau_i")
+        pairs = [value for time_s, share in shares.items() for value in (share, time_s)]
+        for kind in ("SHEAR",) if data.material.relaxes_isochoric else ("SHEAR", "BULK"):
+            lines += [f"TB,PRONY,{data.number},1,{len(shares)},{kind}", *_table(pairs)]
     return "".join(f"! {line}\n" for line in comments) + "\n".join(lines) + "\n"
+
+
+def _table(numbers: Sequence[float]) -> Iterator[str]:
+    """Commands ``TBDATA`` of the table before them."""
+    for i in range(0, len(numbers), 6):
+        yield f"TBDATA,{i + 1}," + ",".join(f"{value:.12g}" for value in numbers[i : i + 6])
 
 
 def ls_dyna(data: CardData) -> str:
     """``*MAT_OGDEN_RUBBER`` or ``*MAT_HYPERELASTIC_RUBBER`` of LS-DYNA, in fields of 20 columns."""
     form = check_form(data, "ls-dyna")
+    if data.relaxation:
+        raise MaterialError(
+            f"material '{data.material.name}' relaxes, and cannot be written for ls-dyna: the moduli G_i of "
+            "its hyperelastic materials add a stress that is linear in the strain, not a share of the "
+            "energy's; use --for json, or the card of another program"
+        )
     n = len(form.powers)
     if n > MOST_YEOH_LS_DYNA:
         raise MaterialError(
@@ -261,10 +344,11 @@ def cards_of(run: Run) -> Iterator[CardData]:
     failure, known = failure_of(data, bests), {each.name: each for each in headlines(data, bests)}
     study, found, fit = run.study, run.fitted(), run.fit()
     strains = run.strains().values()
-    thetas = inputs_at(study, found.spots[0], found.values, run.measured).thetas
-    for number, region in enumerate(study.space.regions, start=1):
+    inputs = inputs_at(study, found.spots[0], found.values, run.measured)
+    thetas = relaxing_thetas(study, inputs.thetas, found.values)
+    for number, region in enumerate(relaxing_space(study).regions, start=1):
         theta = thetas[region.region]
-        full = region.full_names
+        full = _full_names(study, region)
         searched = {
             p: known.get(name) or known.get(str(ParameterName.parse(name).at(found.spots[0])))
             for p, name in full.items()
@@ -276,7 +360,7 @@ def cards_of(run: Run) -> Iterator[CardData]:
             region=region.region,
             material=region.material,
             theta=theta,
-            intervals=_intervals(fit, found, region, theta),
+            intervals=_intervals(fit, found, region, theta, full),
             strain=ranges_of([strain[region.region] for strain in strains if region.region in strain]),
             origins={p: "fixed" if p in region.fixed else TIED if p in region.tied else source for p in full},
             verdicts={p: each.verdict for p, each in searched.items() if each},
@@ -297,8 +381,15 @@ def _reached(run: Run) -> dict[str, tuple[str, float, float]]:
     return {name: (run.channels[name].abscissa, min(each), max(each)) for name, each in ends.items()}
 
 
+def _full_names(study: Study, region: RegionMaterial) -> dict[str, str]:
+    """Full names of the parameters of a region's material; shares of all moduli have no region."""
+    own, shares = list(region.full_names.items()), tuple(study.parametrisation.times_s)
+    n_own = len(own) - len(shares)
+    return dict(own[:n_own]) | {name: share for (name, _), share in zip(own[n_own:], shares, strict=True)}
+
+
 def _intervals(
-    fit: FitResult, found: Fitted, region: RegionMaterial, theta: FloatArray
+    fit: FitResult, found: Fitted, region: RegionMaterial, theta: FloatArray, full: Mapping[str, str]
 ) -> dict[str, tuple[float, float]]:
     """95 % intervals in textbook values, of the parameters that the fit has some for."""
     table = fit.certainty.intervals
@@ -312,7 +403,7 @@ def _intervals(
             known[name.shared] = (row["lower"], row["upper"])
     intervals = {}
     for i, parameter in enumerate(region.material.parameters):
-        if (ends := known.get(region.name_of(parameter.name))) is None or None in ends:
+        if (ends := known.get(full[parameter.name])) is None or None in ends:
             continue
         values = np.tile(region.material.from_textbook(theta, region.convention), (2, 1))
         values[:, i] = ends
