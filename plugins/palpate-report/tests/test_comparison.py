@@ -4,14 +4,17 @@ import html
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import polars as pl
 import pytest
 from hypothesis import given, strategies as st
 
-from palpate.domain import Response
+from palpate.domain import Indentation, Response
+from palpate.domain.indenter import Sphere
 from palpate.fit.least_squares import LeastSquares
+from palpate.fit.parametrisation import StandardParametrisation
 from palpate.run.result import FitResult
 from palpate_report.comparison import (
     TOO_FEW,
@@ -19,6 +22,8 @@ from palpate_report.comparison import (
     _notes,
     comparison_tables,
     named,
+    other_rates,
+    press_durations_s,
     same_curves,
     write_comparison,
 )
@@ -97,7 +102,7 @@ def test_criteria_that_disagree_are_reported(fitted):
 
 
 def test_a_parameter_that_changes_no_curve_costs_something(fitted):
-    class OneMore:
+    class OneMore(StandardParametrisation):
         def parameters(self, space, spots):
             return (*space.parameters, *space.parameters[:1])
 
@@ -111,6 +116,52 @@ def test_limbs_have_no_criteria(swept):
     limbs = {"one": swept, "two": other_limb(swept)}
     assert not same_curves(limbs)
     assert set(comparison_tables(limbs)) == {"parameters", "errors"}
+
+
+def timed(data, press_s):
+    """A run whose motion has times, and presses in this one."""
+    path = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 0.0)])
+    times = None if press_s is None else np.array([0.0, press_s, press_s + 1.0])
+    motion = Indentation(indenter=Sphere(radius_mm=7.5), path=path, friction=0.5, time_s=times)
+    spots = tuple(replace(spot, protocol=motion) for spot in data.study.spots)
+    return replace(data, study=replace(data.study, spots=spots))
+
+
+class AllRelax(StandardParametrisation):
+    times_s = MappingProxyType({"relaxed.1s": 1.0})
+
+
+def test_moduli_of_other_rates_are_not_compared(swept):
+    slow, fast, unknown = timed(swept, 8.0), timed(swept, 1.0), timed(swept, None)
+    runs = {"slow": slow, "fast": fast, "unknown": unknown}
+    table = comparison_tables(runs)["parameters"]
+    words = {
+        (row["run"], row["parameter"]): "other rate" in row["verdict"] for row in table.iter_rows(named=True)
+    }
+    assert words["slow", "stiffness"]
+    assert words["fast", "stiffness"]
+    assert not words["unknown", "stiffness"]
+    (sentence,) = (n for n in _notes(comparison_tables(runs), runs) if "not comparable:" in n)
+    assert "slow pressed in 8 s; fast pressed in 1 s. A model without time finds apparent" in sentence
+    assert other_rates({"slow": slow, "less": timed(swept, 4.0), "unknown": unknown}) == (frozenset(), "")
+
+
+def test_moduli_at_once_are_not_compared_with_apparent_ones(swept):
+    study = replace(swept.study, parametrisation=AllRelax())
+    at_once, apparent = replace(swept, study=study), timed(swept, 5.0)
+    names, sentence = other_rates({"a": at_once, "b": apparent})
+    assert names == {"a", "b"}
+    assert "b pressed in 5 s; a relaxes, with moduli at once." in sentence
+    assert other_rates({"a": at_once, "c": at_once}) == other_rates({"a": at_once, "d": swept})
+
+
+def test_a_log_has_the_times_of_its_press(swept):
+    response = swept.measured["p1"]
+    force = response.curves["force"]
+    curve = replace(force, time_s=np.linspace(3.0, 7.0, force.abscissa.size))
+    logged = replace(swept, measured={**swept.measured, "p1": Response(curves={"force": curve})})
+    assert press_durations_s(swept) == []
+    assert press_durations_s(logged) == [pytest.approx(4.0)]
 
 
 @given(st.integers(3, 40), st.integers(1, 30))

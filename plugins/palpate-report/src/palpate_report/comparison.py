@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.api import FloatArray
+from palpate.api import FORCE, FloatArray, Indentation, ParameterName
 from palpate.api.files import write_atomically
 from palpate.api.fit import channel_of
-from palpate.api.runs import keep_only
+from palpate.api.runs import Study, keep_only
 from palpate_report.best_sets import best_sets, leading
 from palpate_report.display_units import in_display_units
 from palpate_report.headline import NO_PARAMETERS, failure_of, headlines, moduli
-from palpate_report.marks import explained, mark_of
+from palpate_report.marks import OTHER_RATE, explained, mark_of
 from palpate_report.paper_tables import materials_of, paper_tables
 from palpate_report.report_data import ReportData
 from palpate_report.table_files import write_tables
@@ -46,6 +46,10 @@ NOT_COMPARABLE = (
 )
 
 
+RATES = 3.0
+"""Ratio of the durations of presses from which on apparent moduli are not compared."""
+
+
 def named(runs: Mapping[Path, ReportData]) -> dict[str, ReportData]:
     """Runs under the names of their materials, or of their folders where these are the same."""
     for name in (lambda _, data: materials_of(data), lambda path, _: path.name, lambda path, _: str(path)):
@@ -57,8 +61,13 @@ def named(runs: Mapping[Path, ReportData]) -> dict[str, ReportData]:
 
 def comparison_tables(runs: Mapping[str, ReportData]) -> dict[str, pl.DataFrame]:
     """Tables ``parameters``, ``errors`` and, for runs of the same curves, ``criteria``."""
+    of_other_rates, _ = other_rates(runs)
     tables = {
-        "parameters": [row for name, data in runs.items() for row in _parameters(name, data)],
+        "parameters": [
+            row
+            for name, data in runs.items()
+            for row in _parameters(name, data, OTHER_RATE if name in of_other_rates else "")
+        ],
         "errors": [_errors(name, data) for name, data in runs.items()],
         "criteria": _criteria(runs) if same_curves(runs) else [],
     }
@@ -85,6 +94,44 @@ def _is_same(one: ReportData, other: ReportData, spot: str) -> bool:
     )
 
 
+def press_durations_s(data: ReportData) -> list[float]:
+    """Durations of the presses of a run up to their deepest; none where neither motion nor log has any."""
+    found = []
+    for spot in data.spots:
+        motion, curve = data.study.protocol_at(spot), data.measured[spot].curves.get(FORCE.name)
+        if isinstance(motion, Indentation) and motion.time_s is not None:
+            found.append(float(motion.time_s[motion.path[:, 0].argmax()]))
+        elif curve is not None and curve.time_s is not None:
+            found.append(float(curve.time_s[curve.abscissa.argmax()] - curve.time_s[0]))
+    return [seconds for seconds in found if seconds > 0.0]
+
+
+def other_rates(runs: Mapping[str, ReportData]) -> tuple[frozenset[str], str]:
+    """Runs whose moduli are not comparable since their rates differ, and a sentence on it; else nothing.
+
+    A model without time has apparent moduli of the rate of its presses; one that relaxes has those at once.
+    """
+    at_once = [name for name, data in runs.items() if _relaxes(data.study)]
+    apparent = {n: s for n, data in runs.items() if n not in at_once and (s := press_durations_s(data))}
+    ends = [(min(seconds), max(seconds)) for seconds in apparent.values()]
+    differ = len(ends) > 1 and max(most for _, most in ends) > RATES * min(least for least, _ in ends)
+    if not apparent or not (differ or at_once):
+        return frozenset(), ""
+    texts = [
+        f"{name} pressed in {least:.3g}{f' to {most:.3g}' if most > least else ''} s"
+        for name, (least, most) in zip(apparent, ends, strict=True)
+    ]
+    texts += [f"{name} relaxes, with moduli at once" for name in at_once]
+    return frozenset((*apparent, *at_once)), (
+        f"The moduli are not comparable: {'; '.join(texts)}. A model without time finds apparent moduli of "
+        "its rate. Compare runs of one rate, or fit the relaxation in all."
+    )
+
+
+def _relaxes(study: Study) -> bool:
+    return bool(study.parametrisation.times_s) or any(region.relaxes for region in study.space.regions)
+
+
 def _leading(data: ReportData) -> dict[str, Any]:
     """Row of the fit of all spots, or of the only one; without a fit of the set for all; or nothing."""
     scenario = data.generalising.name
@@ -97,15 +144,19 @@ def _leading(data: ReportData) -> dict[str, Any]:
     return next(rows.head(1).iter_rows(named=True), {})
 
 
-def _parameters(run: str, data: ReportData) -> Iterator[dict[str, Any]]:
+def _parameters(run: str, data: ReportData, of_moduli: str = "") -> Iterator[dict[str, Any]]:
+    """Rows of a run, with a word on its moduli that joins their verdicts."""
     bests = tuple(best_sets(data))
     found, best = headlines(data, bests), leading(data, bests)
     if best is not None:
         found += moduli(data, best, is_refused=bool(failure_of(data, bests)))
+    kinds = {name: parameter.kind for name, parameter in data.searched.items()}
     for each in found:
         lower, upper = (each.lower, each.upper) if each.level else (None, None)
+        is_modulus = kinds.get(ParameterName.parse(each.name).shared, "modulus") == "modulus"
+        words = (each.verdict, of_moduli if is_modulus else "")
         yield {"run": run, "parameter": each.parameter, "value": each.value, "lower": lower, "upper": upper,
-               "unit": each.unit, "verdict": each.verdict}  # fmt: skip
+               "unit": each.unit, "verdict": ", ".join(filter(None, words))}  # fmt: skip
 
 
 def _errors(run: str, data: ReportData) -> dict[str, Any]:
@@ -158,6 +209,8 @@ def _notes(tables: Mapping[str, pl.DataFrame], runs: Mapping[str, ReportData]) -
     for name, data in runs.items():
         if failure := failure_of(data, tuple(best_sets(data))):
             yield f"{name}: {failure}"
+    if sentence := other_rates(runs)[1]:
+        yield sentence
     if sentence := explained(map(mark_of, tables["parameters"]["verdict"])):
         yield sentence
     yield CRITERIA if "criteria" in tables else NOT_COMPARABLE

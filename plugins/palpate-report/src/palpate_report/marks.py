@@ -35,6 +35,7 @@ def rounded(value: float, lower: float | None = None, upper: float | None = None
 
 
 REFUSED, AT_END, TIED, NOT = "refused", "end of range", "tied", "not identified"
+OTHER_RATE = "other rate"
 """Words of a verdict besides those of :data:`palpate.stages.identifiability.WORDS`."""
 
 MARKS: Mapping[str, tuple[tuple[str, ...], str]] = MappingProxyType(
@@ -44,6 +45,7 @@ MARKS: Mapping[str, tuple[tuple[str, ...], str]] = MappingProxyType(
             "poorly or not identified, unclear, or refused: not a result",
         ),
         "‡": ((AT_END,), "at an end of the range that was searched"),
+        "§": ((OTHER_RATE,), "of other rates: moduli that are not comparable"),
     }
 )
 """The words that each mark is put at, and what it means."""

@@ -57,6 +57,7 @@ _ESCAPED = str.maketrans(
         "≥": r"$\geq$",
         "†": r"$^{\dagger}$",
         "‡": r"$^{\ddagger}$",
+        "§": r"$^{\S}$",
         "\n": " ",
         "\r": " ",
     }
