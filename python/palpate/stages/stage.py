@@ -20,7 +20,7 @@ from palpate.limb.loading import load_limbs, with_edges
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.guard import answering_for
 from palpate.plugins.registry import MORE, suggestion
-from palpate.plugins.sections import Section
+from palpate.plugins.sections import Figure, Section
 from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory
 from palpate.run.keys import answers_key
@@ -51,6 +51,8 @@ class Summary:
         Sentences.
     labelled : mapping of word to str
         Texts, each under its word, such as ``Warnings``.
+    figures : sequence of Figure
+        Of the page alone.
     values : mapping
         What ``palpate run --json`` has of the stage that comes last.
     missing : str
@@ -60,6 +62,7 @@ class Summary:
     lines: Sequence[str] = ()
     labelled: Mapping[str, str] = field(default_factory=dict)
     tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)
+    figures: Sequence[Figure] = ()
     values: Mapping[str, Any] = field(default_factory=dict)
     missing: str = ""
 

@@ -61,7 +61,7 @@ def palpate_parametrisations() -> "list[type[Parametrisation]]":
 @hookimpl
 def palpate_stages() -> "list[type[Stage]]":
     """Provide the relaxation that a fit has found."""
-    from palpate_materials.relaxation import RelaxationOverTime
+    from palpate_materials.relaxation_over_time import RelaxationOverTime
 
     return [RelaxationOverTime]
 

@@ -14,11 +14,9 @@ approximation too. The searched moduli are those at once.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from types import MappingProxyType
 from typing import Annotated
 
 import numpy as np
-import polars as pl
 from pydantic import Field, field_validator
 
 from palpate.api import (
@@ -30,21 +28,16 @@ from palpate.api import (
     Parameter,
     ParameterError,
     ParameterSpace,
-    Progress,
     Protocol,
     Quantity,
     Response,
-    Run,
-    Stage,
     StudyError,
-    Summary,
     checked_times,
     relaxed_share,
     time_name,
 )
 from palpate.api.experiment import TIME
 from palpate.api.fit import SpotInputs, StandardParametrisation, StandardSettings, for_each_spot
-from palpate.api.runs import Files, Study
 
 FORCE_OVER_TIME, TORQUE_OVER_TIME = (
     replace(
@@ -75,6 +68,14 @@ def reduced_relaxation(time_s: FloatArray, times_s: FloatArray, shares: FloatArr
     gone: FloatArray = -np.expm1(-time_s[:, None] / times_s)
     left: FloatArray = 1.0 - gone @ shares
     return left
+
+
+def loss_tangent(frequency: FloatArray, times_s: FloatArray, shares: FloatArray) -> FloatArray:
+    """Tangent (n, ...) of the loss angle at angular frequencies (n,) [rad/s]; shares (m, ...)."""
+    product = frequency[:, None] * times_s
+    stored = 1.0 - shares.sum(axis=0) + (product**2 / (1.0 + product**2)) @ shares
+    lost = (product / (1.0 + product**2)) @ shares
+    return np.asarray(lost / stored)
 
 
 def relaxed(time_s: FloatArray, ordinate: FloatArray, times_s: FloatArray, shares: FloatArray) -> FloatArray:
@@ -212,78 +213,3 @@ class Relaxing(StandardParametrisation):
         if not indents:
             yield ("relaxation_times",), 'homogeneous tests have no times; use parametrisation = "standard"'
         yield from super().unusable(channels, indents=indents)
-
-
-class RelaxationOverTime(Stage):
-    """Relaxation that a fit has found, with its band."""
-
-    name, summary = "relaxation", "How far the moduli relax in time, with a band"
-    needs = ("intervals",)
-    tables = MappingProxyType(
-        {
-            "relaxation": "Share of the moduli that is left after each time, its 95 % band, and the tangent "
-            "of the loss angle at the angular frequency of one over that time."
-        }
-    )
-
-    def is_in_run(self, study: Study) -> bool:
-        """True where the fit searches it."""
-        return isinstance(study.parametrisation, Relaxing)
-
-    def run(self, inputs: Run, progress: Progress) -> Files:
-        """One row per time, for each fit and scenario."""
-        law = inputs.study.parametrisation
-        if not isinstance(law, Relaxing):
-            raise StudyError('no relaxation is searched; set parametrisation = "relaxing" in [fit]')
-        names, times_s = list(law.times_s), np.array(law.settings.relaxation_times)
-        values, longest_s = inputs.table("intervals"), _duration_s(inputs)
-        at_s = np.geomspace(0.1 * times_s.min(), max(longest_s, times_s.min()), 25)
-        rows = []
-        for (fit, scenario), draws in inputs.table("draws").group_by("fit", "scenario", maintain_order=True):
-            found = values.filter(fit=fit, scenario=scenario)
-            value = dict(zip(found["parameter"], found["value"], strict=True))
-            here = np.array([value[name] for name in names])
-            lower, upper = np.quantile(
-                reduced_relaxation(at_s, times_s, draws.select(names).to_numpy().T), [0.025, 0.975], axis=1
-            )
-            columns = {
-                "time_s": at_s,
-                "left": reduced_relaxation(at_s, times_s, here),
-                "lower": lower,
-                "upper": upper,
-                "loss_tangent": loss_tangent(1.0 / at_s, times_s, here),
-            }
-            rows.append(pl.DataFrame({"fit": fit, "scenario": scenario} | columns))
-        return {"relaxation": pl.concat(rows)} if rows else {}
-
-    def summarise(self, inputs: Run) -> Summary:
-        """Summary: share of the moduli left at the end of the record, and the times that it does not tell."""
-        table, law = inputs.table("relaxation"), inputs.study.parametrisation
-        if table.is_empty() or not isinstance(law, Relaxing):
-            return Summary(lines=["No fit, and so no relaxation."])
-        rows = table.filter(pl.col("scenario") == inputs.study.generalising.name)
-        last = (rows if rows.height else table).row(-1, named=True)
-        text = (
-            f"{100.0 * last['left']:.3g} % of the moduli at once are left after {last['time_s']:.3g} s "
-            f"({100.0 * last['lower']:.3g} to {100.0 * last['upper']:.3g} %)"
-        )
-        untold = [f"{time:g} s" for time in law.settings.relaxation_times if time > _duration_s(inputs)]
-        if untold:
-            text += f"; a record of {_duration_s(inputs):.3g} s does not tell {', '.join(untold)}"
-        return Summary(
-            lines=[f"{text}."], labelled={"Relaxation": text}, tables={"Moduli that are left": table}
-        )
-
-
-def loss_tangent(frequency: FloatArray, times_s: FloatArray, shares: FloatArray) -> FloatArray:
-    """Tangent (n,) of the loss angle at angular frequencies (n,) [rad/s]."""
-    product = frequency[:, None] * times_s
-    stored = 1.0 - shares.sum() + (product**2 / (1.0 + product**2)) @ shares
-    lost = (product / (1.0 + product**2)) @ shares
-    return np.asarray(lost / stored)
-
-
-def _duration_s(inputs: Run) -> float:
-    """End of the longest motion."""
-    protocols = map(inputs.study.protocol_at, inputs.study.spot_names)
-    return max(float(p.columns[TIME][-1]) for p in protocols if isinstance(p, Indentation))

@@ -30,6 +30,7 @@ from palpate_report.headline import with_verdicts
 from palpate_report.paper_tables import materials_of, paper_tables
 from palpate_report.report_data import ReportData, by_spot, contact_along
 from palpate_report.result import Report, make_conclusion
+from palpate_report.showable import checked
 from palpate_report.table_files import write_tables
 from palpate_report.tables import make_tables
 
@@ -180,7 +181,9 @@ def _summaries(run: Run) -> Mapping[str, tuple[str, Summary]]:
             continue
         try:
             with answering_for(stage, "summarising its tables"):
-                found[name] = (type(stage).summary, stage.summarise(run))
+                made = stage.summarise(run)
+                checked(stage, made.figures)
+                found[name] = (type(stage).summary, made)
         except PluginError as error:
             found[name] = (type(stage).summary, Summary(lines=(f"This section could not be made: {error}.",)))
     return found

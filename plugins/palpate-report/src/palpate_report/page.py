@@ -86,7 +86,9 @@ def _of_stage(name: str, does: str, summary: Summary) -> RenderedSection:
     """Section of a plugin's stage: what it does, its lines and its tables."""
     title = name.replace("_", " ").capitalize()
     tables = (Table.of(caption, frame) for caption, frame in summary.tables.items())
-    return RenderedSection(name, title, title, False, (*map(Paragraph, (does, *summary.lines)), *tables))
+    return RenderedSection(
+        name, title, title, False, (*map(Paragraph, (does, *summary.lines)), *summary.figures, *tables)
+    )
 
 
 def _figures(blocks: Iterable[Block]) -> Iterator[Figure]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.api import PluginError
+from palpate.api import Component, PluginError
 from palpate.api.report import (
     Bar,
     Block,
@@ -19,7 +19,6 @@ from palpate.api.report import (
     Lines,
     Listing,
     Picture,
-    Section,
     Shares,
     Table,
     Word,
@@ -28,12 +27,12 @@ from palpate.api.report import (
 _TYPES = {b"\x89PNG": "image/png", b"\xff\xd8": "image/jpeg"}
 
 
-def is_own(section: type[Section]) -> bool:
+def is_own(section: type[Component[Any]]) -> bool:
     """True if a section is the page's own, of palpate-report."""
     return section.__module__.startswith("palpate_report.")
 
 
-def checked(section: Section, blocks: Iterable[Block]) -> tuple[Block, ...]:
+def checked(section: Component[Any], blocks: Iterable[Block]) -> tuple[Block, ...]:
     """Blocks of a section, each of them as it can be shown.
 
     Raises
@@ -44,7 +43,7 @@ def checked(section: Section, blocks: Iterable[Block]) -> tuple[Block, ...]:
     return tuple(_checked(section, block) for block in blocks)
 
 
-def _checked(section: Section, block: Block) -> Block:
+def _checked(section: Component[Any], block: Block) -> Block:
     match block:
         case Drawing() if not is_own(type(section)):
             raise PluginError(
@@ -72,7 +71,7 @@ def _checked(section: Section, block: Block) -> Block:
     return block
 
 
-def _table(section: Section, table: Table) -> Table:
+def _table(section: Component[Any], table: Table) -> Table:
     columns, rows = tuple(table.columns), tuple(map(tuple, table.rows))
     for k, row in enumerate(rows):
         if len(row) != len(columns):
