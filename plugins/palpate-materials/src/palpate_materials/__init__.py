@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from palpate.api import Channel, Material, SetFilter, Stage, StudyTemplate
     from palpate.api.cli import Command
     from palpate.api.fit import Parametrisation
+    from palpate_materials.fibres import HolzapfelGasserOgden as HolzapfelGasserOgden
     from palpate_materials.neo_hookean import NeoHookean as NeoHookean
     from palpate_materials.stability import Drucker as Drucker
     from palpate_materials.uncoupled import (
@@ -28,10 +29,18 @@ if not TYPE_CHECKING:
 
 @hookimpl
 def palpate_materials() -> "list[type[Material]]":
-    """Provide the paper's three materials, and three more."""
-    from palpate_materials import Demiray, MooneyRivlin, NeoHookean, Ogden, VerondaWestmann, Yeoh
+    """Provide the paper's three materials, three more that are isotropic, and one with fibres."""
+    from palpate_materials import (
+        Demiray,
+        HolzapfelGasserOgden,
+        MooneyRivlin,
+        NeoHookean,
+        Ogden,
+        VerondaWestmann,
+        Yeoh,
+    )
 
-    return [Ogden, Yeoh, NeoHookean, MooneyRivlin, VerondaWestmann, Demiray]
+    return [Ogden, Yeoh, NeoHookean, MooneyRivlin, VerondaWestmann, Demiray, HolzapfelGasserOgden]
 
 
 @hookimpl

@@ -128,18 +128,27 @@ class Yeoh(Uncoupled[YeohSettings]):
     def __init__(self, settings: YeohSettings | None = None) -> None:
         super().__init__(settings)
         n_terms = self.settings.terms
-        self.parameters = (*(_coefficient(k) for k in range(1, n_terms + 1)), bulk_modulus())
+        self.parameters = (*yeoh_coefficients(n_terms), bulk_modulus())
         factors = (*(1.0 / k for k in range(1, n_terms + 1)), 1.0)
         self.conventions = {"febio4": factors}
 
     def isochoric_energy(self, stretches: Array, theta: Array) -> Array:
         """Σ_k c_k (Ĩ1 − 3)^k [MPa]."""
-        x = first_invariant(stretches) - 3.0
-        return sum(theta[k] * x ** (k + 1) for k in range(self.settings.terms))
+        return power_series(theta, first_invariant(stretches) - 3.0, self.settings.terms)
 
     def energy_form(self, theta: FloatArray) -> EnergyForm:
         """Declare the energy for other programs: powers of Ĩ1 − 3."""
         return EnergyForm(powers=tuple(map(float, theta[:-1])), bulk_MPa=float(theta[-1]))
+
+
+def yeoh_coefficients(n_terms: int) -> tuple[Parameter, ...]:
+    """Parameters c1, c2, … of a series of powers of Ĩ1 − 3; the ranges are the paper's."""
+    return tuple(_coefficient(k) for k in range(1, n_terms + 1))
+
+
+def power_series(coefficients: Array, x: Array, n_terms: int) -> Array:
+    """Sum of c_k x^k over the first ``n_terms`` coefficients."""
+    return sum(coefficients[k] * x ** (k + 1) for k in range(n_terms))
 
 
 def _coefficient(k: int) -> Parameter:
