@@ -120,13 +120,13 @@ def test_intervals_hold_the_moduli_at_once_and_later(run):
 def test_the_terminal_says_what_is_left_and_what_a_record_does_not_tell(run):
     left, shear, loss = run.stages["relaxation"].summarise(run).lines
     assert "of the moduli at once are left after 41 s" in left
-    assert shear.startswith("shear modulus ")
+    assert shear.startswith("Shear modulus ")
     assert "at once (" in shear
     assert "after 41 s (" in shear
     assert loss.endswith("at 1 rad/s, the rate of a press in 1 s.")
     longer = replace(run.study, parametrisation=Relaxing(RelaxingSettings(relaxation_times=("1 s", "100 s"))))
     _, untold, *_ = run.stages["relaxation"].summarise(replace(run, study=longer)).lines
-    assert untold == "a record of 41 s does not tell 100 s."
+    assert untold == "A record of 41 s does not tell 100 s."
 
 
 def test_the_page_draws_the_band(run):
@@ -164,7 +164,7 @@ def test_shares_of_a_regions_stress_are_shown_as_those_of_all_moduli(run, relaxi
     monkeypatch.setattr(type(run), "table", lambda self, name, stage="": found[name])
     left, *_, loss = stage.summarise(replace(run, study=in_solver)).lines
     assert "of the moduli at once are left after 41 s" in left
-    assert loss.startswith("loss tangent ")
+    assert loss.startswith("Loss tangent ")
 
 
 def test_no_simulation_is_for_a_share(run):

@@ -276,13 +276,23 @@ def test_what_a_fit_has_found_to_relax_is_pressed_by_a_solver_that_relaxes_it(
         run_prediction(study, run, tool, plugins, SILENT)
     monkeypatch.setattr(Pressed, "provides", replace(Pressed.provides, relaxation=True, slopes=False))
     monkeypatch.setattr(Pressed, "fails", staticmethod(lambda job: jobs.append(job)))
-    run_prediction(study, run, tool, plugins, SILENT, n_solved=2)
+    made = run_prediction(study, run, tool, plugins, SILENT, n_solved=2)
     pressed = [job for job in jobs if job.surface and job.protocol.time_s is not None]
     assert len(pressed) == 3  # without meshes both spots have the same jobs
     for job in pressed:
         assert job.materials["soft_tissue"].relaxation_times_s == (1.0, 10.0)
         assert job.thetas["soft_tissue"][-2:].tolist() == [0.2, 0.1]
         assert job.protocol.time_s[-1] == 31.0
+    assert not any(
+        "relaxes" in text for text in notes(made, "")
+    )  # nothing is known of the experiment's times
+    said = notes(replace(made, record_s=40.0), "")
+    assert "The tissue relaxes in the 31 s of the tool's motion." in said
+    said = notes(replace(made, record_s=6.0), "")
+    assert (
+        "warning: The tissue relaxes in the 31 s of the tool's motion. The experiment tells 6 s of it: later "
+        "forces are an extrapolation." in said
+    )
 
 
 def test_a_tool_without_times_is_refused_where_the_tissue_relaxes(make_study, plugins, tmp_path):

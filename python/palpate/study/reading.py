@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from palpate.domain import Channel, ParameterSpace, Protocol, Scenario
+from palpate.domain import Channel, Indentation, ParameterSpace, Protocol, Scenario
 from palpate.domain.channels import PRESS_AND_TWIST
 from palpate.domain.component import Component
 from palpate.errors import PluginError, StudyError
@@ -141,6 +141,18 @@ class Study:
         """True if a region relaxes, or the parametrisation has the relaxation of what a scenario weighs."""
         relaxes = any(region.relaxes for region in self.space.regions)
         return relaxes or self.parametrisation.models_relaxation(scenario)
+
+    @property
+    def relaxes(self) -> bool:
+        """True if moduli are those at once, since something relaxes: all of them, or a region's stress."""
+        return bool(self.parametrisation.times_s) or any(region.relaxes for region in self.space.regions)
+
+    @property
+    def record_s(self) -> float:
+        """End of the longest motion [s]; 0 where none has times."""
+        protocols = map(self.protocol_at, self.spot_names)
+        times = (p.time_s for p in protocols if isinstance(p, Indentation))
+        return max((float(each[-1]) for each in times if each is not None), default=0.0)
 
     @property
     def folder(self) -> Path:

@@ -69,12 +69,12 @@ class RelaxationOverTime(Stage):
 
     def is_in_run(self, study: Study) -> bool:
         """True where anything relaxes."""
-        return _relaxes(study)
+        return study.relaxes
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Rows by fit, scenario and region."""
         study = inputs.study
-        if not _relaxes(study):
+        if not study.relaxes:
             raise StudyError(
                 'nothing relaxes; set parametrisation = "relaxing" in [fit], or relaxation_times of a region'
             )
@@ -84,22 +84,25 @@ class RelaxationOverTime(Stage):
             best = dict(zip(found["parameter"], found["value"], strict=True))
             of = {"fit": fit, "scenario": scenario}
             regions = _drawn(inputs, str(fit), [best, *(best | row for row in draws.to_dicts())])
-            over_time += [of | row for row in _over_time(regions, study, record_s(study))]
-            moduli += [of | row for row in _moduli(regions, study, record_s(study))]
+            over_time += [of | row for row in _over_time(regions, study, study.record_s)]
+            moduli += [of | row for row in _moduli(regions, study, study.record_s)]
         found_any = {"relaxation": over_time, "relaxing_moduli": moduli}
         return {name: pl.DataFrame(rows) for name, rows in found_any.items() if rows}
 
     def summarise(self, inputs: Run) -> Summary:
         """Summary: what is left after the record, the moduli, the loss tangent, and what is not told."""
         table = inputs.table("relaxation")
-        if table.is_empty() or not _relaxes(inputs.study):
+        if table.is_empty() or not inputs.study.relaxes:
             return Summary(lines=["No fit, and so no relaxation."])
         main = _leading(inputs, table)
         moduli = inputs.table("relaxing_moduli")
         left, losses = list(_left(inputs.study, main)), list(_losses(inputs.study, main))
         shear = [_shear(inputs.study, rows) for rows in _by_region(_leading(inputs, moduli))]
         return Summary(
-            lines=[f"{line}." for line in (*left, *shear, *losses)],
+            lines=[
+                f"{line[0].upper()}{line[1:]}."
+                for line in (*left, *(f"shear modulus {each}" for each in shear), *losses)
+            ],
             labelled={"Relaxation": "; ".join(left), "Shear modulus": "; ".join((*shear, *losses))},
             tables={"Shear moduli": moduli, "Moduli that are left": table},
             figures=[_figure(main)],
@@ -109,19 +112,8 @@ class RelaxationOverTime(Stage):
 # ------------------------------------------------------------------------- what relaxes
 
 
-def _relaxes(study: Study) -> bool:
-    return bool(study.parametrisation.times_s) or any(region.relaxes for region in study.space.regions)
-
-
 def _relaxing_regions(study: Study) -> list[RegionMaterial]:
     return [each for each in relaxing_space(study).regions if isinstance(each.material, RelaxingMaterial)]
-
-
-def record_s(study: Study) -> float:
-    """End of the longest motion [s]."""
-    protocols = map(study.protocol_at, study.spot_names)
-    ends = (p.time_s[-1] for p in protocols if isinstance(p, Indentation) and p.time_s is not None)
-    return float(max(ends, default=0.0))
 
 
 def press_s(study: Study) -> float:
@@ -135,7 +127,7 @@ def press_s(study: Study) -> float:
 def _untold_s(study: Study) -> list[float]:
     """Time constants that are longer than the record."""
     times = dict.fromkeys(t for r in _relaxing_regions(study) for t in r.material.relaxation_times_s)
-    return [time for time in times if time > record_s(study)]
+    return [time for time in times if time > study.record_s]
 
 
 # ------------------------------------------------------------------------------- tables
@@ -228,16 +220,16 @@ def _left(study: Study, main: pl.DataFrame) -> Iterator[str]:
             f"{last['time_s']:.3g} s ({100.0 * last['lower']:.3g} to {100.0 * last['upper']:.3g} %)"
         )
     if untold := [f"{time:g} s" for time in _untold_s(study)]:
-        yield f"a record of {record_s(study):.3g} s does not tell {', '.join(untold)}"
+        yield f"a record of {study.record_s:.3g} s does not tell {', '.join(untold)}"
 
 
 def _shear(study: Study, rows: pl.DataFrame) -> str:
-    """Sentence on the shear moduli of a region."""
+    """Shear moduli of a region in words."""
     parts = (
         f"{row['value']:.3g} {row['unit']} {row['shear_modulus']} ({row['lower']:.3g} to {row['upper']:.3g})"
         for row in rows.iter_rows(named=True)
     )
-    return f"shear modulus{_of(study, rows['region'][0])} {', '.join(parts)}"
+    return f"{_of(study, rows['region'][0])} {', '.join(parts)}".removeprefix(" ")
 
 
 def _losses(study: Study, main: pl.DataFrame) -> Iterator[str]:

@@ -98,6 +98,8 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
         f"Prediction of {indenter.name} ({indenter.settings}) with friction {tool.protocol.friction:g}, by "
         f"the {found.source} of scenario {found.scenario} at {', '.join(found.spots)}."
     )
+    if prediction.record_s and tool.protocol.time_s is not None:
+        lines.append(_in_time(float(tool.protocol.time_s[-1]), prediction.record_s))
     if prediction.n_draws and any(each.bands for each in prediction.spots.values()):
         lines.append(
             f"Linear bands hold 90 % of {prediction.n_draws} draws of the fitted values, by the slopes of "
@@ -124,6 +126,14 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
     failed = [f"{s} ({p.simulation.message})" for s, p in prediction.spots.items() if p.simulation.message]
     lines += [f"Not pressed to the end: {text}." for text in failed]
     return [*lines, beyond(prediction.strains)]
+
+
+def _in_time(motion_s: float, record_s: float) -> str:
+    """Sentence on the rate of the tool, and on time that no record tells of."""
+    text = f"The tissue relaxes in the {motion_s:.3g} s of the tool's motion."
+    if motion_s <= record_s:
+        return text
+    return f"warning: {text} The experiment tells {record_s:.3g} s of it: later forces are an extrapolation."
 
 
 def _errors(each: SpotPrediction) -> str:

@@ -94,13 +94,20 @@ class SpotPrediction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """A tool on the fitted limb, at one spot or more."""
+    """A tool on the fitted limb, at one spot or more.
+
+    Parameters
+    ----------
+    record_s : float
+        Time of the longest motion of the experiment, where the tissue relaxes; else 0.
+    """
 
     tool: Tool
     fitted: Fitted
     spots: Mapping[str, SpotPrediction]
     strains: pl.DataFrame
     n_draws: int
+    record_s: float = 0.0
 
     @property
     def summary(self) -> pl.DataFrame:
@@ -147,7 +154,14 @@ def predict(stored: Run, tool: Tool, n_solved: int = 0) -> Prediction:
             plan = _Plan(stored, pressed, tool, found, spot, observed)
             spots[spot] = _at_spot(plan, simulations, draws, n_solved)
     strains = exceedances(experiment, {spot: each.simulation for spot, each in spots.items()})
-    return Prediction(tool=tool, fitted=found, spots=spots, strains=strains, n_draws=len(draws))
+    return Prediction(
+        tool=tool,
+        fitted=found,
+        spots=spots,
+        strains=strains,
+        n_draws=len(draws),
+        record_s=study.record_s if study.relaxes else 0.0,
+    )
 
 
 def _check(stored: Run, n_draws: int, n_solved: int) -> None:

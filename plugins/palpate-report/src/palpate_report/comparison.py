@@ -11,7 +11,7 @@ import polars as pl
 from palpate.api import FORCE, FloatArray, Indentation, ParameterName
 from palpate.api.files import write_atomically
 from palpate.api.fit import channel_of
-from palpate.api.runs import Study, keep_only
+from palpate.api.runs import keep_only
 from palpate_report.best_sets import best_sets, leading
 from palpate_report.display_units import in_display_units
 from palpate_report.headline import NO_PARAMETERS, failure_of, headlines, moduli
@@ -111,7 +111,7 @@ def other_rates(runs: Mapping[str, ReportData]) -> tuple[frozenset[str], str]:
 
     A model without time has apparent moduli of the rate of its presses; one that relaxes has those at once.
     """
-    at_once = [name for name, data in runs.items() if _relaxes(data.study)]
+    at_once = [name for name, data in runs.items() if data.study.relaxes]
     apparent = {n: s for n, data in runs.items() if n not in at_once and (s := press_durations_s(data))}
     ends = [(min(seconds), max(seconds)) for seconds in apparent.values()]
     differ = len(ends) > 1 and max(most for _, most in ends) > RATES * min(least for least, _ in ends)
@@ -126,10 +126,6 @@ def other_rates(runs: Mapping[str, ReportData]) -> tuple[frozenset[str], str]:
         f"The moduli are not comparable: {'; '.join(texts)}. A model without time finds apparent moduli of "
         "its rate. Compare runs of one rate, or fit the relaxation in all."
     )
-
-
-def _relaxes(study: Study) -> bool:
-    return bool(study.parametrisation.times_s) or any(region.relaxes for region in study.space.regions)
 
 
 def _leading(data: ReportData) -> dict[str, Any]:

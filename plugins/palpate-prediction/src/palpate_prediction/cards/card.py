@@ -42,6 +42,8 @@ class CardData:
         Ends of the measured curves, where the experiment is on a homogeneous specimen.
     number : int
         By which the parts of a model name the material: from 1, in the order of the study's regions.
+    record_s : float
+        Time of the longest motion, which tells no slower relaxation; 0 where it is not known.
     """
 
     title: str
@@ -55,6 +57,7 @@ class CardData:
     failure: str = ""
     reached: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
     number: int = 1
+    record_s: float = 0.0
 
     @property
     def verdict(self) -> str:
@@ -135,6 +138,8 @@ def _relaxation(data: CardData, form: EnergyForm | None) -> Iterator[str]:
     if form is not None:
         bulk = form.bulk_MPa * (1.0 if of_shape else left)
         yield f"long-term moduli: shear {form.shear_MPa * left:.6g} MPa, bulk {bulk:.6g} MPa"
+    if untold := [f"{tau:g} s" for tau in shares if 0.0 < data.record_s < tau]:
+        yield f"not told by a record of {data.record_s:.3g} s: what relaxes with {', '.join(untold)}"
     which = "stress of the shape at constant volume" if of_shape else "stress"
     yield (
         f"in palpate the second Piola-Kirchhoff {which} relaxes; a program where another stress does differs "

@@ -367,6 +367,7 @@ def cards_of(run: Run) -> Iterator[CardData]:
             failure=failure,
             reached=_reached(run),
             number=number,
+            record_s=study.record_s,
         )
 
 
