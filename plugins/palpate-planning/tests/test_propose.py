@@ -8,9 +8,20 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from palpate.domain import Channel, Indentation, Job, Response, Status, SurfaceStates, Waypoints
+from palpate.domain import (
+    Channel,
+    Curve,
+    Indentation,
+    Job,
+    Response,
+    Simulation,
+    Status,
+    SurfaceStates,
+    Waypoints,
+)
 from palpate.errors import StudyError
 from palpate.mesh.specimens.blocks import block
+from palpate.plugins.parametrisation import SpotInputs
 from palpate.stages import pipeline
 from palpate.study.reading import read_options, read_study
 from palpate.study.tool import read_tool
@@ -23,12 +34,14 @@ from palpate_planning.candidates import (
     candidates,
     described,
     limits_of,
+    timed,
     usual,
     with_presses,
 )
 from palpate_planning.figure import draw
 from palpate_planning.plan import tool_forces
-from palpate_planning.presses import simulated_presses, with_pressures
+from palpate_planning.presses import observed, simulated_presses
+from palpate_planning.pressures import with_pressures
 from palpate_planning.propose import PlanOptions, before_any_press, choose_presses, propose
 from palpate_planning.tables import ProposalOutput, for_robot, proposal_tables
 
@@ -405,6 +418,36 @@ def test_usual_candidates_are_shares_of_each_spots_press(run):
     text = study.file.read_text()
     study.file.write_text(f'{text}protocol = {{ depth = "0.5 mm" }}\n')
     assert {keys["depth"] for _, keys in usual(study)} == {"0.25 mm", "0.375 mm", "0.5 mm"}
+
+
+def test_presses_of_a_tissue_that_relaxes_are_tried_with_other_durations():
+    moves = [{"depth": "2 mm", "duration": "1 s"}, {"duration": "3 s"}]
+    tried = [[move["duration"] for move in each] for each in timed(moves)]
+    assert tried == [["1 s", "3 s"], ["1 s", "30 s"], ["5 s", "3 s"], ["0.2 s", "3 s"]]
+    repeated = [{"repeat": 3, "moves": moves[:1]}]
+    tried = [each[0]["moves"][0]["duration"] for each in timed(repeated)]
+    assert tried == ["1 s", "5 s", "0.2 s"]  # there is no rest
+    assert [each[0]["depth"] for each in timed(moves)] == ["2 mm"] * 4
+
+
+def test_a_planned_curve_is_as_the_parametrisation_has_it(run):
+    """What relaxes is planned as relaxed."""
+    study, _, _ = run
+    halved = Response(curves={"force": Curve(channel="force", abscissa=np.arange(2.0), ordinate=np.ones(2))})
+
+    class Term:
+        spot = "p1"
+
+    class Stated:
+        terms = (Term(),)
+
+        def inputs(self, spot, point):
+            return SpotInputs(thetas={}, protocol=study.protocol, observe=lambda response: halved)
+
+    found = Simulation(job=None, status=Status.OK, response=Response(curves={}))
+    assert observed(Stated(), None, found).response is halved
+    failed = replace(found, response=None, status=Status.DIVERGED)
+    assert observed(Stated(), None, failed) is failed
 
 
 def test_robot_gets_the_whole_path(run):

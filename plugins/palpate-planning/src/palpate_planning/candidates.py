@@ -125,6 +125,9 @@ def _inline(values: Mapping[str, Any]) -> tomlkit.items.InlineTable:
 SHARES = (0.5, 0.75, 1.0)
 """Depths that are tried, over that of the study, where the user names none."""
 
+DURATIONS = ((1.0, 1.0), (10.0, 1.0), (1.0, 5.0), (1.0, 0.2))
+"""Durations of rests and of what moves, over those of the study, that are tried where the tissue relaxes."""
+
 MOST_PRESSES = 500
 """Most candidates: each is simulated at several points."""
 
@@ -178,7 +181,8 @@ class Allowed(BaseModel):
 def usual(study: Study) -> list[tuple[str, dict[str, Any]]]:
     """Spots and keys of their protocols where nothing is said: shares of what each spot has.
 
-    That is half of the depth, three quarters and all of it, without a twist, with half of it and with all.
+    That is half of the depth, three quarters and all of it, without a twist, with half of it and with all. Of
+    moves, where the tissue relaxes, these, with rests that are longer, and slower and faster.
     """
     raw = tomllib.loads(study.file.read_text(encoding="utf-8-sig"))
     found = []
@@ -190,7 +194,30 @@ def usual(study: Study) -> list[tuple[str, dict[str, Any]]]:
             keys["depth"] = [f"{share * depth:g} mm" for share in SHARES]
         if twist := [convert(angle, "deg") for angle in own.get("twist", [])]:
             keys["twist"] = [[], *([f"{share * angle:g} deg" for angle in twist] for share in (0.5, 1.0))]
+        if "moves" in own and study.relaxes:
+            keys["moves"] = list(timed(own["moves"]))
         found += [(table["name"], each) for each in _combinations(keys)]
+    return found
+
+
+def timed(moves: Sequence[Mapping[str, Any]]) -> Iterator[list[dict[str, Any]]]:
+    """Moves of a study as they are, with longer rests, and of other rates."""
+    found = [[_lasting(move, *factors) for move in moves] for factors in DURATIONS]
+    yield from (each for i, each in enumerate(found) if each not in found[:i])
+
+
+def _is_rest(move: Mapping[str, Any]) -> bool:
+    return move.keys() == {"duration"}
+
+
+def _lasting(move: Mapping[str, Any], of_rests: float, of_others: float) -> dict[str, Any]:
+    """A move whose duration, and those of the moves that it repeats, is multiplied."""
+    found = dict(move)
+    if "moves" in move:
+        found["moves"] = [_lasting(each, of_rests, of_others) for each in move["moves"]]
+    if "duration" in move:
+        factor = of_rests if _is_rest(move) else of_others
+        found["duration"] = f"{factor * convert(move['duration'], 's'):g} s"
     return found
 
 

@@ -23,7 +23,7 @@ from palpate.api.fit import LEVEL, Parametrisation, SpotInputs, pieces
 from palpate.api.runs import Study, Tool
 from palpate_certainty.laplace import N_DRAWS, RANGE_SD, Density, Laplace
 from palpate_planning.information import ExpectedError, FisherInformation
-from palpate_planning.presses import DesignProblem, SimulatedPress, job_of, point_in, slopes_of
+from palpate_planning.presses import DesignProblem, SimulatedPress, job_of, observed, point_in, slopes_of
 from palpate_prediction.predict import refined_limbs
 from palpate_prediction.summary import is_by_force
 
@@ -66,9 +66,8 @@ class UnderTool(Parametrisation):
         self, space: ParameterSpace, spot: str, protocol: Protocol, values: Mapping[str, float]
     ) -> SpotInputs:
         """The study's materials, pressed by the tool."""
-        return SpotInputs(
-            thetas=self.base.inputs(space, self.spot, protocol, values).thetas, protocol=protocol
-        )
+        found = self.base.inputs(space, self.spot, protocol, values)
+        return SpotInputs(thetas=found.thetas, protocol=protocol, observe=found.observe)
 
 
 def tool_limbs(study: Study, tool: Tool | None) -> dict[str, Limb]:
@@ -122,6 +121,7 @@ def _force(design: DesignProblem, tool: Tool, spot: str, point: FloatArray) -> T
     )
     problem = design.problem.restated([bare], UnderTool(design.problem.parametrisation, like.spot))
     (simulation,) = problem.simulate([job_of(design, problem, point)])
+    simulation = observed(problem, point_in(design, problem, point), simulation)
     curves = {} if simulation.response is None else simulation.response.curves
     if FORCE not in curves or simulation.status is not Status.OK:
         why = simulation.message or simulation.status.remedy

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.api import (
-    FORCE,
     SILENT,
     Channel,
     Curve,
@@ -50,9 +49,8 @@ from palpate_certainty.laplace import Laplace
 from palpate_certainty.mesh_error import SpotMesh
 from palpate_certainty.noise_model import grouped, groups_of, layout_of, path_of
 from palpate_certainty.stages import spot_meshes
-from palpate_planning.candidates import PRESSURE, CandidatePress
+from palpate_planning.candidates import CandidatePress
 from palpate_planning.information import ErrorSizes, FisherInformation, cause_name, press_information
-from palpate_prediction.summary import contact_of
 
 USUAL_POINTS = 100
 """Points of a curve where no measured one shows how many there are."""
@@ -282,7 +280,7 @@ def _stated(
     coarse = {press: [next(ended) for _ in points] for press in bare}
     fine = dict(zip(finer, ended, strict=True))
     return {
-        press: _restated(design, press, problem, points[0], coarse[press], fine.get(press))
+        press: _restated(design, press, problem, points, coarse[press], fine.get(press))
         for press, problem in bare.items()
     }
 
@@ -297,7 +295,7 @@ def _restated(
     design: DesignProblem,
     press: CandidatePress,
     bare: Problem,
-    first: FloatArray,
+    points: FloatArray,
     coarse: Sequence[Simulation],
     fine: Simulation | None,
 ) -> list[_Stated] | str:
@@ -305,17 +303,18 @@ def _restated(
         # A partial curve ends before its peak, so that it would pass any limit.
         if each.response is None or each.status is not Status.OK:
             return f"{each.status}: {each.message or each.status.remedy}"
-    terms = [_term(design, press, _as_measured(design, press, each)) for each in coarse]
+    shown = [observed(bare, point_in(design, bare, p), each) for p, each in zip(points, coarse, strict=True)]
+    terms = [_term(design, press, _as_measured(design, press, each)) for each in shown]
     if not terms[0].weights:
         return f"it shows no channel of scenario '{design.scenario.name}'"
     known = terms[0]
     if fine is not None:
-        inputs = bare.inputs(known.spot, point_in(design, bare, first))
+        inputs = bare.inputs(known.spot, point_in(design, bare, points[0]))
         with contextlib.suppress(NotRankedError):  # its error is that of one mesh then
             run = fine_run(known, inputs, coarse[0], fine, design.mesh(press).refinement)
             known = replace(known, corrections=run.corrections)
     stated = []
-    for term, each in zip(terms, coarse, strict=True):
+    for term, each in zip(terms, shown, strict=True):
         corrections = {name: _as_of(known, name, term.measured[name]) for name in known.corrections}
         corrected = replace(term, corrections=corrections)
         stated.append(_Stated(bare.restated([corrected]), _peaks(design, each)))
@@ -343,6 +342,15 @@ def job_of(design: DesignProblem, problem: Problem, point: FloatArray) -> Job:
     (term,) = problem.terms
     inputs = problem.inputs(term.spot, point_in(design, problem, point))
     return term.job(inputs, -1, slopes=design.study.solver.provides.slopes, fine=False)
+
+
+def observed(problem: Problem, point: FloatArray, simulation: Simulation) -> Simulation:
+    """Simulation as the parametrisation has its curves, such as relaxed, at a point of a one-term problem."""
+    (term,) = problem.terms
+    observe = problem.inputs(term.spot, point).observe
+    if simulation.response is None or observe is None:
+        return simulation
+    return replace(simulation, response=observe(simulation.response))
 
 
 def point_in(design: DesignProblem, problem: Problem, point: FloatArray) -> FloatArray:
@@ -465,35 +473,3 @@ def _name(label: str, name: str, press: CandidatePress) -> str:
     _, is_of_spot, channel = name.rpartition(" ")
     # The fit will have the press as a spot of its own, with the error of its own finer mesh.
     return cause_name(label, f"{press.name} {channel}" if label == MESH and is_of_spot else name)
-
-
-def with_pressures(
-    design: DesignProblem, presses: Sequence[SimulatedPress], point: FloatArray
-) -> list[SimulatedPress]:
-    """Add the largest pressure [MPa] to the peaks of presses.
-
-    It is solved at the first point (n_parameters,) of the box; at the others it changes like the force, as
-    `palpate predict` takes it.
-    """
-    possible = [press for press in presses if press.at]
-    jobs = [job_of(design, bare_problem(design, each.press), point) for each in possible]
-    ended = design.problem.simulate([replace(job, slopes=False, surface=True) for job in jobs])
-    simulated = dict(zip(possible, ended, strict=True))
-    return [_added(each, simulated[each]) if each in simulated else each for each in presses]
-
-
-def _added(press: SimulatedPress, simulation: Simulation) -> SimulatedPress:
-    if simulation.surface is None or simulation.status is not Status.OK:
-        why = simulation.message or simulation.status.remedy
-        return replace(press, at=(), failure=f"its pressure is not known: {why}")
-    largest = float(contact_of(simulation.surface, None).peak_MPa.max(initial=0.0))
-    forces = [each.peaks.get(FORCE.name, 0.0) for each in press.at]
-    if not all(forces):
-        return replace(press, at=(), failure="its force is not known, which the pressure changes like")
-    return replace(
-        press,
-        at=tuple(
-            replace(each, peaks={**each.peaks, PRESSURE: largest * force / forces[0]})
-            for each, force in zip(press.at, forces, strict=True)
-        ),
-    )

@@ -49,8 +49,8 @@ from palpate_planning.presses import (
     press_meshes,
     presses_so_far,
     simulated_presses,
-    with_pressures,
 )
+from palpate_planning.pressures import with_pressures
 from palpate_planning.tables import for_robot
 
 
