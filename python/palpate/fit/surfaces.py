@@ -1,6 +1,7 @@
 """The skin under the fitted material: one simulation for each spot, with the states of its surface."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,16 +9,19 @@ import polars as pl
 
 from palpate.domain import Job, Response, Simulation, Status, SurfaceStates
 from palpate.errors import SolverError, StudyError
-from palpate.fit.fitted import Fitted, inputs_at, job_of
+from palpate.fit.fitted import Fitted, inputs_at, job_of, relaxing_space, relaxing_thetas
 from palpate.run.ledger import Ledger
 from palpate.simulation.jobs import check_jobs
 from palpate.simulation.sweep import Simulations
+from palpate.study.reading import Study
 
 
 def simulate_surfaces(
     simulations: Simulations, found: Fitted, measured: Mapping[str, Response]
 ) -> pl.DataFrame:
     """Simulate the press at every spot with what was found, unless that is in the ledger already.
+
+    What relaxes by shares of all moduli relaxes in the solver, where that can; else the skin is that at once.
 
     Returns
     -------
@@ -37,7 +41,7 @@ def simulate_surfaces(
         raise StudyError(
             f"{study.file}: solver '{study.solver.name}' does not give the states of the skin; use 'jax'"
         )
-    jobs = [job_of(study, s, inputs_at(study, s, found.values, measured), surface=True) for s in found.spots]
+    jobs = [_job(study, spot, found, measured) for spot in found.spots]
     check_jobs(study, jobs, simulations.limbs)
     simulations.progress.begin("surface", len(jobs))
     ended = simulations.of(jobs)
@@ -54,6 +58,14 @@ def simulate_surfaces(
             "message": [each.message for each in ended],
         }
     )
+
+
+def _job(study: Study, spot: str, found: Fitted, measured: Mapping[str, Response]) -> Job:
+    inputs = inputs_at(study, spot, found.values, measured)
+    if study.parametrisation.times_s and study.solver.provides.relaxation:
+        inputs = replace(inputs, thetas=relaxing_thetas(study, inputs.thetas, found.values))
+        study = replace(study, space=relaxing_space(study))
+    return job_of(study, spot, inputs, surface=True)
 
 
 def stored_surfaces(folder: Path, table: pl.DataFrame) -> Mapping[str, SurfaceStates]:

@@ -10,7 +10,10 @@ from palpate.domain import Job, Limb, Simulation, Status, SurfaceStates
 from palpate.domain.component import Settings
 from palpate.errors import MeshError, StudyError
 from palpate.executors import InProcess
+from palpate.fit.fitted import Fitted
 from palpate.fit.least_squares import LeastSquares
+from palpate.fit.parametrisation import StandardParametrisation
+from palpate.fit.surfaces import _job as fitted_job
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
@@ -149,6 +152,18 @@ def test_another_selection_has_no_skin_yet(skinned, plugins, tmp_path):
     other = replace(study, search=LeastSquares())
     pipeline.run_stage("fit", other, run, plugins)
     assert surfaces(other, run) == {}
+
+
+@pytest.mark.parametrize("relaxation", [True, False])
+def test_the_skin_relaxes_where_the_solver_can(skinned, monkeypatch, relaxation):
+    monkeypatch.setattr(Skinned, "provides", replace(Skinned.provides, relaxation=relaxation))
+    monkeypatch.setattr(StandardParametrisation, "times_s", {"relaxed.10s": 10.0})
+    study = skinned[0]()
+    values = dict.fromkeys(study.space.names, 0.4) | {"relaxed.10s": 0.2}
+    found = Fitted(source="fit", fit="all spots", scenario="both", values=values, spots=("p1", "p2"))
+    job = fitted_job(study, "p2", found, {})
+    assert job.thetas["soft_tissue"].tolist() == ([0.4, 0.4, 0.2] if relaxation else [0.4, 0.4])
+    assert job.materials["soft_tissue"].relaxation_times_s == ((10.0,) if relaxation else ())
 
 
 @pytest.mark.parametrize(
