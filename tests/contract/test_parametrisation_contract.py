@@ -29,7 +29,7 @@ class TestWithEverything(ParametrisationContract):
     @pytest.fixture
     def space(self):
         material = LinearMaterial()
-        searched = tuple(replace(p, by_spot=True) for p in material.parameters)
+        searched = tuple(replace(p, by="spot") for p in material.parameters)
         region = RegionMaterial(region="skin", material=material, searched=searched, fixed={})
         return ParameterSpace(regions=(region,))
 

@@ -9,7 +9,7 @@ import pytest
 from palpate.cli.app import main
 from palpate.plugins.catalogue import Plugins
 from palpate.run.ledger import Ledger
-from palpate.study.model import BudgetTable, FitTable, RegionTable, SamplingTable
+from palpate.study.model import BudgetTable, FitTable, RegionTable, SamplingTable, SpotTable
 from palpate_certainty.error_sources import ONSET_MM
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "fit.md").read_text(encoding="utf-8")
@@ -32,13 +32,16 @@ def test_the_table_has_the_keys_of_a_study_and_their_defaults() -> None:
 
 
 def test_the_tables_of_parameters_sampling_and_searched_are_read() -> None:
-    regions, sampling, _, fit = map(tomllib.loads, blocks("toml"))
+    regions, sampling, _, fit, states = map(tomllib.loads, blocks("toml"))
     for region in regions["region"].values():
         assert set(RegionTable.model_validate(region).parameters) == {"c1", "kappa"}
     table = SamplingTable.model_validate(sampling["sampling"])
     sampler = PLUGINS.samplers[table.sampler]
     assert sampler.Settings.model_validate(table.settings).criterion == "maximin"
-    assert PLUGINS.parametrisations["standard"].Settings.model_validate(fit["fit"]["searched"]).friction
+    searched = PLUGINS.parametrisations["standard"].Settings
+    assert searched.model_validate(fit["fit"]["searched"]).friction
+    assert searched.model_validate(states["fit"]["searched"]).stiffness.keys() == {"muscle"}
+    assert [SpotTable.model_validate(spot).state for spot in states["spot"]] == ["rest", "contracted"]
 
 
 @pytest.mark.parametrize(

@@ -394,7 +394,7 @@ def test_the_interval_is_that_of_the_spot_whose_value_it_is(space):
     ]
     fit = FitResult(certainty=CertaintyResult(intervals=pl.DataFrame(rows)))
     found = Fitted(source="fit", fit="all spots", scenario="both", values={}, spots=("p1", "p2"))
-    assert _intervals(fit, found, region, theta, region.full_names) == {
+    assert _intervals(fit, found, region, theta, region.full_names, {}) == {
         "stiffness": pytest.approx((0.3, 0.5)),
         "grip": pytest.approx((19.9, 20.1)),
     }

@@ -120,7 +120,7 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
             [
                 *(p.name, p.lower, p.upper, p.unit),
                 f"{p.prior.value:g} ± {p.prior.sd:g}" if p.prior else None,
-                f"{p.description}; a value for each spot" if p.by_spot else p.description,
+                f"{p.description}; a value for each {p.by}" if p.by else p.description,
             ]
             for p in in_units(study, (*study.space.parameters, *_by_fit_alone(study)))
         ],

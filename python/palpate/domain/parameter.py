@@ -1,7 +1,9 @@
 """One parameter: its full name, unit, physical range and prior."""
 
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal, Self
 
 import numpy as np
@@ -24,6 +26,10 @@ class Prior:
             raise ParameterError(f"a prior of {self.value} with sd {self.sd}; give a finite value and sd > 0")
 
 
+NO_STATES: Mapping[str, str] = MappingProxyType({})
+"""Where spots have no states."""
+
+
 @dataclass(frozen=True, slots=True)
 class ParameterName:
     """Full name of a parameter, ``region.name@spot`` in tables and files.
@@ -35,7 +41,7 @@ class ParameterName:
     name : str
         Name in the material, or the channel of a gain.
     spot : str
-        The only spot whose value it is; empty where all spots share it.
+        The only spot whose value it is, or the state of the spots; empty where all spots share it.
     """
 
     region: str
@@ -61,9 +67,9 @@ class ParameterName:
         """Name of the same parameter at a spot; with an empty one, at all spots."""
         return type(self)(self.region, self.name, spot)
 
-    def counts_at(self, spot: str) -> bool:
-        """True if its value is that of the spot, or of all spots."""
-        return self.spot in ("", spot)
+    def counts_at(self, spot: str, states: Mapping[str, str] = NO_STATES) -> bool:
+        """True if its value is that of the spot, of the spot's state, or of all spots."""
+        return self.spot in ("", spot, states.get(spot, spot))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +80,7 @@ class Parameter:
     ``physical_lower`` and ``physical_upper`` are the limits of physical meaning.
     ``kind`` is ``modulus`` if it scales with stiffness and ``shape`` if it is
     dimensionless. A sweep spreads the value evenly, or its logarithm (``scale``). ``prior`` is what
-    a fit knows of it before; with ``by_spot`` a fit of several spots finds one value for each.
+    a fit knows of it before; ``by`` says what a fit of several spots finds one value for each of.
     """
 
     name: str
@@ -87,7 +93,7 @@ class Parameter:
     physical_upper: float = np.inf
     scale: Literal["linear", "log"] = "linear"
     prior: Prior | None = None
-    by_spot: bool = False
+    by: Literal["spot", "state"] | None = None
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper:

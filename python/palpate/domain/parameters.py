@@ -107,9 +107,19 @@ class RegionMaterial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterSpace:
-    """All searched parameters of all regions, under the names ``region.parameter``."""
+    """All searched parameters of all regions, under the names ``region.parameter``.
+
+    Parameters
+    ----------
+    states : mapping of spot name to str
+        State in which the person was there, such as rest: of each spot or of none.
+    """
 
     regions: tuple[RegionMaterial, ...]
+    states: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "states", MappingProxyType(dict(self.states)))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -86,7 +86,8 @@ def _values(
         searched = study.parametrisation.parameters(study.space, spots)
     for text in [p.name for p in searched] if is_fit else study.space.names:
         name = ParameterName.parse(text)
-        yield text, float(by_spot[name.spot or spots[0]][name.shared])
+        spot = next(spot for spot in spots if name.counts_at(spot, study.space.states))
+        yield text, float(by_spot[spot][name.shared])
 
 
 def inputs_at(
@@ -94,8 +95,8 @@ def inputs_at(
 ) -> SpotInputs:
     """Inputs of the simulation at a spot for values by name; a sweep's set names the materials' alone."""
     protocol = study.protocol_at(spot) or homogeneous_tests(measured[spot])
-    at = at_spot(values, spot)
-    searched = study.parametrisation.parameters(study.space, study.spot_names)
+    at = at_spot(values, spot, study.space.states)
+    searched = study.parametrisation.parameters(study.space, [spot])
     if not {ParameterName.parse(p.name).shared for p in searched} <= at.keys():
         row = np.array([at[name] for name in study.space.names])
         return SpotInputs(thetas=study.space.thetas(row), protocol=protocol)

@@ -13,14 +13,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import polars as pl
 
-from palpate.domain import Design, FloatArray, ParameterName, Response, Scenario, Simulation, channel_of
+from palpate.domain import Design, FloatArray, Response, Scenario, Simulation, channel_of
 from palpate.errors import PalpateError
 from palpate.fit.mesh_correction import NEAR, EndSlopes, FineRun, errors_of, fine_run
 from palpate.fit.problem import Problem
 from palpate.fit.running import Fit, run_searches
 from palpate.fit.spot_term import Correction, NotRankedError, SpotTerm, pieces, term_of
 from palpate.fit.starts import basins, scaled_start
-from palpate.plugins.parametrisation import SpotInputs
+from palpate.plugins.parametrisation import SpotInputs, at_spot
 from palpate.progress import SILENT, Progress
 from palpate.run.fit_state import FitState
 from palpate.run.result import ALL_SPOTS
@@ -119,9 +119,13 @@ class FitStage:
         cases = [first, *(Case(label, self._weighed_spots(scenario), scenario) for scenario in others)]
         self._search(cases[1:], {id(case): [first.values()] for case in cases[1:]})
         self._correct(cases[1:])
+        states = study.space.states
         if len(spots) > 1:
             of_spots = [
-                (Case(spot, (spot,), case.scenario), {**case.values(), **_at_spot(case.values(), spot)})
+                (
+                    Case(spot, (spot,), case.scenario),
+                    {**case.values(), **at_spot(case.values(), spot, states)},
+                )
                 for case in cases
                 for spot in case.spots
             ]
@@ -316,12 +320,6 @@ class _End:
     @property
     def spot(self) -> str:
         return self.term.spot
-
-
-def _at_spot(values: Mapping[str, float], spot: str) -> dict[str, float]:
-    """Values that a joint fit has found for one spot, under their names at that spot."""
-    named = ((ParameterName.parse(name), value) for name, value in values.items())
-    return {name.shared: value for name, value in named if name.spot == spot}
 
 
 def _same(one: Mapping[str, Correction], other: Mapping[str, Correction]) -> bool:

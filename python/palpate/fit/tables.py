@@ -101,6 +101,8 @@ def _row(
     nmse = {name: _nmse(term, name, values[channel_of(name)]) for name in names}
     fopt = sum(weight * nmse[name] for name, weight in term.weights.items())
     row: dict[str, Any] = _about(case) | {"spot": term.spot, "fopt": fopt}
+    if state := end.problem.study.space.states.get(term.spot):
+        row["state"] = state
     for name, error in nmse.items():
         curve = term.measured[channel_of(name)]
         r2 = 1.0 - error / relative_variance(curve, term.rules.score, name)
@@ -114,7 +116,9 @@ def _row(
     assert end.best is not None
     space = end.problem.study.space
     written = space.written(end.problem.inputs(term.spot, end.best.point).thetas)
-    return row | at_spot(case.values(), term.spot) | {name: written[name] for name in space.ties}
+    return (
+        row | at_spot(case.values(), term.spot, space.states) | {name: written[name] for name in space.ties}
+    )
 
 
 def _at_bound(end: Fit) -> Iterator[str]:

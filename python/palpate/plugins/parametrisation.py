@@ -16,6 +16,7 @@ from palpate.domain import (
     channel_of,
 )
 from palpate.domain.component import Component, SettingsT
+from palpate.domain.parameter import NO_STATES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,16 +114,26 @@ class Parametrisation(Component[SettingsT]):
         yield from ()
 
 
-def for_each_spot(parameters: Sequence[Parameter], spots: Sequence[str]) -> tuple[Parameter, ...]:
-    """Parameters, those ``by_spot`` once for each of several spots as ``<name>@<spot>``."""
+def for_each_spot(
+    parameters: Sequence[Parameter], spots: Sequence[str], states: Mapping[str, str] = NO_STATES
+) -> tuple[Parameter, ...]:
+    """Parameters, those by spot or state once for each of several, as ``<name>@<spot>`` or ``@<state>``."""
+    each = {None: [""], "spot": list(spots), "state": states_of(spots, states)}
     return tuple(
-        replace(parameter, name=str(ParameterName.parse(parameter.name).at(spot)))
+        replace(parameter, name=str(ParameterName.parse(parameter.name).at(one)))
         for parameter in parameters
-        for spot in (spots if parameter.by_spot and len(spots) > 1 else [""])
+        for one in (each[parameter.by] if len(each[parameter.by]) > 1 else [""])
     )
 
 
-def at_spot(values: Mapping[str, float], spot: str) -> dict[str, float]:
-    """Values that count at a spot, by name without ``@<spot>``."""
+def states_of(spots: Sequence[str], states: Mapping[str, str]) -> list[str]:
+    """Different states of these spots, in the study's order."""
+    return list(dict.fromkeys(state for spot, state in states.items() if spot in spots))
+
+
+def at_spot(
+    values: Mapping[str, float], spot: str, states: Mapping[str, str] = NO_STATES
+) -> dict[str, float]:
+    """Values that count at a spot in its state, by name without ``@<spot>``."""
     named = ((ParameterName.parse(name), value) for name, value in values.items())
-    return {name.shared: value for name, value in named if name.counts_at(spot)}
+    return {name.shared: value for name, value in named if name.counts_at(spot, states)}

@@ -124,6 +124,8 @@ def _spot(study: Study, spot: StudySpot) -> dict[str, Any]:
         for channel, paths in spot.measured.items()
     }
     found: dict[str, Any] = {"measured": files}
+    if spot.state:
+        found["state"] = spot.state
     if spot.protocol is not None:
         found["protocol"] = _protocol(spot.protocol)
     if spot.loader is not None:

@@ -270,7 +270,9 @@ class FitResult:
         for parameter in known["parameter"].unique(maintain_order=True):
             name = ParameterName.parse(parameter)
             values = known.filter(parameter=parameter).select("fit", "scenario", estimate="value")
-            here = pl.col("estimate").is_not_null() & (pl.lit(not name.spot) | (pl.col("spot") == name.spot))
+            labels = [column for column in ("spot", "state") if column in table.columns]
+            of_row = pl.any_horizontal(pl.lit(not name.spot), *(pl.col(each) == name.spot for each in labels))
+            here = pl.col("estimate").is_not_null() & of_row.fill_null(False)
             table = (
                 table.join(values, on=["fit", "scenario"], how="left", maintain_order="left")
                 .with_columns(pl.when(here).then("estimate").otherwise(name.shared).alias(name.shared))

@@ -83,7 +83,7 @@ class Sample(OfEveryRun):
         """Settings that decide the first ``n_sets`` sets of the design."""
         regions = study.space.regions
         return {
-            "ranges": [asdict(replace(p, prior=None, by_spot=False)) for p in study.space.parameters],
+            "ranges": [asdict(replace(p, prior=None, by=None)) for p in study.space.parameters],
             "materials": [
                 (r.region, described(r.material, study), r.convention, _not_searched(r)) for r in regions
             ],
@@ -257,6 +257,7 @@ class SearchForBest(OfEveryRun):
             "search": described(study.search),
             "parametrisation": described(study.parametrisation),
             "priors or values by spot": [asdict(p) for p in study.space.parameters],
+            **({"states of spots": dict(study.space.states)} if study.space.states else {}),
             "noise, fine_runs, fine_edge or fine_nodes": [
                 study.noise,
                 study.fine_runs,

@@ -37,7 +37,7 @@ def setting_warnings(study: Study) -> Iterator[str]:
                 )
     every = study.parametrisation.parameters(study.space, study.spot_names[:1])
     for parameter in every if study.search.name == "sweep" else ():
-        if parameter.prior or parameter.by_spot or parameter.name not in study.space.names:
+        if parameter.prior or parameter.by or parameter.name not in study.space.names:
             yield (
                 f"{parameter.name}: search 'sweep' uses no prior, no value by spot and nothing of "
                 "[fit.searched]; name another search, or remove it"

@@ -137,6 +137,9 @@ class SpotTable(Table):
     normal: list[float] = Field(
         default=[0.0, 0.0, 1.0], min_length=3, max_length=3, description="Outward normal at the spot."
     )
+    state: Name | None = Field(
+        default=None, description="State of the person, such as rest or contracted; of each spot or of none."
+    )
     protocol: SpotProtocolTable | None = Field(
         default=None, description="What is done otherwise at this spot, such as another indenter."
     )
@@ -180,8 +183,8 @@ class SearchedRange(Table):
         default="linear", description="Whether sets are spread evenly over the values or their logarithms."
     )
     prior: PriorTable | None = Field(default=None, description="What is known of it; it counts in a fit.")
-    by: Literal["spot"] | None = Field(
-        default=None, description="Whether a fit of several spots finds a value for each."
+    by: Literal["spot", "state"] | None = Field(
+        default=None, description="What a fit of several spots finds a value for each of."
     )
 
 
@@ -202,7 +205,7 @@ class ParameterTable(Table):
     upper: Any = None
     scale: Literal["linear", "log"] = "linear"
     prior: PriorTable | None = None
-    by: Literal["spot"] | None = None
+    by: Literal["spot", "state"] | None = None
 
 
 def _fixed_or_searched(given: object) -> object:

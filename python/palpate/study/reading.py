@@ -350,7 +350,8 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     parts = build_components(context, tables)
     spots = build_spots(context, tables, need_measured)
     protocol = build_protocol(context, tables.protocol) if tables.protocol else None
-    space = build_space(context, tables.region)
+    states = {spot.spot.name: spot.state for spot in spots if spot.state}
+    space = replace(build_space(context, tables.region), states=states)
     measured = {spot.spot.name: spot.measured.keys() for spot in spots}
     scenarios = build_scenarios(context, selection, tables.scenario, measured) if selection else ()
     truth = build_truth(context, tables, space)

@@ -113,7 +113,7 @@ def _tie(
         description=f"{name} over {sources[0]}",
         scale=table.scale,
         prior=prior,
-        by_spot=table.by == "spot",
+        by=table.by,
     )
     return Tie(source=sources[0], factor=ratio)
 
@@ -239,9 +239,7 @@ def _range(problems: Problems, key: Key, default: Parameter, table: ParameterTab
         )
         return
     with problems.at(*key, "scale"):
-        searched = replace(
-            default, lower=ends["lower"], upper=ends["upper"], scale=table.scale, by_spot=table.by == "spot"
-        )
+        searched = replace(default, lower=ends["lower"], upper=ends["upper"], scale=table.scale, by=table.by)
         with problems.at(*key, "prior"):
             known = table.prior and {name: convert(x, default.unit) for name, x in table.prior}
             yield replace(searched, prior=Prior(**known) if known else None)

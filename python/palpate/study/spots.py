@@ -62,6 +62,8 @@ class StudySpot:
         What is done here, where it is not what the study does everywhere.
     loader : ExperimentLoader or None
         What reads the files, where they need other settings than the study's.
+    state : str
+        State of the person; empty where spots have none.
     """
 
     spot: Spot
@@ -72,6 +74,7 @@ class StudySpot:
     place: str = ""
     protocol: Protocol | None = None
     loader: ExperimentLoader | None = None
+    state: str = ""
 
     @property
     def meshes(self) -> dict[str, Path]:
@@ -125,9 +128,24 @@ def build_spots(context: Context, tables: Tables, need_measured: bool = True) ->
                     place=context.problems.place((*key, "fine_mesh") if fine_mesh else ("fit", "fine_edge")),
                     protocol=protocol,
                     loader=loader,
+                    state=table.state or "",
                 )
             )
+    _check_states(context, tables)
     return tuple(spots)
+
+
+def _check_states(context: Context, tables: Tables) -> None:
+    """Refuse a state of some spots only, and one that has the name of a spot."""
+    names = {table.name for table in tables.spot}
+    some = any(table.state for table in tables.spot)
+    for index, table in enumerate(tables.spot):
+        if some and not table.state:
+            context.problems.add(("spot", index), "has no state, which other spots have; give each spot one")
+        elif table.state in names:
+            context.problems.add(
+                ("spot", index, "state"), f"'{table.state}' is the name of a spot too; give it another name"
+            )
 
 
 def _measured(

@@ -20,6 +20,7 @@ from palpate.domain import (
     Tie,
 )
 from palpate.domain.indenter import Sphere
+from palpate.errors import StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
 from palpate.fit.problem import Problem
@@ -186,7 +187,7 @@ RATIO = Parameter(name="e_ratio", unit="1", lower=0.1, upper=2.0, kind="shape", 
 def test_the_jacobian_is_that_of_the_residuals(state, solver, tied):
     """For every kind of unknown at once, with exact slopes and with differences."""
     truth = ALL_TRUE | ({"fat.e": None, "fat.e_ratio": 0.6} if tied else {})
-    problem = state(truth, EVERYTHING, space(tied, by_spot=True), solver)
+    problem = state(truth, EVERYTHING, space(tied, by="spot"), solver)
     names = {p.name for p in problem.study.space.parameters}
     assert len(problem.names) == len(ALL_TRUE) - (len(names) == 1)
     values = problem.box.values(np.linspace(0.35, 0.62, len(problem.names)))
@@ -215,7 +216,7 @@ def test_the_jacobian_is_that_of_the_residuals(state, solver, tied):
             {"gains": {"torque": {"lower": 0.8, "upper": 1.2}}}, {},
             {**BASE, "gain.torque@p1": 1.1, "gain.torque@p2": 0.9},
         ),
-        ({}, {"by_spot": True}, {"skin.e@p1": 0.25, "skin.e@p2": 0.8, "fat.e": 0.3}),
+        ({}, {"by": "spot"}, {"skin.e@p1": 0.25, "skin.e@p2": 0.8, "fat.e": 0.3}),
     ],
     ids=["friction", "friction by spot", "offset", "gain", "modulus by spot"],
 )  # fmt: skip
@@ -264,7 +265,7 @@ def test_where_a_tangent_is_singular_slopes_are_differences(state):
     values = None
     jacobians = []
     for solver in (ExactPress, Singular):
-        problem = state(ALL_TRUE, EVERYTHING, space(None, by_spot=True), solver)
+        problem = state(ALL_TRUE, EVERYTHING, space(None, by="spot"), solver)
         values = problem.box.values(np.full(len(problem.names), 0.5)) if values is None else values
         jacobians.append(problem.jacobian(values))
         assert problem.failure == ""
@@ -276,7 +277,7 @@ def test_a_simulation_without_neighbours_has_no_jacobian_but_a_reason(state):
     class Lonely(Singular):
         most = 0.318
 
-    problem = state(ALL_TRUE, EVERYTHING, space(None, by_spot=True), Lonely)
+    problem = state(ALL_TRUE, EVERYTHING, space(None, by="spot"), Lonely)
     values = problem.box.values(np.full(len(problem.names), 0.5))
     assert np.isnan(problem.jacobian(values)).all()
     assert problem.failure == "no slopes: p1: diverged: too stiff"
@@ -302,7 +303,7 @@ def test_a_step_that_fails_is_reported_where_other_slopes_are_differences(state)
             tilt = (found.protocol.friction, 0.0)  # so that no slopes lead there
             return replace(found, protocol=replace(found.protocol, tilt_deg=tilt))
 
-    problem = state(ALL_TRUE, EVERYTHING, space(None, by_spot=True), Rough)
+    problem = state(ALL_TRUE, EVERYTHING, space(None, by="spot"), Rough)
     problem.parametrisation = Tilting(problem.parametrisation.settings)
     point = np.full(len(problem.names), 0.5)
     most = problem.inputs("p1", point).protocol.friction
@@ -393,3 +394,79 @@ def test_what_is_observed_of_the_response_is_compared(state):
     gained = term.residuals(simulation, replace(inputs, gains={"force": 1.1, "torque": 1.1}))
     assert np.array_equal(observed, gained)
     assert not np.allclose(observed, term.residuals(simulation, inputs))
+
+
+# ---------------------------------------------------------------------- states
+
+STATES = {"p1": "rest", "p2": "contracted", "p3": "contracted"}
+FACTOR = {"stiffness": {"skin": {"lower": 0.5, "upper": 4.0, "prior": {"value": 1.5, "sd": 1.0}}}}
+CONTRACTED = {**BASE, "stiffness.skin@contracted": 2.2}
+
+
+def in_states(states=STATES, **changes):
+    return replace(space(**changes), states=states)
+
+
+def test_a_factor_is_of_each_state_over_the_first():
+    found = StandardParametrisation(StandardSettings(**FACTOR))
+    spots = list(STATES)
+    names = [p.name for p in found.parameters(in_states(), spots)]
+    assert names == ["skin.e", "fat.e", "stiffness.skin@contracted"]
+    third = in_states({**STATES, "p3": "tired"})
+    assert [p.name for p in found.parameters(third, spots)][2:] == [
+        "stiffness.skin@contracted",
+        "stiffness.skin@tired",
+    ]
+    thetas = [found.inputs(in_states(), spot, press(), CONTRACTED).thetas for spot in spots]
+    assert [of["skin"].tolist() for of in thetas] == [[0.5], pytest.approx([1.1]), pytest.approx([1.1])]
+    assert [of["fat"].tolist() for of in thetas] == [[0.3]] * 3
+
+
+def test_of_one_state_it_is_the_joint_fit(state):
+    """Neither a parameter more nor another residual."""
+    joint = state(BASE, spots=["p2", "p3"])
+    of_state = state(BASE, FACTOR, in_states(by="state"), spots=["p2", "p3"])
+    assert of_state.names == joint.names
+    values = np.array([0.4, 0.35])
+    np.testing.assert_array_equal(of_state.residuals(values), joint.residuals(values))
+    np.testing.assert_array_equal(of_state.jacobian(values), joint.jacobian(values))
+
+
+@pytest.mark.parametrize("solver", [ExactPress, Press])
+@pytest.mark.parametrize(
+    ("searched", "changes", "truth"),
+    [
+        (FACTOR, {}, CONTRACTED),
+        ({}, {"by": "state"}, {"skin.e@rest": 0.4, "skin.e@contracted": 0.9, "fat.e": 0.3}),
+        (
+            {"friction": {**EVERYTHING["friction"], "by": "state"}}, {},
+            {**BASE, "friction@rest": 0.3, "friction@contracted": 0.7},
+        ),
+    ],
+    ids=["factor", "modulus", "friction"],
+)  # fmt: skip
+def test_what_differs_between_states_is_recovered(state, solver, searched, changes, truth):
+    problem = state(truth, searched, in_states(**changes), solver, spots=list(STATES), noise=1e-4)
+    fit, found = fitted(problem)
+    assert found == pytest.approx(truth, rel=2e-3, abs=2e-4), fit.message
+
+
+def test_the_slopes_of_a_factor_are_those_of_the_residuals(state):
+    problem = state(CONTRACTED, FACTOR, in_states(), spots=list(STATES))
+    values = np.array([0.45, 0.32, 1.7])
+    found = problem.jacobian(values)
+    for i in range(3):
+        step = 1e-5 * np.eye(3)[i]
+        expected = (problem.residuals(values + step) - problem.residuals(values - step)) / 2e-5
+        np.testing.assert_allclose(found[:, i], expected, atol=2e-3 * np.abs(expected).max())
+
+
+def test_a_state_needs_spots_that_have_one_and_a_factor_its_region():
+    found = StandardParametrisation(StandardSettings(**FACTOR))
+    with pytest.raises(StudyError, match="by state, and no spot has one"):
+        found.parameters(space(), ["p1", "p2"])
+    bone = StandardParametrisation(StandardSettings(stiffness={"bone": FACTOR["stiffness"]["skin"]}))
+    with pytest.raises(StudyError, match="no region 'bone'"):
+        bone.parameters(in_states(), ["p1", "p2"])
+    with pytest.raises(ValueError, match="is by state"):
+        StandardSettings(stiffness={"skin": {**FACTOR["stiffness"]["skin"], "by": "spot"}})

@@ -142,10 +142,36 @@ def test_both_layers_are_found_where_one_spot_lacks_one(run, first):
 
 @pytest.mark.slow
 def test_each_spot_has_a_value_of_its_own_after_a_sweep_of_one_column(run):
-    result = run({"p1": (0.2, 0.3), "p2": (0.8, 0.0)}, space(by_spot=True), n_sets=6, scenarios=ONE)
+    result = run({"p1": (0.2, 0.3), "p2": (0.8, 0.0)}, space(by="spot"), n_sets=6, scenarios=ONE)
     assert [p.name for p in result.design.parameters] == ["skin.e", "fat.e"]
     assert row(result, "all spots", "p1")["skin.e"] == pytest.approx(0.2, rel=1e-3)
     assert row(result, "all spots", "p2")["skin.e"] == pytest.approx(0.8, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_each_state_has_a_value_or_a_factor(run):
+    """In the tables, the report and what leads the run."""
+    states = {"p1": "rest", "p2": "contracted"}
+    truth = {"p1": (0.2, 0.3), "p2": (0.5, 0.0)}
+    by_state = replace(space(by="state"), states=states)
+    result = run(truth, by_state, n_sets=6, scenarios=ONE, reported=True)
+    assert row(result, "all spots", "p1")["skin.e"] == pytest.approx(0.2, rel=1e-3)
+    assert row(result, "all spots", "p2")["skin.e"] == pytest.approx(0.5, rel=1e-3)
+    assert row(result, "p2", "p2")["skin.e"] == pytest.approx(0.5, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_a_factor_of_a_state_is_in_the_tables(run):
+    factor = {"stiffness": {"skin": {"lower": 0.5, "upper": 5.0}}}
+    states = {"p1": "rest", "p2": "contracted"}
+    truth = {"p1": (0.2, 0.3), "p2": (0.5, 0.0)}
+    result = run(truth, replace(space(), states=states), factor, scenarios=ONE, reported=True)
+    rest, tense = (row(result, "all spots", spot) for spot in states)
+    assert (rest["skin.e"], tense["skin.e"]) == pytest.approx((0.2, 0.2), rel=1e-3)
+    assert rest["stiffness.skin"] is None
+    assert tense["stiffness.skin"] == pytest.approx(2.5, rel=1e-3)
+    intervals = result.fit.certainty.intervals
+    assert "stiffness.skin@contracted" in intervals["parameter"].to_list()
 
 
 @pytest.mark.slow
@@ -171,10 +197,10 @@ def test_three_layers_of_which_two_are_tied(run):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("by_spot", [False, True])
-def test_a_ratio_is_found(run, by_spot):
+@pytest.mark.parametrize("by", [None, "spot"])
+def test_a_ratio_is_found(run, by):
     ratio = Parameter(
-        name="e_ratio", unit="1", lower=0.1, upper=2.0, kind="shape", description="of a test", by_spot=by_spot
+        name="e_ratio", unit="1", lower=0.1, upper=2.0, kind="shape", description="of a test", by=by
     )
     tied = space(tied=Tie(source="skin.e", factor=ratio))
     result = run(TRUTH, tied, n_sets=6, reported=True, scenarios=ONE)
@@ -187,9 +213,9 @@ def test_a_ratio_is_found(run, by_spot):
     assert coefficients["parameter"].unique(maintain_order=True).to_list() == ["e"]
     assert coefficients["region"].unique(maintain_order=True).to_list() == ["skin", "fat"]
     lead = result.report.conclusion.lead
-    assert ("fat.e_ratio by spot" if by_spot else "fat.e_ratio = 0.6,") in lead
+    assert ("fat.e_ratio by spot" if by else "fat.e_ratio = 0.6,") in lead
     assert "initial shear modulus of skin " in lead
-    assert ("initial shear modulus of fat " in lead) is not by_spot
+    assert ("initial shear modulus of fat " in lead) is (not by)
 
 
 @pytest.mark.slow

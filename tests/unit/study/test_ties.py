@@ -125,7 +125,7 @@ def test_a_ratio_is_searched_between_factors(read):
     )
     _, ratio = study.space.parameters
     assert (ratio.name, ratio.unit, ratio.lower, ratio.upper) == ("skin.k_ratio", "1", 0.1, 0.5)
-    assert (ratio.kind, ratio.by_spot, ratio.prior) == ("shape", True, Prior(value=0.3, sd=0.1))
+    assert (ratio.kind, ratio.by, ratio.prior) == ("shape", "spot", Prior(value=0.3, sd=0.1))
     np.testing.assert_allclose(study.space.thetas(np.array([2.0, 0.4]))["skin"], [0.8, 0.1])
     assert study.space.columns_of("skin") == (0, 1)
 
@@ -196,6 +196,29 @@ def test_a_tie_that_means_nothing_is_refused_with_its_line(read, tmp_path, tie, 
     assert message in str(caught.value)
 
 
+def test_spots_have_states(read, tmp_path, plugins):
+    text = read(rubber='k = { lower = "1 MPa", upper = "3 MPa", by = "state" }\na = 0.5\n').file.read_text()
+
+    def stated(first, second):
+        named = text.replace('name = "s1"', f'name = "s1"\n{first}').replace(
+            'name = "s2"', f'name = "s2"\n{second}'
+        )
+        (tmp_path / "study.toml").write_text(named)
+        return read_study(tmp_path / "study.toml", plugins)
+
+    study = stated('state = "rest"', 'state = "contracted"')
+    assert dict(study.space.states) == {"s1": "rest", "s2": "contracted"}
+    names = [p.name for p in study.parametrisation.parameters(study.space, study.spot_names)]
+    assert names == ["rubber.k@rest", "rubber.k@contracted"]
+    assert manifest(study, plugins.channels)["spots"]["s2"]["state"] == "contracted"
+    with pytest.raises(StudyError, match="has no state, which other spots have"):
+        stated('state = "rest"', "")
+    with pytest.raises(StudyError, match="is the name of a spot too"):
+        stated('state = "rest"', 'state = "s1"')
+    with pytest.raises(StudyError, match="by state, and no spot has one"):
+        study.parametrisation.parameters(stated("", "").space, study.spot_names)
+
+
 def test_a_tie_decides_the_design_and_a_prior_does_not(read):
     one, other = (Sample().decides(read(skin=f'k = "{f} * rubber.k"\na = 0.1\n')) for f in (0.3, 0.4))
     assert one["materials"] != other["materials"]
@@ -205,5 +228,5 @@ def test_a_tie_decides_the_design_and_a_prior_does_not(read):
     study = read(rubber=f"{known}\na = 0.5\n")
     (parameter,) = study.space.parameters
     assert parameter.prior == Prior(value=2.0, sd=0.5)
-    assert parameter.by_spot
+    assert parameter.by == "spot"
     assert Sample().decides(study) == Sample().decides(read())

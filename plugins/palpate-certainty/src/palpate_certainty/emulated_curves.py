@@ -83,12 +83,12 @@ class EmulatedCurves:
 
     def __init__(self, simulated: SimulatedCurves, runs: Runs) -> None:
         self.simulated, self.runs = simulated, runs
-        parameters = simulated.problem.parameters
+        parameters, states = simulated.problem.parameters, simulated.problem.study.space.states
         self.parts: list[tuple[slice, list[int], Emulator]] = []
         for spot in dict.fromkeys(spot for spot, _ in simulated.places):
             places = [at for (of, _), at in simulated.places.items() if of == spot]
             at = slice(places[0].start, places[-1].stop)
-            own = [i for i, p in enumerate(parameters) if ParameterName.parse(p.name).counts_at(spot)]
+            own = [i for i, p in enumerate(parameters) if ParameterName.parse(p.name).counts_at(spot, states)]
             of_spot = Runs(
                 values=runs.values[:, own],
                 ordinates=runs.ordinates[:, at],

@@ -70,15 +70,15 @@ def ends(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     return lower, upper
 
 
-def check_shared(values: Mapping[str, float], names: Sequence[str], spot: str) -> None:
+def check_shared(values: Mapping[str, float], space: ParameterSpace, spot: str) -> None:
     """Refuse a spot for which a value that each spot has for itself is not known.
 
     Raises
     ------
     StudyError
     """
-    known = at_spot(values, spot)
-    if missing := [name for name in names if name not in known]:
+    known = at_spot(values, spot, space.states)
+    if missing := [name for name in space.names if name not in known]:
         raise StudyError(
             f"spot '{spot}': {', '.join(missing)} was fitted for each spot by itself, and not for this one; "
             "predict a spot of the run, or fit one value for all spots"

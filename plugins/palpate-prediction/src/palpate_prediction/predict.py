@@ -219,7 +219,7 @@ class _Plan:
         if self.spot in self.found.spots:
             thetas = inputs_at(study, self.spot, values, self.stored.inputs.measured).thetas
         else:
-            check_shared(values, study.space.names, self.spot)
+            check_shared(values, study.space, self.spot)
             thetas = study.space.thetas(np.array([values[name] for name in study.space.names]))
         return relaxing_thetas(study, thetas, values)
 

@@ -22,8 +22,11 @@ def paths(data: ReportData, fit: str, scenario: str, spot: str) -> list[pl.DataF
     trace = data.fit.trace
     if trace.is_empty():
         return []
+    labels, columns = ("", spot, data.study.space.states.get(spot, "")), trace.columns
     names = {
-        p.name: p.name if p.name in trace.columns else str(ParameterName.parse(p.name).at(spot))
+        p.name: next(
+            (at for label in labels if (at := str(ParameterName.parse(p.name).at(label))) in columns), p.name
+        )
         for p in data.design.parameters
     }
     rows = trace.filter(fit=fit, scenario=scenario).drop_nulls("fopt")

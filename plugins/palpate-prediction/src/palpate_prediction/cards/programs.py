@@ -360,7 +360,7 @@ def cards_of(run: Run) -> Iterator[CardData]:
             region=region.region,
             material=region.material,
             theta=theta,
-            intervals=_intervals(fit, found, region, theta, full),
+            intervals=_intervals(fit, found, region, theta, full, run.study.space.states),
             strain=ranges_of([strain[region.region] for strain in strains if region.region in strain]),
             origins={p: "fixed" if p in region.fixed else TIED if p in region.tied else source for p in full},
             verdicts={p: each.verdict for p, each in searched.items() if each},
@@ -390,7 +390,12 @@ def _full_names(study: Study, region: RegionMaterial) -> dict[str, str]:
 
 
 def _intervals(
-    fit: FitResult, found: Fitted, region: RegionMaterial, theta: FloatArray, full: Mapping[str, str]
+    fit: FitResult,
+    found: Fitted,
+    region: RegionMaterial,
+    theta: FloatArray,
+    full: Mapping[str, str],
+    states: Mapping[str, str],
 ) -> dict[str, tuple[float, float]]:
     """95 % intervals in textbook values, of the parameters that the fit has some for."""
     table = fit.certainty.intervals
@@ -400,7 +405,7 @@ def _intervals(
     known = {}
     for row in rows:
         name = ParameterName.parse(row["parameter"])
-        if name.counts_at(found.spots[0]):  # whose values these are
+        if name.counts_at(found.spots[0], states):  # whose values these are
             known[name.shared] = (row["lower"], row["upper"])
     intervals = {}
     for i, parameter in enumerate(region.material.parameters):
