@@ -278,8 +278,8 @@ def check_covers(
     """Refuse a measured curve that does not follow the protocol.
 
     It must cover ``COVERED_SHARE`` of the protocol's travel, turn where the protocol
-    does and as often, and be within it for at least ``minimum_coverage`` of its points. Only
-    channels over what the protocol prescribes are checked.
+    does and as often, and be within it for at least ``minimum_coverage`` of its points. A curve over
+    time may end with any move. Only channels over what the protocol prescribes are checked.
 
     Raises
     ------
@@ -299,6 +299,9 @@ def check_covers(
             f"channel '{curve.channel}' is measured over {channel.abscissa}, which the protocol does not "
             "move; add it to the protocol's path or leave the channel out"
         )
+    if channel.abscissa == TIME:
+        is_behind = asked < curve.abscissa.max() / (2.0 - COVERED_SHARE)
+        asked = asked[: int(is_behind.sum()) + 1]
     for problem in _departures(curve, asked, unit, minimum_coverage):
         raise CurveError(f"channel '{curve.channel}' {problem}")
 

@@ -170,6 +170,34 @@ def test_a_twist_that_the_protocol_never_makes_is_refused(plugins):
         check_covers(torque(TWIST), plugins.channels["torque"], press)
 
 
+HELD = replace(PROTOCOL, path=[(0, 0), (10, 0), (10, 0), (10, 20)], time_s=np.array([0.0, 1.0, 31.0, 33.0]))
+
+
+def check_over_time(times, plugins):
+    curve = Curve(channel="force_over_time", abscissa=np.array(times), ordinate=np.ones(len(times)))
+    channel = replace(plugins.channels["force"], abscissa="time_s", abscissa_label="time (s)")
+    check_covers(curve, channel, HELD, 0.95)
+
+
+@pytest.mark.parametrize("end_s", [0.99, 31.2, 32.9])
+def test_a_curve_over_time_may_end_with_any_move(plugins, end_s):
+    check_over_time([0.0, 0.5, end_s], plugins)
+
+
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [
+        ([0.0, 20.0], "covers 0 to 20 s where the protocol runs from 0 to 31 s; measure"),
+        ([2.0, 31.0], "covers 2 to 31 s where the protocol runs from 0 to 31 s; measure"),
+        ([0.0, 33.0, 60.0], "covers 0 to 60 s where the protocol runs from 0 to 33 s; cut"),
+        ([0.0, 33000.0], "covers 0 to 33000 s where the protocol runs from 0 to 33 s, .* were in ms"),
+    ],
+)
+def test_a_curve_over_time_ends_nowhere_else(plugins, times, message):
+    with pytest.raises(CurveError, match=message):
+        check_over_time(times, plugins)
+
+
 def test_other_abscissae_are_not_the_protocols_business(plugins):
     strain = replace(plugins.channels["force"], abscissa="strain")
     check_covers(force([0.0, 0.1]), strain, PROTOCOL, 0.95)
