@@ -50,6 +50,19 @@ def write_log(
         since, touching = np.maximum(time - time[np.argmax(depth > 0.0)], 0.0), pressing > 0.0
         pressing, twisting = (relaxed(since, each) * touching for each in (pressing, twisting))
         pressing = np.maximum(pressing, 0.0)
+    write_rows(path, depth, angle, pressing, twisting, random)
+
+
+def write_rows(
+    path: Path,
+    depth: FloatArray,
+    angle: FloatArray,
+    force: FloatArray,
+    torque: FloatArray,
+    random: np.random.Generator,
+) -> None:
+    """Log depth [mm], rotation [degrees], force [N] and torque [N·mm] (n,) in every row."""
+    time = np.arange(depth.size) / RATE_HZ
     normal = random.normal(size=3) * 0.5 + np.array([0.0, 0.0, 1.0])
     normal /= np.linalg.norm(normal)
     start = _tool_against(normal) * Rotation.from_euler("z", random.uniform(0.0, 360.0), degrees=True)
@@ -58,8 +71,8 @@ def write_log(
     bias, drift = (bound * random.uniform(-1.0, 1.0, 6) for bound in (BIAS, DRIFT_PER_S))
     wrench = np.hstack(
         [
-            turned.inv().apply(pressing[:, None] * normal) + down,
-            turned.inv().apply(-twisting[:, None] * normal) + np.cross(CENTRE_MM, down),
+            turned.inv().apply(force[:, None] * normal) + down,
+            turned.inv().apply(-torque[:, None] * normal) + np.cross(CENTRE_MM, down),
         ]
     )
     wrench += bias + drift * time[:, None] + NOISE * random.normal(size=wrench.shape)

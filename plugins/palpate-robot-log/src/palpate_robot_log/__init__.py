@@ -1,4 +1,4 @@
-"""The loader of a robot's logs, and a ready study on such logs.
+"""The loader of a robot's logs, and ready studies on such logs.
 
 Names are imported when they are first used: the process that reads a log
 imports this package too, and does not need the loader.
@@ -30,13 +30,15 @@ def palpate_experiment_loaders() -> "list[type[ExperimentLoader]]":
 
 @hookimpl
 def palpate_studies() -> "list[StudyTemplate]":
-    """Provide a study on a robot's logs."""
+    """Provide studies on a robot's logs."""
     from palpate.api import StudyTemplate
 
+    summaries = {
+        "robot-log": "the forearm phantom at four spots, from a robot's logs (simulated)",
+        "forearm-relaxing": "a forearm that relaxes, from a robot's logs at two rates; minutes (simulated)",
+    }
+    folder = files("palpate_robot_log") / "studies"
     return [
-        StudyTemplate(
-            name="robot-log",
-            summary="the forearm phantom at four spots, from a robot's logs (simulated)",
-            directory=str(files("palpate_robot_log") / "studies" / "robot-log"),
-        ),
+        StudyTemplate(name=name, summary=summary, directory=str(folder / name))
+        for name, summary in summaries.items()
     ]
