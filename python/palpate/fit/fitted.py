@@ -112,7 +112,7 @@ def relaxing_space(study: Study) -> ParameterSpace:
     if not (times_s := tuple(study.parametrisation.times_s.values())):
         return study.space
     regions = (replace(each, material=relaxing(each.material, times_s)) for each in study.space.regions)
-    return ParameterSpace(regions=tuple(regions))
+    return replace(study.space, regions=tuple(regions))
 
 
 def relaxing_thetas(
