@@ -40,7 +40,7 @@ from palpate_planning.candidates import (
 )
 from palpate_planning.figure import draw
 from palpate_planning.plan import tool_forces
-from palpate_planning.presses import observed, simulated_presses
+from palpate_planning.presses import bare_problem, observed, simulated_presses
 from palpate_planning.pressures import with_pressures
 from palpate_planning.propose import PlanOptions, before_any_press, choose_presses, propose
 from palpate_planning.tables import ProposalOutput, for_robot, proposal_tables
@@ -364,6 +364,23 @@ def test_force_is_limited_in_a_twist_too(run):
         press = each.press.press
         times = 2.0 if press.keys["twist"] else 1.0
         assert each.press.peaks["force"] == pytest.approx(times * free[press.name])
+
+
+def test_slide_counts_where_the_scenario_weighs_it(run):
+    """The spot itself has measured none."""
+    study, _, plugins = run
+    design, _ = _first_design(run, lambda jobs: (study.solver.simulate(j, None) for j in jobs))
+    lateral = replace(
+        plugins.channels["force"], name="lateral_force", abscissa="slide_mm", ordinate="lateral_force_N"
+    )
+    study = replace(study, channels={**study.channels, "lateral_force": lateral})
+    weighed = replace(design.scenario, weights={"force": 1.0, "lateral_force": 1.0})
+    slid = replace(design, study=study, scenario=weighed)
+    (press,) = candidates(study, plugins, Allowed(protocol={"depth": ["2 mm"]}))
+    names = [
+        [channel.name for channel in bare_problem(each, press).terms[0].channels] for each in (slid, design)
+    ]
+    assert names == [["force", "torque", "lateral_force"], ["force", "torque"]]
 
 
 def test_pressure_needs_a_solver_that_gives_it(run):

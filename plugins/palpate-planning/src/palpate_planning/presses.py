@@ -363,6 +363,9 @@ def _term(design: DesignProblem, press: CandidatePress, measured: Response) -> S
     like = design.term(press.spot)
     assert press.protocol is not None
     weights = {n: w for n, w in design.scenario.weighed.items() if channel_of(n) in measured.curves}
+    # What the spot has not shown yet, such as a slide, counts too where the scenario weighs it.
+    weighed = design.study.observed([channel_of(name) for name in design.scenario.weighed])
+    limited = (each for of in design.limited.values() for each in of)
     return replace(
         like,
         spot=press.spot,
@@ -370,7 +373,7 @@ def _term(design: DesignProblem, press: CandidatePress, measured: Response) -> S
         measured=measured,
         weights=weights,
         corrections={},
-        channels=(*like.channels, *(each for of in design.limited.values() for each in of)),
+        channels=(*dict.fromkeys((*like.channels, *weighed)), *limited),
     )
 
 
