@@ -3,13 +3,16 @@
 Experiments of ``bench_coverage.py`` with Yeoh's material, whose curves relax by 10 % with a time constant
 of 1 s: pressed, rested for 1 s, twisted. Prints how often the intervals and the joint region hold the
 parameters of a fast press (instantaneous) and those of a slow one (long-term, 0.9 times as large). With
-``--modelled`` the tissue relaxes by 10 % with 0.3, 3 and 30 s, the force in a rest of 60 s is a curve too,
-and the fit searches the shares.
+``--modelled`` the force in a rest of 60 s is a curve too, and the fit searches the shares: of a tissue that
+relaxes by 10 % with 0.3, 3 and 30 s together, with 1 s where that alone is named, or with 1 s where the
+decades from 0.1 to 100 s are.
+
+    python benchmarks/study_relaxation.py --modelled together one decades --n 100
 """
 
 import argparse
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -21,10 +24,17 @@ from palpate.study.reading import Study
 from palpate_materials.relaxation import FORCE_OVER_TIME, Relaxing, RelaxingSettings
 
 SHARE, TAU_S, REST_S = 0.1, 1.0, 1.0
+PRESS_S, TWIST_S = 5.0, 24.0
+"""Durations where relaxation is modelled."""
 N_STEPS = 8000
 ONE = {TAU_S: SHARE}
-SEVERAL = {0.3: 0.03, 3.0: 0.04, 30.0: 0.03}
-"""Shares of the moduli by time constant [s]; the latter of tissues whose relaxation is modelled."""
+"""Shares of the moduli by time constant [s]."""
+MODELLED = {
+    "together": {0.3: 0.03, 3.0: 0.04, 30.0: 0.03},
+    "one": ONE,
+    "decades": {0.1: 0.0, 1.0: SHARE, 10.0: 0.0, 100.0: 0.0},
+}
+"""The same of tissues whose relaxation is modelled, with all times that the fit has."""
 
 CASES = {
     "all values fall with time; press 1 s, twist 3 s": (True, 1.0, 3.0),
@@ -92,7 +102,6 @@ def measured(
     )
 
 
-LAW = Relaxing(RelaxingSettings.model_validate({"relaxation_times": [f"{time} s" for time in SEVERAL]}))
 LONG_REST_S = 60.0
 HELD_S = np.geomspace(0.01, LONG_REST_S, 40)
 """Times of the force in the rest, since its beginning."""
@@ -125,15 +134,17 @@ class Timed(Layered):
         return replace(found, response=Response(curves=curves))
 
 
-def with_rest(study: Study, row: FloatArray, rng: np.random.Generator, **motion: float) -> Response:
+def with_rest(
+    study: Study, row: FloatArray, rng: np.random.Generator, *, shares: Mapping[float, float], **motion: float
+) -> Response:
     """Curves of a tissue that relaxes from the parameters on, with its force in a long rest."""
-    found = measured(study, row, rng, by_time=False, is_long_term=False, shares=SEVERAL, **motion)
+    found = measured(study, row, rng, by_time=False, is_long_term=False, shares=shares, **motion)
     force, press_s = found["force"], motion["press_s"]
     # Elastic force of the press, without an error of its own, to relax on from its last point.
     pressing = np.linspace(0.0, 1.0, N_STEPS // 8)
     elastic = pressed_force(study, row, pressing * force.abscissa.max())
     time = np.concatenate([press_s * pressing, press_s + HELD_S])
-    left = relaxed(time, np.append(elastic, np.full(HELD_S.size, elastic[-1])), by_time=False, shares=SEVERAL)
+    left = relaxed(time, np.append(elastic, np.full(HELD_S.size, elastic[-1])), by_time=False, shares=shares)
     scale = force.ordinate[-1] / left[pressing.size - 1]
     noise = NOISE * force.ordinate.max() * rng.normal(size=HELD_S.size)
     held = Curve(
@@ -154,8 +165,9 @@ def pressed_force(study: Study, row: FloatArray, depth_mm: FloatArray) -> FloatA
     return np.interp(depth_mm, force.abscissa, force.ordinate)
 
 
-def modelled(seed: int, press_s: float, twist_s: float) -> dict:
+def modelled(seed: int, press_s: float, twist_s: float, shares: Mapping[float, float]) -> dict:
     """One experiment whose fit searches the relaxation."""
+    law = Relaxing(RelaxingSettings.model_validate({"relaxation_times": [f"{time} s" for time in shares]}))
     base = study_of("yeoh", Layered())
     turned = press_s + REST_S + twist_s * np.array([0.0, 0.25, 0.75, 1.0])
     protocol = replace(base.protocol, time_s=np.array([0.0, press_s, *turned[1:]]))
@@ -163,11 +175,11 @@ def modelled(seed: int, press_s: float, twist_s: float) -> dict:
     return experiment(
         "yeoh",
         seed,
-        measure=partial(with_rest, press_s=press_s, twist_s=twist_s),
+        measure=partial(with_rest, press_s=press_s, twist_s=twist_s, shares=shares),
         solver=Timed,
-        also=dict(zip(LAW.times_s, SEVERAL.values(), strict=True)),
+        also=dict(zip(law.times_s, shares.values(), strict=True)),
         protocol=protocol,
-        parametrisation=LAW,
+        parametrisation=law,
         scenarios=(Scenario(name="I", weights=weights),),
     )
 
@@ -184,12 +196,11 @@ def of_elastic_fits(n: int) -> None:
             tell(f"{what}: {of}", found, f"; {failed} of {n} inadequate")
 
 
-def of_relaxing_fits(n: int) -> None:
-    """Print a row for each case, of fits that search the relaxation."""
-    for what, (by_time, press_s, twist_s) in CASES.items():
-        if not by_time:
-            found = [modelled(seed, press_s, twist_s) for seed in range(n)]
-            tell(f"{what}: instantaneous moduli and shares", found)
+def of_relaxing_fits(n: int, kinds: Sequence[str]) -> None:
+    """Print a row for each kind of tissue, of fits that search the relaxation."""
+    for kind in kinds:
+        found = [modelled(seed, PRESS_S, TWIST_S, MODELLED[kind]) for seed in range(n)]
+        tell(f"{kind}: instantaneous moduli and shares", found)
 
 
 def tell(what: str, found: list[dict], more: str = "") -> None:
@@ -204,9 +215,12 @@ def main() -> None:
     """Print a row for each case."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--n", type=int, default=40, help="experiments of each case")
-    parser.add_argument("--modelled", action="store_true", help="of fits that search the relaxation")
+    parser.add_argument("--modelled", nargs="*", choices=MODELLED, help="of fits that search the relaxation")
     given = parser.parse_args()
-    (of_relaxing_fits if given.modelled else of_elastic_fits)(given.n)
+    if given.modelled is None:
+        of_elastic_fits(given.n)
+    else:
+        of_relaxing_fits(given.n, given.modelled or list(MODELLED))
 
 
 if __name__ == "__main__":

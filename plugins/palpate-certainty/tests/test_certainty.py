@@ -493,3 +493,15 @@ def test_without_the_plugin_a_run_ends_after_its_fit_and_its_words_are_unclear(m
     assert without.fit.table.equals(with_it.fit.table)
     assert without.fit.certainty.intervals.is_empty()
     assert {each.identifiability for each in without.report.conclusion.estimates} == {"unclear"}
+
+
+def test_curves_of_a_relaxing_tissue_are_linear_around_the_most_likely_values(ended, monkeypatch):
+    study, measured, case, _ = ended()
+    assessment = Assessment(study=study, measured=measured)
+    columns = assessment.columns(case)
+    of_fit = assessment.assess(case, *columns)
+    monkeypatch.setattr(type(study.parametrisation), "relaxing", frozenset({"force"}))
+    again = assessment.assess(case, *columns)
+    np.testing.assert_allclose(again.model.point, of_fit.point, rtol=1e-9)
+    assert np.abs(of_fit.model.point - of_fit.point).max() > 1e-6
+    assert again.misfits == of_fit.misfits

@@ -21,7 +21,7 @@ from palpate.api import (
     Simulation,
 )
 from palpate.api.executors import StoppedError
-from palpate.api.fit import Case, CertaintyResult, Fit, channel_of
+from palpate.api.fit import Case, CertaintyResult, Fit, Trial, channel_of
 from palpate.api.runs import Study, relaxation_of
 from palpate_certainty.adequacy import Check, checks, misfits
 from palpate_certainty.error_sources import (
@@ -151,8 +151,12 @@ class Assessment:
         columns: Columns,
         failures: Mapping[ErrorSource, str] = NONE,
         first: Assessed | None = None,
+        again: Assessed | None = None,
     ) -> Assessed:
         """Assess a case: its covariance, and whether the model describes its data.
+
+        Curves are taken as linear around the end of the fit. Those of a tissue that relaxes, which go with
+        products of moduli and shares, are so again around the most likely values.
 
         Parameters
         ----------
@@ -164,11 +168,14 @@ class Assessment:
         first : Assessed, optional
             One whose noise and discrepancy are those of this one too, if it has all of its channels: errors
             of some curves are no smaller because others are left out.
+        again : Assessed, optional
+            One of the same case, around whose most likely values curves are linear. What a curve misses is
+            that of the fit.
         """
         end = case.end
         assert end is not None
         assert end.best is not None
-        residuals, jacobian, point = _at_end(end)
+        residuals, jacobian, point = _linear(end, again.point if again else None)
         rows, channels = layout_of(end.problem.terms, residuals.size, first.channels if first else ())
         known = self._known(end, residuals, rows, columns)
         by_mesh = (
@@ -196,7 +203,7 @@ class Assessment:
         errors, noise, discrepancy, excessive = _errors(residuals, free, every, rows, expected, first)
         rest = noise + discrepancy
         stated = every @ every.T + rest
-        missed = misfits(of_points, free, stated, every, points, groups)
+        missed = again.misfits if again else misfits(of_points, free, stated, every, points, groups)
         known = {name: part if name == PRIORS else excessive * part for name, part in known.items()}
         covariance = np.sum([rest, *map(_gram, known.values())], axis=0)
         causes = {**known, NOISE: _root(noise), DISCREPANCY: _root(discrepancy)}
@@ -205,8 +212,8 @@ class Assessment:
         of_all, in_range = weighed(), weighed(range_sd=FLAT_SD)
         density = density_of(of_all, end.problem)
         point = most_likely(of_all, density, end.problem)
-        found = checks(residuals, jacobian, stated, rows, missed, expected, of_all.in_ranges)
-        return Assessed(
+        made = checks(residuals, jacobian, stated, rows, missed, expected, of_all.in_ranges)
+        found = Assessed(
             case=case,
             end=end,
             point=point,
@@ -219,12 +226,14 @@ class Assessment:
             errors=errors,
             excess=excessive,
             misfits=missed,
-            checks=(*found, *self._relaxation(case)),
+            checks=(*made, *self._relaxation(case)),
             channels=channels,
             mesh_errors=tuple(by_mesh),
             has_usual_mesh_error=self._has_usual_mesh_error(end),
             left_out=_left_out(case, failures) | self._of_score,
         )
+        is_bilinear = again is None and _relaxes(self.study)
+        return self.assess(case, columns, failures, first, found) if is_bilinear else found
 
     def _check_score(self, case: Case) -> None:
         """Warn of a score whose residuals are linear in the curves only to first order.
@@ -320,16 +329,25 @@ def _gram(factor: FloatArray) -> FloatArray:
     return gram
 
 
-def _at_end(fit: Fit) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals, slopes per range, and values as shares of their ranges, where a fit has ended.
+def _relaxes(study: Study) -> bool:
+    """True if any curve of the model relaxes."""
+    regions = study.space.regions
+    return bool(study.parametrisation.relaxing) or any(r.material.relaxation_times_s for r in regions)
+
+
+def _linear(fit: Fit, at: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Residuals, slopes per range, and values as shares of their ranges, where a fit has ended or at values.
 
     Curves are nearly linear in moduli, and not in the logarithms of these, which a search steps in.
     """
-    found = fit.at_end()
-    assert found.residuals is not None
-    assert found.jacobian is not None
     box = fit.problem.box
     width = box.upper - box.lower
+    found = fit.at_end()
+    if at is not None:
+        (there,) = fit.problem.evaluate([Trial(point=box.point(box.lower + width * at), slopes=True)])
+        found = found if there.jacobian is None else there
+    assert found.residuals is not None
+    assert found.jacobian is not None
     shares = (box.values(found.point) - box.lower) / width
     return found.residuals, found.jacobian * width / box.rates(found.point), shares
 
