@@ -204,12 +204,14 @@ class Channel:
         """The curve at a material, with changes of bulk modulus and friction, so much deeper, on a mesh."""
         others = np.stack([each(row[None])[0] for each in self.others])
         steps = 1e-4 * np.abs(row)
-        first, *ends = self.value(row + np.concatenate([np.zeros((1, 3)), np.diag(steps), -np.diag(steps)]))
-        slopes = np.concatenate([(np.array(ends[:3]) - ends[3:]) / (2.0 * steps[:, None]), others])
-        y = first + changes @ others
-        peak = np.abs(y).max()
+        rows = row + np.concatenate([np.zeros((1, 3)), np.diag(steps), -np.diag(steps)])
+        values = self.value(rows) + changes @ others
         if mesh:
-            y = y + peak * (self.added if mesh == "fine" else self.from_under)(row[None])[0]
+            added = (self.added if mesh == "fine" else self.from_under)(rows)
+            values = values + np.abs(values).max(axis=1, keepdims=True) * added
+        y, *ends = values
+        slopes = np.concatenate([(np.array(ends[:3]) - ends[3:]) / (2.0 * steps[:, None]), others])
+        peak = np.abs(y).max()
         if mesh == "true":
             y = y + np.abs(y).max() * self.beyond
         x = self.x

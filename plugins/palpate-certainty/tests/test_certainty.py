@@ -367,6 +367,28 @@ def test_a_score_that_is_not_linear_has_intervals_of_first_order_and_unclear_wor
     np.testing.assert_allclose(density.misfit(runs.values, runs.ordinates), fopts, rtol=1e-9)
 
 
+def test_emulated_curves_are_corrected_as_those_of_the_fit_are(ended):
+    _, _, case, _ = ended()
+    problem, base = case.end.problem, case.end.problem.inputs("p1", case.end.best.point)
+    (term,), rng = problem.terms, np.random.default_rng(1)
+    corrections = {
+        name: Correction(
+            added=0.03 * curve.ordinate,
+            coarse=curve.ordinate,
+            slopes={f"tissue.{of}": rng.normal(size=curve.ordinate.size) for of in ("c1", "m1")},
+            base=base,
+        )
+        for name, curve in simulated(case).response.curves.items()
+    }
+    corrected = problem.restated([replace(term, corrections=corrections)])
+    points = rng.uniform(0.2, 0.8, (5, 2))
+    curves = SimulatedCurves(problem, BOTH)
+    runs = curves.runs(points, slopes=False)
+    found = ScenarioDensity(corrected, np.eye(problem.n_points), curves).white(runs.values, runs.ordinates)
+    expected = [each.residuals for each in corrected.evaluate([Trial(point=p) for p in points])]
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
 def test_a_score_whose_residuals_mix_points_has_no_intervals_and_the_reason(ended, notes):
     study, measured, case, _ = ended(scoring=ScoringRules(score=Summed()))
     found = Assessment(study=study, measured=measured, progress=notes).run([case])

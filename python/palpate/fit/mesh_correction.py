@@ -1,18 +1,19 @@
 """Corrections of a spot's curves by its finer mesh.
 
 The fit runs on the coarse mesh. Its curves are corrected by the difference that the fine mesh makes at a
-set near the optimum, scaled by the size of the coarse curve, and the fit is repeated until that set is near
-enough: what the correction may be wrong by moves no parameter by a tenth of its standard deviation (space
-mapping: Bandler et al., IEEE Trans. Microw. Theory Tech. 52, 2004).
+set near the optimum, scaled by the size of the coarse curve and moved along the slopes of both, and the fit
+is repeated until that set is near enough: what the correction may be wrong by moves no parameter by a tenth
+of its standard deviation (space mapping: Bandler et al., IEEE Trans. Microw. Theory Tech. 52, 2004). Without
+the slopes the curves would depend on the material as those of the coarse mesh do, and intervals with them.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 
-from palpate.domain import FloatArray, Simulation, channel_of
+from palpate.domain import FloatArray, Response, Simulation, channel_of
 from palpate.fit.running import Fit
 from palpate.fit.spot_term import Correction, NotRankedError, SpotTerm, pieces
 from palpate.plugins.parametrisation import SpotInputs
@@ -22,6 +23,9 @@ NEAR = 0.1
 
 INDEPENDENT = 10.0
 """Independent points of a curve: its errors are alike at neighbouring points, of which there may be many."""
+
+SMALL = 1e-4
+"""Step along a slope, over the largest ordinate, that shows the slope of the values at measured points."""
 
 RANGE_VARIANCE = 1.0 / 12.0
 """Variance of a value that may be anywhere in a range of 1."""
@@ -55,22 +59,33 @@ class FineRun:
         NaN where a curve does not cover a point.
     refinement : float
         Element size under the indenter over that of the finer mesh; 1 if unknown: nothing is extrapolated.
+    slopes : mapping of channel to mapping of name to (coarse, fine)
+        Change of both curves (n,) per unit of a parameter or of friction, where both have slopes.
+    inputs : SpotInputs, optional
+        Of the set.
     """
 
     coarse: Mapping[str, FloatArray]
     fine: Mapping[str, FloatArray]
     refinement: float = 1.0
+    slopes: Mapping[str, Mapping[str, tuple[FloatArray, FloatArray]]] = field(default_factory=dict)
+    inputs: SpotInputs | None = None
 
     @property
     def corrections(self) -> dict[str, Correction]:
         """Change of each measured point by a mesh without error; nothing where a curve is missing."""
-        return {
-            name: Correction(
-                added=(1.0 + left_over(name, self.refinement)) * np.nan_to_num(self.fine[name] - coarse),
-                coarse=coarse,
-            )
-            for name, coarse in self.coarse.items()
-        }
+        return {name: self._correction(name) for name in self.coarse}
+
+    def _correction(self, channel: str) -> Correction:
+        coarse, whole = self.coarse[channel], 1.0 + left_over(channel, self.refinement)
+        known = np.isfinite(coarse) & np.isfinite(self.fine[channel])
+        square = float(np.sum(coarse[known] ** 2))
+        added = whole * np.where(known, self.fine[channel] - coarse, 0.0)
+        slopes = {}
+        for name, (of_coarse, of_fine) in self.slopes.get(channel, {}).items():
+            larger = float(np.sum((coarse * of_coarse)[known])) / square if square else 0.0
+            slopes[name] = np.where(known, whole * (of_fine - of_coarse) - larger * added, 0.0)
+        return Correction(added=added, coarse=coarse, slopes=slopes, base=self.inputs)
 
 
 def fine_run(
@@ -89,7 +104,32 @@ def fine_run(
         coarse={name: bare.values(coarse, inputs, name) for name in term.measured},
         fine={name: bare.values(fine, inputs, name) for name in term.measured},
         refinement=refinement,
+        slopes={name: _slopes(bare, inputs, coarse, fine, name) for name in term.measured},
+        inputs=inputs,
     )
+
+
+def _slopes(
+    term: SpotTerm, inputs: SpotInputs, coarse: Simulation, fine: Simulation, channel: str
+) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Slopes (n,) of both meshes' values at the measured points, of the names in which both have any."""
+    both = [_slopes_of(term, inputs, each, channel) for each in (coarse, fine)]
+    return {name: (slope, both[1][name]) for name, slope in both[0].items() if name in both[1]}
+
+
+def _slopes_of(
+    term: SpotTerm, inputs: SpotInputs, simulation: Simulation, channel: str
+) -> dict[str, FloatArray]:
+    found: dict[str, FloatArray] = {}
+    if simulation.response is None or (curve := simulation.response.curves.get(channel)) is None:
+        return found
+    here = term.values(simulation, inputs, channel)
+    for name, slope in curve.slopes.items():
+        largest = float(np.abs(slope).max())
+        step = SMALL * float(np.abs(curve.ordinate).max()) / largest if largest else 1.0
+        moved = Response(curves={channel: replace(curve, ordinate=curve.ordinate + step * slope)})
+        found[name] = (term.values(replace(simulation, response=moved), inputs, channel) - here) / step
+    return found
 
 
 def errors_of(run: FineRun, term: SpotTerm, coarse: Mapping[str, FloatArray]) -> dict[str, FloatArray]:

@@ -57,15 +57,35 @@ class Correction:
         Ordinates of the finer mesh less those of the coarse one; 0 where a curve is missing.
     coarse : (n,) array
         Ordinates of the coarse mesh at that set; NaN where the curve is missing.
+    slopes : mapping of name to (n,) array
+        Change of what is added per unit of a parameter or of friction, besides that in proportion to the
+        coarse curve; empty where the solver gives none.
+    base : SpotInputs, optional
+        Of that set.
     """
 
     added: FloatArray
     coarse: FloatArray
+    slopes: Mapping[str, FloatArray] = field(default_factory=dict)
+    base: SpotInputs | None = None
 
-    def at(self, ordinates: FloatArray) -> FloatArray:
-        """Change (..., n) by the finer mesh of coarse curves (..., n), which may have NaN."""
-        added: FloatArray = self.ratio(ordinates)[..., None] * self.added
-        return added
+    def at(self, ordinates: FloatArray, added: FloatArray | None = None) -> FloatArray:
+        """Change (..., n) by the finer mesh of coarse curves (..., n), which may have NaN.
+
+        What is ``added`` (..., n) to curves as large as the coarse one is by default that of its set.
+        """
+        change: FloatArray = self.ratio(ordinates)[..., None] * (self.added if added is None else added)
+        return change
+
+    def added_at(self, inputs: SpotInputs, materials: Mapping[str, Material]) -> FloatArray:
+        """Ordinates (n,) that are added at other inputs to a curve as large as the coarse one."""
+        if self.base is None or not self.slopes:
+            return self.added
+        steps = steps_between(self.base, inputs, materials)
+        return self.added + sum(
+            (step * self.slopes[name] for name, step in steps.items() if name in self.slopes),
+            np.zeros_like(self.added),
+        )
 
     def ratio(self, ordinates: FloatArray) -> FloatArray:
         """Size (...) of coarse curves (..., n), over that of the curve from which the correction is."""
@@ -165,10 +185,11 @@ class SpotTerm:
         """
         return self._values(self._observed(simulation, inputs), inputs, channel)
 
-    def corrected(self, channel: str, ordinates: FloatArray) -> FloatArray:
+    def corrected(self, channel: str, ordinates: FloatArray, inputs: SpotInputs) -> FloatArray:
         """Simulated ordinates (..., n) of a channel with what a finer mesh adds, where that is known."""
-        correction = self.corrections.get(channel)
-        return ordinates if correction is None else ordinates + correction.at(ordinates)
+        if (correction := self.corrections.get(channel)) is None:
+            return ordinates
+        return ordinates + correction.at(ordinates, correction.added_at(inputs, self.materials))
 
     def shifted(self, inputs: SpotInputs) -> Response:
         """Measured curves along the abscissae that these inputs give them."""
@@ -206,7 +227,7 @@ class SpotTerm:
         compared = compare(seen, self._shifted(channel, inputs))
         if compared.status not in self.rules.ranked_statuses:
             raise NotRankedError(f"{self.spot}: {compared.message or compared.status.remedy}")
-        return self.corrected(channel, compared.values)
+        return self.corrected(channel, compared.values, inputs)
 
     def _channel(self, seen: Simulation, inputs: SpotInputs, name: str, weight: float) -> FloatArray:
         channel = channel_of(name)
@@ -301,6 +322,20 @@ def is_same_job(one: SpotInputs, other: SpotInputs) -> bool:
     return same and is_along_slopes(one, other) and _friction(one.protocol) == _friction(other.protocol)
 
 
+def steps_between(
+    base: SpotInputs, inputs: SpotInputs, materials: Mapping[str, Material]
+) -> dict[str, float]:
+    """Changes of materials' parameters and friction from one to the other, by name, that are not zero."""
+    steps = {FRICTION: _friction(inputs.protocol) - _friction(base.protocol)}
+    for region, material in materials.items():
+        moved = (inputs.thetas[region] - base.thetas[region]).tolist()
+        steps |= {
+            str(ParameterName(region, p.name)): step
+            for p, step in zip(material.parameters, moved, strict=True)
+        }
+    return {name: step for name, step in steps.items() if step}
+
+
 def along_slopes(
     simulation: Simulation, base: SpotInputs, inputs: SpotInputs, channels: Collection[str]
 ) -> Simulation:
@@ -311,14 +346,7 @@ def along_slopes(
     NotRankedError
         One of these curves has no slopes.
     """
-    steps = {FRICTION: _friction(inputs.protocol) - _friction(base.protocol)}
-    for region, material in simulation.job.materials.items():
-        moved = (inputs.thetas[region] - base.thetas[region]).tolist()
-        steps |= {
-            str(ParameterName(region, p.name)): step
-            for p, step in zip(material.parameters, moved, strict=True)
-        }
-    taken = {name: step for name, step in steps.items() if step}
+    taken = steps_between(base, inputs, simulation.job.materials)
     if simulation.response is None or not taken:
         return simulation
     found = {name: curve for name, curve in simulation.response.curves.items() if name in channels}

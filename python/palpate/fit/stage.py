@@ -240,7 +240,8 @@ class FitStage:
                 ):
                     wanted[end.spot] = end
                     case.n_fine += 1
-        jobs = [end.term.job(end.inputs, -1, slopes=False, fine=True) for end in wanted.values()]
+        slopes = self.study.solver.provides.slopes
+        jobs = [end.term.job(end.inputs, -1, slopes=slopes, fine=True) for end in wanted.values()]
         for end, fine in zip(wanted.values(), self.simulations.of(jobs), strict=True):
             try:
                 ratio = self.refinement.get(end.spot, 1.0)

@@ -8,10 +8,20 @@ from hypothesis import assume, given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from palpate.domain import Response, Simulation, Status
-from palpate.fit.mesh_correction import NEAR, ORDER, EndSlopes, FineRun, errors_of, fine_run
+from palpate.fit.mesh_correction import (
+    NEAR,
+    ORDER,
+    EndSlopes,
+    FineRun,
+    errors_of,
+    fine_run,
+    left_over,
+)
+from palpate.fit.problem import Problem
 from palpate.fit.spot_term import NotRankedError
 from palpate.fit.tables import _mesh
 from palpate.plugins.interfaces import Solver
+from palpate.plugins.parametrisation import SpotInputs
 from palpate.study.model import BudgetTable
 from palpate_materials.uncoupled import Ogden
 
@@ -244,6 +254,57 @@ def test_a_correction_is_exact_where_all_moduli_are_scaled(curves, size, missing
         (scaled + correction.at(scaled))[:, :missing], expected[:, :missing], atol=1e-9
     )
     assert np.array_equal(correction.at(coarse), correction.added)
+
+
+@given(
+    curves=arrays(float, (4, 6), elements=st.floats(-10.0, 10.0)),
+    refinement=st.sampled_from([1.0, 1.5]),
+)
+def test_with_slopes_of_both_meshes_a_corrected_curve_has_those_of_the_finer_one(curves, refinement):
+    """Extrapolated as its ordinates are."""
+    coarse, fine, of_coarse, of_fine = curves
+    assume(np.linalg.norm(coarse) > 1.0)
+    ogden, base = (
+        {"tissue": Ogden()},
+        SpotInputs(thetas={"tissue": np.array([0.08, 4.0, 1.0])}, protocol=None),
+    )
+    run = FineRun(
+        coarse={"force": coarse},
+        fine={"force": fine},
+        refinement=refinement,
+        slopes={"force": {"tissue.m1": (of_coarse, of_fine)}},
+        inputs=base,
+    )
+    correction = run.corrections["force"]
+
+    def corrected(step):
+        here = coarse + step * of_coarse
+        inputs = replace(base, thetas={"tissue": base.thetas["tissue"] + [0.0, step, 0.0]})
+        return here + correction.at(here, correction.added_at(inputs, ogden))
+
+    whole = 1.0 + left_over("force", refinement)
+    np.testing.assert_allclose(corrected(0.0), coarse + whole * (fine - coarse), atol=1e-9)
+    slope = (corrected(1e-5) - corrected(-1e-5)) / 2e-5
+    np.testing.assert_allclose(slope, of_coarse + whole * (of_fine - of_coarse), atol=1e-5)
+
+
+def test_slopes_of_a_corrected_fit_are_those_of_the_finer_mesh(fit, pressed):
+    """Where the coarse mesh errs by more for some materials, or a fit knows too little of its values."""
+    stage, (case,) = fit(solver=Softening(pressed.Pressed()), fine_runs=1)
+    end = case.end
+    (term,) = end.problem.terms
+    base = stage._fine["p1"][0].inputs.thetas["tissue"][:2]
+    finer = Problem(
+        end.problem.study,
+        [replace(term, corrections={})],
+        stage.simulations.of,
+        end.problem.parametrisation,
+        fine=True,
+    )
+    slopes = [problem.jacobian(base) for problem in (end.problem, finer)]
+    bare = end.problem.restated([replace(term, corrections={})]).jacobian(base)
+    np.testing.assert_allclose(slopes[0], slopes[1], atol=1e-4 * np.abs(slopes[1]).max())
+    assert np.abs(bare - slopes[1]).max() > 0.05 * np.abs(slopes[1]).max()
 
 
 def test_a_curve_that_misses_points_corrects_nothing_there(fit):

@@ -6,11 +6,25 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.api import Design, FloatArray, IntArray, PalpateError, ParameterName, Simulation
-from palpate.api.fit import Case, NotRankedError, Problem, SpotInputs, Trial, channel_of, is_same_job, pieces
+from palpate.api.fit import (
+    Case,
+    Correction,
+    NotRankedError,
+    Problem,
+    SpotInputs,
+    SpotTerm,
+    Trial,
+    channel_of,
+    is_same_job,
+    pieces,
+)
 from palpate_certainty.emulator import Emulator, Runs
 
 MOST_SETS = 32
 """Sets of a sweep that fit best, and as many others, of which an emulator is made."""
+
+STEP = 0.01
+"""Step over a range for the slopes of what a finer mesh adds, which is linear in the values."""
 
 
 class SimulatedCurves:
@@ -153,6 +167,42 @@ def best_and_first(misfit: FloatArray) -> IntArray:
     return np.unique(np.concatenate([best, np.arange(min(MOST_SETS, misfit.size))]))
 
 
+class MeshCorrections:
+    """What finer meshes add to the curves of a problem, at many values at once."""
+
+    def __init__(self, problem: Problem) -> None:
+        self._middle = (problem.box.lower + problem.box.upper) / 2.0
+        self._added = {
+            (term.spot, channel): self._linear(problem, term, correction)
+            for term in problem.terms
+            for channel, correction in term.corrections.items()
+        }
+
+    def corrected(
+        self, term: SpotTerm, channel: str, values: FloatArray, ordinates: FloatArray
+    ) -> FloatArray:
+        """Ordinates (k, n) of a curve at values (k, n_parameters), with what its finer mesh adds."""
+        if (correction := term.corrections.get(channel)) is None:
+            return ordinates
+        added, slopes = self._added[term.spot, channel]
+        return ordinates + correction.at(ordinates, added + (values - self._middle) @ slopes)
+
+    def _linear(
+        self, problem: Problem, term: SpotTerm, correction: Correction
+    ) -> tuple[FloatArray, FloatArray]:
+        """What is added (n,) in the middle of the ranges, and its change (n_parameters, n) by each value."""
+
+        def added(values: FloatArray) -> FloatArray:
+            return correction.added_at(problem.inputs_at(term, values), term.materials)
+
+        steps = STEP * (problem.box.upper - problem.box.lower)
+        slopes = [
+            (added(self._middle + step) - added(self._middle - step)) / (2.0 * step.sum())
+            for step in np.diag(steps)
+        ]
+        return added(self._middle), np.stack(slopes)
+
+
 class ScenarioDensity:
     """The posterior density of a scenario, up to a constant: even in the coordinates of the box.
 
@@ -167,6 +217,7 @@ class ScenarioDensity:
 
     def __init__(self, problem: Problem, white: FloatArray, curves: SimulatedCurves) -> None:
         self.problem, self.curves, self._white = problem, curves, white
+        self._meshes = MeshCorrections(problem)
         n, parts = problem.n_points, list(pieces(problem.terms))
         matrix, constant = np.zeros((n, curves.measured.size)), np.zeros(n)
         for term, name, at, scale in parts:
@@ -181,7 +232,7 @@ class ScenarioDensity:
 
     def white(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
         """Independent residuals (k, m) at values (k, n_parameters) with these ordinates (k, n_ordinates)."""
-        corrected = self._corrected(ordinates)
+        corrected = self._corrected(values, ordinates)
         if all(term.rules.score.linear for term in self.problem.terms):
             white = corrected @ self._curves.T + self._rest
         else:
@@ -201,13 +252,13 @@ class ScenarioDensity:
             found[:, at] = term.of_ordinates(name, here, len(terms))[:, term.counted(name)]
         return found
 
-    def _corrected(self, ordinates: FloatArray) -> FloatArray:
+    def _corrected(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:
         """Ordinates (k, n) with what finer meshes add to each curve."""
         corrected = ordinates.copy()
         for term in self.problem.terms:
             for channel in term.corrections:
                 place = self.curves.places[term.spot, channel]
-                corrected[:, place] = term.corrected(channel, ordinates[:, place])
+                corrected[:, place] = self._meshes.corrected(term, channel, values, ordinates[:, place])
         return corrected
 
     def misfit(self, values: FloatArray, ordinates: FloatArray) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from typing import Any
 
@@ -14,6 +15,7 @@ from palpate.api import BoolArray, Design, FloatArray, ParameterName, Simulation
 from palpate.api.fit import RISE, Problem, channel_of, pieces
 from palpate_certainty.emulated_curves import (
     EmulatedCurves,
+    MeshCorrections,
     SimulatedCurves,
     runs_of_fits,
     runs_of_sets,
@@ -200,7 +202,7 @@ Residuals = Callable[[FloatArray], FloatArray]
 """Residuals (n, m) at points (n, n_parameters) of the box."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class EmulatedObjective:
     """Fopt of a problem by emulated curves.
 
@@ -214,12 +216,17 @@ class EmulatedObjective:
     problem: Problem
     curves: EmulatedCurves
 
+    @cached_property
+    def _meshes(self) -> MeshCorrections:
+        return MeshCorrections(self.problem)
+
     def residuals(self, points: FloatArray) -> FloatArray:
         """Residuals (n, m) at points (n, n_parameters) of the box, without those of priors."""
-        ordinates = self.curves(self.problem.box.values(points))
-        parts = []
+        values, meshes, parts = self.problem.box.values(points), self._meshes, []
+        ordinates = self.curves(values)
         for term, name, _, _ in pieces(self.problem.terms):
-            here = term.corrected(channel_of(name), ordinates[:, self._place(term.spot, channel_of(name))])
+            channel = channel_of(name)
+            here = meshes.corrected(term, channel, values, ordinates[:, self._place(term.spot, channel)])
             found = term.of_ordinates(name, here, len(self.problem.terms))
             parts.append(found[:, term.counted(name)])
         return np.concatenate(parts, axis=1)

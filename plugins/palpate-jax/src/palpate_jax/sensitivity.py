@@ -129,10 +129,10 @@ class Rates:
         return -pulls.sum(axis=0), moment
 
 
-ACCURACY = 0.03
+ACCURACY = 0.2
 """Residual of the linear systems, relative to the right-hand side, in tolerances of the states.
 
-With it the slopes err by about as much as those at an equilibrium state do because it is not exact.
+With it the slopes err by less than those at an equilibrium state do because it is not exact.
 """
 
 FINEST = 1e-8

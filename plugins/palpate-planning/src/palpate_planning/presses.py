@@ -264,9 +264,7 @@ def _stated(
     bare = {press: bare_problem(design, press) for press in presses}
     jobs = [job_of(design, problem, point) for problem in bare.values() for point in points]
     finer = [press for press in bare if design.mesh(press).refinement > 1.0]
-    for press in finer:
-        job = job_of(design, bare[press], points[0])
-        jobs.append(replace(job, spot=press.name, slopes=False, mesh="fine"))
+    jobs += [replace(job_of(design, bare[p], points[0]), spot=p.name, mesh="fine") for p in finer]
     once_more = f", {len(finer)} of them once more on a finer mesh" if finer else ""
     n_more = sum(_n_differences(design, problem, len(points)) for problem in bare.values())
     more = f"; up to {n_more} more for slopes and the error budget" if n_more else ""
@@ -380,10 +378,12 @@ def _term(design: DesignProblem, press: CandidatePress, measured: Response) -> S
 def _as_of(like: SpotTerm, channel: str, curve: Curve) -> Correction:
     """Correction of a planned curve, known of one like it: along the path and relative to its size."""
     known = like.corrections[channel]
-    there, here = (path_of(each.abscissa) for each in (like.measured[channel], curve))
-    added = np.interp(here / here[-1], there / there[-1], known.added)
-    there_size, here_size = (np.sqrt(np.nanmean(y**2)) for y in (known.coarse, curve.ordinate))
-    return Correction(added=added * here_size / there_size, coarse=curve.ordinate)
+    here, there = (path_of(each.abscissa) for each in (curve, like.measured[channel]))
+    at, of = here / here[-1], there / there[-1]
+    size = np.sqrt(np.nanmean(curve.ordinate**2) / np.nanmean(known.coarse**2))
+    added, *slopes = (size * np.interp(at, of, y) for y in (known.added, *known.slopes.values()))
+    named = zip(known.slopes, slopes, strict=True)
+    return replace(known, added=added, coarse=curve.ordinate, slopes=dict(named))
 
 
 def _as_measured(design: DesignProblem, press: CandidatePress, simulation: Simulation) -> Response:
