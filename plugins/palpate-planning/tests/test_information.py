@@ -11,6 +11,7 @@ from hypothesis import given, settings, strategies as st
 from palpate.domain import Curve, Parameter
 from palpate.fit.spot_term import Correction
 from palpate_certainty.laplace import Laplace, laplace, scores_of
+from palpate_certainty.mesh_error import SHARED
 from palpate_certainty.noise_model import ResidualLayout
 from palpate_planning.information import (
     ErrorSizes,
@@ -164,7 +165,9 @@ def _meshed(seed, amplitude=1.0, signs=(1.0,) * 4):
         for k, name in enumerate(("force", "torque")):
             rows = np.repeat([k == 0, k == 1], 6)
             sign = signs[2 * len(presses) + k]
-            causes[cause_name("mesh", name)] = (amplitude * sign * rows * columns[k])[:, None]
+            whole = (amplitude * sign * rows * columns[k])[:, None]
+            causes[cause_name("mesh", name)] = np.sqrt(SHARED) * whole
+            causes[cause_name("mesh", f"p{len(presses)} {name}")] = np.sqrt(1.0 - SHARED) * whole
         presses.append(FisherInformation.of(3.0 * rng.normal(size=(12, 3)), causes, f"p{len(presses)}"))
     return presses[0] + presses[1] + presses[1].again("p1", 1)
 
@@ -177,7 +180,7 @@ def _brute_force(information, along):
     for k, (press, causes) in enumerate(zip(information.presses, information.causes, strict=True)):
         for name in (cause_name("mesh", channel) for channel in ("force", "torque")):
             column = blocks.setdefault((press, name), np.zeros(len(root)))
-            column[12 * k : 12 * k + 12] = causes[name][:, 0]
+            column[12 * k : 12 * k + 12] = causes[name][:, 0] / np.sqrt(SHARED)
     columns = np.array(list(blocks.values())).T
     assert columns.shape[1] == 4
     signs = np.array(list(itertools.product((-1.0, 1.0), repeat=4)))

@@ -36,7 +36,14 @@ from palpate.api.fit import (
 )
 from palpate.api.runs import Study, check_limb
 from palpate_certainty.anatomy import BONE_MM, OF_LIMB, changed_limb, noted_position_mm
-from palpate_certainty.mesh_error import FORCE, SCATTER, SpotMesh, is_stated
+from palpate_certainty.mesh_error import (
+    FORCE,
+    SCATTER,
+    SHARED,
+    SpotMesh,
+    independent_parts,
+    is_stated,
+)
 from palpate_certainty.noise_model import path_of
 
 ONSET_MM = 0.05
@@ -375,9 +382,14 @@ def error_budget(
         is_shown = mesh.refinement > 1.0 and channel in term.corrections
         if is_shown and not is_stated(channel, study.budget.mesh):
             added = _added(term.corrections[channel], scale, inside, fitted)
-            add(MESH, f"{term.spot} {channel}", at, mesh.remainder(channel, added, fitted))
+            error = mesh.remainder(channel, added, fitted)
         elif study.solver.provides.mesh:
-            add(MESH, channel, at, mesh.error(channel, study.budget.mesh) * fitted)
+            error = mesh.error(channel, study.budget.mesh) * fitted
+        else:
+            continue
+        for k, part in enumerate(independent_parts(error, along[inside])):
+            add(MESH, f"{channel} {k}", at, np.sqrt(SHARED) * part)
+            add(MESH, f"{term.spot} {channel} {k}", at, np.sqrt(1.0 - SHARED) * part)
     return found
 
 

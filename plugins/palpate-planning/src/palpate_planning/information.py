@@ -16,6 +16,7 @@ from scipy.linalg import solve_triangular
 from palpate.api import FloatArray
 from palpate_certainty.error_sources import MESH
 from palpate_certainty.laplace import FLAT_SD, scores_of
+from palpate_certainty.mesh_error import SHARED
 from palpate_certainty.noise_model import COMMON, ResidualLayout, matern
 
 SPACING = 0.1
@@ -78,9 +79,9 @@ def _renamed(causes: Mapping[str, Named], press: str, number: int) -> dict[str, 
 class ExpectedError:
     """Covariance of a fit, and what the meshes may do to it at worst.
 
-    The covariance takes an error of the meshes as one number with a known shape along all curves that it is
-    of, and the fit J⁺ cancels what has this shape. At worst the mesh errs by itself at each press and
-    channel, by m_i c_i with |m_i| ≤ 1, where c_i is one standard deviation along the path.
+    The covariance takes an error of the meshes as numbers with known shapes along the curves, in part the
+    same at all presses, and the fit J⁺ cancels what has these shapes. At worst the mesh errs by itself at
+    each press and channel, by m_i c_i with |m_i| ≤ 1, where c_i is one standard deviation of a part of it.
 
     Parameters
     ----------
@@ -89,7 +90,7 @@ class ExpectedError:
     drawn : (n_parameters, k) array
         Change by one standard deviation of each error of the meshes, as the covariance has it.
     at_worst : (n_parameters, m) array
-        J⁺c_i: change by the error of the mesh at each press and channel.
+        J⁺c_i: change by each part of the error of the mesh at each press and channel.
     """
 
     covariance: FloatArray
@@ -185,7 +186,9 @@ class FisherInformation:
             for name in (name for name in causes if name.startswith(cause_name(MESH, ""))):
                 (change,) = (fit[:, begin:end] @ causes[name]).T
                 shared[name] = shared.get(name, 0.0) + change
-                of_press[press, name] = of_press.get((press, name), 0.0) + change
+                if name.startswith(cause_name(MESH, f"{press} ")):
+                    whole = change / np.sqrt(1.0 - SHARED)
+                    of_press[press, name] = of_press.get((press, name), 0.0) + whole
         drawn, at_worst = (
             np.array(list(of.values())).reshape(-1, len(covariance)).T for of in (shared, of_press)
         )

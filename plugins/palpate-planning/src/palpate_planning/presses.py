@@ -473,6 +473,7 @@ def _name(label: str, name: str, press: CandidatePress) -> str:
     """Name of a cause among all presses."""
     if label in OF_ONE_PRESS:
         return cause_name(label, name, press.name)
-    _, is_of_spot, channel = name.rpartition(" ")
-    # The fit will have the press as a spot of its own, with the error of its own finer mesh.
-    return cause_name(label, f"{press.name} {channel}" if label == MESH and is_of_spot else name)
+    of_spot = f"{press.spot} "
+    # The fit will have the press as a spot of its own, with the error of its own mesh.
+    is_own = label == MESH and name.startswith(of_spot)
+    return cause_name(label, f"{press.name} {name.removeprefix(of_spot)}" if is_own else name)
