@@ -210,7 +210,7 @@ def measured_at(
         drawn = rng.normal(size=x.size)
         drawn = drawn if shared is None else np.sqrt(0.5) * (drawn + of_all.normal(size=x.size))
         shape = np.linalg.cholesky(along) @ drawn
-        left = times * budget.discrepancy * shape * np.maximum.accumulate(np.abs(y))
+        left = times * budget.discrepancy_of(name) * shape * np.maximum.accumulate(np.abs(y))
         noise = NOISE * np.abs(y).max() * rng.normal(size=x.size)
         y = y * (1.0 + times * budget.gain * of_all.normal()) + by_mesh + left + noise
         curves[name] = Curve(channel=name, abscissa=x, ordinate=y)
@@ -266,7 +266,7 @@ def experiment(
     box = assessed.end.problem.box
     truth = (np.append(row, list(also.values())) - box.lower) / (box.upper - box.lower)
     found = {"failed": [check.name for check in assessed.checks if check.is_failed]}
-    found["apart"] = is_apart(held_out(assessed, study.budget.discrepancy))
+    found["apart"] = is_apart(held_out(assessed))
     found["checks"] = {check.name for check in assessed.checks}
     wide = np.append(np.subtract(*reversed(assessed.density.interval(assessed.point))) > WIDE, False)
     for key, density in (("all", assessed.density), ("noise", assessed.noise_only.within())):

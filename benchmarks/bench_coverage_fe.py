@@ -277,7 +277,7 @@ def world(emulated: Emulated, spots: Sequence[str], seed: int, times: float) -> 
         "holds": held(truth, found),
         "wide": np.append(high - low > WIDE, False),
         "failed": [check.name for check in found.checks if check.is_failed],
-        "apart": is_apart(held_out(found, study.budget.discrepancy)),
+        "apart": is_apart(held_out(found)),
         "width": high - low,
     }
     return result | {"flagged": is_flagged(result, len(spots))}

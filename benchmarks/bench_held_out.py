@@ -70,7 +70,7 @@ def table_of(name: str, fault: str, seed: int) -> pl.DataFrame:
     meshes = {spot: SpotMesh(refinement=RATIO**0.5) for spot in SPOTS}
     assessment = Assessment(study=study, measured=measured, meshes=meshes)
     (assessed,) = assessment.assessed([case], joint_only=True)
-    return held_out(assessed, study.budget.discrepancy)
+    return held_out(assessed)
 
 
 def main() -> None:

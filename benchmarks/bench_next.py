@@ -154,7 +154,7 @@ class World:
         size = np.abs(y).max()
         shape = np.sqrt(COMMON) * self._shape("", curve.channel, path)
         shape += np.sqrt(1.0 - COMMON) * self._shape(spot, curve.channel, path)
-        left = self.study.budget.discrepancy * shape * np.maximum.accumulate(np.abs(y))
+        left = self.study.budget.discrepancy_of(curve.channel) * shape * np.maximum.accumulate(np.abs(y))
         noise = strips.NOISE * size * self.rng.normal(size=x.size)
         y = y * self.gain[curve.channel] + left + noise
         return Curve(channel=curve.channel, abscissa=x, ordinate=y)

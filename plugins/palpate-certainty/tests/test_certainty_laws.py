@@ -206,6 +206,10 @@ def test_causes_that_are_larger_than_stated_are_seen_and_none_is_taken_smaller(t
     assert np.mean(np.square(found)) == pytest.approx(times**2, rel=0.3)
 
 
+EXPECTED = {0: 0.005, 1: 0.005}
+"""Discrepancy by channel."""
+
+
 def errors_of(rows, noise, discrepancy):
     return sum(
         noise**2 * rows.noise(c, 0.0) + discrepancy**2 * rows.discrepancy(c, 0.35) for c in rows.channels
@@ -224,11 +228,24 @@ def test_noise_and_discrepancy_are_found_in_residuals(noise, discrepancy):
     for _ in range(10):
         residuals = fitted(drawn(rng, errors_of(rows, noise, discrepancy)), jacobian)
         known, free = np.zeros((len(residuals), 1)), null_space(jacobian.T)
-        found.append(estimate(residuals, free, known, rows, expected=0.005))
+        found.append(estimate(residuals, free, known, rows, expected=EXPECTED))
     for channel in (0, 1):
         assert np.median([each.noise[channel] for each in found]) == pytest.approx(noise, rel=0.2)
         size = np.median([each.discrepancy[channel] for each in found])
         assert size == pytest.approx(discrepancy, rel=0.6, abs=0.008)
+
+
+def test_the_discrepancy_is_no_less_than_expected():
+    """Parameters absorb what is alike along the path, so that small residuals do not speak against it."""
+    rows, jacobian = press()
+    residuals = fitted(drawn(np.random.default_rng(3), errors_of(rows, 1e-4, 0.0)), jacobian)
+    known, free = np.zeros((len(residuals), 1)), null_space(jacobian.T)
+    expected = {0: 0.005, 1: 0.02}
+    found = estimate(residuals, free, known, rows, expected=expected)
+    for channel, size in expected.items():
+        assert found.discrepancy[channel] == pytest.approx(size)
+        variances, inside = np.diag(found.covariances(rows)[1]), rows.channel == channel
+        np.testing.assert_allclose(variances[inside], (size * rows.envelope[inside]) ** 2)
 
 
 def missed(residuals, rows, jacobian, found, known=None):
@@ -241,12 +258,12 @@ def missed(residuals, rows, jacobian, found, known=None):
 def check(errors, rows, jacobian):
     residuals = fitted(errors, jacobian)
     known = np.zeros((len(residuals), 1))
-    found = estimate(residuals, null_space(jacobian.T), known, rows, expected=0.005)
+    found = estimate(residuals, null_space(jacobian.T), known, rows, expected=EXPECTED)
     covariance = sum(found.covariances(rows))
     return {
         each.name
         for each in checks(
-            residuals, jacobian, covariance, rows, missed(residuals, rows, jacobian, found), 0.005, 1.0
+            residuals, jacobian, covariance, rows, missed(residuals, rows, jacobian, found), EXPECTED, 1.0
         )
         if each.is_failed
     }
@@ -279,7 +296,7 @@ def test_the_larger_of_two_misfits_is_the_one_that_is_refused(shape):
     for size in (0.005, 0.02, 0.05, 0.1, 0.2, 0.4):
         residuals = fitted(noise + size * left, jacobian)
         known, free = np.zeros((len(residuals), 1)), null_space(jacobian.T)
-        found = estimate(residuals, free, known, rows, expected=0.005)
+        found = estimate(residuals, free, known, rows, expected=EXPECTED)
         for channel, misfit in missed(residuals, rows, jacobian, found).items():
             inside = rows.channel == channel
             assert misfit.share == np.abs(residuals[inside]).max() == abs(residuals[misfit.row])
@@ -298,7 +315,7 @@ def test_what_the_budget_explains_is_no_misfit_of_the_model():
     known = 0.1 * (rows.path**0.5 * (rows.channel == 0))[:, None]
     residuals = fitted(drawn(rng, errors_of(rows, 1e-3, 0.0)) + known[:, 0], jacobian)
     with_cause, without = (
-        estimate(residuals, null_space(jacobian.T), k, rows, expected=0.005) for k in (known, 0.0 * known)
+        estimate(residuals, null_space(jacobian.T), k, rows, expected=EXPECTED) for k in (known, 0.0 * known)
     )
     assert missed(residuals, rows, jacobian, with_cause, known)[0].unexplained < 0.01
     assert missed(residuals, rows, jacobian, without)[0].unexplained > 0.01
@@ -354,7 +371,7 @@ def test_what_the_discrepancies_of_sites_have_in_common_is_found(share, low, hig
     for _ in range(6):
         residuals = fitted(drawn(rng, covariance), jacobian)
         known, free = np.zeros((len(residuals), 1)), null_space(jacobian.T)
-        found.append(estimate(residuals, free, known, rows, expected=0.005))
+        found.append(estimate(residuals, free, known, rows, expected=EXPECTED))
     assert low <= np.median([each.common for each in found]) <= high
 
 
@@ -362,4 +379,4 @@ def test_two_sites_do_not_tell_what_they_have_in_common():
     rows, jacobian = press(n_spots=2, n=12)
     residuals = fitted(np.random.default_rng(6).normal(size=len(rows.spot)), jacobian)
     known, free = np.zeros((len(residuals), 1)), null_space(jacobian.T)
-    assert estimate(residuals, free, known, rows, expected=0.005).common == COMMON
+    assert estimate(residuals, free, known, rows, expected=EXPECTED).common == COMMON

@@ -50,11 +50,12 @@ def test_curves_that_belong_are_inside_as_often_as_the_band_says(monkeypatch):
             rows=rows,
             known=known,
             n_points=np.ones(rows.spot.size, dtype=int),
+            expected={0: 0.01, 1: 0.01},
         )
         terms = [SimpleNamespace(spot=spot) for spot in SPOTS]
         end = SimpleNamespace(problem=SimpleNamespace(terms=terms))
         assessed = SimpleNamespace(model=model, end=end, channels=("force", "torque"))
-        inside += held_out(assessed, 0.01)["inside"].to_list()
+        inside += held_out(assessed)["inside"].to_list()
     assert np.mean(inside) == pytest.approx(BAND, abs=0.05)
 
 
@@ -90,7 +91,7 @@ def assessed_of(pressed, stage_of):
         cases = stage_of(study, measured).run()
         joint = max(cases, key=lambda case: len(case.spots))
         (found,) = Assessment(study=study, measured=measured).assessed([joint], joint_only=True)
-        return held_out(found, study.budget.discrepancy)
+        return held_out(found)
 
     return made
 

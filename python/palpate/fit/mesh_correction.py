@@ -184,14 +184,15 @@ class EndSlopes:
         fitted = residuals - problem.residuals_of_nothing()
         curves = list(pieces(problem.terms))
         channels = list(dict.fromkeys(channel_of(name) for _, name, _, _ in curves))
-        calibration, peaks = np.zeros((residuals.size, len(channels))), np.zeros(residuals.size)
+        calibration, expected = np.zeros((residuals.size, len(channels))), np.zeros(residuals.size)
         for term, name, at, scale in curves:
             channel = channel_of(name)
             calibration[at, channels.index(channel)] = budget.gain * fitted[at]
-            peaks[at] = np.abs(scale * term.measured[channel].ordinate).max()
+            peak = np.abs(scale * term.measured[channel].ordinate).max()
+            expected[at] = budget.discrepancy_of(channel) * peak
         n, n_parameters = jacobian.shape
         variance = float(residuals @ residuals) / max(n - n_parameters, 1)
-        variance = max(variance, budget.discrepancy**2 * float(np.mean(peaks**2)))
+        variance = max(variance, float(np.mean(expected**2)))
         variance *= max(1.0, n / (INDEPENDENT * len(curves)))
         inverse = np.linalg.inv(jacobian.T @ jacobian + variance / RANGE_VARIANCE * np.eye(n_parameters))
         gain = inverse @ jacobian.T

@@ -47,6 +47,12 @@ Shares = Annotated[
 """One for each name; one for all of them is under no name."""
 
 
+def _more_than_zero(shares: dict[str, float]) -> dict[str, float]:
+    if not all(shares.values()):
+        raise ValueError("must be more than 0")
+    return shares
+
+
 class Table(BaseModel):
     """A table of study.toml: unknown keys and values of another type are refused."""
 
@@ -433,13 +439,16 @@ class BudgetTable(Table):
         description="Of fixed and tied parameters, relative, by region.parameter; if left out, a tenth, "
         "and of a fixed one no more than its physical range has.",
     )
-    discrepancy: Ratio = Field(
-        default=0.005,
-        gt=0.0,
-        lt=1.0,
-        description="What a good model leaves unexplained, over the largest ordinate. One that leaves "
-        "four times as much does not describe the data.",
+    discrepancy: Annotated[Shares, AfterValidator(_more_than_zero)] = Field(
+        default={},
+        description="What a good model leaves unexplained, over the largest ordinate: one number, or one for "
+        "each channel; 0.5 % if left out. Intervals allow for no less, for parameters may hide it. A model "
+        "that leaves four times as much does not describe the data.",
     )
+
+    def discrepancy_of(self, channel: str) -> float:
+        """What a good model leaves unexplained of a channel, over the largest ordinate."""
+        return self.discrepancy.get(channel, self.discrepancy.get("", 0.005))
 
 
 class ScenarioTable(Table):

@@ -128,7 +128,7 @@ def checks(
     covariance: FloatArray,
     rows: ResidualLayout,
     found: Mapping[int, Misfit],
-    expected: float,
+    expected: Mapping[int, float],
     in_ranges: float,
 ) -> Iterator[Check]:
     """Check the residuals of a fit.
@@ -141,13 +141,13 @@ def checks(
         Of the residuals, as the budget and the estimated noise and discrepancy have them.
     rows : ResidualLayout
     found : mapping of channel number to Misfit
-    expected : float
+    expected : mapping of channel number to float
         Discrepancy of a good model, over the peak.
     in_ranges : float
         Probability of a fit that, without its bounds, would end as far outside of the ranges.
     """
     for channel, misfit in found.items():
-        over = misfit.unexplained / expected
+        over = misfit.unexplained / expected[channel]
         p = 2.0 * float(norm.sf(over))
         yield Check(name="discrepancy", channel=channel, probability=p, is_failed=over > ALLOWED)
     if np.unique(rows.spot[rows.spot >= 0]).size > 1:

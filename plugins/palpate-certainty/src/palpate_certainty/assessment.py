@@ -195,12 +195,13 @@ class Assessment:
             rows=rows,
             n_points=(groups > 0.0).sum(axis=1),
             known=known,
+            expected={i: self.study.budget.discrepancy_of(name) for i, name in enumerate(channels)},
         )
         if residuals.size <= point.size:
             raise PalpateError(f"{residuals.size} measured points for {point.size} parameters; fix some")
-        free, expected = null_space(jacobian.T), self.study.budget.discrepancy
+        free = null_space(jacobian.T)
         every = np.concatenate(list(known.values()), axis=1)
-        errors, noise, discrepancy, excessive = _errors(residuals, free, every, rows, expected, first)
+        errors, noise, discrepancy, excessive = _errors(residuals, free, every, rows, model.expected, first)
         rest = noise + discrepancy
         stated = every @ every.T + rest
         missed = again.misfits if again else misfits(of_points, free, stated, every, points, groups)
@@ -212,7 +213,7 @@ class Assessment:
         of_all, in_range = weighed(), weighed(range_sd=FLAT_SD)
         density = density_of(of_all, end.problem)
         point = most_likely(of_all, density, end.problem)
-        made = checks(residuals, jacobian, stated, rows, missed, expected, of_all.in_ranges)
+        made = checks(residuals, jacobian, stated, rows, missed, model.expected, of_all.in_ranges)
         found = Assessed(
             case=case,
             end=end,
@@ -304,7 +305,7 @@ def _errors(
     free: FloatArray,
     known: FloatArray,
     rows: ResidualLayout,
-    expected: float,
+    expected: Mapping[int, float],
     first: Assessed | None,
 ) -> tuple[NoiseModel, FloatArray, FloatArray, float]:
     """Sizes of noise and discrepancy, the covariances by both, and how much larger than stated causes are."""

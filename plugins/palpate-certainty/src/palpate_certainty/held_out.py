@@ -24,7 +24,7 @@ RARE = 0.05
 """Probability, over all held-out curves, under which one as far off does not belong to the others."""
 
 
-def held_out(assessed: Assessed, expected: float) -> pl.DataFrame:
+def held_out(assessed: Assessed) -> pl.DataFrame:
     """One row per held-out curve, as the table ``held_out`` has it: its difference, its band, and their odds.
 
     Each spot is left out in turn; of one spot alone, each channel is. ``difference`` and ``band`` are roots
@@ -34,8 +34,6 @@ def held_out(assessed: Assessed, expected: float) -> pl.DataFrame:
     ----------
     assessed : Assessed
         The joint fit.
-    expected : float
-        Discrepancy that the study expects, over the largest ordinate.
     """
     rows, spots = assessed.model.rows, list(dict.fromkeys(term.spot for term in assessed.end.problem.terms))
     parts = [rows.spot == i for i in range(len(spots))]
@@ -43,7 +41,7 @@ def held_out(assessed: Assessed, expected: float) -> pl.DataFrame:
         parts = [rows.channel == channel for channel in rows.channels if len(rows.channels) > 1]
     found = []
     for out in filter(np.any, parts):
-        difference, covariance = _predicted(assessed, out, expected)
+        difference, covariance = _predicted(assessed, out)
         spot, channels, scale = spots[rows.spot[out][0]], rows.channel[out], rows.scale[out]
         for channel in np.unique(channels):
             at = channels == channel
@@ -72,11 +70,11 @@ def _compared(share: FloatArray, covariance: FloatArray, n_points: int) -> dict[
     }
 
 
-def _predicted(assessed: Assessed, out: BoolArray, expected: float) -> tuple[FloatArray, FloatArray]:
+def _predicted(assessed: Assessed, out: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Differences (n,) of the curves left out from their prediction by the others, and their covariance."""
     model, kept = assessed.model, ~out
     residuals, jacobian = model.residuals[kept], model.jacobian[kept]
-    errors, times = _errors_without(assessed, kept, expected)
+    errors, times = _errors_without(assessed, kept)
     noise, discrepancy = errors.covariances(model.rows)
     factors = [part if name == PRIORS else times * part for name, part in model.known.items()]
     covariance = noise + discrepancy + sum(factor @ factor.T for factor in factors)
@@ -95,7 +93,7 @@ def _predicted(assessed: Assessed, out: BoolArray, expected: float) -> tuple[Flo
     return model.residuals[out] + there @ moved, both @ covariance @ both.T + unknown
 
 
-def _errors_without(assessed: Assessed, kept: BoolArray, expected: float) -> tuple[NoiseModel, float]:
+def _errors_without(assessed: Assessed, kept: BoolArray) -> tuple[NoiseModel, float]:
     """Noise and discrepancy, and how much larger than stated other causes are, by the curves that are kept.
 
     By all curves where a channel is left out altogether, or too few points are kept to tell.
@@ -111,8 +109,8 @@ def _errors_without(assessed: Assessed, kept: BoolArray, expected: float) -> tup
         free,
         known,
         rows,
-        expected=expected,
-        lengths=tuple(assessed.errors.of_lengths),
+        expected=model.expected,
+        lengths=tuple(assessed.errors.correlations),
         common=assessed.errors.common,
     )
     noise, discrepancy = errors.covariances(rows)

@@ -83,7 +83,7 @@ class Validation(Stage):
         """Predictions by the joint fit's slopes; simulates nothing new."""
         _, assessed = joint_assessed(inputs)
         try:
-            return {"held_out": held_out(assessed, inputs.study.budget.discrepancy)}
+            return {"held_out": held_out(assessed)}
         except np.linalg.LinAlgError as error:
             raise StudyError(
                 f"no prediction of held-out presses: {error}; see the warnings of `palpate intervals`"

@@ -107,6 +107,8 @@ class LinearModel:
         Measured points that each residual is the average of.
     known : mapping of cause to (n, m) array
         What one standard deviation of each known cause adds to the residuals.
+    expected : mapping of channel number to float
+        Discrepancy that the study expects, over the largest ordinate.
     """
 
     point: FloatArray
@@ -115,6 +117,7 @@ class LinearModel:
     rows: ResidualLayout
     n_points: IntArray
     known: Mapping[str, FloatArray]
+    expected: Mapping[int, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -316,7 +319,7 @@ def _missed(each: Assessed, number: int, study: Study) -> str:
     size = _quantity(y, misfit.share * float(np.abs(curve.ordinate).max()))
     at_spot = f" of {spot.spot}" if len(terms) > 1 else ""
     at = _quantity(x, float(curve.abscissa[point]), is_named=True)
-    allowed = ALLOWED * study.budget.discrepancy
+    allowed = ALLOWED * study.budget.discrepancy_of(name)
     return (
         f"the {name} differs from the model by up to {100.0 * misfit.share:.2g} % of its peak "
         f"({size}{at_spot} at {at}); noise and error budget leave {100.0 * misfit.unexplained:.2g} % "

@@ -6,7 +6,7 @@ Cholesky factor of C. So a press that is simulated once is added to any others i
 """
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Self, TypeVar, final
 
@@ -37,7 +37,7 @@ class ErrorSizes:
     correlations : mapping of (points, length) to float
         Probability of each pair of correlation lengths, as in
         :class:`~palpate_certainty.noise_model.NoiseModel`.
-    usual : float
+    usual : callable of channel to float
         Both of a channel that no press has shown so far.
     common : float
         Share of a discrepancy's variance that all sites have in common.
@@ -46,7 +46,7 @@ class ErrorSizes:
     noise: Mapping[str, float]
     discrepancy: Mapping[str, float]
     correlations: Mapping[tuple[float, float], float] = field(default_factory=lambda: {(0.0, 0.35): 1.0})
-    usual: float = 0.005
+    usual: Callable[[str], float] = lambda _: 0.005
     common: float = COMMON
 
     def marginal(self, i: int) -> dict[float, float]:
@@ -273,7 +273,7 @@ def _noise(rows: ResidualLayout, errors: ErrorSizes, channels: tuple[str, ...]) 
     """Covariance (n, n) of the noise."""
     noise = np.zeros((rows.channel.size,) * 2)
     for number in rows.channels:
-        size = errors.noise.get(channels[number], errors.usual)
+        size = errors.noise.get(channels[number], errors.usual(channels[number]))
         for points, probability in errors.marginal(0).items():
             noise += probability * size**2 * rows.noise(number, points)
     return noise
@@ -287,7 +287,7 @@ def _left_out(
     for number in rows.channels:
         channel, inside = channels[number], rows.channel == number
         for length, probability in errors.marginal(1).items():
-            size = np.sqrt(probability) * errors.discrepancy.get(channel, errors.usual)
+            size = np.sqrt(probability) * errors.discrepancy.get(channel, errors.usual(channel))
             along = _along(rows.path[inside], length)
             part = np.zeros((inside.size, along.shape[1]))
             part[inside] = size * rows.envelope[inside][:, None] * along

@@ -194,7 +194,7 @@ class PlanningStage:
             noise={channels[i]: size for i, size in found.noise.items()},
             discrepancy={channels[i]: size for i, size in found.discrepancy.items()},
             correlations=found.correlations,
-            usual=self.study.budget.discrepancy,
+            usual=self.study.budget.discrepancy_of,
             common=found.common,
         )
         return DesignProblem(
@@ -345,7 +345,7 @@ def before_any_press(
     problem = Problem(study, terms, simulate, study.parametrisation, noise=study.noise)
     spread = qmc.Halton(len(problem.parameters), rng=study.seed).random(64 * n_points)
     accepted = spread[problem.accepts(spread)][: n_points - 1]
-    errors = ErrorSizes(noise={}, discrepancy={}, usual=study.budget.discrepancy)
+    errors = ErrorSizes(noise={}, discrepancy={}, usual=study.budget.discrepancy_of)
     design = DesignProblem(study=study, scenario=scenario, problem=problem, measured={}, errors=errors)
     return design, np.concatenate([problem.point_of({})[None], accepted])
 
