@@ -55,9 +55,12 @@ def _proposed(run, allowed=ALLOWED, **options):
 
 def test_press_with_a_twist_tells_what_presses_without_cannot(run):
     found = _proposed(run, goal="tissue.nu")
-    names = [each.press.press for each in found.steps[0].ranked]
-    twisted = [bool(press.keys["twist"]) for press in names]
-    assert twisted == sorted(twisted, reverse=True)  # force alone leaves E and nu inseparable
+    goals = {
+        (each.press.press.keys["depth"], bool(each.press.press.keys["twist"])): each.goal
+        for each in found.steps[0].ranked
+    }
+    for depth in ALLOWED.protocol["depth"]:
+        assert goals[depth, True] < goals[depth, False]  # force alone leaves E and nu inseparable
     assert found.steps[0].chosen.goal < 0.95
 
 
