@@ -47,6 +47,10 @@ Shares = Annotated[
 """One for each name; one for all of them is under no name."""
 
 
+USUAL_DISCREPANCY = 0.005
+"""What a good model leaves unexplained of a channel, over the largest ordinate."""
+
+
 def _more_than_zero(shares: dict[str, float]) -> dict[str, float]:
     if not all(shares.values()):
         raise ValueError("must be more than 0")
@@ -440,15 +444,15 @@ class BudgetTable(Table):
         "and of a fixed one no more than its physical range has.",
     )
     discrepancy: Annotated[Shares, AfterValidator(_more_than_zero)] = Field(
-        default={},
+        default={"": USUAL_DISCREPANCY},
         description="What a good model leaves unexplained, over the largest ordinate: one number, or one for "
-        "each channel; 0.5 % if left out. Intervals allow for no less, for parameters may hide it. A model "
+        "each channel, 0.5 % of others. Intervals allow for no less, for parameters may hide it. A model "
         "that leaves four times as much does not describe the data.",
     )
 
     def discrepancy_of(self, channel: str) -> float:
         """What a good model leaves unexplained of a channel, over the largest ordinate."""
-        return self.discrepancy.get(channel, self.discrepancy.get("", 0.005))
+        return self.discrepancy.get(channel, self.discrepancy.get("", USUAL_DISCREPANCY))
 
 
 class ScenarioTable(Table):

@@ -17,7 +17,7 @@ def run(tmp_path, pressed_meshes, notes):
             tmp_path,
             solver={"name": "errs_by_the_mesh"},
             fit={"search": "least_squares", **fit},
-            budget={"gain": 0.02},
+            budget={"gain": 0.02, "discrepancy": 1e-4},
         )
         directory = RunDirectory(tmp_path / "run")
         pipeline.run_study(study, directory.folder, plugins, notes)
