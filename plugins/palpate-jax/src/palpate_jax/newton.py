@@ -59,6 +59,8 @@ class Balance:
     held: bool = False
 
 
+# A trial of the line search may have forces of an exponential beyond 1e154, whose norm is infinite.
+@np.errstate(over="ignore")
 def equilibrium(
     model: Model, thetas: Mapping[str, FloatArray], load: ContactState, start: Start, tolerance: float
 ) -> Balance:
