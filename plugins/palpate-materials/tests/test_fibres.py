@@ -226,6 +226,15 @@ def test_initial_moduli_are_those_of_the_ground():
     assert mechanics.initial_moduli(both, ALIGNED)[0] == pytest.approx(2 * C1 + 4 * K1 / 15, rel=1e-9)
 
 
+@pytest.mark.parametrize("dispersion", [0.0, SPREAD, 1 / 3])
+def test_small_strains_along_the_fibres_meet_them(dispersion):
+    stretch, theta = 1.0 + 1e-4, np.array([C1, K1, K2, dispersion, KAPPA])
+    F = np.diag([stretch, stretch**-0.5, stretch**-0.5])
+    energy = material(direction=E1, dispersion=True).energy_from_F(F, theta)
+    modulus = 2.0 * float(energy) / 1e-8
+    assert modulus == pytest.approx(6 * C1 + 4 * K1 * (1 - 3 * dispersion) ** 2, rel=1e-3)
+
+
 @pytest.mark.slow
 def test_fibres_in_tension_alone_are_stable():
     """Those that bear compression soften there: the slope of E² in the logarithmic strain falls."""

@@ -54,7 +54,7 @@ class HolzapfelGasserOgden(AnisotropicMaterial[FibreSettings]):
     E = 0. With ``tension_only = false`` they bear as much as lengthened ones, and nothing jumps.
 
     Initial moduli of the ground: shear modulus 2 c1 and bulk modulus κ. Small strains along the fibres
-    meet 4 k1 (1 − d)² per unit more where they bear. One term is the model of Abaqus; two families of
+    meet 4 k1 (1 − 3d)² per unit more where they bear. One term is the model of Abaqus; two families of
     FEBio's ``Holzapfel-Gasser-Ogden`` coincide at its angle 0, with c = 2 c1 and half of k1 each.
 
     In tension alone the fibres are stable where their energy is a number: the filter ``drucker`` goes to
