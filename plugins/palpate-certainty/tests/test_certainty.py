@@ -21,7 +21,7 @@ from palpate.run.result import FitResult, PosteriorResult
 from palpate.stages import pipeline
 from palpate.study.model import BudgetTable
 from palpate_certainty.assessment import Assessment
-from palpate_certainty.emulated_curves import ScenarioDensity, SimulatedCurves
+from palpate_certainty.emulated_curves import MeshCorrections, ScenarioDensity, SimulatedCurves
 from palpate_certainty.error_sources import (
     MESH,
     ErrorSource,
@@ -365,7 +365,8 @@ def test_a_score_that_is_not_linear_has_intervals_of_first_order_and_unclear_wor
     assert set(names) == set(truth)
     # The emulated misfit is that of the score itself.
     simulated = SimulatedCurves(case.end.problem, BOTH)
-    density = ScenarioDensity(case.end.problem, np.eye(case.end.problem.n_points), simulated)
+    values = case.end.problem.box.values(case.end.best.point)
+    density = ScenarioDensity(case.end.problem, np.eye(case.end.problem.n_points), simulated, values)
     runs = simulated.runs(case.end.best.point[None] + np.array([[0.0, 0.0], [0.05, -0.03]]), slopes=False)
     fopts = [
         each.fopt
@@ -393,9 +394,27 @@ def test_emulated_curves_are_corrected_as_those_of_the_fit_are(ended):
     points = rng.uniform(0.2, 0.8, (5, 2))
     curves = SimulatedCurves(problem, BOTH)
     runs = curves.runs(points, slopes=False)
-    found = ScenarioDensity(corrected, np.eye(problem.n_points), curves).white(runs.values, runs.ordinates)
     expected = [each.residuals for each in corrected.evaluate([Trial(point=p) for p in points])]
-    np.testing.assert_allclose(found, expected, atol=1e-9)
+    for values in (problem.box.values(case.end.best.point), problem.box.lower, problem.box.upper):
+        density = ScenarioDensity(corrected, np.eye(problem.n_points), curves, values)
+        found = density.white(runs.values, runs.ordinates)
+        np.testing.assert_allclose(found, expected, atol=1e-9)
+
+
+def test_what_meshes_add_is_asked_for_at_the_fit_alone(ended, monkeypatch):
+    """In the middle of their ranges, shares that relax may sum to more than 1."""
+    _, _, case, _ = ended()
+    problem, asked = case.end.problem, []
+    (term,), curves = problem.terms, simulated(case).response.curves
+    inputs = problem.inputs("p1", case.end.best.point)
+    corrections = {name: Correction(added=c.ordinate, coarse=c.ordinate) for name, c in curves.items()}
+    corrected = problem.restated([replace(term, corrections=corrections)])
+    monkeypatch.setattr(type(problem), "inputs_at", lambda _, __, at: asked.append(at) or inputs)
+    box = problem.box
+    fitted = box.upper
+    MeshCorrections(corrected, fitted)
+    assert (np.array(asked) <= fitted).all()
+    assert (np.array(asked) >= fitted - 0.02 * (box.upper - box.lower)).all()
 
 
 def test_a_score_whose_residuals_mix_points_has_no_intervals_and_the_reason(ended, notes):

@@ -104,7 +104,9 @@ def test_less_is_known_far_from_all_runs_and_nothing_is_claimed_there(fit, monke
     simulated = SimulatedCurves(end.problem, ["force", "torque"])
     near = np.clip(end.best.point + 0.02 * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), 0.0, 1.0)
     curves = EmulatedCurves(simulated, simulated.runs(near, slopes=True))
-    objective = EmulatedObjective(problem=end.problem, curves=curves)
+    objective = EmulatedObjective(
+        problem=end.problem, curves=curves, fitted=end.problem.box.values(end.best.point)
+    )
     points = np.stack([end.best.point, [1.0, 1.0]])
     near, far = objective.unknown(points)
     assert far > 1e3 * near

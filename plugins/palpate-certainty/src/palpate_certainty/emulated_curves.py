@@ -24,7 +24,7 @@ MOST_SETS = 32
 """Sets of a sweep that fit best, and as many others, of which an emulator is made."""
 
 STEP = 0.01
-"""Step over a range for the slopes of what a finer mesh adds, which is linear in the values."""
+"""Step over a range for the slopes of what a finer mesh adds."""
 
 
 class SimulatedCurves:
@@ -168,10 +168,20 @@ def best_and_first(misfit: FloatArray) -> IntArray:
 
 
 class MeshCorrections:
-    """What finer meshes add to the curves of a problem, at many values at once."""
+    """What finer meshes add to the curves of a problem, at many values at once.
 
-    def __init__(self, problem: Problem) -> None:
-        self._middle = (problem.box.lower + problem.box.upper) / 2.0
+    What is added to curves as large as the coarse one is linear in the materials' textbook values; it is
+    taken as linear in the searched ones around the fit.
+
+    Parameters
+    ----------
+    problem : Problem
+    fitted : (n_parameters,) array
+        Values where the fit has ended: other ones may be none that the parametrisation takes together.
+    """
+
+    def __init__(self, problem: Problem, fitted: FloatArray) -> None:
+        self._fitted = fitted
         self._added = {
             (term.spot, channel): self._linear(problem, term, correction)
             for term in problem.terms
@@ -185,22 +195,21 @@ class MeshCorrections:
         if (correction := term.corrections.get(channel)) is None:
             return ordinates
         added, slopes = self._added[term.spot, channel]
-        return ordinates + correction.at(ordinates, added + (values - self._middle) @ slopes)
+        return ordinates + correction.at(ordinates, added + (values - self._fitted) @ slopes)
 
     def _linear(
         self, problem: Problem, term: SpotTerm, correction: Correction
     ) -> tuple[FloatArray, FloatArray]:
-        """What is added (n,) in the middle of the ranges, and its change (n_parameters, n) by each value."""
+        """What is added (n,) at the fit, and its change (n_parameters, n) by each value."""
 
         def added(values: FloatArray) -> FloatArray:
             return correction.added_at(problem.inputs_at(term, values), term.materials)
 
-        steps = STEP * (problem.box.upper - problem.box.lower)
-        slopes = [
-            (added(self._middle + step) - added(self._middle - step)) / (2.0 * step.sum())
-            for step in np.diag(steps)
-        ]
-        return added(self._middle), np.stack(slopes)
+        box, here = problem.box, added(self._fitted)
+        steps = STEP * (box.upper - box.lower)
+        steps = np.where(self._fitted - steps >= box.lower, -steps, steps)  # down: shares sum to less than 1
+        slopes = [(added(self._fitted + step) - here) / step.sum() for step in np.diag(steps)]
+        return here, np.stack(slopes)
 
 
 class ScenarioDensity:
@@ -215,9 +224,11 @@ class ScenarioDensity:
     curves : SimulatedCurves
     """
 
-    def __init__(self, problem: Problem, white: FloatArray, curves: SimulatedCurves) -> None:
+    def __init__(
+        self, problem: Problem, white: FloatArray, curves: SimulatedCurves, fitted: FloatArray
+    ) -> None:
         self.problem, self.curves, self._white = problem, curves, white
-        self._meshes = MeshCorrections(problem)
+        self._meshes = MeshCorrections(problem, fitted)
         n, parts = problem.n_points, list(pieces(problem.terms))
         matrix, constant = np.zeros((n, curves.measured.size)), np.zeros(n)
         for term, name, at, scale in parts:

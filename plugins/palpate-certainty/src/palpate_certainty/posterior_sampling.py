@@ -181,12 +181,11 @@ class PosteriorSampling:
 
     def _sampled(self, assessed: Assessed, curves: EmulatedCurves) -> Posterior:
         """A short sample of a posterior, some of it simulated."""
+        assert assessed.end.best is not None
         problem, simulated = assessed.end.problem, curves.simulated
-        density, box, normal = (
-            ScenarioDensity(problem, assessed.white, simulated),
-            problem.box,
-            assessed.density,
-        )
+        box, normal = problem.box, assessed.density
+        fitted = box.values(assessed.end.best.point)
+        density = ScenarioDensity(problem, assessed.white, simulated, fitted)
         likely = normal.points[normal.weights > 1e-3 * normal.weights.max()]
         start = box.point(box.lower + (box.upper - box.lower) * likely)
         draws = self._drawn(density, curves, start, to_convergence=False)

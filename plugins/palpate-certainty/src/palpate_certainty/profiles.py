@@ -211,14 +211,17 @@ class EmulatedObjective:
     problem : Problem
         With its corrections by finer meshes.
     curves : EmulatedCurves
+    fitted : (n_parameters,) array
+        Values where the fit has ended.
     """
 
     problem: Problem
     curves: EmulatedCurves
+    fitted: FloatArray
 
     @cached_property
     def _meshes(self) -> MeshCorrections:
-        return MeshCorrections(self.problem)
+        return MeshCorrections(self.problem, self.fitted)
 
     def residuals(self, points: FloatArray) -> FloatArray:
         """Residuals (n, m) at points (n, n_parameters) of the box, without those of priors."""
@@ -354,11 +357,8 @@ SCHEMA = {
 
 def _rows(each: Assessed, curves: EmulatedCurves) -> Iterator[dict[str, Any]]:
     assert each.end.best is not None
-    objective, box, best = (
-        EmulatedObjective(problem=each.end.problem, curves=curves),
-        each.end.problem.box,
-        each.end.best,
-    )
+    box, best = each.end.problem.box, each.end.best
+    objective = EmulatedObjective(problem=each.end.problem, curves=curves, fitted=box.values(best.point))
     about = {"fit": each.case.label, "scenario": each.case.scenario.name}
     sds = each.laplace.sd * (box.upper - box.lower) / box.rates(best.point)
     shared = [i for i, name in enumerate(box.names) if not ParameterName.parse(name).spot]
