@@ -146,6 +146,14 @@ def test_moduli_of_other_rates_are_not_compared(swept):
     assert other_rates({"slow": slow, "less": timed(swept, 4.0), "unknown": unknown}) == (frozenset(), "")
 
 
+def test_runs_of_the_same_two_rates_are_compared(swept, monkeypatch):
+    durations = iter(([1.0, 10.0], [1.0, 10.0], [1.0, 10.0], [10.0, 10.0]))
+    monkeypatch.setattr("palpate_report.comparison.press_durations_s", lambda _: next(durations))
+    runs = {"a": swept, "b": swept}
+    assert other_rates(runs) == (frozenset(), "")
+    assert other_rates(runs)[0] == {"a", "b"}
+
+
 def test_moduli_at_once_are_not_compared_with_apparent_ones(swept):
     study = replace(swept.study, parametrisation=AllRelax())
     at_once, apparent = replace(swept, study=study), timed(swept, 5.0)

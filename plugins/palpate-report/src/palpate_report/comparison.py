@@ -114,7 +114,7 @@ def other_rates(runs: Mapping[str, ReportData]) -> tuple[frozenset[str], str]:
     at_once = [name for name, data in runs.items() if data.study.relaxes]
     apparent = {n: s for n, data in runs.items() if n not in at_once and (s := press_durations_s(data))}
     ends = [(min(seconds), max(seconds)) for seconds in apparent.values()]
-    differ = len(ends) > 1 and max(most for _, most in ends) > RATES * min(least for least, _ in ends)
+    differ = any(max(of) > RATES * min(of) for of in zip(*ends, strict=True))  # fastest, and slowest
     if not apparent or not (differ or at_once):
         return frozenset(), ""
     texts = [
