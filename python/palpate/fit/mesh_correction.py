@@ -126,7 +126,7 @@ def _slopes_of(
     here = term.values(simulation, inputs, channel)
     for name, slope in curve.slopes.items():
         largest = float(np.abs(slope).max())
-        step = SMALL * float(np.abs(curve.ordinate).max()) / largest if largest else 1.0
+        step = (SMALL * float(np.abs(curve.ordinate).max()) / largest if largest else 0.0) or 1.0
         moved = Response(curves={channel: replace(curve, ordinate=curve.ordinate + step * slope)})
         found[name] = (term.values(replace(simulation, response=moved), inputs, channel) - here) / step
     return found
