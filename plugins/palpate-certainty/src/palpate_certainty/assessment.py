@@ -233,7 +233,7 @@ class Assessment:
             has_usual_mesh_error=self._has_usual_mesh_error(end),
             left_out=_left_out(case, failures) | self._of_score,
         )
-        is_bilinear = again is None and _relaxes(self.study)
+        is_bilinear = again is None and self.study.relaxes
         return self.assess(case, columns, failures, first, found) if is_bilinear else found
 
     def _check_score(self, case: Case) -> None:
@@ -328,12 +328,6 @@ def _left_out(case: Case, failures: Mapping[ErrorSource, str]) -> dict[str, str]
 def _gram(factor: FloatArray) -> FloatArray:
     gram: FloatArray = factor @ factor.T
     return gram
-
-
-def _relaxes(study: Study) -> bool:
-    """True if any curve of the model relaxes."""
-    regions = study.space.regions
-    return bool(study.parametrisation.relaxing) or any(r.material.relaxation_times_s for r in regions)
 
 
 def _linear(fit: Fit, at: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
