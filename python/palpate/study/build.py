@@ -227,7 +227,7 @@ def check_parametrisation(
 def check_budget(
     context: Context, budget: BudgetTable, space: ParameterSpace, protocols: Iterable[Protocol | None]
 ) -> None:
-    """Refuse the spread of an unknown layer, and of a parameter that is searched or would not be physical."""
+    """Refuse spreads of unknown layers and channels, and of parameters that are searched or not physical."""
     indenters = [protocol.indenter for protocol in protocols if isinstance(protocol, Indentation)]
     try:
         for indenter in indenters if budget.radius else ():
@@ -239,6 +239,11 @@ def check_budget(
     for name in budget.layers if regions else ():
         if name and name not in regions:
             context.problems.add(("budget", "layers", name), choice(name, regions, "region"))
+    channels = context.plugins.channels
+    for key in ("mesh", "discrepancy"):
+        for name in getattr(budget, key):
+            if name and name not in channels:
+                context.problems.add(("budget", key, name), choice(name, channels, "channel"))
     searched = {p.name for p in space.parameters}
     every = (name for r in space.regions for name in r.full_names.values())
     known = {name: None for name in every if name not in searched}

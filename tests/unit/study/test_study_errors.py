@@ -34,6 +34,20 @@ CASES = {
         "budget.parameters.rubber.a",
         "leads out of its physical range; give 0.25 or less",
     ),
+    "discrepancy of no channel": (
+        "[truth]",
+        '[budget.discrepancy]\nforse = "3 %"\n[truth]',
+        "forse",
+        "budget.discrepancy.forse",
+        "no channel 'forse'",
+    ),
+    "error of a mesh in no channel": (
+        "[truth]",
+        '[budget.mesh]\nforse = "3 %"\n[truth]',
+        "forse",
+        "budget.mesh.forse",
+        "no channel 'forse'",
+    ),
     "spread in another unit": (
         "[truth]",
         '[budget]\nonset = "5 N"\n[truth]',
