@@ -19,7 +19,8 @@ from palpate.run.result import CertaintyResult, FitResult
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Demiray, Ogden, OgdenSettings, Yeoh, YeohSettings
 from palpate_prediction.cards.card import CardData
-from palpate_prediction.cards.programs import PROGRAMS, _intervals, joined
+from palpate_prediction.cards.programs import PROGRAMS, _counting_at, _intervals, joined
+from palpate_report.marks import Headline
 
 CASES = {
     "neo_hookean": (NeoHookean(), [0.0735, 0.4434]),
@@ -426,3 +427,14 @@ def test_the_declared_form_is_the_energy(name):
         rtol=1e-12,
         atol=1e-14,
     )
+
+
+def test_values_by_spot_and_state_have_the_verdicts_of_their_spot():
+    names = ("muscle.c1", "muscle.k1@rest", "muscle.k1@tense", "muscle.k2@p1", "muscle.k2@p2")
+    every = [Headline(parameter=name, name=name, unit="", value=1.0) for name in names]
+    known = _counting_at("p2", {"p1": "rest", "p2": "tense"}, every)
+    assert {shared: each.name for shared, each in known.items()} == {
+        "muscle.c1": "muscle.c1",
+        "muscle.k1": "muscle.k1@tense",
+        "muscle.k2": "muscle.k2@p2",
+    }

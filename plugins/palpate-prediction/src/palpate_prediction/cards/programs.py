@@ -42,7 +42,7 @@ from palpate_prediction.cards.card import (
 from palpate_report.best_sets import best_sets
 from palpate_report.from_run import report_data
 from palpate_report.headline import failure_of, headlines
-from palpate_report.marks import TIED
+from palpate_report.marks import TIED, Headline
 
 STRESS = (
     "stress: Cauchy, sigma_a = lambda_a/J dW/dlambda_a; J = lambda1 lambda2 lambda3, "
@@ -338,21 +338,19 @@ PROGRAMS: Mapping[str, Callable[[CardData], str]] = MappingProxyType(
 
 
 def cards_of(run: Run) -> Iterator[CardData]:
-    """Cards of what was found for all spots together, by region; a value by spot is that of the first."""
+    """Cards of what was found for all spots together, by region; a value by spot or state is of the first."""
     data = report_data(run)
     bests = tuple(best_sets(data))
-    failure, known = failure_of(data, bests), {each.name: each for each in headlines(data, bests)}
     study, found, fit = run.study, run.fitted(), run.fit()
+    failure = failure_of(data, bests)
+    known = _counting_at(found.spots[0], study.space.states, headlines(data, bests))
     strains = run.strains().values()
     inputs = inputs_at(study, found.spots[0], found.values, run.measured)
     thetas = relaxing_thetas(study, inputs.thetas, found.values)
     for number, region in enumerate(relaxing_space(study).regions, start=1):
         theta = thetas[region.region]
         full = _full_names(study, region)
-        searched = {
-            p: known.get(name) or known.get(str(ParameterName.parse(name).at(found.spots[0])))
-            for p, name in full.items()
-        }
+        searched = {p: known.get(name) for p, name in full.items()}
         source = "fitted" if found.source == "fit" else "selected"
         yield CardData(
             title=f"{study.name}, region {region.region}, material {region.material.name} ({found.source}, "
@@ -360,7 +358,7 @@ def cards_of(run: Run) -> Iterator[CardData]:
             region=region.region,
             material=region.material,
             theta=theta,
-            intervals=_intervals(fit, found, region, theta, full, run.study.space.states),
+            intervals=_intervals(fit, found, region, theta, full, study.space.states),
             strain=ranges_of([strain[region.region] for strain in strains if region.region in strain]),
             origins={p: "fixed" if p in region.fixed else TIED if p in region.tied else source for p in full},
             verdicts={p: each.verdict for p, each in searched.items() if each},
@@ -380,6 +378,12 @@ def _reached(run: Run) -> dict[str, tuple[str, float, float]]:
         for name, curve in response.curves.items():
             ends.setdefault(name, []).extend((float(curve.abscissa.min()), float(curve.abscissa.max())))
     return {name: (run.channels[name].abscissa, min(each), max(each)) for name, each in ends.items()}
+
+
+def _counting_at(spot: str, states: Mapping[str, str], every: Sequence[Headline]) -> dict[str, Headline]:
+    """Parameters whose values count at a spot, by full name without the spot or its state."""
+    named = ((ParameterName.parse(each.name), each) for each in every)
+    return {name.shared: each for name, each in named if name.counts_at(spot, states)}
 
 
 def _full_names(study: Study, region: RegionMaterial) -> dict[str, str]:
