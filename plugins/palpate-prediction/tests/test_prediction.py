@@ -1,14 +1,25 @@
 """Predictions: what is measured of the skin, how sure it is, and where it extrapolates."""
 
 from dataclasses import replace
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 
 import meshio
 import numpy as np
 import polars as pl
 import pytest
 
-from palpate.domain import Curve, Indentation, Job, Limb, Response, Simulation, Status, SurfaceStates
+from palpate.domain import (
+    Curve,
+    Indentation,
+    Job,
+    Limb,
+    ParameterSpace,
+    RegionMaterial,
+    Response,
+    Simulation,
+    Status,
+    SurfaceStates,
+)
 from palpate.domain.indenter import Sphere
 from palpate.domain.waypoints import Waypoints
 from palpate.errors import StudyError
@@ -24,10 +35,11 @@ from palpate.run.directory import RunDirectory
 from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
 from palpate.stages.stage import Run, read_run
 from palpate.study.tool import read_tool
+from palpate_materials.neo_hookean import NeoHookean
 from palpate_prediction import predict
 from palpate_prediction.bands import draws_of, ends, exceedances, linear
 from palpate_prediction.files import notes, write_prediction, write_surface
-from palpate_prediction.predict import AS_IS, run_prediction
+from palpate_prediction.predict import AS_IS, _Plan, run_prediction
 from palpate_prediction.summary import (
     QUANTITIES,
     PressStates,
@@ -555,3 +567,16 @@ def test_a_tool_file_may_refine_the_mesh_and_move_a_spot(make_study, plugins, tm
     missing = place.replace("other.vtu", "gone.vtu")
     with pytest.raises(StudyError, match=r"spot 'wrist', mesh: no such file: .*gone\.vtu"):
         read_tool(tool_file(tmp_path, TOOL + missing), make_study(), plugins)
+
+
+def test_a_spot_that_the_fit_leaves_out_has_the_values_of_its_state():
+    material = NeoHookean()
+    region = RegionMaterial(region="muscle", material=material, searched=material.parameters[:1],
+                            fixed={material.parameters[1].name: 0.45})  # fmt: skip
+    space = ParameterSpace(regions=(region,), states={"p1": "rest", "p2": "tense", "p3": "tense"})
+    (name,) = space.names
+    stored = SimpleNamespace(study=SimpleNamespace(space=space, parametrisation=StandardParametrisation()))
+    found = SimpleNamespace(spots=("p1", "p2"))
+    plan = _Plan(stored=stored, pressed=None, tool=None, found=found, spot="p3", channels=())
+    thetas = plan.thetas({f"{name}@rest": 0.01, f"{name}@tense": 0.03})
+    assert thetas["muscle"][0] == pytest.approx(space.thetas(np.array([0.03]))["muscle"][0])

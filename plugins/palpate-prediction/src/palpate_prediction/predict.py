@@ -21,7 +21,7 @@ from palpate.api import (
     StudyError,
     SurfaceStates,
 )
-from palpate.api.fit import Fitted, SpotInputs, inputs_at, job_of, relaxing_space, relaxing_thetas
+from palpate.api.fit import Fitted, SpotInputs, at_spot, inputs_at, job_of, relaxing_space, relaxing_thetas
 from palpate.api.mesh import automatic_edge_mm, contact_edge_mm, refined
 from palpate.api.runs import Plugins, RunDirectory, Simulations, Study, Tool, check_jobs, load_limbs, read_run
 from palpate_certainty.error_sources import RELATIVE
@@ -220,7 +220,8 @@ class _Plan:
             thetas = inputs_at(study, self.spot, values, self.stored.inputs.measured).thetas
         else:
             check_shared(values, study.space, self.spot)
-            thetas = study.space.thetas(np.array([values[name] for name in study.space.names]))
+            known = at_spot(values, self.spot, study.space.states)
+            thetas = study.space.thetas(np.array([known[name] for name in study.space.names]))
         return relaxing_thetas(study, thetas, values)
 
     @property
