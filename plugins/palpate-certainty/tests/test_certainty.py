@@ -550,7 +550,7 @@ def test_curves_of_a_relaxing_tissue_are_linear_around_the_most_likely_values(en
     assessment = Assessment(study=study, measured=measured)
     columns = assessment.columns(case)
     of_fit = assessment.assess(case, *columns)
-    monkeypatch.setattr(type(study.parametrisation), "relaxing", frozenset({"force"}))
+    monkeypatch.setattr(type(study.parametrisation), "times_s", {"relaxed.1s": 1.0})
     again = assessment.assess(case, *columns)
     np.testing.assert_allclose(again.model.point, of_fit.point, rtol=1e-9)
     assert np.abs(of_fit.model.point - of_fit.point).max() > 1e-6
