@@ -131,7 +131,9 @@ def test_the_posterior_is_that_of_a_grid_of_real_simulations(sampled):
     mean = weights @ runs.values
     sd = np.sqrt(weights @ (runs.values - mean) ** 2)
     np.testing.assert_allclose(main.values.mean(axis=0), mean, rtol=0.02)
-    np.testing.assert_allclose(main.values.std(axis=0), sd, rtol=0.03)
+    # Three standard deviations of that of so many draws, which are independent.
+    assert main.draws.n_independent > len(points) > 1900
+    np.testing.assert_allclose(main.values.std(axis=0), sd, rtol=3.0 / np.sqrt(2.0 * len(points)))
     assert box.names == ("tissue.c1", "tissue.m1")
 
 
