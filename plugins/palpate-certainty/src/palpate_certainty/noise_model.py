@@ -230,6 +230,14 @@ class NoiseModel:
         """Standard deviation by channel, over the largest ordinate."""
         return self._sizes(1)
 
+    def lengths(self, channel: int) -> dict[float, float]:
+        """Share of the variance of a channel's discrepancy by correlation length."""
+        found: dict[float, float] = {}
+        for (_, length), (_, variances) in self.of_lengths.items():
+            found[length] = found.get(length, 0.0) + variances[channel]
+        total = sum(found.values())
+        return {length: variance / total for length, variance in found.items()}
+
     def _sizes(self, kind: int) -> dict[int, float]:
         each = [variances[kind] for variances in self.of_lengths.values()]
         return {channel: float(np.sqrt(sum(of[channel] for of in each))) for channel in each[0]}

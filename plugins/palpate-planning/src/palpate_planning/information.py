@@ -37,6 +37,8 @@ class ErrorSizes:
     correlations : mapping of (points, length) to float
         Probability of each pair of correlation lengths, as in
         :class:`~palpate_certainty.noise_model.NoiseModel`.
+    lengths : mapping of channel to mapping of length to float
+        Share of the variance of a channel's discrepancy by correlation length; by default as probable.
     usual : callable of channel to float
         Both of a channel that no press has shown so far.
     common : float
@@ -46,6 +48,7 @@ class ErrorSizes:
     noise: Mapping[str, float]
     discrepancy: Mapping[str, float]
     correlations: Mapping[tuple[float, float], float] = field(default_factory=lambda: {(0.0, 0.35): 1.0})
+    lengths: Mapping[str, Mapping[float, float]] = field(default_factory=dict)
     usual: Callable[[str], float] = lambda _: 0.005
     common: float = COMMON
 
@@ -286,8 +289,8 @@ def _left_out(
     found = {}
     for number in rows.channels:
         channel, inside = channels[number], rows.channel == number
-        for length, probability in errors.marginal(1).items():
-            size = np.sqrt(probability) * errors.discrepancy.get(channel, errors.usual(channel))
+        for length, share in errors.lengths.get(channel, errors.marginal(1)).items():
+            size = np.sqrt(share) * errors.discrepancy.get(channel, errors.usual(channel))
             along = _along(rows.path[inside], length)
             part = np.zeros((inside.size, along.shape[1]))
             part[inside] = size * rows.envelope[inside][:, None] * along

@@ -194,6 +194,7 @@ class PlanningStage:
             noise={channels[i]: size for i, size in found.noise.items()},
             discrepancy={channels[i]: size for i, size in found.discrepancy.items()},
             correlations=found.correlations,
+            lengths={channels[i]: found.lengths(i) for i in found.discrepancy},
             usual=self.study.budget.discrepancy_of,
             common=found.common,
         )
