@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         FRICTION as FRICTION,
         GAIN as GAIN,
         OFFSET as OFFSET,
+        STIFFNESS as STIFFNESS,
         StandardParametrisation as StandardParametrisation,
         StandardSettings as StandardSettings,
     )

@@ -8,7 +8,7 @@ import polars as pl
 from scipy.special import ndtri
 
 from palpate.api import Curve, FloatArray, ParameterSpace, Simulation, StudyError
-from palpate.api.fit import FRICTION, FitResult, Fitted, PosteriorResult, at_spot
+from palpate.api.fit import FRICTION, STIFFNESS, FitResult, Fitted, PosteriorResult, at_spot
 
 LEVEL = 0.90
 """Probability of a band."""
@@ -71,7 +71,7 @@ def ends(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def check_shared(values: Mapping[str, float], space: ParameterSpace, spot: str) -> None:
-    """Refuse a spot for which a value that each spot has for itself is not known.
+    """Refuse a spot that was not fitted where each spot has a value for itself, or each state a factor.
 
     Raises
     ------
@@ -82,6 +82,11 @@ def check_shared(values: Mapping[str, float], space: ParameterSpace, spot: str) 
         raise StudyError(
             f"spot '{spot}': {', '.join(missing)} was fitted for each spot by itself, and not for this one; "
             "predict a spot of the run, or fit one value for all spots"
+        )
+    if factors := [name for name in values if name.startswith(f"{STIFFNESS}.")]:
+        raise StudyError(
+            f"spot '{spot}': moduli are those of the first state times {', '.join(factors)}, fitted "
+            "at other spots; predict a spot of the fit"
         )
 
 
