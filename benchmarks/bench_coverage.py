@@ -42,7 +42,7 @@ from palpate.plugins.registry import load_file
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.error_sources import ONSET_MM, RELATIVE
 from palpate_certainty.held_out import held_out, is_apart
-from palpate_certainty.mesh_error import SpotMesh
+from palpate_certainty.mesh_error import SHARED, SpotMesh, independent_parts
 from palpate_certainty.posterior_sampling import PosteriorSampling
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Ogden, Yeoh
@@ -170,7 +170,8 @@ def measured_at(
     """What is measured of a material, with everything wrong that the budget has, or ``times`` as much.
 
     With a shape the mesh's error is a wave along each curve, as large as that which the budget has.
-    ``shared`` draws what is alike at all spots: friction, fixed values, gains and half of a discrepancy.
+    ``shared`` draws what is alike at all spots: friction, fixed values, gains, half of a discrepancy and most
+    of a mesh's error.
     ``true`` makes the solver of the curves.
     """
     of_all = shared or rng
@@ -203,16 +204,21 @@ def measured_at(
         size = 1.0 + np.abs(x) / (10.0 if name == "force" else np.degrees(0.4))
         added = (1.0 + left_over(name, MESHES.refinement)) * (fine - coarse) * size * y
         y = (1.0 + coarse * size) * y + added
-        by_mesh = times * rng.normal() * MESHES.remainder(name, added, y)
+        error = MESHES.remainder(name, added, y)
         if has_shape:
-            by_mesh = by_mesh * np.sqrt(2.0) * np.sin(2.0 * np.pi * path + rng.uniform(0.0, 6.0))
+            by_mesh = rng.normal() * error * np.sqrt(2.0) * np.sin(2.0 * np.pi * path + rng.uniform(0.0, 6.0))
+        else:
+            by_mesh = sum(
+                (np.sqrt(SHARED) * of_all.normal() + np.sqrt(1.0 - SHARED) * rng.normal()) * part
+                for part in independent_parts(error, path / path[-1])
+            )
         along = np.exp(-0.5 * ((path[:, None] - path) / 0.4) ** 2) + 1e-9 * np.eye(x.size)
         drawn = rng.normal(size=x.size)
         drawn = drawn if shared is None else np.sqrt(0.5) * (drawn + of_all.normal(size=x.size))
         shape = np.linalg.cholesky(along) @ drawn
         left = times * budget.discrepancy_of(name) * shape * np.maximum.accumulate(np.abs(y))
         noise = NOISE * np.abs(y).max() * rng.normal(size=x.size)
-        y = y * (1.0 + times * budget.gain * of_all.normal()) + by_mesh + left + noise
+        y = y * (1.0 + times * budget.gain * of_all.normal()) + times * by_mesh + left + noise
         curves[name] = Curve(channel=name, abscissa=x, ordinate=y)
     return Response(curves=curves)
 
