@@ -168,7 +168,8 @@ class StandardParametrisation(Parametrisation[StandardSettings]):
         space: ParameterSpace, region: str, theta: FloatArray, at: Mapping[str, float]
     ) -> FloatArray:
         """Values of a region's material, all moduli times the factor of the state."""
-        factor = at.get(f"{STIFFNESS}.{region}", 1.0)
+        if (factor := at.get(f"{STIFFNESS}.{region}")) is None:
+            return theta
         (material,) = (each.material for each in space.regions if each.region == region)
         return np.array(
             [
