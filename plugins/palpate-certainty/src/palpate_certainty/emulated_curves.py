@@ -222,6 +222,8 @@ class ScenarioDensity:
     white : (m, n) array
         From the residuals of the problem to independent ones of variance 1.
     curves : SimulatedCurves
+    fitted : (n_parameters,) array
+        Values where the fit has ended.
     """
 
     def __init__(
