@@ -221,6 +221,11 @@ class Indentation:
         return Waypoints(pose=pose, loads=self.loads, time_s=self.time_s)
 
     @property
+    def press_s(self) -> float:
+        """Time of the deepest state [s]; 0 where the motion has no times."""
+        return 0.0 if self.time_s is None else float(self.time_s[self.path[:, 0].argmax()])
+
+    @property
     def reach_mm(self) -> float:
         """Distance from the spot up to which it touches, at its deepest."""
         return self.indenter.reach_mm(float(self.path[:, 0].max()))

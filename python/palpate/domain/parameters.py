@@ -122,6 +122,11 @@ class ParameterSpace:
         object.__setattr__(self, "states", MappingProxyType(dict(self.states)))
 
     @property
+    def relaxes(self) -> bool:
+        """True if the stress of any region relaxes."""
+        return any(region.relaxes for region in self.regions)
+
+    @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Searched parameters and ratios with their full names, in design column order."""
         return tuple(replace(p, name=r.name_of(p.name)) for r in self.regions for p in r.columns)

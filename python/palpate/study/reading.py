@@ -139,13 +139,18 @@ class Study:
 
     def models_relaxation(self, scenario: Scenario) -> bool:
         """True if a region relaxes, or the parametrisation has the relaxation of what a scenario weighs."""
-        relaxes = any(region.relaxes for region in self.space.regions)
-        return relaxes or self.parametrisation.models_relaxation(scenario)
+        return self.space.relaxes or self.parametrisation.models_relaxation(scenario)
 
     @property
     def relaxes(self) -> bool:
         """True if moduli are those at once, since something relaxes: all of them, or a region's stress."""
-        return bool(self.parametrisation.times_s) or any(region.relaxes for region in self.space.regions)
+        return bool(self.parametrisation.times_s) or self.space.relaxes
+
+    @property
+    def modulus_unit(self) -> str:
+        """Unit of the first searched modulus that the study has one for; else MPa."""
+        moduli = (p.name for p in self.space.parameters if p.kind == "modulus")
+        return next((self.units[name] for name in moduli if name in self.units), "MPa")
 
     @property
     def record_s(self) -> float:

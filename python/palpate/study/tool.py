@@ -117,14 +117,12 @@ def read_tool(path: Path, study: Study, plugins: Plugins) -> Tool:
     check_protocols(context, study.solver, tables, named)
     check_times(context, relaxing_parts(study.space, study.parametrisation), named)
     problems.raise_if_any()
-    moduli = (p.name for p in study.space.parameters if p.kind == "modulus")
-    own_unit = next((study.units[name] for name in moduli if name in study.units), "MPa")
     return Tool(
         name=path.stem,
         protocol=require(protocol),
         spots=spots,
         threshold_MPa=table.threshold,
-        pressure_unit=unit_of(raw["threshold"]) if "threshold" in raw else own_unit,
+        pressure_unit=unit_of(raw["threshold"]) if "threshold" in raw else study.modulus_unit,
         fine_edge_mm=None if table.fine_edge == "auto" else table.fine_edge,
         fine_reach_mm=table.fine_reach,
     )

@@ -90,7 +90,7 @@ class RelaxationOverTime(Stage):
         return {name: pl.DataFrame(rows) for name, rows in found_any.items() if rows}
 
     def summarise(self, inputs: Run) -> Summary:
-        """Summary: what is left after the record, the moduli, the loss tangent, and what is not told."""
+        """Summary: what is left after the record, the moduli, the loss tangent, and slower times."""
         table = inputs.table("relaxation")
         if table.is_empty() or not inputs.study.relaxes:
             return Summary(lines=["No fit, and so no relaxation."])
@@ -120,8 +120,7 @@ def press_s(study: Study) -> float:
     """Duration of the fastest press up to its deepest [s]; 0 where motions have no times."""
     protocols = map(study.protocol_at, study.spot_names)
     timed = (p for p in protocols if isinstance(p, Indentation))
-    found = [float(p.time_s[p.path[:, 0].argmax()]) for p in timed if p.time_s is not None]
-    return min((seconds for seconds in found if seconds > 0.0), default=0.0)
+    return min((p.press_s for p in timed if p.press_s > 0.0), default=0.0)
 
 
 def _untold_s(study: Study) -> list[float]:
@@ -179,8 +178,7 @@ def _over_time(regions: Mapping[str, _Draws], study: Study, longest_s: float) ->
 
 def _moduli(regions: Mapping[str, _Draws], study: Study, longest_s: float) -> Iterator[dict[str, Any]]:
     """Rows of shear moduli in the unit of the study's moduli."""
-    names = (p.name for p in study.space.parameters if p.kind == "modulus")
-    unit = next((study.units[name] for name in names if name in study.units), "MPa")
+    unit = study.modulus_unit
     for region, (times_s, shares, shear) in regions.items():
         later_s = np.array([0.0, longest_s, *([] if _untold_s(study) else [np.inf])])
         moduli = reduced_relaxation(later_s, times_s, shares) * shear * convert("1 MPa", unit)

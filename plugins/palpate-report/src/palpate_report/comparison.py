@@ -100,7 +100,7 @@ def press_durations_s(data: ReportData) -> list[float]:
     for spot in data.spots:
         motion, curve = data.study.protocol_at(spot), data.measured[spot].curves.get(FORCE.name)
         if isinstance(motion, Indentation) and motion.time_s is not None:
-            found.append(float(motion.time_s[motion.path[:, 0].argmax()]))
+            found.append(motion.press_s)
         elif curve is not None and curve.time_s is not None:
             found.append(float(curve.time_s[curve.abscissa.argmax()] - curve.time_s[0]))
     return [seconds for seconds in found if seconds > 0.0]
