@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.api import relaxing
 from palpate.domain import EquilibriumStates, HomogeneousTests, Indentation, Job, Status
 from palpate.domain.indenter import Sphere
 from palpate.errors import MaterialError, MeshError, PluginError, StudyError
@@ -20,6 +21,7 @@ from palpate_febio.settings import FebioSettings
 from palpate_febio.solver import FebioSolver, FebioWarning
 from palpate_febio.steps import Steps
 from palpate_materials import Demiray, NeoHookean, Ogden, Yeoh
+from palpate_materials.relaxation import FORCE_OVER_TIME
 
 PATH = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, -20.0), (2.0, 20.0), (2.0, 0.0)])
 LIMB = block(n_across=2, n_down=1)
@@ -95,6 +97,32 @@ def test_the_ladder_is_climbed_and_recorded(fake):
     tries = simulation.diagnostics["tries"]
     assert [(t["method"], t["status"]) for t in tries] == [("broyden", "diverged"), ("newton", "ok")]
     assert "negative Jacobian" in tries[0]["message"]
+
+
+def test_curves_of_a_tissue_that_relaxes_have_the_times_of_the_moves(fake):
+    times_s = np.array([0.0, 1.0, 3.0, 4.0, 5.0])
+    path = PATH[[0, 1, 1, 2, 3]]
+    elastic = job_of(path=path)
+    job = replace(
+        elastic,
+        materials={"soft_tissue": relaxing(Yeoh(), [0.5], isochoric=True)},
+        thetas={"soft_tissue": np.append(YEOH, 0.2)},
+        protocol=replace(elastic.protocol, time_s=times_s),
+        channels=(FORCE_OVER_TIME, *elastic.channels),
+    )
+    solver = fake()
+    solver.check(job, LIMB)
+    simulation = solver.simulate(job, LIMB)
+    assert simulation.status is Status.OK, simulation.message
+    assert simulation.diagnostics["conventions"] == {"soft_tissue": "febio4"}
+    over_time, torque = (simulation.response[name] for name in ("force_over_time", "torque"))
+    assert set(times_s) <= set(over_time.abscissa)
+    assert torque.time_s[-1] == 5.0
+    assert np.interp(-20.0, torque.abscissa[::-1][-5:], torque.time_s[::-1][-5:]) == pytest.approx(4.0)
+    assert solver.verify(job, LIMB, simulation)["passed"]
+    late = fake("diverge").simulate(job, LIMB)
+    assert late.status is Status.DIVERGED
+    assert "no balance at step" not in late.message
 
 
 def test_half_steps_give_results_at_the_same_points(fake):

@@ -1,4 +1,4 @@
-"""Equilibrium states of a press, and the limits of a motion."""
+"""Equilibrium states of a press, the limits of a motion, and the steps of a dwell."""
 
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,9 @@ if TYPE_CHECKING:
         TIME as TIME,
         WRENCH as WRENCH,
         EquilibriumStates as EquilibriumStates,
+    )
+    from palpate.domain.relaxing import (
+        dwell_times as dwell_times,
     )
     from palpate.domain.waypoints import (
         DEPTH as DEPTH,

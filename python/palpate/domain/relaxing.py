@@ -19,6 +19,15 @@ LARGEST_TOTAL = 0.9
 SHORTEST_S = 1e-3
 """Unit of the times in the names of shares."""
 
+STEPS_PER_DECADE = 6
+"""Steps of a dwell of a tissue that relaxes; a curve over time is straight between them.
+
+Its error is then 1 % of what relaxes, at most.
+"""
+
+FIRST_OF_DWELL = 0.1
+"""The first of them, over the shortest time constant."""
+
 
 class RelaxingMaterial(HyperelasticMaterial):
     """A material whose stress relaxes by 1 - Σ γ_i (1 - e^(-t/τ_i)); the shares γ_i are its last values.
@@ -108,6 +117,17 @@ def relaxing(material: Material, times_s: Sequence[float], isochoric: bool = Fal
 def time_name(time_s: float) -> str:
     """Time in the name of a share: in whole seconds, else in ms."""
     return f"{time_s:.0f}s" if time_s == round(time_s) else f"{1000.0 * time_s:.0f}ms"
+
+
+def dwell_times(start_s: float, end_s: float, fastest_s: float) -> FloatArray:
+    """Times after the start of a dwell up to its end, the closer to the start the more.
+
+    ``fastest_s`` is the shortest time constant of what relaxes.
+    """
+    first = FIRST_OF_DWELL * fastest_s
+    decades = float(np.log10(max((end_s - start_s) / first, 1.0)))
+    n = int(np.ceil(STEPS_PER_DECADE * decades)) + 1
+    return np.append(start_s + np.geomspace(min(first, end_s - start_s), end_s - start_s, n)[:-1], end_s)
 
 
 def checked_times(times_s: Sequence[float]) -> tuple[float, ...]:

@@ -64,7 +64,7 @@ def probe_theta(material: Material) -> FloatArray:
 
 def probe_deck(material: Written) -> bytes:
     """Deck of cubes, each deformed as a whole; one more, left alone, gives FEBio an equation to solve."""
-    root, control = new_deck(N_STEPS)
+    root, control = new_deck(np.arange(N_STEPS + 1.0))
     leaf(ET.SubElement(control, "solver", type="solid"), "symmetric_stiffness", "symmetric")
     add_material(ET.SubElement(root, "Material"), 1, "probed", material, digits=17)
     n = len(GRADIENTS)

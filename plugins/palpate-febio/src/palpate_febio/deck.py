@@ -2,7 +2,7 @@
 
 The frame is the spot's: the spot is the origin, its outward normal +z. FEBio's
 time counts steps (:mod:`palpate_febio.steps`), so a step that was asked for
-is in the output at a whole number.
+is in the output at a whole number. Where a tissue relaxes it is in seconds.
 """
 
 import re
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.api import IntArray, Mesh
+from palpate.api import FloatArray, IntArray, Mesh
 from palpate_febio.contact_meshes import contact_faces, sphere_mesh
 from palpate_febio.settings import PENALTY, FebioSettings, Method
 from palpate_febio.spelling import DENSITY_T_PER_MM3, Written
@@ -32,7 +32,7 @@ DIGITS = 12
 """Of a number: as many as FEBio prints."""
 
 SMALLEST_STEP = 1e-3
-"""Of one step: shorter ones are not tried."""
+"""Of the shortest step: shorter ones are not tried."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -87,7 +87,7 @@ def write_deck(problem: Problem) -> bytes:
     MeshError
         The mesh has no face to touch.
     """
-    root, control = new_deck(problem.steps.n)
+    root, control = new_deck(problem.steps.time)
     _control(control, problem)
     _materials(root, problem)
     _mesh(root, problem)
@@ -102,12 +102,22 @@ def write_deck(problem: Problem) -> bytes:
     return to_bytes(root)
 
 
-def new_deck(n_steps: int) -> tuple[ET.Element, ET.Element]:
-    """Root of a deck, and its control: statics in so many steps of length 1, and no plot file."""
+def new_deck(times: FloatArray) -> tuple[ET.Element, ET.Element]:
+    """Root of a deck, and its control: statics up to the last time, and no plot file.
+
+    The first step is no longer than the shortest between the times.
+    """
+    n_steps = int(np.ceil(times[-1] / np.diff(times).min() - 1e-9))
+    step = times[-1] / n_steps
     root = ET.Element("febio_spec", version="4.0")
     leaf(ET.SubElement(root, "Module", type="solid"), "units", "mm-N-s")
     control = ET.SubElement(root, "Control")
-    steps = {"analysis": "STATIC", "time_steps": n_steps, "step_size": 1, "plot_level": "PLOT_NEVER"}
+    steps = {
+        "analysis": "STATIC",
+        "time_steps": n_steps,
+        "step_size": _number(step),
+        "plot_level": "PLOT_NEVER",
+    }
     leaves(control, steps)
     constants = ET.SubElement(ET.SubElement(root, "Globals"), "Constants")
     leaves(constants, dict.fromkeys(("T", "R", "Fc"), 0))  # FEBio loses its way after an empty section
@@ -117,8 +127,13 @@ def new_deck(n_steps: int) -> tuple[ET.Element, ET.Element]:
 def add_material(section: ET.Element, number: int, name: str, material: Written, digits: int) -> None:
     """Add a material as FEBio spells it."""
     element = ET.SubElement(section, "material", id=str(number), name=name, type=material.febio_type)
-    for tag, value in (("density", DENSITY_T_PER_MM3), *material.values):
-        leaf(element, tag, format(value + 0.0, f".{digits}g"))
+    layer: Written | None = material
+    while layer is not None:
+        for tag, value in (("density", DENSITY_T_PER_MM3), *layer.values):
+            leaf(element, tag, format(value + 0.0, f".{digits}g"))
+        layer = layer.elastic
+        if layer is not None:
+            element = ET.SubElement(element, "elastic", type=layer.febio_type)
 
 
 def hold(section: ET.Element, node_set: str) -> None:
@@ -200,7 +215,7 @@ def _control(control: ET.Element, problem: Problem) -> None:
         {
             "max_retries": 12,
             "opt_iter": UNHURRIED,
-            "dtmin": SMALLEST_STEP,
+            "dtmin": _number(SMALLEST_STEP * np.diff(problem.steps.time).min()),
             "aggressiveness": 1,
             "cutback": 0.5,
         },
@@ -334,15 +349,15 @@ def _contact(root: ET.Element, problem: Problem) -> None:
 
 
 def _load_data(root: ET.Element, steps: Steps) -> None:
-    section = ET.SubElement(root, "LoadData")
+    section, longest = ET.SubElement(root, "LoadData"), np.diff(steps.time).max()
     for k, values, form in (
         (1, steps.depth_mm, "LINEAR"),
         (2, np.deg2rad(steps.rotation_deg), "LINEAR"),
-        (3, np.ones(steps.n + 1), "STEP"),
+        (3, np.full(steps.n + 1, longest), "STEP"),
     ):
         curve = ET.SubElement(section, "load_controller", id=str(k), type="loadcurve")
         leaf(curve, "interpolate", form)
         leaf(curve, "extend", "CONSTANT")
         points = ET.SubElement(curve, "points")
-        for time, value in enumerate(values.tolist()):
-            leaf(points, "pt", f"{time},{_number(value)}")
+        for point in zip(steps.time.tolist(), values.tolist(), strict=True):
+            leaf(points, "pt", _numbers(point))

@@ -91,6 +91,11 @@ def _float(word: str, number: int) -> float:
 
 POSITION_TOLERANCE_MM = 1e-4
 ROTATION_TOLERANCE_RAD = 1e-5
+TIME_TOLERANCE = 1e-6
+"""Of the shortest step."""
+
+PRINTED = 1e-8
+"""Of a time: FEBio prints nine digits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -147,11 +152,11 @@ def judge(ended: Ended, log: str | None, record: str | None, steps: Steps, radiu
             raise RecordError("there is none")
         states = _matched(read_record(record, len(RECORD_DATA)), steps, radius_mm)
     except RecordError as error:
-        message = _message(ended, said, f"record: {error}")
+        message = _message(ended, said, steps, f"record: {error}")
     else:
         missing = steps.n + 1 - len(states.pose)
         if failure is not None:
-            message = _message(ended, said, "")
+            message = _message(ended, said, steps, "")
         elif missing:
             message = f"FEBio ended well with {missing} of {steps.n} steps missing from its record"
         elif not states.wrench[:, [0, 5]].any():
@@ -174,7 +179,7 @@ def _failure(ended: Ended, said: LogSummary) -> Status | None:
     return Status.UNREADABLE if ended.exit_code == 0 else Status.CRASHED
 
 
-def _message(ended: Ended, said: LogSummary, record: str) -> str:
+def _message(ended: Ended, said: LogSummary, steps: Steps, record: str) -> str:
     parts = [ended.stopped] if ended.stopped else []
     if said.reason is not None:
         parts.append(f"FEBio: {said.reason}")
@@ -183,7 +188,8 @@ def _message(ended: Ended, said: LogSummary, record: str) -> str:
     elif not ended.stopped and said.finished is None:
         parts.append("FEBio ended with code 0 and without its banner")
     if said.failed_at is not None:
-        parts.append(f"no balance at step {said.failed_at:g}")
+        unit = "step {:g}" if steps.time_s is None else "{:g} s"
+        parts.append(f"no balance at {unit.format(said.failed_at)}")
     return " · ".join([*parts, record] if record else parts)
 
 
@@ -195,9 +201,10 @@ def _matched(record: Record, steps: Steps, radius_mm: float) -> EquilibriumState
     RecordError
         Not finite, or the indenter was not where it was sent.
     """
-    places = np.searchsorted(record.times, np.arange(steps.n + 1) - 1e-6)
+    near = TIME_TOLERANCE * np.diff(steps.time).min() + PRINTED * steps.time
+    places = np.searchsorted(record.times, steps.time - near)
     there = places < len(record.times)
-    there[there] = np.abs(record.times[places[there]] - np.flatnonzero(there)) < 1e-6
+    there[there] = np.abs(record.times[places[there]] - steps.time[there]) < near[there]
     n = len(there) if there.all() else int(np.argmin(there))
     values = record.values[places[:n]]
     depth, turn = steps.depth_mm[:n], np.deg2rad(steps.rotation_deg[:n])
@@ -216,7 +223,11 @@ def _matched(record: Record, steps: Steps, radius_mm: float) -> EquilibriumState
     # FEBio prints force and moment, about the centre, that move the indenter: the opposite of the tissue's.
     wrench = SpotWrench(force_N=-values[:, 2:5] + 0.0, moment_Nmm=-values[:, 5:8])
     centre = np.tile([0.0, 0.0, radius_mm], (n, 1))
-    return EquilibriumStates(pose=pose_of(depth, steps.rotation_deg[:n]), wrench=wrench.on_tissue(centre))
+    return EquilibriumStates(
+        pose=pose_of(depth, steps.rotation_deg[:n]),
+        wrench=wrench.on_tissue(centre),
+        time_s=None if steps.time_s is None else steps.time_s[:n],
+    )
 
 
 def as_rows(states: EquilibriumStates) -> Mapping[str, Any]:
@@ -265,7 +276,11 @@ class Verification:
 
 
 def check_torque(
-    steps: Steps, torque_Nmm: float, run: Callable[[Steps], Verdict], tolerance: float
+    steps: Steps,
+    torque_Nmm: float,
+    run: Callable[[Steps], Verdict],
+    tolerance: float,
+    held_s: float = 0.0,
 ) -> Verification:
     """Verification of a torque by one more run, with finer steps and a hold.
 
@@ -279,11 +294,13 @@ def check_torque(
         Simulates other steps.
     tolerance : float
         Largest relative change.
+    held_s : float
+        Time of the hold where the tissue relaxes: so short that hardly anything does.
     """
     if not torque_Nmm:
         return Verification(tolerance=tolerance, message="there is no torque where the rotation first turns")
     fine = halved(up_to_first_turn(steps))
-    verdict = run(with_hold(fine, N_HELD))
+    verdict = run(with_hold(fine, N_HELD, held_s / N_HELD))
     turned = verdict.status in (Status.OK, Status.DIVERGED) and verdict.n_steps >= fine.n
     before = float(verdict.torque_Nmm[fine.n]) if turned else None
     held = (

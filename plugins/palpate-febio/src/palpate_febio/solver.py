@@ -20,6 +20,7 @@ from palpate.api import (
     Material,
     PalpateError,
     Provides,
+    RelaxingMaterial,
     Simulation,
     Solver,
     SolverError,
@@ -48,6 +49,9 @@ USABLE = (Status.OK, Status.DIVERGED)
 
 VERIFICATION_METHODS: tuple[Method, ...] = ("broyden", "newton")
 """Ways to solve the run that verifies another, whose steps are given."""
+
+HELD = 1e-3
+"""Time of the hold that verifies friction, over the shortest time constant of a tissue that relaxes."""
 
 PROBE_LIMITS = ProcessLimits(time_s=300.0, stall_s=300.0)
 
@@ -87,7 +91,7 @@ class FebioSolver(Solver[FebioSettings]):
 
     name = "febio"
     summary = "finite elements by FEBio 4 (a program of its own): decks, conventions probed, torque gated"
-    provides = Provides(anisotropic=True, columns=STATE_COLUMNS)
+    provides = Provides(anisotropic=True, columns=STATE_COLUMNS, relaxation=True)
 
     def __init__(self, settings: FebioSettings | None = None) -> None:
         super().__init__(settings)
@@ -126,6 +130,8 @@ class FebioSolver(Solver[FebioSettings]):
         MaterialError
             It computes something that is not known, or has no such material.
         """
+        if isinstance(material, RelaxingMaterial):
+            material = material.elastic
         key = (type(material), material.settings.model_dump_json())
         if key not in self._fits:
             binary = self.binary()
@@ -191,7 +197,9 @@ class FebioSolver(Solver[FebioSettings]):
             )
         assert isinstance(protocol.indenter, Sphere)
         method = method or self.settings.fallbacks[0]
-        steps = steps_of(protocol, self.settings.depth_steps, self.settings.rotation_step_deg)
+        steps = steps_of(
+            protocol, self.settings.depth_steps, self.settings.rotation_step_deg, _fastest_s(job)
+        )
         known = conventions or {r: expected_convention(m) for r, m in job.materials.items()}
         return Problem(
             mesh=in_spot_frame(limb),
@@ -307,7 +315,8 @@ class FebioSolver(Solver[FebioSettings]):
             return max(tried, key=lambda verdict: verdict.n_steps)
 
         torque_Nmm = float(diagnostics["torque_Nmm"][up_to_first_turn(points).n])
-        return check_torque(problem.steps, torque_Nmm, run, self.settings.verification_tolerance).row()
+        tolerance, held_s = self.settings.verification_tolerance, HELD * _fastest_s(job)
+        return check_torque(problem.steps, torque_Nmm, run, tolerance, held_s).row()
 
     @contextmanager
     def _folder(self, job: Job, label: str) -> Iterator[Path]:
@@ -321,3 +330,8 @@ class FebioSolver(Solver[FebioSettings]):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         yield folder
+
+
+def _fastest_s(job: Job) -> float:
+    """Shortest time constant of the materials; 0 where none relaxes."""
+    return min((time for m in job.materials.values() for time in m.relaxation_times_s), default=0.0)

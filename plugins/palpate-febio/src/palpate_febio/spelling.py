@@ -14,7 +14,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from palpate.api import FloatArray, Material, MaterialError
+import numpy as np
+
+from palpate.api import FloatArray, IsotropicMaterial, Material, MaterialError, RelaxingMaterial
 
 SPELLED: Mapping[str, tuple[str, Mapping[str, str]]] = MappingProxyType(
     {
@@ -32,13 +34,23 @@ UNPROBED: Mapping[str, str] = MappingProxyType({"yeoh": "febio4"})
 
 DENSITY_T_PER_MM3 = 1e-9
 
+BULK = "k"
+"""Bulk modulus of all uncoupled materials of FEBio."""
+
+MOST_TIMES = 6
+"""Time constants that FEBio's viscoelastic materials take."""
+
+SHAPE, VOLUME = np.array([1.3, 0.8, 1.0 / 1.04]), np.full(3, 1.1)
+"""Stretches that change the shape alone, and the volume alone."""
+
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """A material as a deck has it."""
+    """A material as a deck has it; what relaxes has the elastic material of the long term in it."""
 
     febio_type: str
     values: tuple[tuple[str, float], ...]
+    elastic: "Written | None" = None
 
 
 def expected_convention(material: Material) -> str:
@@ -60,12 +72,65 @@ def written(material: Material, theta: FloatArray, convention: str) -> Written:
     MaterialError
         FEBio has no such material.
     """
+    if isinstance(material, RelaxingMaterial):
+        return _relaxing(material, theta, convention)
     febio_type, names = spelling(material)
     numbers = material.from_textbook(theta, convention)
     values = tuple(
         (names.get(p.name, p.name), float(v)) for p, v in zip(material.parameters, numbers, strict=True)
     )
     return Written(febio_type, values)
+
+
+def _relaxing(material: RelaxingMaterial, theta: FloatArray, convention: str) -> Written:
+    """Material around the elastic one of the long term: G(t) = G∞ (1 + Σ g_i e^(−t/t_i)).
+
+    With shares γ_i of the stress at once that relax, g_i = γ_i / (1 − Σ γ).
+    """
+    elastic, at_once = material.at_once(theta)
+    shares = material.relaxation(theta)
+    if len(shares) > MOST_TIMES:
+        raise MaterialError(
+            f"material '{material.name}': FEBio's viscoelastic materials take {MOST_TIMES} time constants, "
+            f"and it has {len(shares)}; use fewer, or solver 'jax'"
+        )
+    coupled = not np.isclose(
+        _energy(elastic, SHAPE * VOLUME, at_once),
+        _energy(elastic, SHAPE, at_once) + _energy(elastic, VOLUME, at_once),
+        rtol=1e-6,
+    )
+    if coupled == material.relaxes_isochoric:
+        part, other = ("shape alone", "all") if coupled else ("whole stress", "isochoric")
+        raise MaterialError(
+            f"material '{material.name}': FEBio has no form in which the {part} relaxes of an energy that "
+            f"{'couples' if coupled else 'separates'} shape and volume; set relaxing_stress = "
+            f"\"{other}\", or use solver 'jax'"
+        )
+    left = 1.0 - sum(shares.values())
+    _, names = spelling(elastic)
+    later = [
+        left * value if p.kind == "modulus" and (coupled or names.get(p.name, p.name) != BULK) else value
+        for p, value in zip(elastic.parameters, at_once.tolist(), strict=True)
+    ]
+    expected = left * _energy(elastic, SHAPE, at_once)
+    if not np.isclose(_energy(elastic, SHAPE, np.array(later)), expected, rtol=1e-9):
+        raise MaterialError(
+            f"material '{material.name}': its stress is not in proportion to its moduli, which FEBio's form "
+            "of relaxation needs; correct the kinds of its parameters, or use solver 'jax'"
+        )
+    terms = [
+        (f"{name}{i}", value)
+        for i, (time_s, share) in enumerate(shares.items(), 1)
+        for name, value in (("g", share / left), ("t", time_s))
+    ]
+    kind = "viscoelastic" if coupled else "uncoupled viscoelastic"
+    return Written(kind, tuple(terms), written(elastic, np.array(later), convention))
+
+
+def _energy(material: Material, stretches: FloatArray, theta: FloatArray) -> float:
+    if isinstance(material, IsotropicMaterial):
+        return float(material.energy(stretches, theta))
+    return float(material.energy_from_F(np.diag(stretches), theta))
 
 
 def spelling(material: Material) -> tuple[str, Mapping[str, str]]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.api import BoolArray, FloatArray, Indentation, IntArray
+from palpate.api.experiment import dwell_times
 from palpate_jax.contact import Answer, Motion, Pose
 
 REST = np.zeros(6)
@@ -72,15 +73,6 @@ def wrench_rates(
 
 DEPTH = 0
 """Component of a position."""
-
-STEPS_PER_DECADE = 6
-"""Steps of a dwell of a tissue that relaxes; a curve over time is straight between them.
-
-Its error is then 1 % of what relaxes, at most.
-"""
-
-FIRST_OF_DWELL = 0.1
-"""The first of them, over the shortest time constant."""
 
 HERTZ = 1.5
 """Exponent of the depth in the force of a round indenter."""
@@ -235,17 +227,9 @@ def schedule(
         )
         moments = times[k - 1] + (times[k] - times[k - 1]) * np.arange(1, max(n, 1) + 1) / max(n, 1)
         if n == 0 and fastest_s > 0.0:
-            moments = _dwell(times[k - 1], times[k], fastest_s)
+            moments = dwell_times(times[k - 1], times[k], fastest_s)
         targets += _between(pose[k - 1 : k + 1], loads[k], known, moments)
     return Schedule(tuple(targets), steps)
-
-
-def _dwell(start_s: float, end_s: float, fastest_s: float) -> FloatArray:
-    """Times after the start of a dwell up to its end, the closer to the start the more."""
-    first = FIRST_OF_DWELL * fastest_s
-    decades = float(np.log10(max((end_s - start_s) / first, 1.0)))
-    n = int(np.ceil(STEPS_PER_DECADE * decades)) + 1
-    return np.append(start_s + np.geomspace(min(first, end_s - start_s), end_s - start_s, n)[:-1], end_s)
 
 
 def _count(change: FloatArray) -> int:

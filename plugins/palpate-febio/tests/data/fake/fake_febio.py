@@ -48,6 +48,8 @@ def main(arguments):
 
 
 def values(material):
+    elastic = material.find("elastic")  # of what relaxes; the relaxation is left out
+    material = material if elastic is None else elastic
     return {child.tag: float(child.text) for child in material if child.tag not in ("center_of_mass",)}
 
 
@@ -134,7 +136,7 @@ def press(root, log):
     last = len(times) // 2 if "diverge" in WORDS or broyden_fails or "cut" in WORDS else len(times)
     with open(root.find("Output/logfile/rigid_body_data").get("file"), "w") as stream:
         for k in range(last):
-            stream.write(f"*Step  = {k}\n*Time  = {times[k]:g}\n*Data  = z;thz;Fx;Fy;Fz;Mx;My;Mz\n")
+            stream.write(f"*Step  = {k}\n*Time  = {times[k]:.9g}\n*Data  = z;thz;Fx;Fy;Fz;Mx;My;Mz\n")
             row = [7.5 - depth[k] - elsewhere * (k > 1), turn[k], 0.0, 0.0, -force[k], 0.0, 0.0, torque[k]]
             garbled = "garbled" in WORDS and k == 3
             stream.write(
