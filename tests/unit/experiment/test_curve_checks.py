@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.domain import Channel, Curve
+from palpate.domain.channels import LATERAL_FORCE
 from palpate.domain.indenter import Sphere
 from palpate.errors import CurveError
 from palpate.experiment.curve_checks import check_curve, young_range
@@ -169,6 +170,15 @@ def test_what_a_channel_does_not_declare_is_not_checked():
     for declared in ({"non_negative": True}, {"dissipative": True}, {"zero_at_start": True}):
         with pytest.raises(CurveError, match="channel 'profile'"):
             check_curve(curve, Channel(name="profile", **LINES, **declared))
+
+
+def test_the_lateral_force_before_a_slide_is_that_of_the_press_before_it():
+    """Of a limb that is not the same on both sides: 5 % of the peak on the forearm phantom."""
+    way = np.array([0.0, 1.0, 2.0, 3.0, 4.0, 3.0, 2.0, 1.0, 0.0])
+    for start, loss in ((0.1, 0.3), (-0.1, 0.3), (0.4, 0.5)):
+        falls = np.where(np.arange(9) > 4, loss, 0.0)
+        curve = Curve(channel="lateral_force", abscissa=way, ordinate=start + 0.5 * way - falls)
+        assert check_curve(curve, LATERAL_FORCE) == []
 
 
 def test_few_points_are_a_warning_in_any_channel():
