@@ -163,6 +163,38 @@ def test_what_inspection_proposes_reads_two_presses_and_draws_them(tmp_path, mon
 
 
 @pytest.mark.slow
+def test_the_cycles_of_a_log_are_shown_drawn_and_recorded(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    pressed_again(tmp_path / "softer.parquet", 0.9)
+    first, second = (
+        pl.read_parquet(p) for p in (folder() / "logs" / "simulated_p1.parquet", "softer.parquet")
+    )
+    later = second.with_columns(pl.col("time_s") + first["time_s"][-1] + first["time_s"][1])
+    pl.concat([first, later]).write_parquet("cycles.parquet")
+    assert main(["experiment", "inspect", "cycles.parquet"]) == 0
+    shown = capsys.readouterr().out
+    assert re.search(
+        r"2 presses, of 1\d\.\d N, 1\d\.\d N \(-\d+\.\d %\): the last counts", " ".join(shown.split())
+    )
+    experiment = shown[shown.index("[experiment]") :]
+    experiment = experiment.replace('loader = "robot_log"', 'loader = "robot_log"\nsettings.cycle = "all"')
+    write_study(tmp_path / "study.toml", '"cycles.parquet"', experiment)
+    assert main(["experiment", ".", "--out", "run", "--plots"]) == 0
+    shown = capsys.readouterr()
+    assert "Cycles of cycles.parquet, cycle_2" in shown.out
+    assert "-10 %" in shown.out
+    assert "force changes by -10 % from the cycle before to cycle 2 of 2" in " ".join(shown.err.split())
+    plots = tmp_path / "run" / "measured" / "plots" / "p1"
+    drawn = {file.relative_to(plots).as_posix() for file in plots.rglob("*.png")}
+    assert {"cycles/1_as_read.png", "cycles/6_cycles.png", "cycles/cycle_2/3_phases.png"} < drawn
+    first, second = json.loads((tmp_path / "run" / "manifest.json").read_text())["measured"]["p1"][
+        "files"
+    ].values()
+    assert "cycles" not in first
+    assert [row["cycle"] for row in second["cycles"]] == [1, 2]
+
+
+@pytest.mark.slow
 def test_a_log_that_stops_half_way_ends_with_2_and_leaves_its_picture(tmp_path, capsys):
     log = pl.read_parquet(folder() / "logs" / "simulated_p1.parquet")
     log[:1500].write_parquet(tmp_path / "half.parquet")

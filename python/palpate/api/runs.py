@@ -14,6 +14,9 @@ if TYPE_CHECKING:
         SamplingError as SamplingError,
         StoppedError as StoppedError,
     )
+    from palpate.experiment.cycles import (
+        cycle_warnings as cycle_warnings,
+    )
     from palpate.experiment.measured import (
         measured_warnings as measured_warnings,
     )

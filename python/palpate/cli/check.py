@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.cli.experiment import show_cycles
 from palpate.cli.options import AsJson
 from palpate.cli.progress import StageProgress
 from palpate.cli.results import data_notice
@@ -139,6 +140,7 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
             for spot, response in checked.measured.items()
         ],
     )
+    show_cycles(session, checked.measured)
     n_sets = checked.design.n_sets
     session.say(
         f"{checked.design.n_drawn} sets drawn, {n_sets} kept by the filters; "

@@ -1,6 +1,6 @@
 """``palpate experiment``: measured curves of a study, and what a file without a study holds."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +13,7 @@ from palpate.cli.session import Session, opened
 from palpate.cli.stages import command_after
 
 if TYPE_CHECKING:
+    from palpate.domain import Response
     from palpate.plugins.optional import Inspection
 
 Plots = Annotated[
@@ -38,14 +39,14 @@ def experiment(
         measured = pipeline.measure(checked, folder, session.plugins, progress, plots=plots)
     rows: list[dict[str, Any]] = []
     for spot in checked.spots:
-        n_presses = max(map(len, spot.measured.values()))
+        averages = measured[spot.spot.name].record.get("averages", {})
         for name, curve in measured[spot.spot.name].curves.items():
             along, unit = session.plugins.channels[name].units
             row = {
                 "spot": spot.spot.name,
                 "channel": name,
                 "n_points": curve.abscissa.size,
-                "n_presses": n_presses,
+                "n_presses": averages[name]["n_presses"] if name in averages else 1,
                 "over": f"{curve.abscissa.min():.4g} to {curve.abscissa.max():.4g} {along}".rstrip(),
                 "least": float(curve.ordinate.min()),
                 "largest": float(curve.ordinate.max()),
@@ -66,10 +67,40 @@ def experiment(
     ]
     heads = ["spot", "channel", "points", "presses", "over", "values", "largest std"]
     session.table("Measured curves", heads, cells)
+    show_cycles(session, measured)
     if plots:
         session.note(f"pictures in {folder / 'measured' / 'plots'}")
     run = read_run(checked, RunDirectory(folder), session.plugins)
     session.next(f"{command_after(run, 'experiment')} {study} --out {folder}", f"written to {folder}; ")
+
+
+def show_cycles(session: Session, measured: "Mapping[str, Response]") -> None:
+    """Print a table of the cycles of each log that holds several."""
+    from palpate.experiment.cycles import cycles_of
+
+    for _, file, rows in cycles_of(measured):
+        channels = dict.fromkeys(name for row in rows for name in row.get("peaks", ()))
+        cells = []
+        for row in rows:
+            cell = [
+                f"{row['cycle']}{' (counts)' * row['counts']}",
+                f"{row['start_s']:.4g}",
+                row.get("depth_mm"),
+            ]
+            for name in channels:
+                change = row.get("changes", {}).get(name, {})
+                cell.append(row.get("peaks", {}).get(name))
+                cell += (_percent(change.get(key)) for key in ("share", "since_first"))
+            cells.append([*cell, row.get("work_Nmm")])
+        heads = [head for name in channels for head in (f"peak {name}", "since before", "since first")]
+        session.table(f"Cycles of {file}", ["cycle", "from [s]", "depth [mm]", *heads, "work [N·mm]"], cells)
+        for row in rows:
+            if row["problem"]:
+                session.say(f"cycle {row['cycle']} cannot be processed: {row['problem']}")
+
+
+def _percent(share: float | None) -> str | None:
+    return None if share is None else f"{100.0 * share:+.2g} %"
 
 
 STAGE = "study"

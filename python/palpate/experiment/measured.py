@@ -1,6 +1,6 @@
 """Measured curves: read by the study's loader, and checked against its protocol."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -25,6 +25,7 @@ from palpate.experiment.curve_checks import check_curve, check_gaps, check_sizes
 from palpate.experiment.repeats import average, described
 from palpate.experiment.stress_checks import check_modes, check_stress
 from palpate.plugins.guard import answering_for
+from palpate.plugins.interfaces import ExperimentLoader
 from palpate.plugins.optional import LoadingDrawer
 from palpate.study.reading import Study, StudySpot, relative
 from palpate.units import convert
@@ -131,28 +132,38 @@ def measured_warnings(measured: Mapping[str, Response]) -> tuple[str, ...]:
 def _load_spot(study: Study, spot: StudySpot, channels: Mapping[str, Channel]) -> Presses:
     loader, responses = study.loader_at(spot.spot.name), dict[str, Response]()
     read_from: dict[str, str | None] = {}
-    warnings: list[str] = []
+    files, warnings = set[str](), list[str]()
     for only, paths in spot.measured.items():
+        alike: dict[str, Response] = {}
         for path in paths:
             with answering_for(loader, f"reading {path}"):
-                response = loader.load(path, only)
-                if not isinstance(response, Response):
-                    raise TypeError(f"it returned a {type(response).__name__} and not a Response")
-            for name in response:
-                if read_from.setdefault(name, only) != only:
-                    raise CurveError(
-                        f"{path}: channel '{name}' of spot '{spot.spot.name}' is already read from "
-                        "another file; name each channel once"
-                    )
-            found = _check_response(study, spot, path, response, channels)
-            warnings += [f"{path.name}: spot '{spot.spot.name}': {text}" for text in found]
+                presses = _presses_of(loader, path, only)
             file = relative(path, study.folder)  # bare for a file in another folder
-            responses[str(path) if file in responses else file] = response
-        _check_alike(spot, paths, responses)
+            files.add(file := str(path) if file in files else file)
+            for press, response in presses.items():
+                for name in response:
+                    if read_from.setdefault(name, only) != only:
+                        raise CurveError(
+                            f"{path}: channel '{name}' of spot '{spot.spot.name}' is already read from "
+                            "another file; name each channel once"
+                        )
+                found = _check_response(study, spot, path, response, channels)
+                warnings += [f"{path.name}{press}: spot '{spot.spot.name}': {text}" for text in found]
+                responses[f"{file}{press}"] = alike[f"{path}{press}"] = response
+        _check_alike(spot, alike)
     if study.protocol_at(spot.spot.name) is None:
         first = {name: curve for response in responses.values() for name, curve in response.curves.items()}
         warnings += [f"spot '{spot.spot.name}': {text}" for text in check_modes(first, study.space)]
     return Presses(spot=spot, responses=responses, warnings=tuple(warnings))
+
+
+def _presses_of(loader: ExperimentLoader, path: Path, only: str | None) -> dict[str, Response]:
+    """Responses of a file by what is added to its name."""
+    presses = dict(loader.load_presses(path, only))
+    for response in presses.values():
+        if not isinstance(response, Response):
+            raise TypeError(f"it returned a {type(response).__name__} and not a Response")
+    return {f", {name}" if name else "": response for name, response in presses.items()}
 
 
 def draw_files(study: Study, spot: StudySpot, folder: Path) -> tuple[Path, ...]:
@@ -218,14 +229,14 @@ def _check_response(
     return found
 
 
-def _check_alike(spot: StudySpot, paths: Sequence[Path], responses: Mapping[str, Response]) -> None:
+def _check_alike(spot: StudySpot, presses: Mapping[str, Response]) -> None:
     """Refuse repeats of which one lacks a channel: its mean would be of fewer presses than reported."""
-    latest = list(responses.values())[-len(paths) :]
-    for path, response in zip(paths, latest, strict=True):
-        if missing := sorted(set(latest[0]) ^ set(response)):
+    (first, usual), *others = presses.items()
+    for path, response in others:
+        if missing := sorted(set(usual) ^ set(response)):
             raise CurveError(
                 f"{path}: spot '{spot.spot.name}': has channels {', '.join(response)}, and the first of its "
-                f"{len(paths)} presses {paths[0].name} has {', '.join(latest[0])}; "
+                f"{len(presses)} presses {Path(first).name} has {', '.join(usual)}; "
                 f"measure '{missing[0]}' in each press or in none"
             )
 

@@ -1,7 +1,7 @@
 """Bases for plugins, but for materials, indenters and motions. Abstract or final, nothing between."""
 
 from abc import abstractmethod
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +39,18 @@ class ExperimentLoader(Component[SettingsT]):
         CurveError
             Naming file, row and column.
         """
+
+    def load_presses(self, path: Path, channel: str | None = None) -> Mapping[str, Response]:
+        """Read every press of one file that may hold several of one spot; by default there is one.
+
+        Parameters are those of :meth:`load`, which gives the last of them.
+
+        Returns
+        -------
+        mapping of str to Response
+            By name, such as ``cycle_2``; a single press has none.
+        """
+        return {"": self.load(path, channel)}
 
 
 class LimbSource(Component[SettingsT]):

@@ -17,6 +17,7 @@ from palpate.domain import Design, Limb, Response, Simulation
 from palpate.domain.curves import abscissae_of
 from palpate.errors import PalpateError, StoppedError, StudyError
 from palpate.executors.attempts import simulate_alone
+from palpate.experiment.cycles import cycle_warnings
 from palpate.experiment.measured import draw_files, load_measured, load_presses, mean, measured_warnings
 from palpate.experiment.relaxation import relaxation_warnings
 from palpate.fit.checks import check_fit
@@ -90,10 +91,10 @@ def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = N
 
 
 def _measured_warnings(study: Study, measured: Mapping[str, Response]) -> tuple[str, ...]:
-    law = study.parametrisation
+    law, found = study.parametrisation, (*measured_warnings(measured), *cycle_warnings(study, measured))
     if all(map(study.models_relaxation, study.scenarios)):
-        return measured_warnings(measured)
-    return (*measured_warnings(measured), *relaxation_warnings(measured, study.budget.gain, law.relaxing))
+        return found
+    return (*found, *relaxation_warnings(measured, study.budget.gain, law.relaxing))
 
 
 def run_study(

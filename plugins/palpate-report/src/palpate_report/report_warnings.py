@@ -9,6 +9,7 @@ from palpate.api.report import ReportWarning
 from palpate.api.runs import (
     REMEDY,
     by_reason,
+    cycle_warnings,
     described,
     failures,
     measured_warnings,
@@ -214,7 +215,8 @@ def _about_meshes(data: ReportData) -> Iterator[ReportWarning]:
 
 
 def _about_origins(data: ReportData) -> Iterator[ReportWarning]:
-    yield from _listed("Something is odd about the measured curves", measured_warnings(data.measured))
+    odd = (*measured_warnings(data.measured), *cycle_warnings(data.study, data.measured))
+    yield from _listed("Something is odd about the measured curves", odd)
     curves = [curve for response in data.measured.values() for curve in response.curves.values()]
     if not data.notice and all(curve.std is None for curve in curves):
         yield ReportWarning(

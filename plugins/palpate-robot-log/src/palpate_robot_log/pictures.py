@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from palpate.api import FloatArray, IntArray
 from palpate_report.style import STYLE
 from palpate_robot_log.processing.chain import Processed
+from palpate_robot_log.processing.cycles import Cycles
 from palpate_robot_log.recording import Recording
 
 N_BUCKETS = 1000  # stretches of a long signal of which a picture shows the least and the greatest value
@@ -195,6 +196,26 @@ def _draw_curves(processed: Processed, folder: Path) -> Path:
             _legend_above(below, fontsize=7, markerscale=4.0)
         figure.suptitle(f"{Path(processed.raw.source).name}: curves", fontsize=10)
     return _save(figure, folder / "5_curves.png")
+
+
+def draw_cycles(cycles: Cycles, folder: Path) -> Path:
+    """Draw ``6_cycles.png``: force over depth of each cycle of a log."""
+    with _styled():
+        figure = Figure(figsize=(5.2, 3.8))
+        axis = figure.subplots()
+        shades = np.linspace(0.75, 0.0, len(cycles.processed))
+        for shade, (number, processed) in zip(shades, cycles.processed.items(), strict=True):
+            curve = processed.curves["force"]
+            found = next(row for row in cycles.table if row["cycle"] == number)["changes"].get("force")
+            label = f"cycle {number}" + (f", {100.0 * found['share']:+.1f} %" if found else "")
+            colour = _MEASURED if number in cycles.counted else str(shade)
+            axis.plot(curve.abscissa, curve.ordinate, color=colour, label=label)
+        axis.set_xlabel("depth [mm]")
+        axis.set_ylabel("normal force [N]")
+        axis.legend(loc="upper left", title="force since the one before\n(blue: counts)")
+        source = next(iter(cycles.processed.values())).raw.source
+        figure.suptitle(f"{Path(source).name}: cycles", fontsize=10)
+    return _save(figure, folder / "6_cycles.png")
 
 
 @contextmanager

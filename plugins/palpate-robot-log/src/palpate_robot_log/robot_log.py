@@ -1,7 +1,9 @@
 """Loader of a robot's log: read, processed, and recorded in the manifest."""
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -13,6 +15,7 @@ from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles
 from palpate_robot_log.reading.formats import ReadingLimits
 
 if TYPE_CHECKING:
+    from palpate_robot_log.processing.chain import Processed
     from palpate_robot_log.reading.assembly import Reading
 
 # SciPy, polars and matplotlib are imported where they are used: who lists the plugins needs none of them.
@@ -24,6 +27,10 @@ class RobotLogSettings(ProcessingSettings):
     channels: ChannelMap = Field(description="Which columns are time, pose and wrench.")
     files: LogFiles | None = Field(
         default=None, description="Names of two files of each press; left out: one file has pose and wrench."
+    )
+    cycle: Literal["last", "all"] | Annotated[int, Field(ge=1)] = Field(
+        default="last",
+        description="Of several presses in one log the one that counts: last, its number from 1, or all.",
     )
     text: TextFormat = Field(
         default_factory=TextFormat, description="Layout of delimited text; guessed where left out."
@@ -45,26 +52,39 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
     summary = "pose and wrench over time: text, Parquet, MATLAB, NumPy or ROS bag, to force and torque"
 
     def load(self, path: Path, channel: str | None = None) -> Response:
-        """Curves of one log, or the one of the channel that is wanted.
+        """Curves of the last press that counts of one log, or the one of the channel that is wanted.
 
         Raises
         ------
         CurveError
             Naming file, rows, time stamps and what to do.
         """
-        from palpate_robot_log.processing.chain import process
+        return list(self.load_presses(path, channel).values())[-1]
+
+    def load_presses(self, path: Path, channel: str | None = None) -> Mapping[str, Response]:
+        """Curves of each press that counts, as :meth:`load` gives them."""
+        from palpate_robot_log.processing.cycles import process_cycles
+
+        reading = self._read(path)
+        cycles = process_cycles(reading.recording, self.settings, self.settings.cycle)
+        record = {"reading": dict(reading.record), **({"cycles": cycles.table} if cycles.table else {})}
+        found = {
+            label: self._response(path, processed, channel) for label, processed in cycles.labelled.items()
+        }
+        last, response = list(found.items())[-1]
+        return found | {last: replace(response, record={**record, **response.record})}
+
+    def _response(self, path: Path, processed: "Processed", channel: str | None) -> Response:
         from palpate_robot_log.processing.corrections import weight_left_in
 
-        reading, gravity = self._read(path), self.settings.gravity
-        processed = process(reading.recording, self.settings)
-        curves = processed.curves
+        curves, gravity = processed.curves, self.settings.gravity
         if channel is not None and channel not in curves:
             raise CurveError(
                 f"{path}: no channel '{channel}' comes of this log (found: {', '.join(curves)}); "
                 "log a twist, or leave the channel out"
             )
         wanted = curves if channel is None else {channel: curves[channel]}
-        record = {"reading": dict(reading.record), **processed.record}
+        record = dict(processed.record)
         if gravity.method == "off" and processed.bias is not None:
             peak = float(abs(processed.curves["force"].ordinate).max())
             bias_N, down = processed.bias.force_N, np.array(gravity.direction)
@@ -76,14 +96,20 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
     def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
         """Pictures of the log as it was read, tared, in its phases, its first contact and its curves.
 
-        They show all channels. An error is that of :meth:`load`; what could be read is drawn before.
+        They show all channels; each press that counts has a folder where several do. An error is that of
+        :meth:`load`; what could be read is drawn before.
         """
-        from palpate_robot_log.pictures import draw_processed, draw_recording
-        from palpate_robot_log.processing.chain import process
+        from palpate_robot_log.pictures import draw_cycles, draw_processed, draw_recording
+        from palpate_robot_log.processing.cycles import process_cycles
 
         reading = self._read(path)
-        first = draw_recording(reading.recording, folder)
-        return (first, *draw_processed(process(reading.recording, self.settings), folder))
+        drawn = [draw_recording(reading.recording, folder)]
+        cycles = process_cycles(reading.recording, self.settings, self.settings.cycle)
+        for label, processed in cycles.labelled.items():
+            own = folder / label
+            own.mkdir(exist_ok=True)
+            drawn += draw_processed(processed, own)
+        return (*drawn, draw_cycles(cycles, folder)) if cycles.table else tuple(drawn)
 
     @classmethod
     def inspect(cls, path: Path, other: Path | None = None) -> Inspection:

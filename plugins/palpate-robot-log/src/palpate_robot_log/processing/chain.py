@@ -184,7 +184,7 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
         The log is no complete press: naming file, rows, time stamps and what to do.
     """
     settings = settings or ProcessingSettings()
-    used, block = _windowed(recording, settings), 1
+    used, block = windowed(recording, settings), 1
     if settings.thinning.enabled:
         used, block = thinned(used, settings.thinning.max_rows)
     calm, spikes = without_spikes(used) if settings.spikes.enabled else (used, np.array([], dtype=np.int64))
@@ -259,7 +259,8 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
     )
 
 
-def _windowed(recording: Recording, settings: ProcessingSettings) -> Recording:
+def windowed(recording: Recording, settings: ProcessingSettings) -> Recording:
+    """Rows of a recording that ``window`` keeps."""
     window, time = settings.window, recording.time_s
     rows = rows_between(
         time,

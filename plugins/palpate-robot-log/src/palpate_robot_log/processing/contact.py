@@ -59,6 +59,20 @@ class Contact:
 
 def rough_contact(recording: Recording) -> Contact:
     """Rows between the first and the last clear change of force."""
+    contacts = contacts_of(recording)
+    if len(contacts) > 1:
+        spans = ", ".join(
+            f"{recording.time_s[c.first]:.2f} to {recording.time_s[c.last]:.2f} s" for c in contacts
+        )
+        raise recording.fault(
+            f"{len(contacts)} presses in one log ({spans}); give window.start and window.stop of one of "
+            "them; a log must not start in contact"
+        )
+    return contacts[0]
+
+
+def contacts_of(recording: Recording) -> tuple[Contact, ...]:
+    """Contacts between which the force goes back to that in free air."""
     track, block = thinned(recording, _TRACK_ROWS)
     # In the base frame the weight is constant while the tool turns.
     force = rotated(track.quaternion, track.force_N)
@@ -88,22 +102,18 @@ def rough_contact(recording: Recording) -> Contact:
         for first, stop in edges.reshape(-1, 2)
         if change[first:stop].max() > _PRESS_SHARE * peak
     ]
-    if len(runs) > 1:
-        spans = ", ".join(f"{track.time_s[a]:.2f} to {track.time_s[b]:.2f} s" for a, b in runs)
-        raise recording.fault(
-            f"{len(runs)} presses in one log ({spans}); give window.start and window.stop of one of "
-            "them; a log must not start in contact"
-        )
-    first, last = runs[0]
-    if first < 3:
+    if runs[0][0] < 3:
         raise recording.fault(
             "the log starts in contact, so the sensor's bias cannot be determined; start it in free air",
-            first,
+            runs[0][0],
         )
-    return Contact(
-        first=first * block,
-        last=min((last + 1) * block, recording.n_rows) - 1,
-        ends_in_contact=bool(last >= track.n_rows - 2),
+    return tuple(
+        Contact(
+            first=first * block,
+            last=min((last + 1) * block, recording.n_rows) - 1,
+            ends_in_contact=bool(last >= track.n_rows - 2),
+        )
+        for first, last in runs
     )
 
 

@@ -71,8 +71,8 @@ def find_strokes(recording: Recording, motion: Motion, contact: Contact) -> Stro
     if len(rising) != 1 or travels[0] is not rising[0]:
         spans = ", ".join(f"{s.start.time_s:.2f} to {s.stop.time_s:.2f} s" for s in rising) or "none"
         raise recording.fault(
-            f"{len(rising)} strokes into the limb in one contact ({spans}) where a press is one; give "
-            "window.start and window.stop of one press"
+            f"{len(rising)} strokes into the limb in one contact ({spans}) where a press is one; lift "
+            "the tool off between presses, or give window.start and window.stop of one press"
         )
     press, retract = travels[0], travels[1] if len(travels) > 1 else None
     if press.stop.kind == "cut":

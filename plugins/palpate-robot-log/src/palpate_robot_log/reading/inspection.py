@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate.api import CurveError, FloatArray
 from palpate.api.files import Column, InspectedTable, Inspection, kind_of
+from palpate_robot_log.processing.contact import contacts_of
 from palpate_robot_log.processing.press import LARGEST_TURN_AXIS_ANGLE_DEG
 from palpate_robot_log.reading.assembly import assemble
 from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles
@@ -75,7 +76,7 @@ def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
             f"{quantity} might also be: {'; '.join(', '.join(guess.columns) for guess in also)}"
             for quantity, also in proposal.others.items()
         ]
-        new = [*checks, *others, result]
+        new = [*checks, *others, result, *([] if isinstance(found, str) else _cycles(found))]
     streams = [_described(stream, proposal) for stream in log.streams]
     findings = (*log.notes, *(() if text else _gap_findings(log, streams)), *new)
     tables = () if text else (_streams_table(log, streams),)
@@ -110,6 +111,20 @@ def _read(log: RawLog, proposal: Proposal) -> Recording | str:
         return str(error)
     except ValidationError as error:
         return "; ".join(str(one["msg"]) for one in error.errors())
+
+
+def _cycles(recording: Recording) -> list[str]:
+    """Finding on the presses of a log that holds several, with the largest force of each."""
+    try:
+        contacts = contacts_of(recording)
+    except CurveError:
+        return []
+    force = rotated(recording.quaternion, recording.force_N)
+    size = np.linalg.norm(force - np.median(force[: contacts[0].first], axis=0), axis=1)
+    peaks = [float(size[each.rows].max()) for each in contacts]
+    each = ", ".join(f"{peak:.3g} N ({100.0 * (peak / peaks[0] - 1.0):+.1f} %)" for peak in peaks[1:])
+    which = 'the last counts, unless cycle = 1 (or another number, or "all") is under [experiment.settings]'
+    return [f"{len(peaks)} presses, of {peaks[0]:.3g} N, {each}: {which}"] if each else []
 
 
 def _described(stream: Stream, proposal: Proposal) -> dict[str, Any]:
