@@ -22,7 +22,7 @@ class TestMoves(MotionContract):
             {"force": "10 N"},
             {"twist": "45 deg", "force": "10 N"},
             {"repeat": 2, "moves": SOAK},
-            {"depth": "-1 mm", "duration": "3 s"},
+            {"depth": "-1 mm"},
             depth_limit="12 mm",
         )
 
@@ -42,7 +42,9 @@ def test_what_a_move_does_not_name_stays():
 def test_a_motion_has_times_where_each_move_has_a_duration():
     press, rest = {"depth": "4 mm", "duration": "500 ms"}, {"repeat": 2, "moves": [{"duration": "3 s"}]}
     assert moves(press, rest).waypoints().time_s.tolist() == [0, 0.5, 3.5, 6.5]
-    assert moves(press, rest, {"depth": "0 mm"}).waypoints().time_s is None
+    assert moves({"depth": "4 mm"}).waypoints().time_s is None
+    with pytest.raises(StudyError, match="move 4 of 4 has no duration, and others have one"):
+        moves(press, rest, {"depth": "0 mm"})
 
 
 def test_a_force_is_reached_then_held_or_left():

@@ -1,6 +1,5 @@
 """A motion made of moves: to a place, or until a load is reached."""
 
-import math
 from collections.abc import Iterator
 from typing import Annotated, NamedTuple, Self
 
@@ -45,7 +44,7 @@ class Move(Settings):
     tilt_moment: tuple[Moment, Moment] | None = Field(None, description="Moment about x and y to tilt by.")
     torque: Moment | None = Field(None, description="Torque about the normal to turn by.")
     duration: Annotated[float, Quantity("s")] | None = Field(
-        None, gt=0.0, description="Time that it takes; of each move, or the motion has no times."
+        None, gt=0.0, description="Time that it takes; of each move or of none."
     )
     repeat: int = Field(1, ge=1, le=MOST_WAYPOINTS, description="How often `moves` are made.")
     moves: tuple["Move", ...] = Field((), description="Moves that are repeated.")
@@ -116,7 +115,7 @@ class Moves(Motion[MovesSettings]):
 
 
 def _followed(settings: MovesSettings) -> Waypoints:
-    poses, loads, times_s = [np.zeros(6)], [np.full(6, np.nan)], [0.0]
+    poses, loads, durations_s = [np.zeros(6)], [np.full(6, np.nan)], list[float | None]()
     for move in (single for each in settings.moves for single in each.each()):
         if len(poses) > MOST_WAYPOINTS:
             raise StudyError(f"the motion has more than {MOST_WAYPOINTS} moves; repeat less often")
@@ -124,11 +123,15 @@ def _followed(settings: MovesSettings) -> Waypoints:
         _check_tilt(pose[3:5], "tilt" if np.isnan(load[3]) else "tilt_limit")
         poses.append(pose)
         loads.append(load)
-        times_s.append(times_s[-1] + (math.nan if move.duration is None else move.duration))
-    is_timed = math.isfinite(times_s[-1])
-    return Waypoints(
-        pose=np.array(poses), loads=np.array(loads), time_s=np.array(times_s) if is_timed else None
-    )
+        durations_s.append(move.duration)
+    timed_s = [each for each in durations_s if each is not None]
+    if timed_s and len(timed_s) < len(durations_s):
+        raise StudyError(
+            f"move {durations_s.index(None) + 1} of {len(durations_s)} has no duration, and others have one; "
+            "give each move one, or none"
+        )
+    time_s = np.cumsum([0.0, *timed_s]) if timed_s else None
+    return Waypoints(pose=np.array(poses), loads=np.array(loads), time_s=time_s)
 
 
 def _check_tilt(tilt: FloatArray, key: str) -> None:
