@@ -1,6 +1,7 @@
 """``palpate reproduce``: the paper's study end to end, compared with the paper's tables."""
 
 import textwrap
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,7 +10,6 @@ import typer
 from palpate.api.cli import TEXT_WIDTH, AsJson, Session, StageProgress
 
 if TYPE_CHECKING:
-    from palpate_forearm.errata import Erratum
     from palpate_forearm.reproduction import Reproduction
 
 MATERIALS = ("ogden", "yeoh", "neo_hookean")
@@ -87,11 +87,11 @@ def _go(session: Session, reproduction: "Reproduction", *, as_json: bool) -> Non
     session.say(f"Comparison: {file}")
 
 
-def _as_lines(erratum: "Erratum") -> str:
+def _as_lines(erratum: Mapping[str, str]) -> str:
     """An erratum in lines that fit a terminal."""
-    parts = {"paper": erratum.paper, "found": erratum.found, "here": erratum.here}
     lines = [
         textwrap.fill(text, TEXT_WIDTH, initial_indent=f"  {name}: ".ljust(9), subsequent_indent=" " * 9)
-        for name, text in parts.items()
+        for name, text in erratum.items()
+        if name != "where"
     ]
-    return "\n".join([erratum.where, *lines])
+    return "\n".join([erratum["where"], *lines])
