@@ -21,7 +21,7 @@ NONE: Mapping[str, str] = MappingProxyType({})
 
 
 def deferred(module: str, moved: Mapping[str, str] = NONE) -> Callable[[str], object]:
-    """Make the ``__getattr__`` of a module.
+    """Make the ``__getattr__`` of a module; it has a ``__dir__`` that lists the names too.
 
     Parameters
     ----------
@@ -56,6 +56,8 @@ def deferred(module: str, moved: Mapping[str, str] = NONE) -> Callable[[str], ob
     def get(name: str) -> object:
         if name == "__all__":
             return sorted(homes())
+        if name == "__dir__":
+            return lambda: sorted({*vars(sys.modules[module]), *homes()})
         if name in moved:
             place = f"{moved[name]}.{name}"
             warnings.warn(f"{module}.{name} is {place} now; import it from there", DeprecationWarning, 3)

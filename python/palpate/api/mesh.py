@@ -38,6 +38,4 @@ if TYPE_CHECKING:
 
 if not TYPE_CHECKING:
     __getattr__ = deferred(__name__)
-
-    def __dir__() -> list[str]:
-        return sorted({*globals(), *__getattr__("__all__")})
+    __dir__ = __getattr__("__dir__")
