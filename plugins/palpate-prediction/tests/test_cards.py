@@ -8,14 +8,11 @@ from dataclasses import replace
 import jax
 import jax.numpy as jnp
 import numpy as np
-import polars as pl
 import pytest
 
 from palpate import mechanics
 from palpate.api import relaxing
 from palpate.errors import MaterialError
-from palpate.fit.fitted import Fitted
-from palpate.run.result import CertaintyResult, FitResult
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Demiray, Ogden, OgdenSettings, Yeoh, YeohSettings
 from palpate_prediction.cards.card import CardData
@@ -384,21 +381,19 @@ def test_materials_of_several_regions_have_numbers_of_their_own():
 
 def test_the_interval_is_that_of_the_spot_whose_value_it_is(space):
     (region,) = space.regions
-    theta = np.array([0.4, 20.0])
-    rows = [
-        {"fit": "all spots", "scenario": "both", "parameter": name, "lower": lower, "upper": lower + 0.2}
-        for name, lower in (
-            ("soft_tissue.stiffness@p1", 0.3),
-            ("soft_tissue.stiffness@p2", 0.7),
-            ("soft_tissue.grip", 19.9),
-        )
+    ends = {"soft_tissue.stiffness@p1": 0.3, "soft_tissue.stiffness@p2": 0.7, "soft_tissue.grip": 19.9}
+    every = [
+        Headline(parameter=name, name=name, unit="", value=lower, lower=lower, upper=lower + 0.2, level=0.95)
+        for name, lower in ends.items()
     ]
-    fit = FitResult(certainty=CertaintyResult(intervals=pl.DataFrame(rows)))
-    found = Fitted(source="fit", fit="all spots", scenario="both", values={}, spots=("p1", "p2"))
-    assert _intervals(fit, found, region, theta, region.full_names, {}) == {
+    known = _counting_at("p1", {}, every)
+    searched = {name: known.get(full) for name, full in region.full_names.items()}
+    assert _intervals(region, np.array([0.4, 20.0]), searched) == {
         "stiffness": pytest.approx((0.3, 0.5)),
         "grip": pytest.approx((19.9, 20.1)),
     }
+    of_sweep = {name: each and replace(each, level=None) for name, each in searched.items()}
+    assert _intervals(region, np.array([0.4, 20.0]), of_sweep) == {}
 
 
 def test_more_terms_than_a_program_has_are_refused():

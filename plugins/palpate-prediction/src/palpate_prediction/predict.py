@@ -257,7 +257,8 @@ def _at_spot(
 ) -> SpotPrediction:
     best = plan.thetas(plan.found.values)
     drawn = [plan.thetas(values) for values in draws]
-    asked = _spread(drawn, n_solved)
+    # Some of the draws, spread over all of them.
+    asked = [drawn[i] for i in np.linspace(0, len(drawn) - 1, min(n_solved, len(drawn))).astype(int)]
     jobs = [plan.job(best, slopes=True)]
     check_jobs(simulations.study, jobs, simulations.limbs)
     jobs += [plan.job(best, as_is=True)] if f"{plan.spot}{AS_IS}" in simulations.limbs else []
@@ -349,11 +350,6 @@ def _mesh_errors(
             {} if sd is None else {"force": sd}
         )
     return _MeshErrors(quantities, curves, unknown)
-
-
-def _spread(drawn: Sequence[Thetas], n: int) -> list[Thetas]:
-    """Some of the draws, spread over all of them."""
-    return [drawn[i] for i in np.linspace(0, len(drawn) - 1, min(n, len(drawn))).astype(int)] if n else []
 
 
 def _curve_rows(spot: str, each: SpotPrediction) -> Iterator[dict[str, Any]]:

@@ -28,7 +28,7 @@ from types import MappingProxyType
 import numpy as np
 
 from palpate.api import FloatArray, MaterialError, ParameterName, RegionMaterial, Run
-from palpate.api.fit import FitResult, Fitted, inputs_at, relaxing_space, relaxing_thetas
+from palpate.api.fit import inputs_at, relaxing_space, relaxing_thetas
 from palpate.api.mechanics import EnergyForm
 from palpate.api.runs import Study
 from palpate_prediction.cards.card import (
@@ -341,7 +341,7 @@ def cards_of(run: Run) -> Iterator[CardData]:
     """Cards of what was found for all spots together, by region; a value by spot or state is of the first."""
     data = report_data(run)
     bests = tuple(best_sets(data))
-    study, found, fit = run.study, run.fitted(), run.fit()
+    study, found = run.study, run.fitted()
     failure = failure_of(data, bests)
     known = _counting_at(found.spots[0], study.space.states, headlines(data, bests))
     strains = run.strains().values()
@@ -358,7 +358,7 @@ def cards_of(run: Run) -> Iterator[CardData]:
             region=region.region,
             material=region.material,
             theta=theta,
-            intervals=_intervals(fit, found, region, theta, full, study.space.states),
+            intervals=_intervals(region, theta, searched),
             strain=ranges_of([strain[region.region] for strain in strains if region.region in strain]),
             origins={p: "fixed" if p in region.fixed else TIED if p in region.tied else source for p in full},
             verdicts={p: each.verdict for p, each in searched.items() if each},
@@ -394,29 +394,16 @@ def _full_names(study: Study, region: RegionMaterial) -> dict[str, str]:
 
 
 def _intervals(
-    fit: FitResult,
-    found: Fitted,
-    region: RegionMaterial,
-    theta: FloatArray,
-    full: Mapping[str, str],
-    states: Mapping[str, str],
+    region: RegionMaterial, theta: FloatArray, searched: Mapping[str, Headline | None]
 ) -> dict[str, tuple[float, float]]:
     """95 % intervals in textbook values, of the parameters that the fit has some for."""
-    table = fit.certainty.intervals
-    if table.is_empty() or found.source != "fit":
-        return {}
-    rows = table.filter(fit=found.fit, scenario=found.scenario).iter_rows(named=True)
-    known = {}
-    for row in rows:
-        name = ParameterName.parse(row["parameter"])
-        if name.counts_at(found.spots[0], states):  # whose values these are
-            known[name.shared] = (row["lower"], row["upper"])
     intervals = {}
     for i, parameter in enumerate(region.material.parameters):
-        if (ends := known.get(full[parameter.name])) is None or None in ends:
+        found = searched[parameter.name]
+        if found is None or not found.level or found.lower is None or found.upper is None:
             continue
         values = np.tile(region.material.from_textbook(theta, region.convention), (2, 1))
-        values[:, i] = ends
+        values[:, i] = found.lower, found.upper
         lower, upper = sorted(float(region.material.to_textbook(v, region.convention)[i]) for v in values)
         intervals[parameter.name] = (lower, upper)
     return intervals
