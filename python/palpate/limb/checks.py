@@ -1,6 +1,6 @@
 """Checks of limbs: refused where they cannot be simulated, or where two meshes are not of one limb."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
@@ -99,8 +99,10 @@ def check_limb(limb: Limb, regions: Sequence[str]) -> None:
         Naming the element, node or region.
     """
     mesh = limb.mesh
-    _check_arrays(mesh)
-    _check_regions(mesh, regions)
+    for problem in _array_problems(mesh):
+        raise MeshError(problem)
+    for region in sorted(mesh.used_regions - set(regions)):
+        raise MeshError(f"mesh: region '{region}' has no material (given: {', '.join(regions)}); give it one")
     _check_node_sets(mesh)
     _check_elements(mesh)
     _check_edges(mesh)
@@ -124,15 +126,6 @@ def check_depth(limb: Limb, protocol: Indentation) -> None:
             f"spot '{limb.spot.name}': the protocol presses {deepest:g} mm deep, but the limb reaches "
             f"{reach:.3g} mm below the spot; check the unit of the mesh, or press less deep"
         )
-
-
-def _refuse(problems: Iterable[str]) -> None:
-    for problem in problems:
-        raise MeshError(problem)
-
-
-def _check_arrays(mesh: Mesh) -> None:
-    _refuse(_array_problems(mesh))
 
 
 def _array_problems(mesh: Mesh) -> Iterator[str]:
@@ -164,11 +157,6 @@ def _index_problems(what: str, indices: IntArray, n: int, noun: str = "node") ->
         place = tuple(int(i) for i in bad[0])
         row = ", ".join(map(str, place))
         yield f"mesh: {what}[{row}] names {noun} {indices[place]}, but there are {n}; export the mesh again"
-
-
-def _check_regions(mesh: Mesh, regions: Sequence[str]) -> None:
-    for region in sorted(mesh.used_regions - set(regions)):
-        raise MeshError(f"mesh: region '{region}' has no material (given: {', '.join(regions)}); give it one")
 
 
 def _check_node_sets(mesh: Mesh) -> None:

@@ -330,12 +330,10 @@ class RunDirectory:
     def _measured(self, spot: str) -> Path:
         return self.folder / "measured" / f"{file_name(spot)}.parquet"
 
-    def _record(self, spot: str) -> Path:
-        return self._measured(spot).with_suffix(".json")
-
     def _recorded(self, spot: str) -> dict[str, Any]:
         """Processing of the curves of a spot."""
-        found: dict[str, Any] = self.records.read("experiment", self._record(spot), json.loads)
+        file = self._measured(spot).with_suffix(".json")
+        found: dict[str, Any] = self.records.read("experiment", file, json.loads)
         return found
 
     def _records(self, study: Study) -> dict[str, Any]:

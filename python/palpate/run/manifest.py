@@ -140,20 +140,17 @@ def _spot(study: Study, spot: StudySpot) -> dict[str, Any]:
 
 def _protocol(protocol: Protocol | None) -> dict[str, Any]:
     if isinstance(protocol, Indentation):
+        # Only other motions than a press and twist have these.
+        unused = [name for name in ("lateral", "loads", "time_s") if getattr(protocol, name) is None]
         return {
             "kind": "indentation",
             "indenter": _component(protocol.indenter),
             "path_depth_mm_rotation_deg": protocol.path.tolist(),
-            **plain(_fields(protocol, ("indenter", "path", *_unused(protocol)))),
+            **plain(_fields(protocol, ("indenter", "path", *unused))),
         }
     if protocol is None or type(protocol) is HomogeneousTests:
         return {"kind": "homogeneous tests"}
     return {"kind": type(protocol).__qualname__, **plain(_fields(protocol))}
-
-
-def _unused(protocol: Indentation) -> tuple[str, ...]:
-    """Settings that only other motions than a press and twist have."""
-    return tuple(name for name in ("lateral", "loads", "time_s") if getattr(protocol, name) is None)
 
 
 def _fields(value: Any, left_out: tuple[str, ...] = ()) -> dict[str, Any]:  # noqa: ANN401 - any dataclass

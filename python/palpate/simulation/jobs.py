@@ -18,7 +18,6 @@ from palpate.domain import (
 )
 from palpate.errors import PluginError, StudyError
 from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import Solver
 from palpate.progress import SILENT, Progress
 from palpate.run.keys import JobKeys
 from palpate.run.ledger import Ledger
@@ -123,19 +122,15 @@ def check_jobs(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) ->
             with answering_for(job.materials[region], f"checking set {job.set_id}"):
                 job.materials[region].check(theta)
         if (name := job.limb_name) not in asked:
-            _check_provided(study.solver, job)
+            # A study that was not read from a file, or a further press, may ask in vain.
+            if lacks := study.solver.provides.lacks(job):
+                raise StudyError(
+                    f"spot '{job.spot}': solver '{study.solver.name}' does not provide {', '.join(lacks)}; "
+                    "name another solver"
+                )
             with answering_for(study.solver, f"checking spot '{name}'"):
                 study.solver.check(job, limbs.get(name))
             asked.add(name)
-
-
-def _check_provided(solver: Solver, job: Job) -> None:
-    """Refuse what a study that was not read from a file, or a further press, asks for in vain."""
-    if lacks := solver.provides.lacks(job):
-        raise StudyError(
-            f"spot '{job.spot}': solver '{solver.name}' does not provide {', '.join(lacks)}; name another "
-            "solver"
-        )
 
 
 def _check_searched(study: Study) -> None:

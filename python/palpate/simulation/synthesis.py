@@ -103,7 +103,12 @@ def synthesise(
     check_jobs(study, jobs, limbs)
     exact = _simulated(study, jobs, limbs, progress)
     random = np.random.default_rng(seed)
-    presses = {spot: _presses(study, spot, exact[spot], noise, random) for spot in exact}
+    # One press for each file of a spot, each with different noise.
+    n_presses = {s.spot.name: max(map(len, s.measured.values())) for s in study.spots}
+    presses = {
+        spot: [_noisy(response, noise, random) for _ in range(n_presses[spot])]
+        for spot, response in exact.items()
+    }
     note = _note(study, channels, jobs, limbs, {"noise": noise, "seed": seed if noise else None})
     return Synthesis(
         responses={spot: repeats[0] for spot, repeats in presses.items()},
@@ -230,23 +235,10 @@ def _simulated(
                     f"spot '{spot}': the simulation of the truth ended {result.status.value} "
                     f"({result.message or 'no message'}); {result.status.remedy}, or change [truth]"
                 )
-            found[spot] = _without_rest(result.response)
+            # Between the first and the last movement, as a loader gives them.
+            curves = result.response.curves.items()
+            found[spot] = Response(curves={name: c.cut(moving_span(c.abscissa)) for name, c in curves})
     return {job.spot: found[job.spot] for job in jobs}
-
-
-def _without_rest(response: Response) -> Response:
-    """Curves between the first and the last movement, as a loader gives them."""
-    return Response(
-        curves={name: curve.cut(moving_span(curve.abscissa)) for name, curve in response.curves.items()}
-    )
-
-
-def _presses(
-    study: Study, spot: str, exact: Response, noise: float, random: np.random.Generator
-) -> list[Response]:
-    """One press for each file of the spot, each with different noise."""
-    files = next(s.measured for s in study.spots if s.spot.name == spot).values()
-    return [_noisy(exact, noise, random) for _ in range(max(map(len, files)))]
 
 
 def _noisy(response: Response, noise: float, random: np.random.Generator) -> Response:

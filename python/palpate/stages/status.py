@@ -86,6 +86,8 @@ class Watcher:
         with Ledger(self.folder) as ledger:
             counts, rows = ledger.counts(), ledger.sweep().drop_nulls("state")
             self._score(run, manifest, ledger, rows)
+        # Some have no score, such as those without a declared channel.
+        unranked = selection.unranked(pl.concat(self._scores)) if self._scores else pl.DataFrame()
         runner, n_left = living_runner_of(self.folder), counts.pop("left", 0)
         state = read_fit_state(self.folder)
         is_ended = runner is None and not n_left and state is None
@@ -95,7 +97,7 @@ class Watcher:
             n_simulations=n_left + sum(counts.values()),
             states=counts,
             seconds_left=_seconds_left(rows, n_left, runner),
-            failures=failures(rows, self._unranked()),
+            failures=failures(rows, unranked),
             best=self._best(manifest),
             fit=state,
             result=run.result() if is_ended else {},
@@ -119,10 +121,6 @@ class Watcher:
             of_spot_measured = {str(spot[0]): measured[str(spot[0])]}
             self._scores.append(scoring.score(found.values(), of_spot_measured, rules, _scenarios(manifest)))
         self._scored.update(new["key"])
-
-    def _unranked(self) -> pl.DataFrame:
-        """Simulations that have no score, such as those without a declared channel."""
-        return selection.unranked(pl.concat(self._scores)) if self._scores else pl.DataFrame()
 
     def _best(self, manifest: Mapping[str, Any]) -> pl.DataFrame:
         if not self._scores:

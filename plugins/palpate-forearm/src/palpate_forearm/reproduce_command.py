@@ -45,18 +45,13 @@ def reproduce(
     Without --sets an existing reproduction continues with its sets, and a new one draws the paper's 250.
     Called again with more sets it keeps what is simulated.
     """
+    from palpate_forearm.reproduction import prepare
+
     session = Session.of(context)
     chosen, phantom = list(dict.fromkeys(material or MATERIALS)), "fine" if fine else "coarse"
     size = n_sets or _size(session, folder, chosen)
-    _go(session, _prepared(session, folder, chosen, phantom, size), as_json=as_json)
-
-
-def _prepared(
-    session: Session, folder: Path, materials: list[str], phantom: str, n_sets: int
-) -> "Reproduction":
-    from palpate_forearm.reproduction import prepare
-
-    return prepare(folder, session.plugins, materials, n_sets, phantom).extended(n_sets)
+    made = prepare(folder, session.plugins, chosen, size, phantom).extended(size)
+    _go(session, made, as_json=as_json)
 
 
 def _size(session: Session, folder: Path, materials: list[str]) -> int:

@@ -28,11 +28,6 @@ CHUNK = 512
 """Elements evaluated at a time: one size, so that every mesh shares the compilation."""
 
 
-def _deformation(displacements: Jax, gradients: Jax, rest: Jax) -> Jax:
-    """F = R + Σ_a u_a ⊗ ∇N_a, shape (e, q, 3, 3), where R turns the reference frame into the spatial one."""
-    return rest + jnp.einsum("eai,eqaJ->eqiJ", displacements, gradients)
-
-
 def _cofactor_inverse(F: Jax) -> tuple[Jax, Jax]:
     """J and H = F^−T by cofactors, which stay finite and cheap in a batch."""
     r0, r1, r2 = F[..., 0, :], F[..., 1, :], F[..., 2, :]
@@ -56,7 +51,8 @@ class _Kinematics:
 
 
 def _kinematics(displacements: Jax, gradients: Jax, volumes: Jax, rest: Jax) -> _Kinematics:
-    F = _deformation(displacements, gradients, rest)
+    # F = R + Σ_a u_a ⊗ ∇N_a, shape (e, q, 3, 3), where R turns the reference frame into the spatial one.
+    F = rest + jnp.einsum("eai,eqaJ->eqiJ", displacements, gradients)
     J, H = _cofactor_inverse(F)
     volume = volumes.sum(axis=1, keepdims=True)
     theta = (volumes * J).sum(axis=1, keepdims=True) / volume

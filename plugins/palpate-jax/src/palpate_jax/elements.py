@@ -24,9 +24,8 @@ def _gauss_box(n: int, dimension: int) -> Rule:
     return points, weights.prod(axis=1)
 
 
-def _tet_centre() -> Rule:
-    """One point, exact to degree 1."""
-    return np.full((1, 3), 0.25), np.full(1, 1.0 / 6.0)
+_TET_CENTRE: Rule = (np.full((1, 3), 0.25), np.full(1, 1.0 / 6.0))
+"""One point, exact to degree 1."""
 
 
 def _tet_points() -> Rule:
@@ -114,7 +113,7 @@ def _linear(points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 ELEMENTS: Mapping[str, Element] = MappingProxyType(
     {
-        "tet4": _element(_linear, _tet_centre(), _linear, _triangle_points()),
+        "tet4": _element(_linear, _TET_CENTRE, _linear, _triangle_points()),
         "tet10": _tet10(_tet_points()),
         "hex8": _element(
             lambda p: multilinear(p, HEX_CORNERS),

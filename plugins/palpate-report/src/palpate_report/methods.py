@@ -29,7 +29,7 @@ def methods(data: ReportData, estimates: Sequence[Headline], not_included: Seque
         *_materials(data),
         *_search(data),
         *_intervals(data, not_included),
-        *_found(estimates),
+        f"Found: {'; '.join(map(str, estimates))}." if estimates else f"{NO_PARAMETERS}.",
     )
     return f"{with_minus(' '.join(sentences))}\n\n```bibtex\n{references(data)}```\n"
 
@@ -130,7 +130,3 @@ def _intervals(data: ReportData, not_included: Sequence[str]) -> Iterator[str]:
     listed = ", ".join(CAUSES.get(cause, cause) for cause in causes)
     missing = f", and not {', '.join(not_included)}" if not_included else ""
     yield f"The 95 % intervals include {listed}{missing}."
-
-
-def _found(estimates: Sequence[Headline]) -> Iterator[str]:
-    yield f"Found: {'; '.join(map(str, estimates))}." if estimates else f"{NO_PARAMETERS}."
