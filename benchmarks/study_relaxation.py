@@ -8,6 +8,9 @@ relaxes by 10 % with 0.3, 3 and 30 s together, with 1 s where that alone is name
 decades from 0.1 to 100 s are.
 
     python benchmarks/study_relaxation.py --modelled together one decades --n 100
+
+``--twist`` compares the convolution of an elastic curve with tissue that relaxes in the solver: the torque of
+a punch that sticks to a block, without a press and after a press that is held.
 """
 
 import argparse
@@ -19,9 +22,20 @@ from functools import partial
 import numpy as np
 from bench_coverage import NOISE, Layered, experiment, measured_at, study_of
 
-from palpate.domain import Curve, FloatArray, Job, Limb, Response, Scenario, Simulation
+from palpate import Material, Sphere, Status
+from palpate.api import relaxing
+from palpate.domain import Curve, FloatArray, Indentation, Job, Limb, Response, Scenario, Simulation
+from palpate.mesh.specimens import block
 from palpate.study.reading import Study
-from palpate_materials.relaxation import FORCE_OVER_TIME, Relaxing, RelaxingSettings
+from palpate_jax.solver import JaxSettings, JaxSolver
+from palpate_materials import NeoHookean, Yeoh
+from palpate_materials.relaxation import (
+    FORCE_OVER_TIME,
+    TORQUE_OVER_TIME,
+    Relaxing,
+    RelaxingSettings,
+    relaxed as convolved,
+)
 
 SHARE, TAU_S, REST_S = 0.1, 1.0, 1.0
 PRESS_S, TWIST_S = 5.0, 24.0
@@ -203,6 +217,71 @@ def of_relaxing_fits(n: int, kinds: Sequence[str]) -> None:
         tell(f"{kind}: instantaneous moduli and shares", found)
 
 
+PUNCH_MM, DEPTH_MM = 5.0, 3.0
+"""Radius of the punch that sticks, and its press."""
+TWIST_REST_S = 4.0
+"""Rest after a twist of 1 s."""
+TWIST_SHARES = {0.5: 0.25 / 1.4, 5.0: 0.15 / 1.4}
+"""Of the stress at once, by time constant: those of FEBio's recorded curves."""
+TISSUES: Mapping[str, tuple[Material, tuple[float, ...], bool]] = {
+    "neo-Hookean, all": (NeoHookean(), (0.103, 0.4434), False),
+    "Yeoh, isochoric": (Yeoh(), (0.0181, -1.4e-3, 1.3e-4, 0.6), True),
+}
+
+
+def of_twists(n_across: int = 12) -> None:
+    """Print a row for each tissue, press and twist: largest difference of the torque over its peak."""
+    limb = block(n_across=n_across, n_down=n_across // 2, grading=1.3)
+    points = limb.mesh.points_mm
+    stuck = (np.hypot(points[:, 0], points[:, 1]) <= PUNCH_MM + 1e-9) & (points[:, 2] == 0.0)
+    sets = {**limb.mesh.node_sets, "bonded": np.flatnonzero(stuck)}
+    limb = replace(limb, mesh=replace(limb.mesh, node_sets=sets))
+    times_s, shares = (np.array(list(each)) for each in (TWIST_SHARES, TWIST_SHARES.values()))
+    for name, (elastic, at_once, isochoric) in TISSUES.items():
+        tissue = relaxing(elastic, tuple(TWIST_SHARES), isochoric)
+        theta = np.array([*at_once, *shares])
+        for depth_mm in (0.0, DEPTH_MM):
+            for twist_deg in (5.0, 20.0):
+                found = _torque(limb, tissue, theta, depth_mm, twist_deg, isochoric)
+                plain = _torque(limb, elastic, np.array(at_once), depth_mm, twist_deg, isochoric)
+                straight = np.interp(found.abscissa, plain.abscissa, plain.ordinate)
+                off = found.ordinate - convolved(found.abscissa, straight, times_s, shares)
+                peak, end_s = np.abs(found.ordinate).max(), float(found.abscissa[-1])
+                turned = found.abscissa <= end_s - TWIST_REST_S + 1e-9
+                rows = (np.abs(off[turned]).max() / peak, np.abs(off[-1]) / peak)
+                sys.stdout.write(
+                    f"{name}: press of {depth_mm:g} mm, twist of {twist_deg:g} degrees: "
+                    f"{100.0 * rows[0]:.2f} % in the twist, {100.0 * rows[1]:.2f} % at the end of the rest\n"
+                )
+                sys.stdout.flush()
+
+
+def _torque(
+    limb: Limb, material: Material, theta: FloatArray, depth_mm: float, twist_deg: float, isochoric: bool
+) -> Curve:
+    """Torque over time of a twist, after a press of 1 s and a rest of 4 s if there is a depth."""
+    press = [(depth_mm, 0.0, 1.0), (depth_mm, 0.0, 4.0)] if depth_mm else []
+    moves = [*press, (depth_mm, -twist_deg, 1.0), (depth_mm, -twist_deg, TWIST_REST_S)]
+    (region,) = limb.mesh.regions
+    job = Job(
+        spot="block",
+        set_id=0,
+        materials={region: material},
+        thetas={region: theta},
+        protocol=Indentation(
+            indenter=Sphere(radius_mm=7.5),
+            path=np.array([(0.0, 0.0), *(move[:2] for move in moves)]),
+            friction=0.0,
+            time_s=np.cumsum([0.0, *(move[2] for move in moves)]),
+        ),
+        channels=(TORQUE_OVER_TIME,),
+    )
+    solver = JaxSolver(JaxSettings(depth_steps=10, rotation_step_deg=1.0, mean_dilatation=isochoric))
+    simulation = solver.simulate(job, limb)
+    assert simulation.status is Status.OK, simulation.message
+    return simulation.response[TORQUE_OVER_TIME.name]
+
+
 def tell(what: str, found: list[dict], more: str = "") -> None:
     """Print how often the intervals of experiments hold the parameters."""
     *each, joint = 100.0 * np.nanmean([one["all"] for one in found], axis=0)
@@ -216,7 +295,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--n", type=int, default=40, help="experiments of each case")
     parser.add_argument("--modelled", nargs="*", choices=MODELLED, help="of fits that search the relaxation")
+    parser.add_argument("--twist", action="store_true", help="of twists in the solver and by convolution")
     given = parser.parse_args()
+    if given.twist:
+        of_twists()
+        return
     if given.modelled is None:
         of_elastic_fits(given.n)
     else:
