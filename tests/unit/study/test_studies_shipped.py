@@ -19,6 +19,7 @@ from palpate.study.reading import Study, read_study
 FIRST = "first-press"
 FOREARM = ("forearm-demo", "forearm")
 LAYERED = "forearm-layered"
+FIBRES = "forearm-fibres"
 HOMOGENEOUS = ("treloar", "ecoflex")
 TRUTH = {"soft_tissue.c1": 0.0141, "soft_tissue.c2": -0.0011, "soft_tissue.c3": 1.05e-4}
 
@@ -37,7 +38,7 @@ def study(name: str) -> Study:
     return read_study(folder(name), plugins())
 
 
-@pytest.mark.parametrize("name", [FIRST, *FOREARM, LAYERED, *HOMOGENEOUS])
+@pytest.mark.parametrize("name", [FIRST, *FOREARM, LAYERED, FIBRES, *HOMOGENEOUS])
 def test_every_spot_is_measured_in_every_channel_that_counts(name: str) -> None:
     measured = load_measured(study(name), plugins().channels)
     weighted = {c for scenario in study(name).scenarios for c, w in scenario.weights.items() if w}
@@ -67,7 +68,7 @@ def test_no_mesh_of_a_ready_study_gives_a_new_warning() -> None:
         assert all("is not resolved" in text for text in found)
 
 
-@pytest.mark.parametrize("name", [FIRST, *FOREARM, LAYERED, *HOMOGENEOUS])
+@pytest.mark.parametrize("name", [FIRST, *FOREARM, LAYERED, FIBRES, *HOMOGENEOUS])
 def test_simulated_data_are_called_simulated(name: str) -> None:
     simulated = name not in HOMOGENEOUS
     text = (folder(name) / "study.toml").read_text()
