@@ -4,8 +4,10 @@ import json
 
 import numpy as np
 import pytest
+from scipy.interpolate import PchipInterpolator
 
 from palpate.domain import Curve
+from palpate_robot_log.processing.contact import find_onset
 
 from . import simulated_logs as logs
 
@@ -50,6 +52,22 @@ def test_the_onset_is_within_a_tenth_of_a_millimetre(spot):
     surface = -(true.spot_mm - processed.motion.origin_mm) @ true.normal
     assert abs(processed.onset.travel_mm - surface) < 0.1
     assert processed.onset.std_mm < 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("speed_mm_s", [1.0, 10.0])
+def test_the_standard_deviation_of_the_onset_is_that_of_its_error(spot, speed_mm_s):
+    """Over the noise of 30 logs, for a force that follows no law near first contact."""
+    clean, ratios = logs.truth(spot).clean, []
+    press = slice(0, int(np.flatnonzero(clean["angle_deg"])[0]))
+    for seed in range(30):
+        random = np.random.default_rng(seed)
+        travel = np.arange(-4.0 - random.uniform(0.0, 0.1), 10.0, speed_mm_s / 100.0)
+        force = PchipInterpolator(clean["depth_mm"][press], clean["force_N"][press])(np.maximum(travel, 0.0))
+        noisy = force + random.normal(0.0, 0.04, travel.size)
+        onset = find_onset(logs.recording(spot), travel, noisy, slice(None), 1.5)
+        ratios.append(onset.travel_mm / onset.std_mm)
+    assert 0.7 < np.sqrt(np.mean(np.square(ratios))) < 1.4
 
 
 def test_phases_are_found_without_hints(spot):

@@ -26,6 +26,7 @@ from palpate_robot_log.recording import (
 
 SHARE = 0.05  # share of the largest change of force beyond which a row counts as pressing
 NOISE_MULTIPLE = 12.0  # a change of force below this multiple of its noise is no contact
+EXPONENT_STD = 0.075  # of the contact law: so far from it are limbs in finite elements near first contact
 _PRESS_SHARE = 0.2
 _DRIFT_SHARE = 0.15
 _CALM_SHARE = 0.005
@@ -213,7 +214,8 @@ class Onset:
     """Travel of first contact and its standard deviation [mm], and how many rows gave it.
 
     ``spread_mm`` is how far it moves when the law is fitted to less or more of the press, with
-    and without its correction; ``std_mm`` contains it.
+    and without its correction, and no less than by a law whose exponent is off by ``EXPONENT_STD``;
+    ``std_mm`` contains it.
     """
 
     travel_mm: float
@@ -235,6 +237,13 @@ def find_onset(
     fits = [(share, n) for share, n in _FITS if share * size > _CLEAR * noise_std(force)] or [_FITS[2]]
     found, *others = (_fit(recording, travel, force, share, exponent, n) for share, n in fits)
     spread = float(np.sqrt(np.mean([(other.at - found.at) ** 2 for other in others] or [0.0])))
+    # The fits agree by chance in some logs, and miss alike where the force grows by another law.
+    share, n_terms = fits[0]
+    low, high = (
+        _fit(recording, travel, force, share, exponent + off, n_terms).at
+        for off in (EXPONENT_STD, -EXPONENT_STD)
+    )
+    spread = max(spread, abs(high - low) / 2.0)
     n_free = int(np.count_nonzero(travel < found.at))
     if n_free < _FEWEST:
         raise recording.fault(
