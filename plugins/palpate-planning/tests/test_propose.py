@@ -26,6 +26,7 @@ from palpate.stages import pipeline
 from palpate.study.reading import read_options, read_study
 from palpate.study.tool import read_tool
 from palpate_certainty.laplace import RANGE_SD
+from palpate_materials import HolzapfelGasserOgden
 from palpate_planning import propose as planning
 from palpate_planning.candidates import (
     Allowed,
@@ -35,6 +36,7 @@ from palpate_planning.candidates import (
     described,
     limits_of,
     timed,
+    turned,
     usual,
     with_presses,
 )
@@ -448,6 +450,30 @@ def test_presses_of_a_tissue_that_relaxes_are_tried_with_other_durations():
     tried = [each[0]["moves"][0]["duration"] for each in timed(repeated)]
     assert tried == ["1 s", "5 s", "0.2 s"]  # there is no rest
     assert [each[0]["depth"] for each in timed(moves)] == ["2 mm"] * 4
+
+
+def test_slides_on_fibres_are_tried_in_other_directions(run):
+    moves = [{"depth": "2 mm"}, {"slide": ["4 mm", "0 mm"]}, {"slide": ["0 mm", "0 mm"]}]
+    tried = [[move.get("slide") for move in each] for each in turned(moves)]
+    assert [each[1] for each in tried] == [["4 mm", "0 mm"], ["2.82843 mm", "2.82843 mm"], ["0 mm", "4 mm"]]
+    assert [each[2] for each in tried] == [["0 mm", "0 mm"]] * 3
+    pushed = [{"repeat": 2, "moves": [{"slide_force": ["0 N", "1 N"]}]}]
+    assert [each[0]["moves"][0]["slide_force"] for each in turned(pushed)][2] == ["-1 N", "0 N"]
+    assert list(turned(moves[:1])) == [moves[:1]]
+
+    study, _, _ = run
+    text = study.file.read_text()
+    way = "[{ depth = '2 mm' }, { slide = ['1 mm', '0 mm'] }]"
+    study.file.write_text(f"{text}protocol = {{ motion = 'moves', moves = {way} }}\n")
+    (region,) = study.space.regions
+    fibres = replace(study.space, regions=(replace(region, material=HolzapfelGasserOgden()),))
+    assert not any("moves" in keys for _, keys in usual(study))
+    slides = [keys["moves"][1]["slide"] for _, keys in usual(replace(study, space=fibres))]
+    assert {tuple(way) for way in slides} == {
+        ("1 mm", "0 mm"),
+        ("0.707107 mm", "0.707107 mm"),
+        ("0 mm", "1 mm"),
+    }
 
 
 def test_a_planned_curve_is_as_the_parametrisation_has_it(run):

@@ -10,11 +10,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import tomlkit
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 from tomlkit.items import AoT
 
-from palpate.api import Channel, Protocol, StudyError, convert
+from palpate.api import AnisotropicMaterial, Channel, Protocol, StudyError, convert
 from palpate.api.experiment import POSE, TIME
 from palpate.api.files import write_atomically
 from palpate.api.runs import Plugins, RunDirectory, Study, read_study
@@ -128,6 +129,9 @@ SHARES = (0.5, 0.75, 1.0)
 DURATIONS = ((1.0, 1.0), (10.0, 1.0), (1.0, 5.0), (1.0, 0.2))
 """Durations of rests and of what moves, over those of the study, that are tried where the tissue relaxes."""
 
+SLIDES_DEG = (0.0, 45.0, 90.0)
+"""Directions of slides, from those of the study, that are tried where a tissue has fibres."""
+
 MOST_PRESSES = 500
 """Most candidates: each is simulated at several points."""
 
@@ -182,9 +186,11 @@ def usual(study: Study) -> list[tuple[str, dict[str, Any]]]:
     """Spots and keys of their protocols where nothing is said: shares of what each spot has.
 
     That is half of the depth, three quarters and all of it, without a twist, with half of it and with all. Of
-    moves, where the tissue relaxes, these, with rests that are longer, and slower and faster.
+    moves, where the tissue relaxes, these, with rests that are longer, and slower and faster; where it has
+    fibres, these with their slides turned.
     """
     raw = tomllib.loads(study.file.read_text(encoding="utf-8-sig"))
+    has_fibres = any(isinstance(region.material, AnisotropicMaterial) for region in study.space.regions)
     found = []
     for table in raw["spot"]:
         own = {**raw.get("protocol", {}), **table.get("protocol", {})}
@@ -194,8 +200,9 @@ def usual(study: Study) -> list[tuple[str, dict[str, Any]]]:
             keys["depth"] = [f"{share * depth:g} mm" for share in SHARES]
         if twist := [convert(angle, "deg") for angle in own.get("twist", [])]:
             keys["twist"] = [[], *([f"{share * angle:g} deg" for angle in twist] for share in (0.5, 1.0))]
-        if "moves" in own and study.relaxes:
-            keys["moves"] = list(timed(own["moves"]))
+        if "moves" in own and (study.relaxes or has_fibres):
+            moves = timed(own["moves"]) if study.relaxes else [own["moves"]]
+            keys["moves"] = [each for one in moves for each in (turned(one) if has_fibres else [one])]
         found += [(table["name"], each) for each in _combinations(keys)]
     return found
 
@@ -204,6 +211,26 @@ def timed(moves: Sequence[Mapping[str, Any]]) -> Iterator[list[dict[str, Any]]]:
     """Moves of a study as they are, with longer rests, and of other rates."""
     found = [[_lasting(move, *factors) for move in moves] for factors in DURATIONS]
     yield from (each for i, each in enumerate(found) if each not in found[:i])
+
+
+def turned(moves: Sequence[Mapping[str, Any]]) -> Iterator[list[dict[str, Any]]]:
+    """Moves of a study as they are, and with their slides in other directions."""
+    found = [[_turned(move, np.deg2rad(angle)) for move in moves] for angle in SLIDES_DEG]
+    yield from (each for i, each in enumerate(found) if each not in found[:i])
+
+
+def _turned(move: Mapping[str, Any], angle_rad: float) -> dict[str, Any]:
+    """A move whose slide, and those of the moves that it repeats, is turned about the normal."""
+    found = dict(move)
+    if "moves" in move:
+        found["moves"] = [_turned(each, angle_rad) for each in move["moves"]]
+    for key, unit in (("slide", "mm"), ("slide_force", "N")):
+        if key in move and angle_rad:
+            x, y = (convert(part, unit) for part in move[key])
+            cos, sin = np.cos(angle_rad), np.sin(angle_rad)
+            parts = (cos * x - sin * y, sin * x + cos * y)
+            found[key] = [f"{round(part, 6) + 0.0:g} {unit}" for part in parts]
+    return found
 
 
 def _is_rest(move: Mapping[str, Any]) -> bool:
