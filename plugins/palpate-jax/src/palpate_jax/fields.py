@@ -92,7 +92,7 @@ class FieldWriter:
 
         mesh = self._original
         kinds = [(kind, cell.meshio) for kind, cell in CELLS.items() if len(mesh.cells.get(kind, ()))]
-        by_kind = self._of_cells(thetas, state.displacements)
+        by_kind = self._of_cells(thetas, state)
         found = nodal_tractions(self._contact, self._mesh.points_mm, state)
         names = ("cauchy_stress_MPa", "principal_stretches", "J", "region")
         meshio.write_points_cells(
@@ -108,15 +108,17 @@ class FieldWriter:
         )
 
     def _of_cells(
-        self, thetas: Mapping[str, FloatArray], displacements: FloatArray
+        self, thetas: Mapping[str, FloatArray], state: LoadStep
     ) -> dict[str, dict[str, FloatArray]]:
         """Cell data by kind and name."""
         found: dict[str, dict[str, FloatArray]] = {}
-        for block in self._blocks:
+        for number, block in enumerate(self._blocks):
             regions = self._mesh.cell_regions[block.kind]
             own = found.setdefault(block.kind, {"region": regions.astype(np.float64)})
             material, theta = self._materials[block.region], thetas[block.region]
-            values = cell_fields(material, theta, block, displacements, self._axes)
+            history, n_own = state.stresses.get(number), len(theta) - len(material.relaxation_times_s)
+            lost = None if history is None else history.lost(theta[n_own:])
+            values = cell_fields(material, theta, block, state.displacements, self._axes, lost)
             for name, value in zip(("cauchy_stress_MPa", "principal_stretches", "J"), values, strict=True):
                 if name == "cauchy_stress_MPa":
                     value = (self._axes @ value @ self._axes.T).reshape(-1, 9)
@@ -130,6 +132,7 @@ def cell_fields(
     block: Block,
     displacements: FloatArray,
     axes: FloatArray | None = None,
+    lost: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Cauchy stress, stretches and J of the cells of a block.
 
@@ -137,6 +140,8 @@ def cell_fields(
     ----------
     axes : (3, 3) array, optional
         As of :class:`palpate_jax.body.Body`.
+    lost : (e, q, 3, 3) array, optional
+        Second Piola–Kirchhoff stress that has relaxed, in the frame of the material's directions [MPa].
 
     Returns
     -------
@@ -147,6 +152,9 @@ def cell_fields(
     """
     places, (gradients, _) = block.places, block.deformation(displacements)
     stresses, J = _cauchy(material, theta, block, gradients, axes)
+    if lost is not None:
+        turned = gradients if axes is None else gradients @ axes.T
+        stresses = stresses - turned @ lost @ turned.swapaxes(-1, -2) / J[..., None, None]
     volumes = block.volumes[places]
     now = volumes * J[places]
     sigma = np.einsum("cp,cpij->cij", now, stresses[places]) / now.sum(axis=1)[:, None, None]

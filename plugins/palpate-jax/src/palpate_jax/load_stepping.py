@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -31,7 +31,8 @@ PROBE = 1e-4
 class LoadStep:
     """The equilibrium state at one point of the path; displacements (n_nodes, 3) in mm balance the load.
 
-    ``position`` (6,) is as in :mod:`palpate_jax.schedule`.
+    ``position`` (6,) is as in :mod:`palpate_jax.schedule`; ``stresses`` is the history of what relaxes, where
+    it is kept.
     """
 
     position: FloatArray
@@ -40,6 +41,7 @@ class LoadStep:
     load: ContactState
     slopes: Slopes | None = None
     time_s: float = 0.0
+    stresses: Histories = field(default_factory=dict)
 
     @property
     def depth_mm(self) -> float:
@@ -92,6 +94,8 @@ class LoadStepping:
         Of the same model and path.
     sensitivity : Sensitivity, optional
         Follows every equilibrium state, also between points.
+    keeps_stresses : bool
+        Whether load steps have the history of what relaxes, which takes much memory.
     """
 
     def __init__(
@@ -102,6 +106,7 @@ class LoadStepping:
         tolerance: float,
         initial_guess: InitialGuess | None = None,
         sensitivity: Sensitivity | None = None,
+        keeps_stresses: bool = False,
     ) -> None:
         self._model = model
         self._values = thetas
@@ -110,6 +115,7 @@ class LoadStepping:
         self._tolerance = tolerance
         self._initial_guess = initial_guess
         self._sensitivity = sensitivity
+        self._keeps_stresses = keeps_stresses
         self._control: LoadControl | None = None
         self._settled = False  # whether the last tangent is of an iteration that ended in balance
         self.linear = model.linear
@@ -253,7 +259,8 @@ class LoadStepping:
         load = ContactState(pose(state.position), state.friction_history, self._law)
         answer = self._model.answer(state.displacements, self._thetas, load)
         slopes = None if self._sensitivity is None else self._sensitivity.slopes
-        return LoadStep(state.position, answer, state.displacements, load, slopes, time_s)
+        stresses = state.stresses if self._keeps_stresses else {}
+        return LoadStep(state.position, answer, state.displacements, load, slopes, time_s, stresses)
 
 
 CRUSHED = 0.05

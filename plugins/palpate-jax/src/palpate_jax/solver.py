@@ -173,11 +173,6 @@ class JaxSolver(Solver[JaxSettings]):
                     f"region '{region}' relaxes, which needs the times of its press; give durations: "
                     'motion = "moves"'
                 )
-            if material.relaxation_times_s and self.settings.fields != "none":
-                raise StudyError(
-                    f"region '{region}' relaxes, and the fields show no stress that has relaxed; "
-                    'set fields = "none"'
-                )
         named = self.settings.mean_dilatation
         for region in () if isinstance(named, bool) else named:
             if region not in limb.mesh.regions:
@@ -295,11 +290,16 @@ class JaxSolver(Solver[JaxSettings]):
         law = self._law(protocol, modulus_MPa)
         model, thetas, tolerance = prepared.model, job.thetas, self.settings.tolerance
         sensitivity = Sensitivity(model, prepared.materials, thetas, law, tolerance) if job.slopes else None
-        stepping = LoadStepping(model, thetas, law, tolerance, initial_guess, sensitivity)
+        fields = self.settings.fields
+        stepping = LoadStepping(
+            model, thetas, law, tolerance, initial_guess, sensitivity, keeps_stresses=fields != "none"
+        )
         reached: list[LoadStep] = []
         for state in stepping.along(self._schedule(protocol, prepared)):
             if isinstance(state, Stop):
                 return stepping, reached, state
+            if fields == "end" and reached:
+                reached[-1] = replace(reached[-1], stresses={})  # only those of the last are shown
             reached.append(state)
         return stepping, reached, None
 

@@ -49,6 +49,10 @@ class Stresses:
         change = now - self.now
         return Stresses(now, np.array([k * H + a * change for k, a, H in pairs]))
 
+    def lost(self, shares: FloatArray) -> FloatArray:
+        """Stress Sᵉ - S (e, q, 3, 3) that has relaxed, of shares γ_i (n_times,)."""
+        return np.asarray(np.einsum("t,t...->...", shares, self.now - self.relaxed))
+
     def held(self, i: int, weights: "Weights") -> FloatArray:
         """Part k_i H_i - a_i Sʳ (..., e, q, 3, 3) of S⁰."""
         return np.asarray(weights.kept[i] * self.relaxed[i] - weights.added[i] * self.now)
