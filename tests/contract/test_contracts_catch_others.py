@@ -87,6 +87,22 @@ def test_a_loaders_units_and_branches(tmp_path, loader, message):
         _hold(LoaderContract(), "keeps_units_and_branches", offered)
 
 
+class OfTwoPresses(Table):
+    def load_presses(self, path, channel=None):
+        first = self.load(path, channel)
+        curve = first["torque"]
+        second = Curve(channel="torque", abscissa=curve.abscissa, ordinate=curve.ordinate / 2.0)
+        return {"cycle_1": first, "cycle_2": Response(curves={"torque": second})}
+
+
+@pytest.mark.parametrize(("loader", "message"), [(Table(), None), (OfTwoPresses(), "not equal")])
+def test_a_load_that_is_not_the_last_press(tmp_path, loader, message):
+    path = tmp_path / "twist.txt"
+    np.savetxt(path, [(0, 0), (-20, -7)])
+    with pytest.raises(AssertionError, match=message) if message else contextlib.nullcontext():
+        _hold(LoaderContract(), "load_gives_the_last_press_of_a_file", {"loader": loader, "good_file": path})
+
+
 class Unnamed(Table):
     def load(self, path, channel=None):
         raise CurveError("not a table")

@@ -182,8 +182,8 @@ def test_the_cycles_of_a_log_are_shown_drawn_and_recorded(tmp_path, monkeypatch,
     assert main(["experiment", ".", "--out", "run", "--plots"]) == 0
     shown = capsys.readouterr()
     assert "Cycles of cycles.parquet, cycle_2" in shown.out
-    assert "-10 %" in shown.out
-    assert "force changes by -10 % from the cycle before to cycle 2 of 2" in " ".join(shown.err.split())
+    assert "-10.0 %" in shown.out
+    assert "torque changes by -10 % from the cycle before to cycle 2 of 2" in " ".join(shown.err.split())
     plots = tmp_path / "run" / "measured" / "plots" / "p1"
     drawn = {file.relative_to(plots).as_posix() for file in plots.rglob("*.png")}
     assert {"cycles/1_as_read.png", "cycles/6_cycles.png", "cycles/cycle_2/3_phases.png"} < drawn

@@ -28,17 +28,22 @@ def cycle_warnings(study: Study, measured: Mapping[str, Response]) -> tuple[str,
     found, relaxes = list[str](), any(map(study.models_relaxation, study.scenarios))
     for spot, file, rows in cycles_of(measured):
         late = [row for row in rows if row["counts"] and row["cycle"] > 1]
-        for channel, change in late[-1].get("changes", {}).items() if late else ():
-            if abs(change["share"]) > study.budget.gain + SIGNIFICANT * change["std"]:
-                found.append(
-                    f"{file}: spot '{spot}': {channel} changes by {100.0 * change['share']:+.2g} % from the "
-                    f"cycle before to cycle {late[-1]['cycle']} of {len(rows)}, so the tissue may not be "
-                    "preconditioned; press more cycles before the one that counts"
-                )
-        if relaxes and late:
+        if not late:
+            continue
+        where, which = f"{file}: spot '{spot}'", f"cycle {late[-1]['cycle']} of {len(rows)}"
+        changed = [
+            f"{channel} changes by {100.0 * change['share']:+.2g} %"
+            for channel, change in late[-1].get("changes", {}).items()
+            if abs(change["share"]) > study.budget.gain + SIGNIFICANT * change["std"]
+        ]
+        if changed:
             found.append(
-                f"{file}: spot '{spot}': the fit takes the tissue as at rest before cycle "
-                f"{late[-1]['cycle']}; what has not recovered since the cycles before is not in the model; "
-                "rest longer between them"
+                f"{where}: {' and '.join(changed)} from the cycle before to {which}, so the tissue may not "
+                "be preconditioned; press more cycles before the one that counts"
+            )
+        if relaxes:
+            found.append(
+                f"{where}: the fit takes the tissue as at rest before {which}; what has not recovered since "
+                "the cycles before is not in the model; rest longer between them"
             )
     return tuple(found)

@@ -131,6 +131,14 @@ class LoaderContract(ComponentContract):
             np.testing.assert_array_equal(again[name].ordinate, once[name].ordinate)
         assert good_file.read_bytes() == before
 
+    def test_load_gives_the_last_press_of_a_file(self, loader: ExperimentLoader, good_file: Path) -> None:
+        alone, presses = loader.load(good_file, self.channel), loader.load_presses(good_file, self.channel)
+        assert presses, "load_presses returned no press"
+        last = list(presses.values())[-1]
+        assert set(last) == set(alone)
+        for name in alone:
+            np.testing.assert_array_equal(last[name].ordinate, alone[name].ordinate)
+
     def test_its_record_is_plain(self, loader: ExperimentLoader, good_file: Path) -> None:
         record = dict(loader.load(good_file, self.channel).record)
         assert json.loads(json.dumps(record, allow_nan=False)) == record

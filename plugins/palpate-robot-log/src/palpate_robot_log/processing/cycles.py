@@ -142,7 +142,7 @@ def _described(processed: Mapping[int, Processed]) -> dict[int, dict[str, Any]]:
         }
     first = next(iter(found.values()))
     for (_, before), (number, now) in pairwise(found.items()):
-        for name in now.keys() & before:
+        for name in filter(before.__contains__, now):
             (value, std), (was, was_std) = now[name], before[name]
             rows[number]["changes"][name] = {
                 "share": value / was - 1.0,
