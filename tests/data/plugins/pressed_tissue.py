@@ -41,10 +41,10 @@ STEP = 1e-30j
 """A complex step gives a first derivative without any loss of digits."""
 
 
-def energy(material, depth, rotation, theta, volumes=VOLUMES_MM3):
-    """W of all strips, for each depth (mm) and rotation (radians)."""
+def energy(material, depth, rotation, theta, volumes=VOLUMES_MM3, lateral=None):
+    """W of all strips, for each depth (mm) and rotation (radians); ``lateral`` stretches may be given."""
     log = -COMPRESSED * depth[:, None]
-    axial, lateral = np.exp(log), np.exp(-CONFINED * log)
+    axial, lateral = np.exp(log), np.exp(-CONFINED * log) if lateral is None else lateral
     shear = SHEARED * rotation[:, None]
     mean = (lateral**2 + axial**2 + shear**2) / 2.0
     root = np.sqrt(mean**2 - (axial * lateral) ** 2)
