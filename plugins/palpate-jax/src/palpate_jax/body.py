@@ -237,7 +237,7 @@ class Body:
             for kernel, theta in zip(self._kernels, self._thetas(thetas), strict=True)
         ]
         for n, held in held_in(thetas).items():
-            self._relaxations[n].add_force(held.matrix, displacements, total)
+            self._relaxations[n].add_force(held, displacements, total)
         return total, float(np.min(least))
 
     def _thetas(self, thetas: Mapping[str, FloatArray]) -> list[FloatArray]:
@@ -290,6 +290,6 @@ class Body:
             for kernel, theta in zip(self._kernels, self._thetas(thetas), strict=True)
         ]
         for n, held in held_in(thetas).items():
-            self._relaxations[n].add_force(held.matrix, displacements, total)
-            self._relaxations[n].add_stiffness(held.matrix, values)
+            self._relaxations[n].add_force(held, displacements, total)
+            self._relaxations[n].add_stiffness(held, values)
         return total, values[:-1], float(np.min(least))

@@ -22,6 +22,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+from scipy.sparse import csr_array
 
 from palpate.api import NO_FIELDS, AnisotropicMaterial, FloatArray, IntArray, IsotropicMaterial, Material
 from palpate.api.mechanics import Array
@@ -75,7 +76,7 @@ class Weights:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Held:
-    """A block in one load step: history before it, and weights; the matrix (e, n, n) of S⁰ [N/mm].
+    """A block in one load step: history before it, and weights; the matrix (n_nodes, n_nodes) of S⁰ [N/mm].
 
     ``theta`` has the values of the weighted material.
     """
@@ -83,7 +84,7 @@ class Held:
     before: Stresses
     weights: Weights
     theta: FloatArray
-    matrix: FloatArray
+    matrix: csr_array
 
 
 class InLoadStep(Mapping[str, FloatArray]):
@@ -183,11 +184,16 @@ class Relaxation:
         self._kernel, self._nodes, self._points, self.times_s = kernel, nodes, points, times_s
         self._gradients = gradients
         self._weighted = volumes[..., None, None] * gradients
+        n_nodes = len(points)
+        pairs = nodes[:, :, None] * n_nodes + nodes[:, None, :]
+        self._pairs, first, self._pair_of = np.unique(pairs, return_index=True, return_inverse=True)
+        self._first_of_pair = np.unravel_index(first, pairs.shape)
+        self._row_ends = np.searchsorted(self._pairs, n_nodes * np.arange(n_nodes + 1))
         self._places: IntArray = np.empty(0, dtype=np.int64)
 
     def bind(self, places: IntArray) -> None:
         """Take the places (e, 3n, 3n) of stiffness entries in the values of a sparse matrix."""
-        self._places = np.stack([places[:, i::3, i::3].ravel() for i in range(3)])
+        self._places = np.stack([places[:, i::3, i::3][self._first_of_pair] for i in range(3)])
 
     def at_rest(self, *leading: int) -> Stresses:
         """History of a body at rest; with leading axes, that of derivatives."""
@@ -209,24 +215,22 @@ class Relaxation:
         """History at the end of the load step, which is in equilibrium there."""
         return held.before.after(self._kernel.second_stress(displacements, _relaxing(held)), held.weights)
 
-    def add_force(self, matrix: FloatArray, displacements: FloatArray, total: FloatArray) -> None:
-        """Add the nodal forces of constant stresses with this matrix to ``total`` (n_nodes, 3) [N]."""
-        self._scatter(matrix @ (self._points + displacements)[self._nodes], total)
+    def add_force(self, held: Held, displacements: FloatArray, total: FloatArray) -> None:
+        """Add the nodal forces of S⁰ to ``total`` (n_nodes, 3) [N]."""
+        total += held.matrix @ (self._points + displacements)
 
     def _add_force_of(self, stress: FloatArray, displacements: FloatArray, total: FloatArray) -> None:
         """Add the nodal forces of constant stresses (e, q, 3, 3), without their matrix."""
         places = (self._points + displacements)[self._nodes]
         turned = self._gradients.swapaxes(-1, -2) @ places[:, None]  # Fᵀ
-        self._scatter((self._weighted @ (stress @ turned)).sum(axis=1), total)
-
-    def _scatter(self, forces: FloatArray, total: FloatArray) -> None:
+        forces = (self._weighted @ (stress @ turned)).sum(axis=1)
         for k in range(3):
             total[:, k] += np.bincount(self._nodes.ravel(), forces[..., k].ravel(), minlength=len(total))
 
-    def add_stiffness(self, matrix: FloatArray, values: FloatArray) -> None:
-        """Add their stiffness to ``values`` at the places."""
+    def add_stiffness(self, held: Held, values: FloatArray) -> None:
+        """Add the stiffness of S⁰ to ``values`` at the places; what has none of its own shares the last."""
         for places in self._places:
-            values += np.bincount(places, matrix.ravel(), minlength=len(values))
+            values[places] += held.matrix.data
 
     def add_rates(self, displacements: FloatArray, held: Held, rates: FloatArray, totals: FloatArray) -> None:
         """Add the rates of the nodal forces in the material's values to ``totals`` (p, n_nodes, 3).
@@ -274,9 +278,12 @@ class Relaxation:
         """S⁰ (e, q, 3, 3) [MPa], or the part of its derivative that comes from that of the history."""
         return np.asarray(sum(share * before.held(i, weights) for i, share in enumerate(shares)))
 
-    def _matrix(self, stress: FloatArray) -> FloatArray:
-        """Σ_q w ∇N_a · S ∇N_b (e, n, n) [N/mm] of stresses (e, q, 3, 3)."""
-        return np.asarray((self._weighted @ stress @ self._gradients.swapaxes(-1, -2)).sum(axis=1))
+    def _matrix(self, stress: FloatArray) -> csr_array:
+        """Σ_q w ∇N_a · S ∇N_b (n_nodes, n_nodes) [N/mm] of stresses (e, q, 3, 3)."""
+        of_elements = (self._weighted @ stress @ self._gradients.swapaxes(-1, -2)).sum(axis=1)
+        values = np.bincount(self._pair_of.ravel(), of_elements.ravel())
+        n_nodes = len(self._points)
+        return csr_array((values, self._pairs % n_nodes, self._row_ends), shape=(n_nodes, n_nodes))
 
 
 def _relaxing(held: Held) -> FloatArray:
