@@ -208,11 +208,11 @@ def draw_cycles(cycles: Cycles, folder: Path) -> Path:
             curve = processed.curves["force"]
             found = next(row for row in cycles.table if row["cycle"] == number)["changes"].get("force")
             label = f"cycle {number}" + (f", {100.0 * found['share']:+.1f} %" if found else "")
-            colour = _MEASURED if number in cycles.counted else str(shade)
-            axis.plot(curve.abscissa, curve.ordinate, color=colour, label=label)
+            width = 2.2 if number in cycles.counted else 1.0
+            axis.plot(curve.abscissa, curve.ordinate, color=str(shade), linewidth=width, label=label)
         axis.set_xlabel("depth [mm]")
         axis.set_ylabel("normal force [N]")
-        axis.legend(loc="upper left", title="force since the one before\n(blue: counts)")
+        axis.legend(loc="upper left", title="force since the one before\n(thick: counts)")
         source = next(iter(cycles.processed.values())).raw.source
         figure.suptitle(f"{Path(source).name}: cycles", fontsize=10)
     return _save(figure, folder / "6_cycles.png")
