@@ -277,10 +277,8 @@ def test_a_call_that_cannot_work_is_refused(capsys, tmp_path):
 
 @pytest.mark.slow
 def test_the_command_runs_and_prints_json(monkeypatch, capsys, tmp_path):
-    from palpate_forearm import reproduce_command
-
-    prepared = reproduce_command._prepared
-    monkeypatch.setattr(reproduce_command, "_prepared", lambda *given: scaled(prepared(*given)))
+    extended = Reproduction.extended
+    monkeypatch.setattr(Reproduction, "extended", lambda self, n_sets: scaled(extended(self, n_sets)))
     folder = tmp_path / "here"
     assert main(["reproduce", str(folder), "--sets", "6", "--material", "ogden", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)

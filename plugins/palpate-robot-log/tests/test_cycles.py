@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
+from pydantic import ValidationError
 
 from palpate.domain import Response
 from palpate.errors import CurveError
@@ -14,7 +15,7 @@ from palpate.experiment.cycles import cycle_warnings
 from palpate.experiment.measured import load_measured, load_presses, mean
 from palpate.plugins.catalogue import Plugins
 from palpate.study.reading import read_study
-from palpate_robot_log import pictures
+from palpate_robot_log import RobotLogSettings, pictures
 from palpate_robot_log.processing.chain import process
 from palpate_robot_log.processing.cycles import parts_of, process_cycles
 from palpate_robot_log.reading.assembly import Reading
@@ -185,6 +186,21 @@ def test_cycles_that_do_not_repeat_are_warned_of_where_a_later_one_counts(study,
     for text in found:
         assert re.search(r"force changes by -\S+ % and torque changes by -\S+ % from the cycle before", text)
         assert "to cycle 3 of 3, so the tissue may not be preconditioned" in text
+
+
+def test_early_cycles_that_do_not_repeat_are_warned_of_where_all_count(study):
+    changes = {2: {"force": {"share": -0.2, "std": 0.001}}, 3: {"force": {"share": -0.005, "std": 0.001}}}
+    rows = [{"cycle": k, "counts": True, "changes": changes.get(k, {})} for k in (1, 2, 3)]
+    measured = {"p1": Response(curves={}, record={"files": {"press.csv": {"cycles": rows}}})}
+    (text,) = cycle_warnings(study("all"), measured)
+    assert "force changes by -20 % from the cycle before to cycle 2 of 3" in text
+
+
+@pytest.mark.parametrize("cycle", [True, "2", 2.0, 0])
+def test_a_cycle_is_a_whole_number_or_a_word(cycle):
+    with pytest.raises(ValidationError) as refused:
+        RobotLogSettings.model_validate({"cycle": cycle})
+    assert "cycle" in {error["loc"][0] for error in refused.value.errors()}
 
 
 def test_cycles_of_a_tissue_that_relaxes_in_the_model_are_warned_of(study, monkeypatch):

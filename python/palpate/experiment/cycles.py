@@ -31,16 +31,18 @@ def cycle_warnings(study: Study, measured: Mapping[str, Response]) -> tuple[str,
         if not late:
             continue
         where, which = f"{file}: spot '{spot}'", f"cycle {late[-1]['cycle']} of {len(rows)}"
-        changed = [
-            f"{channel} changes by {100.0 * change['share']:+.2g} %"
-            for channel, change in late[-1].get("changes", {}).items()
-            if abs(change["share"]) > study.budget.gain + SIGNIFICANT * change["std"]
-        ]
-        if changed:
-            found.append(
-                f"{where}: {' and '.join(changed)} from the cycle before to {which}, so the tissue may not "
-                "be preconditioned; press more cycles before the one that counts"
-            )
+        for row in late:
+            changed = [
+                f"{channel} changes by {100.0 * change['share']:+.2g} %"
+                for channel, change in row.get("changes", {}).items()
+                if abs(change["share"]) > study.budget.gain + SIGNIFICANT * change["std"]
+            ]
+            if changed:
+                found.append(
+                    f"{where}: {' and '.join(changed)} from the cycle before to cycle "
+                    f"{row['cycle']} of {len(rows)}, so the tissue may not be preconditioned; press more "
+                    "cycles before what counts"
+                )
         if relaxes:
             found.append(
                 f"{where}: the fit takes the tissue as at rest before {which}; what has not recovered since "

@@ -160,6 +160,8 @@ def _load_spot(study: Study, spot: StudySpot, channels: Mapping[str, Channel]) -
 def _presses_of(loader: ExperimentLoader, path: Path, only: str | None) -> dict[str, Response]:
     """Responses of a file by what is added to its name."""
     presses = dict(loader.load_presses(path, only))
+    if not presses:
+        raise TypeError("it returned no press")
     for response in presses.values():
         if not isinstance(response, Response):
             raise TypeError(f"it returned a {type(response).__name__} and not a Response")

@@ -112,8 +112,9 @@ def _relaxing(material: RelaxingMaterial, theta: FloatArray, convention: str) ->
         left * value if p.kind == "modulus" and (coupled or names.get(p.name, p.name) != BULK) else value
         for p, value in zip(elastic.parameters, at_once.tolist(), strict=True)
     ]
-    expected = left * _energy(elastic, SHAPE, at_once)
-    if not np.isclose(_energy(elastic, SHAPE, np.array(later)), expected, rtol=1e-9):
+    probe = SHAPE * VOLUME if coupled else SHAPE
+    expected = left * _energy(elastic, probe, at_once)
+    if not np.isclose(_energy(elastic, probe, np.array(later)), expected, rtol=1e-9):
         raise MaterialError(
             f"material '{material.name}': its stress is not in proportion to its moduli, which FEBio's form "
             "of relaxation needs; correct the kinds of its parameters, or use solver 'jax'"

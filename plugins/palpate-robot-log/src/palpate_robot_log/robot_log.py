@@ -28,7 +28,7 @@ class RobotLogSettings(ProcessingSettings):
     files: LogFiles | None = Field(
         default=None, description="Names of two files of each press; left out: one file has pose and wrench."
     )
-    cycle: Literal["last", "all"] | Annotated[int, Field(ge=1)] = Field(
+    cycle: Literal["last", "all"] | Annotated[int, Field(ge=1, strict=True)] = Field(
         default="last",
         description="Of several presses in one log the one that counts: last, its number from 1, or all.",
     )
