@@ -256,21 +256,21 @@ class AutodiffKernel:
     def add_force(self, displacements: FloatArray, theta: FloatArray, total: FloatArray) -> float:
         """Add nodal forces to ``total`` (n_nodes, 3) [N]; the least J."""
         forces, least = self._evaluate(self._force, displacements, theta)
-        self._scatter(forces, total)
+        self.scatter(forces, total)
         return float(least.min())
 
     def add_rates(self, displacements: FloatArray, theta: FloatArray, totals: FloatArray) -> None:
         """Add the derivatives of the nodal forces in the parameters to ``totals`` (m, n_nodes, 3)."""
         (rates,) = self._evaluate(self._rates, displacements, np.asarray(theta))
         for k, total in enumerate(totals):
-            self._scatter(rates[..., k], total)
+            self.scatter(rates[..., k], total)
 
     def add_tangent(
         self, displacements: FloatArray, theta: FloatArray, total: FloatArray, values: FloatArray
     ) -> float:
         """Add nodal forces, and stiffness to ``values`` [N/mm] at the places; the least J."""
         forces, stiffness, least = self._evaluate(self._tangent, displacements, theta)
-        self._scatter(forces, total)
+        self.scatter(forces, total)
         values += np.bincount(self._places, stiffness.ravel(), minlength=len(values))
         return float(least.min())
 
@@ -301,7 +301,8 @@ class AutodiffKernel:
         arrays = (np.concatenate([np.asarray(a) for a in column]) for column in zip(*parts, strict=True))
         return tuple(a[: len(self._nodes)] for a in arrays)
 
-    def _scatter(self, forces: FloatArray, total: FloatArray) -> None:
+    def scatter(self, forces: FloatArray, total: FloatArray) -> None:
+        """Add forces (e, n, 3) of the elements' nodes to ``total`` (n_nodes, 3)."""
         flat, columns = self._nodes.ravel(), forces.reshape(-1, 3)
         for k in range(3):
             total[:, k] += np.bincount(flat, columns[:, k], minlength=len(total))

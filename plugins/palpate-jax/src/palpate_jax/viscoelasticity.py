@@ -223,9 +223,7 @@ class Relaxation:
         """Add the nodal forces of constant stresses (e, q, 3, 3), without their matrix."""
         places = (self._points + displacements)[self._nodes]
         turned = self._gradients.swapaxes(-1, -2) @ places[:, None]  # Fᵀ
-        forces = (self._weighted @ (stress @ turned)).sum(axis=1)
-        for k in range(3):
-            total[:, k] += np.bincount(self._nodes.ravel(), forces[..., k].ravel(), minlength=len(total))
+        self._kernel.scatter((self._weighted @ (stress @ turned)).sum(axis=1), total)
 
     def add_stiffness(self, held: Held, values: FloatArray) -> None:
         """Add the stiffness of S⁰ to ``values`` at the places; what has none of its own shares the last."""
