@@ -138,8 +138,9 @@ def _load_spot(study: Study, spot: StudySpot, channels: Mapping[str, Channel]) -
         for path in paths:
             with answering_for(loader, f"reading {path}"):
                 presses = _presses_of(loader, path, only)
-            file = relative(path, study.folder)  # bare for a file in another folder
-            files.add(file := str(path) if file in files else file)
+            # Bare for a file in another folder, and one file may hold several channels.
+            names = (relative(path, study.folder), str(path), f"{path}, {only}")
+            files.add(file := next(name for name in names if name not in files))
             for press, response in presses.items():
                 for name in response:
                     if read_from.setdefault(name, only) != only:

@@ -71,6 +71,20 @@ def test_one_channel_in_two_files_is_refused(make_study, plugins):
         load_measured(replace(study, spots=(twice,)), plugins.channels)
 
 
+def test_one_file_may_be_named_for_each_of_three_channels(make_study, plugins, tissue):
+    class OfChannel(tissue.Table):
+        def load(self, path, channel=None):
+            curves = dict(super().load(path).curves)
+            curves["lateral"] = replace(curves["force"], channel="lateral")
+            return Response(curves={channel: curves[channel]})
+
+    study, names = make_study(loader=OfChannel()), ("force", "torque", "lateral")
+    spot = study.spots[0]
+    thrice = replace(spot, measured=dict.fromkeys(names, spot.measured[None]))
+    channels = {**plugins.channels, "lateral": replace(plugins.channels["force"], name="lateral")}
+    assert tuple(load_measured(replace(study, spots=(thrice,)), channels)["p1"]) == names
+
+
 def scaled(path, factor, drop=""):
     """Copy of a file of curves with its ordinates times a factor, without one channel."""
     rows = [row.split(",") for row in path.read_text().splitlines()]
