@@ -1,5 +1,6 @@
 """Logs and records: good, partial, garbled and lying ones."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +41,9 @@ def record_of(steps=STEPS, n=None, radius=7.5, **change):
         row = change.get("row", lambda _, values: values)(k, row)
         time = change.get("time", float)(k)
         blocks.append(
-            f"*Step  = {k}\n*Time  = {time:g}\n*Data  = z;thz\n2," + ",".join(f"{v:.12g}" for v in row) + "\n"
+            f"*Step  = {k}\n*Time  = {time:.9g}\n*Data  = z;thz\n2,"
+            + ",".join(f"{v:.12g}" for v in row)
+            + "\n"
         )
     return "".join(blocks)
 
@@ -288,3 +291,12 @@ def test_a_turn_beyond_half_a_circle_is_recognised():
         steps, row=lambda k, row: [row[0], np.deg2rad(-160.0) if k == 2 else row[1], *row[2:]]
     )
     assert judge(ended(), GOOD_LOG, wrapped, steps, 7.5).status is Status.OK
+
+
+def test_steps_that_the_printed_times_cannot_tell_apart_are_refused():
+    """A short hold after a long rest: each of its steps would be read from the same row."""
+    times = np.array([0.0, 1.0, 1e4, 1e4 + 1e-4, 1e4 + 2e-4])
+    steps = replace(STEPS, time_s=times)
+    verdict = judge(ended(), GOOD_LOG, record_of(steps, time=lambda k: times[k]), steps, 7.5)
+    assert verdict.status is Status.UNREADABLE
+    assert "steps 2 and 3 are alike" in verdict.message

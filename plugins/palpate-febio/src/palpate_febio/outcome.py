@@ -206,6 +206,9 @@ def _matched(record: Record, steps: Steps, radius_mm: float) -> EquilibriumState
     there = places < len(record.times)
     there[there] = np.abs(record.times[places[there]] - steps.time[there]) < near[there]
     n = len(there) if there.all() else int(np.argmin(there))
+    if (np.diff(places[:n]) <= 0).any():
+        k = int(np.argmax(np.diff(places[:n]) <= 0))
+        raise RecordError(f"steps {k} and {k + 1} are alike in the digits of their times that FEBio prints")
     values = record.values[places[:n]]
     depth, turn = steps.depth_mm[:n], np.deg2rad(steps.rotation_deg[:n])
     bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
