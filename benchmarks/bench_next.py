@@ -4,9 +4,10 @@ Simulated sessions on strips of tissue in closed form, at four spots of differen
 parameters; presses have noise and an onset of their own; gains, friction and what the model leaves out are
 drawn once, in part for each spot. One way presses four spots alike, as the paper; others press the first spot
 so, and then twice where the next press is expected to reduce the error most, of the parameters or of the
-force of a tool. With ``--mesh`` every curve has an error of so much, with a random sign at each press; the
-budget states it as that of the mesh. Prints each session as it ends, then how wide the intervals are
-relative to the four alike, how many hold the truth, and the width that was expected over that of the fit.
+force of a tool. With ``--mesh`` every curve has an error of the mesh, one standard deviation of which is so
+much and which the budget states: most of it is shared by all presses, the rest is of each. Prints each
+session as it ends, then how wide the intervals are relative to the four alike, how many hold the truth, and
+the width that was expected over that of the fit.
 
     python benchmarks/bench_next.py --n 50
 """
@@ -18,12 +19,11 @@ import sys
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from itertools import combinations_with_replacement, pairwise, product, repeat
+from itertools import combinations_with_replacement, pairwise, repeat
 
 import bench_coverage as strips
 import numpy as np
 import polars as pl
-from scipy.special import ndtr
 
 from palpate import Curve, Job, Response, Simulation
 from palpate.domain import Design, Indentation, Spot
@@ -34,9 +34,8 @@ from palpate.study.reading import StudySpot
 from palpate.study.tool import Tool
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.error_sources import ONSET_MM, RELATIVE
-from palpate_planning.candidates import USUAL_PLACES, CandidatePress
-from palpate_planning.information import FisherInformation
-from palpate_planning.plan import ALL, Goal
+from palpate_certainty.mesh_error import SHARED, independent_parts
+from palpate_planning.candidates import CandidatePress
 from palpate_planning.presses import simulated_presses
 from palpate_planning.propose import PlanningStage, PlanOptions
 
@@ -111,7 +110,7 @@ class World:
     candidates, tool = CANDIDATES, TOOL
 
     def __init__(self, seed: int, mesh: float = 0.0) -> None:
-        self.rng, self.mesh, self.signs = np.random.default_rng(seed), mesh, {}
+        self.rng, self.mesh, self.numbers = np.random.default_rng(seed), mesh, {}
         self.study = strips.study_of("yeoh", OnMesh() if mesh else Spots())
         if mesh:
             self.study = replace(self.study, budget=self.study.budget.model_copy(update={"mesh": {"": mesh}}))
@@ -140,10 +139,18 @@ class World:
         )
         curves = self.study.solver.simulate(job, None).response.curves
         for name, curve in curves.items() if self.mesh else ():
-            key = (spot, protocol.path.tobytes(), name)
-            sign = self.signs.setdefault(key, self.rng.choice([-1.0, 1.0]))
-            curves = {**curves, name: replace(curve, ordinate=(1.0 + sign * self.mesh) * curve.ordinate)}
+            along = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(curve.abscissa)))])
+            parts = independent_parts(self.mesh * curve.ordinate, along / along[-1])
+            numbers = np.sqrt(SHARED) * self._numbers(name, len(parts))
+            numbers += np.sqrt(1.0 - SHARED) * self._numbers(
+                (spot, protocol.path.tobytes(), name), len(parts)
+            )
+            curves = {**curves, name: replace(curve, ordinate=curve.ordinate + numbers @ parts)}
         return Response(curves={name: self._measured(spot, c, onset) for name, c in curves.items()})
+
+    def _numbers(self, key: object, n: int) -> np.ndarray:
+        """Random numbers (n,) of one error of the mesh, drawn once."""
+        return self.numbers.setdefault(key, self.rng.normal(size=n))
 
     def _measured(self, spot: str, curve: Curve, onset: float) -> Curve:
         x, y = curve.abscissa, curve.ordinate
@@ -288,51 +295,6 @@ def bound(seed: int) -> dict:
     return {"best three": best, f"all {len(each)}": _sds(list(each.values())) / of}
 
 
-def over_signs(seed: int, mesh: float) -> dict:
-    """Exact share that intervals hold of one truth, over all signs of the meshes' errors, to first order.
-
-    Two presses after the first are chosen by the expected error as without errors of the meshes ("plain")
-    and with ("robust"), at the truth. A press that is made again has the same mesh, and the first is one of
-    the candidates. Also the root mean square error, over that of four alike.
-    """
-    world = World(seed, mesh)
-    first = protocol_of(10.0, TWISTS_DEG[1])
-    stage = world.fitted({"p1": (first, world.press("p1", first))})
-    point = stage.design().problem.box.point(world.row)[None]
-    simulated = simulated_presses(stage.design(), CANDIDATES, point)
-    each = {s.press.name: s.at[0].information for s in simulated if s.at}
-    parameters = world.study.space.parameters
-    goal = Goal(name=ALL, parameters=parameters, values=world.row)
-    alike = [each[f"{spot}-10-22.5"] for spot in THICKNESS]
-    found = {"four alike": _held(functools.reduce(operator.add, alike))}
-    for way in ("plain", "robust"):
-        known, sites = replace(alike[0], presses=("p1",)), {"p1"}
-        for k in range(N_CHOSEN):
-            added = {name: known + more.again(name, k + 1) for name, more in each.items()}
-            if way == "robust" and len(sites) < USUAL_PLACES:
-                added = {name: both for name, both in added.items() if name[:2] not in sites}
-            errors = {name: both.expected_error() for name, both in added.items()}
-            if way == "plain":
-                none = np.zeros((len(parameters), 0))
-                errors = {n: replace(error, drawn=none, at_worst=none) for n, error in errors.items()}
-            best = min(errors, key=lambda name: goal.error(errors[name]))
-            known = added[best]
-            sites.add(best[:2])
-        found[way] = _held(replace(known, presses=("p1-10-22.5", *known.presses[1:])))
-    of = found["four alike"][1]
-    return {way: (holds, rms / of) for way, (holds, rms) in found.items()}
-
-
-def _held(information: FisherInformation) -> tuple[np.ndarray, np.ndarray]:
-    """Mean over all signs of the probability that the 95 % interval holds, and root mean square errors."""
-    error = information.expected_error()
-    other = np.sqrt(error.sds**2 - np.sum(error.drawn**2, axis=1))
-    signs = np.array(list(product((-1.0, 1.0), repeat=error.at_worst.shape[1])))
-    biases, half = signs @ error.at_worst.T, 1.96 * error.sds
-    holds = ndtr((half - biases) / other) - ndtr((-half - biases) / other)
-    return holds.mean(axis=0), np.sqrt(other**2 + np.sum(error.at_worst**2, axis=1))
-
-
 def _sds(information: list) -> np.ndarray:
     return np.sqrt(np.diag(functools.reduce(operator.add, information).covariance()))
 
@@ -371,17 +333,8 @@ def main() -> None:
     parser.add_argument("--ways", nargs="*", choices=WAYS, default=list(WAYS), help="how presses are chosen")
     parser.add_argument("--mesh", type=float, default=0.0, help="relative error of each curve by its mesh")
     parser.add_argument("--bound", action="store_true", help="what any presses could reach, instead")
-    parser.add_argument("--signs", action="store_true", help="intervals over all signs of --mesh, instead")
     asked = parser.parse_args()
     found = []
-    if asked.signs:
-        with ProcessPoolExecutor(asked.workers) as pool:
-            found = list(pool.map(over_signs, range(asked.n), repeat(asked.mesh)))
-        for way in found[0] if found else ():
-            holds, rms = (np.array([each[way][k] for each in found]) for k in (0, 1))
-            relative = np.exp(np.log(rms).mean(axis=0))
-            say(f"{way}: holds {holds.mean(axis=0).round(2)}, error {relative.round(2)}")
-        return
     if asked.bound:
         with ProcessPoolExecutor(asked.workers) as pool:
             found = list(pool.map(bound, range(asked.n)))

@@ -59,7 +59,6 @@ def _information(press, site):
         ERRORS,
         channels=("force", "torque"),
         site=site,
-        press=site,
     )
 
 
@@ -168,7 +167,7 @@ def _meshed(seed, amplitude=1.0, signs=(1.0,) * 4):
             whole = (amplitude * sign * rows * columns[k])[:, None]
             causes[cause_name("mesh", name)] = np.sqrt(SHARED) * whole
             causes[cause_name("mesh", f"p{len(presses)} {name}")] = np.sqrt(1.0 - SHARED) * whole
-        presses.append(FisherInformation.of(3.0 * rng.normal(size=(12, 3)), causes, f"p{len(presses)}"))
+        presses.append(FisherInformation.of(3.0 * rng.normal(size=(12, 3)), causes))
     return presses[0] + presses[1] + presses[1].again("p1", 1)
 
 
@@ -176,15 +175,13 @@ def _brute_force(information, along):
     """Largest change of one combination of parameters over all signs, by the normal equations."""
     covariance, root = information.covariance(), information.root
     fit = covariance @ information.scores.T @ np.linalg.inv(root)
-    blocks = {}
-    for k, (press, causes) in enumerate(zip(information.presses, information.causes, strict=True)):
-        for name in (cause_name("mesh", channel) for channel in ("force", "torque")):
-            column = blocks.setdefault((press, name), np.zeros(len(root)))
-            column[12 * k : 12 * k + 12] = causes[name][:, 0] / np.sqrt(SHARED)
-    columns = np.array(list(blocks.values())).T
-    assert columns.shape[1] == 4
-    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=4)))
-    return np.abs(signs @ (along @ fit @ columns)).max()
+    columns = {}
+    for k, causes in enumerate(information.causes):
+        for name in (name for name in causes if name.startswith("mesh")):
+            columns.setdefault(name, np.zeros(len(root)))[12 * k : 12 * k + 12] += causes[name][:, 0]
+    assert len(columns) == 6  # of each channel: shared by all presses, and of two places
+    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=6)))
+    return np.abs(signs @ np.array(list(columns.values())) @ (along @ fit)).max()
 
 
 def test_a_press_that_is_made_again_draws_its_own_causes_again():
@@ -193,7 +190,7 @@ def test_a_press_that_is_made_again_draws_its_own_causes_again():
         cause_name("onset", "onset", "p11"),
         cause_name("gain", "force"),
     ]
-    once = FisherInformation.of(np.zeros((1, 3)), dict.fromkeys(names, np.ones((1, 1))), "p1")
+    once = FisherInformation.of(np.zeros((1, 3)), dict.fromkeys(names, np.ones((1, 1))))
     (again,) = once.again("p1", 2).causes
     assert list(again) == ["onset: onset of p1 2", "onset: onset of p11", "gain: force"]
 
@@ -228,14 +225,14 @@ def test_error_at_worst_is_no_less_than_the_standard_deviation(seed, amplitude):
     ]
     for name in ("all", "worst", "a.1"):
         goal = Goal(name=name, parameters=tuple(parameters), values=np.full(3, 0.5))
-        alone = ExpectedError(covariance=error.covariance, drawn=np.zeros((3, 0)), at_worst=np.zeros((3, 0)))
+        alone = ExpectedError(covariance=error.covariance, by_meshes=np.zeros((3, 0)))
         assert goal.error(error) >= goal.error(alone) * (1.0 - 1e-12)
 
 
 @given(seed=st.integers(0, 10_000), factor=st.floats(1.0, 10.0))
 def test_mesh_bias_is_proportional_to_the_error_for_one_fit(seed, factor):
     error, each = _meshed(seed).expected_error(), np.eye(3)
-    larger = replace(error, at_worst=factor * error.at_worst)
+    larger = replace(error, by_meshes=factor * error.by_meshes)
     np.testing.assert_allclose(larger.mesh_bias(each), factor * error.mesh_bias(each), rtol=1e-12)
     assert (larger.rms(each) >= error.rms(each) * (1.0 - 1e-12)).all()
 

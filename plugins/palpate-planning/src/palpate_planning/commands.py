@@ -176,8 +176,8 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
     intervals = shown_intervals(rows_in_display_units(study, tables.intervals))
     session.frame("95 % intervals: now (step 0), and expected after each press", intervals)
     session.paragraph(
-        "mesh_bias is the most that the errors of the meshes can change a value, in its unit, where each "
-        "press has its own. The error of a press counts it; the intervals do not."
+        "mesh_bias is the most that the errors of the meshes can change a value, in its unit, where each is "
+        "one standard deviation. The error of a press counts it; the intervals do not."
     )
     if tables.refused.height:
         session.frame("Refused", tables.refused)

@@ -16,7 +16,6 @@ from scipy.linalg import solve_triangular
 from palpate.api import FloatArray
 from palpate_certainty.error_sources import MESH
 from palpate_certainty.laplace import FLAT_SD, scores_of
-from palpate_certainty.mesh_error import SHARED
 from palpate_certainty.noise_model import COMMON, ResidualLayout, matern
 
 SPACING = 0.1
@@ -82,23 +81,20 @@ def _renamed(causes: Mapping[str, Named], press: str, number: int) -> dict[str, 
 class ExpectedError:
     """Covariance of a fit, and what the meshes may do to it at worst.
 
-    The covariance takes an error of the meshes as numbers with known shapes along the curves, in part the
-    same at all presses, and the fit J⁺ cancels what has these shapes. At worst the mesh errs by itself at
-    each press and channel, by m_i c_i with |m_i| ≤ 1, where c_i is one standard deviation of a part of it.
+    The covariance takes the errors of the meshes as random numbers m_i with known shapes c_i along the
+    curves: in part the same at all presses, in part of each press. At worst they are all as large as one
+    standard deviation, |m_i| ≤ 1, with the signs that add up.
 
     Parameters
     ----------
     covariance : (n_parameters, n_parameters) array
         By all causes, in shares of the ranges.
-    drawn : (n_parameters, k) array
-        Change by one standard deviation of each error of the meshes, as the covariance has it.
-    at_worst : (n_parameters, m) array
-        J⁺c_i: change by each part of the error of the mesh at each press and channel.
+    by_meshes : (n_parameters, m) array
+        J⁺c_i: change by one standard deviation of each error of the meshes.
     """
 
     covariance: FloatArray
-    drawn: FloatArray
-    at_worst: FloatArray
+    by_meshes: FloatArray
 
     @property
     def sds(self) -> FloatArray:
@@ -108,18 +104,17 @@ class ExpectedError:
 
     def mesh_bias(self, along: FloatArray) -> FloatArray:
         """Largest change (n,) of combinations (n, n_parameters) a by the meshes: Σ_i |a J⁺c_i|."""
-        bias: FloatArray = np.abs(along @ self.at_worst).sum(axis=1)
+        bias: FloatArray = np.abs(along @ self.by_meshes).sum(axis=1)
         return bias
 
     def rms(self, along: FloatArray) -> FloatArray:
         """Root mean square error (n,) of combinations (n, n_parameters): √(variance + bias²).
 
-        The variance is that by all other causes, so that the mesh counts once. It is no less than the
-        standard deviation: errors that presses share change no combination by more than the bias.
+        The variance is that by all other causes, so that the mesh counts once.
         """
         variance = np.sum(along @ self.covariance * along, axis=1)
-        more = self.mesh_bias(along) ** 2 - np.sum((along @ self.drawn) ** 2, axis=1)
-        found: FloatArray = np.sqrt(variance + np.maximum(more, 0.0))
+        more = self.mesh_bias(along) ** 2 - np.sum((along @ self.by_meshes) ** 2, axis=1)
+        found: FloatArray = np.sqrt(variance + more)
         return found
 
 
@@ -139,20 +134,17 @@ class FisherInformation:
         L, lower triangular.
     causes : tuple of mapping of name to (n_rows, m) array
         Columns of the causes, in the rows of each press; at least one, if of no columns.
-    presses : tuple of str
-        Names of the presses; those of one name have one mesh.
     """
 
     scores: FloatArray
     root: FloatArray
     causes: tuple[Mapping[str, FloatArray], ...]
-    presses: tuple[str, ...]
 
     @classmethod
-    def of(cls, slopes: FloatArray, causes: Mapping[str, FloatArray], press: str = "") -> Self:
+    def of(cls, slopes: FloatArray, causes: Mapping[str, FloatArray]) -> Self:
         """One press, from slopes (n, n_parameters) and columns (n, m) of the causes in units of its noise."""
         root = _factor(np.eye(len(slopes)) + sum(part @ part.T for part in causes.values()))
-        return cls(scores=_divided(root, slopes), root=root, causes=(causes,), presses=(press,))
+        return cls(scores=_divided(root, slopes), root=root, causes=(causes,))
 
     def __add__(self, other: Self) -> Self:
         across = _divided(self.root, self._shared(other))
@@ -163,7 +155,6 @@ class FisherInformation:
             scores=np.concatenate([self.scores, scores]),
             root=np.block([[self.root, np.zeros_like(across)], [across.T, root]]),
             causes=(*self.causes, *other.causes),
-            presses=(*self.presses, *other.presses),
         )
 
     def again(self, press: str, number: int) -> Self:
@@ -181,21 +172,15 @@ class FisherInformation:
         """Error of the fit of these presses, in shares of the ranges."""
         covariance = self.covariance(range_sd)
         fit = covariance @ solve_triangular(self.root, self.scores, lower=True, trans="T").T
-        shared: dict[str, FloatArray] = {}
-        of_press: dict[tuple[str, str], FloatArray] = {}
+        by_meshes: dict[str, FloatArray] = {}
         end = 0
-        for press, causes in zip(self.presses, self.causes, strict=True):
+        for causes in self.causes:
             begin, end = end, end + len(next(iter(causes.values())))
             for name in (name for name in causes if name.startswith(cause_name(MESH, ""))):
                 (change,) = (fit[:, begin:end] @ causes[name]).T
-                shared[name] = shared.get(name, 0.0) + change
-                if name.startswith(cause_name(MESH, f"{press} ")):
-                    whole = change / np.sqrt(1.0 - SHARED)
-                    of_press[press, name] = of_press.get((press, name), 0.0) + whole
-        drawn, at_worst = (
-            np.array(list(of.values())).reshape(-1, len(covariance)).T for of in (shared, of_press)
-        )
-        return ExpectedError(covariance=covariance, drawn=drawn, at_worst=at_worst)
+                by_meshes[name] = by_meshes.get(name, 0.0) + change
+        columns = np.array(list(by_meshes.values())).reshape(-1, len(covariance)).T
+        return ExpectedError(covariance=covariance, by_meshes=columns)
 
     def _shared(self, other: Self) -> FloatArray:
         """Covariance (n, n_other) of the rows with those of others, by the error sources of both."""
@@ -233,7 +218,6 @@ def press_information(
     *,
     channels: tuple[str, ...],
     site: str,
-    press: str,
 ) -> FisherInformation:
     """Make the information of one press.
 
@@ -251,8 +235,6 @@ def press_information(
         By their numbers in ``rows``.
     site : str
         Presses at one site share what the model leaves out there.
-    press : str
-        Presses of one name share a mesh.
     """
     scores = scores_of(np.concatenate([slopes, free], axis=1), rows.curve).T
     left_out = _left_out(rows, errors, channels, site)
@@ -261,7 +243,7 @@ def press_information(
     white = [_divided(root, scores @ columns) for columns in (slopes, *causes.values())]
     fitted = _divided(root, scores @ free)
     own, *parts = (_without(fitted, columns) for columns in white)
-    return FisherInformation.of(own, dict(zip(causes, parts, strict=True)), press)
+    return FisherInformation.of(own, dict(zip(causes, parts, strict=True)))
 
 
 def _without(free: FloatArray, columns: FloatArray) -> FloatArray:

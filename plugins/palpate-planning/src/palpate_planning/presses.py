@@ -465,7 +465,6 @@ def _information(
         design.errors,
         channels=channels,
         site=term.site,
-        press=press.name,
     )
 
 
