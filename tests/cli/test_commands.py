@@ -1,9 +1,7 @@
 """The command line over the toy study: what it prints, where, and how it ends."""
 
-import contextlib
 import os
 import re
-import signal
 import subprocess
 import sys
 import tomllib
@@ -245,19 +243,6 @@ def test_ctrl_c_ends_with_130_and_names_the_command_to_continue(
     outcome = call("run", TOY)
     assert outcome.code == 130
     assert "the same command continues from there" in outcome.err
-
-
-def test_ctrl_c_that_a_callback_swallows_stops_the_next_stage(
-    call: Call, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def check(*_: object) -> None:
-        with contextlib.suppress(KeyboardInterrupt):  # as the interpreter does with one in a callback
-            signal.raise_signal(signal.SIGINT)
-
-    whole = Session.study
-    monkeypatch.setattr(Session, "study", lambda self, path: (check(), whole(self, path))[1])
-    outcome = call("sample", TOY, "--out", "o")
-    assert outcome.code == 130
 
 
 @pytest.mark.slow

@@ -9,7 +9,6 @@ from palpate_dask.executor import DaskExecutor
 @pytest.mark.slow
 class TestDask(ExecutorContract):
     n_sets = 4
-    may_change = ("state of `random`",)  # the scheduler of distributed draws from it
 
     @pytest.fixture
     def executor(self):

@@ -38,7 +38,7 @@ from palpate.cli.session import Session, visible
 from palpate.cli.stages import STAGE_COMMANDS, add_stage
 from palpate.cli.status import status
 from palpate.errors import NothingSelectableError, PalpateError, StoppedError
-from palpate.plugins.guard import line_of, noting_interrupts
+from palpate.plugins.guard import line_of
 
 PANELS: Mapping[str, tuple[Callable[..., object], ...]] = MappingProxyType(
     {
@@ -111,13 +111,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given, without = split_option("--no-plugin", given)
     app = build_app()
     session = Session([Path(file) for file in files], without, build_app)
-    with noting_interrupts(session.interrupts):
-        try:
-            return _run(app, session, given)
-        except Exception as error:
-            traceback.print_exc()
-            bug = f"a bug of palpate or of a plugin{line_of(error)}; tell its author, with the lines above"
-            return _fail(PalpateError(bug), 70)
+    try:
+        return _run(app, session, given)
+    except Exception as error:
+        traceback.print_exc()
+        bug = f"a bug of palpate or of a plugin{line_of(error)}; tell its author, with the lines above"
+        return _fail(PalpateError(bug), 70)
 
 
 def _run(app: typer.Typer, session: Session, given: Sequence[str]) -> int:

@@ -134,8 +134,6 @@ class Plugins:
         )
         self.files = tuple(files)
         self.broken = tuple(registry.broken)
-        self.import_s: Mapping[str, float] = MappingProxyType(registry.import_s)
-        self.restored: Mapping[str, list[str]] = MappingProxyType(registry.restored)
         for kind, entries in registry.entries.items():
             found = Catalogue(KINDS[kind].noun, entries, self.broken, registry.qualified[kind])
             setattr(self, kind, found)

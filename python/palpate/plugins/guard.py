@@ -1,17 +1,16 @@
 """The guard around every call of a plugin: whatever goes wrong there is a PluginError that names it."""
 
 import contextlib
-import signal
 import sys
-import threading
 import traceback
 from collections.abc import Iterator
 from dataclasses import dataclass
-from types import FrameType
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from palpate.errors import NUMPY_IN_ENERGY, PalpateError, PluginError
-from palpate.plugins.process_state import restored
 from palpate.plugins.versions import THIS_VERSION
 
 if TYPE_CHECKING:
@@ -53,10 +52,16 @@ class BrokenPlugin:
 
 
 @contextlib.contextmanager
+def _own_state() -> Iterator[None]:
+    with contextlib.redirect_stdout(sys.stderr), contextlib.chdir(Path()), np.errstate():
+        yield
+
+
+@contextlib.contextmanager
 def answering_for(component: "Component | type[Component]", doing: str) -> Iterator[None]:
     """Turn what a plugin's component raises beside a PalpateError into one that names it.
 
-    What it prints goes to stderr, and what :data:`~palpate.plugins.process_state.ALWAYS` names is restored.
+    What it prints goes to stderr; the working directory and NumPy's error state are restored.
 
     Parameters
     ----------
@@ -70,7 +75,7 @@ def answering_for(component: "Component | type[Component]", doing: str) -> Itera
     PluginError
     """
     try:
-        with contextlib.redirect_stdout(sys.stderr), restored():
+        with _own_state():
             yield
     except PalpateError:
         raise
@@ -86,23 +91,19 @@ def answering_for(component: "Component | type[Component]", doing: str) -> Itera
 
 
 @contextlib.contextmanager
-def guarded() -> Iterator[list[str]]:
+def guarded() -> Iterator[None]:
     """Turn whatever a plugin does wrong while it is imported or asked into a PluginError.
 
-    What it prints goes to stderr, and what it changes of the process is restored: the list names that at the
-    end. Ctrl-C is no mistake of a plugin; a KeyboardInterrupt without it is.
+    What it prints goes to stderr; the working directory and NumPy's error state are restored.
     """
-    interrupts: list[int] = []
     try:
-        with contextlib.redirect_stdout(sys.stderr), restored() as changed, noting_interrupts(interrupts):
-            yield changed
-    except PluginError:
+        with _own_state():
+            yield
+    except (PluginError, KeyboardInterrupt):
         raise
     except SystemExit as error:
         raise PluginError(f"called sys.exit({error.code!r}){line_of(error)}") from error
     except BaseException as error:
-        if interrupts:
-            raise
         if isinstance(error, ImportError) and error.name == "palpate.api":
             raise PluginError(f"{error.msg}; {THIS_VERSION}") from error
         raise PluginError(f"{type(error).__name__}: {error}{line_of(error)}") from error
@@ -119,22 +120,3 @@ def line_of(error: BaseException) -> str:
     own = [place for place in places if place[0] not in _CALLERS]
     last = [(file, line) for package, file, line in own if package == own[0][0]][-1:]
     return "".join(f" (line {line} of {file})" for file, line in last)
-
-
-@contextlib.contextmanager
-def noting_interrupts(interrupts: list[int]) -> Iterator[None]:
-    """Note each Ctrl-C before it is handled as usual: what it raises in a callback may be swallowed."""
-    usual = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(usual):
-        yield
-        return
-
-    def note(number: int, frame: FrameType | None) -> None:
-        interrupts.append(number)
-        usual(number, frame)
-
-    signal.signal(signal.SIGINT, note)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, usual)

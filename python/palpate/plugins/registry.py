@@ -4,19 +4,16 @@ One plugin's mistake must not stop another: whatever a plugin does wrong while
 it is imported or asked becomes a :class:`BrokenPlugin` with the reason.
 """
 
-import contextlib
 import difflib
 import functools
 import importlib.metadata
 import importlib.util
 import inspect
-import itertools
 import pkgutil
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING, Any
 
@@ -40,9 +37,6 @@ DOMAIN, INTERFACES = "palpate.domain", "palpate.plugins.interfaces"
 
 CORE_PLUGIN = "palpate.builtins"
 """The core's own plugin, imported by name like any other."""
-
-MOST_ITEMS = 1000
-"""Most items that one hook may return."""
 
 GROUP = "palpate"
 """Entry-point group of plugins with hooks, and the name of the core's own plugin.
@@ -135,10 +129,6 @@ class Registry:
         self.sources: dict[str, str] = {}
         self.broken: list[BrokenPlugin] = []
         self.commands: dict[str, str] = {}
-        self.import_s: dict[str, float] = {}
-        """Import time of each plugin, by the name under which it is listed."""
-        self.restored: dict[str, list[str]] = {}
-        """What of the process each plugin changes when it is imported, by its name."""
         self._qualifiers: dict[str, str] = {}
         self.points: list[tuple[str, importlib.metadata.EntryPoint]] = []
         """Entry points of single components by kind, imported when the catalogues are filled."""
@@ -153,25 +143,15 @@ class Registry:
                 name = qualifier
             if name in self.sources:
                 raise PluginError(f"the plugin name '{name}' is taken by {self.sources[name]}; rename one")
-            with self._timed(name), guarded() as changed:
+            with guarded():
                 plugin = load()
                 _check_version(plugin)
-            if changed:
-                self.restored[name] = changed
             self._register(name, plugin)
             self._qualifiers[name] = qualifier or name
         except PluginError as error:
             self._leave_out(name, source, error)
             return
         self.sources[name] = source
-
-    @contextlib.contextmanager
-    def _timed(self, name: str) -> Iterator[None]:
-        begin = perf_counter()
-        try:
-            yield
-        finally:
-            self.import_s[name] = self.import_s.get(name, 0.0) + perf_counter() - begin
 
     def _leave_out(self, name: str, source: str, error: PluginError, component: str = "") -> None:
         self.broken.append(BrokenPlugin.of(error, name, source, component))
@@ -191,9 +171,7 @@ class Registry:
         for kind, point in self.points:
             owner, source = owner_of(point), _source(point)
             try:
-                with self._timed(owner):
-                    item = _single(kind, point)
-                self._add(kind, item, owner, source)
+                self._add(kind, _single(kind, point), owner, source)
             except PluginError as error:
                 self._leave_out(owner, source, error, f"{KINDS[kind].noun} '{point.name}'")
 
@@ -438,10 +416,7 @@ def _check_hooks(plugin: object) -> None:
 def _as_items(result: object, hook: str) -> list[Any]:
     if isinstance(result, str) or not isinstance(result, Iterable):
         raise PluginError(f"{hook} returned {result!r}; return a list")
-    items = list(itertools.islice(result, MOST_ITEMS + 1))
-    if len(items) > MOST_ITEMS:
-        raise PluginError(f"{hook} returned more than {MOST_ITEMS} items; return a list that ends")
-    return items
+    return list(result)
 
 
 def _check_item(item: object, kind: Kind, hook: str) -> None:

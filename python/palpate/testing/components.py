@@ -4,7 +4,7 @@ import pickle
 import re
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, ClassVar, Never
+from typing import Any, Never
 
 import numpy as np
 import pytest
@@ -15,7 +15,6 @@ from palpate.domain.component import Component
 from palpate.domain.material import Material
 from palpate.errors import MaterialError
 from palpate.plugins.catalogue import Plugins
-from palpate.plugins.process_state import STATES, restored
 from palpate.units import Quantity
 
 RADIUS_MM = 7.5
@@ -105,20 +104,6 @@ class ComponentContract:
     """Laws of every component."""
 
     component = overridden("the component under test; each contract fills it in")
-
-    may_change: ClassVar[tuple[str, ...]] = ()
-    """What a library of the component changes of the process, such as ``"state of `random`"``."""
-
-    @pytest.fixture(autouse=True)
-    def _leaves_the_process_as_it_was(self) -> Iterator[None]:
-        """Fail a test in which the component changes what the whole process shares."""
-        with restored(STATES) as changed:
-            yield
-        changed = [name for name in changed if name not in self.may_change]
-        assert not changed, (
-            f"it changes the {', '.join(changed)}, which all plugins share: restore it, or use a generator, "
-            "a context manager or a subprocess of its own"
-        )
 
     def test_says_what_it_is(self, component: Component) -> None:
         check_described(component)
