@@ -44,7 +44,7 @@ def examined(tmp_path):
     (tmp_path / "misspelt.py").write_text(BROKEN)
     (tmp_path / "programs.py").write_text(SOLVERS)
     plugins = Plugins.load([tmp_path / "misspelt.py", tmp_path / "programs.py"], entry_points=False)
-    findings = doctor.examine(plugins, tmp_path / "not" / "yet", 9.0)
+    findings = doctor.examine(plugins, tmp_path / "not" / "yet")
     return {finding.what: finding for finding in findings}
 
 
@@ -77,15 +77,6 @@ def test_a_missing_library_is_wrong(monkeypatch):
     assert "pip install no-such-library" in found.advice
 
 
-def test_what_is_slow_is_reported_with_its_reason(examined, monkeypatch):
-    assert examined["finding plugins"].level == "note"
-    assert "importtime" in examined["finding plugins"].advice
-    monkeypatch.setattr(doctor, "SLOW_WRITE_S", 0.0)
-    monkeypatch.setattr(doctor, "SLOW_SCORE_S", 1e9)
-    notes = [f.what for f in doctor._speed(Path.cwd(), 0.0) if f.level == "note"]
-    assert notes == [f"a write to {Path.cwd()}"]
-
-
 def test_looking_leaves_nothing_behind(examined, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir() if path.suffix != ".csv") in (
         ["misspelt.py", "programs.py"],
@@ -105,36 +96,16 @@ def test_the_file_system_is_that_of_the_longest_mount(tmp_path, folder, kind):
     assert doctor.file_system(Path(folder), tmp_path / "none") == ""
 
 
-def test_a_folder_that_cannot_be_written_is_wrong(tmp_path, monkeypatch):
-    def refuse(folder, n_writes=5):
-        raise OSError(30, "Read-only file system")
-
-    monkeypatch.setattr(doctor, "_write_s", refuse)
-    (found,) = [f for f in doctor._speed(tmp_path, 0.0) if f.level == "wrong"]
-    assert "Read-only file system" in found.found
-    assert "--out" in found.advice
-
-
 def test_little_room_is_a_note():
     assert doctor._room("free memory", 100.0, "buy some").level == "note"
     assert doctor._room("free memory", 1e6, "buy some").advice == ""
-
-
-def test_slow_plugins_are_named(tmp_path):
-    (tmp_path / "programs.py").write_text(SOLVERS)
-    plugins = Plugins.load([tmp_path / "programs.py"], entry_points=False)
-    assert set(plugins.import_s) == {"palpate", "programs"}
-    assert all(seconds > 0.0 for seconds in plugins.import_s.values())
-    found = next(doctor._speed(tmp_path, 9.0, {"quick": 0.5, "slow": 4.0, "a": 0.2, "b": 0.1}))
-    assert found.level == "note"
-    assert "slow 4 s, quick 0.5 s, a 0.2 s;" in found.advice
 
 
 def test_the_command_prints_it(capsys, tmp_path):
     assert main(["doctor", str(tmp_path), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert {"topic", "what", "found", "level", "advice"} == set(found[0])
-    assert {f["topic"] for f in found} == {"versions", "plugins", "solvers", "machine", "speed"}
+    assert {f["topic"] for f in found} == {"versions", "plugins", "solvers", "machine"}
     assert main(["doctor", str(tmp_path)]) == 0
     assert "nothing is wrong" in capsys.readouterr().out
 

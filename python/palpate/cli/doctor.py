@@ -1,8 +1,7 @@
-"""``palpate doctor``: what this machine has, what is missing, and what is slow."""
+"""``palpate doctor``: what this machine has, and what is missing."""
 
 from dataclasses import asdict
 from pathlib import Path
-from time import perf_counter
 from typing import Annotated
 
 import typer
@@ -18,12 +17,11 @@ def doctor(
     ] = Path("runs"),
     as_json: AsJson = False,
 ) -> None:
-    """Show versions, solvers, broken plugins, threads, disk, and what is slow; exit 1 where one is wrong."""
+    """Show versions, solvers, broken plugins, memory and disk; exit 1 where one is wrong."""
     from palpate.cli.doctor_checks import LABELS, examine
 
-    session, begin = Session.of(context), perf_counter()
-    plugins = session.with_broken
-    findings = examine(plugins, folder, perf_counter() - begin)
+    session = Session.of(context)
+    findings = examine(session.with_broken, folder)
     n_wrong = sum(finding.level == "wrong" for finding in findings)
     if as_json:
         session.json([asdict(finding) for finding in findings])

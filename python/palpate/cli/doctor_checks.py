@@ -1,23 +1,19 @@
-"""Findings about this machine: what it has, what is missing, and what is slow and why."""
+"""Findings about this machine: what it has, and what is missing."""
 
 import importlib.metadata
 import os
 import platform
 import shutil
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from time import perf_counter
 from types import MappingProxyType
 from typing import Literal
 
-import numpy as np
-
-from palpate import __version__, _core
+from palpate import __version__
 from palpate.errors import PalpateError
-from palpate.executors.machine import THREAD_VARIABLES, free_memory, n_cores
+from palpate.executors.machine import free_memory, n_cores
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.guard import answering_for
 from palpate.plugins.registry import GROUP, installed_points, owner_of
@@ -28,15 +24,6 @@ LIBRARIES = ("numpy", "scipy", "polars", "jax", "jaxlib", "pydantic", "pluggy")
 NETWORK_FILE_SYSTEMS = frozenset(
     {"9p", "afs", "beegfs", "ceph", "cifs", "fuse.sshfs", "gpfs", "lustre", "nfs", "nfs4", "smb3", "vboxsf"}
 )
-
-SLOW_WRITE_S = 0.02
-"""A write that reaches the disk should take less; the ledger makes one for each simulation."""
-
-SLOW_SCORE_S = 0.02
-"""Scoring 1,000 curves of 100 points takes a few milliseconds where the core was built for release."""
-
-SLOW_PLUGINS_S = 3.0
-"""Finding all that plugins provide should take less."""
 
 FEW_FREE_MB = 2_000.0
 """Free memory and free disk below which a sweep may fail."""
@@ -54,7 +41,7 @@ class Finding:
     Parameters
     ----------
     topic : str
-        "versions", "plugins", "solvers", "machine" or "speed".
+        "versions", "plugins", "solvers" or "machine".
     level : {"fine", "note", "wrong"}
         A note does not stop anybody; what is wrong leaves something out.
     advice : str
@@ -68,23 +55,9 @@ class Finding:
     advice: str = ""
 
 
-def examine(plugins: Plugins, folder: Path, plugins_s: float) -> list[Finding]:
-    """Look at everything that a run depends on.
-
-    Parameters
-    ----------
-    folder : Path
-        Where runs are kept, or will be: its disk is tried with a small file that is removed.
-    plugins_s : float
-        How long it took to load the plugins.
-    """
-    return [
-        *_versions(),
-        *_plugins(plugins),
-        *_solvers(plugins),
-        *_machine(folder),
-        *_speed(folder, plugins_s, plugins.import_s),
-    ]
+def examine(plugins: Plugins, folder: Path) -> list[Finding]:
+    """Look at everything that a run in ``folder``, which need not exist, depends on."""
+    return [*_versions(), *_plugins(plugins), *_solvers(plugins), *_machine(folder)]
 
 
 def _versions() -> Iterator[Finding]:
@@ -109,9 +82,6 @@ def _plugins(plugins: Plugins) -> Iterator[Finding]:
         package = points[name].dist
         found = f"{package.name} {package.version}" if package else points[name].value
         yield Finding("plugins", name, found)
-    for name, states in plugins.restored.items():
-        advice = "it was restored; let the plugin leave what all plugins share"
-        yield Finding("plugins", name, f"changes at import: {', '.join(states)}", "note", advice)
     for each in plugins.broken:
         advice = f"correct it, or do without {each.source}"
         yield Finding("plugins", each.name, f"left out: {each.reason}", "wrong", advice)
@@ -133,9 +103,6 @@ def _solvers(plugins: Plugins) -> Iterator[Finding]:
 
 def _machine(folder: Path) -> Iterator[Finding]:
     yield Finding("machine", "cores", str(n_cores()))
-    held = {name: os.environ[name] for name in THREAD_VARIABLES if name in os.environ}
-    found = ", ".join(f"{name}={value}" for name, value in held.items()) or "not set: workers share the cores"
-    yield Finding("machine", "thread settings", found)
     memory_MB = free_memory()
     if memory_MB is not None:
         yield _room("free memory", memory_MB, "ask for fewer workers (solver.n_workers) or a smaller mesh")
@@ -148,12 +115,10 @@ def _machine(folder: Path) -> Iterator[Finding]:
 
 
 def _room(what: str, free_MB: float, advice: str) -> Finding:
-    return _judged("machine", what, f"{free_MB * 1e-3:.1f} GB", advice, fine=free_MB >= FEW_FREE_MB)
-
-
-def _judged(topic: str, what: str, found: str, advice: str, *, fine: bool) -> Finding:
-    """A note with what to do, unless it is fine."""
-    return Finding(topic, what, found) if fine else Finding(topic, what, found, "note", advice)
+    found = f"{free_MB * 1e-3:.1f} GB"
+    if free_MB >= FEW_FREE_MB:
+        return Finding("machine", what, found)
+    return Finding("machine", what, found, "note", advice)
 
 
 def file_system(folder: Path, mounts: Path = Path("/proc/self/mounts")) -> str:
@@ -165,49 +130,6 @@ def file_system(folder: Path, mounts: Path = Path("/proc/self/mounts")) -> str:
     places = [(place.replace("\\040", " "), kind) for _, place, kind, *_ in map(str.split, lines)]
     above = [(Path(place), kind) for place, kind in places if folder.resolve().is_relative_to(place)]
     return max(above, key=lambda each: len(each[0].parts), default=(folder, ""))[1]
-
-
-def _speed(
-    folder: Path, plugins_s: float, import_s: Mapping[str, float] = MappingProxyType({})
-) -> Iterator[Finding]:
-    slowest = sorted(import_s.items(), key=lambda each: -each[1])[:3]
-    took = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in slowest)
-    advice = f"the slowest to import, each with what it was first to need: {took}; see python -X importtime"
-    yield _timed("finding plugins", plugins_s, SLOW_PLUGINS_S, advice)
-    yield _timed(
-        "scoring 1,000 curves", _score_s(), SLOW_SCORE_S, "the core may be a debug build; install a release"
-    )
-    try:
-        write_s = _write_s(_existing(folder))
-    except OSError as error:
-        advice = "make the folder writable, or keep runs elsewhere (--out FOLDER)"
-        yield Finding("speed", f"a write to {folder}", f"failed: {error.strerror}", "wrong", advice)
-    else:
-        advice = "the disk is slow or busy: it adds this to each simulation; keep runs on a local disk"
-        yield _timed(f"a write to {folder}", write_s, SLOW_WRITE_S, advice)
-
-
-def _timed(what: str, seconds: float, limit_s: float, advice: str) -> Finding:
-    found = f"{seconds:.2g} s" if seconds >= 1.0 else f"{seconds * 1e3:.2g} ms"
-    return _judged("speed", what, found, advice, fine=seconds <= limit_s)
-
-
-def _score_s() -> float:
-    rng = np.random.default_rng(1)
-    depth, measured, simulated = np.arange(100.0), rng.normal(size=100), rng.normal(size=(1000, 100))
-    begin = perf_counter()
-    _core.Measured(depth, measured).along(depth).score(simulated)
-    return perf_counter() - begin
-
-
-def _write_s(folder: Path, n_writes: int = 5) -> float:
-    with tempfile.NamedTemporaryFile(dir=folder, prefix=".palpate-doctor-") as file:
-        begin = perf_counter()
-        for _ in range(n_writes):
-            file.write(b"palpate" * 100)
-            file.flush()
-            os.fsync(file.fileno())
-        return (perf_counter() - begin) / n_writes
 
 
 def _existing(folder: Path) -> Path:
