@@ -6,12 +6,11 @@ import re
 import threading
 from types import SimpleNamespace
 
-import polars as pl
 import pytest
 from rich.console import Console
 
 from palpate.cli import progress as shown, status as status_command
-from palpate.cli.progress import StageProgress, best
+from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session
 from palpate.run.lock import locked
 
@@ -102,9 +101,7 @@ def test_a_narrow_terminal_keeps_count_time_left_and_failures(follow, monkeypatc
     session, text = follow(is_terminal=True, width=width)
     clock = itertools.count()
     monkeypatch.setattr(shown.time, "monotonic", lambda: next(clock) * 600.0)
-    side = "best I 0.0221 (p1/5), II 0.00256 (p1/5), III 0.1 (p2/17), IV 0.0221 (p1/5), V 0.00256 (p1/5)"
     with StageProgress(session) as following:
-        following._side.text = side
         following.begin("simulate", 10_000)
         for _ in range(9000):
             following.step("ok")
@@ -115,7 +112,7 @@ def test_a_narrow_terminal_keeps_count_time_left_and_failures(follow, monkeypatc
     plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text.getvalue())
     first, second = plain.splitlines()[-2:]
     assert re.match(r"simulate +9200/10000 about \d+ h \d+ min left +133 failed ", first), first
-    assert second.startswith("  67 timed_out, 66 diverged, 9067 ok, 2 running; best I"), second
+    assert second.startswith("  67 timed_out, 66 diverged, 9067 ok, 2 running"), second
     assert max(len(first.rstrip()), len(second.rstrip())) <= width
 
 
@@ -153,30 +150,6 @@ def test_the_time_left_counts_nothing_that_was_reused(follow, monkeypatch, n_reu
             now[0] += 10.0
             following.step("ok")
         assert following._left() == f"{status_command.about(10.0 * (95 - n_reused))} left"
-
-
-def test_the_side_shows_the_best_sets(whole_run, follow, monkeypatch, until):
-    monkeypatch.setattr(shown, "LOOK_S", 0.05)
-    session, _ = follow(is_terminal=False)
-    with StageProgress(session, whole_run) as following:
-        following.begin("simulate", 5)
-        until(lambda: "best" in following._side.text)
-        side = following._side.text
-    assert re.fullmatch(r"best pull only [\d.e-]+ \(s\d/\d+\).*", side)
-    assert not following._side._thread.is_alive()
-
-
-def test_the_best_of_each_scenario_is_named_with_its_place():
-    frame = pl.DataFrame(
-        {
-            "spot": ["a", "b", "a"],
-            "scenario": ["I", "I", "II"],
-            "set_id": [4, 7, 1],
-            "fopt": [0.5, 0.25, 1e-9],
-        }
-    )
-    assert best(frame) == "best I 0.25 (b/7), II 1e-09 (a/1)"
-    assert best(frame.clear()) == ""
 
 
 @pytest.mark.slow

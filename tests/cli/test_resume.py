@@ -96,18 +96,9 @@ def test_a_signal_outside_the_sweep_stops_at_once(call, study):
 
 
 @pytest.mark.slow
-def test_status_has_the_best_so_far_and_counts_what_is_simulated(call, ran):
-    selection = pl.read_parquet(ran / "selection.parquet").to_dicts()
-    best = call("status", "runs/toy", "--json").json["best"]
-    chosen = {(row["spot"], row["scenario"]): row for row in selection}
-    assert len(best) == len(chosen)
-    for row in best:
-        assert row["set_id"] == chosen[row["spot"], row["scenario"]]["set_id"]
-        assert row["fopt"] == pytest.approx(chosen[row["spot"], row["scenario"]]["fopt"], rel=1e-12)
+def test_status_counts_what_is_simulated(call, ran):
     shutil.rmtree("runs/toy/report")  # a run that has not ended
-    shown = call("status", "runs/toy").out
-    assert "runs/toy: 20 of 20 simulations (20 ok)" in shown
-    assert "Best so far" in shown
+    assert "runs/toy: 20 of 20 simulations (20 ok)" in call("status", "runs/toy").out
 
 
 @pytest.mark.slow
@@ -134,7 +125,7 @@ def test_failures_are_grouped_by_reason_without_its_numbers():
             "message": messages,
         }
     )
-    rows = failures(frame, pl.DataFrame()).to_dicts()
+    rows = failures(frame).to_dicts()
     assert [(r["reason"], r["n"], r["example"]) for r in rows] == [
         ("step … of … at … mm", 2, "p1/3"),
         ("no licence", 1, "p1/5"),

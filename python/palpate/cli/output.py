@@ -132,7 +132,6 @@ class StatusOutput(Closed):
     states: dict[str, int]
     seconds_left: Number
     failures: list[Row]
-    best: list[Row]
     result: dict[str, str]
     fit: FitStateOutput | None
 

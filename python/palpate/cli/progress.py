@@ -1,21 +1,18 @@
 """Progress on stderr: a bar for people, lines for the log of a batch system."""
 
-import contextlib
 import signal
 import threading
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable
-from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any
 
 from palpate.cli.session import Session
-from palpate.errors import PalpateError, StoppedError
+from palpate.errors import StoppedError
 from palpate.progress import FIRST_LOOK, LONG_S, about, duration
 
 if TYPE_CHECKING:
-    import polars as pl
     from rich.progress import Progress, TaskID
 
 _ASKING = (signal.SIGINT, signal.SIGTERM)
@@ -31,7 +28,7 @@ WARNING = "warning: "
 """How a note begins that also goes to ``--json``."""
 
 LOOK_S = 5.0
-"""Least time between two looks at the best sets so far."""
+"""Time between two looks at the clock."""
 
 
 class StageProgress:
@@ -39,13 +36,11 @@ class StageProgress:
 
     Parameters
     ----------
-    folder : Path, optional
-        The run directory, where the best sets so far are to be shown too.
     keeps : bool
         Whether the simulations of a sweep are kept when it is stopped.
     """
 
-    def __init__(self, session: Session, folder: Path | None = None, *, keeps: bool = True) -> None:
+    def __init__(self, session: Session, *, keeps: bool = True) -> None:
         self._keeps = keeps
         self._session = session
         self._console = session.stderr
@@ -63,12 +58,15 @@ class StageProgress:
         self._place = ""
         self._stopping = False
         self._handlers: dict[signal.Signals, Any] = {}
-        self._side = _Side(folder, self._look_at_clock)
+        self._ended = threading.Event()
+        self._clock = threading.Thread(target=self._look_at_clock, daemon=True)
 
     def __enter__(self) -> "StageProgress":
         if self._console.is_terminal:
             self._bars = _bars(self._console, self._second_line)
             self._bars.start()
+        else:
+            self._clock.start()
         if threading.current_thread() is threading.main_thread():
             self._handlers = {each: signal.signal(each, self._stop) for each in _ASKING}
         return self
@@ -79,7 +77,9 @@ class StageProgress:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self._side.end()
+        self._ended.set()
+        if self._clock.is_alive():
+            self._clock.join()
         self._note_time()
         for number, handler in self._handlers.items():
             signal.signal(number, handler)
@@ -103,7 +103,6 @@ class StageProgress:
             self._task = self._bars.add_task(stage, total=total or None, left="", failed="")
         else:
             self._console.print(f"{stage}: {total} steps" if total > 1 else f"{stage} …", markup=False)
-        self._side.begin()
 
     def step(self, note: str = "") -> None:
         """Count one step, and how it ended."""
@@ -162,21 +161,20 @@ class StageProgress:
         self._begun = now
 
     def _look_at_clock(self) -> None:
-        """Print a line where nothing has ended for a while."""
-        if self._bars is None and self._is_late():
-            self._print_line()
+        """Print a line where nothing has ended for a while, until the end of the command."""
+        while not self._ended.wait(LOOK_S):
+            if self._stage and self._is_late():
+                self._print_line()
 
     def _print_line(self) -> None:
         self._last_line = time.monotonic()
         done = f"{self._done} of {self._total} " if self._total else ""
         line = f"{self._stage}: {done}{self._counts()}"
-        self._console.print(
-            _joined(line.rstrip(" :"), self._left(), self._place, self._side.text), markup=False
-        )
+        self._console.print(_joined(line.rstrip(" :"), self._left(), self._place), markup=False)
 
     def _second_line(self) -> str:
         """Part of a line that a narrow terminal may cut."""
-        return _joined(self._counts(), self._place, self._side.text)
+        return _joined(self._counts(), self._place)
 
     def _failed(self) -> str:
         n_failed = self._notes.total() - self._notes["ok"] if self._stage in SIMULATING else 0
@@ -216,55 +214,8 @@ class StageProgress:
         )
 
 
-class _Side:
-    """Thread that calls ``looked`` and reads the best sets so far."""
-
-    def __init__(self, folder: Path | None, looked: Callable[[], None]) -> None:
-        self.text = ""
-        self._looked = looked
-        self._folder = folder
-        self._ended = threading.Event()
-        self._thread: threading.Thread | None = None
-
-    def begin(self) -> None:
-        if self._thread is None:
-            self._thread = threading.Thread(target=self._look, daemon=True)
-            self._thread.start()
-
-    def end(self) -> None:
-        self._ended.set()
-        if self._thread is not None:
-            self._thread.join()
-
-    def _look(self) -> None:
-        if self._ended.wait(LOOK_S):  # most commands end before anything needs to be imported
-            return
-        from palpate.stages.status import Watcher
-
-        watcher, next_s = None if self._folder is None else Watcher(self._folder), 0.0
-        self._looked()
-        while not self._ended.wait(LOOK_S):
-            self._looked()
-            begun = time.monotonic()
-            if watcher is None or begun < next_s:
-                continue
-            # The sweep itself reports what is wrong with the folder.
-            with contextlib.suppress(PalpateError, OSError):
-                self.text = best(watcher.status().best)
-            next_s = time.monotonic() + 20.0 * (time.monotonic() - begun)
-
-
 def _joined(*parts: str) -> str:
     return "; ".join(part for part in parts if part)
-
-
-def best(frame: "pl.DataFrame") -> str:
-    """Least Fopt so far of each scenario, with where it is."""
-    if frame.is_empty():
-        return ""
-    least = frame.sort("fopt").group_by("scenario", maintain_order=True).first().sort("scenario")
-    rows = least.select("scenario", "fopt", "spot", "set_id").rows()
-    return "best " + ", ".join(f"{name} {fopt:.3g} ({spot}/{set_id})" for name, fopt, spot, set_id in rows)
 
 
 def _bars(console: Any, side: Callable[[], str]) -> "Progress":  # noqa: ANN401 - rich's, imported only here

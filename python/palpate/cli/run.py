@@ -110,7 +110,7 @@ def run_and_show(
     from palpate.stages import pipeline
 
     where = folder if fork is None else fork
-    with StageProgress(session, where) as progress:
+    with StageProgress(session) as progress:
         result = pipeline.run_study(
             study,
             where,

@@ -104,7 +104,7 @@ def simulate(
         return
     if traceback:
         raise StudyError("--traceback is for one job; name it with --only SPOT/SET")
-    with StageProgress(session, folder) as progress:
+    with StageProgress(session) as progress:
         run = pipeline.run_stage("simulate", checked, folder, session.plugins, progress)
     counts = Counter(str(simulation.status) for simulation in run.swept())
     if as_json:

@@ -13,7 +13,7 @@ from palpate.progress import about
 
 if TYPE_CHECKING:
     from palpate.cli.output import FitStateOutput, StatusOutput
-    from palpate.stages.status import RunStatus, Watcher
+    from palpate.stages.status import RunStatus
 
 INTERVAL_S = 2.0
 """Seconds between two looks."""
@@ -28,21 +28,23 @@ def status(
     as_json: AsJson = False,
 ) -> None:
     """Show how far a run is and why simulations failed; of a finished run, what it found."""
-    from palpate.stages.status import Watcher
+    from palpate.stages.status import status as read
 
-    session, watcher = Session.of(context), Watcher(find_run(run))
-    seen = watcher.status()
+    session = Session.of(context)
+    seen = read(find_run(run))
     if watch and seen.runner is not None:
-        seen = _watched(session, watcher, seen)
+        seen = _watched(session, seen)
     if as_json:
         session.json(_as_json(seen))
         return
     _show(session, seen)
 
 
-def _watched(session: Session, watcher: "Watcher", seen: "RunStatus") -> "RunStatus":
+def _watched(session: Session, seen: "RunStatus") -> "RunStatus":
     """Show a run until it ends: one line that changes for people, a line for each change in a log."""
     from rich.live import Live
+
+    from palpate.stages.status import status as read
 
     said = _line(seen)
     if not session.stderr.is_terminal:
@@ -50,7 +52,7 @@ def _watched(session: Session, watcher: "Watcher", seen: "RunStatus") -> "RunSta
     with Live(said, console=session.stderr, transient=True, auto_refresh=False) as live:
         while seen.runner is not None:
             time.sleep(INTERVAL_S)
-            seen = watcher.status()
+            seen = read(seen.folder)
             if session.stderr.is_terminal:
                 live.update(_line(seen), refresh=True)
             elif _counts(seen) not in said:
@@ -60,13 +62,9 @@ def _watched(session: Session, watcher: "Watcher", seen: "RunStatus") -> "RunSta
 
 
 def _show(session: Session, seen: "RunStatus") -> None:
-    import polars as pl
-
     session.say(_line(seen))
-    best = pl.DataFrame() if seen.result else seen.best
-    for title, frame in (("Best so far", best), ("Failures", seen.failures)):
-        if not frame.is_empty():
-            session.frame(title, frame)
+    if not seen.failures.is_empty():
+        session.frame("Failures", seen.failures)
     for label, text in seen.result.items():
         session.labelled(label, text)
     if seen.is_unfinished:
@@ -105,7 +103,6 @@ def _as_json(seen: "RunStatus") -> "StatusOutput":
         "states": dict(seen.states),
         "seconds_left": seen.seconds_left,
         "failures": seen.failures.to_dicts(),
-        "best": seen.best.to_dicts(),
         "result": dict(seen.result),
         "fit": cast("FitStateOutput | None", seen.fit and asdict(seen.fit)),
     }

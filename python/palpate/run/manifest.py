@@ -21,7 +21,7 @@ from palpate.executors.answers import plain
 from palpate.fingerprints import distributions
 from palpate.plugins.guard import answering_for
 from palpate.plugins.registry import suggestion
-from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
+from palpate.plugins.score import ScoringRules
 from palpate.run.keys import identity
 from palpate.run.ledger import Ledger
 from palpate.study.reading import Study, StudySpot, relative
@@ -178,13 +178,10 @@ class _ReadAgain(TypedDict):
     study_file: str
     kept_study: NotRequired[str]
     plugin_files: list[str]
-    spots: dict[str, Any]
-    scenarios: dict[str, dict[str, float]]
     inputs: dict[str, str]
     fingerprints: dict[str, str]
     trusted: dict[str, dict[str, list[Any]]]
     n_total: int
-    scoring: dict[str, Any]
     fit_start: NotRequired[dict[str, float]]
 
 
@@ -201,20 +198,7 @@ def checked_manifest(text: str) -> dict[str, Any]:
         first = error.errors()[0]
         raise ValueError(f"'{'.'.join(map(str, first['loc']))}': {first['msg']}") from None
     content: dict[str, Any] = json.loads(text)
-    try:
-        scoring_rules(content)
-    except (KeyError, TypeError, ValidationError) as error:
-        raise ValueError(f"'scoring': not the rules of this palpate ({error})") from None
     return content
-
-
-def scoring_rules(content: Mapping[str, Any]) -> ScoringRules | None:
-    """Scoring rules of a manifest that :func:`checked_manifest` returned; None if a plugin has the score."""
-    settings = dict(content["scoring"])
-    if settings.pop("score") != Nmse.name:
-        return None
-    rules = {name: settings.pop(name) for name in ("minimum_coverage", "rank_partial")}
-    return ScoringRules(score=Nmse(NmseSettings(**settings)), **rules)
 
 
 IN_KEYS = ("material:", "solver:")

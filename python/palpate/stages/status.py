@@ -4,17 +4,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import polars as pl
 
-from palpate.domain import Job, Scenario, Status
+from palpate.domain import Status
 from palpate.run.directory import RunDirectory
 from palpate.run.fit_state import FitState, read_fit_state
 from palpate.run.ledger import Ledger
 from palpate.run.lock import Runner, living_runner_of
-from palpate.run.manifest import scoring_rules
-from palpate.scoring import scores as scoring, selection
+from palpate.scoring import selection
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,8 +31,6 @@ class RunStatus:
         Estimated from the pace of this runner; None if unknown.
     failures : DataFrame
         status, reason, n, example, remedy; most frequent first.
-    best : DataFrame
-        spot, scenario, set_id, fopt: least so far.
     fit : FitState or None
         How far the fit is; None before it begins, and once it has ended.
     result : mapping of label to str
@@ -48,7 +44,6 @@ class RunStatus:
     states: Mapping[str, int]
     seconds_left: float | None
     failures: pl.DataFrame
-    best: pl.DataFrame
     fit: FitState | None
     result: Mapping[str, str] = field(default_factory=dict)
 
@@ -63,84 +58,38 @@ class RunStatus:
         return self.runner is None and (self.n_finished < self.n_simulations or self.fit is not None)
 
 
-@dataclass
-class Watcher:
-    """Watches a run directory, and scores each simulation once."""
+def status(folder: Path) -> RunStatus:
+    """State of the run in a folder.
 
-    folder: Path
-    _scores: list[pl.DataFrame] = field(default_factory=list)
-    _scored: set[str] = field(default_factory=set)
-
-    def status(self) -> RunStatus:
-        """Read the state of the run.
-
-        Raises
-        ------
-        StudyError
-            The folder is no run directory.
-        LedgerError
-            Its ledger is corrupt or of another version.
-        """
-        run = RunDirectory(self.folder)
-        manifest = run.manifest()
-        with Ledger(self.folder) as ledger:
-            counts, rows = ledger.counts(), ledger.sweep().drop_nulls("state")
-            self._score(run, manifest, ledger, rows)
-        # Some have no score, such as those without a declared channel.
-        unranked = selection.unranked(pl.concat(self._scores)) if self._scores else pl.DataFrame()
-        runner, n_left = living_runner_of(self.folder), counts.pop("left", 0)
-        state = read_fit_state(self.folder)
-        is_ended = runner is None and not n_left and state is None
-        return RunStatus(
-            folder=self.folder,
-            runner=runner,
-            n_simulations=n_left + sum(counts.values()),
-            states=counts,
-            seconds_left=_seconds_left(rows, n_left, runner),
-            failures=failures(rows, unranked),
-            best=self._best(manifest),
-            fit=state,
-            result=run.result() if is_ended else {},
-        )
-
-    def _score(
-        self, run: RunDirectory, manifest: Mapping[str, Any], ledger: Ledger, rows: pl.DataFrame
-    ) -> None:
-        rules = scoring_rules(manifest)
-        if rules is None:
-            return
-        states = [status.value for status in rules.ranked_statuses]
-        new = rows.filter(pl.col("state").is_in(states), ~pl.col("key").is_in(list(self._scored)))
-        if new.is_empty():
-            return
-        measured = run.measured(tuple(manifest["spots"]))
-        for spot, of_spot in new.group_by("spot", maintain_order=True):
-            named = of_spot.select("key", "spot", "set_id").iter_rows()
-            jobs = {key: Job(spot=name, set_id=set_id) for key, name, set_id in named}
-            found = ledger.simulations(jobs)
-            of_spot_measured = {str(spot[0]): measured[str(spot[0])]}
-            self._scores.append(scoring.score(found.values(), of_spot_measured, rules, _scenarios(manifest)))
-        self._scored.update(new["key"])
-
-    def _best(self, manifest: Mapping[str, Any]) -> pl.DataFrame:
-        if not self._scores:
-            return pl.DataFrame()
-        candidates = selection.objectives(pl.concat(self._scores), _scenarios(manifest))
-        return selection.least_fopt(candidates).select("spot", "scenario", "set_id", "fopt")
+    Raises
+    ------
+    StudyError
+        The folder is no run directory.
+    LedgerError
+        Its ledger is corrupt or of another version.
+    """
+    run = RunDirectory(folder)
+    run.manifest()  # refused where there is none
+    with Ledger(folder) as ledger:
+        counts, rows = ledger.counts(), ledger.sweep().drop_nulls("state")
+    runner, n_left, state = living_runner_of(folder), counts.pop("left", 0), read_fit_state(folder)
+    is_ended = runner is None and not n_left and state is None
+    return RunStatus(
+        folder=folder,
+        runner=runner,
+        n_simulations=n_left + sum(counts.values()),
+        states=counts,
+        seconds_left=_seconds_left(rows, n_left, runner),
+        failures=failures(rows),
+        fit=state,
+        result=run.result() if is_ended else {},
+    )
 
 
-def _scenarios(manifest: Mapping[str, Any]) -> list[Scenario]:
-    return [Scenario(name=name, weights=weights) for name, weights in manifest["scenarios"].items()]
-
-
-def failures(rows: pl.DataFrame, unranked: pl.DataFrame) -> pl.DataFrame:
-    """Group failed and unranked simulations by status and reason, with a remedy."""
+def failures(rows: pl.DataFrame) -> pl.DataFrame:
+    """Group failed simulations by status and reason, with a remedy."""
     failed = rows.rename({"state": "status"}).filter(pl.col("status") != Status.OK.value)
     failed = failed.unique("key", keep="first", maintain_order=True)
-    if not unranked.is_empty():
-        columns = ["spot", "set_id", "status", "message"]
-        ended = unranked.join(failed, on=["spot", "set_id"], how="anti")
-        failed = pl.concat([failed.select(columns), ended.select(columns)])
     return selection.by_reason(selection.failures(failed))
 
 

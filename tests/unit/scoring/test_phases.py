@@ -20,7 +20,6 @@ from palpate.scoring.scores import check_scorable, score
 from palpate.scoring.selection import objectives
 from palpate.simulation import jobs as simulation
 from palpate.stages import pipeline
-from palpate.stages.status import Watcher
 from palpate_report.tables import weighted_channels
 
 WHOLE = Scenario(name="I", weights={"force": 1.0, "torque": 1.0})
@@ -122,5 +121,3 @@ def test_a_run_with_phases_is_fitted_and_reported(make_study, plugins, tmp_path,
     assert set(left_out["unfitted"]) == {"torque", "torque/load"}
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
     assert manifest["scenarios"]["mixed"] == {"force": 1.0, "torque/unload": 0.5}
-    best = Watcher(tmp_path / "run").status().best.filter(scenario="back")
-    assert best["fopt"].to_list() == result.selected.selection.filter(scenario="back")["fopt"].to_list()

@@ -23,7 +23,6 @@ from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
 from palpate.run.directory import RunDirectory, file_name
 from palpate.run.ledger import Ledger
 from palpate.stages import pipeline
-from palpate.stages.status import Watcher
 from palpate_report import from_run
 
 TRUTH = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
@@ -231,21 +230,6 @@ def test_failures_are_rows_and_the_rest_is_ranked(make_study, plugins, tmp_path,
     table = result.report.tables["failures"]
     assert sorted(table["status"]) == ["crashed", "diverged", "unreadable"]
     assert not set(result.selected.selection["set_id"]) & {3, 4, 5}
-
-
-def test_a_simulation_without_a_score_is_in_the_status_as_well(make_study, plugins, tmp_path, tissue):
-    class Silent(tissue.Analytic):
-        def behave(self, job):
-            whole = super().behave(job)
-            if job.set_id > 2:
-                return whole
-            return replace(whole, response=Response(curves={"force": whole.response["force"]}))
-
-    pipeline.run_study(make_study(solver=Silent()), tmp_path / "run", plugins)
-    (row,) = Watcher(tmp_path / "run").status().failures.rows(named=True)
-    assert row["status"] == "unreadable"
-    assert row["n"] == 6
-    assert "torque" in row["reason"]
 
 
 @pytest.mark.slow

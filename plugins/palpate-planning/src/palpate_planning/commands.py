@@ -108,7 +108,7 @@ def next_(  # named apart from the builtin
         n_points=n_points,
     )
     where = folder or run_folder(study, out)
-    with StageProgress(session, where) as progress:
+    with StageProgress(session) as progress:
         found = propose(study, where, session.plugins, progress, options)
     picture = draw(found, load_limbs(study, to_show=True), where)[0]
     if as_json:

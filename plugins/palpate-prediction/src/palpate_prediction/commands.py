@@ -30,7 +30,7 @@ def predict(
     folder = find_run(run)
     session, study = study_of_run(Session.of(context), folder, trust=trust_plugins)
     given = read_tool(tool, study, session.plugins)
-    with StageProgress(session, folder) as progress:
+    with StageProgress(session) as progress:
         found = run_prediction(study, RunDirectory(folder), given, session.plugins, progress, n_solved=draws)
     into = folder / "predictions" / given.name
     notice = "SIMULATED curves, not a real experiment." if study.data == "simulated" else ""
