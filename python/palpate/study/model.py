@@ -10,25 +10,12 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from palpate.domain import MOST_TILT_DEG
-from palpate.study.source_positions import MOST_FILES, MOST_NAMED, MOST_SETS
+from palpate.study.source_positions import MOST_SETS
 from palpate.units import Quantity
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
 """A name that also serves as a file name and as a part of ``region.parameter``."""
 
-
-def _file_name(given: str) -> str:
-    longest = max(len(part.encode()) for part in given.split("/"))
-    if longest > LONGEST_PART or len(given.encode()) > LONGEST_PATH or not given:
-        raise ValueError(
-            f"{given[:40]!r}… is no file name; give at most {LONGEST_PATH} characters, {LONGEST_PART} a part"
-        )
-    return given
-
-
-LONGEST_PART, LONGEST_PATH = 200, 2_000
-FileName = Annotated[str, AfterValidator(_file_name)]
-"""A path that file systems take, relative to the study file."""
 
 Length = Annotated[float, Quantity("mm")]
 Seconds = Annotated[float, Quantity("s")]
@@ -132,15 +119,15 @@ class SpotTable(Table):
 
     name: Name = Field(description="Name of the spot.")
     measured: Annotated[
-        dict[str, Annotated[list[FileName], Field(max_length=MOST_FILES)]],
+        dict[str, list[str]],
         BeforeValidator(_by_channel, json_schema_input_type=Files | dict[str, Files]),
     ] = Field(
         min_length=1,
         description="File of the measured curves, or one file per channel, by channel name. A list of "
         "files holds repeated presses, which are averaged.",
     )
-    mesh: FileName | None = Field(default=None, description="File of the limb around the spot.")
-    fine_mesh: FileName | None = Field(default=None, description="A finer mesh of it, to correct a fit.")
+    mesh: str | None = Field(default=None, description="File of the limb around the spot.")
+    fine_mesh: str | None = Field(default=None, description="A finer mesh of it, to correct a fit.")
     position: list[Length] = Field(
         default=[0.0, 0.0, 0.0], min_length=3, max_length=3, description="Where the indenter first touches."
     )
@@ -319,7 +306,7 @@ class ExecutorTable(Table):
         default=None, gt=0.0, description="Most memory that one simulation may take; if left out no limit."
     )
     attempts: int = Field(default=2, ge=1, le=10, description="Worker crashes tolerated per job.")
-    cache: FileName | None = Field(
+    cache: str | None = Field(
         default=None, description="Folder of finished simulations that is shared with other studies."
     )
 
@@ -341,9 +328,7 @@ class ScoringTable(OpenTable):
 class SelectionTable(Table):
     """Scenarios by which the best sets are chosen."""
 
-    scenarios: list[str] = Field(
-        min_length=1, max_length=MOST_NAMED, description="Names of scenarios, in the order to report."
-    )
+    scenarios: list[str] = Field(min_length=1, description="Names of scenarios, in the order to report.")
     generalise_by: str | None = Field(
         default=None, description="Scenario whose mean over the spots decides; the first one if left out."
     )
@@ -469,13 +454,11 @@ class StudyFile(Table):
     """A palpate study: from measured curves to identified parameters."""
 
     study: StudyTable
-    spot: list[SpotTable] = Field(min_length=1, max_length=MOST_NAMED, description="The marked spots.")
+    spot: list[SpotTable] = Field(min_length=1, description="The marked spots.")
     experiment: ExperimentTable
     limb: LimbTable | None = Field(default=None, description="Leave out for homogeneous tests.")
     protocol: ProtocolTable | None = Field(default=None, description="Leave out for homogeneous tests.")
-    region: dict[Name, RegionTable] = Field(
-        min_length=1, max_length=MOST_NAMED, description="Material of each region, by its name."
-    )
+    region: dict[Name, RegionTable] = Field(min_length=1, description="Material of each region, by its name.")
     sampling: SamplingTable
     solver: SolverTable
     executor: ExecutorTable | None = Field(default=None, description="Leave out to use this machine.")
@@ -483,12 +466,9 @@ class StudyFile(Table):
     selection: SelectionTable
     fit: FitTable = FitTable()
     budget: BudgetTable = BudgetTable()
-    scenario: list[ScenarioTable] = Field(
-        default=[], max_length=MOST_NAMED, description="Scenarios of this study's own."
-    )
+    scenario: list[ScenarioTable] = Field(default=[], description="Scenarios of this study's own.")
     stages: dict[Name, dict[str, Any]] = Field(
         default={},
-        max_length=MOST_NAMED,
         description="Stages that `palpate run` includes besides its own: a table of settings for each.",
     )
     truth: dict[str, Any] = Field(

