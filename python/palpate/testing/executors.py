@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.domain import Curve, HomogeneousTests, Job, Limb, Parameter, Response, Simulation, Status
-from palpate.domain.component import Array, Component
+from palpate.domain.component import Array
 from palpate.domain.material import IsotropicMaterial
 from palpate.plugins.execution import Batch, Executor, Limits
 from palpate.plugins.interfaces import Solver
@@ -72,10 +72,7 @@ class ExecutorContract(ComponentContract):
         yield
         executor.close()
 
-    @pytest.fixture
-    def component(self, executor: Executor) -> Component:
-        """Provide the executor."""
-        return executor
+    component = pytest.fixture(lambda self, executor: executor)
 
     @pytest.fixture
     def jobs(self) -> list[Job]:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from palpate.domain import Spot
-from palpate.domain.component import Component
 from palpate.errors import CurveError, MeshError, PalpateError
 from palpate.limb.checks import check_limb
 from palpate.plugins.interfaces import ExperimentLoader, LimbSource
@@ -65,10 +64,7 @@ class LoaderContract(ComponentContract):
         """Provide what ``good_file`` holds, by channel, read by eye and not by the loader."""
         return {}
 
-    @pytest.fixture
-    def component(self, loader: ExperimentLoader) -> Component:
-        """Provide the loader."""
-        return loader
+    component = pytest.fixture(lambda self, loader: loader)
 
     def test_keeps_units_and_branches(
         self, loader: ExperimentLoader, good_file: Path, expected: Mapping[str, Expected]
@@ -200,10 +196,7 @@ class LimbSourceContract(ComponentContract):
         """Provide a spot on the limb of ``good_file``."""
         return Spot(name="p1")
 
-    @pytest.fixture
-    def component(self, limb_source: LimbSource) -> Component:
-        """Provide the limb source."""
-        return limb_source
+    component = pytest.fixture(lambda self, limb_source: limb_source)
 
     def test_makes_a_limb(self, limb_source: LimbSource, good_file: Path, spot: Spot) -> None:
         limb = limb_source.load(good_file, spot)

@@ -19,7 +19,6 @@ from palpate.domain import (
     RegionMaterial,
     Response,
 )
-from palpate.domain.component import Component
 from palpate.domain.indenter import Sphere
 from palpate.fit.box import Box
 from palpate.plugins.interfaces import Sampler, SetFilter
@@ -34,10 +33,7 @@ class SamplerContract(ComponentContract):
 
     sampler = overridden("the sampler under test")
 
-    @pytest.fixture
-    def component(self, sampler: Sampler) -> Component:
-        """Provide the sampler."""
-        return sampler
+    component = pytest.fixture(lambda self, sampler: sampler)
 
     def test_draws_in_the_open_unit_cube(self, sampler: Sampler) -> None:
         points = sampler.draw(16, 3, 1)
@@ -68,10 +64,7 @@ class SetFilterContract(ComponentContract):
 
     values = overridden("sets (n_sets, n_parameters) of which the filter keeps some and drops some")
 
-    @pytest.fixture
-    def component(self, set_filter: SetFilter) -> Component:
-        """Provide the filter."""
-        return set_filter
+    component = pytest.fixture(lambda self, set_filter: set_filter)
 
     @pytest.fixture
     def kept(self, set_filter: SetFilter, space: ParameterSpace, values: FloatArray) -> BoolArray:
@@ -104,10 +97,7 @@ class ParametrisationContract(ComponentContract):
 
     parametrisation = overridden("the parametrisation under test")
 
-    @pytest.fixture
-    def component(self, parametrisation: Parametrisation) -> Component:
-        """Provide the parametrisation."""
-        return parametrisation
+    component = pytest.fixture(lambda self, parametrisation: parametrisation)
 
     @pytest.fixture
     def space(self) -> ParameterSpace:
@@ -390,10 +380,7 @@ class SearchContract(ComponentContract):
 
     search = overridden("the search under test")
 
-    @pytest.fixture
-    def component(self, search: Search) -> Component:
-        """Provide the search."""
-        return search
+    component = pytest.fixture(lambda self, search: search)
 
     @pytest.fixture
     def left(self) -> float:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from palpate import mechanics
 from palpate.domain import FloatArray
-from palpate.domain.component import NO_FIELDS, Array, Component
+from palpate.domain.component import NO_FIELDS, Array
 from palpate.domain.material import AnisotropicMaterial, IsotropicMaterial, Material
 from palpate.errors import MaterialError
 from palpate.testing.components import ComponentContract, overridden
@@ -59,10 +59,7 @@ class MaterialContract(ComponentContract):
 
     material = overridden("the material under test")
 
-    @pytest.fixture
-    def component(self, material: Material) -> Component:
-        """Provide the material."""
-        return material
+    component = pytest.fixture(lambda self, material: material)
 
     @pytest.fixture
     def thetas(self, material: Material) -> FloatArray:

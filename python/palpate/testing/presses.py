@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from palpate.domain import FloatArray, Scenario, channel_of
-from palpate.domain.component import Component
 from palpate.domain.curves import Channel, Curve
 from palpate.domain.equilibrium_states import EquilibriumStates
 from palpate.domain.indenter import Indenter
@@ -157,10 +156,7 @@ class MotionContract(ComponentContract):
 
     motion = overridden("the motion under test")
 
-    @pytest.fixture
-    def component(self, motion: Motion) -> Component:
-        """Provide the motion."""
-        return motion
+    component = pytest.fixture(lambda self, motion: motion)
 
     def test_it_gives_waypoints(self, motion: Motion) -> None:
         made = motion.waypoints()
@@ -203,10 +199,7 @@ class IndenterContract(ComponentContract):
 
     indenter = overridden("the indenter under test")
 
-    @pytest.fixture
-    def component(self, indenter: Indenter) -> Component:
-        """Provide the indenter."""
-        return indenter
+    component = pytest.fixture(lambda self, indenter: indenter)
 
     @pytest.fixture
     def near(self, indenter: Indenter) -> FloatArray:

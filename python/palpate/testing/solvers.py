@@ -21,7 +21,6 @@ from palpate.domain import (
     Status,
     moving_span,
 )
-from palpate.domain.component import Component
 from palpate.domain.equilibrium_states import POSE, STATE_COLUMNS, WRENCH
 from palpate.domain.indenter import Sphere
 from palpate.domain.material import IsotropicMaterial
@@ -125,10 +124,7 @@ class SolverContract(ComponentContract):
         found: Simulation = answers[case]
         return found
 
-    @pytest.fixture
-    def component(self, solver: Solver) -> Component:
-        """Provide the solver."""
-        return solver
+    component = pytest.fixture(lambda self, solver: solver)
 
     def test_version_is_constant(self, solver: Solver) -> None:
         assert solver.version().strip(), "a version is part of each simulation's key: it cannot be empty"

@@ -15,7 +15,6 @@ import pytest
 from polars.testing import assert_frame_equal
 
 from palpate.domain import BoolArray, Curve, FloatArray
-from palpate.domain.component import Component
 from palpate.errors import StudyError
 from palpate.executors.answers import plain
 from palpate.plugins.catalogue import Plugins
@@ -44,10 +43,7 @@ class StageContract(ComponentContract):
 
     stage = overridden("the stage under test")
 
-    @pytest.fixture
-    def component(self, stage: Stage) -> Component:
-        """Provide the stage."""
-        return stage
+    component = pytest.fixture(lambda self, stage: stage)
 
     @pytest.fixture
     def run(self, stage: Stage, tmp_path: Path) -> Run:
@@ -116,10 +112,7 @@ class ScoreContract(ComponentContract):
 
     score = overridden("the score under test")
 
-    @pytest.fixture
-    def component(self, score: Score) -> Component:
-        """Provide the score."""
-        return score
+    component = pytest.fixture(lambda self, score: score)
 
     @pytest.fixture
     def measured(self) -> Curve:
