@@ -142,10 +142,14 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
     )
     show_cycles(session, checked.measured)
     n_sets = checked.design.n_sets
-    session.say(
-        f"{checked.design.n_drawn} sets drawn, {n_sets} kept by the filters; "
-        f"{n_sets * len(checked.measured)} simulations with solver '{study.solver.name}'"
-    )
+    solver = f"solver '{study.solver.name}'"
+    if checked.design.n_drawn:
+        session.say(
+            f"{checked.design.n_drawn} sets drawn, {n_sets} kept by the filters; "
+            f"{n_sets * len(checked.measured)} simulations with {solver}"
+        )
+    else:
+        session.say(f"no sweep (n_sets = 0); the fit simulates with {solver}")
     starts = "the best sets" if n_sets else "the priors, else the middle of the ranges"
     session.say(f"fit: search '{study.search.name}', from {starts}")
 

@@ -40,7 +40,7 @@ def init(
     ] = None,
     study: Annotated[
         str | None,
-        typer.Option("--study", help=f"Name of a ready study; default: {FIRST}, for own presses {FOR_OWN}."),
+        typer.Option("--study", help=f"Name of a ready study; default: {FIRST}, for your presses {FOR_OWN}."),
     ] = None,
     measured: Annotated[
         list[Path] | None,
@@ -56,7 +56,7 @@ def init(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Copy a ready study into FOLDER, or write one of own presses; without FOLDER, list the ready studies."""
+    """Copy a ready study into FOLDER, or write one for your presses; list the ready ones without FOLDER."""
     session = Session.of(context)
     studies = session.plugins.studies
     if folder is None:
@@ -73,9 +73,10 @@ def init(
             session.json(rows)
             return
         shown = ("name", "simulations", "summary")
-        session.table("Ready studies", shown, [[row[key] for key in shown] for row in rows])
+        heads = ("name", "sweep", "summary")
+        session.table("Ready studies", heads, [[row[key] for key in shown] for row in rows])
         session.next("init --study NAME FOLDER")
-        session.note("of your own presses: palpate init FOLDER --measured FILE --mesh FILE")
+        session.note("for your presses: palpate init FOLDER --measured FILE --mesh FILE")
         return
     name = study or (FOR_OWN if measured or mesh or wrench else FIRST)
     ready = Path(studies[name].directory)
@@ -91,8 +92,8 @@ def init(
         return
     command = "check {folder}"
     if measured:
-        session.say(f"{folder / 'study.toml'}: presses and meshes of yours, the rest as in {name}")
-        session.note(f"look over it: protocol and ranges are those of {name}, units may be guesses")
+        session.say(f"{folder / 'study.toml'}: your presses and meshes, everything else from {name}")
+        session.note(f"check it by eye: protocol and ranges are those of {name}, and units may be guesses")
     else:
         session.say(f"{name} copied to {folder}")
         command = studies[name].first_command

@@ -194,7 +194,7 @@ class InitOutput(Closed):
 
 
 class NewPluginOutput(Closed):
-    """A plugin that was begun: its folder, and the files in it."""
+    """A new plugin: its folder, and the files in it."""
 
     kind: str
     name: str

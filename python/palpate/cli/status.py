@@ -87,7 +87,7 @@ def _line(seen: "RunStatus") -> str:
 def _counts(seen: "RunStatus") -> str:
     states = ", ".join(f"{n} {state}" for state, n in seen.states.items()) or "none finished"
     sweep = f"{seen.n_finished} of {seen.n_simulations} simulations ({states})"
-    sweep = sweep if seen.n_simulations else "no simulation of a sweep"
+    sweep = sweep if seen.n_simulations else "no sweep"
     return sweep if seen.fit is None else f"{sweep}; fit: {seen.fit}"
 
 
