@@ -51,7 +51,7 @@ def loop(
 def press_of(
     study: Study, spot: str, protocol: Protocol, noise: float, robot: np.random.Generator
 ) -> Response:
-    """What the robot measures: the truth, with noise relative to the largest ordinate of each curve."""
+    """Curves that the robot measures: the truth, with noise relative to the largest ordinate."""
     row = np.array([study.truth[parameter.name] for parameter in study.space.parameters])
     limbs = load_limbs(study)
     job = Job(

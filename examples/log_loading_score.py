@@ -13,7 +13,7 @@ from palpate.api.scores import Score
 
 
 class LogLoadingSettings(Settings):
-    """Where the branch begins."""
+    """Settings of the score."""
 
     floor: float = Field(
         default=0.02, gt=0.0, lt=1.0, description="Share of the largest ordinate from which points count."

@@ -14,7 +14,7 @@ from palpate.api.runs import Files
 
 
 class LoopWorkSettings(Settings):
-    """Which curve."""
+    """Settings of the stage."""
 
     channel: str = Field(default="torque", description="Channel whose ordinate is integrated along its path.")
 

@@ -46,7 +46,7 @@ def content_hash(content: bytes) -> str:
 
 
 def _fingerprint_of(cls: Code) -> str:
-    """Of one class or function alone; empty for one of palpate or of Python."""
+    """Fingerprint of one class or function alone; empty for one of palpate or of Python."""
     top, module = cls.__module__.partition(".")[0], sys.modules.get(cls.__module__)
     if top == CORE or (top in sys.stdlib_module_names and getattr(module, cls.__name__, None) is cls):
         return ""

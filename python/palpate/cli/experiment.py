@@ -112,7 +112,7 @@ class StageGroup(TyperGroup):
 
     @property
     def suffixes(self) -> dict[str, frozenset[str]]:
-        """Of the files whose name alone calls a command, by its name."""
+        """Suffixes of the files whose name alone calls a command, by the command."""
         return {name: getattr(command, "suffixes", frozenset()) for name, command in self.commands.items()}
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 - a context of whichever click typer carries

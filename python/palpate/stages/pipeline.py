@@ -109,7 +109,7 @@ def run_study(
     adopt: bool = False,
     fit_start: Mapping[str, float] | None = None,
 ) -> RunResult:
-    """From measured curves to identified parameters.
+    """Results of a whole study, from measured curves to identified parameters.
 
     Parameters
     ----------

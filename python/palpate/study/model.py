@@ -35,7 +35,7 @@ Shares = Annotated[
 
 
 USUAL_DISCREPANCY = 0.005
-"""What a good model leaves unexplained of a channel, over the largest ordinate."""
+"""Misfit that a good model leaves in a channel, over the largest ordinate."""
 
 
 def _more_than_zero(shares: dict[str, float]) -> dict[str, float]:
@@ -436,7 +436,7 @@ class BudgetTable(Table):
     )
 
     def discrepancy_of(self, channel: str) -> float:
-        """What a good model leaves unexplained of a channel, over the largest ordinate."""
+        """Misfit that a good model leaves in a channel, over the largest ordinate."""
         return self.discrepancy.get(channel, self.discrepancy.get("", USUAL_DISCREPANCY))
 
 

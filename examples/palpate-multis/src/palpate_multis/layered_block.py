@@ -31,7 +31,7 @@ N_CELLS, GROWTH = (1, 4, 5), (1.0, 1.3, 1.35)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedPress:
-    """What a simulated press gives.
+    """Result of a simulated press.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def simulate_press(layers_mm: Sequence[float], ratios: Sequence[float], width_mm
 
 
 def coordinates(layers_mm: Sequence[float], width_mm: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Of the nodes: x, y from the middle outwards, and the depths; each layer has a node at its ends."""
+    """Coordinates of nodes: x, y from the middle outwards, and depths; a layer has nodes at its ends."""
     half, margin = 0.5 * LENGTH_MM, float(np.clip(np.sum(layers_mm), *MARGIN_MM))
     x = np.concatenate([[0.0, 12.0, 19.0, half], half + _growing(margin, 3.5, 4)])
     inside = width_mm * np.array([0.0, 1.0 / 6.0, 1.0 / 3.0, 0.5])

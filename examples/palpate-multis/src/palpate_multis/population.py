@@ -37,7 +37,7 @@ AT_END = 1.001
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Population:
-    """What a fit gives.
+    """Result of a fit.
 
     Parameters
     ----------

@@ -180,7 +180,7 @@ class Cuff(Indenter[CuffSettings]):
         return _norm(xp, plane, _beyond(xp, y, 0.5 * self.settings.width - self.edge_mm)) - self.edge_mm
 
     def contact_radius_mm(self, depth_mm: float) -> float:
-        """Of a circle with the area of the inner face, seen from the limb: a limb fills the arc."""
+        """Radius of a circle with the area of the inner face, seen from the limb: a limb fills the arc."""
         return float(np.sqrt(self.settings.width * 2.0 * self.reach_mm(depth_mm) / np.pi))
 
     def reach_mm(self, depth_mm: float) -> float:
@@ -188,7 +188,7 @@ class Cuff(Indenter[CuffSettings]):
         return self.settings.radius * float(np.sin(np.deg2rad(min(0.5 * self.settings.angle, 90.0))))
 
     def reaches_mm(self, depth_mm: float, directions: FloatArray) -> FloatArray:
-        """From the axis to the side of a rectangle of the chord and the width."""
+        """Distances from the axis to the side of a rectangle of the chord and the width."""
         half = (self.reach_mm(depth_mm), 0.5 * self.settings.width)
         turn = np.deg2rad(self.settings.turn)
         along = np.abs(directions @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]))

@@ -157,7 +157,7 @@ def _drawn(inputs: Run, fit: str, every: list[Mapping[str, Any]]) -> dict[str, _
 
 
 def _ends(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """What was fitted (n,), and the ends of its band, of values (n, n_draws)."""
+    """Fitted values (n,) and the ends of their band, of values (n, n_draws)."""
     lower, upper = np.quantile(values[:, 1:] if values.shape[1] > 1 else values, BAND, axis=1)
     return values[:, 0], lower, upper
 

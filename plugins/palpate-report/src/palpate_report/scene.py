@@ -131,7 +131,7 @@ def scene(limb: Limb, protocol: Protocol | None, most: int) -> list[dict[str, An
 
 
 def _indenter(protocol: Protocol | None) -> Indenter | None:
-    """What presses; None where nothing does, or where the file of its shape cannot be read."""
+    """Indenter of the protocol; None where nothing presses, or where the file of its shape cannot be read."""
     if not isinstance(protocol, Indentation):
         return None
     try:

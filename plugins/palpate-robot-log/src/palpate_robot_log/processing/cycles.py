@@ -45,7 +45,7 @@ class Cycles:
 
     @property
     def labelled(self) -> dict[str, Processed]:
-        """Those that count, by name where they are several; a single one has none."""
+        """Curves of the cycles that count, by name; a single one has none."""
         several = len(self.counted) > 1
         return {f"cycle_{number}" if several else "": self.processed[number] for number in self.counted}
 
