@@ -53,8 +53,8 @@ NOISE, MESH, RATIO = 0.005, 0.03, 4.0
 """Noise over the largest ordinate; error of the coarse mesh; that over the error of the fine one."""
 MESHES = SpotMesh(refinement=RATIO**0.5)
 LEAST_FRICTION = 0.1
-BESIDE = 0.8
-"""Stiffness of what holds a neo-Hookean strip back, over its shear modulus."""
+AROUND = 0.8
+"""Stiffness of the tissue around a neo-Hookean strip, over its shear modulus."""
 WIDE = 0.8
 """Width of an interval over the range beyond which it holds a truth of the range by construction."""
 STUDIES = {
@@ -67,22 +67,22 @@ VOLUMES = {"skin": pressed.VOLUMES_MM3 * [0.0, 0.0, 0.5, 2.0], "tissue": pressed
 
 
 def flowing_energy(material, depth, rotation, theta, volumes) -> np.ndarray:
-    """W of strips whose tissue flows aside, held back by what is beside it, as little or as far as it wants.
+    """W of strips whose tissue flows sideways, held back by the tissue around it, to the least energy.
 
     Strips that lose a given share of their volume have a force that goes with the bulk modulus, thus with
-    1/(1 - 2ν). In a limb tissue flows aside: a press's force rises by 10 % from ν = 0.40 to 0.49 at the same
+    1/(1 - 2ν). In a limb tissue flows sideways: a press's force rises by 10 % from ν = 0.40 to 0.49 at one
     Young's modulus, nearly evenly in ν, and its torque falls by 4 %.
     """
     young, poisson = theta
     mu, lame = young / (2.0 * (1.0 + poisson)), young * poisson / ((1.0 + poisson) * (1.0 - 2.0 * poisson))
     axial = -pressed.COMPRESSED * depth.real[:, None]
     # Where the energy is least; shear leaves volume and breadth as they are.
-    aside = -0.5 * axial
+    lateral = -0.5 * axial
     for _ in range(20):
-        stress = mu * (np.expm1(2.0 * aside) + BESIDE * aside) + lame * (axial + 2.0 * aside)
-        aside = aside - stress / (mu * (2.0 * np.exp(2.0 * aside) + BESIDE) + 2.0 * lame)
-    held_back = mu * BESIDE * (volumes * aside**2).sum(axis=-1)
-    return held_back + pressed.energy(material, depth, rotation, theta, volumes, np.exp(aside))
+        stress = mu * (np.expm1(2.0 * lateral) + AROUND * lateral) + lame * (axial + 2.0 * lateral)
+        lateral = lateral - stress / (mu * (2.0 * np.exp(2.0 * lateral) + AROUND) + 2.0 * lame)
+    held_back = mu * AROUND * (volumes * lateral**2).sum(axis=-1)
+    return held_back + pressed.energy(material, depth, rotation, theta, volumes, np.exp(lateral))
 
 
 class LayeredSettings(Settings):

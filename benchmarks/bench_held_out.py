@@ -1,7 +1,7 @@
 """How often held-out presses raise an alarm: ``python benchmarks/bench_held_out.py --n 40``.
 
 Four presses of strips of tissue in closed form, as in bench_coverage.py. Where they are sound, everything
-that the budget has is wrong by as much as it says; where not, one press has besides an error that no budget
+that the budget has is wrong by as much as it states; where not, one press has another error that no budget
 has. Prints how many held-out curves are inside their 90 % bands, and how many studies are said to
 hold a press that does not belong to the others.
 """

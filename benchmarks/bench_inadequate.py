@@ -2,7 +2,7 @@
 
 Experiments on the demo's limbs, each with everything wrong that its budget has: noise, onset, tilt, friction,
 gains, drift, a fixed modulus, and the mesh. The data are simulated on other, finer meshes. Sound ones have a
-random Yeoh material that the study's ranges hold: counted are the 95 % intervals that hold it, beside
+random Yeoh material that the study's ranges hold: counted are the 95 % intervals that hold it, next to
 those of the noise alone. The others have what the study does not know of: an Ogden material, a skin, a spot
 3 mm off, and little friction. Of all of them printed is what the checks say of the model.
 

@@ -54,9 +54,9 @@ def seconds(run: Callable[[], object]) -> tuple[float, float]:
     """Least time on the clock and least processor time of several rounds, children included."""
     rounds = []
     for _ in range(N_ROUNDS):
-        begun, used = time.perf_counter(), _processor_s()
+        started_s, used = time.perf_counter(), _processor_s()
         run()
-        rounds.append((time.perf_counter() - begun, _processor_s() - used))
+        rounds.append((time.perf_counter() - started_s, _processor_s() - used))
     return min(clock for clock, _ in rounds), min(used for _, used in rounds)
 
 

@@ -100,10 +100,10 @@ def measured(
     elastic = measured_at(study, row, rng, **where)
     force, torque = elastic["force"], elastic["torque"]
     # Values that all fall with time do so during the motion alone.
-    begun = press_s + (0.0 if by_time else REST_S)
+    twist_from_s = press_s + (0.0 if by_time else REST_S)
     times = {
         "force": press_s * force.abscissa / force.abscissa.max(),
-        "torque": begun + twist_s * travelled(torque),
+        "torque": twist_from_s + twist_s * travelled(torque),
     }
     scale = 1.0 / (1.0 - SHARE) if is_long_term else 1.0
     return Response(

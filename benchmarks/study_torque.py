@@ -108,13 +108,13 @@ def worlds(
 ) -> list[tuple]:
     """Numbers, solvers and materials of the worlds whose finite elements finish."""
     study, found = study_of(name, Layered()), []
-    begun = time.monotonic()
+    started_s = time.monotonic()
     for seed in range(n):
         (row,) = pressed.truths(study, 1, seed)
         limb = limbs[sorted(limbs)[seed % len(limbs)]]
         if (linear := simulated(solver, study, limb, row, protocol)) is not None:
             found.append((seed, linear, row))
-    say(f"\n{name}: {len(found)} of {n} simulated in {time.monotonic() - begun:.0f} s")
+    say(f"\n{name}: {len(found)} of {n} simulated in {time.monotonic() - started_s:.0f} s")
     force = 100.0 * np.median([of_friction(each.force(each.depth)[[0, -1]]) for _, each, _ in found])
     torque = 100.0 * np.median([of_friction(each.torque[[0, -2], TURN]) for _, each, _ in found])
     say(f"friction + 10 %: {force:.1f} % of the force at its end, {torque:.1f} % of the torque at its turn")

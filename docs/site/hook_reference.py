@@ -105,8 +105,8 @@ def _component(base: type[Component]) -> Iterator[str]:
 
 def _public(name: str) -> str:
     """Where a plugin imports a name from."""
-    beside = [module.name for module in pkgutil.iter_modules(palpate.api.__path__, "palpate.api.")]
-    places = ("palpate.api", *beside)
+    modules = [module.name for module in pkgutil.iter_modules(palpate.api.__path__, "palpate.api.")]
+    places = ("palpate.api", *modules)
     return next(f"{place}.{name}" for place in places if name in dir(importlib.import_module(place)))
 
 

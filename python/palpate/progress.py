@@ -22,7 +22,7 @@ class Progress(Protocol):
         """Take notice of something that happened on the way and was dealt with."""
 
     def should_continue(self) -> bool:
-        """Whether to begin another simulation; False finishes those begun and stops."""
+        """Whether to begin another simulation; False finishes those started and stops."""
 
 
 @runtime_checkable
@@ -30,7 +30,7 @@ class CountsRunning(Protocol):
     """A :class:`Progress` that also wants to know how many simulations are running."""
 
     def running(self, n_running: int) -> None:
-        """Take notice of how many simulations have begun and not ended."""
+        """Take notice of how many simulations are running."""
 
 
 @runtime_checkable

@@ -82,7 +82,7 @@ class Sound(Solver):
         depth, turn = np.concatenate([press.path[:1], *ways]).T
         radius = press.indenter.radius_mm
         contact = np.sqrt(radius * depth)
-        # A march in n steps that stops improving each one too early.
+        # Load stepping in n steps that stops improving each one too early.
         force = 4 / 3 * young * contact * depth * (1 + contact / thickness) * (1 - 0.1 / self.n_steps)
         grip = 0.9 + 0.1 * press.friction / (1 + press.friction)
         torque = 8 / 3 * young * contact**3 * grip * np.radians(turn)

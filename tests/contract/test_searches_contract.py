@@ -47,10 +47,10 @@ class TestNelderMead(SearchContract):
 
 
 def test_an_abandoned_optimiser_ends_even_if_it_goes_on_asking(until):
-    begun, ended = threading.Event(), threading.Event()
+    started, ended = threading.Event(), threading.Event()
 
     def optimise(evaluate):
-        begun.set()
+        started.set()
         try:
             for _ in range(3):
                 with contextlib.suppress(BaseException):
@@ -60,7 +60,7 @@ def test_an_abandoned_optimiser_ends_even_if_it_goes_on_asking(until):
 
     generator = asking(optimise)
     next(generator)
-    assert begun.is_set()
+    assert started.is_set()
     assert not ended.is_set()
     generator.close()
     until(ended.is_set)

@@ -291,7 +291,7 @@ def test_the_command_runs_and_prints_json(monkeypatch, capsys, tmp_path):
     assert main(["reproduce", str(folder), "--material", "ogden", "--json"]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out)["tables"]["sets"][0]["n_drawn"] == 8
-    assert "going on with 8 sets" in err
+    assert "continuing with 8 sets" in err
     assert main(["reproduce", str(folder), "--sets", "3", "--material", "ogden"]) == 2
     assert "cannot become 3" in capsys.readouterr().err
 
@@ -300,6 +300,6 @@ def test_without_a_number_sets_are_those_there_are_or_the_papers(tmp_path, plugi
     from palpate.cli.session import Session
     from palpate_forearm.reproduce_command import _size
 
-    prepare(tmp_path / "begun", plugins, ["ogden"], 40)
-    for folder, size in (("begun", 40), ("new", 250)):
+    prepare(tmp_path / "started", plugins, ["ogden"], 40)
+    for folder, size in (("started", 40), ("new", 250)):
         assert _size(Session(), tmp_path / folder, ["ogden"]) == size

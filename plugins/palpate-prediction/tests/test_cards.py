@@ -309,9 +309,9 @@ def test_the_cards_formula_relaxes_as_palpate_does(program, name, isochoric):
     else:
         np.testing.assert_allclose(bulk, kappa * (1.0 if isochoric else left), rtol=1e-9)
     assert f"long-term moduli: shear {0.55 * mu:.6g} MPa" in card
-    assert "not told" not in card
+    assert "not determined" not in card
     card = PROGRAMS[program](replace(relaxed(name, isochoric), record_s=6.0))
-    assert "not told by a record of 6 s: what relaxes with 10 s, 40 s" in card
+    assert "not determined by a record of 6 s: what relaxes with 10 s, 40 s" in card
 
 
 @pytest.mark.slow

@@ -134,7 +134,7 @@ def test_a_cycle_that_does_not_count_may_be_no_press():
     [
         ((one,), {}, 2, "cycle = 2, but the log has 1"),
         ((one, one), {"onset": {"method": "given", "time": "0.5 s"}}, 1, "onset.time .* has 2 cycles"),
-        ((one, lambda: beside(2.0)), {}, "last", "cycle 1 presses 2 mm from cycle 2 .* several spots"),
+        ((one, lambda: next_to(2.0)), {}, "last", "cycle 1 presses 2 mm from cycle 2 .* several spots"),
     ],
 )
 def test_what_is_no_cycle_of_one_spot_is_refused(presses, steps, cycle, message):
@@ -142,7 +142,7 @@ def test_what_is_no_cycle_of_one_spot_is_refused(presses, steps, cycle, message)
         process_cycles(joined(*(press() for press in presses)), logs.settings(**steps), cycle)
 
 
-def beside(shift_mm: float) -> Recording:
+def next_to(shift_mm: float) -> Recording:
     along = np.cross(logs.truth("p1").normal, [1.0, 0.0, 0.0])
     return one().changed(position_mm=one().position_mm + shift_mm * along / np.linalg.norm(along))
 

@@ -74,7 +74,7 @@ def ros_stamps() -> Table:
 
 
 def unset_stamps() -> Table:
-    """Stamps that nobody has set, beside a time."""
+    """Stamps that nobody has set, next to a time."""
     none = np.zeros(log()[0].size)
     return {"header.stamp.sec": none, "header.stamp.nanosec": none} | abb()
 

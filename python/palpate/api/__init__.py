@@ -1,6 +1,6 @@
-"""Names that plugins may import, with those of the modules beside it. Nothing else of palpate is public.
+"""Names that plugins may import, with those of its submodules. Nothing else of palpate is public.
 
-Here are the values of a study, the base classes of what a plugin provides, and errors. Beside it:
+Here are the values of a study, the base classes of what a plugin provides, and errors. Submodules:
 :mod:`palpate.api.experiment`, :mod:`palpate.api.mesh`, :mod:`palpate.api.mechanics`,
 :mod:`palpate.api.scores`, :mod:`palpate.api.executors`, :mod:`palpate.api.fit`, :mod:`palpate.api.runs`,
 :mod:`palpate.api.report`, :mod:`palpate.api.files` and :mod:`palpate.api.cli`; and the contracts,

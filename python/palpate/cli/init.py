@@ -225,7 +225,7 @@ def synthesise(
     spot, with the study's solver, into the files that the study names as measured; they need
     not exist before. `palpate run` then shows which parameters the planned channels identify.
 
-    The curves come from the same model that will be fitted to them, so a good fit says that the
+    The curves come from the same model that will be fitted to them, so a good fit shows that the
     parameters can be identified, not that the model is right. --noise makes it harder. Nothing
     is overwritten; origin.json next to the curves records how they were made.
     """

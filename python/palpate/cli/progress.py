@@ -117,10 +117,10 @@ class StageProgress:
         elif self._is_line_due():
             self._print_line()
 
-    def _say_duration(self, begun: float) -> None:
+    def _say_duration(self, started_s: float) -> None:
         """Print how long the sweep takes by its first simulation, which had as many workers as run then."""
         n_left = self._total - self._done
-        seconds = (time.monotonic() - begun) * n_left / (self._n_running + 1)
+        seconds = (time.monotonic() - started_s) * n_left / (self._n_running + 1)
         if seconds > LONG_S:
             self.note(
                 f"{n_left} simulations to do, at most about {duration(seconds)}; then the fit; for a first "
@@ -188,11 +188,11 @@ class StageProgress:
 
     def _left(self) -> str:
         """Time to come, at the pace so far."""
-        begun, n_before = self._first or (time.monotonic(), self._done)
+        started_s, n_before = self._first or (time.monotonic(), self._done)
         n_left, n_done = self._total - self._done, self._done - n_before
         if n_left <= 0 or not n_done:
             return ""
-        return f"{about((time.monotonic() - begun) / n_done * n_left)} left"
+        return f"{about((time.monotonic() - started_s) / n_done * n_left)} left"
 
     def _is_line_due(self) -> bool:
         tenth = max(1, self._total // 10)

@@ -99,8 +99,8 @@ class Session:
             if not each.component and each.source in map(str, map(Path.resolve, self.given)):
                 remedy = f"correct it (palpate --plugin {each.source} plugins --traceback shows the calls)"
                 raise PluginError(f"plugin file {each.source}: {each.reason}; {remedy}")
-            said, rest = each.headline.split(":", 1)
-            self.note(f"[yellow]{said}:[/]{_escaped(rest)}")
+            label, rest = each.headline.split(":", 1)
+            self.note(f"[yellow]{label}:[/]{_escaped(rest)}")
 
     @cached_property
     def stdout(self) -> "Console":

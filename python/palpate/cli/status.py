@@ -46,18 +46,18 @@ def _watched(session: Session, seen: "RunStatus") -> "RunStatus":
 
     from palpate.stages.status import status as read
 
-    said = _line(seen)
+    line = _line(seen)
     if not session.stderr.is_terminal:
-        session.stderr.print(said, markup=False)
-    with Live(said, console=session.stderr, transient=True, auto_refresh=False) as live:
+        session.stderr.print(line, markup=False)
+    with Live(line, console=session.stderr, transient=True, auto_refresh=False) as live:
         while seen.runner is not None:
             time.sleep(INTERVAL_S)
             seen = read(seen.folder)
             if session.stderr.is_terminal:
                 live.update(_line(seen), refresh=True)
-            elif _counts(seen) not in said:
-                said = _line(seen)
-                session.stderr.print(said, markup=False)
+            elif _counts(seen) not in line:
+                line = _line(seen)
+                session.stderr.print(line, markup=False)
     return seen
 
 

@@ -123,7 +123,7 @@ class AnisotropicMaterial(HyperelasticMaterial[SettingsT]):
     A direction that differs from element to element comes with the mesh, as a cell field: name it
     in ``fields``, as a class attribute or in ``__init__``. A study of several spots needs that,
     since each spot's mesh may be in a frame of its own; one direction in the settings is refused
-    there, unless the study says that all meshes share a frame.
+    there, unless the study states that all meshes share a frame.
     """
 
     @abstractmethod

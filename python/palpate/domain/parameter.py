@@ -80,7 +80,7 @@ class Parameter:
     ``physical_lower`` and ``physical_upper`` are the limits of physical meaning.
     ``kind`` is ``modulus`` if it scales with stiffness and ``shape`` if it is
     dimensionless. A sweep spreads the value evenly, or its logarithm (``scale``). ``prior`` is what
-    a fit knows of it before; ``by`` says what a fit of several spots finds one value for each of.
+    a fit knows of it before; ``by`` names what a fit of several spots finds one value for each of.
     """
 
     name: str

@@ -46,9 +46,9 @@ class _InFlight:
             return None
         if (place := self._place_of(answer.job)) is None:
             return None
-        index, job, begun = self.taken.pop(place)
+        index, job, started_s = self.taken.pop(place)
         self.n_answered += 1
-        return index, usable(job, answer, perf_counter() - begun)
+        return index, usable(job, answer, perf_counter() - started_s)
 
     def _place_of(self, answered: Job) -> int | None:
         """Find the job itself, or the only one with the name of a copy."""
@@ -94,8 +94,8 @@ def attempt(
         except (Exception, SystemExit) as error:
             culprits = flight.taken
             if len(culprits) == 1:
-                index, job, begun = culprits[0]
-                yield index, _failed(job, error, begun)
+                index, job, started_s = culprits[0]
+                yield index, _failed(job, error, started_s)
             for index, job, _ in culprits if len(culprits) > 1 else ():
                 started(index)
                 yield index, simulate_alone(solver, job, limb)
@@ -111,14 +111,14 @@ def attempt(
 
 def simulate_alone(solver: Solver, job: Job, limb: Limb | None) -> Simulation:
     """Simulate one job in this process; an error of the solver becomes its status."""
-    begun = perf_counter()
+    started_s = perf_counter()
     try:
         answer = solver.simulate(job, limb)
     except (Exception, SystemExit) as error:
-        return _failed(job, error, begun)
+        return _failed(job, error, started_s)
     if isinstance(answer, Simulation) and _name(answer.job) != _name(job):
         return _unanswered(job)
-    return usable(job, answer, perf_counter() - begun)
+    return usable(job, answer, perf_counter() - started_s)
 
 
 def usable(job: Job, answer: object, seconds: float) -> Simulation:
@@ -131,18 +131,18 @@ def usable(job: Job, answer: object, seconds: float) -> Simulation:
     return simulation if took else replace(simulation, seconds=seconds)
 
 
-def _failed(job: Job, error: BaseException, begun: float) -> Simulation:
+def _failed(job: Job, error: BaseException, started_s: float) -> Simulation:
     """Simulation that raised: curves that cannot be used are unreadable, anything else is a crash."""
     whole = "".join(traceback.format_exception(error))
     return Simulation(
         job=job,
         status=Status.UNREADABLE if isinstance(error, CurveError) else Status.CRASHED,
         message=storable(traceback.format_exception_only(error)[-1].strip()),
-        seconds=perf_counter() - begun,
+        seconds=perf_counter() - started_s,
         diagnostics={"traceback": storable(whole, LONGEST_TRACEBACK)},
     )
 
 
 def _unanswered(job: Job) -> Simulation:
-    said = "the solver ended without a result for this job"
-    return Simulation(job=job, status=Status.UNREADABLE, message=said)
+    message = "the solver ended without a result for this job"
+    return Simulation(job=job, status=Status.UNREADABLE, message=message)

@@ -31,7 +31,7 @@ def n_fitting(memory_MB: float) -> int:
     Parameters
     ----------
     memory_MB : float
-        What each of them may take; 0 where nobody has said.
+        What each of them may take; 0 where it is not known.
     """
     free_MB = free_memory()
     if not memory_MB or free_MB is None:

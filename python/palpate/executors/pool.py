@@ -250,8 +250,8 @@ class Pool:
             worker.assigned.remove(index)
             if how := self._ends.get(index):
                 repeated = f"repeated, as its worker had ended: {how}"
-                said = "; ".join(filter(None, (simulation.message, repeated)))
-                simulation = replace(simulation, message=said, n_crashes=self._crashes[index] or 1)
+                message = "; ".join(filter(None, (simulation.message, repeated)))
+                simulation = replace(simulation, message=message, n_crashes=self._crashes[index] or 1)
             return [(index, simulation)]
         elif kind == "unable":
             raise PluginError(f"a worker process cannot load the study's plugins: {content[0]}")
@@ -318,7 +318,7 @@ class Pool:
                     job=self._batch.jobs[index],
                     status=Status.CRASHED,
                     message=message,
-                    seconds=monotonic() - worker.begun,
+                    seconds=monotonic() - worker.started_s,
                     n_crashes=0 if worker.killed_by in OUTSIDE else n_attempts,
                 ),
             )
@@ -326,7 +326,7 @@ class Pool:
         ]
 
     def _dismiss(self, worker: "_Worker") -> list[int]:
-        """Stop a worker, take back the jobs that it had not begun, and return those it had."""
+        """Stop a worker, take back the jobs that it had not started, and return those it had."""
         worker.stop()
         self._workers.remove(worker)
         suspects = [i for i in worker.assigned if i in worker.started] or worker.assigned[:1]
@@ -374,7 +374,7 @@ class _Worker:
         self.limbs: dict[str, Limb] = {}
         self.assigned: list[int] = []
         self.started: set[int] = set()
-        self.begun = self.last_heard = monotonic()
+        self.started_s = self.last_heard = monotonic()
         self.last_output = ""
         self._output = b""
         search_path = os.pathsep.join(path or os.getcwd() for path in sys.path)

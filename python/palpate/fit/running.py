@@ -94,12 +94,12 @@ class Fit:
 
     def remarks(self) -> str:
         """Sentence on the values by their slopes, behind why the search ended."""
-        said = ""
+        remarks = ""
         if unseen := self.unseen():
-            said += f"; {UNSEEN} depends on {', '.join(unseen)}, left where the search started"
+            remarks += f"; {UNSEEN} depends on {', '.join(unseen)}, left where the search started"
         if inseparable := self.inseparable():
-            said += f"; {UNSEEN} separates {', '.join(inseparable)}: fix one or give it a prior"
-        return said
+            remarks += f"; {UNSEEN} separates {', '.join(inseparable)}: fix one or give it a prior"
+        return remarks
 
     def take(self, evaluations: Sequence[Evaluation]) -> None:
         """Keep what was evaluated."""

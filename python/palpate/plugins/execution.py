@@ -69,7 +69,7 @@ class Executor(Component[SettingsT]):
         """Yield the place and the simulation of each job as it comes, exactly one for each.
 
         A job that fails, hangs or ends its worker has a result too. When ``batch.should_continue()``
-        turns false no further job is begun, and those begun are finished.
+        turns false no further job is started, and those started are finished.
 
         Raises
         ------

@@ -59,7 +59,7 @@ def _own_state() -> Iterator[None]:
 
 @contextlib.contextmanager
 def answering_for(component: "Component | type[Component]", doing: str) -> Iterator[None]:
-    """Turn what a plugin's component raises beside a PalpateError into one that names it.
+    """Turn what a plugin's component raises other than a PalpateError into one that names it.
 
     What it prints goes to stderr; the working directory and NumPy's error state are restored.
 
@@ -82,11 +82,11 @@ def answering_for(component: "Component | type[Component]", doing: str) -> Itera
     except (Exception, SystemExit) as error:
         kind = component if isinstance(component, type) else type(component)
         where = f"{kind.__module__}.{kind.__qualname__}"
-        said, remedy = f": {error}{line_of(error)}", "check the file, or tell the plugin's author"
+        reason, remedy = f": {error}{line_of(error)}", "check the file, or tell the plugin's author"
         if type(error).__name__ == "TracerArrayConversionError":
-            said, remedy = "", NUMPY_IN_ENERGY
+            reason, remedy = "", NUMPY_IN_ENERGY
         raise PluginError(
-            f"{doing}: '{component.name}' ({where}) raised {type(error).__name__}{said}; {remedy}"
+            f"{doing}: '{component.name}' ({where}) raised {type(error).__name__}{reason}; {remedy}"
         ) from error
 
 

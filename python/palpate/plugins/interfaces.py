@@ -31,7 +31,7 @@ class ExperimentLoader(Component[SettingsT]):
         Parameters
         ----------
         channel : str, optional
-            The study says that this file holds this one channel; otherwise the
+            The study states that this file holds this one channel; otherwise the
             loader's settings say which columns make which channels.
 
         Raises

@@ -178,8 +178,8 @@ def _hooks() -> list[str]:
     for hook, spec in vars(hookspecs).items():
         if not hasattr(spec, "palpate_spec"):
             continue
-        said = " ".join((spec.__doc__ or "").split("\n\n")[0].split())
-        line = f"{hook}({', '.join(inspect.signature(spec).parameters)}): {said}"
+        meaning = " ".join((spec.__doc__ or "").split("\n\n")[0].split())
+        line = f"{hook}({', '.join(inspect.signature(spec).parameters)}): {meaning}"
         if hook in kinds:
             kind = kinds[hook]
             first = kind.base.split(" or ")[0]

@@ -27,7 +27,7 @@ class Score(Component[SettingsT]):
     linear: ClassVar[bool] = False
     """Whether r = scale · (simulated − measured), with factors that no simulated curve changes.
 
-    Intervals are exact to this extent. Those of another score are of first order, and said to be unclear.
+    Intervals are exact to this extent. Those of another score are of first order, and reported as unclear.
     """
 
     def weights(self, measured: Curve) -> FloatArray:
@@ -174,7 +174,7 @@ class NmseSettings(Settings):
     )
     point_weighting: PointWeighting = Field(
         default=PointWeighting.EQUAL,
-        description="Whether each measured point counts the same, or as its standard deviation says.",
+        description="Whether each measured point counts the same, or by its standard deviation.",
     )
 
 

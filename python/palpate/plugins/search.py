@@ -27,7 +27,7 @@ class SearchSpace:
     ----------
     parameters : tuple of Parameter
         What is searched, in the order of a point's coordinates: each goes from 0 at its lower bound
-        to 1 at its upper one, evenly in its logarithm where ``log`` says so.
+        to 1 at its upper one, evenly in its logarithm if ``log``.
     start : (n_parameters,) array
         Point to start from.
     exact_slopes : bool

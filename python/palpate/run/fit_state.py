@@ -55,7 +55,7 @@ def write_fit_state(folder: Path, state: FitState) -> None:
 
 
 def read_fit_state(folder: Path) -> FitState | None:
-    """Progress of the fit; None where none has begun, or it has ended."""
+    """Progress of the fit; None before it starts and after it has ended."""
     try:
         return FitState(**json.loads((folder / _FILE).read_bytes()))
     except (OSError, ValueError, TypeError, RecursionError):

@@ -28,7 +28,7 @@ def keep_inputs(run: Path, study: Study) -> str:
     """
     if is_kept(run, study.file):
         return study.file.resolve().relative_to(run.resolve()).as_posix()
-    # Not resolved: a link is found by its own name, beside what it is named with.
+    # Not resolved: a link is found by its own name, next to what it is named with.
     file, into = _absolute(study.file), run / FOLDER
     if not file.is_file():
         return ""
@@ -71,8 +71,8 @@ def _named(file: Path) -> Iterator[Path]:
         try:
             path = _absolute(file.parent / text)
             if text and not Path(text).is_absolute() and path.is_file():
-                beside = path.parent.iterdir()
-                yield from (each for each in beside if each.stem == path.stem and each.is_file())
+                siblings = path.parent.iterdir()
+                yield from (each for each in siblings if each.stem == path.stem and each.is_file())
         except (OSError, ValueError):  # a text that is no file name
             continue
 

@@ -5,7 +5,7 @@
     simulations   one row per key: spot, set_id, state, message, seconds, attempts …
     arrays        by key and channel: abscissa, ordinate, std, and slopes as d_ and the parameter's name, as
                   little-endian doubles; without a channel, surface: states of the skin as .npz
-    jobs          spot and set_id → key, for the sweep begun last
+    jobs          spot and set_id → key, for the last sweep
 
 A simulation that is reported as stored is on the disk, and outlives a loss of power. Any SQLite reads it,
 while somebody writes to it too: ``numpy.frombuffer(data)`` makes an array of a blob.
@@ -97,7 +97,7 @@ class Ledger:
         self._connection.close()
 
     def sweep(self) -> pl.DataFrame:
-        """One row for each job of the sweep begun last.
+        """One row for each job of the last sweep.
 
         Returns
         -------
@@ -111,7 +111,7 @@ class Ledger:
         )
 
     def counts(self) -> dict[str, int]:
-        """Simulations of the sweep begun last by state; ``left`` counts those to be done.
+        """Simulations of the last sweep by state; ``left`` counts those to be done.
 
         Jobs with one key count as one simulation.
         """

@@ -18,7 +18,7 @@ SHORT_S = 30.0
 """Time of a first simulation up to which a second is timed: the first one also compiles."""
 
 WORTH_SAYING_S = 10.0
-"""Time of a fit from which it is said how long it will take."""
+"""Time of a fit from which `palpate check` reports how long it will take."""
 
 OTHER_SCENARIO, OF_SPOT = 0.3, 1.5
 """Simulations at a spot by the joint fit of another scenario, over those of the first; by its own fit."""

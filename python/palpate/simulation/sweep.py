@@ -260,8 +260,8 @@ def results(
                 case (int(index), Simulation() as answer) if index in waiting:
                     pass
                 case _:
-                    said = "not the place and the Simulation of a job that was waiting"
-                    raise ValueError(f"it yielded {result!r:.200}, {said}")
+                    wrong = "not the place and the Simulation of a job that was waiting"
+                    raise ValueError(f"it yielded {result!r:.200}, {wrong}")
         waiting.discard(index)
         yield index, replace(usable(jobs[index], answer, answer.seconds), n_crashes=answer.n_crashes)
     if waiting and progress.should_continue():

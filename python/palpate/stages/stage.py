@@ -85,7 +85,7 @@ class Stage(Component[SettingsT]):
     """True if ``palpate run`` goes on, with a warning, where it cannot be made."""
 
     of_every_run: ClassVar[bool] = False
-    """True if ``palpate run`` includes it whatever the study says."""
+    """True if ``palpate run`` always includes it."""
 
     comes_last: ClassVar[bool] = False
     """True if ``palpate run`` makes it after all others, whose results it may read."""

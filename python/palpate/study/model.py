@@ -141,7 +141,8 @@ class SpotTable(Table):
         default=None, description="What is done otherwise at this spot, such as another indenter."
     )
     settings: dict[str, Any] = Field(
-        default={}, description="Settings of the loader for this spot's files, beside those of [experiment]."
+        default={},
+        description="Settings of the loader for this spot's files, in addition to those of [experiment].",
     )
 
 

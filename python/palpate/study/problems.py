@@ -38,7 +38,7 @@ class Problems:
         self._found: list[tuple[int, str]] = []
 
     def add(self, key: Key, message: str) -> None:
-        """Note that ``key`` is wrong; the message says how, and what to do."""
+        """Note that ``key`` is wrong; the message states how, and what to do."""
         found = (self._lines.line(key), f"{self.place(key)}: {message}")
         if found not in self._found:
             self._found.append(found)
@@ -114,8 +114,8 @@ def _message(detail: ErrorDetails, known: tuple[str, ...]) -> str:
         case "string_pattern_mismatch":
             return f"{_shortened(given)} is not a name; use letters, digits, - and _"
         case kind:
-            said = _SENTENCES[kind].format(**context) if kind in _SENTENCES else detail["msg"]
-            return f"{_shortened(given)}: {said[0].lower()}{said[1:]}"
+            sentence = _SENTENCES[kind].format(**context) if kind in _SENTENCES else detail["msg"]
+            return f"{_shortened(given)}: {sentence[0].lower()}{sentence[1:]}"
 
 
 _SENTENCES: Mapping[str, str] = types.MappingProxyType(

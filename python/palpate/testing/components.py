@@ -75,27 +75,27 @@ DIMENSIONAL = re.compile(
 """Names of settings whose value has a unit."""
 
 
-def overridden(says: str) -> Any:  # noqa: ANN401 - a subclass has a fixture of its own type
+def overridden(by: str) -> Any:  # noqa: ANN401 - a subclass has a fixture of its own type
     """Fixture of a contract that provides nothing: a plugin's suite has to override it."""
 
     @pytest.fixture
     def fixture(self: object, request: pytest.FixtureRequest) -> Never:
-        pytest.fail(f"{type(self).__name__}: override the fixture '{request.fixturename}' with {says}")
+        pytest.fail(f"{type(self).__name__}: override the fixture '{request.fixturename}' with {by}")
 
     return fixture
 
 
 def check_described(component: Component) -> None:
-    """Assert that name, summary and every setting say what they are."""
+    """Assert that name, summary and every setting are described."""
     assert component.name.isidentifier(), f"name {component.name!r} must be an identifier"
     assert component.summary.strip(), f"'{component.name}' needs a summary"
     for name, field in type(component.settings).model_fields.items():
-        said = f"setting '{name}' of '{component.name}'"
-        assert field.description, f"{said} needs a description"
+        label = f"setting '{name}' of '{component.name}'"
+        assert field.description, f"{label} needs a description"
         if "float" in str(field.annotation) and DIMENSIONAL.search(name):
             typed = any(isinstance(each, Quantity) for each in field.metadata)
             assert typed or "[" in field.description, (
-                f"{said}: a time, length, angle or size needs its unit; write [mm] in the description, "
+                f"{label}: a time, length, angle or size needs its unit; write [mm] in the description, "
                 'or annotate it as Annotated[float, Quantity("mm")]'
             )
 

@@ -119,8 +119,8 @@ class ExecutorContract(ComponentContract):
             assert result.response is not None, "status ok without a response"
             stress = result.response["uniaxial"].ordinate
             expected = job.thetas["tissue"][0] * np.linspace(0.0, 0.5, 6)
-            said = f"result {index} holds the answer of another job"
-            np.testing.assert_allclose(stress, expected, rtol=1e-12, atol=1e-15, err_msg=said)
+            message = f"result {index} holds the answer of another job"
+            np.testing.assert_allclose(stress, expected, rtol=1e-12, atol=1e-15, err_msg=message)
             slopes = result.response["uniaxial"].slopes
             lost = "the slopes of the curves are lost on the way"
             assert slopes.keys() == {"tissue.e"}, lost
@@ -138,7 +138,7 @@ class ExecutorContract(ComponentContract):
     def test_starts_nothing_when_asked_to_stop(self, executor: Executor, jobs: list[Job]) -> None:
         found = [index for index, _ in executor.results(self.batch(jobs, n_before_stop=1))]
         assert len(found) == len(set(found)), "two results of one job"
-        assert len(found) < len(jobs), "goes on although `should_continue` said no"
+        assert len(found) < len(jobs), "goes on although `should_continue` returned False"
 
     def test_no_jobs_are_done_at_once(self, executor: Executor) -> None:
         assert list(executor.results(self.batch([]))) == []

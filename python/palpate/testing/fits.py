@@ -81,9 +81,9 @@ class SetFilterContract(ComponentContract):
     def test_judges_each_set_for_itself(
         self, set_filter: SetFilter, space: ParameterSpace, values: FloatArray, kept: BoolArray
     ) -> None:
-        said = "the verdict on a set depends on the other sets"
-        np.testing.assert_array_equal(set_filter.accept(space, values[::-1]), kept[::-1], said)
-        np.testing.assert_array_equal(set_filter.accept(space, values[:1]), kept[:1], said)
+        message = "the verdict on a set depends on the other sets"
+        np.testing.assert_array_equal(set_filter.accept(space, values[::-1]), kept[::-1], message)
+        np.testing.assert_array_equal(set_filter.accept(space, values[:1]), kept[:1], message)
 
     def test_takes_no_sets_at_all(
         self, set_filter: SetFilter, space: ParameterSpace, values: FloatArray
@@ -442,9 +442,9 @@ class SearchContract(ComponentContract):
 
 def assert_ended(run: Rehearsal) -> None:
     """Assert that a search has ended with a reason."""
-    said = run.message
-    assert isinstance(said, str), f"ends with {said!r}, not with a text: return why it ended"
-    assert said.strip(), "ends with an empty text: return why it ended"
+    message = run.message
+    assert isinstance(message, str), f"ends with {message!r}, not with a text: return why it ended"
+    assert message.strip(), "ends with an empty text: return why it ended"
 
 
 def assert_found(run: Rehearsal, left: float) -> None:

@@ -19,9 +19,11 @@ from palpate.errors import MaterialError
 from palpate.testing.components import ComponentContract, overridden
 
 
-def _same(got: ArrayLike, expected: ArrayLike, said: str, *, rtol: float = 1e-7, atol: float = 0.0) -> None:
+def _same(
+    got: ArrayLike, expected: ArrayLike, message: str, *, rtol: float = 1e-7, atol: float = 0.0
+) -> None:
     found, known = (np.asarray(values, dtype=np.float64) for values in (got, expected))
-    np.testing.assert_allclose(found, known, rtol=rtol, atol=atol, err_msg=said)
+    np.testing.assert_allclose(found, known, rtol=rtol, atol=atol, err_msg=message)
 
 
 # Compiled once for each material under test: shared by its tests.
@@ -241,8 +243,8 @@ class MaterialContract(ComponentContract):
         for theta in thetas:
             energy = self.energies(material, gradients, theta, fields)
             scaled = self.energies(material, gradients, factors * theta, fields)
-            said = "all moduli times 2.5 is not the energy times 2.5: which parameter is a modulus?"
-            _same(scaled, 2.5 * energy, said, rtol=1e-12, atol=1e-15)
+            message = "all moduli times 2.5 is not the energy times 2.5: which parameter is a modulus?"
+            _same(scaled, 2.5 * energy, message, rtol=1e-12, atol=1e-15)
 
     def test_fields_store_nothing_at_rest(
         self, material: Material, thetas: FloatArray, fields: Fields
@@ -267,5 +269,5 @@ class MaterialContract(ComponentContract):
         turned = {name: each @ Q.T if each.ndim > 1 else each for name, each in fields.items()}
         before = self.energies(material, gradients, thetas[-1], fields)
         after = self.energies(material, gradients @ Q.T, thetas[-1], turned)
-        said = "body and cell fields turned together have another energy; is a direction fixed in space?"
-        _same(after, before, said, rtol=1e-9, atol=1e-14)
+        message = "body and cell fields turned together have another energy; is a direction fixed in space?"
+        _same(after, before, message, rtol=1e-9, atol=1e-14)

@@ -210,7 +210,7 @@ class IndenterContract(ComponentContract):
         for _ in range(1000):
             points = rng.uniform(lower - margin, upper + margin, (4000, 3))
             gaps = indenter.distance(points)
-            # What is above the bounds need not be inside, so that the upper end says nothing.
+            # What is above the bounds need not be inside, so that the upper end tests nothing.
             near = (np.abs(gaps) < margin) & (points[:, 2] < upper[2] - indenter.edge_mm)
             found = np.concatenate([found, points[near]])
             if len(found) >= self.n_points:
@@ -239,8 +239,8 @@ class IndenterContract(ComponentContract):
     def test_the_bounds_hold_it(self, indenter: Indenter) -> None:
         (lower, upper), rng = indenter.bounds_mm, np.random.default_rng(1)
         points = rng.uniform(2.0 * lower - upper, 2.0 * upper - lower, (20_000, 3))
-        beside = ((points < lower) | (points > upper))[:, :2].any(axis=1) & (points[:, 2] <= upper[2])
-        points = points[beside | (points[:, 2] < lower[2])]
+        lateral = ((points < lower) | (points > upper))[:, :2].any(axis=1) & (points[:, 2] <= upper[2])
+        points = points[lateral | (points[:, 2] < lower[2])]
         inside = points[np.asarray(indenter.distance(points)) < 0.0]
         assert not len(inside), f"{np.round(inside[0], 3)} mm is inside, and not in bounds_mm"
 

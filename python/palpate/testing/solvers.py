@@ -179,18 +179,18 @@ class SolverContract(ComponentContract):
             "`states.observed(job.channels)`"
         )
         for name, curve in curves(answer).curves.items():
-            said = f"channel '{name}' changes where the job asks for more channels"
-            np.testing.assert_array_equal(response[name].ordinate, curve.ordinate, said)
+            message = f"channel '{name}' changes where the job asks for more channels"
+            np.testing.assert_array_equal(response[name].ordinate, curve.ordinate, message)
 
     def test_the_same_job_gives_the_same_bits(
         self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
     ) -> None:
         once, again = curves(answer), curves(solver.simulate(job, limb))
         for channel in once:
-            said = f"channel '{channel}': the same job has two answers, and only one of them is kept"
+            message = f"channel '{channel}': the same job has two answers, and only one of them is kept"
             first, second = once[channel], again[channel]
-            np.testing.assert_array_equal(second.abscissa, first.abscissa, said)
-            np.testing.assert_array_equal(second.ordinate, first.ordinate, said)
+            np.testing.assert_array_equal(second.abscissa, first.abscissa, message)
+            np.testing.assert_array_equal(second.ordinate, first.ordinate, message)
 
     def test_radius_friction_and_limb_matter(
         self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
@@ -338,7 +338,7 @@ class SolverContract(ComponentContract):
             off = np.abs(_at(found[channel], reference[channel]) - reference[channel].ordinate).max()
             assert off <= self.convergence_tolerance * largest, (
                 f"channel '{channel}': finer settings change the answer by {off / largest:.2g} of its "
-                f"largest value, more than {self.convergence_tolerance:g}: `ok` is said too early"
+                f"largest value, more than {self.convergence_tolerance:g}: `ok` is reported too early"
             )
 
     def test_many_jobs_come_back_in_order(self, solver: Solver, job: Job, limb: Limb | None) -> None:

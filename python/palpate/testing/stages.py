@@ -150,9 +150,9 @@ class ScoreContract(ComponentContract):
         assert residuals.shape == others.shape, f"residuals of {others.shape} ordinates: {residuals.shape}"
         assert np.isfinite(residuals[:, used]).all(), "a finite curve has a residual that is not"
         for one, of_all in zip(others, residuals, strict=True):
-            said = "residuals of a curve depend on the others that are given with it"
+            message = "residuals of a curve depend on the others that are given with it"
             alone = score.residuals(measured, one, used)
-            np.testing.assert_allclose(alone[used], of_all[used], rtol=1e-12, atol=1e-15, err_msg=said)
+            np.testing.assert_allclose(alone[used], of_all[used], rtol=1e-12, atol=1e-15, err_msg=message)
 
     def test_a_curve_farther_off_is_worse(self, score: Score, measured: Curve, used: BoolArray) -> None:
         scaled = np.array([0.6, 0.9, 1.0, 1.1, 1.6])[:, None] * measured.ordinate
@@ -183,8 +183,8 @@ class ScoreContract(ComponentContract):
             slopes = score.slopes(measured, curve, used, along)[used]
             ends = [score.residuals(measured, curve + h * along, used)[used] for h in (step, -step)]
             differences, size = (ends[0] - ends[1]) / (2.0 * step), float(np.abs(slopes).max())
-            said = "slopes() are not those of residuals()"
-            np.testing.assert_allclose(slopes, differences, rtol=1e-4, atol=1e-4 * size, err_msg=said)
+            message = "slopes() are not those of residuals()"
+            np.testing.assert_allclose(slopes, differences, rtol=1e-4, atol=1e-4 * size, err_msg=message)
         scale = score.slopes(measured, measured.ordinate, used, np.ones(used.size))
         np.testing.assert_allclose(score.scale(measured, used)[used], scale[used], rtol=1e-9)
 
@@ -194,8 +194,8 @@ class ScoreContract(ComponentContract):
         if score.linear:
             expected = (score.scale(measured, used) * (others - measured.ordinate))[:, used]
             found = score.residuals(measured, others, used)[:, used]
-            said = "linear = True, and residuals are not in proportion"
-            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12, err_msg=said)
+            message = "linear = True, and residuals are not in proportion"
+            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-12, err_msg=message)
 
     def test_residuals_have_no_unit(
         self, score: Score, measured: Curve, used: BoolArray, others: FloatArray

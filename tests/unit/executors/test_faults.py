@@ -466,8 +466,8 @@ def test_a_clock_that_jumps_ends_no_job_and_no_lock(make_study, tissue, tmp_path
 @pytest.mark.parametrize("jump_h", [-30, 0, 30])
 def test_a_clock_that_jumps_gives_no_negative_time_left(jump_h):
     runner = Runner(host="h", pid=1, since="2026-01-01 12:00:00 UTC", token="t")
-    begun = datetime(2026, 1, 1, 12, tzinfo=UTC)
-    times = [begun + timedelta(seconds=i) + timedelta(hours=jump_h) * (i > 5) for i in range(12)]
+    started = datetime(2026, 1, 1, 12, tzinfo=UTC)
+    times = [started + timedelta(seconds=i) + timedelta(hours=jump_h) * (i > 5) for i in range(12)]
     rows = pl.DataFrame(
         {"finished_at": [each.isoformat(timespec="milliseconds") for each in times], "seconds": 0.5}
     )
@@ -477,9 +477,9 @@ def test_a_clock_that_jumps_gives_no_negative_time_left(jump_h):
 
 def test_results_of_a_cache_do_not_shorten_the_time_left():
     runner = Runner(host="h", pid=1, since="2026-01-01 12:00:00 UTC", token="t")
-    begun = datetime(2026, 1, 1, 12, tzinfo=UTC)
-    cached = [begun + timedelta(milliseconds=10 * i) for i in range(100)]
-    simulated = [begun + timedelta(seconds=8.0 * (i + 1)) for i in range(4)]
+    started = datetime(2026, 1, 1, 12, tzinfo=UTC)
+    cached = [started + timedelta(milliseconds=10 * i) for i in range(100)]
+    simulated = [started + timedelta(seconds=8.0 * (i + 1)) for i in range(4)]
     times = [each.isoformat(timespec="milliseconds") for each in (*cached, *simulated)]
     rows = pl.DataFrame({"finished_at": times, "seconds": 7.5})
     assert run_status._seconds_left(rows, 10, runner) == pytest.approx(80.0)

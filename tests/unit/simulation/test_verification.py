@@ -22,7 +22,7 @@ MESSAGE = "so it is"
 
 @pytest.fixture
 def doubting(tissue):
-    """A solver that doubts its answers, and a record of what it was asked."""
+    """A solver that verifies its results, and a record of what it was asked."""
 
     class Strictness(tissue.Analytic.Settings):
         strict: bool = True

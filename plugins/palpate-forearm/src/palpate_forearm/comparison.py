@@ -95,7 +95,7 @@ def _markdown(comparison: Comparison, results: Mapping[str, RunResult], folder: 
 
 
 def errata(results: Mapping[str, RunResult]) -> list[dict[str, str]]:
-    """Rows of what does not fit in the paper: where, what it says, what was found, what palpate does here."""
+    """Rows of what does not fit in the paper: where, what is printed, what was found, what is done here."""
     printed = _printed()
     in_runs = (_kept_sets(results), _normaliser(results))
     return [*printed["statements"], *in_runs, *printed["contact"], _law(results)]
@@ -114,7 +114,7 @@ def _kept_sets(results: Mapping[str, RunResult]) -> dict[str, str]:
     ]
     return {
         "where": "Drucker's criterion",
-        "paper": "leaves 140 of 250 Yeoh sets; for which strains and loads is not said",
+        "paper": "leaves 140 of 250 Yeoh sets; the strains and loads are not given",
         "found": "over 20 draws of 250 the printed formula leaves 149 ± 5, FEBio 4's stress 171 ± 4 "
         "(uniaxial, equibiaxial and planar, stretch 0.3 to 3)",
         "here": f"kept: {', '.join(kept)}" if kept else "Yeoh was not run",

@@ -58,9 +58,9 @@ def _size(session: Session, folder: Path, materials: list[str]) -> int:
     """Sets to draw: as many as there are, else as the paper's."""
     from palpate_forearm.reproduction import PAPER_SETS, sets_of
 
-    if begun := sets_of(folder, materials, session.plugins):
-        session.note(f"going on with {begun} sets of each material")
-    return begun or PAPER_SETS
+    if n_sets := sets_of(folder, materials, session.plugins):
+        session.note(f"continuing with {n_sets} sets of each material")
+    return n_sets or PAPER_SETS
 
 
 def _go(session: Session, reproduction: "Reproduction", *, as_json: bool) -> None:

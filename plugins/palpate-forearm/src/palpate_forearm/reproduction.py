@@ -120,13 +120,13 @@ def _refuse(folder: Path, materials: Sequence[str], phantom: str) -> None:
     unknown = [name for name in materials if name not in REGIONS]
     if unknown:
         raise StudyError(f"material '{unknown[0]}' is not in the paper; it has {', '.join(REGIONS)}")
-    begun = _phantom_of(folder)
-    if begun is None:
+    existing = _phantom_of(folder)
+    if existing is None:
         if folder.is_file() or (folder.is_dir() and {each.name for each in folder.iterdir()} - {_PARTIAL}):
             raise StudyError(f"{folder}: holds no reproduction; name a new or an empty folder")
-    elif begun != phantom:
+    elif existing != phantom:
         flag = "leave out --fine" if phantom == "fine" else "add --fine"
-        raise StudyError(f"{folder}: was made with the {begun} phantom; {flag}, or name another folder")
+        raise StudyError(f"{folder}: was made with the {existing} phantom; {flag}, or name another folder")
 
 
 def sets_of(folder: Path, materials: Sequence[str], plugins: Plugins) -> int:

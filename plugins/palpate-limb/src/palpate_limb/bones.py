@@ -64,7 +64,7 @@ def read_bones(
 
 
 def covered(bone: Surface, skin: Surface, cover_mm: float) -> Surface:
-    """The bone with its points at least so far below the skin; ``repairs`` says which were moved.
+    """The bone with its points at least so far below the skin; ``repairs`` states which were moved.
 
     Points out of the skin stay where they are, if they are farther out than that.
     """
@@ -79,8 +79,10 @@ def covered(bone: Surface, skin: Surface, cover_mm: float) -> Surface:
         short = gaps < cover_mm
         points[near[short]] = on[short] + cover_mm * inward[short] / np.maximum(gaps[short, None], 1e-9)
     most = float(np.linalg.norm(points - bone.points_mm, axis=1).max())
-    said = f"{near.size} points moved inwards by {most:.2g} mm at most, to be {cover_mm:g} mm below the skin"
-    return replace(bone, points_mm=points, repairs="; ".join(filter(None, (bone.repairs, said))))
+    repair = (
+        f"{near.size} points moved inwards by {most:.2g} mm at most, to be {cover_mm:g} mm below the skin"
+    )
+    return replace(bone, points_mm=points, repairs="; ".join(filter(None, (bone.repairs, repair))))
 
 
 def read_motion(path: Path) -> Placement:

@@ -24,7 +24,7 @@ FEW_EDGES = 12
 def parts(surface: Surface) -> list[Surface]:
     """The connected parts of a surface in its own order, without stray ones.
 
-    ``repairs`` of the largest says how many were left out.
+    ``repairs`` of the largest states how many were left out.
     """
     edges, _ = edge_uses(surface.faces)
     labels = parts_of(len(surface.points_mm), edges)[surface.faces[:, 0]]
@@ -35,14 +35,14 @@ def parts(surface: Surface) -> list[Surface]:
     n_stray, made = len(kept) - len(large), []
     for k in large:
         used, faces = np.unique(surface.faces[labels == k], return_inverse=True)
-        said = f"left out {n_stray} stray {'part' if n_stray == 1 else 'parts'}"
+        done = f"left out {n_stray} stray {'part' if n_stray == 1 else 'parts'}"
         made.append(
             replace(
                 surface,
                 points_mm=surface.points_mm[used],
                 faces=faces.reshape(-1, 3),
                 colours=None if surface.colours is None else surface.colours[used],
-                repairs=_with(surface.repairs, said if n_stray and k == areas.argmax() else ""),
+                repairs=_with(surface.repairs, done if n_stray and k == areas.argmax() else ""),
             )
         )
     return made
@@ -71,7 +71,7 @@ def closed(surface: Surface) -> Surface:
         return surface
     points, faces, colours = surface.points_mm, surface.faces, surface.colours
     caps: list[IntArray] = []
-    said = []
+    done = []
     for rim in _rims(faces):
         if len(rim) == 3:
             new = rim[None]
@@ -83,22 +83,22 @@ def closed(surface: Surface) -> Surface:
         if len(rim) > FEW_EDGES:
             caps.append(np.arange(len(faces), len(faces) + len(new)))
         x, y, z = points[rim].mean(axis=0)
-        said.append(f"closed an opening of {len(rim)} edges about ({x:.4g}, {y:.4g}, {z:.4g})")
+        done.append(f"closed an opening of {len(rim)} edges about ({x:.4g}, {y:.4g}, {z:.4g})")
         faces = np.concatenate([faces, new])
-    if not said:
+    if not done:
         return surface
     return replace(
         surface,
         points_mm=points,
         faces=faces,
         colours=colours,
-        repairs=_with(surface.repairs, "; ".join(said)),
+        repairs=_with(surface.repairs, "; ".join(done)),
         caps=np.concatenate(caps) if caps else None,
     )
 
 
-def _with(repairs: str, said: str) -> str:
-    return "; ".join(filter(None, (repairs, said)))
+def _with(repairs: str, done: str) -> str:
+    return "; ".join(filter(None, (repairs, done)))
 
 
 def _rims(faces: IntArray) -> list[IntArray]:
@@ -199,7 +199,7 @@ def repaired(surface: Surface) -> Surface:
     """The surface, closed and without crossing faces.
 
     A few crossing faces are cut out and the gaps closed; what that does not repair, MeshFix does:
-    it keeps the largest part and loses the colours. ``repairs`` says what was wrong and how far
+    it keeps the largest part and loses the colours. ``repairs`` states what was wrong and how far
     points moved or fell away. A surface without defects comes back as it is.
     What cannot be repaired, or not without MeshFix where that is not installed, is a MeshError.
     """

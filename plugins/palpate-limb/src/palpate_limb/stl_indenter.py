@@ -218,7 +218,7 @@ class StlIndenter(Indenter[StlSettings]):
         if settings.file.is_file():
             settings._sha256 = settings._sha256 or _sha256(settings.file)
             if _sha256(settings.file) != settings._sha256:
-                return  # whoever asks for the shape is told so
+                return  # the shape reports it when it is used
             lower, upper = self._solid.bounds_mm
             self.radius_mm = 0.5 * float((upper - lower)[:2].min())
             half = float(np.hypot(*np.maximum(np.abs(lower), np.abs(upper))[:2]))

@@ -28,7 +28,7 @@ class Surface:
     """A triangulated surface, outward by the right-hand rule where it is closed.
 
     Messages call it by its name, a file's or a bone's. Points are (n, 3), faces (m, 3), and colours (n, 3)
-    the sRGB of each point, 0 to 1. ``repairs`` says what was wrong and has been repaired, and ``caps`` (k,)
+    the sRGB of each point, 0 to 1. ``repairs`` states what was wrong and has been repaired, and ``caps`` (k,)
     are faces that close an opening and are no skin.
     """
 

@@ -1,4 +1,4 @@
-"""The parameters of every spot and scenario beside those that lead: the first picture of the page."""
+"""The parameters of every spot and scenario next to those that lead: the first picture of the page."""
 
 import math
 from collections.abc import Iterator, Sequence

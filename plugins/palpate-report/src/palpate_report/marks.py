@@ -123,7 +123,7 @@ class Headline:
 
     @property
     def text(self) -> str:
-        """The value, with as many digits as its interval says something of."""
+        """The value, with the digits that its interval determines."""
         return "by spot" if self.value is None else rounded(self.value, self.lower, self.upper)
 
     @property

@@ -60,7 +60,7 @@ class RenderedSection:
 
 
 def laid_out(data: ReportData, report: Report) -> list[RenderedSection]:
-    """Every section that has something to show; one that fails says why, unless it is the core's own."""
+    """Every section that has something to show; one that fails shows why, unless it is the core's own."""
     found: list[RenderedSection] = []
     for section in ordered(data.sections):
         is_open, blocks = False, tuple[Block, ...]()
@@ -256,6 +256,6 @@ def _width(picture: Picture) -> str:
 
 
 def _grouped(blocks: Sequence[Block]) -> Iterator[tuple[str, list[Block]]]:
-    """Blocks of one kind that follow each other: figures are beside each other where there is room."""
+    """Blocks of one kind that follow each other: figures are next to each other where there is room."""
     for kind, found in groupby(blocks, _kind):
         yield kind, list(found)

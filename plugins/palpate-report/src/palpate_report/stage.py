@@ -85,7 +85,7 @@ class ReportStage(Stage):
         notice: str,
         folder: Path,
     ) -> tuple[Path, ...]:
-        """Draw what was measured at a spot, as :class:`palpate.plugins.optional.PressDrawer` says."""
+        """Draw what was measured at a spot, as in :class:`palpate.plugins.optional.PressDrawer`."""
         from palpate_report import figures
 
         return figures.draw_presses(spot, presses, mean, channels, notice, folder)

@@ -40,7 +40,7 @@ STYLE: Mapping[str, Any] = MappingProxyType(
         "grid.color": "0.9",
         "grid.linewidth": 0.5,
         "axes.axisbelow": True,
-        # No offset or power of ten beside an axis, where it collides with the label.
+        # No offset or power of ten next to an axis, where it collides with the label.
         "axes.formatter.limits": (-6, 6),
         "axes.formatter.useoffset": False,
         "axes.formatter.use_mathtext": False,  # it is parsed for each tick of each file

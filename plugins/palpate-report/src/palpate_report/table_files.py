@@ -121,7 +121,7 @@ def tabular(
     wide : bool
         Whether it spans both columns of a page.
     warnings : sequence of str
-        What a comment at the head says.
+        Text of the comment at the head.
     """
     environment = "table*" if wide else "table"
     whole = [

@@ -75,8 +75,8 @@ def small_run(folder: Path, plugins: Iterable[object], tables: Mapping[str, Any]
     tables : mapping
         Tables of the study, as :class:`palpate.testing.StudyRunner` takes them.
     """
-    beside = ["palpate_certainty"] if importlib.util.find_spec("palpate_certainty") else []
-    every = dict.fromkeys([*plugins, *map(importlib.import_module, beside)])
+    optional = ["palpate_certainty"] if importlib.util.find_spec("palpate_certainty") else []
+    every = dict.fromkeys([*plugins, *map(importlib.import_module, optional)])
     study, loaded = StudyRunner(folder).study(*every, **tables)
     run_study(study, folder / "run", loaded)
     run = read_run(study, RunDirectory(folder / "run"), loaded, is_copy=False)

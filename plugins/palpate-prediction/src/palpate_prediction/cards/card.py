@@ -139,7 +139,7 @@ def _relaxation(data: CardData, form: EnergyForm | None) -> Iterator[str]:
         bulk = form.bulk_MPa * (1.0 if of_shape else left)
         yield f"long-term moduli: shear {form.shear_MPa * left:.6g} MPa, bulk {bulk:.6g} MPa"
     if untold := [f"{tau:g} s" for tau in shares if 0.0 < data.record_s < tau]:
-        yield f"not told by a record of {data.record_s:.3g} s: what relaxes with {', '.join(untold)}"
+        yield f"not determined by a record of {data.record_s:.3g} s: what relaxes with {', '.join(untold)}"
     which = "stress of the shape at constant volume" if of_shape else "stress"
     yield (
         f"in palpate the second Piola-Kirchhoff {which} relaxes; a program where another stress does differs "

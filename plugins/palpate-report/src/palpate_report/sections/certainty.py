@@ -25,7 +25,7 @@ class Certainty(Section):
             return
         yield Paragraph(
             "A 95 % interval holds the true value in 95 of 100 experiments, if what may be wrong is as "
-            "large as the study's error budget says. Shares of its causes:"
+            "large as the study's error budget states. Shares of its causes:"
         )
         bars = list(budget_bars(data))
         yield Table(
@@ -77,7 +77,7 @@ class Identifiability(Section):
         is_sure = any(each.level for each in report.conclusion.estimates)
         if is_sure:
             yield Paragraph(
-                "How well a parameter is identified is said by the 95 % intervals of the fit, which have "
+                "How well a parameter is identified is shown by the 95 % intervals of the fit, which have "
                 "the whole error budget; these ranges do not."
             )
         else:

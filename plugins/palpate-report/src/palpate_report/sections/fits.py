@@ -153,7 +153,7 @@ def _below(bests: Sequence[Best]) -> str:
 
 
 def _leading(data: ReportData, report: Report, bests: Sequence[Best]) -> Table:
-    """Show the joint fit with the spots beside it."""
+    """Show the joint fit with the spots next to it."""
     truth = data.study.truth
     known: list[Cell] = [None] if truth else []
     rows: list[list[Cell]] = []

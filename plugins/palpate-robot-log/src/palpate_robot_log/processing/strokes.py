@@ -1,4 +1,4 @@
-"""Strokes of a signal: from rest to rest, or from turn to turn, without hints."""
+"""Strokes of a signal: from rest to rest, or from turn to turn, without settings."""
 
 from dataclasses import dataclass
 from itertools import pairwise

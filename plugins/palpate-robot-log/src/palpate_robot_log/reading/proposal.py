@@ -134,7 +134,7 @@ class Guess:
     unit : str
         Written into the map only where the file shows none.
     is_in_base : bool
-        A wrench whose name says that it is in the base frame.
+        A wrench whose name states that it is in the base frame.
     to_check : tuple of str
         What a person has to decide.
     also : tuple of Guess
