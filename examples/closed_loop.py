@@ -15,13 +15,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from palpate.domain import Curve, Job, Protocol, Response, Status
-from palpate.errors import PalpateError
-from palpate.limb.loading import load_limbs
-from palpate.plugins.catalogue import Plugins
-from palpate.run.result import ALL_SPOTS
-from palpate.stages import pipeline
-from palpate.study.reading import Study, read_study
+from palpate.api import Curve, Job, PalpateError, Protocol, Response, Status
+from palpate.api.fit import ALL_SPOTS
+from palpate.api.runs import Plugins, Study, load_limbs, read_study, run_study
 from palpate_planning.candidates import extended_study
 from palpate_planning.propose import PlanOptions, propose
 
@@ -32,7 +28,7 @@ def loop(
     """Press until every interval is at most ``until`` of its value; the widest one after each press."""
     study, robot = read_study(study_file, plugins), np.random.default_rng(1)
     run, widest = folder / "press-0", []
-    pipeline.run_study(study, run, plugins)
+    run_study(study, run, plugins)
     for number in range(1, most_presses + 1):
         widest.append(widest_interval(run))
         say(f"{study.name}: {len(study.spots)} presses, the widest interval is {widest[-1]:.0%} of its value")
@@ -44,7 +40,7 @@ def loop(
         name, written = extended_study(run, study.file, press.name, file)
         say(f"press {number}: {name}, {press.keys}")
         before, run, study = run, folder / f"press-{number}", read_study(written, plugins)
-        pipeline.run_study(study, run, plugins, forked_from=before, adopt=True)
+        run_study(study, run, plugins, forked_from=before, adopt=True)
     return widest
 
 

@@ -50,7 +50,6 @@ if TYPE_CHECKING:
         FORCE as FORCE,
         LATERAL_FORCE as LATERAL_FORCE,
         PRESS_AND_TWIST as PRESS_AND_TWIST,
-        TILT_MOMENT as TILT_MOMENT,
         TORQUE as TORQUE,
     )
     from palpate.domain.component import (

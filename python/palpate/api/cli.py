@@ -15,7 +15,6 @@ if TYPE_CHECKING:
         Tables as Tables,
         TrustPlugins as TrustPlugins,
         examples as examples,
-        name_of as name_of,
     )
     from palpate.cli.output import (
         Closed as Closed,

@@ -11,10 +11,8 @@ if TYPE_CHECKING:
     )
     from palpate.executors import (
         Batch as Batch,
-        InProcess as InProcess,
         Limits as Limits,
         Pool as Pool,
-        Processes as Processes,
         attempt as attempt,
         n_cores as n_cores,
     )

@@ -6,8 +6,6 @@ from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
     from palpate.domain import (
-        Prior as Prior,
-        Tie as Tie,
         channel_of as channel_of,
         weighed_phases as weighed_phases,
     )
@@ -64,7 +62,6 @@ if TYPE_CHECKING:
         for_each_spot as for_each_spot,
     )
     from palpate.plugins.search import (
-        Asking as Asking,
         Evaluation as Evaluation,
         Search as Search,
         SearchSpace as SearchSpace,

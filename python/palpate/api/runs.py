@@ -9,10 +9,7 @@ if TYPE_CHECKING:
         moving_span as moving_span,
     )
     from palpate.errors import (
-        LedgerError as LedgerError,
         NothingSelectableError as NothingSelectableError,
-        SamplingError as SamplingError,
-        StoppedError as StoppedError,
     )
     from palpate.experiment.cycles import (
         cycle_warnings as cycle_warnings,
@@ -110,13 +107,8 @@ if TYPE_CHECKING:
     )
     from palpate.stages.pipeline import (
         RunResult as RunResult,
-        check_study as check_study,
         locked_run as locked_run,
         run_study as run_study,
-    )
-    from palpate.stages.saved_run import (
-        SavedRun as SavedRun,
-        open_run as open_run,
     )
     from palpate.stages.stage import (
         read_run as read_run,

@@ -11,10 +11,7 @@ if TYPE_CHECKING:
         interpolate as interpolate,
         nmse as nmse,
     )
-    from palpate.domain import Normaliser as Normaliser
     from palpate.plugins.score import (
-        Nmse as Nmse,
-        NmseSettings as NmseSettings,
         Score as Score,
     )
 
