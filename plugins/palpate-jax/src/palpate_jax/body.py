@@ -19,7 +19,7 @@ from palpate.api import FloatArray, IntArray, Material, Mesh
 from palpate_jax.autodiff import AutodiffKernel
 from palpate_jax.compiled import CompiledKernel, serves
 from palpate_jax.elements import ELEMENTS, PLAIN_ELEMENTS, tetrahedron_patches
-from palpate_jax.viscoelasticity import InLoadStep, Relaxation, Stresses, held_in, weighted
+from palpate_jax.viscoelasticity import BlockRelaxation, InLoadStep, Stresses, held_in, weighted
 
 Histories = Mapping[int, Stresses]
 """History variables by number of the blocks that relax."""
@@ -162,7 +162,7 @@ class Body:
         self._shape = (mesh.n_nodes, 3)
         self._n_entries: int | None = None
         self._kernels: list[CompiledKernel | AutodiffKernel] = []
-        self._relaxations: dict[int, Relaxation] = {}
+        self._relaxations: dict[int, BlockRelaxation] = {}
         for number, block in enumerate(self.blocks):
             material = materials[block.region]
             times_s = material.relaxation_times_s
@@ -177,7 +177,7 @@ class Body:
             if times_s:
                 turned = block.gradients if axes is None else block.gradients @ axes.T
                 relaxing = (block.nodes, turned, block.volumes, mesh.points_mm, np.array(times_s))
-                self._relaxations[number] = Relaxation(kernel, *relaxing)
+                self._relaxations[number] = BlockRelaxation(kernel, *relaxing)
 
     def bind(self, places: Sequence[IntArray], n_entries: int) -> None:
         """Set the places of the stiffness entries, before the first tangent.

@@ -45,8 +45,8 @@ class Pose:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
-    """Motion of the indenter: velocity of its lowest point (3,) [mm] and its spin (3,) [radians]."""
+class Velocity:
+    """Velocity of the indenter: that of its lowest point (3,) [mm], and its spin (3,) [radians]."""
 
     tip: FloatArray
     spin: FloatArray
@@ -396,7 +396,7 @@ class Contact:
             for surface, faces, part in self._by_surface(touched, jacobians)
         ]
 
-    def drag(self, displacements: FloatArray, load: ContactState, motion: Motion) -> FloatArray:
+    def drag(self, displacements: FloatArray, load: ContactState, motion: Velocity) -> FloatArray:
         """Change of the nodal forces (n_nodes, 3) [N] as the indenter moves and the tissue does not."""
         touched, turn = self.touched(displacements, load), load.pose.rotation
         jacobians = turn @ touched.points.jacobian(coupled=True) @ turn.T

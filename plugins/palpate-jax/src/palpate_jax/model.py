@@ -8,7 +8,7 @@ import numpy as np
 from palpate.api import FloatArray, Limb, Material, Mesh, MeshError
 from palpate.api.mesh import in_spot_frame, spot_axes
 from palpate_jax.body import Body
-from palpate_jax.contact import Answer, Contact, ContactState, Motion, Pose
+from palpate_jax.contact import Answer, Contact, ContactState, Pose, Velocity
 from palpate_jax.sparse import LinearSolver, Pattern
 
 
@@ -190,7 +190,7 @@ class Linearised(Forces):
             model.pattern.add(values, group, faces, stiffness)
         return values
 
-    def rate(self, load: ContactState, motion: Motion) -> FloatArray:
+    def rate(self, load: ContactState, motion: Velocity) -> FloatArray:
         """Change of the residual (n,) [N] as the indenter moves and the free nodes do not."""
         model = self.model
         rate = model.free(-model.contact.drag(self.displacements, load, motion))

@@ -7,7 +7,7 @@ import numpy as np
 
 from palpate.api import BoolArray, FloatArray, Indentation, IntArray
 from palpate.api.experiment import dwell_times
-from palpate_jax.contact import Answer, Motion, Pose
+from palpate_jax.contact import Answer, Pose, Velocity
 
 REST = np.zeros(6)
 
@@ -27,13 +27,13 @@ def pose(position: FloatArray) -> Pose:
     return Pose(tip_at(position), turn)
 
 
-def motion(position: FloatArray, way: FloatArray) -> Motion:
+def motion(position: FloatArray, way: FloatArray) -> Velocity:
     """The indenter's velocity at a position (6,) that changes by ``way`` (6,)."""
     spin = np.array([0.0, 0.0, np.deg2rad(way[5])])
     if position[3:5].any() or way[3:5].any():
         vector = np.deg2rad([*position[3:5], 0.0])
         spin = _tilt(position) @ spin + _spin_per_vector(vector) @ np.deg2rad([*way[3:5], 0.0])
-    return Motion(tip_at(way), spin)
+    return Velocity(tip_at(way), spin)
 
 
 def _tilt(position: FloatArray) -> FloatArray:

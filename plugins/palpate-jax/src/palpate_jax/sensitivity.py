@@ -25,7 +25,7 @@ import numpy as np
 
 from palpate.api import FloatArray, Material, ParameterName
 from palpate.api.mechanics import Array, moduli_at_rest
-from palpate_jax.contact import Answer, Change, ContactLaw, ContactState, Motion
+from palpate_jax.contact import Answer, Change, ContactLaw, ContactState, Velocity
 from palpate_jax.model import Linearised, Model
 from palpate_jax.schedule import Aim, motion, tip_at, wrench_rates
 
@@ -58,7 +58,7 @@ class Rates:
         anchors: FloatArray,
         penalty: float = 0.0,
         friction: float = 0.0,
-        motion: Motion | None = None,
+        motion: Velocity | None = None,
     ) -> Change:
         """Rates at all points, if the nodes move by ``moved`` (n_nodes, 3) and the indenter by ``motion``."""
         at_points = self._model.contact.at_points(moved)
@@ -66,16 +66,16 @@ class Rates:
             at_points = at_points - self._with_indenter(self._every, motion)
         return Change(at_points @ self._turn, anchors, penalty, friction)
 
-    def _with_indenter(self, positions: FloatArray, motion: Motion) -> FloatArray:
+    def _with_indenter(self, positions: FloatArray, motion: Velocity) -> FloatArray:
         """Velocities (n, 3) of points that move with the indenter."""
         return np.asarray(np.cross(motion.spin, positions - self._load.pose.tip) + motion.tip)
 
-    def force(self, change: Change, motion: Motion | None = None) -> FloatArray:
+    def force(self, change: Change, motion: Velocity | None = None) -> FloatArray:
         """Change of the nodal forces (n_nodes, 3)."""
         traction, _ = self.touched.points.rates(change.of(self.touched.where))
         return self._model.contact.to_nodes(self.touched, self._turned(traction, motion))
 
-    def _turned(self, traction: FloatArray, motion: Motion | None) -> FloatArray:
+    def _turned(self, traction: FloatArray, motion: Velocity | None) -> FloatArray:
         """Rates (k, 3) of tractions in the limb's frame, from those in the indenter's."""
         rate = traction @ self._turn.T
         if motion is not None:
@@ -83,7 +83,11 @@ class Rates:
         return np.asarray(rate)
 
     def answer(
-        self, change: Change, moved: FloatArray, motion: Motion | None = None, body: FloatArray | None = None
+        self,
+        change: Change,
+        moved: FloatArray,
+        motion: Velocity | None = None,
+        body: FloatArray | None = None,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Change of force and moment (3,), as in ``Answer``, and of the friction (k, 3) of the contact.
 
@@ -106,7 +110,7 @@ class Rates:
         """Force and moment at the state itself."""
         return self._model.answer(self._displacements, self._thetas, self._load)
 
-    def carried(self, moved: FloatArray, motion: Motion) -> FloatArray:
+    def carried(self, moved: FloatArray, motion: Velocity) -> FloatArray:
         """Rates of the nodes with those of the bonded ones, which move with the indenter."""
         model, result = self._model, moved.copy()
         places = (model.points + self._displacements)[model.bonded]
@@ -260,7 +264,7 @@ class Sensitivity:
         return found
 
     def _changes(
-        self, rates: Rates, moved: FloatArray, motions: Sequence[Motion | None] | None = None
+        self, rates: Rates, moved: FloatArray, motions: Sequence[Velocity | None] | None = None
     ) -> list[Change]:
         """Rates at all points for each parameter, if nodes and indenter move by rows of these."""
         rows = zip(moved, self._anchors, self._penalty, self._friction, strict=True)

@@ -154,7 +154,7 @@ def weighted(material: Material) -> Material:
     return _WeightedAnisotropic(material)
 
 
-class Relaxation:
+class BlockRelaxation:
     """Relaxation of the stresses of one block.
 
     Parameters

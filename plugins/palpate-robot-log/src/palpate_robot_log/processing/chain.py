@@ -10,7 +10,7 @@ from pydantic_core import to_json
 
 from palpate.api import Curve, FloatArray, IntArray, Relaxation
 from palpate.api.mesh import SpotWrench, spot_axes
-from palpate_robot_log.processing.contact import Motion, Normal, Onset
+from palpate_robot_log.processing.contact import Normal, Onset, ToolMotion
 from palpate_robot_log.processing.corrections import (
     FEWEST_FREE_ROWS,
     Bias,
@@ -87,7 +87,7 @@ class Processed:
     raw: Recording
     tared: Recording
     free: IntArray
-    motion: Motion
+    motion: ToolMotion
     depth_mm: FloatArray
     wrench: SpotWrench
     lag: Lag

@@ -25,7 +25,7 @@ from palpate_robot_log.recording import block_means, noise_std
 
 # Columns (m, n, k) of a description at n abscissae for m candidate places.
 Design = Callable[[FloatArray, FloatArray], FloatArray]
-_Seek = Callable[[FloatArray, FloatArray, tuple[float, float]], "Fit"]
+_Seek = Callable[[FloatArray, FloatArray, tuple[float, float]], "ChangePoint"]
 
 FINE = (31, 9, 9, 9)  # places on each grid, from the whole interval to the last step
 COARSE = (31, 9, 5)  # enough to compare descriptions
@@ -61,7 +61,7 @@ class Transition:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fit:
+class ChangePoint:
     """A place, its standard deviation and the squared residual there."""
 
     at: float
@@ -86,7 +86,7 @@ def profile(
     between: tuple[float, float],
     design: Design,
     zoom: Sequence[int] = FINE,
-) -> Fit:
+) -> ChangePoint:
     """Place of the change of a signal (n,), sought in the interval ``between``.
 
     The design is called with the abscissae scaled to a range of length 1, and with candidate places on
@@ -110,7 +110,7 @@ def profile(
     left_over = float(_residuals(here, (pair[1] - pair[0]) / (2.0 * step))[1][0])
     variance = least / max(x.size - here.shape[2] - 1, 1)
     std = float(np.sqrt(variance / left_over)) if left_over > 0.0 else float(np.ptp(x))
-    return Fit(at=middle + scale * best, std=scale * std, squares=least, n_rows=y.size)
+    return ChangePoint(at=middle + scale * best, std=scale * std, squares=least, n_rows=y.size)
 
 
 def _residuals(designs: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -146,7 +146,7 @@ def stroke_end(
     TooFewRowsError
         No window has more rows than there are unknowns.
     """
-    tried: list[Fit] = []
+    tried: list[ChangePoint] = []
     for share in _SHARES:
         first = int(np.searchsorted(time_s, between_s[0] + (_SPARE - share) * moving_s))
         time, value = _averaged(time_s[first:], values[first:])
@@ -164,7 +164,7 @@ def stroke_end(
     allowed = max(_NO_WORSE * min(fit.variance(_N_FREE) for fit in tried), _least(values) ** 2)
     chosen = next(fit for fit in tried if fit.variance(_N_FREE) <= allowed)
 
-    def again(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> Fit:
+    def again(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> ChangePoint:
         return _ending(time, value, between_s, float(chosen.at - time[0]))
 
     return _sharpened(chosen, time_s, values, again).transition
@@ -199,11 +199,13 @@ def speed_change(time_s: FloatArray, values: FloatArray, between_s: tuple[float,
     return found.transition if found.kind == "kink" else None
 
 
-def _found(time_s: FloatArray, values: FloatArray, between_s: tuple[float, float], seek: _Seek) -> Fit:
+def _found(
+    time_s: FloatArray, values: FloatArray, between_s: tuple[float, float], seek: _Seek
+) -> ChangePoint:
     return _sharpened(seek(*_averaged(time_s, values), between_s), time_s, values, seek)
 
 
-def _sharpened(fit: Fit, time_s: FloatArray, values: FloatArray, again: _Seek) -> Fit:
+def _sharpened(fit: ChangePoint, time_s: FloatArray, values: FloatArray, again: _Seek) -> ChangePoint:
     """A sharp place sought again among single rows: averages round a kink off.
 
     Where noise leaves the place less certain than an average is long, there is nothing to gain.
@@ -230,14 +232,16 @@ def _least(values: FloatArray) -> float:
     return _FINEST * float(np.ptp(values))
 
 
-def _ending(time: FloatArray, value: FloatArray, between_s: tuple[float, float], moving_s: float) -> Fit:
+def _ending(
+    time: FloatArray, value: FloatArray, between_s: tuple[float, float], moving_s: float
+) -> ChangePoint:
     fits = [profile(time, value, between_s, _moving(order)) for order in (3, 2)]
     fits.append(_braking(time, value, between_s, moving_s))
     fits.append(replace(profile(time, value, between_s, _moving(1)), kind="kink"))
     return _smoothest(fits, value, _N_FREE)
 
 
-def _turned(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> Fit:
+def _turned(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> ChangePoint:
     """A turn: one polynomial, both sides slowing down to rest and going on, or a kink."""
     smooth = [profile(time, value, between_s, _moving(order, after=True)) for order in (3, 2)]
     return _smoothest(
@@ -245,20 +249,20 @@ def _turned(time: FloatArray, value: FloatArray, between_s: tuple[float, float])
     )
 
 
-def _bent(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> Fit:
+def _bent(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> ChangePoint:
     """A change of speed: none in one polynomial, or a kink."""
     fits = [_vertex(time, value, between_s), _kink(time, value, between_s)]
     return _smoothest(fits, value, _N_FREE_OF_TURN)
 
 
-def _smoothest(fits: list[Fit], value: FloatArray, n_free: int) -> Fit:
+def _smoothest(fits: list[ChangePoint], value: FloatArray, n_free: int) -> ChangePoint:
     """First fit, from smooth to sharp, that none of the others betters significantly."""
     best = min(fits, key=lambda fit: fit.squares)
     variance = max(best.variance(n_free), _least(value) ** 2)
     return next(fit for fit in fits if fit.squares <= best.squares + SIGNIFICANT * variance)
 
 
-def _kink(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> Fit:
+def _kink(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> ChangePoint:
     return replace(profile(time, value, between_s, _moving(1, after=True)), kind="kink")
 
 
@@ -274,11 +278,13 @@ def _moving(order: int, *, after: bool = False) -> Design:
     return design
 
 
-def _braking(time: FloatArray, value: FloatArray, between_s: tuple[float, float], moving_s: float) -> Fit:
+def _braking(
+    time: FloatArray, value: FloatArray, between_s: tuple[float, float], moving_s: float
+) -> ChangePoint:
     """Stop after a constant deceleration whose length is sought too."""
     whole_s = float(np.ptp(time)) or 1.0
 
-    def stop(brake_s: float, zoom: Sequence[int] = COARSE) -> Fit:
+    def stop(brake_s: float, zoom: Sequence[int] = COARSE) -> ChangePoint:
         brake = brake_s / whole_s
 
         def design(time: FloatArray, at: FloatArray) -> FloatArray:
@@ -298,7 +304,7 @@ def _braking(time: FloatArray, value: FloatArray, between_s: tuple[float, float]
     return replace(stop(best, FINE), kind="kink" if best < 8.0 * row_s else "smooth")
 
 
-def _vertex(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> Fit:
+def _vertex(time: FloatArray, value: FloatArray, between_s: tuple[float, float]) -> ChangePoint:
     """Extremum of one polynomial through all rows."""
     middle, scale = float(time.mean()), float(np.ptp(time)) / 2.0 or 1.0
     x = (time - middle) / scale
@@ -315,4 +321,4 @@ def _vertex(time: FloatArray, value: FloatArray, between_s: tuple[float, float])
     noise = np.sqrt(squares / max(x.size - 7, 1) / x.size)
     # The slope of a fit of degree 6 is some six times less certain than its value.
     std = min(float(scale * 6.0 * noise / max(abs(float(bend[index])), 1e-300)), 2.0 * scale)
-    return Fit(at=middle + scale * float(grid[index]), std=std, squares=squares, n_rows=x.size)
+    return ChangePoint(at=middle + scale * float(grid[index]), std=std, squares=squares, n_rows=x.size)

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from palpate.api import FloatArray
-from palpate_robot_log.processing.change_points import Design, Fit, profile
+from palpate_robot_log.processing.change_points import ChangePoint, Design, profile
 from palpate_robot_log.recording import (
     Recording,
     angle_between_deg,
@@ -45,7 +45,7 @@ _FITTED_ROWS = 1500
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Contact:
+class ContactRows:
     """Rows that press, first and last, and whether the log ends with them."""
 
     first: int
@@ -58,7 +58,7 @@ class Contact:
         return slice(self.first, self.last + 1)
 
 
-def rough_contact(recording: Recording) -> Contact:
+def rough_contact(recording: Recording) -> ContactRows:
     """Rows between the first and the last clear change of force."""
     contacts = contacts_of(recording)
     if len(contacts) > 1:
@@ -72,7 +72,7 @@ def rough_contact(recording: Recording) -> Contact:
     return contacts[0]
 
 
-def contacts_of(recording: Recording) -> tuple[Contact, ...]:
+def contacts_of(recording: Recording) -> tuple[ContactRows, ...]:
     """Contacts between which the force goes back to that in free air."""
     track, block = thinned(recording, _TRACK_ROWS)
     # In the base frame the weight is constant while the tool turns.
@@ -109,7 +109,7 @@ def contacts_of(recording: Recording) -> tuple[Contact, ...]:
             runs[0][0],
         )
     return tuple(
-        Contact(
+        ContactRows(
             first=first * block,
             last=min((last + 1) * block, recording.n_rows) - 1,
             ends_in_contact=bool(last >= track.n_rows - 2),
@@ -127,7 +127,7 @@ class Normal:
     to_tool_axis_deg: float
 
 
-def spot_normal(recording: Recording, contact: Contact) -> Normal:
+def spot_normal(recording: Recording, contact: ContactRows) -> Normal:
     """Direction opposite to the one in which the tool moved while the force rose.
 
     The principal direction of the displacements over strides of the contact; a dwell adds no
@@ -158,7 +158,9 @@ def spot_normal(recording: Recording, contact: Contact) -> Normal:
     return described(recording, contact, -inward, std_deg)
 
 
-def described(recording: Recording, contact: Contact, vector: FloatArray | None, std_deg: float) -> Normal:
+def described(
+    recording: Recording, contact: ContactRows, vector: FloatArray | None, std_deg: float
+) -> Normal:
     """A normal (3,) scaled to length 1, or else the tool's axis, with the angle from that axis to it."""
     orientation = mean_orientation(recording.quaternion[contact.rows])
     axis = rotated(orientation[None, :], np.array([0.0, 0.0, 1.0]))[0]
@@ -168,7 +170,7 @@ def described(recording: Recording, contact: Contact, vector: FloatArray | None,
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Motion:
+class ToolMotion:
     """Motion of the tool about a spot; arrays of shape (n,).
 
     Parameters
@@ -191,7 +193,7 @@ class Motion:
     origin_mm: FloatArray
 
 
-def motion_about(recording: Recording, contact: Contact, normal: FloatArray) -> Motion:
+def motion_about(recording: Recording, contact: ContactRows, normal: FloatArray) -> ToolMotion:
     """Motion along and about a unit normal (3,) of the base frame."""
     origin = recording.position_mm[contact.first]
     offset = recording.position_mm - origin
@@ -199,7 +201,7 @@ def motion_about(recording: Recording, contact: Contact, normal: FloatArray) -> 
     n_head = max((contact.last - contact.first) // 20, 1)
     head = recording.quaternion[contact.first : contact.first + n_head]
     turn, tilt = turn_and_tilt(recording.quaternion, mean_orientation(head), normal)
-    return Motion(
+    return ToolMotion(
         time_s=recording.time_s,
         travel_mm=travel,
         lateral_mm=np.linalg.norm(offset + travel[:, None] * normal, axis=1),
@@ -258,7 +260,7 @@ def find_onset(
 
 def _fit(
     recording: Recording, travel: FloatArray, force: FloatArray, share: float, exponent: float, n_terms: int
-) -> Fit:
+) -> ChangePoint:
     """Onset by the law with so many terms, up to a share of the peak force."""
     n_ends = max(_FEWEST, force.size // 100)
     low, top = float(np.median(force[:n_ends])), float(np.median(force[-n_ends:]))

@@ -6,7 +6,7 @@ import numpy as np
 
 from palpate.api import FloatArray
 from palpate_robot_log.processing.change_points import TooFewRowsError, Transition, speed_change
-from palpate_robot_log.processing.contact import Contact, Motion, Onset
+from palpate_robot_log.processing.contact import ContactRows, Onset, ToolMotion
 from palpate_robot_log.processing.strokes import Stroke, strokes_of
 from palpate_robot_log.recording import Recording, rows_between
 
@@ -50,7 +50,7 @@ class Strokes:
         return float(time_s[-1]) if self.retract is None else self.retract.start.time_s
 
 
-def find_strokes(recording: Recording, motion: Motion, contact: Contact) -> Strokes:
+def find_strokes(recording: Recording, motion: ToolMotion, contact: ContactRows) -> Strokes:
     """Strokes of the travel and of the turn while the tool presses."""
 
     def strokes(rows: slice, values: FloatArray, least: float) -> tuple[Stroke, ...]:
@@ -93,7 +93,7 @@ def find_strokes(recording: Recording, motion: Motion, contact: Contact) -> Stro
     return Strokes(press=press, twists=twists, retract=retract)
 
 
-def _check_at_rest(recording: Recording, motion: Motion, contact: Contact) -> None:
+def _check_at_rest(recording: Recording, motion: ToolMotion, contact: ContactRows) -> None:
     """Refuse a log whose tool still moves in its last rows."""
     rows = slice(-max(_LAST_ROWS, motion.time_s.size // 200), None)
     for name, values, unit in (("travels", motion.travel_mm, "mm"), ("twists", motion.turn_deg, "degrees")):
@@ -110,7 +110,7 @@ def _check_at_rest(recording: Recording, motion: Motion, contact: Contact) -> No
 
 
 def contact_instants(
-    motion: Motion, contact: Contact, strokes: Strokes, onset: Onset
+    motion: ToolMotion, contact: ContactRows, strokes: Strokes, onset: Onset
 ) -> tuple[Transition, Transition | None]:
     """Times when the tool passes the onset on its way in, and on its way out."""
     time, travel, retract = motion.time_s, motion.travel_mm, strokes.retract
@@ -185,7 +185,7 @@ class Slide:
     strokes: tuple[Stroke, ...]
 
 
-def find_slide(recording: Recording, motion: Motion, strokes: Strokes, normal: FloatArray) -> Slide:
+def find_slide(recording: Recording, motion: ToolMotion, strokes: Strokes, normal: FloatArray) -> Slide:
     """Slide between the press and the retract."""
     time = motion.time_s
     rows = rows_between(time, strokes.press.stop.time_s, strokes.retract_s(time))

@@ -11,10 +11,10 @@ from palpate.api import FloatArray, IntArray
 from palpate.api.mesh import SpotWrench, spot_axes
 from palpate_robot_log.processing.change_points import Transition
 from palpate_robot_log.processing.contact import (
-    Contact,
-    Motion,
+    ContactRows,
     Normal,
     Onset,
+    ToolMotion,
     described,
     find_onset,
     motion_about,
@@ -54,9 +54,9 @@ class Located:
     """A recording, its contact, normal, motion and strokes."""
 
     recording: Recording
-    contact: Contact
+    contact: ContactRows
     normal: Normal
-    motion: Motion
+    motion: ToolMotion
     strokes: Strokes
 
 
@@ -167,7 +167,7 @@ def free_rows(
     return before, np.flatnonzero(clear & (motion.time_s > leave.time_s))
 
 
-def _oriented_alike(motion: Motion) -> np.ndarray:
+def _oriented_alike(motion: ToolMotion) -> np.ndarray:
     """Whether the tool is oriented in each row as when the press begins."""
     alike: np.ndarray = np.hypot(motion.turn_deg, motion.tilt_deg) < _ORIENTED_ALIKE_DEG
     return alike
@@ -176,7 +176,7 @@ def _oriented_alike(motion: Motion) -> np.ndarray:
 # ------------------------------------------------------------------------------- checks
 
 
-def _check_gaps(recording: Recording, contact: Contact) -> None:
+def _check_gaps(recording: Recording, contact: ContactRows) -> None:
     """Refuse a log that lacks rows while the tool presses."""
     steps = np.diff(recording.time_s[contact.rows])
     allowed = max(_LONGEST_GAP_ROWS * float(np.median(np.diff(recording.time_s))), _LONGEST_GAP_S)
@@ -189,7 +189,7 @@ def _check_gaps(recording: Recording, contact: Contact) -> None:
         )
 
 
-def _check_depth(recording: Recording, motion: Motion, contact: Contact) -> None:
+def _check_depth(recording: Recording, motion: ToolMotion, contact: ContactRows) -> None:
     """Refuse a depth that no limb has, as of a position in another unit."""
     depth = float(np.ptp(motion.travel_mm[contact.rows]))
     if not DEPTHS_MM[0] <= depth <= DEPTHS_MM[1]:
@@ -200,7 +200,7 @@ def _check_depth(recording: Recording, motion: Motion, contact: Contact) -> None
         )
 
 
-def _check_direction(recording: Recording, contact: Contact, normal: Normal) -> None:
+def _check_direction(recording: Recording, contact: ContactRows, normal: Normal) -> None:
     """Refuse a contact force that does not push the tool out of the limb: a wrong sign, or wrong axes."""
     force = rotated(recording.quaternion, recording.force_N)
     rest = force[: max(contact.first // 2, 1)].mean(axis=0)
@@ -230,7 +230,7 @@ def _check_direction(recording: Recording, contact: Contact, normal: Normal) -> 
         )
 
 
-def _check_path(recording: Recording, contact: Contact, normal: Normal, path: Normal) -> None:
+def _check_path(recording: Recording, contact: ContactRows, normal: Normal, path: Normal) -> None:
     """Refuse a given normal (or the tool's axis) that is not the direction of the press."""
     angle = angle_between_deg(normal.vector, path.vector)
     if angle > LARGEST_PATH_ANGLE_DEG:
@@ -241,7 +241,7 @@ def _check_path(recording: Recording, contact: Contact, normal: Normal, path: No
         )
 
 
-def _check_turn_axis(recording: Recording, motion: Motion, twists: tuple[Stroke, ...]) -> None:
+def _check_turn_axis(recording: Recording, motion: ToolMotion, twists: tuple[Stroke, ...]) -> None:
     """Refuse a twist whose axis is not the normal."""
     rows = rows_between(motion.time_s, twists[0].start.time_s, twists[-1].stop.time_s)
     turned = np.abs(np.sin(np.radians(motion.turn_deg[rows]) / 2.0))
