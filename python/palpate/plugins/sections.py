@@ -74,13 +74,6 @@ class Listing:
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
-    """Names and what is known under them."""
-
-    rows: Sequence[tuple[str, str]]
-
-
-@dataclass(frozen=True, slots=True)
 class Table:
     """Rows under the names of their columns; the first cell of a row is its name.
 
@@ -112,14 +105,6 @@ def _is_number(cell: Cell) -> bool:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
-    """Contents of a figure at one place of its slider, besides its own traces."""
-
-    label: str
-    traces: Sequence[Mapping[str, Any]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Figure:
     """A figure as data, drawn by Plotly in the page's type and colours.
 
@@ -136,19 +121,12 @@ class Figure:
         Layout of Plotly. A title of an axis is a string.
     height : int
         In pixels.
-    spot, scenario : str
-        Where given, the figure is shown when the page's menus choose them.
-    steps : sequence of Step
-        Where given, a slider goes through them.
     """
 
     label: str
     traces: Sequence[Mapping[str, Any]]
     layout: Mapping[str, Any] = field(default_factory=dict)
     height: int = 360
-    spot: str = ""
-    scenario: str = ""
-    steps: Sequence[Step] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,7 +160,7 @@ class Drawing:
     name: str
 
 
-Block = Paragraph | Heading | Listing | Facts | Table | Figure | Picture | Fold | Drawing
+Block = Paragraph | Heading | Listing | Table | Figure | Picture | Fold | Drawing
 """What a section may consist of."""
 
 

@@ -90,23 +90,16 @@
     return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, themed(item)]));
   }
 
-  const isChosen = (figure) => (!figure.spot || figure.spot === data.spots[state.spot])
-    && (!figure.scenario || figure.scenario === data.scenarios[state.scenario].name);
-
   function drawFigure(figure, k) {
-    const id = `figure-${k}`, slider = document.querySelector(`[data-steps="${k}"]`);
-    element(id).hidden = !isChosen(figure);
-    if (slider) slider.closest("label").hidden = element(id).hidden;
-    if (element(id).hidden || !isShown(id)) return;
-    const step = slider ? figure.steps[Number(slider.value)] : { label: "", traces: [] };
-    if (slider) slider.parentElement.querySelector("output").textContent = step.label;
+    const id = `figure-${k}`;
+    if (!isShown(id)) return;
     const shape = themed(figure.layout);
     delete shape.images;
     for (const key of Object.keys(shape).filter((name) => /^[xy]axis\d*$/.test(name))) {
       const { title, ...more } = shape[key];
       shape[key] = Object.assign(axis("", more), { title: { text: title || "", standoff: 6 } });
     }
-    const traces = themed([...figure.traces, ...step.traces]);
+    const traces = themed(figure.traces);
     traces.filter((t) => t.type === "scatter" && !t.hoverinfo).forEach((t) => {
       t.hovertemplate = `${t.text ? "%{text}: " : "%{x:.4g}, "}%{y:.4g}<extra>%{fullData.name}</extra>`;
     });
@@ -369,9 +362,6 @@
       document.querySelectorAll(`[data-menu="${menu.dataset.menu}"]`).forEach((other) => { other.value = menu.value; });
       if (state.selected) listSelected();
       drawAll();
-    }));
-    document.querySelectorAll("[data-steps]").forEach((slider) => slider.addEventListener("input", () => {
-      drawFigure(data.figures[Number(slider.dataset.steps)], Number(slider.dataset.steps));
     }));
     skin.listen();
     document.querySelectorAll("[data-copy]").forEach((b) => b.addEventListener("click", () => {

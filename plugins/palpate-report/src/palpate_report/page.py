@@ -163,7 +163,6 @@ def render(
         conclusion=conclusion,
         sections=sections,
         number_of=lambda figure: numbers[id(figure)],
-        has_menus=lambda section: any(figure.spot or figure.scenario for figure in section.figures),
         data=page_data(data) | {"figures": [figure_data(figure) for figure in figures]},
         generalises="generalised" in tables and len(data.spots) > 1,
         files=by_stem,

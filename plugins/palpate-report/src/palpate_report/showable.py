@@ -13,7 +13,6 @@ from palpate.api.report import (
     Bar,
     Block,
     Drawing,
-    Facts,
     Figure,
     Fold,
     Lines,
@@ -57,11 +56,8 @@ def _checked(section: Component[Any], block: Block) -> Block:
             return _table(section, block)
         case Listing():
             return replace(block, items=tuple((strong, rest) for strong, rest in block.items))
-        case Facts():
-            return replace(block, rows=tuple((name, value) for name, value in block.rows))
         case Figure():
-            block = replace(block, steps=tuple(block.steps))
-            plain(block.traces), plain(block.layout), plain([step.traces for step in block.steps])
+            figure_data(block)
         case Picture():
             address(block)
         case _ if not isinstance(block, Block):
@@ -124,14 +120,7 @@ def _is_percent(value: object) -> bool:
 
 def figure_data(figure: Figure) -> dict[str, Any]:
     """Values from which the page's script draws a figure."""
-    return {
-        "traces": plain(figure.traces),
-        "layout": plain(figure.layout),
-        "height": figure.height,
-        "spot": figure.spot,
-        "scenario": figure.scenario,
-        "steps": [{"label": step.label, "traces": plain(step.traces)} for step in figure.steps],
-    }
+    return {"traces": plain(figure.traces), "layout": plain(figure.layout), "height": figure.height}
 
 
 def plain(value: object) -> Any:  # noqa: ANN401 - JSON

@@ -21,7 +21,6 @@ import palpate_report
 from palpate.api import Component
 from palpate.api.report import (
     Block,
-    Facts,
     Figure,
     Fold,
     Heading,
@@ -203,8 +202,6 @@ def _texts(blocks: Iterable[Block]) -> Iterator[str]:
                 yield block.text
             case Listing():
                 yield from (text for item in block.items for text in item)
-            case Facts():
-                yield from (text for row in block.rows for text in row)
             case Fold():
                 yield block.title
             case Table():
