@@ -1,18 +1,18 @@
-"""The first screen: the card, and the forest of intervals."""
+"""The first screen: the card, and the figures next to it."""
 
 import re
 from dataclasses import replace
 
 import polars as pl
 import pytest
-from hypothesis import given, strategies as st
 
 from palpate.domain import Relaxation
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.sections import Table, Word
 from palpate.run.result import CertaintyResult
-from palpate_report.answer import COLOURS, answer, budget_bars
-from palpate_report.forest import Axis, _widened, forest
+from palpate_report.answer import COLOURS, answer, apart_from_joint, budget_bars
+from palpate_report.best_sets import best_sets
+from palpate_report.figures import interval_plot
 from palpate_report.next_step import CAUSES
 from palpate_report.page import laid_out, render
 from palpate_report.report_warnings import apparent
@@ -23,7 +23,6 @@ from palpate_report.tables import make_tables, printed
 from .fits import at_end_of_range
 
 TRUTH = {"soft_tissue.stiffness": 0.45, "soft_tissue.grip": 22.0}
-NUMBERS = st.floats(1e-6, 1e6)
 
 
 @pytest.fixture
@@ -41,16 +40,19 @@ def passed(data):
 
 def card(data):
     conclusion = make_conclusion(data, make_tables(data))
-    return answer(data, conclusion, forest(data, conclusion.bests))
+    return answer(data, conclusion)
 
 
-@given(st.lists(NUMBERS, min_size=1), st.booleans())
-def test_an_axis_holds_everything_in_its_order(known, is_log):
-    low, high = _widened(known, is_log=is_log)
-    axis = Axis(label="a", low=low, high=high, is_log=is_log)
-    places = [axis.percent(value) for value in sorted(known)]
-    assert all(0.0 < place < 100.0 for place in places)
-    assert places == sorted(places)
+def test_the_chart_shows_every_value_with_its_interval(fitted, content):
+    for data, found in ((passed(fitted), "fit"), (content(), "set")):
+        bests = [best for best in best_sets(data) if best.found.startswith(found)]
+        for k, axis in enumerate(interval_plot(data).axes):
+            values = [best.values[k] for best in bests]
+            drawn = [line.get_xdata() for line in axis.lines if line.get_label() != "known answer"]
+            assert [x[0] for x in drawn if len(x) == 1] == [value.value for value in values]
+            ends = [[value.lower, value.upper] for value in values if value.lower is not None]
+            assert [list(x) for x in drawn if len(x) == 2] == ends
+            assert len(axis.patches) == (found == "fit")  # the joint fit is shaded
 
 
 def test_the_card_has_intervals_moduli_and_causes_of_the_fit_that_leads(fitted):
@@ -86,10 +88,10 @@ def test_a_spot_apart_from_the_joint_fit_is_named(fitted):
     far = [
         pl.when(at).then(pl.col(end) + 1e3).otherwise(pl.col(end)).alias(end) for end in ("lower", "upper")
     ]
-    for moved, apart in ((rows, {}), (rows.with_columns(far), {"p2": ("grip",)})):
+    for moved, apart in ((rows, {}), (rows.with_columns(far), {"p2": ["grip"]})):
         certainty = replace(data.fit.certainty, intervals=_wide(moved))
         changed = replace(data, fit=replace(data.fit, certainty=certainty))
-        assert forest(changed, make_conclusion(changed, {}).bests).apart == apart
+        assert apart_from_joint(changed, make_conclusion(changed, {}).bests) == apart
         (spots,) = (text for name, text in card(changed).facts if name == "Spots")
         assert ("p2 (grip)" if apart else "none differs") in spots
 

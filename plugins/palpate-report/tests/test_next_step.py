@@ -10,7 +10,6 @@ from palpate.api.fit import ALL_SPOTS
 from palpate.domain.indenter import Sphere
 from palpate.fit.least_squares import LeastSquares
 from palpate_report.answer import answer
-from palpate_report.forest import forest
 from palpate_report.next_step import CAUSES, REMEDIES, STOP, WRITE_UP
 from palpate_report.result import Report, make_conclusion
 from palpate_report.stage import summary_of
@@ -150,5 +149,5 @@ def test_page_terminal_and_json_have_the_same_line(fitted):
     step = report.conclusion.next_step
     summary = summary_of(data.study, report)
     assert dict(summary.labelled)["Next"] == summary.values["next"] == step
-    card = answer(data, report.conclusion, forest(data, report.conclusion.bests))
+    card = answer(data, report.conclusion)
     assert dict(card.facts)["Next"] == step

@@ -2,10 +2,10 @@
 
 import colorsys
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from palpate_report.forest import Forest
+from palpate_report.best_sets import Best, leading
 from palpate_report.headline import r2_by_spot
 from palpate_report.marks import Headline
 from palpate_report.next_step import CAUSES
@@ -27,7 +27,7 @@ class SummaryCard:
     is_sure: bool
 
 
-def answer(data: ReportData, conclusion: Conclusion, picture: Forest) -> SummaryCard:
+def answer(data: ReportData, conclusion: Conclusion) -> SummaryCard:
     """Sum up what leads: the joint fit, the set for all spots, or the best set of the only spot."""
     n_spots = len(data.spots)
     material = " and ".join(
@@ -42,7 +42,7 @@ def answer(data: ReportData, conclusion: Conclusion, picture: Forest) -> Summary
     facts = {
         "Next": conclusion.next_step,
         "Fit": "; ".join(_quality(data, conclusion)),
-        "Spots": _spots(data, conclusion, picture),
+        "Spots": _spots(data, conclusion),
         "Certainty": _causes(data),
         "NOT included": ", ".join(conclusion.not_included),
         "Known": conclusion.known,
@@ -69,17 +69,33 @@ def _quality(data: ReportData, conclusion: Conclusion) -> Iterator[str]:
         yield f"{channel}: {word}, R² {r2:.4g}{least}"
 
 
-def _spots(data: ReportData, conclusion: Conclusion, picture: Forest) -> str:
+def _spots(data: ReportData, conclusion: Conclusion) -> str:
     """Spots that are used, and the one that differs from the joint fit."""
     used = f"{len(data.spots)} used ({', '.join(data.spots[:6])}{', …' if len(data.spots) > 6 else ''})"
     if len(data.spots) == 1 or not data.is_fitted:
         return used
-    if picture.apart:
-        apart = "; ".join(f"{spot} ({', '.join(names)})" for spot, names in picture.apart.items())
+    if found := apart_from_joint(data, conclusion.bests):
+        apart = "; ".join(f"{spot} ({', '.join(names)})" for spot, names in found.items())
         return f"{used}; intervals apart from the joint fit's: {apart}"
     if conclusion.failure or not any(each.level for each in conclusion.estimates):
         return used
     return f"{used}; none differs from the joint fit by more than the intervals"
+
+
+def apart_from_joint(data: ReportData, bests: Sequence[Best]) -> dict[str, list[str]]:
+    """Parameters by spot whose 95 % interval does not meet that of the fit that leads."""
+    lead = leading(data, bests)
+    found: dict[str, list[str]] = {}
+    for best in bests:
+        if lead is None or best.scenario != lead.scenario:
+            continue
+        for one, other in zip(best.values, lead.values, strict=True):
+            ends = (one.lower, one.upper, other.lower, other.upper)
+            if None in ends or not (one.level and other.level):
+                continue
+            if one.lower > other.upper or one.upper < other.lower:  # type: ignore[operator]
+                found.setdefault(best.spot, []).append(one.parameter)
+    return found
 
 
 def _causes(data: ReportData) -> str:

@@ -19,7 +19,7 @@ from palpate.api.fit import ALL_SPOTS
 from palpate.api.runs import file_name, objectives
 from palpate.api.scores import interpolate
 from palpate_report import comparison
-from palpate_report.best_sets import best_sets
+from palpate_report.best_sets import best_sets, leading
 from palpate_report.headline import failure_of
 from palpate_report.material import material_curves, stress_strain
 from palpate_report.panels import causes, contact, limbs, pressed, pressures, profiles, sobol_indices
@@ -56,10 +56,10 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
 
 def _drawings(data: ReportData) -> Iterator[tuple[str, bool, Callable[[ReportData], Figure]]]:
     """Name of every figure, whether there is something to draw, and the function that draws it."""
-    has_sets, has_intervals = data.design.n_sets > 0, not data.fit.certainty.intervals.is_empty()
+    has_sets = data.design.n_sets > 0
     yield "nmse_distribution", has_sets, nmse_distribution
-    yield "intervals", has_intervals, interval_plot
-    yield "causes", has_intervals, causes
+    yield "intervals", any(best_sets(data)), interval_plot
+    yield "causes", not data.fit.certainty.budget.is_empty(), causes
     yield "parameter_space", not has_sets and len(data.brief) > 1, partial(parameter_space, spot="")
     for spot in data.spots:
         yield f"parameter_space_{file_name(spot)}", has_sets, partial(parameter_space, spot=spot)
@@ -251,8 +251,13 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 
 
 def interval_plot(data: ReportData) -> Figure:
-    """Fitted parameters with their 95 % intervals by spot and scenario, the joint fit first."""
-    fits = [best for best in best_sets(data) if best.found == "fit"]
+    """Parameters of the fits, else of the best sets, by spot and scenario; the interval that leads is shaded.
+
+    Intervals are those of 95 % of a fit, else of what fits about as well in the sweep.
+    """
+    bests = list(best_sets(data))
+    fits = [best for best in bests if best.found == "fit"] or bests
+    lead = leading(data, fits) if len(data.spots) > 1 else None
     spots, names = list(dict.fromkeys(best.spot for best in fits)), list(data.searched.items())
     figure = sized(DOUBLE_MM if len(names) > 1 else SINGLE_MM, 14.0 * len(spots) + 36.0)
     axes = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
@@ -264,12 +269,16 @@ def interval_plot(data: ReportData) -> Figure:
             i = scenarios.index(best.scenario)
             at = spots.index(best.spot) + 0.6 * ((i + 0.5) / len(scenarios) - 0.5)
             look = {"color": LINES[i % len(LINES)][0], "marker": MARKERS[i % len(MARKERS)], "markersize": 3.5}
-            if found.level and found.lower is not None and found.upper is not None:
+            if found.lower is not None and found.upper is not None:
                 ends = [found.lower, found.upper]
-                axis.plot(ends, [at, at], "-|", linewidth=1.0, color=look["color"], markersize=4.0)
-            axis.plot(found.value, at, linestyle="none", label=f"scenario {best.scenario}", **look)
+                width = 1.6 if best.scenario == data.generalising.name else 0.8
+                axis.plot(ends, [at, at], "-|", linewidth=width, color=look["color"], markersize=4.0)
+                if best is lead:
+                    axis.axvspan(*ends, color=MEASURED_COLOUR, alpha=0.12, linewidth=0)
+            label = f"scenario {best.scenario}: {best.fitted_to}"
+            axis.plot(found.value, at, linestyle="none", label=label, **look)
         if (truth := data.study.truth.get(name)) is not None:
-            axis.axvline(truth, color="black", linewidth=0.8, label="known answer")
+            axis.axvline(truth, color=LEAST_COLOUR, linewidth=0.8, label="known answer")
         if parameter.scale == "log":
             set_log(axis, "x")
         else:

@@ -33,8 +33,7 @@ from palpate.api.report import (
 )
 from palpate.api.runs import answering_for
 from palpate_report.answer import answer, colour_of
-from palpate_report.forest import forest
-from palpate_report.marks import rounded, with_minus
+from palpate_report.marks import with_minus
 from palpate_report.page_data import page_data
 from palpate_report.report_data import ReportData
 from palpate_report.result import Conclusion, Report, ordered
@@ -101,6 +100,12 @@ def _figures(blocks: Iterable[Block]) -> Iterator[Figure]:
 
 _FOLDER = Path(__file__).parent
 
+LEADING_PICTURES = {
+    "intervals": "Every parameter by spot and scenario, with its interval; the numbers are under Values",
+    "stress_strain": "Stress over stretch of the fitted material, with its 95 % band",
+}
+"""Figures of the first screen, next to the card."""
+
 
 def write_page(
     data: ReportData,
@@ -143,18 +148,16 @@ def render(
     by_stem: dict[str, list[Path]] = {}
     for file in files:
         by_stem.setdefault(file.stem, []).append(file)
-    picture = forest(data, conclusion.bests)
     report = Report(tables=tables, files=tuple(files), conclusion=conclusion, pictures=pictures)
     sections = laid_out(data, report)
     figures = [figure for section in sections for figure in section.figures]
     numbers = {id(figure): k for k, figure in enumerate(figures)}
     return template().render(
-        answer=answer(data, conclusion, picture),
-        forest=picture,
-        stress=[
-            Picture(label="Stress over stretch of the fitted material, with its 95 % band", content=svg)
-            for name, svg in pictures.items()
-            if name == "stress_strain"
+        answer=answer(data, conclusion),
+        leading_pictures=[
+            Picture(label=label, content=pictures[name])
+            for name, label in LEADING_PICTURES.items()
+            if name in pictures
         ],
         versions=[v for name, v in data.manifest.get("versions", {}).items() if name == "palpate"],
         date=datetime.now().astimezone().date().isoformat(),
@@ -209,7 +212,6 @@ def template(name: str = "index.html.jinja") -> jinja2.Template:
         "shown": _with_minus(shown),
         "minus": _with_minus(str),
         "heading": heading,
-        "rounded": _with_minus(rounded),
         "address": address,
         "colour": colour_of,
         "width": _width,
