@@ -264,7 +264,7 @@ def test_a_card_is_printed_or_written_and_what_cannot_be_is_refused(call, withou
     assert (tmp_path / "both.json").read_text() == printed.out
     for options, expected in (
         (("--into", "rubber.json"), "exists and is not overwritten"),
-        (("--for", "comsol"), "no such program; choose one of febio, abaqus, ansys, ls-dyna, json"),
+        (("--for", "comsol"), "no such program; choose one of febio, abaqus, ansys, json"),
         (("--for", "abaqus"), "declares no standard energy"),
         (("--region", "bone"), "--region bone: not in the study"),
     ):

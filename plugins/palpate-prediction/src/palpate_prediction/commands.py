@@ -57,7 +57,7 @@ def card(
     context: typer.Context,
     run: RunPath = None,
     program: Annotated[
-        str, typer.Option("--for", metavar="PROGRAM", help="febio, abaqus, ansys, ls-dyna or json.")
+        str, typer.Option("--for", metavar="PROGRAM", help="febio, abaqus, ansys or json.")
     ] = "json",
     region: Annotated[
         str | None, typer.Option("--region", help="One region of several.", show_default=False)

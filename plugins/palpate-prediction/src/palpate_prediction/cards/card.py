@@ -1,6 +1,6 @@
 """Content of a fitted material's card, whatever the program."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -171,16 +171,8 @@ def _range(strain: Mapping[str, float], reached: Mapping[str, tuple[str, float, 
     )
 
 
-def differences(
-    data: CardData, form: EnergyForm, pressure: Callable[[FloatArray], FloatArray]
-) -> Iterator[str]:
-    """Lines on how the stresses of a program whose shape and volume are separate differ from palpate's.
-
-    Parameters
-    ----------
-    pressure : callable
-        Mean stress over the bulk modulus of the program, at relative volumes J (n,).
-    """
+def differences(data: CardData, form: EnergyForm) -> Iterator[str]:
+    """Lines on how stresses with the volumetric energy K/2 (J − 1)² differ from palpate's."""
     J = np.array([data.strain.get("J_min", VOLUMES[0]), data.strain.get("J_max", VOLUMES[1])])
     mine = np.log(J) / J
     if form.volume == "coupled":
@@ -188,7 +180,7 @@ def differences(
         mine = (share * (J ** (2.0 / 3.0) - 1.0) + (1.0 - 2.0 / 3.0 * share) * np.log(J)) / J
     shown = ", ".join(
         f"{100.0 * (ratio - 1.0):+.2f} % at J = {at:.4g}"
-        for ratio, at in zip(pressure(J) / np.where(mine == 0.0, 1.0, mine), J.tolist(), strict=True)
+        for ratio, at in zip((J - 1.0) / np.where(mine == 0.0, 1.0, mine), J.tolist(), strict=True)
         if at != 1.0
     )
     yield f"mean stress of a pure dilation: differs from palpate's by {shown or 'nothing'}"

@@ -7,7 +7,6 @@ febio       Σ c_k/k (Ĩ1 − 3)^k (the k is missing in its stress);    K/2 (ln 
             Σ c_j/m_j² (Σ λ̃^m_j − 3)
 abaqus      Σ C_k0 (Ĩ1 − 3)^k; Σ 2 μ_j/α_j² (Σ λ̃^α_j − 3)           (J − 1)²/D1, D1 = 2/K
 ansys       Σ C_k0 (Ĩ1 − 3)^k; Σ μ_j/α_j (Σ λ̃^α_j − 3)              (J − 1)²/d1, d1 = 2/K
-ls-dyna     Σ C_k0 (Ĩ1 − 3)^k; Σ μ_j/α_j (Σ λ̃^α_j − 3)              K (J − 1 − ln J), K by ν (Ogden)
 ==========  ======================================================  ================================
 
 A material that relaxes by G(t) = G(0) (1 − Σ γ_i (1 − e^(−t/τ_i))) is in
@@ -52,26 +51,14 @@ STRESS = (
 MOST_FEBIO = 6
 """Terms g_i, t_i that FEBio's viscoelastic materials take."""
 
-MOST_YEOH_LS_DYNA = 3
-"""Powers of I1 - 3 that *MAT_HYPERELASTIC_RUBBER takes."""
+
+def _stretch_energy(factor: str, power: str, n: int) -> str:
+    term = f"{factor} (l1^{power} + l2^{power} + l3^{power} - 3)"
+    return " + ".join(term.format(j) for j in range(1, n + 1))
 
 
-def _quadratic(J: FloatArray) -> FloatArray:
-    return J - 1.0
-
-
-def _rational(J: FloatArray) -> FloatArray:
-    return 1.0 - 1.0 / J
-
-
-def _ogden_energy(mu: str, alpha: str, factor: str, n: int) -> str:
-    terms = (f"{factor}{mu}{j}/{alpha}{j}" for j in range(1, n + 1))
-    sums = (f"(l1^{alpha}{j} + l2^{alpha}{j} + l3^{alpha}{j} - 3)" for j in range(1, n + 1))
-    return " + ".join(f"{term} {each}" for term, each in zip(terms, sums, strict=True))
-
-
-def _power_energy(name: str, n: int) -> str:
-    return " + ".join(f"{name.format(k)} (I1 - 3)^{k}" for k in range(1, n + 1))
+def _power_energy(factor: str, n: int) -> str:
+    return " + ".join(f"{factor} (I1 - 3)^{{0}}".format(k) for k in range(1, n + 1))
 
 
 def _numbers(values: Iterable[float], per_line: int = 8) -> list[str]:
@@ -162,13 +149,11 @@ def _febio_energy(form: EnergyForm) -> Iterator[str]:
         yield "energy: W = mu/2 (lambda1^2 + lambda2^2 + lambda3^2 - 3) - mu ln J + lam/2 (ln J)^2"
         yield "with mu = E / (2 (1 + v)) and lam = E v / ((1 + v) (1 - 2 v))"
     elif form.powers:
-        terms = " + ".join(f"c{k}/{k} (I1 - 3)^{k}" for k in range(1, len(form.powers) + 1))
-        yield f"energy: W = {terms} + k/2 (ln J)^2"
+        yield f"energy: W = {_power_energy('c{0}/{0}', len(form.powers))} + k/2 (ln J)^2"
         yield "FEBio 4.4 to 4.11 was measured to have this stress: its c_k is k times the textbook's"
     else:
-        n = len(form.stretches)
-        each = (f"c{j}/m{j}^2 (l1^m{j} + l2^m{j} + l3^m{j} - 3)" for j in range(1, n + 1))
-        yield f"energy: W = {' + '.join(each)} + k/2 (ln J)^2"
+        terms = _stretch_energy("c{0}/m{0}^2", "m{0}", len(form.stretches))
+        yield f"energy: W = {terms} + k/2 (ln J)^2"
 
 
 def abaqus(data: CardData) -> str:
@@ -179,17 +164,15 @@ def abaqus(data: CardData) -> str:
     if form.stretches:
         keyword = f"*Hyperelastic, ogden, n={n}"
         values = [value for c, m in form.stretches for value in (0.5 * c, m)]
-        terms = " + ".join(
-            f"2 mu{j}/alpha{j}^2 (l1^alpha{j} + l2^alpha{j} + l3^alpha{j} - 3)" for j in range(1, n + 1)
-        )
+        terms = _stretch_energy("2 mu{0}/alpha{0}^2", "alpha{0}", n)
     else:
         kind = {1: "neo hooke", 3: "yeoh"}.get(n, f"reduced polynomial, n={n}")
-        keyword, values, terms = f"*Hyperelastic, {kind}", list(form.powers), _power_energy("C{}0", n)
+        keyword, values, terms = f"*Hyperelastic, {kind}", list(form.powers), _power_energy("C{0}0", n)
     comments = [
         *head(data, form),
         f"energy: W = {terms} + 1/D1 (J - 1)^2, D1 = 2/K",
         STRESS,
-        *differences(data, form, _quadratic),
+        *differences(data, form),
     ]
     shares, of_bulk = data.relaxation, 0.0 if data.material.relaxes_isochoric else 1.0
     keyword += ", moduli=instantaneous" if shares else ""
@@ -210,16 +193,16 @@ def ansys(data: CardData) -> str:
     d1, n = 2.0 / form.bulk_MPa, len(form.powers) or len(form.stretches)
     if form.stretches:
         table, values = "OGDEN", [value for c, m in form.stretches for value in (c / m, m)]
-        terms = _ogden_energy("mu", "alpha", "", n)
+        terms = _stretch_energy("mu{0}/alpha{0}", "alpha{0}", n)
     elif n == 1:
         table, values, terms = "NEO", [2.0 * form.powers[0]], "mu/2 (I1 - 3)"
     else:
-        table, values, terms = "YEOH", list(form.powers), _power_energy("C{}0", n)
+        table, values, terms = "YEOH", list(form.powers), _power_energy("C{0}0", n)
     comments = [
         *head(data, form),
         f"energy: W = {terms} + 1/d1 (J - 1)^2, d1 = 2/K",
         STRESS,
-        *differences(data, form, _quadratic),
+        *differences(data, form),
     ]
     rest = [d1, *[0.0] * (0 if table == "NEO" else n - 1)]
     option = "" if table == "NEO" else f"{n}"
@@ -240,48 +223,6 @@ def _table(numbers: Sequence[float]) -> Iterator[str]:
     """Commands ``TBDATA`` of the table before them."""
     for i in range(0, len(numbers), 6):
         yield f"TBDATA,{i + 1}," + ",".join(f"{value:.12g}" for value in numbers[i : i + 6])
-
-
-def ls_dyna(data: CardData) -> str:
-    """``*MAT_OGDEN_RUBBER`` or ``*MAT_HYPERELASTIC_RUBBER`` of LS-DYNA, in fields of 20 columns."""
-    form = check_form(data, "ls-dyna")
-    if data.relaxation:
-        raise MaterialError(
-            f"material '{data.material.name}' relaxes, and cannot be written for ls-dyna: the moduli G_i of "
-            "its hyperelastic materials add a stress that is linear in the strain, not a share of the "
-            "energy's; use --for json, or the card of another program"
-        )
-    n = len(form.powers)
-    if n > MOST_YEOH_LS_DYNA:
-        raise MaterialError(
-            f"material '{data.material.name}' cannot be written for ls-dyna: *MAT_HYPERELASTIC_RUBBER takes "
-            f"powers of I1 - 3 up to {MOST_YEOH_LS_DYNA}, and it has {n}; fit fewer terms"
-        )
-    first = f"{data.number:>20}{DENSITY_T_PER_MM3:>20.12g}{form.poisson:>20.12g}{0:>20}"
-    if n > 1:
-        keyword = "*MAT_HYPERELASTIC_RUBBER"
-        c = [*form.powers, 0.0][:MOST_YEOH_LS_DYNA]
-        rows, names = [[c[0], 0.0, 0.0, c[1], 0.0, c[2]]], ["C10", "C01", "C11", "C20", "C02", "C30"]
-        energy = "energy: W = C10 (I1 - 3) + C20 (I1 - 3)^2 + C30 (I1 - 3)^3 + W_H(J), with K by PR"
-        comments = [
-            energy,
-            STRESS,
-            "mean stress of a pure dilation: K ln J / J in palpate; W_H is that of the program",
-        ]
-    else:
-        terms = form.stretches or ((4.0 * form.powers[0], 2.0),)
-        keyword, names = "*MAT_OGDEN_RUBBER", [f"{j}" for j in range(1, 9)]
-        rows = [[c / m for c, m in terms], [m for _, m in terms]]
-        energy = (
-            f"energy: W = {_ogden_energy('MU', 'ALPHA', '', len(terms))} + K (J - 1 - ln J), with K by PR"
-        )
-        comments = [energy, STRESS, *differences(data, form, _rational)]
-    bulk = "K = 2 G (1 + PR) / (3 (1 - 2 PR)), with G the initial shear modulus"
-    fields = "$#" + "".join(f"{name:>20}" for name in names[: len(rows[0])])[2:]
-    lines = [f"$ {line}" for line in (*head(data, form), *comments, bulk)]
-    lines += [f"{keyword} +", "$#" + "".join(f"{name:>20}" for name in ("mid", "ro", "pr", "n"))[2:], first]
-    lines += [fields, *("".join(f"{value:>20.12g}" for value in row) for row in rows)]
-    return "\n".join(lines) + "\n"
 
 
 def as_json(data: CardData) -> str:
@@ -332,7 +273,7 @@ def joined(program: str, cards: Mapping[str, str]) -> str:
 
 
 PROGRAMS: Mapping[str, Callable[[CardData], str]] = MappingProxyType(
-    {"febio": febio, "abaqus": abaqus, "ansys": ansys, "ls-dyna": ls_dyna, "json": as_json}
+    {"febio": febio, "abaqus": abaqus, "ansys": ansys, "json": as_json}
 )
 """Writers of cards by program."""
 
