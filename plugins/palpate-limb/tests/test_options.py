@@ -24,8 +24,6 @@ def test_the_guide_has_every_key_and_its_default(tmp_path: Path) -> None:
     text = (Path(__file__).parents[3] / "docs" / "limb.md").read_text(encoding="utf-8")
     block = text.split("## The file of options")[1].split("```toml\n")[1].split("```")[0]
     (tmp_path / "limb.toml").write_text(block)
-    (tmp_path / "points.csv").write_text("a,1,2,3\n")
-    (tmp_path / "ultrasound.csv").write_text("spot,skin_mm\np2,1.4\n")
     of_guide, default = read_options(tmp_path / "limb.toml", ScanOptions, {}), ScanOptions()
     assert of_guide.model_fields_set == set(ScanOptions.model_fields) - {"mark", "landmarks"}
     assert "mark = " in block
@@ -73,13 +71,11 @@ def test_options_of_the_command_line_come_first_and_have_their_own_folder(tmp_pa
         ("[spot]\np1 = '45%'", "limb.toml:2: spot.p1: 45%: around the limb is where? Add an angle"),
         ("[spot]\np1 = '45%,120'", "limb.toml:2: spot.p1: '120' has no unit; write \"120 deg\""),
         ("[spot]\np1 = 'elbow'", "limb.toml:2: spot.p1: elbow: give x,y,z in the scan's coordinates"),
-        ("points = 'no.csv'\nspot.p1 = 'elbow'", "no.csv: cannot be read"),
         ("zero = [1, 0, 0]", "limb.toml:1: spot: missing, and zero is for it; add [spot] NAME = PLACE"),
         ("mark = ['a']\nspot.a = '1,2,3'", "limb.toml:1: mark: give the spots by place (spot) or by ink"),
         ("motion = 'a'\nlandmarks = 'b'", "limb.toml:2: landmarks: both a motion and landmarks"),
         ("[layer]\nfat = 5", 'limb.toml:2: layer.fat: 5 has no unit; write "5 mm"'),
         ("[layer_at.p1]\nfat = '0 mm'", "limb.toml:2: layer_at.p1.fat: '0 mm': must be greater than 0"),
-        ("layer_table = 'no.csv'", "no.csv: cannot be read"),
         ("unit = [", "limb.toml: invalid TOML:"),
     ],
 )

@@ -1,7 +1,6 @@
 """Surfaces without colours: their unit, openings and parts, and spots by place."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,21 +10,19 @@ import pytest
 import trimesh
 from hypothesis import given, settings, strategies as st
 
-from palpate.api import FloatArray
 from palpate.cli.app import main
 from palpate.errors import MeshError
 from palpate_limb.bones import covered, read_bones
 from palpate_limb.from_scan import ReadScan, read_scan
 from palpate_limb.marks import locate_at
 from palpate_limb.options import BoneFile, ScanOptions
-from palpate_limb.places import Around, Station, place_of, position_mm, read_points
+from palpate_limb.places import Around, Station, place_of, position_mm
 from palpate_limb.repair import closed, defects, largest, parts, repaired
 from palpate_limb.segment import cut
 from palpate_limb.surfaces import Surface, guessed_unit, mm_per_unit
 
 RADIUS, LENGTH = 30.0, 200.0
 UP = np.array([0.0, 0.0, 1.0])
-NO_POINTS: Mapping[str, FloatArray] = {}
 OPTIONS = ScanOptions(unit="mm", smoothing=0)
 
 
@@ -178,31 +175,23 @@ def test_a_share_and_an_angle_are_where_they_say(share: float, angle: float) -> 
 
 def test_a_share_of_a_bone_is_over_it_or_around_the_limb() -> None:
     bone = replace(tube(5.0, 100.0, shift=15.0), name="ulna")
-    near = position_mm("p", place_of("ulna:50%", NO_POINTS), around((bone,)))
+    near = position_mm("p", place_of("ulna:50%"), around((bone,)))
     assert near[2] == pytest.approx(50.0, abs=3.0)
     np.testing.assert_allclose(near[:2], [RADIUS, 0.0], atol=1.0)
-    opposite = position_mm("p", place_of("ulna:120%,180deg", NO_POINTS), around((bone,)))
+    opposite = position_mm("p", place_of("ulna:120%,180deg"), around((bone,)))
     np.testing.assert_allclose(opposite, [-RADIUS, 0.0, 120.0], atol=0.1)
     with pytest.raises(MeshError, match="beyond bone 'ulna'"):
-        position_mm("p", place_of("ulna:120%", NO_POINTS), around((bone,)))
+        position_mm("p", place_of("ulna:120%"), around((bone,)))
     with pytest.raises(MeshError, match=r"no bone 'radius' \(there: ulna\)"):
-        position_mm("p", place_of("radius:20%", NO_POINTS), around((bone,)))
+        position_mm("p", place_of("radius:20%"), around((bone,)))
 
 
-def test_points_are_given_or_named_and_lie_on_the_skin(tmp_path: Path) -> None:
-    (tmp_path / "points.csv").write_text("name,x,y,z\nwrist,0,29.5,40\nelbow, -31, 0, 160\n")
-    points = read_points(tmp_path / "points.csv")
-    places = {name: place_of(text, points) for name, text in {"a": "wrist", "b": "1.5,-29,80"}.items()}
-    np.testing.assert_array_equal(places["b"], [1.5, -29.0, 80.0])
-    np.testing.assert_allclose(position_mm("a", places["a"], around()), [0.0, 30.0, 40.0], atol=0.1)
+def test_a_point_lies_on_the_skin() -> None:
+    np.testing.assert_array_equal(place_of("1.5,-29,80"), [1.5, -29.0, 80.0])
+    place = place_of("0,29.5,40")
+    np.testing.assert_allclose(position_mm("a", place, around()), [0.0, 30.0, 40.0], atol=0.1)
     with pytest.raises(MeshError, match=r"spot 'a': \(0, 59, 80\) mm is 29 mm from tube"):
-        position_mm("a", places["a"], replace(around(), mm_per_unit=2.0))
-    for wrong in ("a,1,2\n", "a,1,2,x\n", "a,1,2,3\na,1,2,3\n", "a,1,2,nan\n"):
-        (tmp_path / "points.csv").write_text(wrong)
-        with pytest.raises(MeshError, match=r"points\.csv: line [12]: .*; write name,x,y,z"):
-            read_points(tmp_path / "points.csv")
-    with pytest.raises(MeshError, match="cannot be read"):
-        read_points(tmp_path)
+        position_mm("a", place, replace(around(), mm_per_unit=2.0))
 
 
 @pytest.mark.parametrize(
@@ -212,12 +201,12 @@ def test_points_are_given_or_named_and_lie_on_the_skin(tmp_path: Path) -> None:
         ("45%,120", "has no unit"),
         ("1,2", "give x,y,z"),
         ("1,2,inf", "give x,y,z"),
-        ("elbow", r"one of points; points: wrist"),
+        ("elbow", "a share of a bone"),
     ],
 )
 def test_a_place_that_means_nothing_is_refused(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        place_of(text, {"wrist": np.zeros(3)})
+        place_of(text)
 
 
 def test_a_station_off_the_limb_and_an_angle_along_it_are_refused() -> None:

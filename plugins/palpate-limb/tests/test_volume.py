@@ -20,7 +20,7 @@ from palpate_forearm import InkMark, Phantom, PhantomBone, Scanner, Section, wri
 from palpate_indentation import MeshioSettings, MeshioSource
 from palpate_limb import from_scan
 from palpate_limb.from_scan import layers_at_bone, sound_mesh
-from palpate_limb.layers import below_skin, extruded, read_layers
+from palpate_limb.layers import below_skin, extruded
 from palpate_limb.meshing import SizeField, run_ftetwild
 from palpate_limb.options import ScanOptions
 from palpate_limb.quality import assess, cell_volumes, check_quality, dihedral_angles_deg, scaled_jacobians
@@ -200,12 +200,10 @@ def with_layers(text: str) -> ScanOptions:
     return ScanOptions.model_validate(tomllib.loads(text))
 
 
-def test_layers_have_their_own_thickness_at_a_spot(tmp_path: Path) -> None:
-    table = tmp_path / "ultrasound.csv"
-    table.write_text("spot,skin_mm,fat_mm\np1, 1.6, 4\np2, 1.4, 7.5\n")
+def test_layers_have_their_own_thickness_at_a_spot() -> None:
     options = with_layers(
-        'size = "4 mm"\ncore = "muscle"\nlayer.skin = "2 mm"\nlayer_at.p2.fat = "8 mm"\n'
-        f'layer_table = "{table}"'
+        'size = "4 mm"\ncore = "muscle"\nlayer.skin = "2 mm"\n'
+        'layer_at.p1 = { skin = "1.6 mm", fat = "4 mm" }\nlayer_at.p2 = { skin = "1.4 mm", fat = "8 mm" }'
     )
     assert options.layers == ("skin", "fat")
     assert dict(options.mesh.layers_mm) == {"skin": 2.0}
@@ -220,63 +218,31 @@ def test_layers_have_their_own_thickness_at_a_spot(tmp_path: Path) -> None:
     assert (dict(small.layers_mm), small.core) == ({"skin": 1.4, "fat": 8.0}, "muscle")
 
 
-@pytest.mark.parametrize("text", ["spot,skin\np1,2\n", "fat_mm\n2\n", "spot\np1\n", "spot,fat_mm\n", ""])
-def test_a_table_of_layers_without_its_heading_is_refused(tmp_path: Path, text: str) -> None:
-    (tmp_path / "u.csv").write_text(text)
-    with pytest.raises(MeshError, match=r"u\.csv: write each spot once, .* a heading such as spot,skin_mm"):
-        read_layers(tmp_path / "u.csv")
-
-
-@pytest.mark.parametrize("row", ["p1,0", "p1,x", "p1,", "p1", ",2", "p1,1\np1,1", "p1,1,2"])
-def test_a_wrong_row_of_a_table_of_layers_is_named(tmp_path: Path, row: str) -> None:
-    (tmp_path / "u.csv").write_text(f"spot,fat_mm\n{row}\n")
-    with pytest.raises(MeshError, match=r"u\.csv: line [23]: write each spot once"):
-        read_layers(tmp_path / "u.csv")
-
-
 @pytest.mark.parametrize(
-    ("layers", "columns", "order"),
+    ("layers", "order"),
     [
-        ('layer.fat="5 mm"', "skin_mm", ("skin", "fat")),
-        ('layer.fat="5 mm"\nlayer_at.p1.skin="1 mm"', None, ("skin", "fat")),
+        ('layer.fat="5 mm"\nlayer_at.p1.skin="1 mm"', ("skin", "fat")),
         (
             '[layer_at]\np1={fascia="1 mm", fat="4 mm"}\np2={fat="4 mm", deep="3 mm"}',
-            None,
             ("fascia", "fat", "deep"),
         ),
-        ('layer_at.p1.deep="3 mm"', "fat_mm,deep_mm", ("fat", "deep")),
+        ('[layer_at]\np1={deep="3 mm"}\np2={fat="4 mm", deep="3 mm"}', ("fat", "deep")),
     ],
 )
-def test_layers_come_in_the_order_of_what_is_named_together(
-    tmp_path: Path, layers: str, columns: str | None, order: tuple[str, ...]
-) -> None:
-    assert with_layers(with_table(tmp_path, columns) + layers).layers == order
-
-
-def with_table(folder: Path, columns: str | None) -> str:
-    if columns is None:
-        return ""
-    (folder / "u.csv").write_text(f"spot,{columns}\np1" + ",1.6" * len(columns.split(",")) + "\n")
-    return f'layer_table = "{folder}/u.csv"\n'
+def test_layers_come_in_the_order_of_what_is_named_together(layers: str, order: tuple[str, ...]) -> None:
+    assert with_layers(layers).layers == order
 
 
 @pytest.mark.parametrize(
-    ("layers", "columns", "why"),
+    ("layers", "why"),
     [
-        (
-            '[layer_at]\np1={fat="4 mm", deep="3 mm"}\np2={deep="3 mm", fat="4 mm"}',
-            None,
-            "named above the other",
-        ),
-        ('layer.fat="4 mm"\nlayer_at.p1.deep="3 mm"', None, "is not said"),
-        ('layer.fat="4 mm"', "skin_mm,deep_mm", "is not said"),
-        ('layer_at.p1.fat="4 mm"', "deep_mm", "is not said"),
+        ('[layer_at]\np1={fat="4 mm", deep="3 mm"}\np2={deep="3 mm", fat="4 mm"}', "named above the other"),
+        ('layer.fat="4 mm"\nlayer_at.p1.deep="3 mm"', "is not said"),
+        ('layer.fat="4 mm"\nlayer_at.p1={skin="1 mm", deep="3 mm"}', "is not said"),
     ],
 )
-def test_layers_in_no_order_or_in_several_are_refused(
-    tmp_path: Path, layers: str, columns: str | None, why: str
-) -> None:
-    options = with_layers(with_table(tmp_path, columns) + layers)
+def test_layers_in_no_order_or_in_several_are_refused(layers: str, why: str) -> None:
+    options = with_layers(layers)
     with pytest.raises(MeshError, match=f"layers '(fat' and 'deep|deep' and 'fat)': .*{why}"):
         options.mesh_at("p1")
 

@@ -116,7 +116,7 @@ def _read_skin(path: Path, unit: str | None, *, with_bones: bool) -> tuple[Surfa
 
 def limbs_of(scan: ReadScan, options: ScanOptions, *, finer: bool = False) -> Iterator[ScannedLimb]:
     """Mesh the segment of each spot, yielding each as it is done; a MeshError names the spot."""
-    if missing := sorted(set(options.layers_at) - set(scan.spots)):
+    if missing := sorted(set(options.layer_at) - set(scan.spots)):
         raise MeshError(f"layers of spot '{missing[0]}': no such spot (there: {', '.join(scan.spots)})")
     plans = {name: options.mesh_at(name) for name in scan.spots}
     for name, found in scan.spots.items():

@@ -9,12 +9,10 @@ into three tetrahedra each.
 from collections.abc import Iterable, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 
 from palpate.api import FloatArray, IntArray, MeshError
-from palpate_limb.places import read_rows
 from palpate_limb.segment import Segment
 from palpate_limb.surfaces import Surface, outwards, solid, surface_of
 
@@ -51,35 +49,11 @@ def layer_order(together: Iterable[Sequence[str]]) -> tuple[str, ...]:
         if len(ready) > 1:
             raise MeshError(
                 f"layers '{ready[0]}' and '{ready[1]}': which one is above the other is not said; name them "
-                "together once, from the outside in: both for all spots, both for one, or both in the table"
+                "together once, from the outside in: both for all spots, or both for one"
             )
         order += ready
         graph.done(*ready)
     return (*outermost, *order)
-
-
-def read_layers(path: Path | None) -> dict[str, dict[str, float]]:
-    """Thickness [mm] by spot and layer: a table of ``spot,skin_mm,fat_mm``; a MeshError where it is none."""
-    advice = "write each spot once, with thicknesses > 0 under a heading such as spot,skin_mm,fat_mm"
-    heading, *rows = read_rows(path, advice) or [["spot"]]
-    found: dict[str, dict[str, float]] = {}
-    names = [name.removesuffix("_mm") for name in heading[1:]]
-    if path is not None and (heading != ["spot", *(f"{name}_mm" for name in names)] or not names or not rows):
-        raise MeshError(f"{path}: {advice}")
-    for number, (spot, *cells) in enumerate(rows, start=2):
-        try:
-            layers = {name: float(cell) for name, cell in zip(names, cells, strict=True)}
-        except ValueError:
-            layers = {}
-        if (
-            not layers
-            or not spot
-            or spot in found
-            or not all(0.0 < each < 1000.0 for each in layers.values())
-        ):
-            raise MeshError(f"{path}: line {number}: {advice}")
-        found[spot] = layers
-    return found
 
 
 def below_skin(segment: Segment, depth_mm: float, spacing_mm: float = 1.2) -> Surface:

@@ -1,7 +1,6 @@
 """Options of ``palpate limb SCAN``: keys of a TOML file, some of them options of the command line too."""
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -19,10 +18,10 @@ from pydantic import (
 
 from palpate.api import MeshError, Quantity, Settings
 from palpate.api.mesh import NEAR
-from palpate_limb.layers import layer_order, read_layers
+from palpate_limb.layers import layer_order
 from palpate_limb.marks import Colour
 from palpate_limb.meshing import SizeField
-from palpate_limb.places import Place, place_of, read_points
+from palpate_limb.places import Place, place_of
 from palpate_limb.surfaces import mm_per_unit
 from palpate_limb.volume import FLATTEST, TISSUE, MeshPlan
 
@@ -81,21 +80,9 @@ def _axis(given: object) -> list[float] | str:
     return given if isinstance(given, str) and given else _direction(given)
 
 
-def _place(text: str, info: ValidationInfo) -> str:
-    if "points" in info.data:  # otherwise that file is refused
-        place_of(text, read_points(info.data["points"]))
+def _place(text: str) -> str:
+    place_of(text)
     return text
-
-
-def _readable_by(read: Callable[[Path], object]) -> AfterValidator:
-    def checked(path: Path) -> Path:
-        try:
-            read(path)
-        except MeshError as error:
-            raise ValueError(str(error)) from error
-        return path
-
-    return AfterValidator(checked)
 
 
 def _unit(given: str) -> str:
@@ -124,7 +111,6 @@ class ScanOptions(Settings, strict=True):
     """Options of a scan; docs/limb.md documents every key."""
 
     bones: list[Bone] = Field(default=[])
-    points: Annotated[File, _readable_by(read_points)] | None = None  # that a spot may name
     zero: Annotated[list[float], PlainValidator(_direction)] | None = None  # of 0 degrees around the limb
     spot: dict[Name, Annotated[str, AfterValidator(_place)]] = Field(default={}, validate_default=True)
     mark: Annotated[dict[Name, Colour | None], BeforeValidator(_by_name)] = DEFAULT_MARKS
@@ -146,17 +132,14 @@ class ScanOptions(Settings, strict=True):
     fine: bool = False  # finer meshes too
     layer: dict[Name, Length] = Field(default={})  # thickness, from the outside in
     layer_at: dict[Name, dict[Name, Length]] = Field(default={})  # where a spot has its own
-    layer_table: Annotated[File, _readable_by(read_layers)] | None = None  # the same, as from ultrasound
     core: Name = TISSUE  # region below all layers
     linear: bool = False  # four-node elements
 
     @field_validator("spot")
     @classmethod
     def _spots_for(cls, given: dict[str, str], info: ValidationInfo) -> dict[str, str]:
-        if not given and (unused := next((key for key in ("points", "zero") if info.data.get(key)), None)):
-            raise ValueError(
-                f"missing, and {unused} is for it; add [spot] NAME = PLACE, or leave {unused} out"
-            )
+        if not given and info.data.get("zero"):
+            raise ValueError("missing, and zero is for it; add [spot] NAME = PLACE, or leave zero out")
         return given
 
     @field_validator("mark")
@@ -183,19 +166,12 @@ class ScanOptions(Settings, strict=True):
     @property
     def places(self) -> dict[str, Place]:
         """Place of each spot that is not marked by ink."""
-        return {name: place_of(text, read_points(self.points)) for name, text in self.spot.items()}
-
-    @property
-    def layers_at(self) -> dict[str, dict[str, float]]:
-        """Thickness by spot and layer where a spot has its own; the table's layers come first."""
-        table = read_layers(self.layer_table)
-        return {spot: table.get(spot, {}) | self.layer_at.get(spot, {}) for spot in (*table, *self.layer_at)}
+        return {name: place_of(text) for name, text in self.spot.items()}
 
     @property
     def layers(self) -> tuple[str, ...]:
         """Names of all layers, from the skin inwards; a MeshError where their order is open."""
-        together = (self.layer, *self.layer_at.values(), *read_layers(self.layer_table).values())
-        return layer_order([list(named) for named in together])
+        return layer_order([list(named) for named in (self.layer, *self.layer_at.values())])
 
     @property
     def mesh(self) -> MeshPlan:
@@ -212,7 +188,7 @@ class ScanOptions(Settings, strict=True):
 
     def mesh_at(self, spot: str) -> MeshPlan:
         """Plan of the mesh of a spot; a MeshError where a layer has no thickness, or too little."""
-        known = self.layer | self.layers_at.get(spot, {})
+        known = self.layer | self.layer_at.get(spot, {})
         if missing := [name for name in self.layers if name not in known]:
             raise MeshError(
                 f"spot '{spot}': layer '{missing[0]}' has a thickness at other spots and none here; give "

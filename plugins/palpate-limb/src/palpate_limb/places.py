@@ -1,10 +1,8 @@
-"""Spots by place: coordinates, a named point, or how far along the limb or a bone and at which angle."""
+"""Spots by place: coordinates, or how far along the limb or a bone and at which angle."""
 
-import csv
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -35,11 +33,9 @@ class Station:
 Place: TypeAlias = FloatArray | Station  # a point (3,) is in the scan's own coordinates and unit
 
 
-def place_of(text: str, points: Mapping[str, FloatArray]) -> Place:
-    """Place meant by ``"12,30,-4"``, ``"45%,120deg"``, ``"ulna:95%"`` or a name; else a ValueError."""
+def place_of(text: str) -> Place:
+    """Place meant by ``"12,30,-4"``, ``"45%,120deg"`` or ``"ulna:95%"``; else a ValueError."""
     given = text.strip()
-    if given in points:
-        return points[given]
     if match := _SHARE.fullmatch(given):
         angle, bone = match["angle"], match["bone"] or ""
         if angle is None and not bone:
@@ -47,10 +43,9 @@ def place_of(text: str, points: Mapping[str, FloatArray]) -> Place:
         degrees = None if angle is None else convert(angle, "deg")
         return Station(share=0.01 * float(match["share"]), angle_deg=degrees, bone=bone)
     if (at := _numbers(given.split(","))) is None:
-        known = f"; points: {', '.join(points)}" if points else ""
         raise ValueError(
             f"{text}: give x,y,z in the scan's coordinates, a share of the limb and an angle "
-            f'("45%,120deg"), a share of a bone ("ulna:40%"), or one of points{known}'
+            '("45%,120deg"), or a share of a bone ("ulna:40%")'
         )
     return at
 
@@ -62,30 +57,6 @@ def _numbers(cells: Sequence[str]) -> FloatArray | None:
     except ValueError:
         return None
     return at if at.shape == (3,) and np.isfinite(at).all() else None
-
-
-def read_points(path: Path | None) -> dict[str, FloatArray]:
-    """Named points: ``name,x,y,z`` a line, in the scan's coordinates, each name once, perhaps a heading."""
-    found: dict[str, FloatArray] = {}
-    for number, row in enumerate(read_rows(path, "write name,x,y,z in each line"), start=1):
-        if number == 1 and [cell.lower() for cell in row] == ["name", "x", "y", "z"]:
-            continue
-        name, at = row[0], _numbers(row[1:])
-        if at is None or not name or name in found:
-            raise MeshError(f"{path}: line {number}: {','.join(row)}; write name,x,y,z, each name once")
-        found[name] = at
-    return found
-
-
-def read_rows(path: Path | None, advice: str) -> list[list[str]]:
-    """Cells of each line of a CSV file that has any; none without a file."""
-    if path is None:
-        return []
-    try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            return [[cell.strip() for cell in row] for row in csv.reader(stream) if any(row)]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise MeshError(f"{path}: cannot be read ({error}); {advice}") from error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
