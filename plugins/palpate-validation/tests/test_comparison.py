@@ -17,7 +17,7 @@ from palpate.plugins.provides import Provides
 from palpate_febio.binary import find_binary
 from palpate_materials import NeoHookean, Ogden, Yeoh
 from palpate_validation.comparison import Case, Row, SolverComparison, at, compared
-from palpate_validation.pairwise import TWIST_DEG, motion_rows, not_shared, twist_rows
+from palpate_validation.pairwise import TWIST_DEG, not_shared, twist_rows
 from palpate_validation.recorded import RECORDED_VALUES, block_rows, one_element, recorded_deviation
 
 MATERIALS = {"ogden": Ogden, "yeoh": Yeoh, "neo_hookean": NeoHookean}
@@ -211,28 +211,10 @@ CHANNELS = {channel.name: channel for channel in (*EQUILIBRIUM_CHANNELS, PUSH)}
 def test_solvers_are_compared_in_every_channel_that_both_provide():
     limb, theta = block(n_across=2, n_down=1), np.array([0.06, 3.0, 1.0])
     contenders = {"ours": wrench(1.0), "theirs": wrench(1.1), "plain": forgetful(False)}
-    rows = list(motion_rows(limb, Ogden(), theta, contenders, CHANNELS, ["ours"]))
-    assert {(r.solver, r.against) for r in rows} == {("theirs", "ours")}  # the plain one does not slide
-    by = {(r.problem, r.quantity): r for r in rows}
-    assert set(by) == {("slide", "lateral_force"), ("tilt", "tilt_moment")}
-    assert by["slide", "lateral_force"].difference == pytest.approx(0.1)
-    assert by["slide", "lateral_force"].verdict == "differs"
-    assert by["tilt", "tilt_moment"].verdict == "agrees"
     twisted = list(twist_rows(limb, Ogden(), theta, contenders, "twist", ["ours"], CHANNELS.values()))
     pairs = {(r.solver, r.quantity) for r in twisted if r.against == "ours"}
     assert pairs == {("theirs", "force"), ("theirs", "torque"), ("theirs", "push"), ("plain", "force"),
                      ("plain", "torque")}  # fmt: skip
-
-
-def test_a_failed_slide_is_no_agreement():
-    limb, theta = block(n_across=2, n_down=1), np.array([0.06, 3.0, 1.0])
-
-    def lost(job):
-        return Simulation(job=job, status=Status.DIVERGED, response=None, message="it slips")
-
-    contenders = {"ours": wrench(1.0), "lost": lambda _: Sliding(lost)}
-    rows = list(motion_rows(limb, Ogden(), theta, contenders, CHANNELS))
-    assert {(r.verdict, r.note) for r in rows} == {("failed", "lost: it slips")}
 
 
 def test_what_is_not_shared_is_said():
@@ -310,7 +292,6 @@ def test_a_third_party_solver_is_compared_on_request(capsys, tmp_path, monkeypat
                       difference=0.0 if name == "jax" else None)  # fmt: skip
 
     monkeypatch.setattr("palpate_validation.pairwise.twist_rows", only_named)
-    monkeypatch.setattr("palpate_validation.pairwise.motion_rows", lambda *_: iter(()))
     (tmp_path / "alien.py").write_text(ALIEN)
     call = ["--plugin", str(tmp_path / "alien.py"), "certify", "yeoh", "--json"]
     assert main(call) == 0

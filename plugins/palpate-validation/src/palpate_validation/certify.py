@@ -206,7 +206,7 @@ def _rows(
 ) -> Iterator[Any]:
     from palpate.api.mesh import block
     from palpate_febio.conventions import probe_theta
-    from palpate_validation.pairwise import motion_rows, twist_rows
+    from palpate_validation.pairwise import twist_rows
     from palpate_validation.recorded import NAMES, RECORDED_VALUES, block_rows, one_element
 
     materials = session.plugins.materials
@@ -220,13 +220,12 @@ def _rows(
         name = wanted or "ogden"
         material = materials[name]()
         own = [name for name in contenders if _is_own(session.plugins.solvers[name])]
-        problems = [("frictional twist", "", block(n_across=8, n_down=4, grading=1.3))]
+        problems = [("frictional twist", block(n_across=8, n_down=4, grading=1.3))]
         if mesh is not None and limb is not None:
-            problems.append((f"twist of {mesh.name}", f" of {mesh.name}", limb))
-        for problem, of, body in problems:
+            problems.append((f"twist of {mesh.name}", limb))
+        for problem, body in problems:
             theta, channels = probe_theta(material), session.plugins.channels
             yield from twist_rows(body, material, theta, contenders, problem, own, channels.values())
-            yield from motion_rows(body, material, theta, contenders, channels, own, of)
     elif mesh is not None:
         raise StudyError(f"{mesh}: no solver that takes a mesh is installed; install palpate-jax")
 

@@ -21,7 +21,6 @@ from palpate.api import (
     SolverError,
     Sphere,
     Status,
-    Waypoints,
 )
 from palpate.api.executors import simulate_alone
 from palpate.api.runs import answering_for
@@ -119,8 +118,8 @@ class Case:
         Of the problem, and of its material.
     materials, thetas : mapping
         By region; textbook values (n_parameters,).
-    path : (n, 2) or (n, 6) array
-        Depth [mm] and rotation [degrees], or a whole pose, from rest.
+    path : (n, 2) array
+        Depth [mm] and rotation [degrees], from rest.
     mean_dilatation : bool or tuple of regions
         As FEBio's element: true for hex8 of uncoupled materials.
     channels : tuple of Channel
@@ -156,10 +155,7 @@ class Case:
     @property
     def protocol(self) -> Indentation:
         """Path of a sphere."""
-        sphere = Sphere(radius_mm=7.5)
-        if self.path.shape[1] == 2:
-            return Indentation(indenter=sphere, path=self.path, friction=self.friction)
-        return Indentation.along(Waypoints(pose=self.path), indenter=sphere, friction=self.friction)
+        return Indentation(indenter=Sphere(radius_mm=7.5), path=self.path, friction=self.friction)
 
     def job(self) -> Job:
         """Simulation of the case."""

@@ -1,7 +1,6 @@
-"""Solvers compared with each other, in every channel and motion that two of them provide.
+"""Solvers compared with each other along a frictional twist, in every channel that two of them provide.
 
-Along a frictional twist each solver is compared with itself at halved steps, then with the others; along a
-slide and a tilt, those that simulate them. What two solvers do not share is named.
+Each solver is compared with itself at halved steps, then with the others. What two do not share is named.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -28,18 +27,9 @@ STEP_DEG = 4.5
 N_HELD = 5
 TORQUE_TOLERANCE = 0.02
 
-SLIDE_MM = 1.0
-TILT_DEG = 5.0
-N_STEPS = 5
-AT_DEPTH = 2
-"""Waypoint of a slide and of a tilt at which the press has ended."""
-
 TOLERANCES = {"force": 0.01}
 TOLERANCE = 0.05
 """Between two solvers with different contact, one with a faceted sphere."""
-
-
-# ------------------------------------------------------------------- the twist
 
 
 def _path(step_deg: float, n_held: int) -> FloatArray:
@@ -114,59 +104,10 @@ def _with_itself(case: Case, name: str, coarse: Simulation, fine: Simulation) ->
         )
 
 
-# ----------------------------------------------------------- a slide and a tilt
-
-
-def motions() -> dict[str, FloatArray]:
-    """Poses (n, 6) by problem, for what the twist does not move."""
-    found = {}
-    for name, column, most in (("slide", 1, SLIDE_MM), ("tilt", 3, TILT_DEG)):
-        pose = np.zeros((AT_DEPTH + 1 + N_STEPS, 6))
-        pose[1, 0], pose[AT_DEPTH:, 0] = DEPTH_MM / 2, DEPTH_MM
-        pose[AT_DEPTH:, column] = np.linspace(0.0, most, N_STEPS + 1)
-        found[name] = pose
-    return found
-
-
-def motion_rows(
-    limb: Limb,
-    material: Material,
-    theta: FloatArray,
-    contenders: Mapping[str, Contender],
-    channels: Mapping[str, Channel],
-    references: Collection[str] = (),
-    of: str = "",
-) -> Iterator[Row]:
-    """Rows of the solvers that simulate a slide and a tilt, each against the first reference.
-
-    Parameters
-    ----------
-    limb : Limb
-        Every region gets the same material.
-    references : collection of str
-        Solvers that others may be compared with; any if it is empty.
-    of : str
-        What is added to the name of the problem in the rows.
-    """
-    for problem, pose in motions().items():
-        case = Case.of_one_material(problem + of, limb, material, theta, pose)
-        solvers = {name: make(case.mean_dilatation) for name, make in contenders.items()}
-        able = {name: each for name, each in solvers.items() if not each.provides.lacks(case.job())}
-        first = next((name for name in able if not references or name in references), None)
-        if first is None or len(able) < 2:
-            continue
-        # Curves over the depth end before the slide or the tilt: those of the twist are the same.
-        case = replace(case, channels=moved_channels(case, channels.values(), since=AT_DEPTH))
-        answers = {name: case.run(solver) for name, solver in able.items()}
-        for name in able:
-            if name != first:
-                yield from pair_rows(case, able, answers, name, first)
-
-
-def moved_channels(case: Case, channels: Collection[Channel], since: int = 0) -> tuple[Channel, ...]:
-    """Channels whose abscissa a case moves after a waypoint."""
+def moved_channels(case: Case, channels: Collection[Channel]) -> tuple[Channel, ...]:
+    """Channels whose abscissa a case moves."""
     columns = case.protocol.columns
-    return tuple(c for c in channels if c.abscissa in columns and np.ptp(columns[c.abscissa][since:]) > 0.0)
+    return tuple(c for c in channels if c.abscissa in columns and np.ptp(columns[c.abscissa]) > 0.0)
 
 
 def pair_rows(
