@@ -165,7 +165,7 @@ def test_figures_are_drawn_alike_twice(content, tmp_path):
 def test_drawing_changes_nobodys_style(content, tmp_path, outlined):
     before = dict(rcParams)
     files = figures.write_figures(content(), tmp_path)
-    assert len(files) == 3 * 6
+    assert len(files) == 3 * 7
     assert dict(rcParams) == before
 
 
@@ -362,7 +362,7 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
         responses={(s.job.spot, s.job.set_id): s.response for s in swept},
         identifiability=pl.DataFrame(schema=["spot", "scenario", "parameter", "identifiability", "lower"]),
     )  # fmt: skip
-    assert len(write_report(made, tmp_path / "report").files) == 3 * 6 + 3 + 3 * 6 + 3
+    assert len(write_report(made, tmp_path / "report").files) == 3 * 6 + 3 + 3 * 7 + 3
     assert len(responses(made, "p1").axes) == 2 * 3
     assert len(responses(made, "p2").axes) == 2
     of_p2 = make_tables(made)["table2_nmse"].row(1, named=True)

@@ -7,7 +7,7 @@ import pytest
 
 from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
-from palpate.plugins.sections import Bar, Figure, Paragraph, Picture, Section, Shares, Table
+from palpate.plugins.sections import Bar, Figure, Paragraph, Picture, Section, Table
 from palpate_report.page import render
 from palpate_report.result import make_conclusion
 from palpate_report.tables import make_tables
@@ -109,7 +109,7 @@ def test_print_has_the_bars_on_white_and_heads_of_whole_words(browser, page, dar
         browser.value(sections)
     )
     assert "section-provenance" not in browser.value(sections)
-    for bar in (".stack i", ".share i"):
+    for bar in (".bar i", ".bar b"):
         style = f"getComputedStyle(document.querySelector({bar!r}))"
         assert browser.value(f"{style}.printColorAdjust") == "exact", bar
         assert browser.value(f"{style}.backgroundColor") != "rgba(0, 0, 0, 0)", bar
@@ -346,7 +346,7 @@ class Hostile(Section):
             Table(
                 ATTACK,
                 [ATTACK, "share"],
-                [[ATTACK, Bar(lower=1.0, upper=2.0, value=1.5)], ["b", Shares([("a", 9)])]],
+                [[ATTACK, Bar(lower=1.0, upper=2.0, value=1.5)], ["b", 9]],
             ),
             Figure(
                 label=ATTACK,

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
         Picture as Picture,
         ReportWarning as ReportWarning,
         Section as Section,
-        Shares as Shares,
         Table as Table,
         Word as Word,
         heading as heading,

@@ -35,20 +35,13 @@ class Bar:
 
 
 @dataclass(frozen=True, slots=True)
-class Shares:
-    """Parts of a whole, each with its name and its share in percent, the largest first."""
-
-    parts: Sequence[tuple[str, float]]
-
-
-@dataclass(frozen=True, slots=True)
 class Lines:
     """Several values in one cell; those after the first are small."""
 
     values: Sequence[Value | Word]
 
 
-Cell = Value | Word | Bar | Shares | Lines
+Cell = Value | Word | Bar | Lines
 """What a cell of a table may be; numbers are shown with four digits, None as a dash."""
 
 

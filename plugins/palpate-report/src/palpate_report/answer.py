@@ -1,7 +1,5 @@
 """The first card of the page: what was found, how sure it is, and what it rests on."""
 
-import colorsys
-import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -112,36 +110,3 @@ def _causes(data: ReportData) -> str:
         for row in causes.iter_rows(named=True)
     )
     return f"widest for {data.brief_name(name)}, mostly by {shares}"
-
-
-COLOURS = (
-    *("#808890", "#d55e00", "#0072b2", "#a6761d", "#4d5560", "#cc79a7"),
-    *("#009e73", "#e0b000", "#56b4e9", "#7b52ab", "#9ab82c", "#1b2a6b", "#f0a0a0", "#2f5f2f"),
-)
-"""Of the causes, in the order of ``CAUSES``."""
-
-
-def colour_of(name: str) -> str:
-    """Colour of a cause, or of another share: the same for a name in every bar of pages and figures."""
-    known = list(CAUSES.values())
-    if name in known:
-        return COLOURS[known.index(name)]
-    hue = zlib.crc32(name.encode("utf-8", "replace")) % 360 / 360.0
-    return "#" + "".join(f"{round(255.0 * part):02x}" for part in colorsys.hls_to_rgb(hue, 0.55, 0.4))
-
-
-def budget_bars(data: ReportData) -> Iterator[tuple[str, list[tuple[str, float]]]]:
-    """Causes of each interval that leads, with their shares in percent, the largest first."""
-    budget = data.leading_rows(data.fit.certainty.budget)
-    if budget.is_empty():
-        return
-    for (name,), causes in budget.drop_nulls("share").group_by("parameter", maintain_order=True):
-        shares = causes.sort("share", descending=True).select("cause", "share").iter_rows()
-        yield (
-            data.brief_name(str(name)),
-            [
-                (CAUSES.get(cause, cause), round(100.0 * share, 1))
-                for cause, share in shares
-                if share >= 0.005
-            ],
-        )

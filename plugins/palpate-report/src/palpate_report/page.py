@@ -32,7 +32,7 @@ from palpate.api.report import (
     heading,
 )
 from palpate.api.runs import answering_for
-from palpate_report.answer import answer, colour_of
+from palpate_report.answer import answer
 from palpate_report.marks import with_minus
 from palpate_report.page_data import page_data
 from palpate_report.report_data import ReportData
@@ -213,7 +213,6 @@ def template(name: str = "index.html.jinja") -> jinja2.Template:
         "minus": _with_minus(str),
         "heading": heading,
         "address": address,
-        "colour": colour_of,
         "width": _width,
     }
     environment.filters |= filters | {"kind": _kind, "grouped": _grouped}

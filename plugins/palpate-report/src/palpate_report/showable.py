@@ -18,7 +18,6 @@ from palpate.api.report import (
     Lines,
     Listing,
     Picture,
-    Shares,
     Table,
     Word,
 )
@@ -91,27 +90,15 @@ def _wrong(cell: object) -> str:
                 if at is not None and not _is_percent(at):
                     return f"{name} of a bar is {at!r}; give percent of the axis, 0 to 100"
             return "" if isinstance(cell.text, str) else f"the text of a bar is {cell.text!r}; give a text"
-        case Shares(parts=parts):
-            wrong = (part for part in parts if not _is_share(part))
-            return next((f"{part!r} is no share; give a name and percent, 0 to 100" for part in wrong), "")
         case Lines(values=values):
-            nested = (each for each in values if isinstance(each, (Bar, Shares, Lines)))
+            nested = (each for each in values if isinstance(each, (Bar, Lines)))
             problems = [f"{each!r} is one of several lines; give values and words" for each in nested]
             return next(filter(None, problems + list(map(_wrong, values))), "")
         case Word(text=text):
             return "" if isinstance(text, str) else f"a word is {text!r}; give a text"
         case None | str() | bool() | int() | float() | np.generic():
             return ""
-    return f"{cell!r} is no cell; give a number, a text, None, Word, Bar, Shares or Lines"
-
-
-def _is_share(part: object) -> bool:
-    match part:
-        case str():
-            return False
-        case [str(), share]:
-            return _is_percent(share)
-    return False
+    return f"{cell!r} is no cell; give a number, a text, None, Word, Bar or Lines"
 
 
 def _is_percent(value: object) -> bool:

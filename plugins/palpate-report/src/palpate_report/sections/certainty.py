@@ -5,8 +5,7 @@ from typing import Any
 
 from palpate.api import Parameter
 from palpate.api.fit import share_of_range
-from palpate.api.report import Bar, Block, Fold, Listing, Paragraph, Section, Shares, Table, Word
-from palpate_report.answer import budget_bars
+from palpate.api.report import Bar, Block, Fold, Listing, Paragraph, Section, Table, Word
 from palpate_report.marks import verdict_of, with_unit
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
@@ -27,12 +26,7 @@ class Certainty(Section):
             "A 95 % interval holds the true value in 95 of 100 experiments, if what may be wrong is as "
             "large as the study's error budget states. Shares of its causes:"
         )
-        bars = list(budget_bars(data))
-        yield Table(
-            "What widens each interval (joint fit)",
-            ["parameter", "causes"],
-            [[n, Shares(parts)] for n, parts in bars],
-        )
+        yield from picture(report, "causes", "What widens each interval; the shares are in the table below")
         yield from tables(report, "inadequate")
         every = tables(report, "intervals", "parameter_combinations", "budget")
         yield Fold("Every interval, combinations that are known better, and every cause", list(every))
@@ -52,7 +46,7 @@ class Certainty(Section):
 
     def is_open(self, data: ReportData, report: Report) -> bool:
         """True where there are few parameters."""
-        return len(list(budget_bars(data))) < 6
+        return data.leading_rows(data.fit.certainty.intervals).height < 6
 
 
 class Identifiability(Section):
