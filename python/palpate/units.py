@@ -102,7 +102,6 @@ def convert_factor(given: str, per: str, unit: str) -> float:
     ----------
     given : str
         A number, with a unit only where ``per`` and ``unit`` are of different kinds.
-    per, unit : str
 
     Raises
     ------

@@ -24,10 +24,6 @@ def show_summary(
 
     Parameters
     ----------
-    session : Session
-    summary : Summary
-    progress : StageProgress
-    tables : bool
     values : dict, optional
         What is printed instead, as JSON.
 

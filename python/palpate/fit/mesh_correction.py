@@ -40,7 +40,6 @@ def left_over(channel: str, refinement: float) -> float:
 
     Parameters
     ----------
-    channel : str
     refinement : float
         Element size under the indenter over that of the finer mesh; 1 if unknown, which tells nothing.
     """

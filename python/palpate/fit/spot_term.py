@@ -111,7 +111,6 @@ class SpotTerm:
         Of the channels, and phases such as ``torque/unload``, that count here, above zero.
     protocol : Protocol
         As the study has it at this spot.
-    materials : mapping of region to Material
     abscissae : mapping of channel to str
         Names of the abscissae, such as ``depth_mm``, by which offsets go.
     corrections : mapping of channel to Correction

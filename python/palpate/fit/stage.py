@@ -76,12 +76,10 @@ class FitStage:
 
     Parameters
     ----------
-    measured : mapping of spot name to Response
     scores : DataFrame
         Of the sweep; empty where there was none.
     simulations : Simulations
         Where jobs are simulated and kept.
-    abscissae : mapping of channel name to str
     on_progress : callable
         Called with how far the fit is, after each step.
     first_start : mapping of parameter name to value

@@ -126,7 +126,6 @@ class PressDrawer(Protocol):
 
         Parameters
         ----------
-        presses : mapping of file name to Response
         mean : Response
             What becomes of them.
         channels : mapping of name to Channel

@@ -104,7 +104,6 @@ def score(
 
     Parameters
     ----------
-    measured : mapping of spot name to Response
     scenarios : sequence of Scenario
         The phases that they weigh are scored too, under names such as ``torque/unload``.
 
@@ -208,7 +207,6 @@ def at_measured(simulations: Iterable[Simulation], measured: Mapping[str, Respon
     ----------
     simulations : iterable of Simulation
         Of the sweep; points that they did not reach are NaN.
-    measured : mapping of spot name to Response
     n_sets : int
         Rows of the design.
     """

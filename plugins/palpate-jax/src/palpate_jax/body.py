@@ -41,7 +41,6 @@ class Block:
         Otherwise plain displacement elements.
     fields : mapping of name to (n_elements, q) or (n_elements, q, 3) array
         Cell fields of the mesh, in its frame.
-    kind : str
     rows : (n_cells,) array
         Cells of the mesh that it was made of, among those of their kind.
     places : (n_cells, p) element numbers and (n_cells, p) point numbers

@@ -58,7 +58,6 @@ class Contour:
 
     Parameters
     ----------
-    level : float
     x, y : (n,) array
     label : int
         Number of the point where the level may be written.

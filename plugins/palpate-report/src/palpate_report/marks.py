@@ -78,7 +78,6 @@ class Headline:
     ----------
     parameter : str
         Brief name; ``<name>@<spot>`` where each spot has its own; or the name of a modulus.
-    unit : str
     name : str
         Full name of a parameter.
     value, optimum, lower, upper : float or None

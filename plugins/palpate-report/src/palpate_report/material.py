@@ -51,8 +51,6 @@ class MaterialCurves:
 
     Parameters
     ----------
-    region : str
-    path : Path
     stress : mapping of label to (n,) array
         Of each fit, and of the known answer.
     lower, upper : (n,) array or None

@@ -17,7 +17,6 @@ def methods(data: ReportData, estimates: Sequence[Headline], not_included: Seque
 
     Parameters
     ----------
-    data : ReportData
     estimates : sequence of Headline
         Parameters of what leads; none where no parameters can be read.
     not_included : sequence of str

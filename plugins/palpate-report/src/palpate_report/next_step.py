@@ -59,7 +59,6 @@ def next_step(data: ReportData, estimates: Sequence[Headline], *, is_refused: bo
 
     Parameters
     ----------
-    data : ReportData
     estimates : sequence of Headline
         Parameters of what leads.
     is_refused : bool

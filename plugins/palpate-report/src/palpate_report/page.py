@@ -133,9 +133,6 @@ def render(
 
     Parameters
     ----------
-    data : ReportData
-    tables : mapping of name to DataFrame
-    conclusion : Conclusion
     files : sequence of Path
         Files that the page links to, relative to it.
     pictures : mapping of str to bytes

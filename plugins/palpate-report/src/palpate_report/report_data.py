@@ -44,10 +44,6 @@ Contact = Mapping[str, list[float]]
 def by_spot(simulations: Iterable[Simulation]) -> pl.DataFrame:
     """Count how simulations ended, and what they cost.
 
-    Parameters
-    ----------
-    simulations : iterable of Simulation
-
     Returns
     -------
     DataFrame
@@ -103,20 +99,15 @@ class ReportData:
 
     Parameters
     ----------
-    study : Study
     channels : mapping of name to Channel
         Axes and labels.
-    measured : mapping of spot name to Response
-    design : Design
     scores, selection, generalisation : DataFrame
         As :mod:`palpate.scoring.scores`, :mod:`palpate.scoring.selection` and
         :mod:`palpate.scoring.generalisation` return them.
-    fit : FitResult
     responses : mapping of (spot, set_id) to Response
         Simulated curves of every selected and of the generalised set.
-    identifiability : DataFrame
-    disagreements : DataFrame
-        Both as in :class:`palpate.run.result.IdentifiabilityResult`.
+    identifiability, disagreements : DataFrame
+        As in :class:`palpate.run.result.IdentifiabilityResult`.
     convergence : DataFrame
         As :func:`palpate_report.report_data.by_spot` returns it.
     contact : mapping of (spot, set_id) to mapping

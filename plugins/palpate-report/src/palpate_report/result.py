@@ -310,7 +310,6 @@ class Report:
 
     Parameters
     ----------
-    tables : mapping of name to DataFrame
     conclusion : Conclusion
         What the run amounts to, and its warnings.
     files : tuple of Path

@@ -108,7 +108,6 @@ def scene(limb: Limb, protocol: Protocol | None, most: int) -> list[dict[str, An
 
     Parameters
     ----------
-    limb : Limb
     protocol : Protocol, optional
         Whose indenter is shown; none without one, or where the file of its shape cannot be read.
     most : int

@@ -198,7 +198,6 @@ def latex(name: str, table: pl.DataFrame, failures: Sequence[str] = ()) -> str:
     ----------
     name : str
         Key of ``TITLES``; the label is ``tab:<name>``.
-    table : DataFrame
     """
     heads = [escaped(text) for text in table.columns]
     rows = [[_latex_cell(value) for value in cells] for cells in table.iter_rows()]
