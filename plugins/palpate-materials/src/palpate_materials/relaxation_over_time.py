@@ -56,7 +56,7 @@ class _Draws(NamedTuple):
 class RelaxationOverTime(Stage):
     """Relaxation that a fit has found, with its band."""
 
-    name, summary = "relaxation", "How far the moduli relax in time, with a band"
+    name, summary = "relaxation", "Find how far the moduli relax in time, with a band."
     needs = ("intervals",)
     tables = MappingProxyType(
         {
