@@ -23,7 +23,7 @@ from study_real_mesh import read
 
 import palpate
 from palpate.cli.app import main as command
-from palpate_forearm import InkMark, Phantom, PhantomBone, Section
+from palpate_forearm import CrossSection, InkMark, Phantom, PhantomBone
 from palpate_limb.from_scan import sound_mesh
 from palpate_limb.limb_files import write_limb
 from palpate_limb.segment import Segment, cut
@@ -88,7 +88,7 @@ def elliptic(of: Segment) -> Segment:
             )
         )
     mark = InkMark(name="spot", station_mm=60.0, angle_deg=90.0, colour=(0.0, 0.5, 0.0))
-    section = Section(station_mm=0.0, half_width_mm=width, half_height_mm=height)
+    section = CrossSection(station_mm=0.0, half_width_mm=width, half_height_mm=height)
     phantom = Phantom(
         sections=(section, replace(section, station_mm=120.0)), bones=tuple(bones), marks=(mark,)
     )

@@ -13,12 +13,12 @@ import polars as pl
 from skin_over_tissue import TRUTH, study
 from study_answer import call
 
-from palpate_forearm import InkMark, Phantom, PhantomBone, Scanner, Section, write_phantom
+from palpate_forearm import CrossSection, InkMark, Phantom, PhantomBone, Scanner, write_phantom
 
 LIMB = Phantom(
     sections=(
-        Section(station_mm=0.0, half_width_mm=18.0, half_height_mm=15.0),
-        Section(station_mm=100.0, half_width_mm=22.0, half_height_mm=18.0),
+        CrossSection(station_mm=0.0, half_width_mm=18.0, half_height_mm=15.0),
+        CrossSection(station_mm=100.0, half_width_mm=22.0, half_height_mm=18.0),
     ),
     bones=(
         PhantomBone(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from palpate.errors import MeshError
-from palpate_forearm import InkMark, Phantom, Scanner, Section, Surface, scan, write_phantom
+from palpate_forearm import CrossSection, InkMark, Phantom, Scanner, Surface, scan, write_phantom
 
 
 def enclosed(surface: Surface) -> float:
@@ -28,7 +28,9 @@ def is_closed(surface: Surface) -> bool:
 @pytest.mark.slow
 def test_surfaces_are_closed_and_have_their_volume() -> None:
     """A cylinder of elliptic section, π a b l; a cone's frustum, π l (r² + r R + R²) / 3."""
-    straight = [Section(station_mm=s, half_width_mm=30.0, half_height_mm=20.0) for s in (0.0, 50.0, 90.0)]
+    straight = [
+        CrossSection(station_mm=s, half_width_mm=30.0, half_height_mm=20.0) for s in (0.0, 50.0, 90.0)
+    ]
     marks = (InkMark(name="p1", station_mm=40.0, angle_deg=90.0, colour=(1.0, 0.0, 0.0)),)
     phantom = Phantom(sections=tuple(straight), marks=marks)
     skin = phantom.skin_surface(1.0)

@@ -16,7 +16,7 @@ from palpate.errors import MeshError, PluginError
 from palpate.limb.checks import check_fine, check_limb
 from palpate.mesh.specimens import block
 from palpate.mesh.topology import outer_faces
-from palpate_forearm import InkMark, Phantom, PhantomBone, Scanner, Section, write_phantom
+from palpate_forearm import CrossSection, InkMark, Phantom, PhantomBone, Scanner, write_phantom
 from palpate_indentation import MeshioSettings, MeshioSource
 from palpate_limb import from_scan
 from palpate_limb.from_scan import layers_at_bone, sound_mesh
@@ -30,7 +30,8 @@ from palpate_limb.volume import MeshPlan, mesh_segment, moved_to_contact
 
 SMALL = Phantom(
     sections=tuple(
-        Section(station_mm=s, half_width_mm=w, half_height_mm=h) for s, w, h in ((0, 16, 13), (70, 18, 15))
+        CrossSection(station_mm=s, half_width_mm=w, half_height_mm=h)
+        for s, w, h in ((0, 16, 13), (70, 18, 15))
     ),
     bones=(
         PhantomBone(

@@ -15,7 +15,7 @@ LEAST_POINTS = 256
 """Points are padded to this number times a power of two, so that few sizes are compiled."""
 
 
-class Body(Protocol):
+class RigidBody(Protocol):
     """A rigid body with a distance in the array API; equal bodies have one shape."""
 
     def distance(self, points: Any) -> Any:  # noqa: ANN401 -- an array of NumPy or JAX
@@ -24,12 +24,12 @@ class Body(Protocol):
     def __hash__(self) -> int: ...
 
 
-def distance_derivatives(indenter: Body, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+def distance_derivatives(indenter: RigidBody, points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """First and second derivatives of an indenter's distance.
 
     Parameters
     ----------
-    indenter : Body
+    indenter : RigidBody
         Compiled code is shared with equal ones.
     points : (n, 3) array
         In the indenter's frame [mm].
@@ -49,6 +49,6 @@ def distance_derivatives(indenter: Body, points: FloatArray) -> tuple[FloatArray
 
 
 @partial(jax.jit, static_argnums=0)
-def _derivatives(indenter: Body, points: Any) -> tuple[Any, Any]:  # noqa: ANN401 -- arrays of JAX
+def _derivatives(indenter: RigidBody, points: Any) -> tuple[Any, Any]:  # noqa: ANN401 -- arrays of JAX
     gradient = jax.grad(lambda x: jnp.sum(indenter.distance(x)))
     return jax.vmap(gradient)(points), jax.vmap(jax.jacfwd(gradient))(points)

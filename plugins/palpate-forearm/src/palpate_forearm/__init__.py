@@ -12,11 +12,11 @@ if TYPE_CHECKING:
     from palpate.api import StudyTemplate
     from palpate.api.cli import Command
     from palpate_forearm.phantom import (
+        CrossSection as CrossSection,
         InkMark as InkMark,
         Phantom as Phantom,
         PhantomBone as PhantomBone,
         Scanner as Scanner,
-        Section as Section,
         Surface as Surface,
         scan as scan,
         write_phantom as write_phantom,

@@ -19,7 +19,7 @@ from palpate.api import FloatArray, IntArray, MeshError, Spot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Section:
+class CrossSection:
     """Half-axes of the limb at a station along its axis."""
 
     station_mm: float
@@ -66,9 +66,9 @@ class Surface:
 
 
 FOREARM_SECTIONS = (
-    Section(station_mm=0.0, half_width_mm=27.0, half_height_mm=20.0),
-    Section(station_mm=110.0, half_width_mm=34.0, half_height_mm=27.0),
-    Section(station_mm=220.0, half_width_mm=40.0, half_height_mm=34.0),
+    CrossSection(station_mm=0.0, half_width_mm=27.0, half_height_mm=20.0),
+    CrossSection(station_mm=110.0, half_width_mm=34.0, half_height_mm=27.0),
+    CrossSection(station_mm=220.0, half_width_mm=40.0, half_height_mm=34.0),
 )
 FOREARM_BONES = (
     PhantomBone(
@@ -100,13 +100,13 @@ class Phantom:
 
     Parameters
     ----------
-    sections : tuple of Section
+    sections : tuple of CrossSection
         At least two, by rising station. The limb ends at the first and the last.
     marks : tuple of InkMark
         Between the first section and the last.
     """
 
-    sections: tuple[Section, ...] = FOREARM_SECTIONS
+    sections: tuple[CrossSection, ...] = FOREARM_SECTIONS
     bones: tuple[PhantomBone, ...] = FOREARM_BONES
     marks: tuple[InkMark, ...] = FOREARM_MARKS
 

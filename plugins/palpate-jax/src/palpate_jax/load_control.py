@@ -36,7 +36,7 @@ class NotReachedError(Exception):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trial:
+class LoadTrial:
     """A balanced position (6,), and the loads (6,) there."""
 
     position: FloatArray
@@ -80,11 +80,11 @@ class LoadControl:
 
     def reach(
         self,
-        start: Trial,
+        start: LoadTrial,
         memory: Memory,
         aim: Aim,
         begin: Callable[[FloatArray, ContactState], Start],
-    ) -> Trial:
+    ) -> LoadTrial:
         """Go from an equilibrium state to an aim.
 
         Parameters
@@ -117,10 +117,12 @@ class LoadControl:
                 n_shortened += 1
                 change, moved = 0.5 * change, 0.5 * moved
                 if n_shortened > MOST_SHORTENED or not change.any():
-                    return Trial(position, at.loads, Balance(found.displacements, n_iterations, found.reason))
+                    return LoadTrial(
+                        position, at.loads, Balance(found.displacements, n_iterations, found.reason)
+                    )
                 continue
             found = Balance(found.displacements, n_iterations, "", found.held)
-            at = Trial(position, self.loads(found.displacements, position, load), found)
+            at = LoadTrial(position, self.loads(found.displacements, position, load), found)
             if (np.abs(aim.loads - at.loads)[free] <= self._accepted(aim)).all():
                 return at
             change, moved = self._change(at, memory, aim)
@@ -132,7 +134,7 @@ class LoadControl:
                     moved = moved * float(between[0] / change[0]) if change.any() else moved
                     change = between
         reason = f"the loads are not met after {MOST_TRIALS} trials"
-        return Trial(at.position, at.loads, Balance(at.balance.displacements, n_iterations, reason))
+        return LoadTrial(at.position, at.loads, Balance(at.balance.displacements, n_iterations, reason))
 
     def _accepted(self, aim: Aim) -> FloatArray:
         """Differences of the loads that count as none: a moment's by the force and the indenter's radius."""
@@ -141,7 +143,7 @@ class LoadControl:
         moment = max(float(sizes[3:].max()), force * self._law.shape.radius_mm)
         return self._tolerance * np.array([*[force] * 3, *[moment] * 3])[aim.free]
 
-    def _change(self, at: Trial, memory: Memory, aim: Aim) -> tuple[FloatArray, FloatArray]:
+    def _change(self, at: LoadTrial, memory: Memory, aim: Aim) -> tuple[FloatArray, FloatArray]:
         """Change (n_free,) of the free components by Newton's method, and that of the displacements."""
         free = aim.free
         if not at.loads.any():  # off the skin: down to it, first to depth 0
@@ -162,7 +164,7 @@ class LoadControl:
             moved += step * with_component
         return change, moved
 
-    def _within(self, at: Trial, aim: Aim, wanted: FloatArray) -> FloatArray:
+    def _within(self, at: LoadTrial, aim: Aim, wanted: FloatArray) -> FloatArray:
         """The change, cut at the limits; refuse one where all that misses its load is at its limit."""
         # The end of a load step is the farthest place to which a load may move its component.
         free, limits = aim.free, np.abs(aim.target.end[aim.free])
@@ -182,7 +184,7 @@ class LoadControl:
             )
         return change
 
-    def _slope(self, at: Trial, memory: Memory, component: int) -> tuple[FloatArray, FloatArray]:
+    def _slope(self, at: LoadTrial, memory: Memory, component: int) -> tuple[FloatArray, FloatArray]:
         """Change of displacements (n_nodes, 3) and loads (6,) with one component of the position."""
         way, displacements = np.eye(6)[component], at.balance.displacements
         load, move = ContactState(pose(at.position), memory, self._law), motion(at.position, way)

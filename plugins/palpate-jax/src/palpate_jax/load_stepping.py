@@ -12,7 +12,7 @@ from palpate.api.mechanics import principal_derivatives
 from palpate_jax.body import Histories
 from palpate_jax.contact import Answer, ContactLaw, ContactState, Memory
 from palpate_jax.initial_guess import InitialGuess
-from palpate_jax.load_control import LoadControl, NotReachedError, Trial
+from palpate_jax.load_control import LoadControl, LoadTrial, NotReachedError
 from palpate_jax.model import Model
 from palpate_jax.newton import Balance, Start, equilibrium
 from palpate_jax.schedule import REST, Aim, Schedule, Target, motion, pose
@@ -243,17 +243,17 @@ class LoadStepping:
             state.stresses, state.time_s = body.after(state.displacements, self._thetas), time_s
         return balance.reason
 
-    def _to_loads(self, state: _State, aim: Aim) -> Trial:
+    def _to_loads(self, state: _State, aim: Aim) -> LoadTrial:
         def begin(position: FloatArray, load: ContactState) -> Start:
             return self._start(state, load, position, ())
 
         assert self._control is not None
-        here = Trial(state.position, state.loads, Balance(state.displacements, 0, ""))
+        here = LoadTrial(state.position, state.loads, Balance(state.displacements, 0, ""))
         try:
             return self._control.reach(here, state.memory, aim, begin)
         except np.linalg.LinAlgError as error:
             failed = Balance(state.displacements, 0, f"no resistance to the loads ({error})")
-            return Trial(state.position, state.loads, failed)
+            return LoadTrial(state.position, state.loads, failed)
 
     def _load_step(self, state: _State, time_s: float) -> LoadStep:
         load = ContactState(pose(state.position), state.friction_history, self._law)

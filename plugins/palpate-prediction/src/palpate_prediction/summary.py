@@ -85,7 +85,7 @@ def area_above(states: SurfaceStates, threshold_MPa: float) -> FloatArray:
     return np.asarray((areas * touching.mean(axis=2) * share).sum(axis=1))
 
 
-class Quantity(NamedTuple):
+class SummaryRow(NamedTuple):
     """A row of the summary: name, unit and attribute, and where it has a linear band.
 
     ``at_depth``: at one depth a stiffer tissue has more of it. ``at_force``: it is smooth enough along the
@@ -100,14 +100,14 @@ class Quantity(NamedTuple):
 
 
 QUANTITIES = (
-    Quantity("depth", "mm", "depth_mm", False, True),
-    Quantity("normal force", "N", "force_N", True, True),
-    Quantity("contact area", "mm²", "area_mm2", False, False),
-    Quantity("peak pressure", "MPa", "peak_MPa", True, True),
-    Quantity("95th percentile of pressure", "MPa", "p95_MPa", True, True),
-    Quantity("mean pressure", "MPa", "mean_MPa", True, False),
-    Quantity("peak shear", "MPa", "shear_peak_MPa", True, False),
-    Quantity("area above the threshold", "mm²", "above_mm2", False, False),
+    SummaryRow("depth", "mm", "depth_mm", False, True),
+    SummaryRow("normal force", "N", "force_N", True, True),
+    SummaryRow("contact area", "mm²", "area_mm2", False, False),
+    SummaryRow("peak pressure", "MPa", "peak_MPa", True, True),
+    SummaryRow("95th percentile of pressure", "MPa", "p95_MPa", True, True),
+    SummaryRow("mean pressure", "MPa", "mean_MPa", True, False),
+    SummaryRow("peak shear", "MPa", "shear_peak_MPa", True, False),
+    SummaryRow("area above the threshold", "mm²", "above_mm2", False, False),
 )
 """Rows of the summary."""
 
@@ -255,7 +255,7 @@ def stiffer_by(curve: Curve | None, lines: FloatArray | None) -> FloatArray:
 
 def spread(
     pressed: PressStates,
-    quantity: Quantity,
+    quantity: SummaryRow,
     stiffer: FloatArray,
     *,
     by_force: bool,
