@@ -35,24 +35,23 @@ def test_a_mesh_without_a_note_has_none(tmp_path):
 
 
 def test_the_note_states_the_largest_error_that_was_measured():
-    found = mesh_error(0.301, 1.0, "tet10")
+    found = mesh_error(0.301, 1.0)
     assert found["force"] == pytest.approx(0.010, abs=1e-3), "the residual limb's; the phantom's is 0.8 %"
     assert found["torque"] == pytest.approx(0.066, abs=1e-3), "the forearm's; the phantom's is 2.6 %"
-    assert mesh_error(0.409, 1.0, "tet10")["torque"] == pytest.approx(0.118, abs=1e-3), "the residual limb's"
+    assert mesh_error(0.409, 1.0)["torque"] == pytest.approx(0.118, abs=1e-3), "the residual limb's"
     assert "real forearm" in found["measured_on"]
 
 
 def test_the_error_of_the_default_size_is_the_default_budget_of_its_fit():
-    note = {"mesh_error": mesh_error(DEFAULT_SIZE * 7.5, 7.5, "tet10")}
+    note = {"mesh_error": mesh_error(DEFAULT_SIZE * 7.5, 7.5)}
     mesh = SpotMesh(edge_over_radius=DEFAULT_SIZE, noted=noted_errors(note))
     assert 0.005 < mesh.error("force", {}) < 0.015
     assert 0.04 < mesh.error("torque", {}) < 0.07
 
 
 def test_meshes_that_were_not_studied_have_no_error():
-    assert mesh_error(DEFAULT_SIZE, 1.0, "tet4")["force"] is None
-    assert mesh_error(0.5 * RATIOS[0], 1.0, "tet10")["torque"] is None
-    assert mesh_error(2.0 * RATIOS[-1], 1.0, "tet10")["torque"] is None
-    finer, coarser = (mesh_error(ratio, 1.0, "tet10") for ratio in (0.25, 0.35))
+    assert mesh_error(0.5 * RATIOS[0], 1.0)["torque"] is None
+    assert mesh_error(2.0 * RATIOS[-1], 1.0)["torque"] is None
+    finer, coarser = (mesh_error(ratio, 1.0) for ratio in (0.25, 0.35))
     assert finer["force"] < coarser["force"]
     assert finer["torque"] < coarser["torque"]

@@ -15,7 +15,7 @@ def test_without_a_file_the_options_are_those_of_the_guide() -> None:
     options = read_options(None, ScanOptions, {})
     assert options.length_mm == pytest.approx(80.0)
     assert (options.mesh.size.fine_mm, options.mesh.size.coarse_mm) == pytest.approx((2.1, 18.0))
-    assert (options.mesh.kind, options.mesh.core) == ("tet10", "soft_tissue")
+    assert options.mesh.core == "soft_tissue"
     assert list(options.mark) == ["p1", "p2", "p3", "p4"]
     assert (options.mark_radii, options.smoothing, options.into) == ([1.2, 10.0], 20, Path("meshes"))
 
@@ -29,7 +29,7 @@ def test_the_guide_has_every_key_and_its_default(tmp_path: Path) -> None:
     assert "mark = " in block
     assert "landmarks = " in block
     assert (of_guide.length, of_guide.size) == pytest.approx((default.length_mm, default.mesh.size.fine_mm))
-    for key in ("mark_radii", "repair", "smoothing", "stump", "radius", "fine", "core", "linear"):
+    for key in ("mark_radii", "repair", "smoothing", "stump", "radius", "fine", "core"):
         assert getattr(of_guide, key) == getattr(default, key), key
 
 

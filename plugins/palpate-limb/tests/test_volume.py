@@ -157,8 +157,8 @@ def test_extruded_layers_fill_what_is_between_core_and_skin(depths: tuple[float,
 @pytest.mark.slow
 def test_a_layer_that_reaches_a_bone_is_meshed_with_it() -> None:
     deep = gap_of_bones(segment()) + 2.0
-    mesh = mesh_segment(segment(), MeshPlan(size=SIZE, layers_mm={"fat": deep}, kind="tet4")).mesh
-    volumes = np.bincount(mesh.cell_regions["tet4"], cell_volumes(mesh.points_mm, mesh.cells["tet4"]))
+    mesh = mesh_segment(segment(), MeshPlan(size=SIZE, layers_mm={"fat": deep})).mesh
+    volumes = np.bincount(mesh.cell_regions["tet10"], cell_volumes(mesh.points_mm, mesh.cells["tet10"]))
     core = core_of(segment(), below_skin(segment(), deep)).tissue.volume_mm3
     assert volumes.sum() == pytest.approx(segment().tissue.volume_mm3, rel=0.02)
     assert volumes[1] == pytest.approx(core, rel=0.05)

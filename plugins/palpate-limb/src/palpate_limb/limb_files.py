@@ -63,7 +63,6 @@ def write_limb(path: Path, limb: Limb) -> None:
 
 def note(path: Path, options: ScanOptions, scan: ReadScan, made: ScannedLimb) -> dict[str, Any]:
     """Facts of a limb apart from its mesh, as plain values."""
-    (kind,) = made.limb.mesh.cells
     found = made.found
     return {
         "spot": found.spot.name,
@@ -86,7 +85,7 @@ def note(path: Path, options: ScanOptions, scan: ReadScan, made: ScannedLimb) ->
         "bones_to_scan": scan.placement.motion.tolist(),
         "bones_residual_mm": scan.placement.residual_mm,
         "quality": asdict(made.quality),
-        "mesh_error": mesh_error(made.quality.contact_edge_mm, options.radius, kind),
+        "mesh_error": mesh_error(made.quality.contact_edge_mm, options.radius),
     }
 
 
@@ -104,14 +103,14 @@ def study_tables(names: Sequence[str], regions: tuple[str, ...], folders: Iterab
     return "\n".join([*spots, f'[limb]\nsource = "meshio"\n\n[limb.settings]\nregions = {{ {numbers} }}\n'])
 
 
-def mesh_error(edge_mm: float, radius_mm: float, kind: str) -> dict[str, Any]:
+def mesh_error(edge_mm: float, radius_mm: float) -> dict[str, Any]:
     """Relative errors of force and torque of a mesh with such edges under the sphere.
 
     ``force`` and ``torque`` are shares of themselves, interpolated between the sizes studied, with what they
-    were measured on; both None for sizes or elements outside of the study.
+    were measured on; both None for sizes outside of the study.
     """
     ratio = edge_mm / radius_mm
-    studied = kind == "tet10" and 0.9 * RATIOS[0] <= ratio <= 1.1 * RATIOS[-1]
+    studied = 0.9 * RATIOS[0] <= ratio <= 1.1 * RATIOS[-1]
     return {
         "edge_over_radius": ratio,
         "force": float(np.interp(ratio, RATIOS, np.max(FORCE, axis=0))) if studied else None,

@@ -133,7 +133,6 @@ class ScanOptions(Settings, strict=True):
     layer: dict[Name, Length] = Field(default={})  # thickness, from the outside in
     layer_at: dict[Name, dict[Name, Length]] = Field(default={})  # where a spot has its own
     core: Name = TISSUE  # region below all layers
-    linear: bool = False  # four-node elements
 
     @field_validator("spot")
     @classmethod
@@ -181,7 +180,6 @@ class ScanOptions(Settings, strict=True):
             size=SizeField(
                 fine_mm=fine, coarse_mm=max(2.4 * self.radius, fine), radius_mm=NEAR * self.radius
             ),
-            kind="tet4" if self.linear else "tet10",
             layers_mm={name: self.layer[name] for name in self.layers if name in self.layer},
             core=self.core,
         )

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from palpate_limb.segment import Segment, core_of, gap_of_bones
 from palpate_limb.surfaces import Surface, joined, parts_of, solid, surface_of
 
 TISSUE = "soft_tissue"
+KIND = "tet10"
+"""Kind of the elements; those of four nodes lock."""
 AXIS = "axis"
 """Cell data with the limb's axis, for materials with a direction."""
 NO_LAYERS: Mapping[str, float] = MappingProxyType({})
@@ -35,12 +37,11 @@ class MeshPlan:
     """Plan by which a segment is meshed.
 
     ``layers_mm`` has the thickness of each region from the skin inwards; below them everything is ``core``.
-    ``tolerance_mm`` is how far flat faces may leave the surfaces before they are bent onto them; twice as
-    far where elements can be bent.
+    ``tolerance_mm`` is how far the surfaces may be left before the mesh is adapted, and half of how far its
+    flat faces may leave them before they are bent onto them.
     """
 
     size: SizeField
-    kind: Literal["tet10", "tet4"] = "tet10"
     layers_mm: Mapping[str, float] = field(default_factory=lambda: NO_LAYERS)
     core: str = TISSUE
     tolerance_mm: float = 0.4
@@ -76,9 +77,7 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
         tets = _positive(points, tets)
     else:
         points, tets, regions, boundary = _filled(segment, interfaces, plan)
-    on = {name: np.unique(faces) for name, faces in boundary.items()}
-    if plan.kind == "tet10":
-        points, tets, on = _quadratic(points, tets, boundary)
+    points, tets, on = _quadratic(points, tets, boundary)
     outer = np.unique(np.concatenate([nodes for name, nodes in on.items() if name != "cut"]))
     inner = {
         name: (np.setdiff1d(_shared(tets, regions, i), outer), interface)
@@ -96,8 +95,8 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
     bones = [on[bone.name] for bone in segment.bones]
     mesh = Mesh(
         points_mm=points,
-        cells={plan.kind: tets},
-        cell_regions={plan.kind: regions},
+        cells={KIND: tets},
+        cell_regions={KIND: regions},
         regions=(*interfaces, plan.core),
         node_sets={
             "fixed": np.unique(np.concatenate([on["cut"], *bones])),
@@ -105,7 +104,7 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
             "cut": on["cut"],
             **{bone.name: on[bone.name] for bone in segment.bones},
         },
-        cell_fields={AXIS: {plan.kind: np.tile(segment.axis, (len(tets), 1))}},
+        cell_fields={AXIS: {KIND: np.tile(segment.axis, (len(tets), 1))}},
     )
     return Limb(spot=Spot(name=segment.name), mesh=mesh)
 
@@ -147,7 +146,7 @@ def _filled(segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan)
         },
         plan.size,
         np.array([*(FLATTEST * t for t in plan.layers_mm.values()), np.inf]),
-        plan.tolerance_mm * (2.0 if plan.kind == "tet10" else 1.0),
+        2.0 * plan.tolerance_mm,
         plan.time_limit_s,
     )
     points = adapted["points_mm"]
@@ -233,9 +232,7 @@ def moved_to_contact(limb: Limb, radius_mm: float) -> tuple[Limb, float]:
     shares = np.stack(np.meshgrid(*(np.linspace(0.0, 1.0, 9),) * 2, indexing="ij"), axis=-1).reshape(-1, 2)
     shares = shares[shares.sum(axis=1) <= 1.0 + 1e-12]
     b = np.column_stack([1.0 - shares.sum(axis=1), shares])
-    values = (
-        b if faces.shape[1] == 3 else np.column_stack([b * (2.0 * b - 1.0), 4.0 * b * np.roll(b, -1, axis=1)])
-    )
+    values = np.column_stack([b * (2.0 * b - 1.0), 4.0 * b * np.roll(b, -1, axis=1)])
     points = (values @ mesh.points_mm[faces[near]]).reshape(-1, 3)
     points = points[(np.linalg.norm(points[:, :2], axis=1) < 0.9 * radius_mm) & (points[:, 2] > -radius_mm)]
     # The sphere about (0, 0, R + h) touches the point (x, y, z) from above at h = z + √(R² − x² − y²) − R.
@@ -257,7 +254,7 @@ def curved(
     A mesher keeps to the surfaces within a tolerance, and the chord of an edge of length l leaves a surface
     of radius ρ by l²/8ρ. Both errors go, except where moving a node would fold an element.
 
-    ``cells`` are (m, 4) or (m, 10). ``on`` has the nodes on ``skin``, ``cut`` and bones, ``inner`` nodes
+    ``cells`` are (m, 10). ``on`` has the nodes on ``skin``, ``cut`` and bones, ``inner`` nodes
     and lower surface of each layer, and ``between`` nodes of edges from one surface to another, which belong
     half-way.
     """
@@ -282,10 +279,7 @@ def curved(
             target[chosen] += (np.sign(along) * half - along)[:, None] * segment.axis
         return target
 
-    moved = _accepted(points, targets(points, corner), cells[:, :4])
-    if cells.shape[1] == 4:
-        return moved
-    moved = moved.copy()
+    moved = _accepted(points, targets(points, corner), cells[:, :4]).copy()
     moved[cells[:, 4:]] = moved[cells[:, np.array(CELLS["tet10"].edges)]].mean(axis=2)
     return _accepted(moved, targets(moved, ~corner), cells)
 
