@@ -9,6 +9,7 @@ import hashlib
 import re
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from datetime import datetime
 from functools import cache
@@ -62,15 +63,10 @@ def laid_out(data: ReportData, report: Report) -> list[RenderedSection]:
     """Every section that has something to show; one that fails shows why, unless it is the core's own."""
     found: list[RenderedSection] = []
     for section in ordered(data.sections):
-        is_open, blocks = False, tuple[Block, ...]()
         try:
-            if is_own(section):
+            with nullcontext() if is_own(section) else answering_for(section, "laying out the report"):
                 made = section()
-                is_open, blocks = made.is_open(data, report), tuple(made.blocks(data, report))
-            else:
-                with answering_for(section, "laying out the report"):
-                    made = section()
-                    is_open, blocks = made.is_open(data, report), checked(made, made.blocks(data, report))
+                is_open, blocks = made.is_open(data, report), checked(made, made.blocks(data, report))
         except PluginError as error:
             is_open, blocks = False, (Paragraph(f"This section could not be made: {error}."),)
         if blocks:

@@ -13,7 +13,6 @@ from palpate.api.runs import Files, Study, described
 from palpate_report.display_units import in_display_units
 from palpate_report.from_run import report_data, written
 from palpate_report.marks import mark_of
-from palpate_report.report_data import ReportData
 from palpate_report.result import Report
 from palpate_report.table_files import shown
 
@@ -61,14 +60,6 @@ class ReportStage(Stage):
         """Summary of the report that was just written."""
         report = inputs.shared.get(self.name)
         return summary_of(inputs.study, report) if report else Summary()
-
-    def data(self, run: Run) -> ReportData:
-        """Data that the report of a run is made of, for tests of sections."""
-        return report_data(run)
-
-    def report(self, data: ReportData) -> Report:
-        """Report of these data that is not written, for tests of sections."""
-        return Report.of(data)
 
     def draw_curves(self, run: Run) -> "Figure":
         """Figure of the measured curves of each spot with those of the fit, for a notebook."""

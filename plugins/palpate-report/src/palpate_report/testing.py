@@ -33,6 +33,9 @@ from palpate.api.report import (
 )
 from palpate.api.runs import Plugins, RunDirectory, read_run, run_study
 from palpate.testing import ComponentContract, StudyRunner, overridden, plugins_with
+from palpate_report.from_run import report_data
+from palpate_report.report_data import ReportData
+from palpate_report.result import Report
 from palpate_report.showable import checked, figure_data
 
 __all__ = ["SectionContract", "SmallRun", "small_run", "small_runs"]
@@ -52,10 +55,10 @@ RUNS: Mapping[str, Mapping[str, Any]] = {
 
 
 class SmallRun(NamedTuple):
-    """Values that a section is given: ``ReportData`` and ``Report``."""
+    """Values that a section is given."""
 
-    data: Any
-    report: Any
+    data: ReportData
+    report: Report
 
 
 @cache
@@ -80,11 +83,8 @@ def small_run(folder: Path, plugins: Iterable[object], tables: Mapping[str, Any]
     run_study(study, folder / "run", loaded)
     run = read_run(study, RunDirectory(folder / "run"), loaded, is_copy=False)
     sections = {**page().sections, **run.sections}
-    return _reported(page().stages["report"]().data(replace(run, sections=sections)))
-
-
-def _reported(data: Any) -> SmallRun:  # noqa: ANN401 - ReportData
-    return SmallRun(data, page().stages["report"]().report(data))
+    data = report_data(replace(run, sections=sections))
+    return SmallRun(data, Report.of(data))
 
 
 @cache
@@ -96,7 +96,8 @@ def small_runs() -> Mapping[str, SmallRun]:
             place = Path(folder) / name
             place.mkdir()
             found[name] = small_run(place, (), tables)
-    return MappingProxyType(found | {"no result": _reported(_without_result(found["a sweep"].data))})
+    empty = _without_result(found["a sweep"].data)
+    return MappingProxyType(found | {"no result": SmallRun(empty, Report.of(empty))})
 
 
 class SectionContract(ComponentContract):
@@ -164,7 +165,7 @@ class SectionContract(ComponentContract):
                 assert warning.why.strip(), f"{warning.what}: say why it matters, or what to do"
 
 
-def _without_result(data: Any) -> Any:  # noqa: ANN401 - ReportData
+def _without_result(data: ReportData) -> ReportData:
     """The same run, of which no set could be ranked."""
     return replace(
         data,

@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.api import FloatArray, Material, MaterialError, Parameter, RelaxingMaterial
 from palpate.api.mechanics import EnergyForm, StandardMaterial
-from palpate_report.marks import explained, mark_of
+from palpate_report.marks import explained, mark_of, with_unit
 
 DENSITY_T_PER_MM3 = 1e-9
 """Density of water, for programs that ask for one; nothing of it is fitted."""
@@ -115,9 +115,10 @@ def head(data: CardData, form: EnergyForm | None = None) -> Iterator[str]:
     yield data.verdict
     yield "units: mm, N, MPa, tonne, s"
     for parameter, value in zip(data.material.parameters, data.theta.tolist(), strict=True):
+        shown = with_unit(f"{value:.6g}", parameter.unit)
         about = [_interval(data, parameter), data.verdicts.get(parameter.name, "")]
         known = f" ({'; '.join(each for each in about if each)})" if any(about) else ""
-        yield f"{data.origins[parameter.name]}: {parameter.name} = {_with_unit(parameter, value)}{known}"
+        yield f"{data.origins[parameter.name]}: {parameter.name} = {shown}{known}"
     yield f"not fitted: density {DENSITY_T_PER_MM3:g} t/mm3, that of water"
     if form is not None:
         yield (
@@ -145,10 +146,6 @@ def _relaxation(data: CardData, form: EnergyForm | None) -> Iterator[str]:
         f"in palpate the second Piola-Kirchhoff {which} relaxes; a program where another stress does differs "
         "where the tissue is turned or deformed much after it has relaxed"
     )
-
-
-def _with_unit(parameter: Parameter, value: float) -> str:
-    return f"{value:.6g}" if parameter.unit in ("", "1") else f"{value:.6g} {parameter.unit}"
 
 
 def _interval(data: CardData, parameter: Parameter) -> str:
