@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from palpate.errors import PluginError
-from palpate.plugins.sections import Bar, Fold, Lines, Section, Table, Word
+from palpate.plugins.sections import Fold, Lines, Section, Table, Word
 from palpate_report.page import template
 from palpate_report.showable import checked
 
@@ -20,11 +20,8 @@ class Extra(Section):
 @pytest.mark.parametrize(
     ("cell", "said"),
     [
-        ([1, 2], "[1, 2] is no cell; give a number, a text, None, Word, Bar or Lines"),
-        (Bar(upper=120.0), "upper of a bar is 120.0; give percent of the axis, 0 to 100"),
-        (Bar(value=float("nan")), "value of a bar is nan; give percent of the axis"),
-        (Bar(text=3), "the text of a bar is 3; give a text"),
-        (Lines([1, Bar()]), "is one of several lines; give values and words"),
+        ([1, 2], "[1, 2] is no cell; give a number, a text, None, Word or Lines"),
+        (Lines([1, Lines([])]), "is one of several lines; give values and words"),
         (Lines([1, {}]), "{} is no cell"),
         (Word(3), "a word is 3; give a text"),
     ],
@@ -38,13 +35,11 @@ def test_a_cell_that_cannot_be_shown_is_refused_by_its_place(cell, said, folded)
     assert said in str(refused.value)
 
 
-percents = st.none() | st.floats(0.0, 100.0) | st.integers(0, 100)
 values = (
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=9) | st.builds(Word, st.text())
 )
 cells = st.one_of(
     values,
-    st.builds(Bar, lower=percents, upper=percents, value=percents, truth=percents, text=st.text(max_size=9)),
     st.builds(Lines, st.lists(values, max_size=3)),
     st.floats(0.0, 1.0).map(np.float64),
     st.integers(0, 9).map(np.int64),

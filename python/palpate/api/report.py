@@ -6,7 +6,6 @@ from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
     from palpate.plugins.sections import (
-        Bar as Bar,
         Block as Block,
         Cell as Cell,
         Drawing as Drawing,

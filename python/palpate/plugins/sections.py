@@ -23,17 +23,6 @@ class Word:
     text: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Bar:
-    """A place in a range, all in percent of it: an interval, a value, a known answer; then a text."""
-
-    lower: float | None = None
-    upper: float | None = None
-    value: float | None = None
-    truth: float | None = None
-    text: str = ""
-
-
 @dataclass(frozen=True, slots=True)
 class Lines:
     """Several values in one cell; those after the first are small."""
@@ -41,7 +30,7 @@ class Lines:
     values: Sequence[Value | Word]
 
 
-Cell = Value | Word | Bar | Lines
+Cell = Value | Word | Lines
 """What a cell of a table may be; numbers are shown with four digits, None as a dash."""
 
 

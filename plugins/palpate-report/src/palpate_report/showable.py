@@ -10,7 +10,6 @@ import numpy as np
 
 from palpate.api import Component, PluginError
 from palpate.api.report import (
-    Bar,
     Block,
     Drawing,
     Figure,
@@ -84,25 +83,15 @@ def _table(section: Component[Any], table: Table) -> Table:
 def _wrong(cell: object) -> str:
     """Problem of a cell; empty where it can be shown."""
     match cell:
-        case Bar(lower=lower, upper=upper, value=value, truth=truth):
-            ends = {"lower": lower, "upper": upper, "value": value, "truth": truth}
-            for name, at in ends.items():
-                if at is not None and not _is_percent(at):
-                    return f"{name} of a bar is {at!r}; give percent of the axis, 0 to 100"
-            return "" if isinstance(cell.text, str) else f"the text of a bar is {cell.text!r}; give a text"
         case Lines(values=values):
-            nested = (each for each in values if isinstance(each, (Bar, Lines)))
+            nested = (each for each in values if isinstance(each, Lines))
             problems = [f"{each!r} is one of several lines; give values and words" for each in nested]
             return next(filter(None, problems + list(map(_wrong, values))), "")
         case Word(text=text):
             return "" if isinstance(text, str) else f"a word is {text!r}; give a text"
         case None | str() | bool() | int() | float() | np.generic():
             return ""
-    return f"{cell!r} is no cell; give a number, a text, None, Word, Bar or Lines"
-
-
-def _is_percent(value: object) -> bool:
-    return isinstance(value, (int, float, np.number)) and bool(0.0 <= value <= 100.0)
+    return f"{cell!r} is no cell; give a number, a text, None, Word or Lines"
 
 
 def figure_data(figure: Figure) -> dict[str, Any]:

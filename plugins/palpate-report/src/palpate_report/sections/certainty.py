@@ -1,15 +1,14 @@
 """Sections on how sure the parameters are: by intervals of the fit, posteriors, and sets of the sweep."""
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
-from palpate.api import Parameter
-from palpate.api.fit import share_of_range
-from palpate.api.report import Bar, Block, Fold, Listing, Paragraph, Section, Table, Word
-from palpate_report.marks import verdict_of, with_unit
+import polars as pl
+
+from palpate.api.report import Block, Fold, Listing, Paragraph, Section, Table
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
 from palpate_report.sections.tables import picture, tables
+from palpate_report.tables import printed
 
 
 class Certainty(Section):
@@ -57,16 +56,13 @@ class Identifiability(Section):
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show the intervals of the scenario that generalises, then those of the others."""
-        rows = list(_intervals(data))
-        if not rows or not data.design.n_sets:
+        if "identifiability" not in report.tables or not data.design.n_sets:
             return
-        thin = ", the thin line the known answer" if data.study.truth else ""
         yield Paragraph(
             "The interval holds the values with which a set fits about as well as the best, the other "
             "parameters adjusting themselves within their ranges: Fopt at most twice its fitted least, or "
             "the least plus the effect of the measured spread or of the error of the fit, whichever is "
-            "more. Fopt is fitted to the sweep's own curves; the fitted optimum is where it is least. In a "
-            f"bar the thick line is the interval, the dot the best value{thin}."
+            "more. Fopt is fitted to the sweep's own curves; the fitted optimum is where it is least."
         )
         is_sure = any(each.level for each in report.conclusion.estimates)
         if is_sure:
@@ -80,56 +76,21 @@ class Identifiability(Section):
                 "poorly, beyond that not. Unclear: too few sets, or curves that the slopes do not predict."
             )
             yield Listing([("", sentence) for sentence in report.conclusion.identifiability])
-        main = data.generalising.name
-        own = [row for row in rows if row["scenario"] == main]
-        yield _table(f"Intervals in scenario {main}", own, words=not is_sure)
-        if others := [row for row in rows if row["scenario"] != main]:
-            yield Fold(
-                "The other scenarios", [_table("Intervals in the other scenarios", others, words=not is_sure)]
-            )
+        words = [] if is_sure else [pl.col("^(identifiability|verdict)$")]
+        shown = report.tables["identifiability"].select(*COLUMNS, *words)
+        main, is_main = data.generalising.name, pl.col("scenario") == data.generalising.name
+        yield _table(f"Intervals in scenario {main}", shown.filter(is_main))
+        others = shown.filter(~is_main)
+        if others.height:
+            yield Fold("The other scenarios", [_table("Intervals in the other scenarios", others)])
 
 
-def _table(caption: str, rows: list[dict[str, Any]], *, words: bool) -> Table:
-    heads = ["parameter", "spot", "scenario", "within the range", "best set"]
-    heads += ["fitted optimum", "about as good", "most correlated with", "sets as good"]
-    cells = [_cells(row) for row in rows]
-    if words:
-        heads.append("identifiability")
-        cells = [
-            [*own, Word(verdict_of(row["identifiability"]))] for own, row in zip(cells, rows, strict=True)
-        ]
-    return Table(caption, heads, cells)
+COLUMNS = (
+    *("parameter", "spot", "scenario", "unit", "value", "optimum", "lower", "upper", "relative_width"),
+    *("most_correlated_with", "correlation", "n_as_good"),
+)
+"""Of the table of the sweep's intervals, besides the words."""
 
 
-def _cells(row: Mapping[str, Any]) -> list[Any]:
-    other, correlation = row["most_correlated_with"], row["correlation"]
-    return [
-        row["name"],
-        row["spot"],
-        row["scenario"],
-        row["bar"],
-        with_unit(f"{row['value']:.4g}", row["unit"]),
-        row["optimum"],
-        None if row["lower"] is None else f"{row['lower']:.4g} to {row['upper']:.4g}",
-        None if not other or correlation is None else f"{other} ({correlation:.2f})",
-        row["n_as_good"],
-    ]
-
-
-def _intervals(data: ReportData) -> Iterator[dict[str, Any]]:
-    """Rows of the identifiability under brief names, with places in percent of the range for their bars."""
-    for row in data.identifiability.iter_rows(named=True):
-        parameter, other = data.brief[row["parameter"]], data.brief.get(row["most_correlated_with"])
-        places = {end: row[end] for end in ("lower", "upper", "value")}
-        places["truth"] = data.study.truth.get(row["parameter"])
-        at = {end: _percent(parameter, value) for end, value in places.items() if value is not None}
-        width = row["relative_width"]
-        yield row | {
-            "name": parameter.name,
-            "most_correlated_with": other and other.name,
-            "bar": Bar(**at, text="" if width is None else f"{100.0 * width:.0f} %"),
-        }
-
-
-def _percent(parameter: Parameter, value: float) -> float:
-    return round(min(max(100.0 * share_of_range(parameter, value), 0.0), 100.0), 2)
+def _table(caption: str, frame: pl.DataFrame) -> Table:
+    return Table.of(caption, printed("identifiability", frame))
