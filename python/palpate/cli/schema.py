@@ -8,17 +8,9 @@ from palpate.cli.session import Session
 from palpate.errors import StudyError
 
 
-def _commands(incomplete: str) -> list[str]:
-    from palpate.cli.output import OUTPUTS
-
-    return [name for name in OUTPUTS if name.startswith(incomplete)]
-
-
 def schema(
     context: typer.Context,
-    command: Annotated[
-        str | None, typer.Argument(metavar="COMMAND", help="Name of a command.", autocompletion=_commands)
-    ] = None,
+    command: Annotated[str | None, typer.Argument(metavar="COMMAND", help="Name of a command.")] = None,
 ) -> None:
     """Print the JSON schema of what a command prints with --json; without COMMAND, list the commands."""
     from palpate.cli.output import OUTPUTS, VERSION, schema

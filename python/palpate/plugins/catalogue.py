@@ -5,13 +5,12 @@ raises or returns the wrong thing is left out as a whole and listed in
 :attr:`Plugins.broken` with the reason, and everything else works. The core
 registers first, then the distributions released with it, then other entry points
 by name, then files in the order given. Of two components that claim a name the
-first keeps it; the other one is listed, and is found as ``distribution:name``.
+first keeps it, and the other one is listed as left out.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from palpate.domain import Channel, Scenario, StudyTemplate
@@ -47,8 +46,7 @@ class Catalogue(Mapping[str, T]):
     ----------
     noun : str
         What an entry is called in messages.
-    entries, qualified : mapping of name to (entry, name of its plugin)
-        The names of ``qualified`` are found too, but not listed.
+    entries : mapping of name to (entry, name of its plugin)
     broken : sequence of BrokenPlugin
         Named when a name is missing, since one of them may be why.
     """
@@ -58,11 +56,9 @@ class Catalogue(Mapping[str, T]):
         noun: str,
         entries: Mapping[str, tuple[T, str]],
         broken: Sequence[BrokenPlugin] = (),
-        qualified: Mapping[str, tuple[T, str]] = MappingProxyType({}),
     ) -> None:
         self.noun = noun
         self._entries = dict(entries)
-        self._qualified = dict(qualified)
         self._broken = tuple(broken)
 
     def __getitem__(self, name: str) -> T:
@@ -82,7 +78,7 @@ class Catalogue(Mapping[str, T]):
         return self._entry(name)[1]
 
     def _entry(self, name: str) -> tuple[T, str]:
-        if found := self._entries.get(name) or self._qualified.get(name):
+        if found := self._entries.get(name):
             return found
         close = suggestion(name, self._entries)
         message = f"no {self.noun} '{name}'{close} (known: {', '.join(self._entries) or 'none'})"
@@ -135,8 +131,7 @@ class Plugins:
         self.files = tuple(files)
         self.broken = tuple(registry.broken)
         for kind, entries in registry.entries.items():
-            found = Catalogue(KINDS[kind].noun, entries, self.broken, registry.qualified[kind])
-            setattr(self, kind, found)
+            setattr(self, kind, Catalogue(KINDS[kind].noun, entries, self.broken))
 
     @classmethod
     def load(

@@ -125,29 +125,21 @@ class Registry:
         self.manager = pluggy.PluginManager(GROUP)
         self.manager.add_hookspecs(hookspecs)
         self.entries: dict[str, dict[str, tuple[Any, str]]] = {kind: {} for kind in KINDS}
-        self.qualified: dict[str, dict[str, tuple[Any, str]]] = {kind: {} for kind in KINDS}
         self.sources: dict[str, str] = {}
         self.broken: list[BrokenPlugin] = []
         self.commands: dict[str, str] = {}
-        self._qualifiers: dict[str, str] = {}
         self.points: list[tuple[str, importlib.metadata.EntryPoint]] = []
         """Entry points of single components by kind, imported when the catalogues are filled."""
 
-    def register(self, name: str, source: str, load: Callable[[], object], qualifier: str = "") -> None:
-        """Import one plugin and register its hooks, or list it as broken.
-
-        ``qualifier`` goes before the name of a component to distinguish it from another of that name.
-        """
+    def register(self, name: str, source: str, load: Callable[[], object]) -> None:
+        """Import one plugin and register its hooks, or list it as broken."""
         try:
-            if name in self.sources and qualifier not in ("", *self.sources):
-                name = qualifier
             if name in self.sources:
                 raise PluginError(f"the plugin name '{name}' is taken by {self.sources[name]}; rename one")
             with guarded():
                 plugin = load()
                 _check_version(plugin)
             self._register(name, plugin)
-            self._qualifiers[name] = qualifier or name
         except PluginError as error:
             self._leave_out(name, source, error)
             return
@@ -178,15 +170,13 @@ class Registry:
     def _add(self, kind: str, item: Any, owner: str, source: str) -> None:  # noqa: ANN401 -- any entry
         """Enter one item; of two with one name the first keeps it."""
         noun, name = KINDS[kind].noun, item.name
-        is_class = isinstance(item, type)
-        full = f"{self._qualifiers.get(owner, owner)}:{name}"
-        if is_class:
-            self.qualified[kind].setdefault(full, (item, owner))
         held, holder = self.entries[kind].setdefault(name, (item, owner))
-        if held is item or (not is_class and held == item):
+        if held is item or (not isinstance(item, type) and held == item):
             return
-        remedy = f"a study names this one '{full}'" if is_class and owner != holder else "rename one"
-        reason = f"{noun} '{name}' of plugin '{owner}' is already provided by plugin '{holder}'; {remedy}"
+        reason = (
+            f"{noun} '{name}' of plugin '{owner}' is already provided by plugin '{holder}'; rename one, or "
+            "leave a plugin out (--no-plugin)"
+        )
         self._leave_out(owner, source, PluginError(reason), f"{noun} '{name}'")
 
     def _register(self, name: str, plugin: object) -> None:
@@ -287,7 +277,7 @@ def registered(
         if {point.name, owner_of(point)} & set(without):
             continue
         if point.group == GROUP:
-            registry.register(point.name, _source(point), point.load, qualifier=owner_of(point))
+            registry.register(point.name, _source(point), point.load)
         else:
             registry.points.append((point.group.removeprefix(f"{GROUP}."), point))
     for module in modules:
