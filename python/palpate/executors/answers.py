@@ -38,14 +38,14 @@ def checked(answer: object) -> Simulation:
         )
     if answer.status not in tuple(Status):
         raise UnreadableError(f"no status {answer.status!r} (known: {', '.join(Status)})")
-    return Simulation(
-        job=answer.job,
+    return replace(
+        answer,
         status=Status(answer.status),
         response=None if answer.response is None else _checked_curves(answer.response),
         message=storable(answer.message),
-        seconds=answer.seconds,
         diagnostics=plain(answer.diagnostics),
         surface=_checked_surface(answer),
+        n_crashes=0,
     )
 
 
@@ -68,14 +68,7 @@ def _checked_curves(response: object) -> Response:
         if curve.channel != channel:
             raise UnreadableError(f"channel '{channel}' holds a curve of channel '{curve.channel}'")
         # Made again, since its arrays may have been replaced after it was checked.
-        curves[channel] = Curve(
-            channel=channel,
-            abscissa=curve.abscissa,
-            ordinate=curve.ordinate,
-            std=curve.std,
-            time_s=curve.time_s,
-            slopes=curve.slopes,
-        )
+        curves[channel] = replace(curve)
     return Response(curves=curves)
 
 

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,19 +36,16 @@ def jobs(study: Study, design: Design, measured: Mapping[str, Response]) -> list
     """
     thetas = [study.space.thetas(row) for row in design.values]
     is_warm_start, warm_starts = _warm_starts(study, design)
-    firsts = [_job(study, spot.spot.name, 0, thetas[0], measured) for spot in study.spots] if thetas else []
+    first = design.values[:1]
     return [
-        Job(
-            spot=first.spot,
+        replace(
+            job,
             set_id=set_id,
-            materials=first.materials,
             thetas=thetas[set_id],
-            protocol=first.protocol,
-            channels=first.channels,
             warm_starts=warm_starts[set_id],
             is_warm_start=is_warm_start[set_id],
         )
-        for first in firsts
+        for job in [job_for(study, spot, 0, row, measured) for spot in study.spot_names for row in first]
         for set_id in range(design.n_sets)
     ]
 
@@ -74,21 +72,11 @@ def _warm_starts(study: Study, design: Design) -> tuple[list[bool], list[Mapping
 
 def job_for(study: Study, spot: str, set_id: int, row: FloatArray, measured: Mapping[str, Response]) -> Job:
     """Make the job of one parameter set, ``row`` (n_parameters,) in design columns, at a spot."""
-    return _job(study, spot, set_id, study.space.thetas(row), measured)
-
-
-def _job(
-    study: Study,
-    spot: str,
-    set_id: int,
-    thetas: Mapping[str, FloatArray],
-    measured: Mapping[str, Response],
-) -> Job:
     return Job(
         spot=spot,
         set_id=set_id,
         materials={region.region: region.material for region in study.space.regions},
-        thetas=thetas,
+        thetas=study.space.thetas(row),
         protocol=study.protocol_at(spot) or homogeneous_tests(measured[spot]),
         channels=study.observed(measured.get(spot) or ()),
     )

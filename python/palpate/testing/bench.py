@@ -24,6 +24,7 @@ from palpate.domain import (
     Spot,
     Status,
 )
+from palpate.domain.channels import PRESS_AND_TWIST
 from palpate.domain.equilibrium_states import STATE_COLUMNS, EquilibriumStates
 from palpate.domain.material import Material
 from palpate.errors import CurveError
@@ -118,21 +119,7 @@ def _states(mu: float, kappa: float, press: Indentation, thickness_mm: float) ->
 @hookimpl
 def palpate_channels() -> list[Channel]:
     """Provide force over depth and torque over rotation."""
-    force = Channel(
-        name="force",
-        abscissa="depth_mm",
-        ordinate="force_N",
-        abscissa_label="indentation depth (mm)",
-        ordinate_label="normal force (N)",
-    )
-    torque = Channel(
-        name="torque",
-        abscissa="rotation_deg",
-        ordinate="torque_Nmm",
-        abscissa_label="rotation (°)",
-        ordinate_label="torque (N·mm)",
-    )
-    return [force, torque]
+    return list(PRESS_AND_TWIST)
 
 
 @hookimpl
