@@ -109,7 +109,7 @@ def cost(study: Study, jobs: Mapping[str, Job], folder: Path | None, limbs: Mapp
     Parameters
     ----------
     jobs : mapping of key to Job
-        Without those in a run directory and in the study's cache something is left of the sweep.
+        Those that are not in the run directory are left of the sweep.
     folder : Path, optional
         A run directory.
     """
@@ -120,9 +120,6 @@ def cost(study: Study, jobs: Mapping[str, Job], folder: Path | None, limbs: Mapp
             seconds = ledger.seconds()
         with_times = {key: each for key, each in seconds.items() if key in jobs}
         others = [each for key, each in seconds.items() if key not in jobs]
-    if study.cache is not None:
-        with Ledger(study.cache) as cache:
-            with_times = {k: s for k, s in cache.seconds().items() if k in jobs} | with_times
     known, n_fit = list(with_times.values()) or others, _n_fit(study)
     return Cost(
         n_left=len(jobs.keys() - with_times.keys()),

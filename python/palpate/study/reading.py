@@ -67,8 +67,6 @@ class Study:
         Worker crashes tolerated per job.
     one_frame : bool
         Whether the meshes of all spots are in one frame.
-    cache : Path, optional
-        Folder of results shared with other studies.
     channels : mapping of name to Channel
         Those that plugins declare.
     search, parametrisation
@@ -116,7 +114,6 @@ class Study:
     memory_limit_MB: float = 0.0
     n_attempts: int = 2
     one_frame: bool = False
-    cache: Path | None = None
     channels: Mapping[str, Channel] = field(default_factory=dict)
     search: Search
     parametrisation: Parametrisation
@@ -404,7 +401,6 @@ def _with_settings(
         stages=stages,
         memory_limit_MB=limits.memory_limit or 0.0,
         n_attempts=limits.attempts,
-        cache=study.folder / limits.cache if limits.cache else None,
     )
 
 
