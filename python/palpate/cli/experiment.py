@@ -181,13 +181,7 @@ def inspect(
 
 
 def look_into(file: Path, other: Path | None, session: Session, loader: str | None) -> "Inspection":
-    """Inspection of the first loader that can read the file, or both.
-
-    Raises
-    ------
-    CurveError
-        None can; with the reason of each.
-    """
+    """Inspection by the first loader that can read the files; a CurveError with the reason of each."""
     from palpate.errors import CurveError
     from palpate.plugins.guard import answering_for
     from palpate.plugins.optional import FileInspector

@@ -110,12 +110,7 @@ def own_study_text(
 ) -> str:
     """Text of a study of own presses: their files as the first looks, and else what a ready study has.
 
-    Raises
-    ------
-    StudyError
-        There is not one mesh for each press.
-    CurveError
-        No loader can read the first press.
+    A StudyError where there is not one mesh for each press; a CurveError where no loader can read the first.
     """
     from palpate.study.reading import parse_toml
 
@@ -183,13 +178,7 @@ def n_simulations(folder: Path) -> int | None:
 
 
 def copy_study(source: Path, folder: Path) -> None:
-    """Copy a template into a folder that is new or empty.
-
-    Raises
-    ------
-    StudyError
-        The folder holds something, is a file, or cannot be written.
-    """
+    """Copy a template into a new or empty folder; a StudyError where it is neither, or cannot be written."""
     check_new(folder)
     try:
         shutil.copytree(source, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))

@@ -78,12 +78,8 @@ def session_of_run(
 ) -> Session:
     """Session with the plugin files that a received run names, once the user trusts them.
 
-    A file given with ``--plugin`` is trusted, and is used instead of a named one of the same file name.
-
-    Raises
-    ------
-    StudyError
-        A file is missing, or nobody can be asked whether to execute it.
+    A file given with ``--plugin`` is trusted, and is used instead of a named one of the same file name. A
+    StudyError where a file is missing, or nobody can be asked whether to execute it.
     """
     given = {file.name for file in session.files}
     others = list(dict.fromkeys(file.resolve() for file in named if file.name not in given))

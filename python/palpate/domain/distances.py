@@ -25,20 +25,9 @@ class RigidBody(Protocol):
 
 
 def distance_derivatives(indenter: RigidBody, points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """First and second derivatives of an indenter's distance.
+    """Normals (n, 3) and curvature (n, 3, 3) [1/mm]: derivatives of a distance at points (n, 3) [mm].
 
-    Parameters
-    ----------
-    indenter : RigidBody
-        Compiled code is shared with equal ones.
-    points : (n, 3) array
-        In the indenter's frame [mm].
-
-    Returns
-    -------
-    normals : (n, 3) array
-    curvature : (n, 3, 3) array
-        In 1/mm.
+    Points are in the indenter's frame. Compiled code is shared with equal indenters.
     """
     n = len(points)
     size = LEAST_POINTS << max(int(np.ceil(np.log2(max(n, 1) / LEAST_POINTS))), 0)

@@ -18,17 +18,9 @@ class UnreadableError(CurveError):
 
 
 def checked(answer: object) -> Simulation:
-    """Copy a solver's answer into values that any process and any file can hold.
+    """Copy of a solver's answer in values that any process and any file can hold.
 
-    Parameters
-    ----------
-    answer : object
-        What ``simulate`` returned, or ``simulate_many`` yielded.
-
-    Raises
-    ------
-    UnreadableError
-        It is no :class:`Simulation`, or a part of it is not of its type.
+    An UnreadableError where it is no :class:`Simulation`, or a part of it is not of its type.
     """
     if not isinstance(answer, Simulation):
         raise UnreadableError(f"the solver answered with a {type(answer).__name__}, not a Simulation")

@@ -28,10 +28,7 @@ def n_cores() -> int:
 def n_fitting(memory_MB: float) -> int:
     """Number of workers that this machine has room for: one per core, as many as its free memory holds.
 
-    Parameters
-    ----------
-    memory_MB : float
-        What each of them may take; 0 where it is not known.
+    ``memory_MB`` is what each of them may take; 0 where it is not known.
     """
     free_MB = free_memory()
     if not memory_MB or free_MB is None:

@@ -108,19 +108,9 @@ class Pool:
     def results(self, batch: Batch) -> Iterator[Result]:
         """Results as they come, one for each job; fewer if the batch is stopped.
 
-        Whoever leaves before the last one has to :meth:`close` the pool.
-
-        Parameters
-        ----------
-        batch : Batch
-            With the solver, the plugin files and the memory limit of the first.
-
-        Raises
-        ------
-        PluginError
-            A material cannot be sent to a worker, or workers end before they are ready.
-        ExecutorError
-            The system starts no worker.
+        The batch has the solver, the plugin files and the memory limit of the first. Whoever leaves before
+        the last result has to :meth:`close` the pool. A PluginError where a material cannot be sent to a
+        worker, or workers end before they are ready; an ExecutorError where the system starts no worker.
         """
         packed_or_refused(batch.jobs[0], "a material of the study")
         self._batch, self._pending, n_left = batch, by_limb(batch.jobs), len(batch.jobs)

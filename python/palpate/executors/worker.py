@@ -60,13 +60,7 @@ def send(stream: IO[bytes], message: object) -> None:
 
 
 def receive(stream: IO[bytes]) -> Any:  # noqa: ANN401 - whatever the other side sent
-    """Read one message.
-
-    Raises
-    ------
-    EOFError
-        The other side is gone.
-    """
+    """Read one message; an EOFError where the other side is gone."""
     head = stream.read(_LENGTH.size)
     content = stream.read(_LENGTH.unpack(head)[0]) if len(head) == _LENGTH.size else b""
     if not content:

@@ -59,18 +59,7 @@ _MOST_CORNERS = 2**12
 
 
 def check_curve(curve: Curve, channel: Channel) -> list[str]:
-    """Check one curve by its channel's declarations.
-
-    Returns
-    -------
-    list of str
-        What is odd.
-
-    Raises
-    ------
-    CurveError
-        What cannot be.
-    """
+    """Sentences on what is odd in one curve by its channel's declarations; a CurveError on what cannot be."""
     named = f"channel '{curve.channel}'"
     peak = float(np.abs(curve.ordinate).max())
     if not peak > 0.0:
@@ -155,12 +144,7 @@ def _outlier(curve: Curve) -> Iterator[str]:
 
 
 def check_gaps(curve: Curve) -> None:
-    """Refuse a curve with a branch of which more than half is not measured.
-
-    Raises
-    ------
-    CurveError
-    """
+    """Refuse a curve with a branch of which more than half is not measured, with a CurveError."""
     for x, worst, share in _widest_gaps(curve):
         if share > 0.5 + 1e-9:
             raise CurveError(
@@ -233,20 +217,11 @@ def _onset(curve: Curve) -> float | None:
 def check_sizes(
     response: Response, channels: Mapping[str, Channel], protocol: Indentation, space: ParameterSpace
 ) -> list[str]:
-    """Compare forces and moments with the indenter, the depth and the study's ranges.
+    """Compare forces and moments with the indenter, the depth and the study's ranges; returns what is odd.
 
     Only for channels whose ``length_power`` is 2 (a force) over depth or slide, or 3 (a moment) over rotation
-    or tilt, and where no load is prescribed.
-
-    Returns
-    -------
-    list of str
-        What is odd.
-
-    Raises
-    ------
-    CurveError
-        A size that no set of the ranges can give, or a torque that the indenter cannot give with the force.
+    or tilt, and where no load is prescribed. A CurveError for a size that no set of the ranges can give, or a
+    torque that the indenter cannot give with the force.
     """
     if protocol.loads is not None:
         return []

@@ -18,7 +18,7 @@ two of them cross.
 
 
 def average(repeats: Mapping[str, Curve]) -> Curve:
-    """Mean of repeated presses at equal abscissae, branch by branch.
+    """Mean of repeated presses of one channel, by file name, at equal abscissae, branch by branch.
 
     The mean runs along the abscissae of the first press, from turning point to turning
     point as far as every press has come. Its ``std`` is that between presses,
@@ -26,19 +26,7 @@ def average(repeats: Mapping[str, Curve]) -> Curve:
     if every press has a standard deviation, it is no less than their
     root mean square. Times are averaged too, if every press has them. A single press is returned as it is.
 
-    Parameters
-    ----------
-    repeats : mapping of file name to Curve
-        Of one channel.
-
-    Returns
-    -------
-    Curve
-
-    Raises
-    ------
-    CurveError
-        Naming the file whose path turns otherwise than that of the first.
+    A CurveError names the file whose path turns otherwise than that of the first.
     """
     (first_file, first), *others = repeats.items()
     if not others:
@@ -69,18 +57,10 @@ def average(repeats: Mapping[str, Curve]) -> Curve:
 
 
 def described(mean: Curve, repeats: Mapping[str, Curve]) -> dict[str, Any]:
-    """Record of an average: its files, and their distance from it.
+    """Record of the :func:`average` of ``repeats``.
 
-    Parameters
-    ----------
-    mean : Curve
-        What :func:`average` made of ``repeats``.
-
-    Returns
-    -------
-    dict
-        ``n_presses``; ``largest_std`` in the unit of the ordinate;
-        ``nmse_from_mean`` by file, with the mean of |ordinate| as the normaliser.
+    It has ``n_presses``, ``largest_std`` in the unit of the ordinate, and ``nmse_from_mean`` by file, with
+    the mean of |ordinate| as the normaliser.
     """
     assert mean.std is not None, "the mean of several presses has a standard deviation"
     apart = {file: _at(curve, curve.ordinate, mean.abscissa) for file, curve in repeats.items()}

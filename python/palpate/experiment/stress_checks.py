@@ -41,18 +41,7 @@ _MOST_POINTS = 50
 
 
 def check_stress(curve: Curve, channel: Channel, space: ParameterSpace) -> list[str]:
-    """Check one curve of a homogeneous test; one of another channel is passed over.
-
-    Returns
-    -------
-    list of str
-        What is odd.
-
-    Raises
-    ------
-    CurveError
-        What cannot be.
-    """
+    """Sentences on what is odd in the curve of a homogeneous test; a CurveError on what cannot be."""
     if curve.channel not in MODES or not curve.ordinate.any():  # scoring refuses a curve of zeros
         return []
     _check_abscissa(curve, channel)

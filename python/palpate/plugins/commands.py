@@ -75,10 +75,7 @@ def command_names(app: "typer.Typer") -> list[str]:
 def new_names(app: "typer.Typer", commands: Iterable[Command], stages: Iterable[str]) -> list[str]:
     """Names, such as ``limb scan``, of commands and stages that an application can get.
 
-    Raises
-    ------
-    PluginError
-        A stage takes no commands, or a name is taken.
+    A PluginError where a stage takes no commands, or a name is taken.
     """
     names, groups = list(stages), [str(group.name) for group in app.registered_groups]
     for command in commands:

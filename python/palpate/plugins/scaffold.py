@@ -55,19 +55,9 @@ KITS: Mapping[str, Kit] = MappingProxyType(
 def new_plugin(kind: str, name: str, into: Path, plugins: Plugins) -> Path:
     """Write a plugin of one working component, its tests and its README; returns the new directory.
 
-    Parameters
-    ----------
-    kind : str
-        One of ``KITS``.
-    name : str
-        Name of the component in a study: lower case, an identifier, not taken in ``plugins``.
-    into : Path
-        Where the directory ``palpate-<name>`` is made.
-
-    Raises
-    ------
-    PluginError
-        No such kind; the name is no identifier or taken; the directory exists or cannot be written.
+    ``kind`` is one of ``KITS``, ``name`` that of the component in a study, and ``into`` where the directory
+    ``palpate-<name>`` is made. A PluginError where there is no such kind, the name is no identifier in lower
+    case or is taken, or the directory exists or cannot be written.
     """
     if kind not in KITS:
         known = ", ".join(KITS)

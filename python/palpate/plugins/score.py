@@ -135,18 +135,9 @@ def weighted(
 ) -> FloatArray:
     """Checked residuals (..., n), zero where not ``used``, whose squares sum to ``weight`` times the misfit.
 
-    Parameters
-    ----------
-    simulated : (..., n) array
-        Whatever, also NaN, where not ``used``.
-    used : (n,) array of bool
-
-    Raises
-    ------
-    PluginError
-        The score raised, or gave residuals of another shape, or that are not finite.
-    ScoringError
-        The measured curve cannot be scored.
+    ``simulated`` (..., n) may be anything, also NaN, where not ``used``. A PluginError where the score
+    raised, or gave residuals that are not finite or of another shape; a ScoringError where the measured curve
+    cannot be scored.
     """
     doing = f"scoring '{measured.channel}'"
     with answering_for(score, doing):

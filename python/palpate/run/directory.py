@@ -215,17 +215,9 @@ class RunDirectory:
         self.records.write(stage, written, made_from)
 
     def table(self, name: str, stage: str = "") -> pl.DataFrame:
-        """Table of any stage; empty where there is none.
+        """Table of any stage; empty where there is none, unless ``stage`` names one that must have made it.
 
-        Parameters
-        ----------
-        stage : str
-            Stage that must have made it; empty: there may be none.
-
-        Raises
-        ------
-        StudyError
-            It is damaged, or missing and must be there.
+        A StudyError where it is damaged, or missing and must be there.
         """
         path = self.folder / f"{name}.parquet"
         if not (stage or (stage := self.records.writer(path))):
@@ -273,13 +265,7 @@ class RunDirectory:
         write_atomically(self.folder / "next.json", _json(proposal))
 
     def proposal(self) -> dict[str, Any]:
-        """Read ``next.json``.
-
-        Raises
-        ------
-        StudyError
-            It is missing or damaged.
-        """
+        """Read ``next.json``; a StudyError where it is missing or damaged."""
         path = self.folder / "next.json"
         try:
             found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))

@@ -374,10 +374,7 @@ def _opened(path: Path, mode: str) -> sqlite3.Connection:
 def _is_sound(connection: sqlite3.Connection, path: Path) -> bool:
     """False for a file whose writer was killed before its tables were there.
 
-    Raises
-    ------
-    LedgerError
-        Not a ledger, one of another version, or one whose structure is damaged.
+    A LedgerError where it is no ledger, one of another version, or one whose structure is damaged.
     """
     try:
         ((n_tables,),) = connection.execute("SELECT count(*) FROM sqlite_master")

@@ -186,12 +186,7 @@ class _ReadAgain(TypedDict):
 
 
 def checked_manifest(text: str) -> dict[str, Any]:
-    """Parse a manifest, and refuse one that is not as palpate writes it.
-
-    Raises
-    ------
-    ValueError
-    """
+    """Parse a manifest; a ValueError where it is not as palpate writes it."""
     try:
         TypeAdapter(_ReadAgain).validate_json(text, strict=True)
     except ValidationError as error:

@@ -106,12 +106,7 @@ class Cost:
 def cost(study: Study, jobs: Mapping[str, Job], folder: Path | None, limbs: Mapping[str, Limb]) -> Cost:
     """Simulations and time left of a run whose sweep has these jobs, by key.
 
-    Parameters
-    ----------
-    jobs : mapping of key to Job
-        Those that are not in the run directory are left of the sweep.
-    folder : Path, optional
-        A run directory.
+    Those that are in the run directory ``folder`` are not left.
     """
     with_times: dict[str, float] = {}
     others: list[float] = []

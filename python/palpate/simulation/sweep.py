@@ -212,10 +212,7 @@ def results(
 ) -> Iterator[tuple[int, Simulation]]:
     """Place and simulation of each job, as it comes; nothing is kept.
 
-    Raises
-    ------
-    ExecutorError, PluginError
-        They cannot be submitted, or the executor violates its contract.
+    An ExecutorError or PluginError where they cannot be submitted, or the executor violates its contract.
     """
     limits = Limits(time_s=study.time_limit_s, memory_MB=study.memory_limit_MB, n_attempts=study.n_attempts)
     batch = Batch(

@@ -77,25 +77,11 @@ def synthesise(
 ) -> Synthesis:
     """Simulate the study's truth at each spot and write the curves in place of measured ones.
 
-    Parameters
-    ----------
-    study : Study
-        Read with ``need_measured=False``. The truth gives every searched parameter; one
-        that it also gives for a fixed parameter replaces the fixed value.
-    out : Path, optional
-        Replaces the study's folder; the files keep their names.
-    noise : float
-        Standard deviation of what is added to every ordinate, as a share of the curve's
-        largest absolute value.
-    seed : int
-        Of the noise.
-
-    Raises
-    ------
-    StudyError
-        No truth, data that are not simulated, a file that exists, a failed simulation.
-    CurveError
-        The loader cannot write these curves so that it reads them back.
+    The study is read with ``need_measured=False``; its truth gives every searched parameter, and what it
+    gives for a fixed one replaces the fixed value. ``out`` replaces the study's folder, and files keep their
+    names. ``noise`` is the standard deviation of what is added to every ordinate, as a share of the curve's
+    largest absolute value. A StudyError without a truth, for data that are not simulated, a file that exists
+    or a failed simulation; a CurveError where the loader does not read back what it writes.
     """
     _check(study, noise)
     targets = _targets(study, out)

@@ -269,12 +269,8 @@ def run_stage(
 ) -> Run:
     """Run directory after one stage alone, whose needed stages have been run.
 
-    Raises
-    ------
-    PluginError
-        There is no such stage.
-    StudyError
-        The results of a needed stage are missing or stale.
+    A PluginError where there is no such stage; a StudyError where results of a needed one are missing or
+    stale.
     """
     stages = stages_of(study, plugins)
     stage = in_order(stages, [name])[-1]
@@ -335,12 +331,8 @@ def measure(
 def simulate_one(study: Study, run_folder: Path, plugins: Plugins, spot: str, set_id: int) -> Simulation:
     """Simulate one set of the stored design at one spot, in this process; nothing is stored.
 
-    An exception of the solver is a status, with the whole traceback in the diagnostics.
-
-    Raises
-    ------
-    StudyError
-        The study has no such spot, or the design no such set.
+    An exception of the solver is a status, with the whole traceback in the diagnostics. A StudyError where
+    the study has no such spot, or the design no such set.
     """
     run = read_run(study, RunDirectory(run_folder), plugins, is_copy=False)
     spots, n_sets = study.spot_names, run.design.n_sets

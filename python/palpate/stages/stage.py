@@ -408,10 +408,7 @@ def stages_of(study: Study, plugins: Plugins) -> dict[str, Stage]:
 def in_order(stages: Mapping[str, Stage], wanted: Iterable[str]) -> list[Stage]:
     """Wanted stages and all that they need, each after those that it needs.
 
-    Raises
-    ------
-    PluginError
-        There is no such stage, or stages need each other.
+    A PluginError where there is no such stage, or stages need each other.
     """
     found: dict[str, Stage] = {}
 

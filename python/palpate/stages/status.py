@@ -59,15 +59,7 @@ class RunStatus:
 
 
 def status(folder: Path) -> RunStatus:
-    """State of the run in a folder.
-
-    Raises
-    ------
-    StudyError
-        The folder is no run directory.
-    LedgerError
-        Its ledger is corrupt or of another version.
-    """
+    """State of the run in a folder; a StudyError where there is none, a LedgerError of a corrupt ledger."""
     run = RunDirectory(folder)
     run.manifest()  # refused where there is none
     with Ledger(folder) as ledger:

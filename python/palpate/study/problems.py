@@ -77,13 +77,7 @@ class Problems:
     def validated(
         self, model: type[ModelT], values: Mapping[str, Any], context: Mapping[str, Any] | None = None
     ) -> ModelT:
-        """Whole file as ``model``, whose validators find ``context``.
-
-        Raises
-        ------
-        StudyError
-            Everything that is wrong.
-        """
+        """Whole file as ``model``, whose validators find ``context``; a StudyError with all that is wrong."""
         try:
             return model.model_validate(values, context=context)
         except ValidationError as error:

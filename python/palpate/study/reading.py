@@ -254,10 +254,7 @@ def read_study(
 def with_study_plugins(path: Path | str, plugins: Plugins | None = None) -> Plugins:
     """Add the one-file plugins that a study names to others, the installed ones when left out.
 
-    Raises
-    ------
-    StudyError
-        The study file cannot be read, or a plugin file does not exist.
+    A StudyError where the study file cannot be read, or a plugin file does not exist.
     """
     plugins = plugins or Plugins.load()
     try:
@@ -267,13 +264,7 @@ def with_study_plugins(path: Path | str, plugins: Plugins | None = None) -> Plug
 
 
 def study_plugins(path: Path | str) -> list[Path]:
-    """Plugin files that a study names; none of them is executed.
-
-    Raises
-    ------
-    StudyError
-        The study file cannot be read.
-    """
+    """Plugin files that a study names, none of which is executed; a StudyError where it cannot be read."""
     path = _study_file(path)
     header = parse_toml(path)[1].get("study")
     named = header.get("plugins", []) if isinstance(header, dict) else []

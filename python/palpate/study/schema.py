@@ -38,13 +38,7 @@ NAMED_BY: Mapping[str, tuple[type[Table], str, str]] = MappingProxyType(
 
 
 def json_schema(settings: Mapping[str, Mapping[str, type[BaseModel]]] | None = None) -> dict[str, Any]:
-    """Describe every table, with the settings of components.
-
-    Parameters
-    ----------
-    settings : mapping of kind to mapping of name to class of settings, optional
-        Components whose settings the schema describes, by the keys of ``NAMED_BY``.
-    """
+    """Describe every table, with the ``settings`` of components by kind (a key of ``NAMED_BY``) and name."""
     schema = StudyFile.model_json_schema()
     for kind, models in (settings or {}).items():
         table, key, settings_key = NAMED_BY[kind]

@@ -32,15 +32,10 @@ SMALL_STRAIN = 1e-3
 
 
 def half_space_peaks(material: Material, theta: FloatArray) -> dict[str, float]:
-    """Force [N] and torque [N·mm] at the end of ``HALF_SPACE_PATH``, by channel.
+    """Force [N] and torque [N·mm] at the end of ``HALF_SPACE_PATH``, by channel, for textbook values.
 
     Hertz: F = 4/3 E/(1 − ν²) √R d^1.5. Reissner and Sagoci: T = 16/3 μ a³ φ with a² = R d, for a disc
     that sticks.
-
-    Parameters
-    ----------
-    theta : (n_parameters,) array
-        Textbook values.
     """
     mu, kappa = mechanics.initial_moduli(material, theta)
     young, poisson = _young_and_poisson(mu, kappa)
