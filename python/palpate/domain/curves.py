@@ -159,23 +159,16 @@ class Curve:
     slopes: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "abscissa", frozen_floats(self.abscissa))
-        object.__setattr__(self, "ordinate", frozen_floats(self.ordinate))
-        self._check_points()
-        if self.std is not None:
-            object.__setattr__(self, "std", frozen_floats(self.std))
-            self._check_std(self.std)
-        if self.time_s is not None:
-            object.__setattr__(self, "time_s", frozen_floats(self.time_s))
-            self._check_time(self.time_s)
+        for name in ("abscissa", "ordinate", "std", "time_s"):
+            if (values := getattr(self, name)) is not None:
+                object.__setattr__(self, name, frozen_floats(values))
         slopes = {name: frozen_floats(values) for name, values in self.slopes.items()}
         object.__setattr__(self, "slopes", MappingProxyType(slopes))
-        for name, values in slopes.items():
-            if values.shape != self.ordinate.shape or not np.isfinite(values).all():
-                raise CurveError(
-                    f"curve '{self.channel}': slopes in '{name}' of shape {values.shape} for "
-                    f"{self.ordinate.shape} points; give one finite number for each point"
-                )
+        self._check_points()
+        named = {f"slopes in '{name}'": values for name, values in slopes.items()}
+        for name, values in {"std": self.std, "time_s": self.time_s, **named}.items():
+            if values is not None:
+                self._check_more(name, values)
 
     def __repr__(self) -> str:
         x, y = self.abscissa, self.ordinate
@@ -204,32 +197,24 @@ class Curve:
                 "a curve needs at least two different abscissae"
             )
 
-    def _check_std(self, std: FloatArray) -> None:
-        where = f"curve '{self.channel}'"
-        if std.shape != self.ordinate.shape:
+    def _check_more(self, name: str, values: FloatArray) -> None:
+        """Refuse standard deviations, times or slopes that the points cannot have."""
+        if values.shape != self.ordinate.shape:
+            what = {"std": "standard deviations", "time_s": "times"}.get(name, name)
             raise CurveError(
-                f"{where}: {std.shape} standard deviations for {self.ordinate.shape} points; "
+                f"curve '{self.channel}': {values.shape} {what} for {self.ordinate.shape} points; "
                 "give one for each point, or none"
             )
-        bad = np.flatnonzero(~(np.isfinite(std) & (std >= 0.0)))
-        if bad.size:
-            raise CurveError(
-                f"{where}: std[{bad[0]}] is {std[bad[0]]}; a standard deviation is finite and not negative"
-            )
-
-    def _check_time(self, time_s: FloatArray) -> None:
-        where = f"curve '{self.channel}'"
-        if time_s.shape != self.ordinate.shape:
-            raise CurveError(
-                f"{where}: {time_s.shape} times for {self.ordinate.shape} points; "
-                "give one for each point, or none"
-            )
-        bad = np.flatnonzero(~np.isfinite(time_s) | (np.diff(time_s, prepend=-np.inf) < 0.0))
-        if bad.size:
-            raise CurveError(
-                f"{where}: time_s[{bad[0]}] is {time_s[bad[0]]}; a time is finite and never before "
-                "that of the point before it"
-            )
+        bad = ~np.isfinite(values)
+        rule = "it is finite"
+        if name == "std":
+            bad, rule = bad | (values < 0.0), "a standard deviation is finite and not negative"
+        elif name == "time_s":
+            bad = bad | (np.diff(values, prepend=-np.inf) < 0.0)
+            rule = "a time is finite and never before that of the point before it"
+        if bad.any():
+            row = int(bad.argmax())
+            raise CurveError(f"curve '{self.channel}': {name}[{row}] is {values[row]}; {rule}")
 
     def cut(self, rows: slice) -> "Curve":
         """Keep some of the points, each with its standard deviation and time."""
