@@ -3,10 +3,11 @@
 from collections.abc import Iterable, Iterator, Sequence
 
 from palpate.domain import Indentation, ParameterSpace, Protocol, Scenario, channel_of
+from palpate.domain.indenter import Indenter
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.parametrisation import Parametrisation
 from palpate.study.build import Context
-from palpate.study.model import ProtocolTable, SelectionTable, SpotProtocolTable
+from palpate.study.model import SelectionTable
 from palpate.study.source_positions import Key
 from palpate.study.tables import Tables
 
@@ -24,7 +25,7 @@ def check_solver(
     """Refuse what the solver does not provide; the first protocol is that of the study, then of each spot."""
     _check_body(context, solver, tables)
     _check_regions(context, solver, tables, space)
-    check_protocols(context, solver, tables, named_protocols(protocols))
+    check_protocols(context, solver, named_protocols(protocols))
     if tables.selection:
         _check_channels(context, solver, tables.selection, scenarios)
 
@@ -112,7 +113,7 @@ def _check_regions(context: Context, solver: Solver, tables: Tables, space: Para
 
 
 def check_protocols(
-    context: Context, solver: Solver, tables: Tables, protocols: Iterable[tuple[Key, Protocol | None]]
+    context: Context, solver: Solver, protocols: Iterable[tuple[Key, Protocol | None]]
 ) -> None:
     """Refuse an indenter or a motion that the solver does not simulate.
 
@@ -121,14 +122,14 @@ def check_protocols(
     provides, add, name = solver.provides, context.problems.add, f"solver '{solver.name}'"
     if provides.body == "specimen":
         return  # that there is a protocol is reported already
-    named: list[tuple[Key, ProtocolTable | SpotProtocolTable | None]] = [(("protocol",), tables.protocol)]
-    named += [(("spot", index, "protocol"), spot.protocol) for index, spot in enumerate(tables.spot)]
-    for key, table in named:
-        shape = table.indenter.shape if table and table.indenter else ""
-        if shape in context.plugins.indenters and not provides.simulates(shape):  # else reported already
-            known, place = ", ".join(provides.indenters or ()), (*key, "indenter", "shape")
-            add(place, f"{name} does not simulate indenter '{shape}' (it has {known}); {OTHER}")
+    refused: list[Indenter] = []
     for key, protocol in protocols:
+        indenter = protocol.indenter if isinstance(protocol, Indentation) else None
+        # Once, where it is named: a spot may change the motion alone.
+        if indenter and not provides.simulates(indenter.name) and indenter not in refused:
+            refused.append(indenter)
+            known, place = ", ".join(provides.indenters or ()), (*key, "indenter", "shape")
+            add(place, f"{name} does not simulate indenter '{indenter.name}' (it has {known}); {OTHER}")
         if missing := provides.other_moves(protocol):
             known = ", ".join(provides.motions)
             add(

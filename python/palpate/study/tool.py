@@ -17,7 +17,6 @@ from palpate.study.reading import Study, parse_toml
 from palpate.study.solver_checks import check_protocols, check_times, relaxing_parts
 from palpate.study.source_positions import KeyLines
 from palpate.study.spots import StudySpot, build_protocol
-from palpate.study.tables import Tables
 from palpate.units import Quantity, unit_of
 
 Pressure = Annotated[float, Quantity("MPa")]
@@ -112,9 +111,8 @@ def read_tool(path: Path, study: Study, plugins: Plugins) -> Tool:
     table = problems.validated(ToolTable, raw)
     protocol = build_protocol(context, table.protocol)
     spots = _spots(path, table, study, problems)
-    tables = Tables(written=frozenset(raw), protocol=table.protocol)
     named = [(("protocol",), protocol)]
-    check_protocols(context, study.solver, tables, named)
+    check_protocols(context, study.solver, named)
     check_times(context, relaxing_parts(study.space, study.parametrisation), named)
     problems.raise_if_any()
     return Tool(
