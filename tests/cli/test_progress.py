@@ -116,23 +116,6 @@ def test_a_narrow_terminal_keeps_count_time_left_and_failures(follow, monkeypatc
     assert max(len(first.rstrip()), len(second.rstrip())) <= width
 
 
-@pytest.mark.parametrize(("seconds", "n_workers", "offered"), [(30.0, 2, True), (30.0, 60, False)])
-def test_the_first_simulation_tells_how_long_the_sweep_takes(
-    follow, monkeypatch, seconds, n_workers, offered
-):
-    session, text = follow(is_terminal=False)
-    now = [0.0]
-    monkeypatch.setattr(shown.time, "monotonic", lambda: now[0])
-    with StageProgress(session) as following:
-        following.begin("simulate", 101)
-        following.running(n_workers)
-        for _ in range(3):
-            now[0] += seconds
-            following.step("ok")
-    expected = "100 simulations to do, at most about 25 min; then the fit; for a first look"
-    assert text.getvalue().count("--sets 12") == text.getvalue().count(expected) == offered
-
-
 @pytest.mark.parametrize("n_reused", [0, 20, 90])
 def test_the_time_left_counts_nothing_that_was_reused(follow, monkeypatch, n_reused):
     """Ten seconds each, whatever was there before the first simulation began."""

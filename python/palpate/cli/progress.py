@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.cli.session import Session
 from palpate.errors import StoppedError
-from palpate.progress import FIRST_LOOK, LONG_S, about, duration
+from palpate.progress import about, duration
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -109,22 +109,10 @@ class StageProgress:
         self._n_running = max(0, self._n_running - 1)
         if note:
             self._notes[note] += 1
-        if self._stage == "simulate" and self._done == 1 and self._first is not None:
-            self._say_duration(self._first[0])
         if self._bars is not None and self._task is not None:
             self._bars.update(self._task, advance=1, left=self._left(), failed=self._failed())
         elif self._is_line_due():
             self._print_line()
-
-    def _say_duration(self, started_s: float) -> None:
-        """Print how long the sweep takes by its first simulation, which had as many workers as run then."""
-        n_left = self._total - self._done
-        seconds = (time.monotonic() - started_s) * n_left / (self._n_running + 1)
-        if seconds > LONG_S:
-            self.note(
-                f"{n_left} simulations to do, at most about {duration(seconds)}; then the fit; for a first "
-                f"look stop now (Ctrl-C) and add --sets {FIRST_LOOK}: every simulation is kept"
-            )
 
     def running(self, n_running: int) -> None:
         """Show how many simulations are running."""
