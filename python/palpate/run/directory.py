@@ -252,14 +252,6 @@ class RunDirectory:
         content = self.manifest() | {"measured": self._records(study)}
         write_atomically(self.folder / "manifest.json", _json(content))
 
-    def verification(self) -> pl.DataFrame:
-        """Verification of the selected sets; empty where the solver has none."""
-        return self.table("verification")
-
-    def write_verification(self, verification: pl.DataFrame) -> None:
-        """Write the verification so far: each row costs as much as a simulation."""
-        self.write_stage("verify", {"verification": verification}, {})
-
     def write_proposal(self, proposal: Mapping[str, Any]) -> None:
         """Write ``next.json``: which presses to make next."""
         write_atomically(self.folder / "next.json", _json(proposal))

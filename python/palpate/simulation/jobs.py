@@ -1,7 +1,7 @@
 """The sweep: every set at every spot; each result is stored as it comes, none computed twice."""
 
 import sys
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -157,23 +157,12 @@ def simulate(
     measured: Mapping[str, Response],
     folder: Path,
     progress: Progress = SILENT,
-    check: Callable[[], None] = lambda: None,
 ) -> tuple[Simulation, ...]:
-    """Simulate every job whose result is not yet in ``folder``.
+    """Simulate every job whose result is not yet in ``folder``; results are in the order of :func:`jobs`.
 
     Each result goes to the writer before the next is awaited, so an interrupted sweep continues
     where it stopped. Crashed jobs are tried again, and those that timed out if the time limit
     is larger now.
-
-    Parameters
-    ----------
-    check : callable
-        Raises where the lock on the folder is lost.
-
-    Returns
-    -------
-    tuple of Simulation
-        In the order of :func:`jobs`.
 
     Raises
     ------
@@ -182,7 +171,7 @@ def simulate(
     StoppedError
         ``progress`` requested a stop; finished results are kept.
     """
-    with Simulations(study, folder, limbs, progress, check) as simulations:
+    with Simulations(study, folder, limbs, progress) as simulations:
         return run_sweep(simulations, design, measured)
 
 

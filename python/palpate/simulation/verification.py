@@ -49,7 +49,7 @@ def verify(
     found = stored(study, design, limbs, measured, run.folder, set(_selected(run)))
     known: dict[str, dict[str, Any]] = {}
     with contextlib.suppress(StudyError):  # corrupt: all are verified again
-        known = {row["key"]: row for row in run.verification().iter_rows(named=True) if row["key"]}
+        known = {row["key"]: row for row in run.table("verification").iter_rows(named=True) if row["key"]}
     rows: list[dict[str, Any]] = []
     progress.begin("verify", len(found))
     for simulation in found:
@@ -65,7 +65,8 @@ def verify(
                 known[key] = row
             rows.append(row | simulation.id._asdict())
             shown = {each["key"] for each in rows}
-            run.write_verification(_frame([*rows, *(each for k, each in known.items() if k not in shown)]))
+            every = _frame([*rows, *(each for k, each in known.items() if k not in shown)])
+            run.write_stage("verify", {"verification": every}, {})  # each row costs as much as a simulation
         progress.step("" if row is None or row["passed"] else row["message"])
     return _frame(rows)
 

@@ -67,7 +67,7 @@ def test_every_chosen_set_is_proved_once(doubting, make_study, plugins, tmp_path
     assert set(found.verification["change"]) == {0.1}
     again = selected(pipeline.run_stage("verify", study, folder, plugins))
     assert_frame_equal(again.verification, found.verification)
-    assert_frame_equal(RunDirectory(folder).verification(), found.verification)
+    assert_frame_equal(RunDirectory(folder).table("verification"), found.verification)
     assert len(doubting.asked) == len(set(doubting.asked))
 
 
@@ -101,7 +101,7 @@ def test_a_stop_keeps_what_is_proved(doubting, make_study, plugins, tmp_path):
 
     with pytest.raises(StoppedError, match="palpate run"):
         run_to_selection(make_study(doubting()), tmp_path / "run", plugins, Impatient())
-    assert len(RunDirectory(tmp_path / "run").verification()) == 1
+    assert len(RunDirectory(tmp_path / "run").table("verification")) == 1
 
 
 def test_a_stop_keeps_what_an_earlier_run_has_proved(doubting, make_study, plugins, tmp_path):
@@ -118,7 +118,7 @@ def test_a_stop_keeps_what_an_earlier_run_has_proved(doubting, make_study, plugi
     verified = run_to_selection(study, run.folder, plugins).verification
     with pytest.raises(StoppedError):
         pipeline.run_stage("verify", study, run.folder, plugins, Gone(1))
-    assert set(run.verification()["key"]) == set(verified["key"])
+    assert set(run.table("verification")["key"]) == set(verified["key"])
     n_asked = len(doubting.asked)
     again = pipeline.run_stage("verify", study, run.folder, plugins).table("verification")
     assert_frame_equal(again, verified)
