@@ -88,18 +88,12 @@ def _kept(name: str) -> type[np.generic]:
 
 def _shape(name: str, n: int, k: int) -> tuple[int, ...]:
     """Shape of an array; −1 where any length is right."""
-    match name:
-        case "points_mm":
-            return (n, 3)
-        case "triangles":
-            return (-1, 3)
-        case "depth_mm" | "rotation_deg":
-            return (k,)
-        case "positions_mm":
-            return (k, 3)
-        case "rotations":
-            return (k, 3, 3)
-        case "areas_mm2" | "touching" | "pressures_MPa":
-            return (k, n)
-        case _:
-            return (k, n, 3)
+    shapes: dict[str, tuple[int, ...]] = {
+        "points_mm": (n, 3),
+        "triangles": (-1, 3),
+        "positions_mm": (k, 3),
+        "rotations": (k, 3, 3),
+        **dict.fromkeys(("depth_mm", "rotation_deg"), (k,)),
+        **dict.fromkeys(("areas_mm2", "touching", "pressures_MPa"), (k, n)),
+    }
+    return shapes.get(name, (k, n, 3))

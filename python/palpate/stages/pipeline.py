@@ -142,16 +142,8 @@ def run_study(
     if directory.result():
         progress.note(f"{run_folder} is finished: what is unchanged is kept, fit and report are made again")
     progress.begin("check", 1)
-    stages = stages_of(study, plugins)
-    wanted = list(stages_of_run(study, stages))
-    run = Run(
-        study=study,
-        directory=directory,
-        stages=stages,
-        channels=plugins.channels,
-        sections=plugins.sections,
-        progress=progress,
-    )
+    run = read_run(study, directory, plugins, progress, is_copy=False)
+    stages, wanted = run.stages, list(stages_of_run(study, run.stages))
     made_from = run.made_from(stages["experiment"])  # before the files are read: a later change is noticed
     inputs = check_study(study, plugins, before)
     progress.step()
@@ -305,10 +297,8 @@ def measure(
                 folders[name] = drawn.enter_context(drawing_in(directory.plots(name)))
         for spot in study.spots if plots else ():
             draw_files(study, spot, folders[spot.spot.name])
-        run = Run(study=study, directory=directory, stages=stages, channels=plugins.channels)
-        made_from = run.made_from(
-            stages["experiment"]
-        )  # before the files are read: a later change is noticed
+        run = read_run(study, directory, plugins, is_copy=False)
+        made_from = run.made_from(stages["experiment"])  # before the files are read: a later change counts
         presses = load_presses(study, plugins.channels)
         measured = {spot: mean(found) for spot, found in presses.items()}
         scoring.check_scorable(measured, study.scoring, study.scenarios)
