@@ -1,7 +1,6 @@
 """What ``palpate doctor`` finds, and what it advises."""
 
 import json
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -82,18 +81,6 @@ def test_looking_leaves_nothing_behind(examined, tmp_path):
         ["misspelt.py", "programs.py"],
         ["__pycache__", "misspelt.py", "programs.py"],
     )
-
-
-@pytest.mark.parametrize(
-    ("folder", "kind"), [("/home/me/runs", "nfs4"), ("/scratch/a b/c", "lustre"), ("/tmp", "ext4")]
-)
-def test_the_file_system_is_that_of_the_longest_mount(tmp_path, folder, kind):
-    mounts = tmp_path / "mounts"
-    mounts.write_text(
-        "/dev/sda / ext4 rw 0 0\nserver:/home /home nfs4 rw 0 0\nl@tcp:/s /scratch/a\\040b lustre rw 0 0\n"
-    )
-    assert doctor.file_system(Path(folder), mounts) == kind
-    assert doctor.file_system(Path(folder), tmp_path / "none") == ""
 
 
 def test_little_room_is_a_note():

@@ -21,10 +21,6 @@ from palpate.plugins.registry import GROUP, installed_points, owner_of
 LIBRARIES = ("numpy", "scipy", "polars", "jax", "jaxlib", "pydantic", "pluggy")
 """Libraries on which results or their speed depend."""
 
-NETWORK_FILE_SYSTEMS = frozenset(
-    {"9p", "afs", "beegfs", "ceph", "cifs", "fuse.sshfs", "gpfs", "lustre", "nfs", "nfs4", "smb3", "vboxsf"}
-)
-
 FEW_FREE_MB = 2_000.0
 """Free memory and free disk below which a sweep may fail."""
 
@@ -108,10 +104,6 @@ def _machine(folder: Path) -> Iterator[Finding]:
         yield _room("free memory", memory_MB, "ask for fewer workers (solver.n_workers) or a smaller mesh")
     disk_MB = shutil.disk_usage(_existing(folder)).free * 1e-6
     yield _room(f"free disk of {folder}", disk_MB, "make room, or keep runs elsewhere (--out FOLDER)")
-    kind = file_system(_existing(folder))
-    if kind in NETWORK_FILE_SYSTEMS:
-        advice = "a network file system: runs are safe on it and slower; a local disk is better"
-        yield Finding("machine", f"file system of {folder}", kind, "note", advice)
 
 
 def _room(what: str, free_MB: float, advice: str) -> Finding:
@@ -119,17 +111,6 @@ def _room(what: str, free_MB: float, advice: str) -> Finding:
     if free_MB >= FEW_FREE_MB:
         return Finding("machine", what, found)
     return Finding("machine", what, found, "note", advice)
-
-
-def file_system(folder: Path, mounts: Path = Path("/proc/self/mounts")) -> str:
-    """Type of the file system that holds a folder, such as ext4 or nfs4; empty if unknown."""
-    try:
-        lines = mounts.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return ""
-    places = [(place.replace("\\040", " "), kind) for _, place, kind, *_ in map(str.split, lines)]
-    above = [(Path(place), kind) for place, kind in places if folder.resolve().is_relative_to(place)]
-    return max(above, key=lambda each: len(each[0].parts), default=(folder, ""))[1]
 
 
 def _existing(folder: Path) -> Path:
