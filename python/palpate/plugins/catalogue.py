@@ -8,7 +8,7 @@ by name, then files in the order given. Of two components that claim a name the
 first keeps it, and the other one is listed as left out.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -116,18 +116,9 @@ class Plugins:
     sections: Catalogue[type[Section]]
 
     def __init__(
-        self,
-        registry: Registry,
-        files: Sequence[Path] = (),
-        *,
-        entry_points: bool = False,
-        without: Sequence[str] = (),
-        modules: Sequence[object] = (),
+        self, registry: Registry, files: Sequence[Path], load: "Callable[[Sequence[Path]], Plugins]"
     ) -> None:
-        self._registry = registry
-        self._again = partial(
-            Plugins.load, entry_points=entry_points, without=tuple(without), modules=tuple(modules)
-        )
+        self._registry, self._load = registry, load
         self.files = tuple(files)
         self.broken = tuple(registry.broken)
         for kind, entries in registry.entries.items():
@@ -163,13 +154,13 @@ class Plugins:
         """
         registry = registered(files, entry_points=entry_points, without=without, modules=modules)
         registry.collect()
-        resolved = dict.fromkeys(path.resolve() for path in files)
-        return cls(registry, list(resolved), entry_points=entry_points, without=without, modules=modules)
+        again = partial(cls.load, entry_points=entry_points, without=tuple(without), modules=tuple(modules))
+        return cls(registry, list(dict.fromkeys(path.resolve() for path in files)), again)
 
     def with_files(self, files: Sequence[Path]) -> "Plugins":
         """The same with more one-file plugins; itself where it has them all."""
         more = [path for path in files if path.resolve() not in self.files]
-        return self._again([*self.files, *more]) if more else self
+        return self._load([*self.files, *more]) if more else self
 
     def catalogue(self, kind: str) -> Catalogue[Any]:
         """Catalogue by the name of its attribute, one of ``KINDS``."""
