@@ -1,7 +1,7 @@
 """Laws of materials."""
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from typing import TypeAlias
 
@@ -45,6 +45,16 @@ def _energies_from_F(  # noqa: N802
     if not fields:
         return jax.vmap(lambda f: material.energy_from_F(f, theta))(F)
     return jax.vmap(lambda f, own: material.energy_from_F(f, theta, own))(F, fields)
+
+
+def _slopes(
+    function: Callable[[FloatArray], FloatArray], F: FloatArray, step: float
+) -> Iterator[tuple[int, int, FloatArray]]:
+    """Row and column of each entry of gradients (n, 3, 3), and the central difference in it."""
+    for i, j in np.ndindex(3, 3):
+        dF = np.zeros((3, 3))
+        dF[i, j] = step
+        yield i, j, (function(F + dF) - function(F - dF)) / (2.0 * step)
 
 
 class MaterialContract(ComponentContract):
@@ -206,14 +216,9 @@ class MaterialContract(ComponentContract):
         theta = thetas[-1]
         P = self.stress(material, gradients, theta, fields)
         _, kappa = mechanics.initial_moduli(material, theta)
-        step = 1e-5
-        for i, j in np.ndindex(3, 3):
-            dF = np.zeros((3, 3))
-            dF[i, j] = step
-            ahead, behind = (self.energies(material, gradients + dx, theta, fields) for dx in (dF, -dF))
-            rise = ahead - behind
-            off = 1e-6 * (kappa + float(np.abs(P).max()))
-            _same(P[:, i, j], rise / (2 * step), f"P{i}{j} is not the slope of the energy", atol=off)
+        off = 1e-6 * (kappa + float(np.abs(P).max()))
+        for i, j, slope in _slopes(lambda F: self.energies(material, F, theta, fields), gradients, 1e-5):
+            _same(P[:, i, j], slope, f"P{i}{j} is not the slope of the energy", atol=off)
 
     def test_tangent_is_symmetric(
         self, material: Material, thetas: FloatArray, gradients: FloatArray, fields: Fields
@@ -227,14 +232,9 @@ class MaterialContract(ComponentContract):
     ) -> None:
         theta = thetas[-1]
         _, A = _stress_and_tangent(material, gradients, theta, dict(fields))
-        step = 1e-6
-        for k, m in np.ndindex(3, 3):
-            dF = np.zeros((3, 3))
-            dF[k, m] = step
-            ahead, behind = (self.stress(material, gradients + dx, theta, fields) for dx in (dF, -dF))
-            rise = ahead - behind
-            off = 1e-6 * float(np.abs(A).max())
-            _same(A[..., k, m], rise / (2 * step), f"∂P/∂F{k}{m} is not the slope of the stress", atol=off)
+        off = 1e-6 * float(np.abs(A).max())
+        for k, m, slope in _slopes(lambda F: self.stress(material, F, theta, fields), gradients, 1e-6):
+            _same(A[..., k, m], slope, f"∂P/∂F{k}{m} is not the slope of the stress", atol=off)
 
     def test_moduli_scale_the_energy(
         self, material: Material, thetas: FloatArray, gradients: FloatArray, fields: Fields
@@ -252,12 +252,10 @@ class MaterialContract(ComponentContract):
         if not fields:
             pytest.skip("takes no cell fields")
         rest = np.broadcast_to(np.eye(3), (len(next(iter(fields.values()))), 3, 3))
-        largest, step = float(np.abs(thetas[-1]).max()), 1e-5
+        largest = float(np.abs(thetas[-1]).max())
         energy = self.energies(material, rest, thetas[-1], fields)
         _same(energy, 0.0, "with cell fields, the undeformed state has an energy", atol=1e-9 * largest)
-        for dF in step * np.eye(9).reshape(9, 3, 3):
-            ahead, behind = (self.energies(material, rest + dx, thetas[-1], fields) for dx in (dF, -dF))
-            slope = (ahead - behind) / (2 * step)
+        for *_, slope in _slopes(lambda F: self.energies(material, F, thetas[-1], fields), rest, 1e-5):
             _same(slope, 0.0, "with cell fields, the undeformed state has a stress", atol=1e-6 * largest)
 
     def test_fields_turn_with_the_body(
