@@ -76,8 +76,9 @@ class Identifiability(Section):
                 "poorly, beyond that not. Unclear: too few sets, or curves that the slopes do not predict."
             )
             yield Listing([("", sentence) for sentence in report.conclusion.identifiability])
-        words = [] if is_sure else [pl.col("^(identifiability|verdict)$")]
-        shown = report.tables["identifiability"].select(*COLUMNS, *words)
+        every = report.tables["identifiability"]
+        hidden = WORDS if is_sure else ()
+        shown = every.select(name for name in COLUMNS if name in every.columns and name not in hidden)
         main, is_main = data.generalising.name, pl.col("scenario") == data.generalising.name
         yield _table(f"Intervals in scenario {main}", shown.filter(is_main))
         others = shown.filter(~is_main)
@@ -85,11 +86,12 @@ class Identifiability(Section):
             yield Fold("The other scenarios", [_table("Intervals in the other scenarios", others)])
 
 
+WORDS = ("identifiability", "verdict")
 COLUMNS = (
     *("parameter", "spot", "scenario", "unit", "value", "optimum", "lower", "upper", "relative_width"),
-    *("most_correlated_with", "correlation", "n_as_good"),
+    *(*WORDS, "most_correlated_with", "correlation", "n_as_good"),
 )
-"""Of the table of the sweep's intervals, besides the words."""
+"""Of the table of the sweep's intervals."""
 
 
 def _table(caption: str, frame: pl.DataFrame) -> Table:
