@@ -116,6 +116,18 @@ def test_stages_after_the_sweep_use_the_same_results(call, study, ran, plugin):
     assert n_simulated(ran) == n_first
 
 
+@pytest.mark.slow
+@quick
+def test_results_under_a_trusted_key_are_not_shared(call, study, tmp_path, plugin):
+    path = study / "study.toml"
+    path.write_text(path.read_text().replace('name = "in_process"', 'name = "in_process"\ncache = "cache"'))
+    call("run", study, "--sets", "10", plugin=plugin())
+    shared = n_simulated(study / "cache")
+    assert shared >= 10, "every set of the sweep, and a fit"
+    assert call("run", study, *BOTH, plugin=plugin(2.0)).code == 0
+    assert n_simulated(study / "cache") == shared
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [

@@ -1,4 +1,4 @@
-"""Finished simulations by key: ``ledger.sqlite`` of a run.
+"""Finished simulations by key: ``ledger.sqlite`` of a run, or of a cache that several studies share.
 
 ::
 
@@ -73,7 +73,7 @@ class Ledger:
     Parameters
     ----------
     folder : Path
-        The run directory. One without a ledger reads as one with nothing in it.
+        The run directory, or the cache. One without a ledger reads as one with nothing in it.
 
     Raises
     ------
@@ -195,7 +195,7 @@ class Writer:
     Parameters
     ----------
     folder : Path
-        The run directory; made where it is missing.
+        The run directory, or the cache; made where it is missing.
     check : callable
         Raises where the lock is lost; asked before each group.
 

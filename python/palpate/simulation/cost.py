@@ -106,7 +106,7 @@ class Cost:
 def cost(study: Study, jobs: Mapping[str, Job], folder: Path | None, limbs: Mapping[str, Limb]) -> Cost:
     """Simulations and time left of a run whose sweep has these jobs, by key.
 
-    Those that are in the run directory ``folder`` are not left.
+    Those that are in the run directory ``folder`` or in the study's cache are not left.
     """
     with_times: dict[str, float] = {}
     others: list[float] = []
@@ -115,6 +115,9 @@ def cost(study: Study, jobs: Mapping[str, Job], folder: Path | None, limbs: Mapp
             seconds = ledger.seconds()
         with_times = {key: each for key, each in seconds.items() if key in jobs}
         others = [each for key, each in seconds.items() if key not in jobs]
+    if study.cache is not None:
+        with Ledger(study.cache) as cache:
+            with_times = {k: s for k, s in cache.seconds().items() if k in jobs} | with_times
     known, n_fit = list(with_times.values()) or others, _n_fit(study)
     return Cost(
         n_left=len(jobs.keys() - with_times.keys()),

@@ -1,7 +1,8 @@
-"""Simulations of a run: from its ledger, else through an executor, each key once.
+"""Simulations of a run: from its ledger, from the cache, else through an executor, each key once.
 
 Only this process writes results to the run directory. A job that crashed is tried again by the next run; one
-that was given up only with more attempts.
+that was given up only with more attempts. The cache is a ledger too, of what would end the same way again: a
+time-out or a crash depends on the machine.
 """
 
 import contextlib
@@ -26,6 +27,8 @@ from palpate.study.reading import Study
 
 USUAL_BYTES = 15_000
 """Default size of a simulation on the disk: two curves of 300 points."""
+
+_SHARED = (Status.OK, Status.DIVERGED, Status.UNREADABLE)
 
 _Found = Iterator[tuple[str, Simulation]]
 """Simulations with their keys."""
@@ -115,7 +118,7 @@ class Simulations:
         by_key: dict[str, Job] = {}
         for key, job in zip(keys, jobs, strict=True):
             by_key.setdefault(key, job)
-        for source in (self._in_memory, self._in_ledger, self._simulated):
+        for source in (self._in_memory, self._in_ledger, self._in_cache, self._simulated):
             for key, simulation in source(by_key):
                 self.known[key] = simulation
                 for _ in range(n_jobs[key]):
@@ -139,6 +142,14 @@ class Simulations:
             with Ledger(self.folder) as ledger:
                 yield from ledger.simulations(kept).items()
 
+    def _in_cache(self, by_key: Mapping[str, Job]) -> _Found:
+        if self.study.cache is None:
+            return
+        with Ledger(self.study.cache) as cache:
+            for key, simulation in cache.simulations(by_key).items():
+                self._writer.store(key, simulation)
+                yield key, simulation
+
     def _simulated(self, by_key: Mapping[str, Job]) -> _Found:
         if not by_key or not self.progress.should_continue():
             return
@@ -147,6 +158,8 @@ class Simulations:
             keys, jobs = list(batch), list(batch.values())
             for index, simulation in results(self.study, self._executor, jobs, self.limbs, self.progress):
                 self._writer.store(keys[index], simulation)
+                if self._cache is not None and simulation.status in _SHARED:
+                    self._cache.store(keys[index], simulation)
                 if simulation.n_crashes and simulation.status is not Status.CRASHED:
                     repeated.append(simulation.message)
                 yield keys[index], simulation
@@ -158,6 +171,13 @@ class Simulations:
     @functools.cached_property
     def _writer(self) -> Writer:
         return self._opened.enter_context(Writer(self.folder, self._check))
+
+    @functools.cached_property
+    def _cache(self) -> Writer | None:
+        """The cache to write to; results of trusted code are not shared: they are for this run only."""
+        if self.study.cache is None or self.study.trusted:
+            return None
+        return self._opened.enter_context(Writer(self.study.cache))
 
     @functools.cached_property
     def _kept(self) -> set[str]:

@@ -91,7 +91,7 @@ def _seconds_left(rows: pl.DataFrame, n_left: int, runner: Runner | None) -> flo
         return None
     since = datetime.strptime(runner.since, "%Y-%m-%d %H:%M:%S UTC").replace(tzinfo=UTC)
     ended = pl.col("finished_at").str.to_datetime(time_zone="UTC")
-    # A result that would have had to begin before the runner is that of an earlier one.
+    # A result that would have had to begin before the runner is one of the cache.
     own = rows.select(ended, began=ended - pl.duration(milliseconds=1000.0 * pl.col("seconds")))
     times = own.filter(pl.col("began") >= since)["finished_at"].sort().tail(200)
     if len(times) < 2:

@@ -307,6 +307,9 @@ class ExecutorTable(Table):
         default=None, gt=0.0, description="Most memory that one simulation may take; if left out no limit."
     )
     attempts: int = Field(default=2, ge=1, le=10, description="Worker crashes tolerated per job.")
+    cache: str | None = Field(
+        default=None, description="Folder of finished simulations that is shared with other studies."
+    )
 
 
 class ScoringTable(OpenTable):

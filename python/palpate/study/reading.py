@@ -67,6 +67,8 @@ class Study:
         Worker crashes tolerated per job.
     one_frame : bool
         Whether the meshes of all spots are in one frame.
+    cache : Path, optional
+        Folder of results shared with other studies.
     channels : mapping of name to Channel
         Those that plugins declare.
     search, parametrisation
@@ -114,6 +116,7 @@ class Study:
     memory_limit_MB: float = 0.0
     n_attempts: int = 2
     one_frame: bool = False
+    cache: Path | None = None
     channels: Mapping[str, Channel] = field(default_factory=dict)
     search: Search
     parametrisation: Parametrisation
@@ -392,6 +395,7 @@ def _with_settings(
         stages=stages,
         memory_limit_MB=limits.memory_limit or 0.0,
         n_attempts=limits.attempts,
+        cache=study.folder / limits.cache if limits.cache else None,
     )
 
 

@@ -125,6 +125,17 @@ def test_a_run_goes_on_without_a_skin(skinned, plugins, tmp_path, monkeypatch):
     assert note.endswith("it slips")
 
 
+@pytest.mark.slow
+def test_the_cache_shares_the_skin_too(skinned, plugins, tmp_path):
+    made, simulated = skinned
+    study = replace(made(), cache=tmp_path / "cache")
+    for name in ("one", "two"):
+        pipeline.run_study(study, tmp_path / name, plugins)
+        pipeline.run_stage("surface", study, tmp_path / name, plugins)
+    assert len(simulated()) == 1
+    assert same(surfaces(study, tmp_path / "two")["p1"], STATES)
+
+
 def test_a_solver_without_skin_is_refused(make_study, plugins, tmp_path):
     study, run = make_study(n_sets=4), tmp_path / "run"
     pipeline.run_study(study, run, plugins)

@@ -24,17 +24,18 @@ def jobs_of(study, plugins):
 
 
 def test_a_new_study_is_timed_and_one_with_results_is_not(make_study, plugins, tmp_path):
-    study = make_study()
+    study = make_study(cache=tmp_path / "cache")
     jobs, keys, inputs = jobs_of(study, plugins)
     by_key = dict(zip(keys, jobs, strict=True))
     new = cost(study, by_key, None, {})
     assert (new.n_left, new.seconds_each, new.seconds, new.n_workers) == (len(by_key), None, None, 1)
     assert timed(study, jobs, inputs.limbs) >= 0.0
-    found = simulation.simulate(study, inputs.design, inputs.limbs, inputs.measured, tmp_path / "run")
-    with Writer(tmp_path / "some") as some_results:
+    cold = replace(study, cache=None)
+    found = simulation.simulate(cold, inputs.design, inputs.limbs, inputs.measured, tmp_path / "run")
+    with Writer(tmp_path / "cache") as cache:
         for key, each in list(dict(zip(keys, found, strict=True)).items())[:4]:
-            some_results.store(key, replace(each, seconds=8.0))
-    some = cost(study, by_key, tmp_path / "some", {})
+            cache.store(key, replace(each, seconds=8.0))
+    some = cost(study, by_key, None, {})
     assert (some.n_left, some.seconds_each) == (len(by_key) - 4, 8.0)
     assert some.seconds == pytest.approx(8.0 * some.n_left)
     assert cost(study, by_key, tmp_path / "run", {}).n_left == 0

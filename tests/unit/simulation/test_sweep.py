@@ -65,6 +65,19 @@ def test_a_sweep_that_is_stopped_continues_with_what_is_missing(sweep, tmp_path,
     assert len(set(tried)) == len(tried) > n_tried
 
 
+def test_a_key_of_another_study_is_not_computed_again(sweep, tissue, tmp_path):
+    log = tmp_path / "log.txt"
+    solver = tissue.Analytic(tissue.AnalyticSettings(log=str(log)))
+    first = sweep(solver, "one", cache=tmp_path / "cache")
+    assert len(log.read_text().splitlines()) == 6
+    second = sweep(solver, "two", cache=tmp_path / "cache", name="another")
+    assert len(log.read_text().splitlines()) == 6
+    for a, b in zip(first, second, strict=True):
+        assert np.array_equal(a.response["torque"].ordinate, b.response["torque"].ordinate)
+    sweep(solver, "three")
+    assert len(log.read_text().splitlines()) == 12
+
+
 @pytest.mark.slow
 def test_a_job_that_kills_its_worker_twice_is_not_tried_again(sweep, tmp_path, tissue):
     log = tmp_path / "log.txt"
