@@ -1,6 +1,7 @@
 """The guard around every call of a plugin: whatever goes wrong there is a PluginError that names it."""
 
 import contextlib
+import os
 import sys
 import traceback
 from collections.abc import Iterator
@@ -53,8 +54,16 @@ class BrokenPlugin:
 
 @contextlib.contextmanager
 def _own_state() -> Iterator[None]:
-    with contextlib.redirect_stdout(sys.stderr), contextlib.chdir(Path()), np.errstate():
-        yield
+    try:
+        folder = Path.cwd()
+    except FileNotFoundError:  # removed; absolute paths are valid without it
+        folder = None
+    with contextlib.redirect_stdout(sys.stderr), np.errstate():
+        try:
+            yield
+        finally:
+            if folder is not None and folder.is_dir():
+                os.chdir(folder)
 
 
 @contextlib.contextmanager
