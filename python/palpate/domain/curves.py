@@ -205,8 +205,7 @@ class Curve:
                 f"curve '{self.channel}': {values.shape} {what} for {self.ordinate.shape} points; "
                 "give one for each point, or none"
             )
-        bad = ~np.isfinite(values)
-        rule = "it is finite"
+        bad, rule = ~np.isfinite(values), "a slope is finite"
         if name == "std":
             bad, rule = bad | (values < 0.0), "a standard deviation is finite and not negative"
         elif name == "time_s":
