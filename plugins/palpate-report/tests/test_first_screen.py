@@ -55,6 +55,16 @@ def test_the_chart_shows_every_value_with_its_interval(fitted, content):
             assert len(axis.patches) == (found == "fit")  # the joint fit is shaded
 
 
+def test_no_interval_of_the_sweep_is_drawn_among_those_of_95_percent(fitted):
+    data = passed(fitted)
+    rows = data.fit.certainty.intervals.filter(pl.col("fit") != "p2")
+    mixed = replace(data, fit=replace(data.fit, certainty=replace(data.fit.certainty, intervals=rows)))
+    others = [value for best in best_sets(mixed) for value in best.values if not value.level]
+    assert any(value.lower is not None for value in others)
+    n_drawn = sum(len(line.get_xdata()) == 2 for axis in interval_plot(mixed).axes for line in axis.lines)
+    assert n_drawn == rows.height + len(mixed.searched)  # and the known answers
+
+
 def test_the_card_has_intervals_moduli_and_causes_of_the_fit_that_leads(fitted):
     data = passed(fitted)
     found = card(data)
@@ -102,7 +112,10 @@ def test_the_chart_says_why_values_are_not_those_of_the_least_fopt(fitted):
     said = "Values count each curve by what it may be wrong by, and so differ from those of the least Fopt"
     assert said in render(data, tables, make_conclusion(data, tables), [])
     bare = replace(data, fit=replace(data.fit, certainty=CertaintyResult()))
-    assert said not in render(bare, make_tables(bare), make_conclusion(bare, make_tables(bare)), [])
+    conclusion, drawn = make_conclusion(bare, make_tables(bare)), {"intervals": b"<svg/>"}
+    page = render(bare, make_tables(bare), conclusion, [], drawn)
+    assert said not in page
+    assert "what fits about as well, not a 95 % interval" in page
 
 
 def _wide(rows):

@@ -258,6 +258,7 @@ def interval_plot(data: ReportData) -> Figure:
     bests = list(best_sets(data))
     fits = [best for best in bests if best.found == "fit"] or bests
     lead = leading(data, fits) if len(data.spots) > 1 else None
+    is_sure = any(value.level for best in fits for value in best.values)
     spots, names = list(dict.fromkeys(best.spot for best in fits)), list(data.searched.items())
     figure = sized(DOUBLE_MM if len(names) > 1 else SINGLE_MM, 14.0 * len(spots) + 36.0)
     axes = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
@@ -269,7 +270,8 @@ def interval_plot(data: ReportData) -> Figure:
             i = scenarios.index(best.scenario)
             at = spots.index(best.spot) + 0.6 * ((i + 0.5) / len(scenarios) - 0.5)
             look = {"color": LINES[i % len(LINES)][0], "marker": MARKERS[i % len(MARKERS)], "markersize": 3.5}
-            if found.lower is not None and found.upper is not None:
+            is_alike = bool(found.level) == is_sure  # one kind of interval in a figure
+            if is_alike and found.lower is not None and found.upper is not None:
                 ends = [found.lower, found.upper]
                 width = 1.6 if best.scenario == data.generalising.name else 0.8
                 axis.plot(ends, [at, at], "-|", linewidth=width, color=look["color"], markersize=4.0)
