@@ -107,7 +107,7 @@ def test_the_report_of_a_run_is_of_its_tables(call, study, ran):
     call("sample", study)
     stale = call("report", ran)
     assert stale.code == 2
-    assert "made from other" in stale.err
+    assert "made before a change of" in stale.err
     assert json.loads((ran / "manifest.json").read_text())["seed"] == 4
 
 

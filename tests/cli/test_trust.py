@@ -94,7 +94,7 @@ def test_a_stage_after_the_sweep_refuses_other_code(call, study, ran, plugin):
     for stage in ("simulate", "score", "select", "report"):
         refused = call(stage, study, plugin=plugin(2.0))
         assert refused.code == 2
-        assert "were made from other loader of spot 's1'" in refused.err  # the plugin has it too
+        assert "were made before a change of loader of spot 's1'" in refused.err  # the plugin has it too
     assert tables(ran) == before
 
 

@@ -84,8 +84,8 @@ class StageRecords:
         other += [name for name in recorded if name not in made_from]
         if other:
             raise StudyError(
-                f"{self.folder}: the results of `palpate {stage}` were made from other {', '.join(other)} "
-                f"than the study has now; run `palpate {stage}` and the stages after it again"
+                f"{self.folder}: the results of `palpate {stage}` were made before a change of "
+                f"{', '.join(other)}; run `palpate {stage}` and the stages after it again"
             )
 
     def is_current(self, stage: str) -> bool:

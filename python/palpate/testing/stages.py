@@ -88,7 +88,7 @@ class StageContract(ComponentContract):
             content = json.loads(records.path.read_bytes())
             files, content[need]["files"] = content[need]["files"], {}
             records.path.write_text(json.dumps(content))
-            with pytest.raises(StudyError, match=f"made from other results of `palpate {need}`"):
+            with pytest.raises(StudyError, match=f"made before a change of results of `palpate {need}`"):
                 run.check(stage.name)
             content[need]["files"] = files
             records.path.write_text(json.dumps(content))

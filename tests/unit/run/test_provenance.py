@@ -66,7 +66,7 @@ def test_results_that_were_made_from_something_else_or_from_more_are_refused(tmp
     records.write("score", (), made_from)
     records.check("score", made_from)
     for other, now in (("normaliser", made_from | {"normaliser": "c"}), ("filters", {"normaliser": "a"})):
-        with pytest.raises(StudyError, match=f"made from other {other} than"):
+        with pytest.raises(StudyError, match=f"made before a change of {other}; run"):
             records.check("score", now)
 
 
@@ -175,7 +175,7 @@ def test_what_a_changed_study_makes_stale_is_refused_with_its_remedy(done, plugi
     manifest = (run / "manifest.json").read_bytes()
     for name, (change, remedy, first) in CHANGES.items():
         for verb in dict.fromkeys((first, "report")):
-            message = rf"made from other .*{name}.* than the study has now; run `palpate {remedy}`"
+            message = rf"made before a change of .*{name}.*; run `palpate {remedy}`"
             with pytest.raises(StudyError, match=message):
                 called(verb)(change(study), run, plugins)
     assert (run / "manifest.json").read_bytes() == manifest
@@ -183,7 +183,8 @@ def test_what_a_changed_study_makes_stale_is_refused_with_its_remedy(done, plugi
     for verb in ("score", "select"):
         called(verb)(changed, run, plugins)
     with pytest.raises(
-        StudyError, match=r"palpate fit` were made from other .*normaliser, results of `palpate select`"
+        StudyError,
+        match=r"palpate fit` were made before a change of .*normaliser, results of `palpate select`",
     ):
         from_run.report(changed, run, plugins)
     for verb in ("fit", "intervals", "report"):
@@ -200,7 +201,7 @@ def test_another_score_makes_all_that_was_scored_stale(make_study, plugins, tmp_
     stages = ("score", "select", "fit", "intervals")
     for verb in stages:
         if verb != "score":
-            with pytest.raises(StudyError, match=r"were made from other .*; run `palpate"):
+            with pytest.raises(StudyError, match=r"were made before a change of .*; run `palpate"):
                 from_run.report(changed, tmp_path / "run", plugins)
         called(verb)(changed, tmp_path / "run", plugins)
     from_run.report(changed, tmp_path / "run", plugins)
@@ -212,7 +213,9 @@ def test_a_measured_file_that_changes_makes_its_curves_stale(done, plugins):
     text = path.read_text()
     path.write_text(text + "\n")
     for verb in ("simulate", "score", "select", "report"):
-        with pytest.raises(StudyError, match=r"made from other files of spot 'p1' than .*`palpate experi"):
+        with pytest.raises(
+            StudyError, match=r"made before a change of files of spot 'p1'; .*`palpate experi"
+        ):
             called(verb)(study, run, plugins)
     path.unlink()  # what cannot be compared is not refused
     from_run.report(study, run, plugins)
@@ -222,7 +225,7 @@ def test_a_measured_file_that_changes_during_the_prompt_is_noticed(make_study, p
     study, run = make_study(n_sets=4), tmp_path / "run"
     (path,) = study.spots[0].measured[None]
     changed = path.read_text() + "\n"
-    with pytest.raises(StudyError, match="made from other files of spot 'p1'"):
+    with pytest.raises(StudyError, match="made before a change of files of spot 'p1'"):
         pipeline.run_study(study, run, plugins, confirm=lambda _: path.write_text(changed))
 
 
@@ -254,7 +257,7 @@ def test_simulations_that_came_later_make_the_scores_stale(make_study, plugins, 
     pipeline.run_stage("simulate", study, run, plugins)
     for verb in ("select", "report"):
         with pytest.raises(
-            StudyError, match=r"made from other results of `palpate simulate` than .* `palpate score`"
+            StudyError, match=r"made before a change of results of `palpate simulate`; .* `palpate score`"
         ):
             called(verb)(study, run, plugins)
 

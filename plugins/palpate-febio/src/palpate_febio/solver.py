@@ -90,7 +90,7 @@ class FebioSolver(Solver[FebioSettings]):
     """
 
     name = "febio"
-    summary = "finite elements by FEBio 4 (a program of its own): decks, conventions probed, torque gated"
+    summary = "finite elements by FEBio 4 (a program of its own): decks, conventions probed, torque verified"
     provides = Provides(anisotropic=True, columns=STATE_COLUMNS, relaxation=True)
 
     def __init__(self, settings: FebioSettings | None = None) -> None:
