@@ -7,7 +7,7 @@ import pytest
 
 from palpate.domain import Relaxation
 from palpate.fit.least_squares import LeastSquares
-from palpate.plugins.sections import Table, Word
+from palpate.plugins.sections import Fold, Table, Word
 from palpate.run.result import CertaintyResult
 from palpate_report.answer import answer, apart_from_joint
 from palpate_report.best_sets import best_sets
@@ -276,3 +276,12 @@ def test_a_cause_that_failed_is_on_the_card_and_a_warning(fitted):
     why = warned["Intervals are without causes that could not be simulated"]
     assert why.startswith("onset p1: p1: diverged: too deep.")
     assert all("onset p1" not in dict(causes) for _, causes in budget_bars(data))
+
+
+def test_ranges_of_the_sweep_are_headed_by_what_they_are_and_say_not_identified(content):
+    data = content()
+    (section,) = (each for each in laid_out(data, Report.of(data)) if each.name == "identifiability")
+    others = next(block for block in section.blocks if isinstance(block, Fold)).blocks[0]
+    assert {"best set", "fitted optimum", "sets as good"} <= set(others.columns)
+    words = {row[others.columns.index("identifiability")] for row in others.rows}
+    assert words == {"well", "not identified"}

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import polars as pl
 
 from palpate.api.report import Block, Fold, Listing, Paragraph, Section, Table
+from palpate_report.marks import verdict_of
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
 from palpate_report.sections.tables import picture, tables
@@ -94,5 +95,12 @@ COLUMNS = (
 """Of the table of the sweep's intervals."""
 
 
+HEADS = {"value": "best set", "optimum": "fitted optimum", "n_as_good": "sets as good"}
+
+
 def _table(caption: str, frame: pl.DataFrame) -> Table:
-    return Table.of(caption, printed("identifiability", frame))
+    rows = printed("identifiability", frame).rename(HEADS, strict=False)
+    if "identifiability" in rows.columns:
+        words = pl.col("identifiability").map_elements(verdict_of, return_dtype=pl.String)
+        rows = rows.with_columns(words)
+    return Table.of(caption, rows)
