@@ -117,3 +117,10 @@ def test_a_plugin_of_single_components_is_listed_by_its_distribution(monkeypatch
     monkeypatch.setattr("palpate.cli.doctor_checks.installed_points", lambda: [point])
     found = doctor._plugins(Plugins.load(entry_points=False))
     assert [(each.what, each.found) for each in found] == [("lab-goh", "lab-goh 2")]
+
+
+def test_a_folder_that_cannot_be_written_is_wrong(tmp_path, monkeypatch):
+    monkeypatch.setattr(doctor.os, "access", lambda place, mode: False)
+    (found,) = [f for f in doctor._machine(tmp_path / "runs") if f.level == "wrong"]
+    assert f"{tmp_path} may not be written to" in found.found
+    assert "--out" in found.advice

@@ -102,7 +102,11 @@ def _machine(folder: Path) -> Iterator[Finding]:
     memory_MB = free_memory()
     if memory_MB is not None:
         yield _room("free memory", memory_MB, "ask for fewer workers (solver.n_workers) or a smaller mesh")
-    disk_MB = shutil.disk_usage(_existing(folder)).free * 1e-6
+    place = _existing(folder)
+    if not os.access(place, os.W_OK):
+        advice = "make the folder writable, or keep runs elsewhere (--out FOLDER)"
+        yield Finding("machine", f"runs in {folder}", f"{place} may not be written to", "wrong", advice)
+    disk_MB = shutil.disk_usage(place).free * 1e-6
     yield _room(f"free disk of {folder}", disk_MB, "make room, or keep runs elsewhere (--out FOLDER)")
 
 

@@ -17,6 +17,12 @@ COMMANDS = "commands"
 """What is listed besides the catalogues."""
 
 
+def _kinds(incomplete: str) -> list[str]:
+    from palpate.plugins.registry import KINDS
+
+    return [kind for kind in (*KINDS, COMMANDS) if kind.startswith(incomplete)]
+
+
 def plugins(
     context: typer.Context,
     kind: Annotated[
@@ -24,6 +30,7 @@ def plugins(
         typer.Argument(
             metavar="KIND",
             help="studies, channels, loaders, materials, solvers, scenarios …",
+            autocompletion=_kinds,
         ),
     ] = None,
     name: Annotated[

@@ -9,8 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from palpate.errors import NUMPY_IN_ENERGY, PalpateError, PluginError
 from palpate.plugins.versions import THIS_VERSION
 
@@ -58,7 +56,9 @@ def _own_state() -> Iterator[None]:
         folder = Path.cwd()
     except FileNotFoundError:  # removed; absolute paths are valid without it
         folder = None
-    with contextlib.redirect_stdout(sys.stderr), np.errstate():
+    numpy = sys.modules.get("numpy")  # the list of commands needs none
+    errors = contextlib.nullcontext() if numpy is None else numpy.errstate()
+    with contextlib.redirect_stdout(sys.stderr), errors:
         try:
             yield
         finally:
