@@ -28,7 +28,7 @@ pub(crate) struct Factor<T: Tiled> {
     symbolic: SymbolicCholesky<u32>,
     values: Vec<T>,
     /// Entries of B off the diagonal.
-    beside: Vec<T>,
+    subdiagonal: Vec<T>,
     /// Which row is now at a place after pivoting, and where a row now is.
     moved: Vec<u32>,
     places: Vec<u32>,
@@ -54,8 +54,8 @@ impl<T: Tiled> Factor<T> {
             .map_err(|_: FaerError| too_large(pattern))?;
         let values = vec![T::default(); symbolic.len_val()];
         let triangles = TriangularSolve::new(supernodal(&symbolic));
-        let (beside, moved) = (vec![T::default(); pattern.n()], vec![0; pattern.n()]);
-        Ok(Self { symbolic, values, beside, places: moved.clone(), moved, triangles })
+        let (subdiagonal, moved) = (vec![T::default(); pattern.n()], vec![0; pattern.n()]);
+        Ok(Self { symbolic, values, subdiagonal, places: moved.clone(), moved, triangles })
     }
 
     /// Unknowns in the order of elimination.
@@ -65,13 +65,13 @@ impl<T: Tiled> Factor<T> {
 
     /// Computes the numbers. A singular matrix may pass and give infinities or NaN in a solution.
     pub(crate) fn factorise(&mut self, pattern: &Pattern, values: &[T]) -> Result<(), InputError> {
-        let Self { symbolic, values: factor, beside, moved, places, triangles } = self;
+        let Self { symbolic, values: factor, subdiagonal, moved, places, triangles } = self;
         let params = Spec::default();
         let need = symbolic.factorize_numeric_intranode_lblt_scratch::<T>(PAR, params);
         let mut memory = MemBuffer::try_new(need).map_err(|_| too_large(pattern))?;
         symbolic.factorize_numeric_intranode_lblt(
             factor,
-            beside,
+            subdiagonal,
             moved,
             places,
             SparseColMatRef::new(pattern.columns(), values),
@@ -81,7 +81,7 @@ impl<T: Tiled> Factor<T> {
             params,
         );
         let pivots = (&moved[..], &places[..]);
-        triangles.take(order(symbolic), supernodal(symbolic), factor, beside, pivots);
+        triangles.take(order(symbolic), supernodal(symbolic), factor, subdiagonal, pivots);
         Ok(())
     }
 
@@ -89,8 +89,12 @@ impl<T: Tiled> Factor<T> {
     pub(crate) fn solve(&self, rhs: &mut [T]) {
         let n = rhs.len();
         let pivots = PermRef::new_checked(&self.moved, &self.places, n);
-        let factor =
-            cholesky::IntranodeLbltRef::new(&self.symbolic, &self.values, &self.beside, pivots);
+        let factor = cholesky::IntranodeLbltRef::new(
+            &self.symbolic,
+            &self.values,
+            &self.subdiagonal,
+            pivots,
+        );
         let mut memory = MemBuffer::new(self.symbolic.solve_in_place_scratch::<T>(1, PAR));
         let rhs = MatMut::from_column_major_slice_mut(rhs, n, 1);
         factor.solve_in_place_with_conj(Conj::No, rhs, PAR, MemStack::new(&mut memory));

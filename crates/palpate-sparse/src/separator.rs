@@ -141,7 +141,7 @@ struct Separation<'a> {
     between: i64,
     most: i64,
     /// Weight of every vertex's neighbours on the left and on the right.
-    beside: Vec<[i64; 2]>,
+    side_weights: Vec<[i64; 2]>,
 }
 
 impl<'a> Separation<'a> {
@@ -152,8 +152,8 @@ impl<'a> Separation<'a> {
         };
         let (left, right, between) = (on(Side::Left), on(Side::Right), on(Side::Between));
         let most = (left + right + between) * LARGEST_PERCENTAGE / 100;
-        let beside = vec![[0; 2]; graph.n()];
-        let mut separation = Self { graph, sides, left, right, between, most, beside };
+        let side_weights = vec![[0; 2]; graph.n()];
+        let mut separation = Self { graph, sides, left, right, between, most, side_weights };
         for v in 0..graph.n() {
             separation.tell_neighbours(v, i64::from(graph.weights[v]));
         }
@@ -176,7 +176,7 @@ impl<'a> Separation<'a> {
 
     /// Decrease of the separator's weight when `v` moves to `side` and its other neighbours join.
     fn gain(&self, v: usize, side: Side) -> i64 {
-        let drawn = self.beside[v][usize::from(side == Side::Left)];
+        let drawn = self.side_weights[v][usize::from(side == Side::Left)];
         i64::from(self.graph.weights[v]) - drawn
     }
 
@@ -184,7 +184,7 @@ impl<'a> Separation<'a> {
     fn tell_neighbours(&mut self, v: usize, weight: i64) {
         if self.sides[v] != Side::Between {
             let place = usize::from(self.sides[v] == Side::Right);
-            self.graph.neighbours(v).for_each(|u| self.beside[u][place] += weight);
+            self.graph.neighbours(v).for_each(|u| self.side_weights[u][place] += weight);
         }
     }
 

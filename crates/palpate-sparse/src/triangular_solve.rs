@@ -148,7 +148,7 @@ pub(crate) struct TriangularSolve<T: Tiled> {
     order: Vec<u32>,
     /// Diagonal of B⁻¹, and its off-diagonal entry, by the first of two rows.
     diagonal: Vec<T>,
-    beside: Vec<T>,
+    subdiagonal: Vec<T>,
     tallest: usize,
 }
 
@@ -190,12 +190,12 @@ impl<T: Tiled> TriangularSolve<T> {
             supernodes.push(Supernode { columns, rows, values, triangles, tiles });
         }
         let tallest = supernodes.iter().map(|s| s.shape().length()).max().unwrap_or(0);
-        let (diagonal, beside) = (vec![T::ONE; n], vec![T::default(); n]);
+        let (diagonal, subdiagonal) = (vec![T::ONE; n], vec![T::default(); n]);
         let packed = Packed {
             triangles: Vec::with_capacity(n_triangles),
             tiles: Vec::with_capacity(n_tiles),
         };
-        Self { supernodes, packed, rows, order: Vec::new(), diagonal, beside, tallest }
+        Self { supernodes, packed, rows, order: Vec::new(), diagonal, subdiagonal, tallest }
     }
 
     /// Takes the numbers of L, pivots inside supernodes, which move rows, and the block diagonal B.
@@ -226,7 +226,7 @@ impl<T: Tiled> TriangularSolve<T> {
                 let (one, off) = (block[j * height + j], subdiagonal[first + j]);
                 if off == T::default() {
                     self.diagonal[first + j] = T::ONE / one;
-                    self.beside[first + j] = T::default();
+                    self.subdiagonal[first + j] = T::default();
                     j += 1;
                 } else {
                     // Divided by the entry off the diagonal first: it is the largest of the three.
@@ -234,8 +234,8 @@ impl<T: Tiled> TriangularSolve<T> {
                     let scaled = T::ONE / (off * ((one / off) * (other / off) - T::ONE));
                     self.diagonal[first + j] = (other / off) * scaled;
                     self.diagonal[first + j + 1] = (one / off) * scaled;
-                    self.beside[first + j] = T::default() - scaled;
-                    self.beside[first + j + 1] = T::default();
+                    self.subdiagonal[first + j] = T::default() - scaled;
+                    self.subdiagonal[first + j + 1] = T::default();
                     j += 2;
                 }
             }
@@ -302,13 +302,13 @@ impl<T: Tiled> WithSimd for Passes<'_, T> {
                 work[own.len()..].fill(T::default());
             }
             shape.down(simd, triangles.panels(node), work);
-            let (diagonal, beside) =
-                (&triangles.diagonal[own.clone()], &triangles.beside[own.clone()]);
+            let (diagonal, subdiagonal) =
+                (&triangles.diagonal[own.clone()], &triangles.subdiagonal[own.clone()]);
             for (x, work) in x.chunks_exact_mut(n).zip(work.chunks_exact_mut(shape.length())) {
                 for (&row, change) in rows.iter().zip(&work[shape.first_below()..]) {
                     x[row as usize] += *change;
                 }
-                block_diagonal(diagonal, beside, &mut work[..own.len()]);
+                block_diagonal(diagonal, subdiagonal, &mut work[..own.len()]);
                 x[own.clone()].copy_from_slice(&work[..own.len()]);
             }
         }
@@ -335,17 +335,17 @@ impl<T: Tiled> WithSimd for Passes<'_, T> {
 }
 
 #[inline(always)]
-fn block_diagonal<T: Number>(diagonal: &[T], beside: &[T], x: &mut [T]) {
+fn block_diagonal<T: Number>(diagonal: &[T], subdiagonal: &[T], x: &mut [T]) {
     let mut j = 0;
     while j < x.len() {
         let own = x[j];
-        if beside[j] == T::default() {
+        if subdiagonal[j] == T::default() {
             x[j] = diagonal[j] * own;
             j += 1;
         } else {
             let next = x[j + 1];
-            x[j] = diagonal[j] * own + beside[j] * next;
-            x[j + 1] = beside[j] * own + diagonal[j + 1] * next;
+            x[j] = diagonal[j] * own + subdiagonal[j] * next;
+            x[j + 1] = subdiagonal[j] * own + diagonal[j + 1] * next;
             j += 2;
         }
     }
