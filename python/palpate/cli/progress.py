@@ -42,7 +42,6 @@ class StageProgress:
 
     def __init__(self, session: Session, *, keeps: bool = True) -> None:
         self._keeps = keeps
-        self._session = session
         self._console = session.stderr
         self._bars: Progress | None = None
         self._task: TaskID | None = None
@@ -56,7 +55,7 @@ class StageProgress:
         self._begun = time.monotonic()
         self._notes: Counter[str] = Counter()
         self._place = ""
-        self._stopping = False
+        self._stopping = self._is_interrupted = False
         self._handlers: dict[signal.Signals, Any] = {}
         self._ended = threading.Event()
         self._clock = threading.Thread(target=self._look_at_clock, daemon=True)
@@ -91,7 +90,7 @@ class StageProgress:
 
     def begin(self, stage: str, total: int) -> None:
         """Show a new stage of ``total`` steps."""
-        if self._session.interrupts:
+        if self._is_interrupted:  # a library may have swallowed the exception in a callback of its own
             raise KeyboardInterrupt
         self._note_time()
         self._stage, self._total, self._done, self._n_running = stage, total, 0, 0
@@ -194,7 +193,7 @@ class StageProgress:
     def _stop(self, number: int, frame: FrameType | None) -> None:
         """Finish what runs when asked once, stop at once when asked again."""
         if self._stopping or self._stage not in SIMULATING:
-            self._session.interrupts.append(number)
+            self._is_interrupted = True
             raise KeyboardInterrupt
         self._stopping = True
         self._console.print(

@@ -65,8 +65,6 @@ class Session:
         self.make_app = make_app
         self.asked: Path | None = None
         """Study that was read last."""
-        self.interrupts: list[int] = []
-        """Signals that asked to stop: an exception in a callback of a library may be swallowed."""
 
     @classmethod
     def of(cls, context: typer.Context) -> "Session":
