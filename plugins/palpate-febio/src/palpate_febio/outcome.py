@@ -206,8 +206,9 @@ def _matched(record: Record, steps: Steps, radius_mm: float) -> EquilibriumState
     there = places < len(record.times)
     there[there] = np.abs(record.times[places[there]] - steps.time[there]) < near[there]
     n = len(there) if there.all() else int(np.argmin(there))
-    if (np.diff(places[:n]) <= 0).any():
-        k = int(np.argmax(np.diff(places[:n]) <= 0))
+    alike = np.flatnonzero(np.diff(places[:n]) <= 0)
+    if alike.size:
+        k = int(alike[0])
         raise RecordError(f"steps {k} and {k + 1} are alike in the digits of their times that FEBio prints")
     values = record.values[places[:n]]
     depth, turn = steps.depth_mm[:n], np.deg2rad(steps.rotation_deg[:n])

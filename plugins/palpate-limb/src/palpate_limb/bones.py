@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.api import FloatArray, MeshError
-from palpate_limb.repair import BONE_MM, check_size, closed, largest, parts, repaired
+from palpate_limb.repair import BONE_MM, check_size, closed, largest, parts, repaired, with_repair
 from palpate_limb.surfaces import Surface, outwards, read_surface
 
 IN_PLACE: FloatArray = np.eye(4)
@@ -82,7 +82,7 @@ def covered(bone: Surface, skin: Surface, cover_mm: float) -> Surface:
     repair = (
         f"{near.size} points moved inwards by {most:.2g} mm at most, to be {cover_mm:g} mm below the skin"
     )
-    return replace(bone, points_mm=points, repairs="; ".join(filter(None, (bone.repairs, repair))))
+    return replace(bone, points_mm=points, repairs=with_repair(bone.repairs, repair))
 
 
 def read_motion(path: Path) -> Placement:

@@ -42,7 +42,7 @@ def parts(surface: Surface) -> list[Surface]:
                 points_mm=surface.points_mm[used],
                 faces=faces.reshape(-1, 3),
                 colours=None if surface.colours is None else surface.colours[used],
-                repairs=_with(surface.repairs, done if n_stray and k == areas.argmax() else ""),
+                repairs=with_repair(surface.repairs, done if n_stray and k == areas.argmax() else ""),
             )
         )
     return made
@@ -92,12 +92,13 @@ def closed(surface: Surface) -> Surface:
         points_mm=points,
         faces=faces,
         colours=colours,
-        repairs=_with(surface.repairs, "; ".join(done)),
+        repairs=with_repair(surface.repairs, "; ".join(done)),
         caps=np.concatenate(caps) if caps else None,
     )
 
 
-def _with(repairs: str, done: str) -> str:
+def with_repair(repairs: str, done: str) -> str:
+    """Repairs of a surface and what was done more; either may be empty."""
     return "; ".join(filter(None, (repairs, done)))
 
 
@@ -249,7 +250,7 @@ def _repairs(surface: Surface, found: list[str], fixed: Surface) -> str:
     corners = surface.points_mm[np.unique(surface.faces)]
     _, gaps = fixed.nearest(corners)
     x, y, z = corners[gaps.argmax()]
-    return _with(
+    return with_repair(
         surface.repairs,
         f"{'; '.join(found)}; repaired, and changed by {gaps.max():.2g} mm at most, near "
         f"({x:.4g}, {y:.4g}, {z:.4g}) mm",
