@@ -43,6 +43,7 @@ from palpate_certainty.assessment import Assessment
 from palpate_certainty.error_sources import ONSET_MM, RELATIVE
 from palpate_certainty.held_out import held_out, is_apart
 from palpate_certainty.mesh_error import SHARED, SpotMesh, independent_parts
+from palpate_certainty.noise_model import path_of
 from palpate_certainty.posterior_sampling import PosteriorSampling
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Ogden, Yeoh
@@ -221,7 +222,7 @@ def measured_at(
         curve = response.curves[name]
         # Depths count from where contact is taken to begin.
         y = np.interp(x + onset, curve.abscissa, curve.ordinate) if name == "force" else curve.ordinate
-        path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(x)))]) / np.ptp(x)
+        path = path_of(x)
         # A mesh without error, as both meshes show it, and what that may be wrong by.
         size = 1.0 + np.abs(x) / (10.0 if name == "force" else np.degrees(0.4))
         added = (1.0 + left_over(name, MESHES.refinement)) * (fine - coarse) * size * y

@@ -35,6 +35,7 @@ from palpate.study.tool import Tool
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.error_sources import ONSET_MM, RELATIVE
 from palpate_certainty.mesh_error import SHARED, independent_parts
+from palpate_certainty.noise_model import path_of
 from palpate_planning.candidates import CandidatePress
 from palpate_planning.presses import simulated_presses
 from palpate_planning.propose import PlanningStage, PlanOptions
@@ -139,8 +140,8 @@ class World:
         )
         curves = self.study.solver.simulate(job, None).response.curves
         for name, curve in curves.items() if self.mesh else ():
-            along = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(curve.abscissa)))])
-            parts = independent_parts(self.mesh * curve.ordinate, along / along[-1])
+            path = path_of(curve.abscissa)
+            parts = independent_parts(self.mesh * curve.ordinate, path / path[-1])
             numbers = np.sqrt(SHARED) * self._numbers(name, len(parts))
             numbers += np.sqrt(1.0 - SHARED) * self._numbers(
                 (spot, protocol.path.tobytes(), name), len(parts)
@@ -157,7 +158,7 @@ class World:
         if curve.channel == "force":
             x = np.linspace(0.5, x.max() - onset, 40)
             y = np.interp(x + onset, curve.abscissa, curve.ordinate)
-        path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(x)))]) / np.ptp(x)
+        path = path_of(x)
         size = np.abs(y).max()
         shape = np.sqrt(COMMON) * self._shape("", curve.channel, path)
         shape += np.sqrt(1.0 - COMMON) * self._shape(spot, curve.channel, path)
