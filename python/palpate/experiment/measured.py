@@ -21,7 +21,7 @@ from palpate.domain import (
 )
 from palpate.domain.equilibrium_states import TIME
 from palpate.errors import CurveError, PalpateError, StudyError
-from palpate.experiment.curve_checks import check_curve, check_gaps, check_sizes
+from palpate.experiment.curve_checks import LARGEST_BIAS, check_curve, check_gaps, check_sizes
 from palpate.experiment.repeats import average, described
 from palpate.experiment.stress_checks import check_modes, check_stress
 from palpate.plugins.guard import answering_for
@@ -320,6 +320,26 @@ def check_covers(
         raise CurveError(f"channel '{curve.channel}' {problem}")
 
 
+def _placed(curve: Curve, asked: FloatArray, slack: float) -> str:
+    """Remedy of an abscissa whose sign or zero is not the protocol's; empty where neither helps."""
+    x, begin, end = curve.abscissa, float(asked[0]), float(asked[-1])
+    unloaded = abs(float(curve.ordinate[0])) <= LARGEST_BIAS * float(np.abs(curve.ordinate).max())
+    for sign, offset in ((-1.0, 0.0), (1.0, begin - float(x[0])), (-1.0, begin + float(x[0]))):
+        placed = sign * x + offset
+        is_covered = placed.min() <= asked.min() + slack and placed.max() >= asked.max() - slack
+        # An abscissa of another zero begins at rest: what begins under load lacks its first part.
+        if is_covered and abs(placed[0] - begin) <= slack and (offset == 0.0 or unloaded):
+            what = f"begins at {x[0]:g} and {'falls' if end < begin or sign < 0.0 else 'rises'}"
+            settings = [*["scale = -1"] * (sign < 0.0), *[f"offset = {offset:.6g}"] * (offset != 0.0)]
+            also = offset == 0.0 and curve.ordinate.max() < -curve.ordinate.min()
+            return (
+                f"the abscissa {what if offset else 'has the other sign'}: with loader csv, set "
+                f"{', '.join(settings)} in channels.{curve.channel}.abscissa of [experiment.settings]"
+                f"{' and scale = -1 in its ordinate' if also else ''}"
+            )
+    return ""
+
+
 def _departures(curve: Curve, asked: FloatArray, written_unit: str, minimum_coverage: float) -> Iterator[str]:
     unit = _UNITS.get(written_unit, written_unit)
     low, high = float(asked.min()), float(asked.max())
@@ -336,7 +356,7 @@ def _departures(curve: Curve, asked: FloatArray, written_unit: str, minimum_cove
                 "the unit in [protocol]"
             )
     if least > low + slack or most < high - slack:
-        yield f"{covered}; measure the whole path or shorten the protocol"
+        yield f"{covered}; {_placed(curve, asked, slack) or 'measure the whole path or shorten the protocol'}"
     outside = (curve.abscissa < low - slack) | (curve.abscissa > high + slack)
     if 1.0 - outside.mean() < minimum_coverage:
         yield f"{covered}; cut the curve or extend the protocol"
@@ -344,6 +364,12 @@ def _departures(curve: Curve, asked: FloatArray, written_unit: str, minimum_cove
     planned = [float(path[stop - 1]) for _, stop in _core.branches(path)]
     travelled = [float(curve.abscissa[stop - 1]) for _, stop in curve.branches]
     turns, allowed = len(travelled) - 1, len(planned) - 1
+    if turns > allowed == 0 and abs(travelled[0] - planned[0]) <= TURN_SLACK * (high - low):
+        yield (
+            f"goes to {travelled[0]:g} {unit} and has a way back, which the protocol has not; to keep the rows "
+            f'up to there, set with loader csv rows = "loading" in channels.{curve.channel} of '
+            '[experiment.settings], or give [protocol] a way back (motion = "moves")'
+        )
     if turns > allowed:
         turning_point = curve.branches[allowed + 1][0]
         yield (

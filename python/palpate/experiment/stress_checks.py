@@ -37,7 +37,11 @@ OTHER_RATIO = 0.1
 LEAST_TRAVEL = 0.01
 """Share of the first branch up to which a stress may be noise, or the rest of an earlier test."""
 
+PERCENT_STRETCH = 3.0
+"""Stretch up to which the stress of a soft material has bent, and that of a strain in percent has not."""
+
 _MOST_POINTS = 50
+_NEARLY_STRAIGHT = 0.15
 
 
 def check_stress(curve: Curve, channel: Channel, space: ParameterSpace) -> list[str]:
@@ -50,7 +54,12 @@ def check_stress(curve: Curve, channel: Channel, space: ParameterSpace) -> list[
     stresses = stresses_of_ranges(space, curve.channel, curve.abscissa[path])
     found = [*_start(curve, channel, stresses)]
     found += [*_sign(curve, channel)] if not found else []
-    found += [*_size(curve, channel, path, stresses)]
+    percent = [*_percent(curve, channel)]
+    try:
+        found += [*_size(curve, channel, path, stresses)]
+    except CurveError as error:
+        raise CurveError(f"channel '{curve.channel}': {percent[0]}") if percent else error from None
+    found += percent
     return [f"channel '{curve.channel}': {each}" for each in found]
 
 
@@ -66,7 +75,10 @@ def _check_abscissa(curve: Curve, channel: Channel) -> None:
     """Refuse a strain, or the stress, in place of the stretch."""
     x, is_stretch = curve.abscissa, channel.abscissa == "stretch"
     least, most = float(x.min()), float(x.max())
-    if np.abs(x).max() <= LARGEST_STRETCH and not (is_stretch and (least <= 0.0 or x[0] < NEAR_REST)):
+    peak = float(np.abs(curve.ordinate).max())
+    is_offset = not is_stretch and abs(x[0]) > NEAR_REST and abs(curve.ordinate[0]) < LARGEST_BIAS * peak
+    is_strain = is_stretch and (least <= 0.0 or x[0] < NEAR_REST)
+    if np.abs(x).max() <= LARGEST_STRETCH and not is_strain and not is_offset:
         return
     found = f"channel '{curve.channel}': {channel.abscissa} goes from {x[0]:.4g} to {x[-1]:.4g}"
     if is_stretch and abs(curve.ordinate[0] - 1.0) < NEAR_REST:
@@ -80,6 +92,12 @@ def _check_abscissa(curve: Curve, channel: Channel) -> None:
         raise CurveError(
             f"{found}, which no soft material reaches, as of a strain in percent; "
             f"{_set(curve, 'abscissa', settings)}"
+        )
+    if is_offset:
+        raise CurveError(
+            f"{found}, and its stress begins at 0: an amount of shear begins at 0, without the 1 of a "
+            "stretch; "
+            f"lower its offset by {x[0]:.4g}: {_set(curve, 'abscissa', 'offset')}"
         )
     raise CurveError(
         f"{found}, where a stretch begins at 1 and is always positive: this is a strain; "
@@ -153,6 +171,31 @@ def _size(curve: Curve, channel: Channel, path: IntArray, stresses: FloatArray) 
     if not LARGEST_STRESS[0] <= times <= LARGEST_STRESS[1]:
         raise CurveError(f"channel '{curve.channel}': {text}")
     yield text
+
+
+def _percent(curve: Curve, channel: Channel) -> Iterator[str]:
+    """A stress in proportion to a large strain, as of a strain in percent.
+
+    Every incompressible material softens at first by its change of area: neo-Hooke's stress λ − λ⁻² has half
+    of its first secant at a stretch of 3.
+    """
+    x, y = curve.abscissa, curve.ordinate
+    above = np.flatnonzero(x >= PERCENT_STRETCH)
+    if channel.abscissa != "stretch" or not above.size or x[0] >= PERCENT_STRETCH:
+        return
+    last = int(above[0])
+    first = int(np.argmax(x - 1.0 >= (x[last] - 1.0) / 4.0))
+    if not 0 < first < last or not y[first] or abs(x[0] - 1.0) > NEAR_REST:
+        return
+    straight = (x[last] - 1.0) / (x[first] - 1.0)
+    soft = (x[last] - x[last] ** -2) / (x[first] - x[first] ** -2)
+    share = (y[last] / y[first] - soft) / (straight - soft)
+    if abs(share - 1.0) < _NEARLY_STRAIGHT:
+        yield (
+            f"{channel.ordinate} grows in proportion to the strain up to {channel.abscissa} {x[last]:.3g}, "
+            "where soft materials bend, as of a strain in percent; if it is one, "
+            f"{_set(curve, 'abscissa', 'scale = 0.01, offset = 1')}"
+        )
 
 
 def stresses_of_ranges(space: ParameterSpace, mode: str, amounts: FloatArray) -> FloatArray:

@@ -171,6 +171,29 @@ def test_the_whole_path_is_covered(plugins):
             torque([0.0, -10.0, -9.0, -22.5, 22.5, 0.0]),
             r"turns 4 times where the protocol turns 2 times \(first at row 3, -22.5 degrees\); smooth",
         ),
+        (
+            force([0.0, 5.0, 10.0, 5.0, 0.0]),
+            r'goes to 10 mm and has a way back.*rows = "loading" in channels',
+        ),
+        (force([0.0, 5.0, 10.0, 10.0, 10.0, 0.0]), r"goes to 10 mm and has a way back"),
+        (force([0.0, 5.0, 4.0, 10.0]), r"turns 2 times .*; smooth its abscissa"),
+        (force([0.0, -5.0, -10.0]), r"the other sign: .*set scale = -1 in channels\.force\.abscissa of"),
+        (
+            force([50.0, 45.0, 40.0]),
+            r"begins at 50 and falls: .*set scale = -1, offset = 50 in channels\.force",
+        ),
+        (
+            force([40.0, 45.0, 50.0]),
+            r"begins at 40 and rises: .*set offset = -40 in channels\.force\.abscissa",
+        ),
+        (
+            Curve(channel="force", abscissa=[-0.0, -5.0, -10.0], ordinate=[-0.0, -1.0, -4.0]),
+            r"abscissa of \[experiment\.settings\] and scale = -1 in its ordinate",
+        ),
+        (
+            Curve(channel="force", abscissa=[3.0, 8.0, 13.0], ordinate=[3.0, 4.0, 8.0]),
+            r"covers 3 to 13 mm .*; measure the whole path",
+        ),
     ],
 )
 def test_a_departure_from_the_protocol_reports_what_is_covered(plugins, curve, message):

@@ -16,6 +16,7 @@ from palpate.study.reading import Study, read_study
 MODES = ("uniaxial", "equibiaxial", "pure_shear", "simple_shear", "confined_compression")
 PULL = np.linspace(1.0, 3.0, 21)
 PRESS = np.linspace(1.0, 0.6, 21)
+MIDDLE = (0.2, -2e-3, 5e-5)
 
 
 @cache
@@ -44,6 +45,12 @@ def warnings(mode: str, x: np.ndarray, y: np.ndarray, space=None) -> list[str]:
     return check_stress(curve, plugins().channels[mode], space or study().space)
 
 
+def no_ranges():
+    """Parameter space of two regions, whose stresses are not known."""
+    (region,) = study().space.regions
+    return replace(study().space, regions=(region, replace(region, region="other")))
+
+
 @pytest.mark.parametrize("mode", MODES[:4])
 def test_the_stresses_of_the_ranges_are_the_textbooks(mode):
     x = PULL - 1.0 if mode == "simple_shear" else PULL
@@ -64,7 +71,7 @@ def test_confined_compression_is_the_bulk_and_the_shear_modulus_at_small_strain(
 @pytest.mark.parametrize("x", [PULL, PRESS, np.concatenate([PULL, PULL[-2::-1]]), PULL[4:]])
 def test_a_curve_of_the_ranges_passes_with_noise_and_hysteresis(mode, x):
     rng = np.random.default_rng(1)
-    for c in ((0.1, -1e-4, 1e-5), (0.3, -4e-3, 1e-4), (0.2, -2e-3, 5e-5)):
+    for c in ((0.1, -1e-4, 1e-5), (0.3, -4e-3, 1e-4), MIDDLE):
         y = yeoh(mode, x, c)
         y *= np.where(np.arange(x.size) > 20, 0.75, 1.0)  # less on the way back
         y += 0.005 * np.abs(y).max() * rng.standard_normal(x.size)
@@ -73,14 +80,14 @@ def test_a_curve_of_the_ranges_passes_with_noise_and_hysteresis(mode, x):
 
 def test_ranges_that_miss_the_curve_a_little_pass():
     for times in (0.6, 1.6):
-        assert warnings("uniaxial", PULL, times * yeoh("uniaxial", PULL, (0.2, -2e-3, 5e-5))) == []
+        assert warnings("uniaxial", PULL, times * yeoh("uniaxial", PULL, MIDDLE)) == []
 
 
 @pytest.mark.parametrize(
     ("times", "refused"), [(1e3, True), (30.0, True), (5.0, False), (1 / 40, False), (1e-3, True)]
 )
 def test_a_stress_that_the_ranges_cannot_give_is_named(times, refused):
-    y = times * yeoh("uniaxial", PULL, (0.2, -2e-3, 5e-5))
+    y = times * yeoh("uniaxial", PULL, MIDDLE)
     message = "times what the ranges of the study give"
     if refused:
         with pytest.raises(CurveError, match=message):
@@ -103,9 +110,7 @@ def test_pushed_back_after_a_pull_is_a_warning():
 
 
 def test_nothing_is_known_of_several_regions():
-    (region,) = study().space.regions
-    space = replace(study().space, regions=(region, replace(region, region="other")))
-    assert warnings("uniaxial", PULL, 1e3 * yeoh("uniaxial", PULL, (0.2, -2e-3, 5e-5)), space) == []
+    assert warnings("uniaxial", PULL, 1e3 * yeoh("uniaxial", PULL, MIDDLE), no_ranges()) == []
 
 
 def test_tests_of_one_material_are_not_exchanged_until_they_are():
@@ -122,3 +127,31 @@ def test_tests_of_one_material_are_not_exchanged_until_they_are():
         (found,) = check_modes(pair, study().space)
         assert f"'{one}' and '{other}'" in found
         assert "exchanged" in found
+
+
+def test_a_shear_that_begins_at_1_is_refused():
+    shear = np.linspace(0.0, 0.5, 21)
+    assert warnings("simple_shear", shear, yeoh("simple_shear", shear, MIDDLE)) == []
+    with pytest.raises(
+        CurveError, match=r"begins at 0, without the 1 of a stretch; lower its offset by 1: .*"
+    ):
+        warnings("simple_shear", shear + 1.0, yeoh("simple_shear", shear, MIDDLE))
+
+
+@pytest.mark.parametrize("top", [0.06, 0.15, 0.19])
+def test_a_strain_in_percent_that_a_stretch_could_be_is_asked_about(top):
+    strain = np.linspace(0.0, top, 201)
+    stress = yeoh("uniaxial", 1.0 + strain, MIDDLE)
+    assert warnings("uniaxial", 1.0 + strain, stress) == []
+    message = "as of a strain in percent; if it is one, with loader csv, set scale = 0.01, offset = 1 in"
+    with pytest.raises(CurveError, match=message):
+        warnings("uniaxial", 1.0 + 100.0 * strain, stress / 100.0)
+    (found,) = warnings("uniaxial", 1.0 + 100.0 * strain, stress, no_ranges())
+    assert message in found
+
+
+@pytest.mark.parametrize("c3", [0.0, 2e-5, 1e-4, 1e-3])
+def test_a_large_stretch_of_a_soft_material_is_none_in_percent(c3):
+    stretch = np.linspace(1.0, 6.0, 41)
+    found = warnings("uniaxial", stretch, yeoh("uniaxial", stretch, (0.2, -1e-3, c3)), no_ranges())
+    assert not any("percent" in text for text in found)

@@ -3,16 +3,18 @@
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from palpate.api import Curve, CurveError, ExperimentLoader, FloatArray, IntArray, Response, Settings, files
 from palpate.api.files import DELIMITERS, TextFormat, TextTable
 from palpate.api.runs import moving_span
+from palpate_indentation.measures import STRAINS, Strain, Stress, nominal_factor, problem_of
 
 _LARGEST = 1e150
+_FARTHEST_SHARE = 0.999
 
 
 def _not_zero(scale: float) -> float:
@@ -47,6 +49,20 @@ class ChannelColumns(Settings):
         default=None, description="Column of the ordinate's standard deviation; its offset is 0."
     )
     time: ColumnChoice | None = Field(default=None, description="Column of the time; scale is to seconds.")
+    strain: Strain = Field(
+        default="stretch",
+        description="Measure of the scaled abscissa of a homogeneous test: stretch, or a strain to convert, "
+        "logarithmic or of Green and Lagrange. A nominal strain is a stretch with offset = 1.",
+    )
+    stress: Stress = Field(
+        default="nominal",
+        description="Measure of the scaled ordinate of a homogeneous test: nominal, true (Cauchy) or pk2 "
+        "(second Piola-Kirchhoff), which are converted as of a specimen that keeps its volume.",
+    )
+    rows: Literal["all", "loading"] = Field(
+        default="all",
+        description="loading: rows up to where the abscissa is farthest from its first value, no way back.",
+    )
 
     @property
     def by_field(self) -> dict[str, Column]:
@@ -86,6 +102,13 @@ class CsvSettings(TextFormat):
     )
     decimal: Literal[".", ","] | None = Field(default=".", description="Decimal mark.")
     skip_lines: int | None = Field(default=0, ge=0, description="Lines before the header line.")
+
+    @model_validator(mode="after")
+    def _check_measures(self) -> Self:
+        for channel, columns in self.channels.items():
+            if problem := problem_of(channel, columns.strain, columns.stress):
+                raise ValueError(f"channels.{channel}: {problem}")
+        return self
 
 
 class CsvLoader(ExperimentLoader[CsvSettings]):
@@ -219,16 +242,29 @@ def _written(path: Path, curve: Curve, columns: ChannelColumns) -> dict[str, Flo
                 f"channels.{curve.channel}.{key} in the loader's settings"
             )
     part = curve.cut(moving_span(curve.abscissa))
+    factor = nominal_factor(curve.channel, columns.stress, part.abscissa)
+    as_written = {
+        "abscissa": STRAINS[columns.strain].from_stretch(part.abscissa),
+        "ordinate": part.ordinate / factor,
+        "std": None if part.std is None else part.std / factor,
+        "time_s": part.time_s,
+    }
     return {
-        column.name: (getattr(part, field) - column.offset) / column.scale
+        column.name: (values - column.offset) / column.scale
         for field, column in columns.by_field.items()
+        if (values := as_written[field]) is not None
     }
 
 
 def _curve(path: Path, channel: str, columns: ChannelColumns, values: Mapping[Column, FloatArray]) -> Curve:
     fields = {field: values[column] for field, column in columns.by_field.items()}
+    fields = _nominal(path, channel, columns, fields)
     try:
         span = moving_span(fields["abscissa"])
+        if columns.rows == "loading":
+            away = np.abs(fields["abscissa"] - fields["abscissa"][span.start])
+            farthest = int(np.argmax(away >= _FARTHEST_SHARE * away.max()))
+            span = slice(span.start, max(farthest + 1, span.start + 2))
         return Curve(
             channel=channel,
             abscissa=fields["abscissa"][span],
@@ -241,6 +277,23 @@ def _curve(path: Path, channel: str, columns: ChannelColumns, values: Mapping[Co
             f"{path}: channel '{channel}', column '{columns.abscissa.name}': {error}; "
             "check that this is the column of the prescribed motion"
         ) from None
+
+
+def _nominal(
+    path: Path, channel: str, columns: ChannelColumns, fields: Mapping[str, FloatArray]
+) -> dict[str, FloatArray]:
+    """Fields of a curve in stretch and nominal stress."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        abscissa = STRAINS[columns.strain].to_stretch(fields["abscissa"])
+        factor = nominal_factor(channel, columns.stress, abscissa)
+    stresses = {name: factor * fields[name] for name in ("ordinate", "std") if name in fields}
+    if not all(np.isfinite(each).all() for each in (abscissa, *stresses.values())):
+        low, high = float(fields["abscissa"].min()), float(fields["abscissa"].max())
+        raise CurveError(
+            f"{path}: channel '{channel}', column '{columns.abscissa.name}': {low:.4g} to {high:.4g} once "
+            f'scaled are no stretches by strain = "{columns.strain}"; correct scale, offset or strain'
+        )
+    return {**fields, "abscissa": abscissa, **stresses}
 
 
 def _values(path: Path, rows: IntArray, read: files.Column, column: Column) -> FloatArray:
