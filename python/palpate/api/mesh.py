@@ -1,10 +1,15 @@
-"""Meshes: topology, shape functions, the frame of a spot, and blocks for tests."""
+"""Meshes: topology, shape functions, supports of a file, the frame of a spot, and blocks for tests."""
 
 from typing import TYPE_CHECKING
 
 from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
+    from palpate.limb.supports import (
+        Support as Support,
+        held_nodes as held_nodes,
+        unused_supports as unused_supports,
+    )
     from palpate.mesh.refinement import (
         automatic_edge_mm as automatic_edge_mm,
         refined as refined,

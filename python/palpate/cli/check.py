@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from palpate.cli.experiment import show_cycles
+from palpate.cli.limb import show_remarks
 from palpate.cli.options import AsJson
 from palpate.cli.progress import StageProgress
 from palpate.cli.results import data_notice
@@ -16,8 +17,8 @@ from palpate.errors import StudyError
 from palpate.progress import FIRST_LOOK
 
 if TYPE_CHECKING:
-    from palpate.cli.output import CheckOutput, Searched
-    from palpate.domain import Curve, Parameter
+    from palpate.cli.output import CheckOutput, Searched, SurfaceOutput
+    from palpate.domain import Curve, Limb, Parameter
     from palpate.run.result import StudyInputs
     from palpate.simulation.cost import Cost
     from palpate.study.reading import Study
@@ -54,6 +55,7 @@ def check(
         checked = pipeline.check_study(checked_study, session.plugins)
         progress.step()
         left = _cost(checked_study, checked, study, progress, timing=not as_json)
+    show_remarks(session, checked.limbs)
     for text in checked.warnings:
         session.stderr.print(f"warning: {text}", markup=False)
     if as_json:
@@ -105,11 +107,14 @@ def _as_json(study: "Study", checked: "StudyInputs", left: "Cost") -> "CheckOutp
         "fit_seconds": left.fit_seconds,
         "solver": study.solver.name,
         "scenarios": [scenario.name for scenario in study.scenarios],
+        "surface": {spot: _surface(limb) for spot, limb in checked.limbs.items()},
+        "remarks": {spot: list(limb.remarks) for spot, limb in checked.limbs.items()},
         "warnings": list(checked.warnings),
     }
 
 
 def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
+    from palpate.limb.outer_surface import surface_shares
     from palpate.study.display_units import in_units
 
     odd = f", warnings on stderr: {len(checked.warnings)}" if checked.warnings else ""
@@ -130,12 +135,18 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
         session.say(f"{name} = {tie}")
     session.table(
         "Spots",
-        ["spot", "channels and peaks", "nodes (edge under the indenter)"],
+        [
+            "spot",
+            "channels and peaks",
+            "nodes (edge under the indenter)",
+            "outer surface: fixed, in contact, free",
+        ],
         [
             [
                 spot,
                 ", ".join(_peak(session, curve) for curve in response.curves.values()),
                 _meshes(study, checked, spot),
+                str(surface_shares(checked.limbs[spot].mesh)) if spot in checked.limbs else None,
             ]
             for spot, response in checked.measured.items()
         ],
@@ -152,6 +163,14 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
         session.say(f"no sweep (n_sets = 0); the fit simulates with {solver}")
     starts = "the best sets" if n_sets else "the priors, else the middle of the ranges"
     session.say(f"fit: search '{study.search.name}', from {starts}")
+
+
+def _surface(limb: "Limb") -> "SurfaceOutput":
+    """Shares of a limb's outer surface."""
+    from palpate.limb.outer_surface import surface_shares
+
+    shares = surface_shares(limb.mesh)
+    return {"fixed": shares.fixed, "contact": shares.contact, "free": shares.free}
 
 
 def _by_fit_alone(study: "Study") -> list["Parameter"]:

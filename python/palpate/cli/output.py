@@ -42,8 +42,18 @@ class SearchOutput(Closed):
     searched: list[Searched]
 
 
+class SurfaceOutput(Closed):
+    """Shares of the area of a limb's outer surface, 0 to 1; ``free`` is neither fixed nor in contact."""
+
+    fixed: float
+    contact: float
+    free: float
+
+
 class CheckOutput(Closed):
     """A study without mistakes; ``spots`` has the channels of each, ``warnings`` what is odd.
+
+    ``surface`` and ``remarks`` are by mesh: what is fixed and in contact, and what was read and left out.
 
     ``seconds`` is for the ``n_left`` simulations to do, ``fit_seconds`` about for the ``n_fit`` of the fit
     then (0: not known); null where none has been done before.
@@ -63,6 +73,8 @@ class CheckOutput(Closed):
     fit_seconds: Number
     solver: str
     scenarios: list[str]
+    surface: dict[str, SurfaceOutput]
+    remarks: dict[str, list[str]]
     warnings: list[str]
 
 
@@ -165,6 +177,8 @@ class LimbRow(Closed):
     n_cells: int
     regions: list[str]
     node_sets: dict[str, int]
+    remarks: list[str]
+    warnings: list[str]
 
 
 class FindingOutput(Closed):

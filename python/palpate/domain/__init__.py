@@ -141,10 +141,20 @@ class Mesh:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limb:
-    """One spot and the mesh of the limb segment around it."""
+    """One spot and the mesh of the limb segment around it.
+
+    Parameters
+    ----------
+    remarks : tuple of str
+        Sentences on what was read, left out or changed.
+    warnings : tuple of str
+        Sentences on what may be wrong with the limb.
+    """
 
     spot: Spot
     mesh: Mesh
+    remarks: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -14,6 +14,8 @@ from palpate.errors import MeshError, StudyError
 from palpate.limb.cell_fields import check_frames, with_fields
 from palpate.limb.checks import check_depth, check_fine, check_limb, is_finer
 from palpate.limb.mesh_joints import holes
+from palpate.limb.outer_surface import partly_fixed
+from palpate.limb.tidying import tidied
 from palpate.mesh.refinement import automatic_edge_mm, refined
 from palpate.mesh.spot_frame import NEAR, contact_edge_mm, spot_axes
 from palpate.plugins.guard import answering_for
@@ -159,6 +161,7 @@ def _load(study: Study, spot: Spot, path: Path) -> Limb:
         limb = study.limb_source.load(path, spot)
         if not isinstance(limb, Limb):
             raise TypeError(f"it returned a {type(limb).__name__} and not a Limb")
+        limb = tidied(limb, linear=study.linear_tetrahedra)
     try:
         check_limb(limb, [region.region for region in study.space.regions])
         if isinstance(protocol := study.protocol_at(spot.name), Indentation):
@@ -188,6 +191,9 @@ def limb_warnings(study: Study, limbs: Mapping[str, Limb]) -> list[str]:
             found.append(
                 f"spot '{name}' has no region {', '.join(absent)}: its parameters change nothing there"
             )
+        if name in study.spot_names:
+            supports = (*limb.warnings, *partly_fixed(limb.mesh))
+            found.extend(f"spot '{name}': {text}" for text in supports)
         found.extend(f"spot '{name}': {hole}" for hole in holes(limb.mesh))
         found.extend(_coarse(study, name, limb))
         if name in study.spot_names:

@@ -13,8 +13,9 @@ from scipy.spatial import cKDTree
 
 from palpate.domain import BoolArray, FloatArray, IntArray, Limb, Mesh
 from palpate.errors import MeshError
+from palpate.mesh.midside_nodes import quadratic, surface_sets
 from palpate.mesh.spot_frame import contact_edge_mm
-from palpate.mesh.topology import CELLS, outer_faces, with_midpoints
+from palpate.mesh.topology import CELLS
 
 MOST_CELLS = 300_000
 """Elements up to which a mesh is refined: more than a solver can take."""
@@ -127,23 +128,17 @@ def refined(limb: Limb, near_mm: float, edge_mm: float, beyond_mm: float = 0.0) 
 
 def _quadratic(limb: Limb) -> _Elements:
     """The elements of a mesh; straight ones with nodes in the middle of their edges."""
-    mesh = limb.mesh
-    ((kind, cells),) = mesh.cells.items()
-    in_sets = np.zeros((mesh.n_nodes, len(mesh.node_sets)), dtype=np.bool_)
+    mesh = quadratic(limb.mesh)
+    cells, in_sets = mesh.cells["tet10"], np.zeros((mesh.n_nodes, len(mesh.node_sets)), dtype=np.bool_)
     for k, nodes in enumerate(mesh.node_sets.values()):
         in_sets[nodes, k] = True
-    inner = np.ones(mesh.n_nodes, dtype=np.bool_)
-    inner[outer_faces(kind, cells)] = False
-    on_surface: BoolArray = np.asarray(~in_sets[inner].any(axis=0))
-    points = mesh.points_mm
-    if kind == "tet4":
-        points, cells, ends = with_midpoints(points, cells)
-        inner = np.ones(len(points), dtype=np.bool_)
-        inner[outer_faces("tet10", cells)] = False
-        middles = in_sets[ends].all(axis=1) & ~(inner[mesh.n_nodes :, None] & on_surface)
-        in_sets = np.vstack([in_sets, middles])
-    origin = np.arange(len(cells))
-    return _Elements(points=points, cells=cells, origin=origin, in_sets=in_sets, on_surface=on_surface)
+    return _Elements(
+        points=mesh.points_mm,
+        cells=cells,
+        origin=np.arange(len(cells)),
+        in_sets=in_sets,
+        on_surface=np.array(list(map(surface_sets(mesh).__contains__, mesh.node_sets)), dtype=np.bool_),
+    )
 
 
 def _mesh(mesh: Mesh, now: _Elements) -> Mesh:

@@ -44,7 +44,7 @@ def limb_key(limb: Limb | None) -> str:
     """Hash of a mesh and the spot on it."""
     digest = hashlib.sha256()
     if limb is not None:
-        for value, name_tags in ((limb, ("spot",)), (limb.spot, ("name",))):
+        for value, name_tags in ((limb, ("spot", "remarks", "warnings")), (limb.spot, ("name",))):
             kind, items = _fields(value)
             _add_items(digest, kind, [(name, item) for name, item in items if name not in name_tags])
     return digest.hexdigest()

@@ -163,6 +163,11 @@ class LimbTable(Table):
         description="Whether the meshes of all spots are in one frame, so that one direction of a material's "
         "fibres serves them all.",
     )
+    linear: bool = Field(
+        default=False,
+        description="Whether four-node tetrahedra stay as they are, although they lock in nearly "
+        "incompressible tissue; else each edge gets a node in its middle.",
+    )
 
 
 class PriorTable(Table):

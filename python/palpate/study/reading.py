@@ -67,6 +67,8 @@ class Study:
         Worker crashes tolerated per job.
     one_frame : bool
         Whether the meshes of all spots are in one frame.
+    linear_tetrahedra : bool
+        Whether four-node tetrahedra are simulated as they are.
     cache : Path, optional
         Folder of results shared with other studies.
     channels : mapping of name to Channel
@@ -116,6 +118,7 @@ class Study:
     memory_limit_MB: float = 0.0
     n_attempts: int = 2
     one_frame: bool = False
+    linear_tetrahedra: bool = False
     cache: Path | None = None
     channels: Mapping[str, Channel] = field(default_factory=dict)
     search: Search
@@ -375,6 +378,7 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         plugin_files=context.plugins.files,
         channels=dict(context.plugins.channels),
         one_frame=tables.limb is not None and tables.limb.one_frame,
+        linear_tetrahedra=tables.limb is not None and tables.limb.linear,
     )
     return _with_settings(study, tables, parts.executor, parts.stages)
 

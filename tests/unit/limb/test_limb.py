@@ -299,7 +299,7 @@ class Source(LimbSource):
     summary = "a cube"
 
     def load(self, path, spot):
-        return limb(spot=spot, points=CUBE if path.name == "good.vtu" else CUBE * [1, 1, -1])
+        return limb(spot=spot, points=CUBE if path.name == "good.vtu" else CUBE * [1, 1, 0])
 
 
 def test_the_message_names_the_file(make_study, tissue, tmp_path):

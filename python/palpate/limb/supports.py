@@ -1,0 +1,98 @@
+"""Supports of a mesh file: which nodes its conditions hold, and which of them hold a node in part."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from palpate.domain import BoolArray, IntArray
+
+AXES = "xyz"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Support:
+    """Condition of a file that holds nodes.
+
+    Parameters
+    ----------
+    name : str
+        The condition in the file's words.
+    nodes : (n,) integer array
+    axes : str
+        Axes that it holds, some of ``xyz``.
+    """
+
+    name: str
+    nodes: IntArray
+    axes: str = AXES
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FixedNodes:
+    """Nodes (n,) held in all axes, with remarks on what holds them and warnings of what is not used."""
+
+    nodes: IntArray
+    remarks: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def held_nodes(supports: Sequence[Support], in_limb: BoolArray) -> FixedNodes:
+    """Nodes of a limb that its file holds in x, y and z, by one condition or by several.
+
+    Parameters
+    ----------
+    in_limb : (n_nodes,) boolean array
+        Nodes of the file that belong to the limb.
+    """
+    held = _held(supports, in_limb)
+    fixed = np.flatnonzero(held.all(axis=1))
+    by = ", ".join(
+        f"{np.count_nonzero(in_limb[support.nodes])} by {support.name}{_in_part(support.axes)}"
+        for support in supports
+        if in_limb[support.nodes].any()
+    )
+    partly: BoolArray = np.asarray(held.any(axis=1) & ~held.all(axis=1))
+    return FixedNodes(
+        nodes=fixed,
+        remarks=(f"the file fixes {fixed.size} nodes of the limb ({by})",) if by else (),
+        warnings=tuple(
+            f"{np.count_nonzero(partly[each.nodes])} nodes are held in {_listed(each.axes)} alone by "
+            f"{each.name}; palpate fixes a node in x, y and z or not at all, so these nodes are free; fix "
+            "them in all three in the file, or name their set in the setting for fixed nodes"
+            for each in supports
+            if partly[each.nodes].any() and each.axes
+        ),
+    )
+
+
+def unused_supports(
+    supports: Sequence[Support], in_limb: BoolArray, fixed: IntArray, setting: str
+) -> tuple[str, ...]:
+    """Warnings of conditions of the file that hold nodes which a setting does not fix."""
+    free = in_limb.copy()
+    free[fixed] = False
+    return tuple(
+        f"the file holds {np.count_nonzero(free[each.nodes])} more nodes by {each.name}"
+        f"{_in_part(each.axes)}, which {setting} does not name, so these nodes are free; name them there too"
+        for each in supports
+        if free[each.nodes].any()
+    )
+
+
+def _held(supports: Sequence[Support], in_limb: BoolArray) -> BoolArray:
+    """Mask (n_nodes, 3) of the axes in which each node is held."""
+    held = np.zeros((len(in_limb), 3), dtype=np.bool_)
+    for support in supports:
+        for axis in support.axes:
+            held[support.nodes, AXES.index(axis)] = True
+    held[~in_limb] = False
+    return held
+
+
+def _in_part(axes: str) -> str:
+    return "" if set(axes) == set(AXES) else f" in {_listed(axes)}"
+
+
+def _listed(axes: str) -> str:
+    return " and ".join(sorted(axes))
