@@ -10,15 +10,22 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from palpate import Plugins
+from palpate.run.directory import RunDirectory
 
-STUDIES = ("treloar", "forearm-demo")
+STUDIES = ("first-press", "forearm-demo", "treloar")
+"""Ready studies in their order on the page, which begins with a fit that succeeds."""
+
 RUNS = Path(os.environ.get("PALPATE_GALLERY") or Path(__file__).parents[2] / "target" / "gallery")
-TABLES = ("table2_nmse.md", "generalised.md")
 FIGURES = {
-    "response_*.png": "Measured curves, and the curves of the selected sets",
+    "intervals.png": "Parameters with their 95 % intervals",
+    "response_*.png": "Measured and fitted curves",
     "nmse_distribution.png": "NMSE of all sets, by channel",
-    "generalised.png": "The one set for all spots",
+    "generalised.png": "One set for all spots",
 }
+"""Captions by the files that they are for; a study without a sweep has no distribution."""
+
+LOCAL = ("Page", "Time")
+"""Lines of a run that hold on the machine where it was made."""
 
 
 def run() -> None:
@@ -47,26 +54,28 @@ def files() -> Iterator[tuple[str, Path]]:
         report = RUNS / study / "report" / "index.html"
         if report.is_file():
             yield f"gallery/{study}/report.html", report
-            yield from (
-                (_name(study, file), file) for pattern in FIGURES for file in _figures(study, pattern)
-            )
+            yield from ((_name(study, file), file) for _, shown in _figures(study) for file in shown)
 
 
 def _results(study: str) -> Iterator[str]:
-    report = RUNS / study / "report"
-    if not (report / "index.html").is_file():
+    """Last lines of a run, as the terminal shows them, and its figures."""
+    lines = RunDirectory(RUNS / study).result()
+    if not lines:
         yield "Not run yet: `make docs` does.\n"
         return
     yield f"[Open its report](gallery/{study}/report.html).\n"
-    for table in TABLES:
-        yield (report / "tables" / table).read_text(encoding="utf-8") + "\n"
-    for pattern, caption in FIGURES.items():
+    yield "".join(f"- **{label}**: {text}\n" for label, text in lines.items() if label not in LOCAL)
+    for caption, shown in _figures(study):
         yield f"{caption}:\n"
-        yield from (f"![{caption}]({_name(study, file)})\n" for file in _figures(study, pattern))
+        yield from (f"![{caption}]({_name(study, file)})\n" for file in shown)
 
 
-def _figures(study: str, pattern: str) -> list[Path]:
-    return sorted((RUNS / study / "report" / "figures").glob(pattern))
+def _figures(study: str) -> Iterator[tuple[str, list[Path]]]:
+    """Captions, each with the files that the report of a study has for it."""
+    folder = RUNS / study / "report" / "figures"
+    for pattern, caption in FIGURES.items():
+        if shown := sorted(folder.glob(pattern)):
+            yield caption, shown
 
 
 def _name(study: str, file: Path) -> str:

@@ -39,6 +39,18 @@ def whole_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "runs" / "toy"
 
 
+@pytest.fixture(scope="session")
+def run_without_sweep(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Run of the toy study without a sweep, made once with its figures: to read."""
+    folder = tmp_path_factory.mktemp("unswept")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        study = copied_study(folder / "study")
+        edit(study, "n_sets = 20", "n_sets = 0")
+        assert main(["--plugin", PLUGIN, "run", str(study)]) == 0
+    return folder / "runs" / "toy"
+
+
 @pytest.fixture
 def ran(study: Path, whole_run: Path, tmp_path: Path) -> Path:
     """Copy of the run of the study, which a test may change."""

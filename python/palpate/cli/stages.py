@@ -64,10 +64,12 @@ def stage_command(name: str, help_text: str) -> Callable[..., None]:
 def command_after(run: "Run", name: str) -> str:
     """Command to call next: what the first stage of every run that needs this one still lacks, or that stage.
 
-    That is the report where none does.
+    The report where none does; the whole run of a study without a sweep, whose next stages make nothing.
     """
     from palpate.stages.stage import in_order
 
+    if not (run.study.n_sets or run.directory.records.has("fit")):
+        return "run"
     later = [each.name for each in run.stages.values() if each.is_in_run(run.study) and name in each.needs]
     for each in in_order(run.stages, later[:1]):
         if each.tables and not run.directory.records.has(each.name):

@@ -66,8 +66,8 @@ class StageRecords:
         except (OSError, ValueError, TypeError, KeyError, RecursionError, pl.exceptions.PolarsError) as error:
             raise StudyError(f"{path}: cannot be read ({error}); {again}") from error
 
-    def refuse_missing(self, stage: str, table: str) -> None:
-        """Raise a StudyError: a stage has no record of its table."""
+    def refuse_missing(self, stage: str, table: str, command: str) -> None:
+        """Raise a StudyError: a stage has no record of its table, which ``palpate COMMAND`` makes."""
         folder = self.folder / table  # that of measured curves
         file = self.folder / f"{table}.parquet"
         if file.exists() or folder.exists():
@@ -75,7 +75,7 @@ class StageRecords:
                 f"{file if file.exists() else folder}: damaged or replaced, {self.path} has no record of it; "
                 f"run `palpate {stage}` again"
             )
-        raise StudyError(f"{folder}: not there yet; run `palpate {stage} STUDY --out {self.folder}` first")
+        raise StudyError(f"{folder}: not there yet; run `palpate {command} STUDY --out {self.folder}` first")
 
     def check(self, stage: str, made_from: Mapping[str, str]) -> None:
         """Refuse the files of a stage that were made from something else; an empty value is not compared."""

@@ -327,7 +327,9 @@ class Run:
 
     def _require(self, stage: "Stage") -> None:
         if stage.tables and not self.directory.records.has(stage.name):
-            self.directory.records.refuse_missing(stage.name, next(iter(stage.tables)))
+            # Without a sweep most of the stages make empty tables, which nobody calls one by one.
+            command = stage.name if self.study.n_sets else "run"
+            self.directory.records.refuse_missing(stage.name, next(iter(stage.tables)), command)
 
     def _check_simulated(self) -> None:
         """Refuse scores of simulations that are not those of the study."""
