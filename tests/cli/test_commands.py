@@ -336,6 +336,24 @@ def test_init_copies_a_study_that_checks(call: Call) -> None:
     assert call("check", "mine").code == 0
 
 
+def test_copies_of_a_ready_study_have_a_name_and_a_run_of_their_own(call: Call, tmp_path: Path) -> None:
+    for folder in ("arm", "second arm", "runs/third"):
+        assert call("init", "--study", "toy", folder).code == 0
+        assert call("experiment", folder).code == 0
+    runs = {path.parent.name for path in (tmp_path / "runs").glob("*/manifest.json")}
+    assert runs == {"arm", "second-arm", "third-run"}
+
+
+@pytest.mark.parametrize("name", sorted(Plugins.load().studies))
+def test_every_ready_study_takes_the_name_of_its_folder(call: Call, name: str) -> None:
+    ready = Path(Plugins.load().studies[name].directory) / "study.toml"
+    assert call("init", "--study", name, "mine", plugin=None).code == 0
+    lines = Path("mine/study.toml").read_text(encoding="utf-8").splitlines()
+    before = ready.read_text(encoding="utf-8").splitlines()
+    changed = [(old, new) for old, new in zip(before, lines, strict=True) if old != new]
+    assert changed == [(f'name = "{name}"', 'name = "mine"')]
+
+
 def test_a_study_without_its_files_names_what_makes_them(call: Call) -> None:
     copied = call("init", "--study", "forearm-real", "real", plugin=None)
     assert "next: palpate limb real/skin.ply --options real/limb.toml" in copied.err

@@ -205,7 +205,7 @@ def test_a_changed_input_file_that_costs_simulations_needs_confirmation(call, st
 
 def test_the_guide_reads_a_run_without_palpate(whole_run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    shutil.copytree(whole_run, "runs/forearm-demo")
+    shutil.copytree(whole_run, "runs/arm")
     blocks = re.findall(r"```python\n(.*?)```", GUIDE.read_text(encoding="utf-8"), flags=re.DOTALL)
     (code,) = (block for block in blocks if "ledger" in block)
     found = {}

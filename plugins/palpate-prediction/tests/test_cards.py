@@ -193,7 +193,7 @@ def test_a_card_states_units_moduli_and_intervals():
 def test_every_card_gives_the_verdict(program):
     verdicts = {"c1": "well", "c2": "not identified, end of range"}
     card = PROGRAMS[program](data("yeoh2", verdicts=verdicts))
-    assert "verdict: c1 well, c2 not identified, end of range (WARNING: not all are results)" in card
+    assert "c1 well, c2 not identified, end of range (WARNING: not all are results)" in card
     assert "WARNING" not in PROGRAMS[program](data("yeoh2"))
     card = PROGRAMS[program](data("yeoh2", failure="No parameters can be read: R² 0.1"))
     assert "WARNING: No parameters can be read: R2 0.1" in card

@@ -26,6 +26,9 @@ FOR_OWN = "forearm-demo"
 OF_PRESSES = ("study", "spot", "experiment", "budget", "truth")
 """Tables of a ready study that hold for its own presses alone."""
 
+OWN_NAME = re.compile(r"(^\[study\]\n(?:(?!\[).*\n)*?name = )\"[^\"]*\"", flags=re.MULTILINE)
+"""Name of a study in its file, behind the text of its table before it."""
+
 SEARCHED = """[fit.searched]
 # Of skin on plastic 0.3 to 1.0, by person and humidity; a twist that slips shows how much it is.
 friction = { lower = 0.1, upper = 1.5, prior = { value = 0.7, sd = 0.3 } }
@@ -87,6 +90,7 @@ def init(
         (folder / "study.toml").write_text(text, encoding="utf-8")
     else:
         copy_study(ready, folder)
+        name_study(folder)
     if as_json:
         session.json({"study": name, "folder": str(folder)})
         return
@@ -184,6 +188,13 @@ def copy_study(source: Path, folder: Path) -> None:
         shutil.copytree(source, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
     except OSError as error:
         raise StudyError(f"{folder}: cannot be written ({error}); name another folder") from error
+
+
+def name_study(folder: Path) -> None:
+    """Name the study in a folder after it, so that the runs of two copies have a folder each."""
+    file, named = folder / "study.toml", json.dumps(_name_of(folder.resolve().name))
+    text = file.read_text(encoding="utf-8")
+    file.write_text(OWN_NAME.sub(lambda found: found[1] + named, text, count=1), encoding="utf-8")
 
 
 def check_new(folder: Path) -> None:

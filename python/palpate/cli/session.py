@@ -250,8 +250,11 @@ def _refuse_run(path: Path) -> None:
 
 
 def run_folder(study: "Study", out: Path | None) -> Path:
-    """Folder of the run: what ``--out`` names, or ``runs/<study>``."""
-    return out if out is not None else Path("runs") / study.name
+    """Folder of the run: what ``--out`` names, or ``runs/<study>``, which is never the study's own."""
+    if out is not None:
+        return out
+    folder = Path("runs") / study.name
+    return folder.with_name(f"{study.name}-run") if folder.resolve() == study.folder.resolve() else folder
 
 
 def opened(

@@ -9,8 +9,9 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from palpate.domain import (
     Channel,
     Curve,
     FloatArray,
+    Indentation,
     Job,
     Limb,
     Response,
@@ -26,6 +28,8 @@ from palpate.domain import (
     channel_of,
     moving_span,
 )
+from palpate.domain.channels import PRESS_AND_TWIST
+from palpate.domain.equilibrium_states import STATE_COLUMNS, EquilibriumStates
 from palpate.errors import CurveError, StudyError
 from palpate.executors.answers import plain
 from palpate.experiment.measured import load_measured
@@ -46,6 +50,9 @@ NOTE = "origin.json"
 
 READ_BACK = 1e-12
 """Largest difference between a curve and what is read back, relative to its largest value."""
+
+LEG = 8
+"""Points of a curve between two waypoints, where its file is tried before anything is simulated."""
 
 _DECIDES = ("study", "units", "versions", "loader", "limb_source", "solver", "protocol")
 
@@ -81,12 +88,14 @@ def synthesise(
     gives for a fixed one replaces the fixed value. ``out`` replaces the study's folder, and files keep their
     names. ``noise`` is the standard deviation of what is added to every ordinate, as a share of the curve's
     largest absolute value. A StudyError without a truth, for data that are not simulated, a file that exists
-    or a failed simulation; a CurveError where the loader does not read back what it writes.
+    or a failed simulation. A CurveError, before anything is simulated, where the loader cannot write the
+    curves or does not read them back.
     """
     _check(study, noise)
     targets = _targets(study, out)
     jobs, limbs = _jobs(study, channels), load_limbs(study)
     check_jobs(study, jobs, limbs)
+    _rehearse(study, jobs, channels, targets)
     exact = _simulated(study, jobs, limbs, progress)
     random = np.random.default_rng(seed)
     # One press for each file of a spot, each with different noise.
@@ -161,6 +170,51 @@ def _note_path(files: Sequence[Path]) -> Path:
     return Path(os.path.commonpath([path.parent for path in files])) / NOTE
 
 
+def _rehearse(
+    study: Study,
+    jobs: Sequence[Job],
+    channels: Mapping[str, Channel],
+    targets: Mapping[tuple[str, str | None, int], Path],
+) -> None:
+    """Refuse files that the loaders cannot write or read back, by curves of the same channels.
+
+    Curves that only the solver knows are not rehearsed.
+    """
+    if study.protocol is None:
+        curves = _planned(study, channels)
+    elif set(study.solver.provides.channels) <= {channel.name for channel in PRESS_AND_TWIST}:
+        curves = {job.spot: _stand_in(job, study.solver.provides.columns) for job in jobs}
+    else:
+        return
+    with TemporaryDirectory() as folder:
+        for spot, channel, press, content in _contents(
+            study, {spot: [each] for spot, each in curves.items()}
+        ):
+            path = targets[spot, channel, press]
+            try:
+                _save(study.loader_at(spot), Path(folder, path.name), content, channel)
+            except CurveError as error:
+                raise CurveError(str(error).replace(folder, str(path.parent))) from error
+
+
+def _stand_in(job: Job, columns: Sequence[str]) -> Response:
+    """Curves of a job's channels along its motion, with numbers that no solver gives."""
+    assert isinstance(job.protocol, Indentation)
+    motion = job.protocol.waypoints
+    steps = np.linspace(0.0, len(motion.pose) - 1.0, LEG * (len(motion.pose) - 1) + 1)
+
+    def along(values: FloatArray) -> FloatArray:
+        return np.array([np.interp(steps, np.arange(len(values)), each) for each in values.T]).T
+
+    states = EquilibriumStates(
+        pose=along(motion.pose),
+        wrench=steps[:, None] * np.arange(1.0, 7.0),
+        time_s=None if motion.time_s is None else along(motion.time_s[:, None])[:, 0],
+        others={name: steps for name in columns if name not in STATE_COLUMNS},
+    )
+    return states.observed(job.channels)
+
+
 # -------------------------------------------------------------------- simulation
 
 
@@ -232,9 +286,8 @@ def _noisy(response: Response, noise: float, random: np.random.Generator) -> Res
         return response
     return Response(
         curves={
-            name: Curve(
-                channel=name,
-                abscissa=curve.abscissa,
+            name: replace(
+                curve,
                 ordinate=curve.ordinate
                 + random.normal(0.0, noise * np.abs(curve.ordinate).max(), curve.ordinate.size),
             )

@@ -19,6 +19,8 @@ from palpate.plugins.provides import Provides
 from palpate.simulation.synthesis import NOTE, synthesise
 from palpate.stages.pipeline import run_study
 from palpate.study.reading import Study, StudySpot, read_study
+from palpate.testing.bench import HalfSpace
+from palpate_indentation import CsvLoader
 
 ANSWER = (0.4, 20.0)
 TRUTH = {"soft_tissue.stiffness": ANSWER[0], "soft_tissue.grip": ANSWER[1]}
@@ -251,11 +253,14 @@ def test_a_loader_that_cannot_write_is_reported_before_the_simulation(
 
 
 class Forgetful(Pairs):
-    """Reads other numbers than it wrote."""
+    """Reads other numbers than it wrote, of curves in a folder that is named."""
+
+    folder = "planned"
 
     def save(self, path: Path, response: Response, channel: str | None = None) -> None:
         super().save(path, response, channel)
-        path.write_text(path.read_text().replace("-22.5", "-22.4"))
+        if self.folder in ("", path.parent.name):
+            path.write_text(path.read_text().replace("-22.5", "-22.4"))
 
 
 def test_a_file_that_is_not_read_back_is_removed_with_those_before_it(
@@ -264,6 +269,48 @@ def test_a_file_that_is_not_read_back_is_removed_with_those_before_it(
     with pytest.raises(CurveError, match=r"p1.csv: loader 'pairs' does not read back what it wrote"):
         synthesise(planned(loader=Forgetful()), plugins.channels)
     assert list((tmp_path / "planned").iterdir()) == []
+
+
+class Always(Forgetful):
+    """Reads other numbers than it wrote."""
+
+    folder = ""
+
+
+def csv(**channels: tuple[str, ...]) -> ExperimentLoader:
+    """CSV files with these columns of each channel: abscissa, ordinate, and time where there is one."""
+    fields = ("abscissa", "ordinate", "time")
+    named = {name: dict(zip(fields, columns, strict=False)) for name, columns in channels.items()}
+    return CsvLoader(CsvLoader.Settings.model_validate({"channels": named}))
+
+
+@pytest.mark.parametrize(
+    ("loader", "message"),
+    [
+        (csv(force=("x", "y"), torque=("x", "z")), r"planned/p1.csv: two curves need one column \(x, "),
+        (csv(force=("x", "y", "t"), torque=("a", "b")), r"p1.csv: channel 'force' has no time; remove"),
+        (csv(force=("x", "y")), r"p1.csv: the curves are force, torque, .* name columns for force"),
+        (Always(), r"planned/p1.csv: loader 'pairs' does not read back what it wrote"),
+    ],
+)
+def test_files_that_cannot_be_written_are_refused_before_the_simulation(
+    planned: Planned, tissue: ModuleType, plugins: Plugins, tmp_path: Path,
+    loader: ExperimentLoader, message: str,
+) -> None:  # fmt: skip
+    log = tmp_path / "log"
+    solver = tissue.Analytic(tissue.AnalyticSettings(log=str(log)))
+    with pytest.raises(CurveError, match=message):
+        synthesise(planned(loader=loader, solver=solver), plugins.channels)
+    assert not log.exists()
+    assert not (tmp_path / "planned").exists()
+
+
+def test_noise_leaves_the_times_of_a_curve(planned: Planned, plugins: Plugins, tmp_path: Path) -> None:
+    study = planned(loader=csv(force=("x", "y", "t"), torque=("a", "b", "t")))
+    timed = replace(study.protocol, time_s=10.0 * np.arange(len(study.protocol.path)))
+    study = replace(study, protocol=timed, solver=HalfSpace(HalfSpace.Settings()))
+    made = synthesise(study, plugins.channels, noise=0.01)
+    assert all(curve.time_s is not None for curve in made.responses["p1"].curves.values())
 
 
 def test_two_spots_in_one_file_are_refused(planned: Planned, plugins: Plugins, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """``palpate predict``, what the fitted limb feels under another tool; ``palpate card``, its materials."""
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -82,14 +83,15 @@ def card(
     if not wanted:
         known = ", ".join(data.region for data in found)
         raise StudyError(f"--region {region}: not in the study; name one of {known}")
-    cards: CardOutput = {data.region: PROGRAMS[program](data) for data in wanted}
+    cards = {data.region: PROGRAMS[program](data) for data in wanted}
     text = joined(program, cards)
     if into is not None:
         if into.exists():
             raise StudyError(f"{into}: exists and is not overwritten; move it, or name another file")
         write_atomically(into, text.encode())
     if as_json:
-        session.json(cards)
+        output: CardOutput = json.loads(text) if program == "json" else dict(cards)
+        session.json(output)
     elif into is None:
         typer.echo(text, nl=False)
     else:

@@ -30,8 +30,8 @@ class PredictOutput(Closed):
     files: list[str]
 
 
-CardOutput = dict[str, str]
-"""Text of each card, by region."""
+CardOutput = dict[str, Any]
+"""Card of each region: an object for ``--for json``, else text."""
 
 
 TITLES = {

@@ -61,13 +61,13 @@ class CardData:
 
     @property
     def verdict(self) -> str:
-        """Sentence on what may be read of the card, in ASCII."""
+        """Verdict on each parameter in one sentence, or why none can be read; in ASCII."""
         if self.failure:
             text = f"WARNING: {self.failure}"
         else:
             known = (f"{name} {verdict}" for name, verdict in self.verdicts.items())
             marks = explained(map(mark_of, self.verdicts.values()))
-            text = f"verdict: {', '.join(known) or 'nothing was searched'}"
+            text = ", ".join(known) or "nothing was searched"
             text += " (WARNING: not all are results)" if marks else ""
         return text.replace("R²", "R2").encode("ascii", "replace").decode()
 
@@ -112,7 +112,7 @@ def ranges_of(strains: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 def head(data: CardData, form: EnergyForm | None = None) -> Iterator[str]:
     """Lines that introduce a card: verdict, units, values with intervals, moduli and range."""
     yield f"palpate: {data.title}"
-    yield data.verdict
+    yield data.verdict if data.failure else f"verdict: {data.verdict}"
     yield "units: mm, N, MPa, tonne, s"
     for parameter, value in zip(data.material.parameters, data.theta.tolist(), strict=True):
         shown = with_unit(f"{value:.6g}", parameter.unit)
