@@ -132,7 +132,8 @@ def test_what_is_read_back_is_what_was_written(tmp_path):
         np.testing.assert_array_equal(part.cells, mesh.cells[part.kind])
     np.testing.assert_array_equal(deck.node_sets["fixed"], mesh.node_sets["fixed"])
     np.testing.assert_array_equal(deck.surfaces["skin_surface"], np.sort(mesh.node_sets["contact"]))
-    assert deck.held == ("fixed",)
+    np.testing.assert_array_equal(deck.supports[0].nodes, mesh.node_sets["fixed"])
+    assert [support.axes for support in deck.supports] == ["xyz"]
     written = {
         material.get("name"): {child.tag: float(child.text) for child in material}
         for material in ET.parse(file).getroot().iterfind("Material/material")

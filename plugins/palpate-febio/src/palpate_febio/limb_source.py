@@ -1,7 +1,7 @@
 """Limbs from decks of FEBio: mesh, sets, surfaces and regions."""
 
 import xml.etree.ElementTree as ET  # types, and the error; documents are read by defusedxml
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -11,8 +11,20 @@ import defusedxml.ElementTree
 import numpy as np
 from pydantic import Field
 
-from palpate.api import FloatArray, IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
-from palpate.api.mesh import CELLS
+from palpate.api import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Limb,
+    LimbSource,
+    Mesh,
+    MeshError,
+    Settings,
+    Spot,
+    convert,
+)
+from palpate.api.mesh import CELLS, Support, held_nodes, unused_supports
+from palpate_febio.deck_supports import DeckNames, DeckSupports
 
 LARGEST_FILE_BYTES = 2_000_000_000
 RIGID = "rigid body"
@@ -20,6 +32,7 @@ SPEC_VERSIONS = ("2.5", "3.0", "4.0")
 REACHING = ("from", "file", "path")
 """Attributes by which a deck names another file."""
 
+SHELLS = frozenset({"tri3", "tri6", "quad4", "quad8", "quad9", "q4ans", "q4eas"})
 FACE_NODES: Mapping[str, int] = MappingProxyType({"tri3": 3, "tri6": 6, "tri7": 7, "quad4": 4, "quad8": 8})
 
 
@@ -39,24 +52,33 @@ class Deck:
 
     Parameters
     ----------
+    parts : tuple of Part
+        Deformable ones.
     surfaces : mapping of name to (n,) integer array
         Nodes of the faces.
-    held : tuple of str
-        Node sets whose displacement is fixed in all directions.
+    rigid : mapping of name to (n,) integer array
+        Nodes of the rigid parts.
+    supports : tuple of Support
     touched : tuple of str
-        Primary surfaces of the surface pairs.
+        Surfaces of the limb in the contacts that are not tied.
+    warnings : tuple of str
+        Conditions that are not used.
     """
 
     points: FloatArray
     parts: tuple[Part, ...]
     node_sets: Mapping[str, IntArray]
     surfaces: Mapping[str, IntArray]
-    held: tuple[str, ...]
+    rigid: Mapping[str, IntArray]
+    supports: tuple[Support, ...]
     touched: tuple[str, ...]
+    warnings: tuple[str, ...]
 
 
-def read_deck(path: Path) -> Deck:
+def read_deck(path: Path, leave_out: Sequence[str] = ()) -> Deck:
     """Deck of a file of version 2.5, 3.0 or 4.0, which may come from anybody.
+
+    ``leave_out`` names parts or materials that are no limb.
 
     Raises
     ------
@@ -74,15 +96,16 @@ def read_deck(path: Path) -> Deck:
         raise MeshError(f"{path}: it has a document type, which could define entities; remove it") from None
     except (ET.ParseError, ValueError, LookupError) as error:
         raise MeshError(f"{path}: not XML that can be read ({error}); write the deck again") from None
-    return _Reader(path, root).deck()
+    return _Reader(path, root, leave_out).deck()
 
 
 class _Reader:
     """One reading of one file."""
 
-    def __init__(self, path: Path, root: ET.Element) -> None:
+    def __init__(self, path: Path, root: ET.Element, leave_out: Sequence[str]) -> None:
         self.path = path
         self.root = root
+        self.leave_out = leave_out
         if root.tag != "febio_spec" or root.get("version") not in SPEC_VERSIONS:
             raise self.refused(
                 f"<{root.tag} version={root.get('version')!r}>; palpate reads febio_spec of version "
@@ -90,6 +113,9 @@ class _Reader:
             )
         refuse_reaching(path, root)
         self.number: dict[int, int] = {}
+        self.sets: dict[str, IntArray] = {}
+        self.surfaces: dict[str, IntArray] = {}
+        self.rigid: dict[str, IntArray] = {}
 
     def refused(self, what: str) -> MeshError:
         return MeshError(f"{self.path}: {what}")
@@ -100,14 +126,67 @@ class _Reader:
             mesh = self.root.find("Geometry")
         if mesh is None:
             raise self.refused("no section Mesh; export the deck with its mesh")
-        return Deck(
-            points=self.points(mesh),  # first: the others name nodes by their ids
-            parts=tuple(self.parts(mesh)),
-            node_sets={self.name(e): self.nodes(e, self.set_numbers(e)) for e in mesh.findall("NodeSet")},
-            surfaces={self.name(e): self.surface(e) for e in mesh.findall("Surface")},
-            held=tuple(self.held()),
-            touched=tuple(e.findtext("primary", "").strip() for e in mesh.findall("SurfacePair")),
+        points = self.points(mesh)  # first: the others name nodes by their ids
+        parts = tuple(self.parts(mesh))
+        for e in mesh.findall("NodeSet"):
+            self.sets[self.name(e)] = self.node_set(e)
+        self.surfaces = {self.name(e): self.surface(e) for e in mesh.findall("Surface")}
+        names = DeckNames(
+            rigid=self.rigid_bodies(mesh),
+            named=self.named,
+            listed=lambda e: self.nodes(e, [self.integer(n, n.get("id")) for n in e.findall("node")]),
+            in_limb=frozenset(n for part in parts for n in np.unique(part.cells).tolist()),
         )
+        conditions = DeckSupports(self.root, names).read()
+        return Deck(
+            points=points,
+            parts=parts,
+            node_sets=self.sets,
+            surfaces=self.surfaces,
+            rigid=self.rigid,
+            supports=tuple(conditions.supports),
+            touched=conditions.pressed(),
+            warnings=tuple(conditions.warnings),
+        )
+
+    def named(self, name: str) -> IntArray | None:
+        """Nodes of a set as a condition of a deck names it."""
+        kind, _, rest = name.partition(":")
+        mesh = self.root.find("Mesh") or self.root.find("Geometry")
+        match kind:
+            case "@surface":
+                return self.surfaces.get(rest)
+            case "@edge" | "@elem_set" if mesh is not None:
+                tag = "Edge" if kind == "@edge" else "ElementSet"
+                found = next((e for e in mesh.findall(tag) if e.get("name") == rest), None)
+                if found is None:
+                    return None
+                if tag == "Edge":
+                    return self.nodes(found, [n for e in found for n in self.integers(e, e.text)])
+                wanted = set(self.set_numbers(found))
+                elements = [
+                    e for e in mesh.iterfind("Elements/elem") if self.integer(e, e.get("id")) in wanted
+                ]
+                return np.unique([n for e in elements for n in self.nodes(e, self.integers(e, e.text))])
+        return self.sets.get(name)
+
+    def rigid_bodies(self, mesh: ET.Element) -> dict[str, IntArray]:
+        """Nodes of each rigid body by the name and by the number of its material."""
+        by_domain = {e.get("name"): e.get("mat") for e in self.root.iterfind("MeshDomains/*")}
+        materials, found = self.materials(), dict[str, list[IntArray]]()
+        for k, block in enumerate(mesh.findall("Elements")):
+            name = self.part_name(block, k)
+            material = materials.get(by_domain.get(name) or block.get("mat") or "", ("", ""))
+            if material[1] == RIGID:
+                cells = [self.nodes(e, self.integers(e, e.text)) for e in block.findall("elem")]
+                self.rigid[name] = np.unique(np.concatenate(cells)) if cells else np.empty(0, dtype=np.int64)
+                found.setdefault(material[0], []).append(self.rigid[name])
+        bodies = {name: np.unique(np.concatenate(nodes)) for name, nodes in found.items()}
+        return {alias: bodies[of[0]] for alias, of in materials.items() if of[0] in bodies}
+
+    @staticmethod
+    def part_name(block: ET.Element, k: int) -> str:
+        return block.get("name") or block.get("elset") or f"elements {k + 1}"
 
     def name(self, element: ET.Element) -> str:
         found = element.get("name")
@@ -133,23 +212,42 @@ class _Reader:
     def parts(self, mesh: ET.Element) -> Iterator[Part]:
         materials = self.materials()
         by_domain = {e.get("name"): e.get("mat") for e in self.root.iterfind("MeshDomains/*")}
-        for block in mesh.findall("Elements"):
-            kind, name = block.get("type", ""), self.name(block)
+        for k, block in enumerate(mesh.findall("Elements")):
+            kind, name = block.get("type", ""), self.part_name(block, k)
             material = by_domain.get(name) or block.get("mat")
             if material is None or material not in materials:
                 raise self.refused(f"elements '{name}' have no material (given: {material}); give them one")
             material, febio_type = materials[material]
-            if febio_type == RIGID:
+            if febio_type == RIGID or {name, material} & set(self.leave_out):
                 continue
             if kind not in CELLS:
+                shell = "shells" if kind in SHELLS else f"of type {kind}"
                 raise self.refused(
-                    f"elements '{name}' of type {kind}; palpate simulates {', '.join(CELLS)}, so mesh "
-                    "the limb with those"
+                    f"elements '{name}' are {shell}; palpate simulates {', '.join(CELLS)}. Mesh the limb "
+                    "with those, or name what is no limb in the setting leave_out"
                 )
             cells = [self.nodes(e, self.integers(e, e.text)) for e in block.findall("elem")]
             if not cells or any(len(c) != CELLS[kind].n_nodes for c in cells):
                 raise self.refused(f"elements '{name}': {kind} wants {CELLS[kind].n_nodes} nodes in each")
             yield Part(name, kind, np.array(cells), material)
+
+    def node_set(self, element: ET.Element) -> IntArray:
+        """Nodes of a set, by their numbers and by the names of other sets."""
+        found = []
+        for child in element:
+            other = child.get("node_set") or (child.get("name") if child.get("id") is None else None)
+            if other is not None:
+                nodes = self.named(other)
+                if nodes is None:
+                    raise self.refused(
+                        f"node set '{element.get('name')}' names '{other}', which is not there"
+                    )
+                found.append(nodes)
+        numbers = [self.integer(c, c.get("id")) for c in element if c.get("id") is not None]
+        if len(element) and not numbers and not found:
+            raise self.refused(f"node set '{element.get('name')}' has no ids; give each <n> an id")
+        numbers += self.integers(element, element.text) if not len(element) else []
+        return np.concatenate([*found, self.nodes(element, numbers)])
 
     def set_numbers(self, element: ET.Element) -> list[int]:
         """Nodes of a set, written as a list, or one <n id> or <node id> each as FEBio 3 did."""
@@ -164,18 +262,6 @@ class _Reader:
                 raise self.refused(f"surface '{element.get('name')}' has a face <{face.tag}>")
             found.update(self.nodes(face, self.integers(face, face.text)).tolist())
         return np.array(sorted(found), dtype=np.int64)
-
-    def held(self) -> Iterator[str]:
-        for fix in self.root.iterfind("Boundary/fix"):  # FEBio 2.5
-            if fix.get("bc", "").replace(" ", "") == "x,y,z":
-                yield fix.get("node_set", "")
-        for bc in self.root.iterfind("Boundary/bc"):
-            if bc.get("type") == "zero displacement":
-                fixed = [bc.findtext(f"{axis}_dof", "0").strip() for axis in "xyz"]
-                if fixed == ["1"] * 3:
-                    yield bc.get("node_set", "")
-            elif bc.get("type") == "fix" and bc.findtext("dofs", "").replace(" ", "") == "x,y,z":
-                yield bc.get("node_set", "")
 
     def materials(self) -> dict[str, tuple[str, str]]:
         """Name and FEBio's type of each material, by what the deck may call it."""
@@ -248,20 +334,23 @@ class FebioDeckSettings(Settings):
     """Settings of :class:`FebioDeckSource`."""
 
     unit: Literal["mm", "cm", "m", "um"] = Field("mm", description="Unit of the deck's coordinates.")
-    regions: dict[str, str] = Field(
+    regions: dict[str, str | list[str]] = Field(
         default_factory=dict,
-        description="Region by the deck's material or part; empty: each material is a region of its own "
-        "name.",
+        description="Region by the deck's material or part, or by several; empty: each material is a region "
+        "of its own name.",
     )
-    fixed: str = Field(
+    fixed: str | list[str] = Field(
         "",
-        description="Node set or surface that is held still; empty: those that the deck holds (zero "
-        "displacement).",
+        description="Node set, surface or rigid part that is held still, or several; empty: all that the "
+        "deck holds in x, y and z.",
     )
-    contact: str = Field(
+    contact: str | list[str] = Field(
         "",
-        description="Node set or surface that is the outer skin; empty: 'contact', or else the primary "
-        "surface of the deck's one surface pair.",
+        description="Node set or surface that is the outer skin, or several; empty: 'contact', or else the "
+        "limb's surface in the deck's one contact.",
+    )
+    leave_out: list[str] = Field(
+        default_factory=list, description="Parts or materials that are no limb, such as an elastic indenter."
     )
 
 
@@ -279,7 +368,7 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
         MeshError
             The deck cannot be read safely, or lacks a set; naming what it has.
         """
-        deck = read_deck(path)
+        deck = read_deck(path, self.settings.leave_out)
         if not deck.parts:
             raise MeshError(f"{path}: no deformable elements; palpate needs the limb, not only rigid bodies")
         regions = self._regions(path, deck)
@@ -293,7 +382,8 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
             cells.setdefault(part.kind, []).append(number[part.cells])
             region = names.index(regions[part.name])
             ids.setdefault(part.kind, []).append(np.full(len(part.cells), region))
-        sets = {"fixed": self._fixed(path, deck), "contact": self._contact(path, deck)}
+        fixed, remarks, warnings = self._fixed(path, deck, number >= 0)
+        sets = {"fixed": fixed, "contact": self._contact(path, deck, fixed)}
         mesh = Mesh(
             points_mm=deck.points[used] * convert(f"1 {self.settings.unit}", "mm"),
             cells={kind: np.concatenate(blocks) for kind, blocks in cells.items()},
@@ -301,54 +391,71 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
             regions=names,
             node_sets={name: number[nodes][number[nodes] >= 0] for name, nodes in sets.items()},
         )
-        return Limb(spot=spot, mesh=mesh)
+        left_out = (f"the rigid part '{part}' is left out" for part in deck.rigid)
+        return Limb(spot=spot, mesh=mesh, remarks=(*left_out, *remarks), warnings=(*deck.warnings, *warnings))
 
     def _regions(self, path: Path, deck: Deck) -> Mapping[str, str]:
         """Region of each part."""
-        wanted: dict[str, str] = self.settings.regions
+        wanted = {region: _names(source) for region, source in self.settings.regions.items()}
         if not wanted:
             return {part.name: part.material for part in deck.parts}
-        by_source = {source: region for region, source in wanted.items()}
+        by_source = {source: region for region, sources in wanted.items() for source in sources}
         found = {}
         for part in deck.parts:
             region = by_source.get(part.name) or by_source.get(part.material)
             if region is None:
                 raise MeshError(
                     f"{path}: part '{part.name}' with material '{part.material}' is named by no region of "
-                    f"the settings ({', '.join(f'{r} = {s}' for r, s in wanted.items())}); add it"
+                    f"the settings ({', '.join(f'{s} as {r}' for s, r in by_source.items())}); add it there, "
+                    "or to leave_out"
                 )
             found[part.name] = region
         return found
 
-    def _fixed(self, path: Path, deck: Deck) -> IntArray:
-        if self.settings.fixed:
-            return _nodes(path, deck, self.settings.fixed)
-        held = [name for name in deck.held if name in deck.node_sets]
-        if not held:
+    def _fixed(
+        self, path: Path, deck: Deck, in_limb: BoolArray
+    ) -> tuple[IntArray, tuple[str, ...], tuple[str, ...]]:
+        """Nodes that are held still, remarks and warnings."""
+        if names := _names(self.settings.fixed):
+            nodes = np.unique(np.concatenate([_nodes(path, deck, name) for name in names]))
+            return nodes, (), unused_supports(deck.supports, in_limb, nodes, "the setting fixed")
+        held = held_nodes(deck.supports, in_limb)
+        if not held.nodes.size:
             raise MeshError(
-                f"{path}: no boundary condition 'zero displacement' in x, y and z on a node set; name what "
-                f"is held in the setting fixed (there: {_there(deck)})"
+                f"{path}: no condition of the deck holds nodes of the limb in x, y and z "
+                f"({'; '.join((*deck.warnings, *held.warnings)) or 'there are none'}). Name what is held in "
+                f"the setting fixed (there: {_there(deck)})"
             )
-        return np.unique(np.concatenate([deck.node_sets[name] for name in held]))
+        return held.nodes, held.remarks, held.warnings
 
-    def _contact(self, path: Path, deck: Deck) -> IntArray:
-        name = self.settings.contact or "contact"
-        if not self.settings.contact and name not in {*deck.node_sets, *deck.surfaces}:
-            name = deck.touched[0] if len(deck.touched) == 1 else name
-        return _nodes(path, deck, name)
+    def _contact(self, path: Path, deck: Deck, fixed: IntArray) -> IntArray:
+        names = _names(self.settings.contact)
+        if not names:
+            touched = [name for name in deck.touched if not np.isin(deck.surfaces[name], fixed).all()]
+            names = ["contact"] if "contact" in {*deck.node_sets, *deck.surfaces} or not touched else touched
+            if len(names) > 1:
+                raise MeshError(
+                    f"{path}: the deck's contacts touch several surfaces of the limb ({', '.join(names)}); "
+                    "name the outer skin in the setting contact"
+                )
+        return np.unique(np.concatenate([_nodes(path, deck, name) for name in names]))
+
+
+def _names(setting: str | list[str]) -> list[str]:
+    return [setting] if isinstance(setting, str) and setting else list(setting)
 
 
 def _nodes(path: Path, deck: Deck, name: str) -> IntArray:
-    found = deck.node_sets.get(name)
-    if found is None:
-        found = deck.surfaces.get(name)
-    if found is None:
-        raise MeshError(
-            f"{path}: no node set or surface '{name}' (there: {_there(deck)}); name one of them in the "
-            "settings fixed and contact"
-        )
-    return found
+    for of in (deck.node_sets, deck.surfaces, deck.rigid):
+        if (found := of.get(name.removeprefix("@surface:"))) is not None:
+            if not found.size:
+                raise MeshError(f"{path}: '{name}' is empty; name another set, or fill this one")
+            return found
+    raise MeshError(
+        f"{path}: no node set, surface or rigid part '{name}' (there: {_there(deck)}); name one of them in "
+        "the settings fixed and contact"
+    )
 
 
 def _there(deck: Deck) -> str:
-    return ", ".join([*deck.node_sets, *deck.surfaces]) or "none"
+    return ", ".join([*deck.node_sets, *deck.surfaces, *deck.rigid]) or "none"
