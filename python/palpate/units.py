@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 DIMENSIONLESS = frozenset({"", "1", "-", "dimensionless"})
 _OWN = frozenset({"mm", "N", "MPa", "N*mm", "deg", "s"})
-_ANGLES = frozenset({"degree", "radian", "turn", "arcminute", "arcsecond"})
 _RATIOS = frozenset({"percent"})
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 _COMMA = re.compile(r"\s*[+-]?\d*,\d.*")
@@ -95,6 +94,18 @@ def unit_of(given: str) -> str:
     return match.group(2) if match else ""
 
 
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit of a physical quantity; a count of something is none.
+
+    Examples
+    --------
+    >>> is_unit("mm/min"), is_unit("V"), is_unit("counts"), is_unit("filtered")
+    (True, True, False, False)
+    """
+    unit = _parsed(text) if text else None
+    return unit is not None and (_dimension(unit) == "angle" or not _dimension(unit).startswith("ratio"))
+
+
 def convert_factor(given: str, per: str, unit: str) -> float:
     """Convert a factor on quantities in ``per`` to what it is worth in ``unit``.
 
@@ -165,13 +176,15 @@ def _parsed(written: str) -> "pint.Unit | None":
 
 def _dimension(unit: "pint.Unit") -> str:
     names = {str(name) for name, _ in _registry().Quantity(1.0, unit).unit_items()}
-    if names and names <= _ANGLES:
+    root = _registry().Quantity(1.0, unit).to_root_units().units
+    if root == _registry().Unit("radian"):
         return "angle"
-    if _registry().Quantity(1.0, unit).to_root_units().units == _registry().Unit("bit"):
+    if root == _registry().Unit("bit"):
         return "amount of memory"
     if unit.dimensionless and not names <= _RATIOS:
         return f"ratio of {sorted(names)}"
-    return str(unit.dimensionality)
+    # The order of the factors is another in each unit.
+    return str(sorted(unit.dimensionality.items()))
 
 
 @dataclass(frozen=True, slots=True)

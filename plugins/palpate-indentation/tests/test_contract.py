@@ -51,13 +51,13 @@ class Rounded(CsvLoader):
 class TestCsvWithStd(TestCsv):
     @pytest.fixture
     def loader(self) -> ExperimentLoader:
-        force = {"abscissa": "depth_mm", "ordinate": "force_N", "std": "torque_Nmm"}
+        force = {"abscissa": "depth_mm", "ordinate": "force_N", "std": "std_N"}
         return CsvLoader(CsvSettings.model_validate({"channels": {"force": force}}))
 
     @pytest.fixture
     def good_file(self, tmp_path: Path) -> Path:
         path = tmp_path / "good.csv"
-        path.write_text(GOOD.replace("-3", "3"))
+        path.write_text(GOOD.replace("-3", "3").replace("torque_Nmm", "std_N"))
         return path
 
     @pytest.fixture

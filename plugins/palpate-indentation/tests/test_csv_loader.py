@@ -169,7 +169,7 @@ BAD = {
     ),
     "column twice": (GOOD.replace("torque_Nmm", "force_N"), "line 1 names column 'force_N' more than once"),
     "ragged": (GOOD.replace("5,0,2,0", "5,0,2"), "line 3 has 3 cells where there are 4 columns"),
-    "long row": (GOOD.replace("5,0,2,0", "5,0,2,0,"), "line 3 has 5 cells where there are 4 columns"),
+    "long row": (GOOD.replace("5,0,2,0", "5,0,2,0,1"), "line 3 has 5 cells where there are 4 columns"),
     "empty": ("", "the file is empty"),
     "blank": (" \n\n", "the file is empty"),
     "comments only": ("# nothing\n", "no names and no rows"),
@@ -179,7 +179,7 @@ BAD = {
     "never moves": (GOOD.replace("-9", "0").replace("9,", "0,"), "column 'angle_deg': the abscissa never"),
     "open quote": (GOOD.replace("5,0", '"5,0'), "line 3: unexpected end of data; close the quotation marks"),
     "decimal comma": (
-        GOOD.replace(",", ";").replace("0.5", "0,5"),
+        GOOD.replace(",", ";").replace("0.5", "0,5").replace("10;9;6", "10;9;6.5"),
         "line 4, column 'torque_Nmm': '0,5' is not a number with decimal mark '.'",
     ),
 }
@@ -201,9 +201,8 @@ GERMAN = "x;y\n0,5;0,1\n1,5;0,2\n2,5;0,3\n"
 @pytest.mark.parametrize(
     ("text", "settings", "message"),
     [
-        (GERMAN, {}, "numbers written with ','; set decimal = \",\" in the"),
-        (GERMAN.replace("x;y", "Weg;Kraft"), {}, 'set decimal = "," in the'),
-        (GERMAN, {"delimiter": ","}, 'set decimal = "," and delimiter = ";" in the'),
+        (GERMAN, {"decimal": "."}, "numbers written with ','; set decimal = \",\" in the"),
+        (GERMAN, {"delimiter": ",", "decimal": "."}, 'set decimal = "," and delimiter = ";" in the'),
     ],
 )
 def test_a_file_with_other_marks_is_named(file: Path, text: str, settings: dict, message: str) -> None:
@@ -217,11 +216,10 @@ def test_a_file_with_other_marks_is_named(file: Path, text: str, settings: dict,
 @pytest.mark.parametrize(
     ("raw", "message"),
     [
-        (GOOD.encode().replace(b"force", b"f\xf6rce"), "byte 20 is not utf-8 text"),
-        (GOOD.encode("utf-16"), "byte 0 is not utf-8 text"),
+        (b"\xff\xfe" + GOOD.encode(), "is not utf-16 text; leave encoding out"),
         (b"depth_mm,force_N\n1,2\n\0\0", "byte 21 is zero, so this is no text"),
     ],
-    ids=["latin-1", "utf-16", "binary"],
+    ids=["cut utf-16", "binary"],
 )
 def test_bytes_that_are_no_text_are_refused(file: Path, raw: bytes, message: str) -> None:
     file.write_bytes(raw)
@@ -252,10 +250,57 @@ def test_a_missing_file_is_reported(tmp_path: Path) -> None:
         loader().load(tmp_path)
 
 
-def test_a_line_of_units_is_refused_since_scales_are_settings(file: Path) -> None:
-    file.write_text("depth_mm,force\nmm,kN\n0,0\n1,2\n")
-    with pytest.raises(CurveError, match="column 'depth_mm' has the unit 'mm' in a separate line; remove"):
-        loader().load(file, "pull")
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252", "latin-1"])
+def test_the_encoding_is_found(file: Path, encoding: str) -> None:
+    file.write_text(GOOD.replace("\n0,0", "\n# Prüfung bei 20 °C\n0,0"), encoding=encoding)
+    assert loader().load(file)["force"].abscissa.size == 3
+
+
+def test_an_encoding_that_is_given_is_kept_to(file: Path) -> None:
+    file.write_text(GOOD.replace("force", "förce"), encoding="cp1252")
+    with pytest.raises(CurveError, match="byte 20 is not utf-8 text; leave encoding out"):
+        loader(encoding="utf-8").load(file)
+
+
+@pytest.mark.parametrize(
+    ("text", "abscissa", "ordinate", "largest"),
+    [
+        ("Depth,Load\nmm,kN\n0,0\n1,2\n", "Depth", "Load", (1.0, 2000.0)),
+        ("Depth [m],Load [lb]\n0,0\n1,2\n", "Depth [m]", "Load [lb]", (1000.0, 8.896443230521)),
+        ("Depth,Load\n(cm),(kg)\n0,0\n1,2\n", "Depth", {"name": "Load", "scale": -9.80665}, (10.0, -19.6133)),
+        # A scale to another kind is the study's own: from an extension to a strain, say.
+        ("Depth (s),Load (N)\n0,0\n1,2\n", {"name": "Depth (s)", "scale": 3.0}, "Load (N)", (3.0, 2.0)),
+    ],
+)
+def test_units_of_the_file_give_the_scale(
+    file: Path, text: str, abscissa: object, ordinate: object, largest: tuple[float, float]
+) -> None:
+    file.write_text(text)
+    channels = {"force": {"abscissa": abscissa, "ordinate": ordinate}}
+    curve = loader(channels=channels).load(file, "force")["force"]
+    assert (curve.abscissa[-1], curve.ordinate[-1]) == pytest.approx(largest, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("names", "ordinate", "message"),
+    [
+        ("Depth (mm),Load (counts)", "Load (counts)", "the unit 'counts' is not known"),
+        ("Depth (mm),Load (mm)", "Load (mm)", "'mm' is a unit of length where one of force is needed"),
+        (
+            "Depth (mm),Load (lb)",
+            {"name": "Load (lb)", "scale": 9.80665},
+            "scale = 9.80665 where the file gives the unit 'lb', whose factor is 4.448221615",
+        ),
+    ],
+)
+def test_a_unit_that_is_unknown_or_differs_is_a_question(
+    file: Path, names: str, ordinate: object, message: str
+) -> None:
+    file.write_text(f"{names}\n0,0\n1,2\n")
+    channels = {"force": {"abscissa": "Depth (mm)", "ordinate": ordinate}}
+    with pytest.raises(CurveError) as caught:
+        loader(channels=channels).load(file, "force")
+    assert message in str(caught.value)
 
 
 def test_names_encoding_and_other_separators_can_be_set(file: Path) -> None:

@@ -210,7 +210,7 @@ LINES = {
     "text in a cell": (TEXT.replace("\n7,0.7", "\n7,ERR"), "line 9, column 'x_m': 'ERR' is not a number"),
     "infinity": (TEXT.replace("\n7,0.7", "\n7,-inf"), "line 9, column 'x_m': -inf is not a finite"),
     "overflow": (TEXT.replace("\n7,0.7", "\n7,1e999"), "line 9, column 'x_m': 1e999 is too large"),
-    "long row": (TEXT.replace("\n7,0.7", "\n7,0.7,"), "line 9 has 3 cells"),
+    "long row": (TEXT.replace("\n7,0.7", "\n7,0.7,1"), "line 9 has 3 cells"),
     "open quote": (TEXT.replace("\n7,0.7", '\n7,"0.7'), "line 9: .*close the quotation marks"),
     "other mark": (TEXT.replace("\n7,0.7", '\n7,"0,7"'), "'0,7' is not a number with decimal mark '.'"),
     "no names": (TEXT.split("\n", 1)[1], "line 1 holds numbers where column names belong"),

@@ -44,7 +44,7 @@ def test_a_table_with_units_is_understood_whole(tmp_path: Path) -> None:
     assert found.record["problem"] == ""
     side = {"acts_on": "tool", "wrench_frame": "sensor"}
     assert found.record["channels"] == dict(write.MAP) | side
-    assert found.record["layout"] == {"delimiter": ";", "decimal": ","}
+    assert found.record["layout"] == {"delimiter": ";", "decimal": ",", "skip_lines": 1}
     (stream,) = found.record["streams"]
     assert stream["time"]["rate_hz"] == pytest.approx(200.0)
     assert stream["time"]["gaps"] == []

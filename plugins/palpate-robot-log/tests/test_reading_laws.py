@@ -1,11 +1,12 @@
 """Laws of reading: fast is slow, forms of a turn agree, and no bytes lead a reader astray."""
 
+import math
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pint
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 from scipy.spatial.transform import Rotation
@@ -13,11 +14,12 @@ from scipy.spatial.transform import Rotation
 from palpate.domain import FloatArray
 from palpate.errors import CurveError
 from palpate.experiment.delimited import (
-    BASE_UNITS,
     UNITS,
+    Kind,
     TextTable,
+    bare_unit,
     factor_to_base,
-    table as text_reader,
+    kind_of,
     unit_in,
 )
 from palpate_robot_log.reading.assembly import quaternions
@@ -87,28 +89,35 @@ cells = st.one_of(
 )
 
 
+def _number(cell: str) -> float | None:
+    """Number of a cell by the rule of the reader; NaN where it is empty, None where it is a word."""
+    plain = cell.strip().removeprefix('"').removesuffix('"')
+    if plain.lower() in {"", "nan"}:
+        return math.nan
+    if not re.fullmatch(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eEdD][+-]?[0-9]+)?", plain):
+        return None
+    value = float(plain.lower().replace("d", "e"))
+    return value if math.isfinite(value) else None
+
+
 @given(rows=st.lists(st.lists(cells, min_size=3, max_size=3), min_size=6, max_size=8))
-def test_the_fast_reader_never_differs_from_the_slow_one(
+def test_a_cell_is_a_number_by_one_rule(
     tmp_path_factory: pytest.TempPathFactory, rows: list[list[str]]
 ) -> None:
+    """Numbers are Python's, and the first cell that is none is refused by its line."""
     path = tmp_path_factory.mktemp("text") / "t.csv"
-    head = [["0.5", "1.5", "2.5"]] * 8
-    path.write_text("\n".join(",".join(row) for row in [["a", "b", "c"], *head, *rows]) + "\n")
-
-    def outcome() -> str | FloatArray:
-        try:
-            return _columns(path, ["a", "b", "c"])
-        except CurveError as error:
-            return str(error)
-
-    fast = outcome()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(text_reader, "_fast", lambda *_: None)
-        slow = outcome()
-    if isinstance(slow, str) or isinstance(fast, str):
-        assert fast == slow
-    else:
-        np.testing.assert_array_equal(fast, slow)
+    # The rows at both ends are whole, so that none is a line of results.
+    whole = [["0.5", "1.5", "2.5"]] * 8
+    table = [*whole, *(row for row in rows if any(re.search(r"\w", cell) for cell in row)), *whole]
+    path.write_text("\n".join(",".join(row) for row in [["a", "b", "c"], *table]) + "\n")
+    expected = [[_number(cell) for cell in row] for row in table]
+    lengths = [len(",".join(row).replace('"', "").split(",")) for row in table]
+    bad = [line for line, row in enumerate(expected, start=2) if None in row or lengths[line - 2] != 3]
+    if not bad:
+        np.testing.assert_array_equal(_columns(path, ["a", "b", "c"]), np.array(expected))
+        return
+    with pytest.raises(CurveError, match=rf"line {bad[0]}\b|has \d cells where|quotation marks|tables: "):
+        _columns(path, ["a", "b", "c"])
 
 
 # ------------------------------------------------------------------------ units
@@ -122,20 +131,53 @@ def test_a_unit_is_found_however_it_is_written_behind_a_name(unit: str, label: s
         assert unit_in(f"{label}_{unit}")[1].endswith(unit)
 
 
-REGISTRY = pint.UnitRegistry()
+G = 9.80665
 
 
 @pytest.mark.parametrize("unit", sorted(UNITS))
-def test_factors_are_those_of_pint(unit: str) -> None:
-    spelt = {"Nm": "N*m", "Nmm": "N*mm", "mNm": "mN*m", "Ncm": "N*cm", "kp": "kgf", "gf": "gram_force"}
-    kind, factor = UNITS[unit]
-    text = spelt.get(unit, unit.replace("·", "*").replace("_", "*").replace("-", "*"))
-    if "." in text or " " in text:
-        text = text.replace(".", "*").replace(" ", "*")
-    text = {"sec": "s", "secs": "s", "msec": "ms", "usec": "us", "nsec": "ns"}.get(text, text)
-    expected = REGISTRY.Quantity(1.0, text).to(BASE_UNITS[kind].replace("·", "*")).magnitude
-    assert factor == pytest.approx(expected, rel=1e-12)
-    assert factor_to_base(unit, kind, "here") == factor
+def test_every_unit_that_is_believed_is_known(unit: str) -> None:
+    kind = kind_of(unit)
+    assert kind is not None
+    if kind != "other":
+        factor = factor_to_base(unit, kind, "here")
+        for spelt in (f"({unit})", f"[ {unit} ]"):
+            assert factor_to_base(bare_unit(spelt), kind, "here") == factor
+
+
+@pytest.mark.parametrize(
+    ("unit", "kind", "factor"),
+    [
+        *(
+            ("lb", "force", 0.45359237 * G),
+            ("lbs", "force", 0.45359237 * G),
+            ("lbf", "force", 0.45359237 * G),
+        ),
+        *(("kg", "force", G), ("g", "force", 1e-3 * G), ("gf", "force", 1e-3 * G), ("kp", "force", G)),
+        *(("µN", "force", 1e-6), ("μN", "force", 1e-6), ("nN", "force", 1e-9), ("KN", "force", 1e3)),
+        *(("min", "time", 60.0), ("h", "time", 3600.0), ("nm", "length", 1e-6), ("ft", "length", 304.8)),
+        *(("lbf-in", "moment", 0.45359237 * G * 25.4), ("in·lb", "moment", 0.45359237 * G * 25.4)),
+        *(("ozf·in", "moment", 0.45359237 / 16 * G * 25.4), ("kg·cm", "moment", 10.0 * G)),
+        *(("N_m", "moment", 1e3), ("mN·m", "moment", 1.0), ("kNm", "moment", 1e6), ("Ncm", "moment", 10.0)),
+        *(("%", "ratio", 0.01), ("mm/mm", "ratio", 1.0), ("N/mm²", "stress", 1.0), ("kPa", "stress", 1e-3)),
+        *(("kgf/cm2", "stress", 1e-2 * G), ("°", "angle", math.pi / 180.0), ("mrad", "angle", 1e-3)),
+    ],
+)
+def test_units_have_the_factors_of_their_definitions(unit: str, kind: Kind, factor: float) -> None:
+    assert factor_to_base(unit, kind, "here") == pytest.approx(factor, rel=1e-13)
+
+
+@pytest.mark.parametrize("unit", ["counts", "raw", "a.u.", "bit/s?", "xyz", "gr", "px"])
+def test_a_word_that_is_no_unit_stays_unknown(unit: str) -> None:
+    assert kind_of(unit) is None
+    with pytest.raises(CurveError, match="is not known"):
+        factor_to_base(unit, "force", "here")
+
+
+@pytest.mark.parametrize("unit", ["V", "°C", "mm/min", "A"])
+def test_a_unit_of_another_kind_is_known_and_refused(unit: str) -> None:
+    assert kind_of(unit) == "other"
+    with pytest.raises(CurveError, match="a unit of another kind where one of force is needed"):
+        factor_to_base(unit, "force", "here")
 
 
 # ------------------------------------------------------------------------ turns

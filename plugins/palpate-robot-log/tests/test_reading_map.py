@@ -70,7 +70,7 @@ def test_a_line_of_units_counts_as_names_do(tmp_path: Path) -> None:
             {"position": {"columns": ["x_m", "y_m", "z_m"], "unit": "mm"}},
             "is in m as the file shows, and in mm as the channel map gives",
         ),
-        ({"force": {"columns": ["fx_N", "fy_N", "fz_N"], "unit": "bananas"}}, "unknown unit 'bananas'"),
+        ({"force": {"columns": ["fx_N", "fy_N", "fz_N"], "unit": "bananas"}}, "'bananas' is not known"),
         ({"force": {"columns": ["fx_N", "fy_N", "fq_N"]}}, "no column 'fq_N'; did you mean 'f"),
         ({"force": {"columns": ["Fx", "fy_N", "fz_N"]}}, r"no column 'Fx'; did you mean 'fx_N'\?"),
         ({"force": {"columns": ["fx_N", "fy_N", "fz_N"], "stream": "/ft"}}, "no stream '/ft'"),

@@ -21,8 +21,10 @@ if TYPE_CHECKING:
         TextTable as TextTable,
         close_to as close_to,
         factor_to_base as factor_to_base,
+        factors_of as factors_of,
         kind_of as kind_of,
         listed as listed,
+        refuse_binary as refuse_binary,
         unit_in as unit_in,
     )
     from palpate.plugins.optional import (

@@ -138,10 +138,6 @@ TENSILE = {
         table("UT.csv", column(STRESS, 1.0, 0.5)),
         r"UT\.csv: .*'uniaxial'.* at stretch 1\.02.* subtract",
     ),
-    "German numbers": (
-        text("UT.csv", (",", ";"), (".", ",")),
-        r'UT\.csv: .*decimal = ","',
-    ),
     "one decimal comma": (
         text("UT.csv", ("1.5850,0.4081", '1.5850,"0,4081"')),
         r"UT\.csv: line 6, column 'stress_MPa': '0,4081' .*decimal = ",

@@ -8,8 +8,8 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from palpate.api import Curve, CurveError, ExperimentLoader, FloatArray, IntArray, Response, Settings, files
-from palpate.api.files import DELIMITERS, TextFormat, TextTable
+from palpate.api import Curve, CurveError, ExperimentLoader, FloatArray, IntArray, Response, Settings
+from palpate.api.files import DELIMITERS, Kind, TextFormat, TextTable, factor_to_base, factors_of, unit_in
 from palpate.api.runs import moving_span
 from palpate_indentation.measures import STRAINS, Strain, Stress, nominal_factor, problem_of
 
@@ -17,7 +17,7 @@ _LARGEST = 1e150
 _FARTHEST_SHARE = 0.999
 
 
-def _not_zero(scale: float) -> float:
+def _not_zero(scale: float | None) -> float | None:
     if scale == 0.0:
         raise ValueError("a scale of 0 erases the column; give another factor")
     return scale
@@ -27,8 +27,9 @@ class Column(Settings):
     """A column of the file, with scale and offset to the channel's unit."""
 
     name: str = Field(min_length=1, description="Name of the column in the header line.")
-    scale: Annotated[float, AfterValidator(_not_zero)] = Field(
-        default=1.0, description="Factor from the file's unit to the channel's, not zero."
+    scale: Annotated[float | None, AfterValidator(_not_zero)] = Field(
+        default=None,
+        description="Factor from the file's unit to the channel's; left out: by the file's unit.",
     )
     offset: float = Field(default=0.0, description="Added after scaling; 1 converts a strain to a stretch.")
 
@@ -91,6 +92,15 @@ HOMOGENEOUS = MappingProxyType(
 )
 """Columns of a file with the one channel of a homogeneous test."""
 
+_KINDS: Mapping[str, tuple[Kind, Kind]] = MappingProxyType(
+    {
+        "force": ("length", "force"),
+        "torque": ("angle", "moment"),
+        **dict.fromkeys(HOMOGENEOUS, ("ratio", "stress")),
+    }
+)
+"""Kinds of abscissa and ordinate by channel."""
+
 
 class CsvSettings(TextFormat):
     """Settings of :class:`CsvLoader`."""
@@ -100,8 +110,6 @@ class CsvSettings(TextFormat):
         min_length=1,
         description="Columns of each channel. A file that the study gives for one channel uses that entry.",
     )
-    decimal: Literal[".", ","] | None = Field(default=".", description="Decimal mark.")
-    skip_lines: int | None = Field(default=0, ge=0, description="Lines before the header line.")
 
     @model_validator(mode="after")
     def _check_measures(self) -> Self:
@@ -172,13 +180,15 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
         delimiter = DELIMITERS[settings.delimiter or (";" if decimal == "," else ",")]
         if settings.names is not None:
             raise CurveError(f"{path}: curves are written with a header line; remove the setting names")
-        lines = [settings.comment or "preamble"] * (settings.skip_lines or 0) + [delimiter.join(header)]
+        lines = ["#" if settings.comment is None else settings.comment or "preamble"] * (
+            settings.skip_lines or 0
+        ) + [delimiter.join(header)]
         lines += [delimiter.join(repr(float(x)).replace(".", decimal) for x in row) for row in rows]
-        path.write_text("\n".join(lines) + "\n", encoding=settings.encoding)
+        path.write_text("\n".join(lines) + "\n", encoding=settings.encoding or "utf-8")
 
     def _columns_of(self, channel: str, table: TextTable) -> ChannelColumns:
         known: dict[str, ChannelColumns] = {**HOMOGENEOUS, **self.settings.channels}
-        names = table.layout.names
+        names = table.names
         if channel in known:
             return known[channel]
         if len(names) != 2:
@@ -191,10 +201,47 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
 
 
 def _curves(table: TextTable, wanted: Mapping[str, ChannelColumns]) -> dict[str, Curve]:
-    columns = [column for channel in wanted.values() for column in channel.by_field.values()]
-    rows, read = table.read([column.name for column in columns])
-    values = {column: _values(table.path, rows, read[column.name], column) for column in columns}
-    return {name: _curve(table.path, name, columns, values) for name, columns in wanted.items()}
+    names = [column.name for channel in wanted.values() for column in channel.by_field.values()]
+    rows, read = table.read(list(dict.fromkeys(names)))
+    curves = {}
+    for channel, columns in wanted.items():
+        values = {}
+        for field, column in columns.by_field.items():
+            where = f"{table.path}: column '{column.name}'"
+            scale = _scale(where, column, read[column.name].shown_unit, _kind(channel, field))
+            values[column] = _values(table.path, rows, read[column.name].values, column, scale)
+        curves[channel] = _curve(table.path, channel, columns, values)
+    return curves
+
+
+def _kind(channel: str, field: str) -> Kind | None:
+    """Kind of quantity of a field of a channel; None where it is not known here."""
+    kinds = _KINDS.get(channel)
+    return "time" if field == "time_s" else kinds[field != "abscissa"] if kinds else None
+
+
+def _to_channel(kind: Kind, factor: float) -> float:
+    """Factor to a channel's unit from one to the base unit of a kind: angles of channels are in degrees."""
+    return float(f"{np.degrees(factor):.15g}") if kind == "angle" else factor
+
+
+def _scale(where: str, column: Column, unit: str, kind: Kind | None) -> float:
+    """Factor of a column to the channel's unit: as the study gives it, or by the unit that the file gives."""
+    known = factors_of(unit) if unit else {}
+    own = kind or next(iter(known), None)
+    if column.scale is None:
+        if not unit or own is None or own == "other":
+            if unit and not known:
+                raise CurveError(f"{where}: the file gives the unit '{unit}', which is not known; give scale")
+            return 1.0
+        return _to_channel(own, factor_to_base(unit, own, where))
+    factor = _to_channel(kind, known[kind]) if kind is not None and kind in known else abs(column.scale)
+    if not np.isclose(abs(column.scale), factor, rtol=1e-6):
+        raise CurveError(
+            f"{where}: scale = {column.scale!r} where the file gives the unit '{unit}', "
+            f"whose factor is {factor:.10g}; leave scale out, or correct the unit of the file under names"
+        )
+    return column.scale
 
 
 def _rows(
@@ -249,8 +296,14 @@ def _written(path: Path, curve: Curve, columns: ChannelColumns) -> dict[str, Flo
         "std": None if part.std is None else part.std / factor,
         "time_s": part.time_s,
     }
+    scales = {
+        field: _scale(
+            f"{path}: column '{column.name}'", column, unit_in(column.name)[1], _kind(curve.channel, field)
+        )
+        for field, column in columns.by_field.items()
+    }
     return {
-        column.name: (values - column.offset) / column.scale
+        column.name: (values - column.offset) / scales[field]
         for field, column in columns.by_field.items()
         if (values := as_written[field]) is not None
     }
@@ -296,20 +349,15 @@ def _nominal(
     return {**fields, "abscissa": abscissa, **stresses}
 
 
-def _values(path: Path, rows: IntArray, read: files.Column, column: Column) -> FloatArray:
+def _values(path: Path, rows: IntArray, read: FloatArray, column: Column, scale: float) -> FloatArray:
     """Numbers of a column in the channel's unit, all finite."""
-    if read.unit:
-        raise CurveError(
-            f"{path}: column '{column.name}' has the unit '{read.unit}' in a separate line; remove that "
-            "line, and give scale in the loader's settings"
-        )
     with np.errstate(over="ignore"):
-        values: FloatArray = column.scale * read.values + column.offset
+        values: FloatArray = scale * read + column.offset
     # The square of a larger number is infinite, and scores are sums of squares.
     bad = np.flatnonzero(~(np.abs(values) <= _LARGEST))
     if bad.size:
         where = f"{path}: line {rows[bad[0]]}, column '{column.name}'"
-        if np.isnan(read.values[bad[0]]):
+        if np.isnan(read[bad[0]]):
             raise CurveError(f"{where}: no number, the cell is empty or NaN; fill it or remove the row")
-        raise CurveError(f"{where}: too large once scaled by {column.scale}; correct the scale or the row")
+        raise CurveError(f"{where}: too large once scaled by {scale}; correct the scale or the row")
     return values

@@ -1,10 +1,13 @@
 """Delimited text (CSV, TSV and the like): a line of names, perhaps one of units, and rows of numbers."""
 
+from palpate.experiment.delimited.characters import refuse_binary
 from palpate.experiment.delimited.header_units import (
     BASE_UNITS,
     UNITS,
     Kind,
+    bare_unit,
     factor_to_base,
+    factors_of,
     kind_of,
     unit_in,
 )
@@ -19,9 +22,12 @@ __all__ = [
     "Kind",
     "TextFormat",
     "TextTable",
+    "bare_unit",
     "close_to",
     "factor_to_base",
+    "factors_of",
     "kind_of",
     "listed",
+    "refuse_binary",
     "unit_in",
 ]

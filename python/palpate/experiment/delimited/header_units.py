@@ -1,64 +1,81 @@
-"""Units in the names of columns: ``fx_N``, ``x [m]``, ``Fz (N)``, ``torque_N_m``."""
+"""Units in the names of columns: ``fx_N``, ``x [m]``, ``Fz (N)``, ``torque_N_m``, ``Time, s``."""
 
 import re
+from functools import cache
 from types import MappingProxyType
 from typing import Literal
 
 from palpate import units
 from palpate.errors import CurveError
 
-Kind = Literal["time", "length", "force", "moment", "angle"]
+Kind = Literal["time", "length", "force", "moment", "angle", "stress", "ratio", "mass", "other"]
 
 BASE_UNITS: MappingProxyType[Kind, str] = MappingProxyType(
-    {"time": "s", "length": "mm", "force": "N", "moment": "N·mm", "angle": "rad"}
+    {
+        "time": "s",
+        "length": "mm",
+        "force": "N",
+        "moment": "N·mm",
+        "angle": "rad",
+        "stress": "MPa",
+        "ratio": "1",
+        "mass": "kg",
+    }
 )
 """Unit of each kind in a recording."""
 
-_DEGREE = 0.017453292519943295
-
-_SPELLINGS: dict[Kind, dict[str, float]] = {
-    "time": {
-        **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
-        **dict.fromkeys(("ms", "msec", "milliseconds"), 1e-3),
-        **dict.fromkeys(("us", "µs", "μs", "usec", "microseconds"), 1e-6),
-        **dict.fromkeys(("ns", "nsec", "nanoseconds"), 1e-9),
-    },
-    "length": {
-        **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1e3),
-        "cm": 10.0,
-        **dict.fromkeys(("mm", "millimeter", "millimetre"), 1.0),
-        **dict.fromkeys(("um", "µm", "μm"), 1e-3),
-        **dict.fromkeys(("in", "inch"), 25.4),
-    },
-    "force": {
-        **dict.fromkeys(("N", "newton", "newtons"), 1.0),
-        "kN": 1e3,
-        "mN": 1e-3,
-        "uN": 1e-6,
-        **dict.fromkeys(("kgf", "kp"), 9.80665),
-        "gf": 9.80665e-3,
-        "lbf": 4.4482216152605,
-    },
-    "moment": {
-        **dict.fromkeys(("Nm", "N m", "N·m", "N*m", "N.m", "N-m", "N_m"), 1e3),
-        **dict.fromkeys(("Nmm", "N mm", "N·mm", "N*mm", "N.mm", "N-mm", "N_mm"), 1.0),
-        **dict.fromkeys(("mNm", "mN m", "mN·m", "mN*m", "mN.m", "mN-m", "mN_m"), 1.0),
-        **dict.fromkeys(("Ncm", "N cm", "N·cm", "N*cm", "N_cm"), 10.0),
-    },
-    "angle": {
-        **dict.fromkeys(("rad", "radian", "radians"), 1.0),
-        "mrad": 1e-3,
-        **dict.fromkeys(("deg", "degree", "degrees", "°"), _DEGREE),
-    },
-}
-
-UNITS: MappingProxyType[str, tuple[Kind, float]] = MappingProxyType(
-    {text: (kind, factor) for kind, texts in _SPELLINGS.items() for text, factor in texts.items()}
+_G = 9.80665
+_MEASURES: tuple[tuple[Kind, str, float], ...] = (
+    *((kind, base, 1.0) for kind, base in BASE_UNITS.items()),
+    ("force", "kg", _G),
+    ("moment", "kg*mm", _G),
+    ("stress", "kg/mm**2", _G),
 )
-"""Kind and factor to the recording's unit, by spelling."""
+"""Kinds, a unit that measures each, and its factor to the kind's base: a load in kg is its weight."""
+
+UNITS = frozenset(
+    unit.replace("~", " ")
+    for unit in re.split(
+        r"\s+",
+        "s sec secs second seconds ms msec milliseconds us µs μs usec microseconds ns nsec nanoseconds "
+        "m meter meters metre metres cm mm millimeter millimetre um µm μm nm in inch "
+        "N newton newtons kN mN uN µN μN nN kgf kp gf lbf ozf kg lb lbs "
+        "Nm N~m N·m N*m N.m N-m N_m Nmm N~mm N·mm N*mm N.mm N-mm N_mm mNm mN~m mN·m mN*m mN.m mN-m mN_m "
+        "Ncm N~cm N·cm N*cm N_cm lbf·in lbf-in lbf_in in·lb in-lb in-lbf ozf·in ozf-in oz-in "
+        "rad radian radians mrad deg degree degrees ° % percent MPa kPa Pa psi mm/mm mm/s mm/min °C",
+    )
+)
+"""Units that are believed behind a name without brackets, or alone in a cell."""
+
+_OF_LABELS = {
+    **dict.fromkeys(("min", "h", "hr"), frozenset(("time", "t", "zeit", "elapsed"))),
+    **dict.fromkeys(("g", "oz"), frozenset(("force", "load", "weight", "kraft", "last", "fx", "fy", "fz"))),
+}
+"""Units that are believed without brackets behind these words alone: x_min is the least x."""
+
+_SPELT = {
+    "kp": "kgf",
+    "pct": "percent",
+    "kgs": "kg",
+    "gr": "?",
+    "grf": "gf",
+    "a.u.": "?",
+    "au": "?",
+    "px": "?",
+}
+_OTHER_CASE = {
+    unit.lower(): unit for unit in ("kN", "kg", "kgf", "gf", "lbf", "lb", "psi", "kPa", "MPa", "mm", "deg")
+}
+_ANNOTATIONS = frozenset(
+    ("x", "y", "z", "w", "filtered", "smoothed", "measured", "meas", "actual", "corrected", "mean", "average")
+)
+"""Words in brackets that are no units."""
 
 _BRACKETED = re.compile(r"\s*(?P<label>.*?)[\s_]*[\[({<]\s*(?P<unit>[^\[\](){}<>]*?)\s*[\])}>]\s*")
 _INDEX = re.compile(r"[\d:,\s]*")
+_NEWTON = re.compile(r"([kmuµμn]?N)(mm|cm|m)")
+_PRODUCT = re.compile(r"(?<=[^\W\d_])[ ._-](?=[^\W\d_])")
+_POWER = re.compile(r"(?<=[^\W\d_])\^?(\d)$")
 
 
 def unit_in(name: str) -> tuple[str, str]:
@@ -66,25 +83,56 @@ def unit_in(name: str) -> tuple[str, str]:
 
     Examples
     --------
-    >>> unit_in("fx_N"), unit_in("Fz (mN)"), unit_in("torque_x_N_m"), unit_in("state")
-    (('fx', 'N'), ('Fz', 'mN'), ('torque_x', 'N_m'), ('state', ''))
+    >>> unit_in("fx_N"), unit_in("Fz (lb)"), unit_in("torque_x_N_m"), unit_in("state")
+    (('fx', 'N'), ('Fz', 'lb'), ('torque_x', 'N_m'), ('state', ''))
     """
     bracketed = _BRACKETED.fullmatch(name)
     if bracketed and not _INDEX.fullmatch(bracketed["unit"]):
-        return bracketed["label"], bracketed["unit"]
-    parts = re.split(r"[_\s/]+", name.strip())
-    for n_parts in (2, 1):
-        unit = "_".join(parts[-n_parts:])
-        if len(parts) > n_parts and unit in UNITS:
-            label = name.strip()[: -len(unit)].rstrip("_ /\t")
+        if bracketed["unit"].lower() not in _ANNOTATIONS:
+            return bracketed["label"], bare_unit(bracketed["unit"])
+        return name.strip(), unit_in(bracketed["label"])[1]
+    for unit in re.findall(r"(?=(?:^|[_\s,/])([^\s_,/].*)$)", name.strip()):
+        label = name.strip()[: -len(unit)].rstrip("_ /\t,")
+        words = {word.lower() for word in re.split(r"[\W_]+", label)}
+        if label and (unit in UNITS or words & _OF_LABELS.get(unit, frozenset())):
             return label, unit
     return name.strip(), ""
 
 
+def bare_unit(cell: str) -> str:
+    """Unit in a cell of a line of units, without brackets; empty where a quantity has none."""
+    bare = cell.strip().strip("[](){}<>").strip()
+    return "" if bare in {"-", "--", "1"} else bare
+
+
+@cache
+def factors_of(unit: str) -> MappingProxyType[Kind, float]:
+    """Factors to the recording's unit of each kind that a unit may measure: the first is its own kind.
+
+    They are empty where the unit is unknown, and those of ``other`` for one of which no log is made.
+    """
+    spelt = _SPELT.get(unit, unit)
+    spelt = spelt.replace("²", "2").replace("³", "3").replace("⋅", "*").replace("·", "*").replace("×", "*")
+    spelt = _POWER.sub(r"**\1", _NEWTON.sub(r"\1*\2", _PRODUCT.sub("*", spelt)))
+    if not units.is_unit(spelt):
+        spelt = _OTHER_CASE.get(spelt.lower(), spelt)
+    found: dict[Kind, float] = {}
+    for kind, base, factor in _MEASURES:
+        try:
+            value = factor * units.convert(f"1 {spelt}", base.replace("·", "*"))
+        except ValueError:
+            continue
+        found[kind] = float(f"{value:.15g}")  # 1e-6 and not 1.0000000000000002e-06
+    if not found and units.is_unit(spelt):
+        found["other"] = 1.0
+    if "mass" in found:  # it is its own kind first
+        found = {"mass": found["mass"], **found}
+    return MappingProxyType(found)
+
+
 def kind_of(unit: str) -> Kind | None:
-    """Kind of quantity of a unit; None where it is not one that a log of a press needs."""
-    known = UNITS.get(unit)
-    return known[0] if known else None
+    """Kind of quantity of a unit; None where the unit is not known, ``other`` where no log needs it."""
+    return next(iter(factors_of(unit)), None) if unit else None
 
 
 def factor_to_base(unit: str, kind: Kind, where: str) -> float:
@@ -93,7 +141,7 @@ def factor_to_base(unit: str, kind: Kind, where: str) -> float:
     Parameters
     ----------
     unit : str
-        A spelling of ``UNITS``, or anything that a quantity in study.toml may have.
+        As a file or a study writes it. A unit of mass is the weight where a force is needed.
     where : str
         File and column, for messages.
 
@@ -102,15 +150,14 @@ def factor_to_base(unit: str, kind: Kind, where: str) -> float:
     CurveError
         The unit measures something else, or is unknown.
     """
-    known = UNITS.get(unit)
-    if known is not None:
-        if known[0] == kind:
-            return known[1]
+    known = factors_of(unit)
+    if kind in known:
+        return known[kind]
+    if not known:
         raise CurveError(
-            f"{where}: '{unit}' is a unit of {known[0]} where one of {kind} is needed "
-            f"(such as {BASE_UNITS[kind]}); choose another column, or correct unit in the channel map"
+            f"{where}: the unit '{unit}' is not known; write a unit such as {BASE_UNITS[kind]} in its place"
         )
-    try:
-        return units.convert(f"1 {unit}", BASE_UNITS[kind])
-    except ValueError as error:
-        raise CurveError(f"{where}: {error}; correct unit in the channel map") from None
+    raise CurveError(
+        f"{where}: '{unit}' is a unit of {'another kind' if 'other' in known else next(iter(known))} where "
+        f"one of {kind} is needed (such as {BASE_UNITS[kind]}); choose another column, or correct unit"
+    )

@@ -1,17 +1,10 @@
-"""Tables of numbers in text: polars reads what is regular, and a slow reader decides about the rest.
+"""Tables of numbers in text, read by polars: lines, cells, then numbers, each step for all rows at once."""
 
-Both take a cell for a number under the same rule, so that the fast one changes
-nothing but the time. Where a cell that is wanted is no number, the slow reader
-names its line and column.
-"""
-
-import csv
 import difflib
-import io
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from itertools import islice
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,23 +12,30 @@ import numpy as np
 
 from palpate.domain import FloatArray, IntArray
 from palpate.errors import CurveError
+from palpate.experiment.delimited.characters import decoded
 from palpate.experiment.delimited.header_units import unit_in
 from palpate.experiment.delimited.layout import (
     BLANKS,
-    NUMBER,
+    DELIMITERS,
+    NO_VALUE,
+    NUMBERS,
     Layout,
     TextFormat,
     find_layout,
-    is_date,
-    is_number,
-    is_passed_over,
-    split,
+    kind_of_cell,
+    numbers_in,
 )
 
 if TYPE_CHECKING:
     import polars as pl
 
-_PIECE = 1 << 18
+_SNIFFED_LINES = 400
+_FORMATS = tuple(
+    f"{date} {time}"
+    for date in ("%Y-%m-%d", "%Y/%m/%d", "%d.%m.%Y", "%m/%d/%Y", "%d/%m/%Y")
+    for time in ("%H:%M:%S%.f", "%I:%M:%S%.f %p", "%H:%M")
+)
+"""Dates and times that are read; a month that is taken for a day changes no difference within the day."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,15 +76,65 @@ class TextTable:
     Raises
     ------
     CurveError
-        The file cannot be read as text, has no names, no numbers, or a name twice.
+        The file cannot be read as text, has no names, or no numbers.
     """
 
     def __init__(self, path: Path, text_format: TextFormat | None = None) -> None:
         self.path = path
         self.text_format = text_format or TextFormat()
-        self._data = _bytes(path, self.text_format)
-        lines = (line.decode() for line in io.BytesIO(self._data))
-        self.layout = find_layout(str(path), lines, self.text_format)
+        text, self.encoding = decoded(path, self.text_format.encoding)
+        self._is_ended = text.endswith("\n")
+        lines = text.split("\n")
+        head = list(enumerate(lines[:_SNIFFED_LINES], start=1))
+        try:
+            self.layout = find_layout(str(path), head, self.text_format)
+        except CurveError:
+            self._check_marks()
+            raise
+        self._lines = _classified(lines, self.layout)
+        self.blocks = _blocks(self._lines, self.layout)
+        if (chosen := self.text_format.block or 1) > 1:
+            self.layout = self._layout_of(chosen, lines)
+            self._lines = _classified(lines, self.layout)
+        rows = self._lines.filter(self._lines["line"].is_between(*self.blocks[chosen - 1]))
+        self._rows = rows.filter(~rows["is_over"])
+        self._columns = self._found_columns()
+
+    def _layout_of(self, block: int, lines: Sequence[str]) -> Layout:
+        """Layout of another table than the first: its names stand above it, or it has those of the first."""
+        if block > len(self.blocks):
+            raise CurveError(f"{self.path}: block = {block} where {self._shown_blocks()}; lower block")
+        begin, (first, last) = self.blocks[block - 2][1] + 1, self.blocks[block - 1]
+        numbered = list(enumerate(lines[begin - 1 : last], start=begin))[:_SNIFFED_LINES]
+        wanted = self.text_format.model_copy(update={"skip_lines": None})
+        try:
+            return find_layout(str(self.path), numbered, wanted)
+        except CurveError:
+            return replace(self.layout, first_line=first)
+
+    def _shown_blocks(self) -> str:
+        return f"the file holds {len(self.blocks)} tables: lines " + ", ".join(
+            f"{first} to {last}" for first, last in self.blocks
+        )
+
+    def _found_columns(self) -> dict[str, tuple[int, int | None]]:
+        """Cell of each column, and place in its list, by name; a name that occurs twice is left out."""
+        first = _cells(self._rows.head(1), self.layout)
+        found: dict[str, tuple[int, int | None]] = {}
+        for index, (name, kind) in enumerate(zip(self.layout.names, self.layout.kinds, strict=True)):
+            if self.layout.names.count(name) > 1:
+                continue
+            if kind == "list" and index < first.width:
+                n_numbers = numbers_in(str(first.item(0, index)))
+                found.update({f"{name}[{place}]": (index, place) for place in range(n_numbers)})
+            else:
+                found[name] = (index, None)
+        return found
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns that can be read."""
+        return tuple(self._columns)
 
     def read(self, wanted: Sequence[str] | None = None) -> tuple[IntArray, dict[str, Column]]:
         """Line of each row, and columns by name; a column of dates gives seconds since its first row.
@@ -100,75 +150,177 @@ class TextTable:
         CurveError
             Naming line and column.
         """
-        layout = self.layout
-        chosen = self._chosen(wanted)
-        begin = sum(map(len, islice(io.BytesIO(self._data), layout.first_line - 1)))
-        rows, values, notes = _fast(self._data, begin, layout, chosen) or _slow(
-            str(self.path), self._data[begin:], layout, chosen, strict=wanted is not None
-        )
-        return rows, {
-            layout.names[index]: Column(
-                name=layout.names[index],
-                values=column,
-                unit="s" if layout.kinds[index] == "date" else layout.units[index],
-                note=note,
+        layout, is_strict = self.layout, wanted is not None
+        if is_strict and self.text_format.block is None and len(self.blocks) > 1:
+            raise CurveError(
+                f"{self.path}: {self._shown_blocks()}; choose one with block = 1 in the loader's settings"
             )
-            for index, column, note in zip(chosen, values, notes, strict=True)
-        }
+        chosen = self._chosen(wanted)
+        self._check_cells()
+        cells = _cells(self._rows, layout)
+        lines = self._rows["line"].to_numpy()
+        if lines.size < 2:
+            raise CurveError(f"{self.path}: only {lines.size} row of data; export the file again")
+        read = [
+            self._values(cells.to_series(index), layout.kinds[index], place)
+            for index, place in chosen.values()
+        ]
+        bad = [
+            (int(mask.arg_max() or 0), name)
+            for (_, mask), name in zip(read, chosen, strict=True)
+            if mask.any()
+        ]
+        if is_strict and bad:
+            row, name = min(bad, key=lambda one: one[0])
+            index, place = chosen[name]
+            cell = str(cells.item(row, index)).strip()
+            raise CurveError(
+                f"{self.path}: line {lines[row]}, column '{name}': {self._problem_of(cell, index, place)}"
+            )
+        columns = {}
+        for (name, (index, _)), (values, mask) in zip(chosen.items(), read, strict=True):
+            first = f", the first in line {lines[mask.arg_max()]}" if mask.any() else ""
+            columns[name] = Column(
+                name=name,
+                values=values,
+                unit="s" if layout.kinds[index] == "date" else layout.units[index],
+                note=f"{mask.sum()} cells are no numbers{first}" if first else "",
+            )
+        return lines.astype(np.int64), columns
 
-    def _chosen(self, wanted: Sequence[str] | None) -> list[int]:
-        names = self.layout.names
+    def _chosen(self, wanted: Sequence[str] | None) -> dict[str, tuple[int, int | None]]:
+        kinds = self.layout.kinds
         if wanted is None:
-            return [index for index, kind in enumerate(self.layout.kinds) if kind != "text"]
+            return {name: cell for name, cell in self._columns.items() if kinds[cell[0]] != "text"}
         for name in wanted:
-            if name not in names:
-                self._check_marks(wanted)
+            if self.layout.names.count(name) > 1:
                 raise CurveError(
-                    f"{self.path}: no column '{name}'{close_to(name, names)} (columns there: "
-                    f"{listed(names)}); correct the name in the loader's settings, or see "
+                    f"{self.path}: line {self.layout.header_line} names column '{name}' more than once; "
+                    "give each its own name, or give names in the loader's settings"
+                )
+            if name not in self._columns:
+                self._check_marks()
+                raise CurveError(
+                    f"{self.path}: no column '{name}'{close_to(name, self.names)} (columns there: "
+                    f"{listed(self.names)}); correct the name in the loader's settings, or see "
                     "'palpate experiment inspect'"
                 )
-        return [names.index(name) for name in dict.fromkeys(wanted)]
+        return {name: self._columns[name] for name in wanted}
 
-    def _check_marks(self, wanted: Sequence[str]) -> None:
-        """Refuse a file that has all columns under other marks than the settings give."""
-        free = self.text_format.model_copy(update={"delimiter": None, "decimal": None})
+    def _check_marks(self) -> None:
+        """Refuse a file that has more columns under other marks than the settings give."""
+        given = self.text_format
+        if given.delimiter is None and given.decimal is None:
+            return
         try:
-            other = TextTable(self.path, free)
+            other = TextTable(self.path, given.model_copy(update={"delimiter": None, "decimal": None}))
         except CurveError:
             return
-        found, given = other.settings(), self.settings()
-        names = other.layout.names
-        if set(wanted) <= set(names) or len(names) > len(self.layout.names):
-            asked = self.text_format.delimiter is not None
-            marks = [
-                f'{key} = "{found[key]}"'
-                for key in ("decimal", "delimiter")
-                if found[key] != given[key] and (key == "decimal" or asked)
-            ]
+        found = other.settings()
+        marks = [
+            f'{key} = "{found[key]}"'
+            for key, mark in (("decimal", given.decimal), ("delimiter", given.delimiter))
+            if mark is not None and DELIMITERS.get(mark, mark) != DELIMITERS.get(str(found[key]), found[key])
+        ]
+        if marks:
             raise CurveError(
                 f"{self.path}: its cells are separated by '{found['delimiter']}', its numbers written with "
                 f"'{found['decimal']}'; set {' and '.join(marks)} in the loader's settings"
             )
 
+    def _check_cells(self) -> None:
+        """Refuse rows whose quotation marks or count of cells do not match."""
+        if self._rows["is_open"].any():
+            line = self._rows.filter(self._rows["is_open"])["line"][0]
+            raise CurveError(f"{self.path}: line {line}: unexpected end of data; close the quotation marks")
+        n_columns = len(self.layout.names)
+        other = self._rows.filter(self._rows["n_cells"] != n_columns)
+        if other.height:
+            raise CurveError(
+                f"{self.path}: line {other['line'][0]} has {other['n_cells'][0]} cells where there are "
+                f"{n_columns} columns; the file may be cut off there: repair or remove the row, or set "
+                "delimiter, comment or skip_lines"
+            )
+
+    def _values(self, cells: "pl.Series", kind: str, place: int | None) -> tuple[FloatArray, "pl.Series"]:
+        """Numbers of a column, NaN where there is none, and where a cell is neither number nor empty."""
+        import polars as pl
+
+        if kind == "date":
+            return _seconds(cells)
+        text = cells.str.strip_chars(" \t")
+        if place is not None:
+            inside = text.str.strip_chars("[]()").str.strip_chars().str.replace_all(r"[\s,;]+", ";")
+            text = inside.str.split(";").list.get(place, null_on_oob=True).fill_null("?")
+        plain = (
+            text.str.replace(",", ".", literal=True) if self.layout.decimal == "," and place is None else text
+        )
+        values = plain.cast(pl.Float64, strict=False)
+        bad = pl.Series([False]).new_from_index(0, len(text))
+        if values.null_count() or values.is_infinite().any() or plain is not text:
+            pattern = NUMBERS[self.layout.decimal if place is None else "."]
+            is_number = text.str.contains(f"^(?:{pattern})$")
+            values = plain.str.replace("[dD]", "e").cast(pl.Float64, strict=False)
+            bad = ~(is_number | text.str.contains(f"^(?:{NO_VALUE})$")) | values.is_infinite().fill_null(
+                value=False
+            )
+            values = values.set(~is_number | bad, None)
+        return np.array(values.fill_null(math.nan).to_numpy()), bad
+
+    def _problem_of(self, cell: str, index: int, place: int | None) -> str:
+        """Reason why a cell is no number of its column, and what to do."""
+        if self.layout.kinds[index] == "date":
+            return f"'{cell}' is no date and time such as 2030-01-31T12:00:00.000; repair the row"
+        if place is not None:
+            return f"'{cell}' is no list of numbers as in the first row; repair or remove the row"
+        if re.fullmatch(r"(?i)[+-]?inf(inity)?", cell):
+            return f"{cell} is not a finite number; repair or remove the row"
+        if kind_of_cell(cell, self.layout.decimal) == "number":
+            return f"{cell} is too large for a number; repair the row"
+        other = "." if self.layout.decimal == "," else ","
+        if kind_of_cell(cell.replace(other, "."), ".") == "number":
+            return (
+                f"'{cell}' is not a number with decimal mark '{self.layout.decimal}'; "
+                f'repair the row, or set decimal = "{other}"'
+            )
+        return f"'{cell}' is not a number; repair or remove the row"
+
     def notes(self) -> tuple[str, ...]:
         """Remarks on the file for a person."""
-        columns = zip(self.layout.names, self.layout.kinds, strict=True)
+        names, kinds = self.layout.names, self.layout.kinds
         notes = []
-        if text := [name for name, kind in columns if kind == "text"]:
+        if text := [name for name, kind in zip(names, kinds, strict=True) if kind == "text"]:
             notes.append(f"columns of text passed over: {listed(text)}")
-        if not self._data.endswith(b"\n"):
+        if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+            notes.append(f"columns passed over because their name occurs twice: {listed(twice)}")
+        if len(self.blocks) > 1:
+            notes.append(f"{self._shown_blocks()}; block chooses the one that is read")
+        last = self._rows["line"].max()
+        after = self._lines.filter((self._lines["line"] > last) & ~self._lines["is_over"])["line"]
+        if len(self.blocks) == 1 and len(after):
+            notes.append(f"lines passed over after the table: {after[0]} to {after[-1]}")
+        if not self._is_ended:
             notes.append("the last line does not end: it may have been cut short")
         return tuple(notes)
 
     def settings(self) -> dict[str, object]:
         """Settings of :class:`TextFormat` that read this file without guessing."""
-        delimiter, encoding = self.layout.delimiter, self.text_format.encoding
-        return {
-            "delimiter": "tab" if delimiter == "\t" else delimiter,
-            "decimal": self.layout.decimal,
-            **({} if encoding == "utf-8" else {"encoding": encoding}),
+        layout, given = self.layout, self.text_format
+        found: dict[str, object] = {
+            "delimiter": "tab" if layout.delimiter == "\t" else layout.delimiter,
+            "decimal": layout.decimal,
         }
+        if self.encoding != "utf-8":
+            found["encoding"] = self.encoding
+        if layout.comment != "#":
+            found["comment"] = layout.comment
+        if not layout.header_line:
+            found["names"] = list(layout.names)
+        elif layout.header_line > 1 and (given.block or 1) == 1:
+            found["skip_lines"] = layout.header_line - 1
+        if len(self.blocks) > 1:
+            found["block"] = given.block or 1
+        return found
 
 
 def close_to(name: str, known: Iterable[str]) -> str:
@@ -187,163 +339,86 @@ def listed(names: Iterable[str], most: int = 24) -> str:
     return shown if len(all_names) <= most else f"{shown} … and {len(all_names) - most} more"
 
 
-def _bytes(path: Path, text_format: TextFormat) -> bytes:
-    """Content of the file in UTF-8 without a byte order mark, lines ending with a line feed."""
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise CurveError(f"{path}: cannot be read ({error.strerror}); check the path") from None
-    if not raw or raw.isspace():
-        raise CurveError(f"{path}: the file is empty; export it again")
-    encoding = "utf-8-sig" if text_format.encoding == "utf-8" else text_format.encoding
-    try:
-        data = raw if encoding == "utf-8-sig" and raw.isascii() else raw.decode(encoding).encode()
-    except UnicodeDecodeError as error:
-        raise CurveError(
-            f"{path}: byte {error.start} is not {text_format.encoding} text; save the file as UTF-8, "
-            "or set encoding in the loader's settings"
-        ) from None
-    if b"\0" in data:
-        raise CurveError(
-            f"{path}: byte {data.index(0)} is zero, so this is no text; give a CSV or TSV file, or another "
-            "format that 'palpate experiment inspect' knows"
-        )
-    return data if b"\n" in data else data.replace(b"\r", b"\n")
-
-
-Numbers = tuple[IntArray, list[FloatArray], list[str]]
-
-
-def _fast(data: bytes, begin: int, layout: Layout, chosen: Sequence[int]) -> Numbers | None:
-    """Columns of what begins at a byte, by polars; None where that is not regular enough for it."""
+def _classified(lines: Sequence[str], layout: Layout) -> "pl.DataFrame":
+    """Lines with their number, text, count of cells, and what each looks like."""
     import polars as pl
 
-    n_lines = _count(data, begin, "\n") + (not data.endswith(b"\n"))
-    is_plain = all(layout.kinds[index] == "number" for index in chosen)
-    if not chosen or n_lines < 2 or not is_plain or not _is_regular(data, begin, layout, n_lines):
-        return None
-    names = [str(index) for index in range(len(layout.names))]
-    try:
-        frame = pl.read_csv(
-            data,
-            # Skipped here: a copy without it would take as long as a part of the parsing.
-            skip_lines=layout.first_line - 1,
-            has_header=False,
-            new_columns=names,
-            columns=sorted(chosen),
-            schema_overrides=dict.fromkeys((names[index] for index in chosen), pl.Float64),
-            separator=layout.delimiter,
-            decimal_comma=layout.decimal == ",",
-            quote_char=None,
-            infer_schema=False,
-            ignore_errors=False,
-        )
-    except (pl.exceptions.PolarsError, OSError):
-        return None
-    values = [_values(frame[names[index]]) for index in chosen]
-    # A number too large, or written as infinite, is for the slow reader to refuse.
-    if frame.height != n_lines or any(np.isinf(column).any() for column in values):
-        return None
-    rows = np.arange(layout.first_line, layout.first_line + n_lines, dtype=np.int64)
-    return rows, values, [""] * len(values)
+    text = pl.col("text").str.replace_all("\r", " ", literal=True).str.strip_chars(" ")
+    between = "\t" if layout.delimiter == BLANKS else layout.delimiter
+    if layout.delimiter == BLANKS:
+        text = text.str.strip_chars().str.replace_all(r"\s+", "\t")
+    if any("[" in line for line in lines[layout.first_line - 1 : layout.first_line]):
+        text = text.str.replace_all(r'(^|[,;|\t])\s*(\[[^\]"]*\])', '${1}"${2}"')
+    frame = pl.DataFrame({"line": range(1, len(lines) + 1), "text": lines}).with_columns(text)
+    mark = re.escape(between)
+    bare = pl.col("text")
+    if frame["text"].str.contains('"', literal=True).any():
+        bare = bare.str.replace_all(f'"([^"{mark}]*)"', "${1}")
+        bare = bare.str.replace_all(
+            '"([+-]?[0-9]+),([0-9]+(?:[eE][+-]?[0-9]+)?)"', "${1}.${2}"
+        ).str.replace_all('"([^"]|"")*"', "q")
+    frame = frame.with_columns(bare=bare)
+    bare, n_columns = pl.col("bare"), len(layout.names)
+    n_cells = bare.str.count_matches(between, literal=True) + 1
+    # Empty cells at the end of a row are none.
+    n_filled = bare.str.strip_chars_end(f" {between}").str.count_matches(between, literal=True) + 1
+    at = bare.str.extract(rf"^(?:[^{mark}]*{mark}){{{layout.first_number}}}\s*([^{mark}]*)", 1)
+    cell = at.fill_null(bare.str.extract(rf"^\s*([^{mark}]*)", 1)).str.strip_chars()
+    is_comment = bare.str.strip_chars_start().str.starts_with(layout.comment) if layout.comment else False
+    return frame.with_columns(
+        is_over=is_comment | ~bare.str.contains(r"[\p{L}\p{N}]"),
+        is_open=bare.str.contains('"', literal=True),
+        n_cells=pl.when(n_cells > n_columns).then(pl.max_horizontal(n_filled, n_columns)).otherwise(n_cells),
+        is_word=~cell.str.contains(rf'^(?:[-+.,0-9"(\[].*|q|inf|infinity|{NO_VALUE})$'),
+        has_number=bare.str.contains(rf"(?:^|{mark})\s*[+-]?[.,]?[0-9]"),
+    )
 
 
-def _values(series: "pl.Series") -> FloatArray:
-    """Numbers of a column. Polars makes null of an empty cell and NaN of "nan", as the slow reader does."""
-    whole = series.fill_null(math.nan) if series.null_count() else series
-    # Pieces put together by NumPy, which asks for large pages: a third of the time polars takes.
-    return np.concatenate([piece.to_numpy() for piece in whole.get_chunks()])
+def _blocks(lines: "pl.DataFrame", layout: Layout) -> list[tuple[int, int]]:
+    """First and last line of each table: lines of words are between them, and after the last one."""
+    import polars as pl
+
+    body = lines.filter((pl.col("line") >= layout.first_line) & ~pl.col("is_over")).with_columns(
+        part=(
+            pl.col("is_word") & ((pl.col("n_cells") != len(layout.names)) | ~pl.col("has_number"))
+        ).cum_sum()
+    )
+    # A word in a row of numbers is a damaged row, and a line of results where no row follows.
+    rows = body.filter(~pl.col("is_word"))
+    parts = rows.group_by("part", maintain_order=True).agg(
+        first=pl.col("line").min(), last=pl.col("line").max(), n=pl.len()
+    )
+    blocks = [(first, last) for part, first, last, n in parts.iter_rows() if part == 0 or n > 1]
+    last = body["line"][-1] if body.height else layout.first_line
+    return [(layout.first_line, blocks[0][1]), *blocks[1:]] if blocks else [(layout.first_line, last)]
 
 
-def _is_regular(data: bytes, begin: int, layout: Layout, n_lines: int) -> bool:
-    """No quotes, comments, rows of another length (so no blank lines), nor marks that group thousands."""
-    unwanted = [b'"', *([layout.comment.encode()] if layout.comment else [])]
-    unwanted += [b"."] if layout.decimal == "," else []
-    if len(layout.names) < 2 or layout.delimiter == BLANKS:
-        return False
-    if any(data.find(mark, begin) >= 0 for mark in unwanted):
-        return False
-    return _count(data, begin, layout.delimiter) == n_lines * (len(layout.names) - 1)
+def _cells(rows: "pl.DataFrame", layout: Layout) -> "pl.DataFrame":
+    """Cells of rows of one length, as text."""
+    import io
+
+    import polars as pl
+
+    between = "\t" if layout.delimiter == BLANKS else layout.delimiter
+    body = rows["text"].str.join("\n").item()
+    return pl.read_csv(
+        io.BytesIO(body.encode()),
+        has_header=False,
+        separator=between,
+        quote_char='"' if '"' in body else None,
+        infer_schema=False,
+        truncate_ragged_lines=True,
+    ).fill_null("")
 
 
-def _count(data: bytes, begin: int, mark: str) -> int:
-    """Count of a character of one byte; bytes.count takes four times as long."""
-    codes = np.frombuffer(data, dtype=np.uint8, offset=begin)
-    pieces = range(0, codes.size, _PIECE)
-    return sum(int(np.count_nonzero(codes[at : at + _PIECE] == ord(mark))) for at in pieces)
-
-
-def _slow(source: str, body: bytes, layout: Layout, chosen: Sequence[int], *, strict: bool) -> Numbers:
-    """Columns cell by cell; the judge of what is a number."""
-    rows: list[int] = []
-    values: list[list[float]] = [[] for _ in chosen]
-    bad_lines: list[list[int]] = [[] for _ in chosen]
-    for line, cells in _rows(source, body, layout):
-        rows.append(line)
-        for column, bad, index in zip(values, bad_lines, chosen, strict=True):
-            try:
-                column.append(_value(cells[index], layout, index))
-            except ValueError as error:
-                if strict:
-                    where = f"{source}: line {line}, column '{layout.names[index]}'"
-                    raise CurveError(f"{where}: {error}") from None
-                bad.append(line)
-                column.append(math.nan)
-    if len(rows) < 2:
-        raise CurveError(f"{source}: only {len(rows)} row of data; export the file again")
-    notes = [
-        f"{len(bad)} cells are no numbers, the first in line {bad[0]}" if bad else "" for bad in bad_lines
-    ]
-    columns = [np.array(column, dtype=np.float64) for column in values]
-    for whole, index in zip(columns, chosen, strict=True):
-        if layout.kinds[index] == "date":  # nanoseconds, to seconds since the first row
-            whole[:] = (whole - whole[0]) * 1e-9
-    return np.array(rows, dtype=np.int64), columns, notes
-
-
-def _rows(source: str, body: bytes, layout: Layout) -> Iterator[tuple[int, list[str]]]:
-    for line, raw in enumerate(io.BytesIO(body), start=layout.first_line):
-        text = raw.decode()
-        if is_passed_over(text, layout.comment):
-            continue
-        try:
-            cells = split(text, layout.delimiter)
-        except csv.Error as error:
-            raise CurveError(f"{source}: line {line}: {error}; close the quotation marks") from None
-        if len(cells) != len(layout.names):
-            raise CurveError(
-                f"{source}: line {line} has {len(cells)} cells where there are {len(layout.names)} columns; "
-                "the file may be cut off there: repair or remove the row, or set delimiter or skip_lines"
-            )
-        yield line, cells
-
-
-def _value(cell: str, layout: Layout, index: int) -> float:
-    """Value of a cell in its column: of a date the nanoseconds since 1970."""
-    if layout.kinds[index] != "date":
-        return _number(cell, layout)
-    if not is_date(cell):
-        raise ValueError(f"'{cell}' is no date and time such as 2030-01-31T12:00:00.000; repair the row")
-    plain = cell.removesuffix("Z").removesuffix("+00:00").replace(",", ".")
-    plain = plain if "-" in plain else f"1970-01-01T{plain}"
-    return float(np.datetime64(plain, "ns").astype(np.int64))
-
-
-def _number(cell: str, layout: Layout) -> float:
-    """Value of a cell; NaN when it is empty or NaN. A ValueError has what to do."""
-    if not cell or cell.lower() in {"nan", "+nan", "-nan", "na", "null", "none"}:
-        return math.nan
-    if is_number(cell, layout.decimal):
-        value = float(cell.replace(",", ".").replace("d", "e").replace("D", "e"))
-        if math.isfinite(value):
-            return value
-        raise ValueError(f"{cell} is too large for a number; repair the row")
-    if cell.lower().lstrip("+-") in {"inf", "infinity"}:
-        raise ValueError(f"{cell} is not a finite number; repair or remove the row")
-    other = "." if layout.decimal == "," else ","
-    if NUMBER.fullmatch(cell.replace(other, ".")):
-        raise ValueError(
-            f"'{cell}' is not a number with decimal mark '{layout.decimal}'; "
-            f'repair the row, or set decimal = "{other}"'
-        )
-    raise ValueError(f"'{cell}' is not a number; repair or remove the row")
+def _seconds(cells: "pl.Series") -> tuple[FloatArray, "pl.Series"]:
+    """Seconds since the first row of a column of dates, and where a cell is none."""
+    text = cells.str.strip_chars().str.replace(r"(Z|\+00:00)$", "").str.replace(",", ".", literal=True)
+    text = text.str.replace(r"^(\d{1,2}:)", "1970-01-01 ${1}").str.replace(r"[T ]+", " ").str.to_uppercase()
+    tried = (text.str.to_datetime(each, strict=False, time_unit="ns") for each in _FORMATS)
+    stamps = min(tried, key=lambda found: found.null_count())
+    ticks = (
+        stamps.to_physical()
+    )  # whole nanoseconds: seconds since 1970 would leave a quarter of a microsecond
+    since = (ticks - ticks.drop_nulls().first()).cast(float).fill_null(math.nan)
+    return np.array(since.to_numpy() * 1e-9), stamps.is_null()

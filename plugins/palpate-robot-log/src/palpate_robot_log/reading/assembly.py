@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from palpate.api import CurveError, FloatArray
-from palpate.api.files import BASE_UNITS, UNITS, Kind, TextFormat, factor_to_base, unit_in
+from palpate.api.files import BASE_UNITS, Kind, TextFormat, factor_to_base, kind_of
 from palpate_robot_log.reading import checks
 from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, LogFiles, Orientation, Vector
 from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log
@@ -217,13 +217,16 @@ def _factor(
     where = f"{log.source}: column '{name}'"
     if kind is None:
         return 1.0, ""
-    # A unit that the file gives counts where its spelling is known.
-    given = (column.unit, unit_in(name)[1]) if channels.header_units else ()
-    found = next((text for text in given if text in UNITS), "")
+    found = column.shown_unit if channels.header_units else ""
     if not unit and not found:
         raise CurveError(
             f"{where} shows no unit, and the channel map gives none; "
             f'write unit = "{BASE_UNITS[kind]}", or whatever it is, next to the columns'
+        )
+    if found and kind_of(found) is None:
+        raise CurveError(
+            f"{where}: the file gives the unit '{found}', which is not known; write unit next to the "
+            "columns, and header_units = false, in the channel map"
         )
     factor = factor_to_base(unit or found, kind, where)
     if unit and found and not np.isclose(factor, factor_to_base(found, kind, where), rtol=1e-9):

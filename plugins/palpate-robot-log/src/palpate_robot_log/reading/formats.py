@@ -8,22 +8,13 @@ from typing import Annotated
 from pydantic import Field
 
 from palpate.api import CurveError, Quantity, Settings
-from palpate.api.files import ProcessLimits, TextFormat, TextTable, run_function
+from palpate.api.files import ProcessLimits, TextFormat, TextTable, refuse_binary, run_function
 from palpate_robot_log.reading import column_files
 from palpate_robot_log.reading.raw import RawLog, Stream
 
 _MOST_OUTPUT_BYTES = 10_000_000_000
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _BINARY = (".mat", ".npz", ".npy", ".parquet", ".bag", ".mcap", ".db3", ".h5", ".hdf5", ".tdms")
-_UNREADABLE = (
-    (b"\x1f\x8b", "is compressed by gzip; unpack it first"),
-    (b"BZh", "is compressed by bzip2; unpack it first"),
-    (b"\x28\xb5\x2f\xfd", "is compressed by zstd; unpack it first"),
-    (b"\xfd7zXZ", "is compressed by xz; unpack it first"),
-    (b"\x80", "is a pickle, which could run code and is never read; save plain numbers"),
-    (b"\xd0\xcf\x11\xe0", "is a spreadsheet or document; save the table as CSV"),
-    (b"TDSh", "is the index of a LabVIEW TDMS file; give the .tdms file itself"),
-)
 
 
 Megabytes = Annotated[float, Quantity("MB")]
@@ -74,11 +65,9 @@ def read_here(path: Path, request: Request) -> RawLog:
     _check_size(path, request.limits)
     head = b""
     if not path.is_dir():
+        refuse_binary(path)
         with path.open("rb") as stream:
             head = stream.read(1024)
-    for magic, why in _UNREADABLE:
-        if head.startswith(magic):
-            raise CurveError(f"{path}: the file {why}")
     try:
         return _read(path, head, request)
     except MemoryError as error:

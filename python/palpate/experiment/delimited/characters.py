@@ -1,0 +1,79 @@
+"""Characters of a text file: its encoding, and the files that are no text by their first bytes."""
+
+import zipfile
+from pathlib import Path
+from typing import Literal
+
+from palpate.errors import CurveError
+
+Encoding = Literal["utf-8", "utf-16", "latin-1", "cp1252", "shift_jis"]
+
+_MARKS: tuple[tuple[bytes, Encoding], ...] = (
+    (b"\xef\xbb\xbf", "utf-8"),
+    (b"\xff\xfe", "utf-16"),
+    (b"\xfe\xff", "utf-16"),
+)
+_BINARY = (
+    (b"\x1f\x8b", "is compressed by gzip; unpack it first"),
+    (b"BZh", "is compressed by bzip2; unpack it first"),
+    (b"\x28\xb5\x2f\xfd", "is compressed by zstd; unpack it first"),
+    (b"\xfd7zXZ", "is compressed by xz; unpack it first"),
+    (b"\x80", "is a pickle, which could run code and is never read; save plain numbers"),
+    (b"\xd0\xcf\x11\xe0", "is a spreadsheet or document; save the table as CSV"),
+    (b"TDSh", "is the index of a LabVIEW TDMS file; give the .tdms file itself"),
+    (b"\x05\x00", "is a binary wave of Igor Pro; save it as delimited text (Data > Save Waves)"),
+    (b"\x00\x05", "is a binary wave of Igor Pro; save it as delimited text (Data > Save Waves)"),
+    (b"%PDF", "is a PDF document; save the table as CSV"),
+)
+"""First bytes of files that are never read, and what to do."""
+_ARCHIVED = (
+    ("xl/", "is a spreadsheet of Excel; save the table as CSV"),
+    ("content.xml", "is a spreadsheet of OpenDocument; save the table as CSV"),
+    ("word/", "is a document of Word; save the table as CSV"),
+    ("header.properties", "is a force curve of JPK; export it as text with the JPK software"),
+)
+"""Members of zip archives that are never read."""
+
+
+def refuse_binary(path: Path) -> None:
+    """Refuse a file that is no log and no text, with its kind and what to save instead."""
+    with path.open("rb") as stream:
+        head = stream.read(16)
+    found = next((why for magic, why in _BINARY if head.startswith(magic)), "")
+    if head.startswith(b"PK\x03\x04"):
+        try:
+            names = zipfile.ZipFile(path).namelist()
+        except (zipfile.BadZipFile, OSError, ValueError):
+            names = []
+        found = next((why for part, why in _ARCHIVED if any(n.startswith(part) for n in names)), "")
+    if found:
+        raise CurveError(f"{path}: the file {found}")
+
+
+def decoded(path: Path, given: Encoding | None) -> tuple[str, Encoding]:
+    """Text of a file without a byte order mark, and its encoding: as given, or the first that fits."""
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise CurveError(f"{path}: cannot be read ({error.strerror}); check the path") from None
+    if not raw or raw.isspace():
+        raise CurveError(f"{path}: the file is empty; export it again")
+    refuse_binary(path)
+    marked = next((encoding for mark, encoding in _MARKS if raw.startswith(mark)), None)
+    likely: tuple[Encoding, ...] = (marked,) if marked else ("utf-8", "cp1252", "latin-1")
+    for encoding in (given,) if given else likely:
+        try:
+            text = raw.decode("utf-8-sig" if encoding == "utf-8" else encoding)
+        except UnicodeDecodeError as error:
+            bad = error.start
+            continue
+        if "\0" in text:
+            raise CurveError(
+                f"{path}: byte {raw.index(0)} is zero, so this is no text; give a CSV or TSV file, or "
+                "another format that 'palpate experiment inspect' knows"
+            )
+        return text if "\n" in text else text.replace("\r", "\n"), encoding
+    raise CurveError(
+        f"{path}: byte {bad} is not {given or marked} text; leave encoding out of the loader's settings, "
+        "or save the file as UTF-8"
+    )
