@@ -109,7 +109,7 @@ def test_a_spot_apart_from_the_joint_fit_is_named(fitted):
 def test_the_chart_says_why_values_are_not_those_of_the_least_fopt(fitted):
     data = passed(fitted)
     tables = make_tables(data)
-    said = "Values count each curve by what it may be wrong by, and so differ from those of the least Fopt"
+    said = "These are the most likely values under the error budget."
     assert said in render(data, tables, make_conclusion(data, tables), [])
     bare = replace(data, fit=replace(data.fit, certainty=CertaintyResult()))
     conclusion, drawn = make_conclusion(bare, make_tables(bare)), {"intervals": b"<svg/>"}
@@ -211,7 +211,7 @@ def test_one_set_of_words_is_on_the_page_of_a_fit(fitted):
     conclusion = make_conclusion(data, tables)
     row = data.fit.certainty.intervals.row(0, named=True)
     assert conclusion.identifiability[0] == (
-        f"stiffness: {row['value']:.4g} MPa, 95 % interval {row['lower']:.4g} to {row['upper']:.4g} MPa; "
+        f"stiffness: {row['value']:.3f} MPa, 95 % interval {row['lower']:.3f} to {row['upper']:.3f} MPa; "
         "well identifiable."
     )
     (sweep,) = (made for made in laid_out(data, Report(tables=tables, files=(), conclusion=conclusion))

@@ -202,7 +202,7 @@ def test_fitted_curves_take_the_place_of_the_sweeps_those_of_the_joint_fit_besid
         *(f"scenario {n}, fit" for n in ("I", "II", "III")),
         joint,
     ]
-    curve = made.fit.responses["all spots", "I", "p1"]["force"]
+    curve = made.fit.curves["all spots", "I", "p1"]["force"]
     assert np.array_equal(lines[-1].get_ydata(), curve.ordinate)
     assert np.array_equal(generalised(made).axes[0].get_lines()[-1].get_ydata(), curve.ordinate)
 

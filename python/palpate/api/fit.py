@@ -35,6 +35,9 @@ if TYPE_CHECKING:
         Problem as Problem,
         Simulate as Simulate,
     )
+    from palpate.fit.reported import (
+        reported_fits as reported_fits,
+    )
     from palpate.fit.running import (
         Fit as Fit,
     )

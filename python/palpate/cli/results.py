@@ -55,7 +55,7 @@ def run_values(study: "Study", result: "RunResult") -> dict[str, Any]:
         "n_sets": result.design.n_sets,
         "n_simulations": len(result.simulations),
         **{name: getattr(result.selected, name).to_dicts() for name in tables},
-        "fit": result.fit.table.to_dicts(),
+        "fit": result.fit.estimates.to_dicts(),
         **result.summary.values,
     }
 

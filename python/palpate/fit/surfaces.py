@@ -65,7 +65,7 @@ def _job(study: Study, spot: str, found: Fitted, measured: Mapping[str, Response
     if study.parametrisation.times_s and study.solver.provides.relaxation:
         inputs = replace(inputs, thetas=relaxing_thetas(study, inputs.thetas, found.values))
         study = replace(study, space=relaxing_space(study))
-    return job_of(study, spot, inputs, surface=True)
+    return replace(job_of(study, spot, inputs, surface=True), channels=study.observed(measured[spot]))
 
 
 def stored_surfaces(folder: Path, table: pl.DataFrame) -> Mapping[str, SurfaceStates]:

@@ -42,7 +42,7 @@ def fit_result(cases: Sequence[Case], simulations: Simulations) -> FitResult:
         for term in end.problem.terms:
             values = fitted_values(end, term)
             rows.append(_row(case, end, term, values, phases) | {"n_runs": _spent(case, n_runs)})
-            responses[case.label, case.scenario.name, term.spot] = _response(term, values)
+            responses[case.label, case.scenario.name, term.spot] = measured_like(term, values)
     traces = [row for case in cases for row in _trace(case, n_runs)]
     meshes = [row for case in cases for row in _mesh(case)]
     return FitResult(table=_frame(rows), trace=_frame(traces), mesh=_frame(meshes), responses=responses)
@@ -97,16 +97,10 @@ def fitted_values(end: Fit, term: SpotTerm) -> dict[str, FloatArray]:
 def _row(
     case: Case, end: Fit, term: SpotTerm, values: Mapping[str, FloatArray], phases: Sequence[str]
 ) -> dict[str, Any]:
-    names = [*values, *(name for name in phases if channel_of(name) in values)]
-    nmse = {name: _nmse(term, name, values[channel_of(name)]) for name in names}
-    fopt = sum(weight * nmse[name] for name, weight in term.weights.items())
-    row: dict[str, Any] = _about(case) | {"spot": term.spot, "fopt": fopt}
+    row: dict[str, Any] = _about(case) | {"spot": term.spot}
     if state := end.problem.study.space.states.get(term.spot):
         row["state"] = state
-    for name, error in nmse.items():
-        curve = term.measured[channel_of(name)]
-        r2 = 1.0 - error / relative_variance(curve, term.rules.score, name)
-        row |= {f"nmse_{name}": error, f"r2_{name}": r2 if np.isfinite(r2) else None}
+    row |= errors_at(term, values, phases)
     row |= {
         "n_evaluations": sum(len(fit.trace) for fit in case.fits),
         "n_fine": case.n_fine,
@@ -119,6 +113,22 @@ def _row(
     return (
         row | at_spot(case.values(), term.spot, space.states) | {name: written[name] for name in space.ties}
     )
+
+
+def errors_at(
+    term: SpotTerm, values: Mapping[str, FloatArray], phases: Sequence[str]
+) -> dict[str, float | None]:
+    """Fopt of ordinates (n,) at the measured points by channel, and NMSE and R² of each channel and phase."""
+    names = [*values, *(name for name in phases if channel_of(name) in values)]
+    nmse = {name: _nmse(term, name, values[channel_of(name)]) for name in names}
+    found: dict[str, float | None] = {
+        "fopt": sum(weight * nmse[name] for name, weight in term.weights.items())
+    }
+    for name, error in nmse.items():
+        curve = term.measured[channel_of(name)]
+        r2 = 1.0 - error / relative_variance(curve, term.rules.score, name)
+        found |= {f"nmse_{name}": error, f"r2_{name}": r2 if np.isfinite(r2) else None}
+    return found
 
 
 def _at_bound(end: Fit) -> Iterator[str]:
@@ -136,8 +146,8 @@ def _nmse(term: SpotTerm, name: str, fitted: FloatArray) -> float:
     return float((weighted(term.rules.score, term.measured[channel_of(name)], fitted, used, 1.0) ** 2).sum())
 
 
-def _response(term: SpotTerm, values: Mapping[str, FloatArray]) -> Response:
-    """Fitted curves along the measured abscissae, as far as they reach."""
+def measured_like(term: SpotTerm, values: Mapping[str, FloatArray]) -> Response:
+    """Simulated curves along the measured abscissae, as far as they reach."""
     curves = {}
     for name, fitted in values.items():
         covered = np.isfinite(fitted)

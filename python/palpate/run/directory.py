@@ -58,7 +58,7 @@ from palpate.run.manifest import (
 from palpate.run.ownership import check_claimable, claim, refuse_other, tidy, writing_in
 from palpate.run.provenance import StageRecords
 from palpate.run.result import CertaintyResult, FitResult, IdentifiabilityResult, PosteriorResult
-from palpate.run.result_files import Files, frame_of, parquet, response_of
+from palpate.run.result_files import Files, frame_of, parquet, response_of, responses_of
 from palpate.study.reading import Study
 
 RESULT = "result.json"
@@ -267,13 +267,11 @@ class RunDirectory:
 
     def fit(self) -> FitResult:
         """Read the fit with its intervals; empty where there is none."""
-        keys, curves = ("fit", "scenario", "spot"), self.table("fit_curves")
-        parts = {} if curves.is_empty() else curves.partition_by(*keys, as_dict=True, include_key=False)
         return FitResult(
             table=self.table("fit"),
             trace=self.table("fit_trace"),
             mesh=self.table("fit_mesh"),
-            responses={(str(a), str(b), str(c)): response_of(part) for (a, b, c), part in parts.items()},
+            responses=responses_of(self.table("fit_curves")),
             certainty=CertaintyResult(
                 **{each.name: self.table(each.name) for each in fields(CertaintyResult)}
             ),

@@ -8,6 +8,7 @@ from typing import Any
 import polars as pl
 
 from palpate.domain import Design, Limb, ParameterName, Response
+from palpate.run.result_files import responses_of
 
 LEVEL = 0.95
 """Probability with which an interval holds the truth."""
@@ -113,6 +114,11 @@ class CertaintyResult:
         Fopt of the joint fits by emulated curves, the other parameters fitted again, over the planes of two
         parameters and along each: fit, scenario, parameter, other (null along one), value, other_value, fopt
         (null where the emulator knows too little).
+    reported : DataFrame
+        One row per fit, scenario and spot, at the values of ``intervals``: fopt, nmse_<channel> and
+        r2_<channel>. The fit that leads is simulated there; on a mesh the others go along their slopes.
+    reported_curves : DataFrame
+        Points of these curves: fit, scenario, spot, channel, point, abscissa and ordinate.
     """
 
     intervals: pl.DataFrame = field(default_factory=pl.DataFrame)
@@ -122,6 +128,8 @@ class CertaintyResult:
     mesh_errors: pl.DataFrame = field(default_factory=pl.DataFrame)
     draws: pl.DataFrame = field(default_factory=pl.DataFrame)
     profile_planes: pl.DataFrame = field(default_factory=pl.DataFrame)
+    reported: pl.DataFrame = field(default_factory=pl.DataFrame)
+    reported_curves: pl.DataFrame = field(default_factory=pl.DataFrame)
 
     def __repr__(self) -> str:
         rows = (f"{each.name} {getattr(self, each.name).height}" for each in fields(self))
@@ -249,7 +257,7 @@ class FitResult:
         Where finer meshes were simulated: fit, scenario, parameter, coarse (value by the coarse meshes
         alone) and corrected (by the finer ones, extrapolated to meshes without error).
     responses : mapping of (fit, scenario, spot) to Response
-        Fitted curves at the measured abscissae.
+        Curves of the least Fopt at the measured abscissae.
     """
 
     table: pl.DataFrame = field(default_factory=pl.DataFrame)
@@ -260,14 +268,15 @@ class FitResult:
 
     @property
     def estimates(self) -> pl.DataFrame:
-        """The table with the values that the intervals are of, where there are intervals.
+        """The table with the values that are reported, and Fopt, NMSE and R² of these.
 
-        They weigh every curve by what it may be wrong by; Fopt, NMSE and R² are those of the least Fopt.
+        Where there are intervals they weigh every curve by its error. ``fopt_least`` is that of the search.
         """
         table, known = self.table, self.certainty.intervals
-        if known.is_empty() or "spot" not in table.columns:
+        if "spot" not in table.columns:
             return table
-        for parameter in known["parameter"].unique(maintain_order=True):
+        table = self._with_reported_errors(table.with_columns(fopt_least="fopt"))
+        for parameter in known["parameter"].unique(maintain_order=True) if known.height else ():
             name = ParameterName.parse(parameter)
             values = known.filter(parameter=parameter).select("fit", "scenario", estimate="value")
             labels = [column for column in ("spot", "state") if column in table.columns]
@@ -279,6 +288,18 @@ class FitResult:
                 .drop("estimate")
             )
         return table
+
+    def _with_reported_errors(self, table: pl.DataFrame) -> pl.DataFrame:
+        reported = self.certainty.reported
+        if reported.is_empty():
+            return table
+        keys = ["fit", "scenario", "spot"]
+        return table.update(reported, on=keys, how="left")
+
+    @property
+    def curves(self) -> Mapping[tuple[str, str, str], Response]:
+        """Curves of the reported values at the measured abscissae, by fit, scenario and spot."""
+        return {**self.responses, **responses_of(self.certainty.reported_curves)}
 
     @property
     def of_each_spot(self) -> pl.DataFrame:
@@ -300,9 +321,9 @@ class FitResult:
         if "spot" not in self.table.columns:
             return pl.DataFrame()
         rows = self.estimates.drop_nulls("fopt").with_columns(spot=pl.col("fit"))
-        shared = pl.all().exclude("fit", "scenario", "fopt", "^nmse_.*$", "^r2_.*$")
+        shared = pl.all().exclude("fit", "scenario", "^fopt.*$", "^nmse_.*$", "^r2_.*$")
         return rows.group_by("fit", "scenario", maintain_order=True).agg(
-            pl.col("fopt", "^nmse_.*$").mean(),
+            pl.col("^fopt.*$", "^nmse_.*$").mean(),
             pl.col("^r2_.*$").min(),
             pl.when(shared.n_unique() == 1).then(shared.first()),
         )

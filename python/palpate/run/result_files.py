@@ -45,6 +45,29 @@ def response_of(frame: pl.DataFrame) -> Response:
     )
 
 
+FIT_KEYS = ("fit", "scenario", "spot")
+"""Columns that name a fit at a spot."""
+
+
+def curves_of(responses: Mapping[tuple[str, str, str], Response]) -> pl.DataFrame:
+    """Curves by fit, scenario and spot as rows of one table: the inverse of :func:`responses_of`."""
+    frames = [
+        frame_of(response).select(
+            *(pl.lit(part).alias(name) for name, part in zip(FIT_KEYS, key, strict=True)), pl.all()
+        )
+        for key, response in responses.items()
+    ]
+    return pl.concat(frames) if frames else pl.DataFrame()
+
+
+def responses_of(curves: pl.DataFrame) -> dict[tuple[str, str, str], Response]:
+    """Curves by fit, scenario and spot of a table of them."""
+    if curves.is_empty():
+        return {}
+    parts = curves.partition_by(*FIT_KEYS, as_dict=True, include_key=False)
+    return {(str(a), str(b), str(c)): response_of(part) for (a, b, c), part in parts.items()}
+
+
 def parquet(frame: pl.DataFrame) -> bytes:
     """Content of a Parquet file."""
     buffer = io.BytesIO()

@@ -21,7 +21,7 @@ from palpate.run.fit_state import FitState, write_fit_state
 from palpate.run.keys import identity
 from palpate.run.provenance import described, sha256
 from palpate.run.result import SelectionResult
-from palpate.run.result_files import Files, frame_of
+from palpate.run.result_files import Files, curves_of
 from palpate.sampling.study_design import draw_study
 from palpate.scoring import scores as scoring, selection
 from palpate.scoring.completeness import completeness, described as named, without_result
@@ -347,19 +347,13 @@ def cases_of(inputs: Run, *, on_progress: Callable[[], None] | None = None) -> l
 
 def fit_files(cases: Sequence[Case], inputs: Run) -> Files:
     """Tables of the fit, with the fitted curves by fit, scenario and spot."""
-    found, names = fit_result(cases, inputs.simulations), ("fit", "scenario", "spot")
-    curves = [
-        frame_of(response).select(
-            *(pl.lit(part).alias(name) for name, part in zip(names, key, strict=True)), pl.all()
-        )
-        for key, response in found.responses.items()
-    ]
+    found = fit_result(cases, inputs.simulations)
     return {
         "fit": found.table,
         "fit_trace": found.trace,
         "fit_mesh": found.mesh,
         "fine_meshes": fine_meshes(inputs.study, inputs.limbs, inputs.inputs.edges_mm),
-        "fit_curves": pl.concat(curves) if curves else pl.DataFrame(),
+        "fit_curves": curves_of(found.responses),
     }
 
 

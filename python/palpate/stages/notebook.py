@@ -7,29 +7,33 @@ the same tables (:mod:`palpate.stages.pipeline`).
 
 import contextlib
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import polars as pl
 
-from palpate.domain import Design, Job, Response, Simulation, Status
+from palpate.domain import Design, Job, Response, Scenario, Simulation, Status
 from palpate.domain.curves import abscissae_of
 from palpate.errors import StudyError
 from palpate.experiment.measured import load_measured
 from palpate.fit.problem import Problem
-from palpate.fit.spot_term import term_of
+from palpate.fit.spot_term import Correction, term_of
 from palpate.limb.loading import load_limbs
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
+from palpate.run.directory import RunDirectory
 from palpate.run.lock import locked
 from palpate.run.ownership import claim, writing_in
+from palpate.run.result import ALL_SPOTS
 from palpate.run.result_files import frame_of, response_of
 from palpate.sampling.study_design import draw_study
 from palpate.scoring import scores as scoring, selection
 from palpate.scoring.generalisation import generalise as generalise_design
 from palpate.simulation import jobs as simulation
 from palpate.simulation.sweep import Simulations
+from palpate.stages.core_stages import cases_of
+from palpate.stages.stage import read_run
 from palpate.study.reading import Study
 
 _SIMULATED = ("spot", "set_id", "status", "message", "seconds", "channel", "point", "abscissa", "ordinate")
@@ -187,6 +191,8 @@ def open_problem(
         Spots that are fitted together; all of the study when left out.
     folder : Path, optional
         Run directory where every simulation is kept, so that none is computed twice; nowhere when left out.
+        Where it holds a fit of the study, curves have the corrections by finer meshes of that fit, and Fopt
+        is that of its report; elsewhere curves are those of the coarse meshes.
     plugins : Plugins, optional
         The installed ones when left out.
 
@@ -199,7 +205,7 @@ def open_problem(
     Raises
     ------
     PalpateError
-        The study has no such scenario or spot, or cannot be simulated.
+        There is no such scenario or spot, it cannot be simulated, or the folder has another fit.
     """
     plugins = plugins or Plugins.load(study.plugin_files)
     scenarios = {each.name: each for each in study.scenarios}
@@ -216,12 +222,36 @@ def open_problem(
     simulation.check_jobs(study, simulation.middle_jobs(study, measured), limbs)
     by = scenarios[scenario or study.generalise_by]
     abscissae = abscissae_of(plugins.channels)
-    terms = [term_of(study, spot, by, measured[spot], abscissae) for spot in dict.fromkeys(chosen)]
+    corrections = _corrections(study, by, chosen, folder, plugins) if folder is not None else {}
+    terms = [
+        term_of(study, spot, by, measured[spot], abscissae, corrections.get(spot))
+        for spot in dict.fromkeys(chosen)
+    ]
     if without := [term.spot for term in terms if not term.weights]:
         raise StudyError(f"spot '{without[0]}' measures no channel of scenario '{by.name}'; leave it out")
     with _kept_in(folder) as kept, Simulations(study, kept, limbs, progress) as simulations:
         progress.begin("fit", 0)
         yield Problem(study, terms, simulations.of, study.parametrisation, noise=study.noise)
+
+
+def _corrections(
+    study: Study, scenario: Scenario, spots: Sequence[str], folder: Path, plugins: Plugins
+) -> dict[str, Mapping[str, Correction]]:
+    """Corrections by finer meshes, by spot and channel, of the fit in a run directory; none without one.
+
+    Of one spot they are those of its own fit, else those of the joint one.
+    """
+    directory = RunDirectory(folder)
+    if not directory.records.has("fit"):
+        return {}
+    with read_run(study, directory, plugins, is_copy=False) as run:
+        run.check("fit")
+        cases = [case for case in cases_of(run) if case.scenario.name == scenario.name]
+    label = spots[0] if len(spots) == 1 else ALL_SPOTS
+    case = next((case for case in cases if case.label == label), None)
+    if case is None or case.end is None:
+        return {}
+    return {term.spot: term.corrections for term in case.end.problem.terms}
 
 
 # ------------------------------------------------------------------ frames and values

@@ -110,8 +110,8 @@ class SavedRun:
 
     @property
     def fit(self) -> pl.DataFrame:
-        """A row for each fit, scenario and spot, as in ``fit.parquet``; empty where nothing was fitted."""
-        return self._found.table
+        """A row for each fit, scenario and spot: reported values, and Fopt, NMSE and R² of these; or none."""
+        return self._found.estimates
 
     @property
     def intervals(self) -> pl.DataFrame:
@@ -135,8 +135,9 @@ class SavedRun:
             frame_of(response).with_columns(spot=pl.lit(spot), source=pl.lit("measured"))
             for spot, response in self.run.measured.items()
         ]
-        joint = {scenario: fit for fit, scenario, spot in self._found.responses if fit != spot}
-        for (fit, scenario, spot), response in self._found.responses.items():
+        fitted = self._found.curves
+        joint = {scenario: fit for fit, scenario, spot in fitted if fit != spot}
+        for (fit, scenario, spot), response in fitted.items():
             if joint.get(scenario, fit) == fit:
                 labels = {"spot": pl.lit(spot), "source": pl.lit("fitted"), "scenario": pl.lit(scenario)}
                 frames.append(frame_of(response).with_columns(**labels))

@@ -1,7 +1,11 @@
 """A run refines the meshes that are much of the variance of what it finds, and no others."""
 
+from dataclasses import replace
+
 import pytest
 
+import palpate
+from palpate.errors import StudyError
 from palpate.limb.loading import load_limbs
 from palpate.run.directory import RunDirectory
 from palpate.run.ledger import Ledger
@@ -73,3 +77,22 @@ def test_edges_that_the_study_states_are_kept(run):
     assert directory.table("fine_meshes")["edge_mm"].to_list() == [1.4]
     assert notes == []
     assert share(directory) > 0.2
+
+
+def test_an_optimiser_of_ones_own_has_the_fopt_of_the_report(run):
+    study, plugins, directory, _ = run(fine_edge="1.4 mm")
+    found = directory.fit()
+    (row,) = found.ends.filter(scenario=study.generalise_by).to_dicts()
+    assert found.mesh["coarse"].to_list() != pytest.approx(found.mesh["corrected"].to_list(), rel=1e-3)
+    with palpate.open_problem(study, folder=directory.folder, plugins=plugins) as problem:
+        fopt = problem.fopt([row[name] for name in problem.names])
+    assert fopt == pytest.approx(row["fopt"], rel=1e-9)
+    with palpate.open_problem(study, folder=directory.folder.parent / "other", plugins=plugins) as bare:
+        assert bare.fopt([row[name] for name in bare.names]) > 2.0 * fopt
+
+
+def test_a_problem_is_not_corrected_by_the_fit_of_another_study(run):
+    study, plugins, directory, _ = run(fine_edge="1.4 mm")
+    other = replace(study, noise=2.0 * study.noise)
+    with pytest.raises(StudyError), palpate.open_problem(other, folder=directory.folder, plugins=plugins):
+        pass

@@ -15,6 +15,7 @@ from palpate.api.fit import (
     PosteriorResult,
     cases_of,
     refinement,
+    reported_fits,
 )
 from palpate.api.runs import Files, Study, at_measured, mesh_note, size_at_contact
 from palpate_certainty.assessment import Assessment
@@ -49,6 +50,8 @@ class Intervals(Stage):
             "mesh_errors": "Error of each fitted curve by its mesh, over the curve.",
             "draws": "Draws from the density of each fit.",
             "profile_planes": "Fopt over the planes of two parameters.",
+            "reported": "Fopt, NMSE and R² of each fit at its reported values.",
+            "reported_curves": "Curves of each fit at its reported values.",
         }
     )
 
@@ -57,15 +60,16 @@ class Intervals(Stage):
         return {"budget": study.budget.model_dump(mode="json")}
 
     def run(self, inputs: Run, progress: Progress) -> Files:
-        """Intervals, their causes, checks and draws; nothing without a search."""
+        """Intervals, their causes, checks and draws, and curves of the values; nothing without a search."""
         if isinstance(inputs.study.search, BestSet):
             return {}
         cases = cases_of(inputs)
         stage = assessment_of(inputs, cases)
         assessed = inputs.shared[ASSESSED] = stage.assessed(cases)
         planes = stage.profile_planes(assessed, inputs.design, inputs.swept())
-        found = replace(certainty_result(assessed, inputs.study), profile_planes=planes)
-        return tables_of(found)
+        reported, curves = reported_fits([(each.case, each.values) for each in assessed], progress)
+        found = certainty_result(assessed, inputs.study)
+        return tables_of(replace(found, profile_planes=planes, reported=reported, reported_curves=curves))
 
 
 class Validation(Stage):

@@ -29,7 +29,9 @@ class Best:
     found : str
         ``set 12`` of the sweep, or ``fit`` where a search went on from there.
     fopt : float
-        Of a joint fit the mean over its spots.
+        At the values; of a joint fit the mean over its spots.
+    fopt_least : float or None
+        The least that the search has found; None of a set of the sweep.
     values : tuple of Headline
         In the order of ``ReportData.searched``.
     r2 : mapping of channel or phase to number or None
@@ -43,6 +45,7 @@ class Best:
     fitted_to: str
     found: str
     fopt: float
+    fopt_least: float | None = None
     values: tuple[Headline, ...]
     r2: Mapping[str, float | None]
     moduli: Mapping[str, tuple[float, float]]
@@ -78,6 +81,7 @@ def best_sets(data: ReportData) -> Iterator[Best]:
             fitted_to=weighted_channels(data.scenario(scenario)),
             found="fit" if "fit" in best else f"set {best['set_id']}{unfinished}",
             fopt=best["fopt"],
+            fopt_least=best.get("fopt_least"),
             values=tuple(values),
             r2={name: best.get(f"r2_{name}") for name in names},
             moduli=dict(initial_moduli(data, best)),

@@ -2,6 +2,7 @@
 
 import base64
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import polars as pl
 
 from palpate.api import FORCE, FloatArray, Indentation, ParameterName
 from palpate.api.files import write_atomically
-from palpate.api.fit import channel_of
+from palpate.api.fit import CertaintyResult, channel_of
 from palpate.api.runs import keep_only
 from palpate_report.best_sets import best_sets, leading
 from palpate_report.display_units import in_display_units
@@ -226,9 +227,13 @@ def _notes(tables: Mapping[str, pl.DataFrame], runs: Mapping[str, ReportData]) -
 
 
 def _residuals(data: ReportData) -> dict[str, list[FloatArray]]:
-    """Residuals over the rms ordinate of each fitted channel by spot; empty where there is no result."""
+    """Residuals over the rms ordinate of each fitted channel by spot; empty where there is no result.
+
+    Of the least Fopt: a criterion is of the largest likelihood.
+    """
     from palpate_report.figures import for_all_spots, residuals
 
+    data = replace(data, fit=replace(data.fit, certainty=CertaintyResult()))
     found: dict[str, list[FloatArray]] = {}
     channels = dict.fromkeys(map(channel_of, data.generalising.weighed))
     for spot in data.spots:

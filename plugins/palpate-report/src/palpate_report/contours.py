@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -40,6 +41,14 @@ def paths(data: ReportData, fit: str, scenario: str, spot: str) -> list[pl.DataF
     )
     # Ends under different corrections cannot be compared: the last is the best known.
     return sorted(ways, key=lambda way: (way["correction"][-1], -way["objective"][-1]))
+
+
+def reported(data: ReportData, fit: str, scenario: str) -> dict[str, Any]:
+    """Reported values of a fit and Fopt there, where they are not those of the least Fopt; else nothing."""
+    if data.fit.certainty.intervals.is_empty():
+        return {}
+    rows = data.fit.ends.filter(fit=fit, scenario=scenario).to_dicts()
+    return {name: value for row in rows for name, value in row.items() if value is not None}
 
 
 MOST_LEVELS = 7

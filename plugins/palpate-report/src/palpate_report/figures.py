@@ -132,7 +132,7 @@ def for_all_spots(data: ReportData, spot: str) -> tuple[str, Mapping[str, Curve]
     """Label and curves at a spot of the joint fit, else of the set for all spots; of one spot, its own."""
     if len(data.spots) == 1:
         return fit_of(data, spot, data.generalising.name)
-    joint = data.fit.responses.get((ALL_SPOTS, data.generalising.name, spot))
+    joint = data.fit.curves.get((ALL_SPOTS, data.generalising.name, spot))
     if joint is not None:
         return f"all spots, scenario {data.generalising.name}, fit", joint.curves
     for set_id in data.generalisation["set_id"][:1]:
@@ -143,7 +143,7 @@ def for_all_spots(data: ReportData, spot: str) -> tuple[str, Mapping[str, Curve]
 
 def fit_of(data: ReportData, spot: str, scenario: str) -> tuple[str, Mapping[str, Curve]]:
     """Label and curves of a scenario at a spot: the fitted ones, else those of the selected set."""
-    if (fitted := data.fit.responses.get((spot, scenario, spot))) is not None:
+    if (fitted := data.fit.curves.get((spot, scenario, spot))) is not None:
         return f"scenario {scenario}, fit", fitted.curves
     for set_id in data.selection.filter(spot=spot, scenario=scenario)["set_id"]:
         if (response := data.responses.get((spot, set_id))) is not None:

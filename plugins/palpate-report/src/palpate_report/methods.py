@@ -113,12 +113,24 @@ def _search(data: ReportData) -> Iterator[str]:
             f"{data.design.n_sets} parameter sets (sampler {study.sampler.name}, seed {study.seed}) were "
             "simulated first."
         )
-    began = "their best" if data.design.n_sets else "the middle of the ranges"
-    how = (
-        f"The search {study.search.name} began at {began}" if data.is_fitted else "The best set was selected"
-    )
     where = ", jointly over all spots" if len(data.spots) > 1 else ""
-    yield f"{how}, for the least score {rules.name} of {weights} (scenario {scenario.name}){where}."
+    fopt = f"Fopt, the score {rules.name} of {weights} (scenario {scenario.name}){where}"
+    if not data.is_fitted:
+        yield f"The set with the least {fopt} was selected."
+        return
+    began = "their best" if data.design.n_sets else "the middle of the ranges"
+    yield f"The search {study.search.name} began at {began} and minimised {fopt}."
+    (row,) = data.leading_rows(data.fit.ends).to_dicts()
+    mean = "Mean Fopt over the spots" if len(data.spots) > 1 else "Fopt"
+    if data.leading_rows(data.fit.certainty.intervals).is_empty():
+        yield f"The reported values are those of the least Fopt. {mean} is {row['fopt']:.3g}."
+        return
+    yield (
+        "One step of an efficient estimator led from the least Fopt to the reported values. Within a curve "
+        "all points count alike; the scores of the curves are weighted by the inverse of their covariance "
+        "under the error budget (generalised method of moments, Hansen 1982). "
+        f"{mean} is {row['fopt']:.3g} at the reported values and {row['fopt_least']:.3g} at its least."
+    )
 
 
 def _intervals(data: ReportData, not_included: Sequence[str]) -> Iterator[str]:

@@ -69,14 +69,20 @@
     return { color: colour(`line${s % 6}`), dash: DASHES[k], width: 2 };
   }
 
-  /** Ways of the searches along two of their numbers, and a diamond where each has ended. */
+  /** Ways of the searches along two of their numbers, a diamond at each least Fopt, a circle at reported values. */
   function wayTraces(x, y, axes) {
     return searches().flatMap((search, k) => {
       const last = search.ways[search.ways.length - 1], name = `${search.fit}: fit`;
-      const meta = [[k ? "╍◆" : "━◆", searchLook(k).color, `path and end of the fit to ${search.fit}`]];
-      const end = { mode: "markers", marker: { symbol: "diamond", size: 11, color: searchLook(k).color, line: { width: 1, color: colour("paper") } } };
-      return [Object.assign(line(name, joined(search, x), joined(search, y), searchLook(k)), axes),
-        Object.assign(line(`${name}, end`, x(last).slice(-1), y(last).slice(-1)), end, axes, { meta })];
+      const meta = [[k ? "╍◆" : "━◆", searchLook(k).color, `path of the fit to ${search.fit}, to its least Fopt`]];
+      const mark = (symbol) => ({ mode: "markers", marker: { symbol, size: 11, color: searchLook(k).color, line: { width: 1, color: colour("paper") } } });
+      const drawn = [Object.assign(line(name, joined(search, x), joined(search, y), searchLook(k)), axes),
+        Object.assign(line(`${name}, least Fopt`, x(last).slice(-1), y(last).slice(-1)), mark("diamond"), axes, { meta })];
+      if (search.reported) {
+        const at = { fopt: [search.reported.fopt], values: search.reported.values.map((value) => [value]) };
+        drawn.push(Object.assign(line(`${name}, reported values`, x(at), y(at)), mark("circle"), axes,
+          { meta: [["●", searchLook(k).color, `reported values of the fit to ${search.fit}`]] }));
+      }
+      return drawn;
     });
   }
 

@@ -10,7 +10,7 @@ import polars as pl
 
 from palpate.api import FloatArray, IntArray, Scenario
 from palpate.api.runs import objectives
-from palpate_report.contours import along, contours, paths
+from palpate_report.contours import along, contours, paths, reported
 from palpate_report.headline import draws_of
 from palpate_report.report_data import ReportData, label_of
 from palpate_report.scene import scene, skins
@@ -79,6 +79,12 @@ def _searches(data: ReportData, spot: str, scenario: Scenario) -> list[dict[str,
     return [
         {
             "fit": fit,
+            "reported": {
+                "fopt": at.get("fopt"),
+                "values": [at.get(p.name) for p in data.design.parameters],
+            }
+            if (at := reported(data, fit, scenario.name))
+            else None,
             "ways": [
                 {
                     "fopt": _digits(way["fopt"].to_numpy()),

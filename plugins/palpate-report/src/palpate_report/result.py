@@ -214,12 +214,9 @@ def _lead(data: ReportData, bests: Sequence[Best]) -> tuple[str, list[str], str]
     """Fit that leads, its values, and how well it fits; empty where there is nothing."""
     where, best = data.together, leading(data, bests)
     if best is not None:
-        values = [_equation(each.parameter, each.value, each.unit) for each in best.values]
-        values += [f"{each.parameter} {each.value:.4g} {each.unit}" for each in moduli(data, best)]
+        values = [_equation(each) for each in (*best.values, *moduli(data, best))]
         of = f"At {where}" if where != ALL_SPOTS else f"One material for all {len(data.spots)} spots"
-        mean = "mean Fopt" if where == ALL_SPOTS else "Fopt"
-        if any(value.level for value in best.values):  # the values weigh curves by their errors
-            mean = f"least {mean}"
+        fopt = f"{'mean ' if where == ALL_SPOTS else ''}Fopt {best.fopt:.4g}{_least(best)}"
         least = "at least " if where == ALL_SPOTS else ""
         r2 = [
             f"R² {name} {least}{at:.4g}"
@@ -227,20 +224,31 @@ def _lead(data: ReportData, bests: Sequence[Best]) -> tuple[str, list[str], str]
             if (at := best.r2.get(name)) is not None
         ]
         about = f"{of}, fitted to {best.fitted_to} (scenario {best.scenario})"
-        return about, values, f"{', '.join([f'{mean} {best.fopt:.4g}', *r2])} ({best.found})"
+        return about, values, f"{', '.join([fopt, *r2])} ({best.found})"
     if data.generalisation.is_empty():
         return "", [], ""
     row = data.generalisation.row(0, named=True)
     spread = "" if row["fopt_sd"] is None else f" ± {row['fopt_sd']:.2g}"
     found = data.completeness
     of = "" if found.is_complete else f", of {found.n_everywhere} sets simulated at each"
-    values = [_equation(p.name, row[name], p.unit) for name, p in data.brief.items()]
+    values = [
+        _equation(Headline(parameter=p.name, unit=p.unit, value=row[name])) for name, p in data.brief.items()
+    ]
     quality = f"mean Fopt {row['fopt_mean']:.4g}{spread} (scenario {row['scenario']})"
     return f"One set for all {len(data.spots)} spots{of}", [f"set {row['set_id']}", *values], quality
 
 
-def _equation(name: str, value: float | None, unit: str) -> str:
-    return f"{name} by spot" if value is None else f"{name} = {with_unit(f'{value:.4g}', unit)}"
+def _equation(value: Headline) -> str:
+    return (
+        f"{value.parameter} {'by spot' if value.value is None else f'= {with_unit(value.text, value.unit)}'}"
+    )
+
+
+def _least(best: Best) -> str:
+    """Least Fopt of the search in brackets, where it is another than Fopt of the values."""
+    if best.fopt_least is None or f"{best.fopt_least:.4g}" == f"{best.fopt:.4g}":
+        return ""
+    return f" (the least: {best.fopt_least:.4g})"
 
 
 def _spent(data: ReportData) -> str:
@@ -260,9 +268,8 @@ def _identified(data: ReportData, found: Sequence[Headline]) -> Iterator[str]:
         yield from (_by_sweep(data, name) for name in data.brief)
         return
     for each in found:
-        value = "by spot" if each.value is None else f"{each.value:.4g}"
-        ends = "" if each.lower is None else with_unit(f"{each.lower:.4g} to {each.upper:.4g}", each.unit)
-        known = with_unit(value, each.unit) + (f", 95 % interval {ends}" if ends else "")
+        ends = with_unit(each.interval, each.unit) if each.interval else ""
+        known = with_unit(each.text, each.unit) + (f", 95 % interval {ends}" if ends else "")
         yield f"{each.parameter}: {known}; {_phrase(each.identifiability)}."
 
 

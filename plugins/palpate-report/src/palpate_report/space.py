@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from palpate.api import FloatArray, Parameter
 from palpate.api.runs import objectives
-from palpate_report.contours import contours, paths
+from palpate_report.contours import contours, paths, reported
 from palpate_report.headline import draws_of
 from palpate_report.report_data import ReportData, label_of
 from palpate_report.style import (
@@ -50,11 +50,11 @@ def colours() -> Colormap:
 def parameter_space(data: ReportData, spot: str) -> Figure:
     """Show sets in the space of their parameters: coloured by the logarithm of Fopt, red the least.
 
-    The ways of the joint fit and of the spot's own are drawn over them, each to a diamond at its end, and
-    below them contour lines of Fopt and the 95 % region of the fit that leads; without a spot, where there
-    is no sweep, the ways of every spot. Three parameters of a sweep are shown in space and in pairs, more in
-    pairs (at most ``MOST_PAIRS``), one over its own axis. Axes are logarithmic where the sweep is; space has
-    none such.
+    The ways of the joint fit and of the spot's own are drawn over them, each to a diamond at its least Fopt,
+    with a circle at the reported values, and below them contour lines of Fopt and the 95 % region of the fit
+    that leads; without a spot, where there is no sweep, the ways of every spot. Three parameters of a sweep
+    are shown in space and in pairs, more in pairs (at most ``MOST_PAIRS``), one over its own axis. Axes are
+    logarithmic where the sweep is; space has none such.
     """
     values, fopt = _sets_at(data, spot)
     draws = draws_of(data, data.generalising.name, MOST_DRAWS)
@@ -211,8 +211,14 @@ def _draw_paths(data: ReportData, spot: str, axis: Axes, names: Sequence[str]) -
         for way in ways:
             draw(*(way[name] for name in names), color=colour, linestyle=dash, linewidth=0.9, zorder=4)
         for way in ways[-1:]:
-            end, label = [way[name][-1:] for name in names], f"{fit}: fit, {way['fopt'][-1]:.3g}"
+            end, label = [way[name][-1:] for name in names], f"{fit}: least Fopt, {way['fopt'][-1]:.3g}"
             draw(*end, "D", color=colour, markersize=4, markeredgecolor="white", zorder=6, label=label)
+        if at := reported(data, fit, data.generalising.name):
+            values = [at.get(name) for name in names]
+            if None not in values:
+                label = "reported values" if fit == data.together else "_"
+                draw(*([value] for value in values), "o", color=colour, markersize=5, markeredgecolor="white",
+                     zorder=7, label=label)  # fmt: skip
 
 
 def _colour_bar(figure: Figure, axes: Sequence[Axes], data: ReportData, fopt: FloatArray) -> None:

@@ -16,7 +16,7 @@ TITLES: Mapping[str, str] = MappingProxyType(
     {
         "table1_fit": "Coefficients of the fit by spot and scenario",
         "table2_fit": "NMSE of the fit by spot and scenario",
-        "fit_mesh": "What the meshes do to the fit",
+        "fit_mesh": "Values of the least Fopt without and with correction by finer meshes",
         "table1_coefficients": "Coefficients of the sweep by spot and scenario",
         "table2_nmse": "NMSE of the sweep by spot and scenario",
         "unfitted_channels": "Misfit of the channels left out of the fit",
@@ -39,7 +39,7 @@ TITLES: Mapping[str, str] = MappingProxyType(
         "failures": "Sets that could not be ranked, by reason",
         "parameters": "Parameters of each run, with 95 % intervals where there was a fit",
         "errors": "Errors of each run; of several spots the mean, R² the least",
-        "criteria": "Information criteria, the best first",
+        "criteria": "Information criteria at the least Fopt, the best first",
     }
 )
 """Captions of the tables by name; the last three are of several runs."""
@@ -69,7 +69,7 @@ def make_tables(data: ReportData) -> dict[str, pl.DataFrame]:
         "identifiability": data.identifiability,
         "generalised": generalised(data),
         "cost_of_one_set": cost_of_one_set(data),
-        "fit": data.fit.table,
+        "fit": data.fit.estimates,
         "intervals": data.fit.certainty.intervals,
         "budget": data.fit.certainty.budget,
         "parameter_combinations": data.fit.certainty.parameter_combinations,

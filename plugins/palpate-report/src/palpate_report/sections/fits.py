@@ -101,8 +101,8 @@ class Fits(Section):
             return
         if "fit_mesh" in report.tables:
             yield Paragraph(
-                "Each value by the coarse meshes alone, and corrected: the finer ones extrapolate the curves "
-                "to meshes without error."
+                "Values of the least Fopt from the coarse meshes alone, and after correction by finer "
+                "meshes, which extrapolate the curves to zero element size."
             )
             rows = report.tables["fit_mesh"].filter(scenario=data.generalising.name)
             yield Table.of(TITLES["fit_mesh"], printed("fit_mesh", rows))
@@ -137,10 +137,10 @@ class MaterialItself(Section):
 
 
 def _cell(value: Headline, report: Report) -> Lines:
-    lines: list[Any] = ["by spot" if value.value is None else value.value]
-    if value.lower is not None and value.upper is not None:
+    lines: list[Any] = [value.text]
+    if value.interval:
         lines += [f"optimum {value.optimum:.4g}"] if value.optimum is not None else []
-        lines.append(f"{value.lower:.4g} to {value.upper:.4g}")
+        lines.append(value.interval)
     verdict = replace(value, is_refused=bool(report.conclusion.failure)).verdict
     return Lines([*lines, *map(Word, verdict.split(", "))])
 
@@ -163,6 +163,7 @@ def _leading(data: ReportData, report: Report, bests: Sequence[Best]) -> Table:
     rows += [[label, *values] for label, values in _moduli(data, bests)]
     mean, least = ("", "") if bests[0].spot != ALL_SPOTS else (" (all spots: mean)", " (all spots: least)")
     rows.append([f"Fopt{mean}", *(best.fopt for best in bests), *known])
+    rows.append([f"least Fopt of the search{mean}", *(best.fopt_least for best in bests), *known])
     for channel in data.measured_channels:
         rows.append([f"R² {channel}{least}", *(best.r2[channel] for best in bests), *known])
     rows.append(["found", *(best.found for best in bests), *([""] if truth else [])])
