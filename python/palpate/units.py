@@ -37,7 +37,7 @@ def _registry() -> "pint.UnitRegistry[float]":
     return pint.UnitRegistry()
 
 
-def convert(given: object, unit: str) -> float:
+def convert(given: object, unit: str, usual: str = "") -> float:
     """Convert a quantity, written with its unit, to ``unit``.
 
     Parameters
@@ -46,6 +46,8 @@ def convert(given: object, unit: str) -> float:
         ``"15 mm"``; a plain number only where ``unit`` is dimensionless.
     unit : str
         ``"mm"``, ``"MPa"``, ``"deg"``, ``"s"`` …; ``"1"`` for dimensionless.
+    usual : str, optional
+        Unit of the quantities next to it, which an error proposes where there is none.
 
     Raises
     ------
@@ -64,7 +66,7 @@ def convert(given: object, unit: str) -> float:
         raise ValueError(f"{given!r} is not a quantity; {_example(unit)}")
     if not isinstance(given, str):
         if not plain:
-            raise ValueError(f'{given!r} has no unit; write "{given} {unit}"')
+            raise ValueError(f'{given!r} has no unit; write "{given} {usual or unit}"')
         return _finite(float(given), given, unit)
     if len(given) > _LONGEST:
         raise ValueError(f"{given[:40]!r}… has more than {_LONGEST} characters; {_example(unit)}")
@@ -75,7 +77,7 @@ def convert(given: object, unit: str) -> float:
         raise ValueError(f"{given!r} is not a number with a unit; {_example(unit)}")
     number, written = match.groups()
     if not written and not plain:
-        raise ValueError(f'{given!r} has no unit; write "{number} {unit}"')
+        raise ValueError(f'{given!r} has no unit; write "{number} {usual or unit}"')
     try:
         return _finite(float(number) * _factor(written, unit, given), given, unit)
     except OverflowError:

@@ -1,5 +1,6 @@
 """Materials of the regions: which parameters are searched, between what, and which are fixed or tied."""
 
+import contextlib
 import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
@@ -211,32 +212,47 @@ def _split(
         elif ties_in(given[name], defaults):
             continue
         elif given[name].value is None:
-            searched.extend(_range(problems, (*key, name), default, given[name]))
+            searched.extend(_range(problems, (*key, name), default, given))
         else:
             with problems.at(*key, name):
-                fixed[name] = _value(default, given[name].value)
+                fixed[name] = _value(default, given[name].value, _unit_nearby(default, given))
     return fixed, tuple(searched)
 
 
-def _value(parameter: Parameter, given: object) -> float:
-    value = convert(given, parameter.unit)
+def _value(parameter: Parameter, given: object, usual: str = "") -> float:
+    value = convert(given, parameter.unit, usual)
     parameter.check(value)
     return value
 
 
-def _range(problems: Problems, key: Key, default: Parameter, table: ParameterTable) -> Iterator[Parameter]:
-    ends = {}
-    for end, given in (("lower", table.lower), ("upper", table.upper)):
+def _unit_nearby(parameter: Parameter, given: Mapping[str, ParameterTable]) -> str:
+    """Unit in which other quantities of a parameter, else those of its neighbours, are written."""
+    for table in (given[parameter.name], *given.values()):
+        for text in (table.lower, table.upper, table.value):
+            if isinstance(text, str) and (unit := unit_of(text)):
+                with contextlib.suppress(ValueError):
+                    convert(text, parameter.unit)
+                    return unit
+    return ""
+
+
+def _range(
+    problems: Problems, key: Key, default: Parameter, given: Mapping[str, ParameterTable]
+) -> Iterator[Parameter]:
+    ends, table, usual = {}, given[default.name], _unit_nearby(default, given)
+    for end, written in (("lower", table.lower), ("upper", table.upper)):
         with problems.at(*key, end):
-            ends[end] = _value(default, given)
+            ends[end] = _value(default, written, usual)
     if len(ends) < 2:
         return
     if not ends["lower"] < ends["upper"]:
-        problems.add(
-            key,
-            f"lower {table.lower!r} is not less than upper {table.upper!r}; swap them, "
-            "or write one quantity to fix the parameter",
+        units = [unit_of(text) if isinstance(text, str) else "" for text in (table.lower, table.upper)]
+        remedy = (
+            "swap them, or write one quantity to fix the parameter"
+            if units[0] == units[1]
+            else f"the one is in {units[0]}, the other in {units[1]}: check the units"
         )
+        problems.add(key, f"lower {table.lower!r} is not less than upper {table.upper!r}; {remedy}")
         return
     with problems.at(*key, "scale"):
         searched = replace(default, lower=ends["lower"], upper=ends["upper"], scale=table.scale, by=table.by)

@@ -287,9 +287,16 @@ CASES = {
         'use e.g. "10 MPa"',
     ),
     "unit of another kind": ("3 MPa", "3 mm", "3 mm", "region.rubber.parameters.k.upper", 'e.g. "10 MPa"'),
-    "unit missing": ('"3 MPa"', "3", RANGE[:5], "region.rubber.parameters.k.upper", 'write "3 MPa"'),
+    "unit missing": ('"3 MPa"', "3", RANGE[:5], "region.rubber.parameters.k.upper", 'write "3 kPa"'),
     "range reversed": ("3 MPa", "3 kPa", "3 kPa", "region.rubber.parameters.k", "swap them"),
-    "range empty": ("3 MPa", "1 MPa", "1 MPa", "region.rubber.parameters.k", "swap them"),
+    "range empty": ("3 MPa", "1000 kPa", RANGE[:5], "region.rubber.parameters.k", "swap them"),
+    "range in units of two sizes": (
+        RANGE,
+        'k = { lower = "9 MPa", upper = "21 kPa" }\n',
+        "21 kPa",
+        "region.rubber.parameters.k",
+        "the one is in MPa, the other in kPa: check the units",
+    ),
     "range without an end": (
         ', upper = "3 MPa"',
         "",
