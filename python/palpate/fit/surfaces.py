@@ -41,7 +41,10 @@ def simulate_surfaces(
         raise StudyError(
             f"{study.file}: solver '{study.solver.name}' does not give the states of the skin; use 'jax'"
         )
-    jobs = [_job(study, spot, found, measured) for spot in found.spots]
+    jobs = [
+        replace(_job(study, spot, found, measured), channels=study.observed(measured[spot]))
+        for spot in found.spots
+    ]
     check_jobs(study, jobs, simulations.limbs)
     simulations.progress.begin("surface", len(jobs))
     ended = simulations.of(jobs)
@@ -65,7 +68,7 @@ def _job(study: Study, spot: str, found: Fitted, measured: Mapping[str, Response
     if study.parametrisation.times_s and study.solver.provides.relaxation:
         inputs = replace(inputs, thetas=relaxing_thetas(study, inputs.thetas, found.values))
         study = replace(study, space=relaxing_space(study))
-    return replace(job_of(study, spot, inputs, surface=True), channels=study.observed(measured[spot]))
+    return job_of(study, spot, inputs, surface=True)
 
 
 def stored_surfaces(folder: Path, table: pl.DataFrame) -> Mapping[str, SurfaceStates]:

@@ -88,7 +88,7 @@ def test_an_optimiser_of_ones_own_has_the_fopt_of_the_report(run):
         fopt = problem.fopt([row[name] for name in problem.names])
     assert fopt == pytest.approx(row["fopt"], rel=1e-9)
     with palpate.open_problem(study, folder=directory.folder.parent / "other", plugins=plugins) as bare:
-        assert bare.fopt([row[name] for name in bare.names]) > 2.0 * fopt
+        assert bare.fopt([row[name] for name in bare.names]) != pytest.approx(fopt, rel=0.05)
 
 
 def test_a_problem_is_not_corrected_by_the_fit_of_another_study(run):
