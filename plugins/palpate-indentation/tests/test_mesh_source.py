@@ -215,12 +215,12 @@ def test_a_bad_mesh_is_reported_with_what_is_there(
         ("matrix.mesh", "MeshVersionFormatted 9\nDimension three\n"),
     ],
 )
-def test_a_file_that_meshio_chokes_on_ends_in_a_message(
+def test_a_broken_file_ends_in_a_message(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str, text: str
 ) -> None:
     path = tmp_path / name
     path.write_text(text)
-    with pytest.raises(MeshError, match=r"cannot read it|no volume elements|points of shape"):
+    with pytest.raises(MeshError, match=r"be read|and no Unstr|no legacy file|not there|is no format"):
         read(path)
     assert capfd.readouterr() == ("", "")
 
@@ -228,7 +228,7 @@ def test_a_file_that_meshio_chokes_on_ends_in_a_message(
 def test_a_cut_off_file_is_reported(tmp_path: Path) -> None:
     path = write(tmp_path / "m.vtu")
     path.write_bytes(path.read_bytes()[:-200])
-    with pytest.raises(MeshError, match=r"m\.vtu: meshio cannot read it"):
+    with pytest.raises(MeshError, match=r"m\.vtu: no XML that can be read .*; write the mesh again"):
         read(path)
 
 
@@ -236,9 +236,10 @@ def test_an_exit_of_meshio_does_not_end_the_program(tmp_path: Path, monkeypatch:
     def leave(_: Path) -> None:
         raise SystemExit(1)
 
-    path = write(tmp_path / "m.vtu")
+    path = tmp_path / "m.msh"
+    path.write_text("$MeshFormat\n")
     monkeypatch.setattr(meshio, "read", leave)
-    with pytest.raises(MeshError, match="meshio cannot read it"):
+    with pytest.raises(MeshError, match=r"m\.msh: cannot be read as \.msh; .*export it again"):
         read(path)
 
 

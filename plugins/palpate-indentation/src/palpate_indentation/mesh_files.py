@@ -7,10 +7,12 @@ becomes a :class:`~palpate.errors.MeshError` or a plain value.
 
 import contextlib
 import io
+import lzma
 import re
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+import zlib
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 from xml.etree import ElementTree
 
@@ -19,33 +21,21 @@ from numpy.typing import NDArray
 
 from palpate.api import MeshError
 from palpate.api.files import ProcessLimits, run_function
+from palpate_indentation.abaqus_files import read_abaqus
+from palpate_indentation.mesh_content import MeshFile
+from palpate_indentation.vtk_files import read_legacy_vtk, read_vtu
 
 MOST_BYTES = 1_000_000_000
 MOST_MEMORY_MB = 4_000.0
 LONGEST_S = 60.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MeshFile:
-    """Contents of a mesh file, in its names and units.
-
-    Parameters
-    ----------
-    points : (n_nodes, 3) array
-    blocks : tuple of (meshio's cell type, (n_cells, n_nodes_of_type) array)
-    point_data : mapping of name to array with one row per node
-    cell_data : mapping of name to one array per block
-    point_sets : mapping of name to array of node numbers
-    cell_sets : mapping of name to one array of element numbers per block
-        Element sets of Abaqus, physical groups of Gmsh.
-    """
-
-    points: NDArray[np.float64]
-    blocks: tuple[tuple[str, NDArray[np.int64]], ...]
-    point_data: Mapping[str, NDArray[np.generic]]
-    cell_data: Mapping[str, tuple[NDArray[np.generic], ...]]
-    point_sets: Mapping[str, NDArray[np.int64]]
-    cell_sets: Mapping[str, tuple[NDArray[np.int64], ...]]
+READERS: Mapping[str, Callable[[Path], MeshFile]] = MappingProxyType(
+    {".inp": read_abaqus, ".vtu": read_vtu, ".vtk": read_legacy_vtk}
+)
+"""Readers of palpate, by suffix; meshio reads the other formats."""
+UNREADABLE = (ValueError, LookupError, ArithmeticError, TypeError, AttributeError, zlib.error, lzma.LZMAError)
+"""Errors of a reader on a broken file."""
 
 
 def read_mesh_file(path: Path) -> MeshFile:
@@ -79,6 +69,13 @@ def read_here(path: Path) -> MeshFile:
         As :func:`read_mesh_file`.
     """
     _refuse_outside(path)
+    if (reader := READERS.get(path.suffix.lower())) is not None:
+        try:
+            return reader(path)
+        except UNREADABLE as error:
+            raise MeshError(
+                f"{path}: cannot be read; the file is broken or cut off; export it again, as .vtu for example"
+            ) from error
     import meshio  # here: slow to import
 
     complaints = io.StringIO()
@@ -88,11 +85,7 @@ def read_here(path: Path) -> MeshFile:
     except MemoryError:
         raise
     except (Exception, SystemExit) as error:  # its readers raise anything on a corrupt file
-        reason = " ".join((complaints.getvalue() or str(error)).split()) or type(error).__name__
-        reason = reason[:200]
-        raise MeshError(
-            f"{path}: meshio cannot read it ({reason}); write it again, as .vtu for example"
-        ) from error
+        raise MeshError(_why_unreadable(path, complaints.getvalue() or str(error))) from error
     return MeshFile(
         points=np.asarray(mesh.points, dtype=np.float64),
         blocks=tuple((str(block.type), _integers(path, block.data)) for block in mesh.cells),
@@ -100,6 +93,28 @@ def read_here(path: Path) -> MeshFile:
         cell_data={str(k): tuple(np.asarray(v) for v in blocks) for k, blocks in mesh.cell_data.items()},
         point_sets={str(k): np.asarray(v, dtype=np.int64) for k, v in mesh.point_sets.items()},
         cell_sets=_cell_sets(mesh),
+    )
+
+
+def _why_unreadable(path: Path, reason: str) -> str:
+    """Message of a file that meshio does not read, with what to do, and no words of meshio."""
+    import meshio
+
+    suffix = path.suffix.lower()
+    if suffix not in meshio.extension_to_filetypes:
+        known = ", ".join(sorted({*meshio.extension_to_filetypes, *READERS}))
+        return f"{path}: cannot be read, since '{suffix}' is no format of a mesh; save it as one of {known}"
+    if suffix == ".msh" and "$Entities" in path.read_text(encoding="latin-1")[:1_000_000]:
+        return (
+            f"{path}: cannot be read; some elements of Gmsh's file may be in no physical group; save it with "
+            "Mesh.SaveAll = 0, or in version 2.2"
+        )
+    missing = re.search(r"h5py|netCDF4", reason)
+    if missing:
+        return f"{path}: cannot be read without {missing[0]}; pip install {missing[0]}"
+    return (
+        f"{path}: cannot be read as {suffix}; the file is broken or uncommon; export it again, as .vtu for "
+        "example"
     )
 
 

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from palpate.api import IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
-from palpate.api.mesh import CELLS
-from palpate_indentation.mesh_files import MeshFile, read_mesh_file
-from palpate_indentation.node_choices import Choice, check_whole, chosen
+from palpate.api.mesh import CELLS, held_nodes, unused_supports
+from palpate_indentation.mesh_content import MeshFile
+from palpate_indentation.mesh_files import read_mesh_file
+from palpate_indentation.node_choices import Choice, check_whole, chosen, known_as
 
 LONGEST_MM = 3000.0
 
@@ -38,28 +39,42 @@ class MeshioSettings(Settings):
         default="region",
         description="Cell data with a whole number per element; empty: the whole mesh is one region.",
     )
-    regions: dict[str, int | str] = Field(
+    regions: dict[str, int | str | list[int] | list[str]] = Field(
         default={"soft_tissue": 0},
         min_length=1,
-        description="Number of each region in that data, by the region's name; or its group of elements "
-        "(physical group of Gmsh, element set of Abaqus).",
+        description="Number of each region in that data, or several, by the region's name; or its group of "
+        "elements (physical group of Gmsh, element set of Abaqus), or several.",
     )
     node_sets: dict[str, Choice | list[Choice]] = Field(
         default={"fixed": "fixed", "contact": "contact"},
         min_length=1,
         description="Nodes of each node set: point data (not zero: in the set), a point set or a group of "
         "elements by name; { normal, at, within } for a plane; { surface, within } for nodes near a "
-        "bone; or a list of these.",
+        "bone; or a list of these. Without `fixed`: all nodes that the file itself holds in x, y and z.",
     )
 
     @field_validator("regions")
     @classmethod
-    def _distinct_numbers(cls, regions: dict[str, int | str]) -> dict[str, int | str]:
-        if len(set(regions.values())) < len(regions):
+    def _distinct_numbers(
+        cls, regions: dict[str, int | str | list[int] | list[str]]
+    ) -> dict[str, int | str | list[int] | list[str]]:
+        every = [source for _, source in _sources(regions)]
+        if len(set(every)) < len(every):
             raise ValueError("two regions have one number or group; give each region another")
-        if len({type(source) for source in regions.values()}) > 1:
+        if len(set(map(type, every))) > 1:
             raise ValueError("regions by number and by group; name all of them in one way")
+        if not all(regions[name] != [] for name in regions):
+            raise ValueError("a region of no number or group; name what it is made of, or leave it out")
         return regions
+
+
+def _sources(regions: Mapping[str, int | str | list[int] | list[str]]) -> list[tuple[int, int | str]]:
+    """Index of a region and a number or group of it, for each of them."""
+    return [
+        (index, source)
+        for index, named in enumerate(regions.values())
+        for source in (named if isinstance(named, list) else [named])
+    ]
 
 
 class MeshioSource(LimbSource[MeshioSettings]):
@@ -88,18 +103,51 @@ class MeshioSource(LimbSource[MeshioSettings]):
         content = read_mesh_file(path)
         points = _points_mm(path, content, settings.unit)
         cells, ids = _volume(path, content, settings)
+        sets = dict[str, IntArray]()
+        for name, choice in settings.node_sets.items():
+            if choice == name == "fixed" and content.supports and known_as(name, _names(content)) is None:
+                continue  # the file itself holds nodes
+            choices = choice if isinstance(choice, list) else [choice]
+            sets[name] = chosen(path, content, points, choices)
+        remarks, warnings = _supported(path, content, cells, sets)
         mesh = Mesh(
             points_mm=points,
             cells=cells,
             cell_regions=ids,
             regions=tuple(settings.regions),
-            node_sets={
-                name: chosen(path, content, points, choice if isinstance(choice, list) else [choice])
-                for name, choice in settings.node_sets.items()
-            },
+            node_sets=sets,
             cell_fields=_fields(content, settings.region_data),
         )
-        return Limb(spot=spot, mesh=mesh)
+        return Limb(
+            spot=spot,
+            mesh=mesh,
+            remarks=(*content.remarks, *remarks),
+            warnings=(*content.warnings, *warnings),
+        )
+
+
+def _names(content: MeshFile) -> list[str]:
+    return [*content.point_data, *content.point_sets, *content.cell_sets]
+
+
+def _supported(
+    path: Path, content: MeshFile, cells: Mapping[str, IntArray], sets: dict[str, IntArray]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Add the nodes that the file holds if the settings name none; remarks and warnings of supports."""
+    in_limb = np.zeros(len(content.points), dtype=np.bool_)
+    for of_kind in cells.values():
+        in_limb[of_kind[(of_kind >= 0) & (of_kind < len(in_limb))]] = True
+    if "fixed" in sets:
+        return (), unused_supports(content.supports, in_limb, sets["fixed"], "`fixed` under node_sets")
+    held = held_nodes(content.supports, in_limb)
+    if not held.nodes.size:
+        raise MeshError(
+            f"{path}: no condition of the file holds nodes of the limb in x, y and z "
+            f"({'; '.join(held.warnings) or 'there are none'}); name what is held as `fixed` under node_sets "
+            f"(there: {', '.join(_names(content)) or 'none'})"
+        )
+    sets["fixed"] = held.nodes
+    return held.remarks, held.warnings
 
 
 def _points_mm(path: Path, content: MeshFile, unit: str) -> NDArray[np.float64]:
@@ -139,7 +187,7 @@ def _volume(
             f"{path}: no volume elements (found: {', '.join(found) or 'none'}); "
             f"export the volume mesh, of {', '.join(KINDS)}"
         )
-    of_block = _by_group if isinstance(next(iter(settings.regions.values())), str) else _by_number
+    of_block = _by_group if isinstance(_sources(settings.regions)[0][1], str) else _by_number
     cells: dict[str, list[IntArray]] = {}
     ids: dict[str, list[IntArray]] = {}
     for i in volume:
@@ -174,30 +222,31 @@ def _fields(content: MeshFile, region_data: str) -> dict[str, dict[str, NDArray[
 
 def _by_group(path: Path, content: MeshFile, block: int, settings: MeshioSettings) -> IntArray:
     """Index of the region of each element of a block, by the group that it belongs to."""
-    ids = np.full(len(content.blocks[block][1]), -1)
-    for index, (region, group) in enumerate(settings.regions.items()):
-        if group not in content.cell_sets:
-            continue  # another spot's limb may have it
-        members = content.cell_sets[str(group)][block]
-        twice = members[ids[members] >= 0]
+    ids, absent = np.full(len(content.blocks[block][1]), -1), list[str]()
+    for index, group in _sources(settings.regions):
+        name = known_as(str(group), content.cell_sets)
+        if name is None:  # another spot's limb may have it
+            absent.append(str(group))
+            continue
+        members = content.cell_sets[name][block]
+        twice = members[(ids[members] >= 0) & (ids[members] != index)]
         if twice.size:
-            other = list(settings.regions)[ids[twice[0]]]
+            one, other = (list(settings.regions)[k] for k in (ids[twice[0]], index))
             raise MeshError(
-                f"{path}: element {twice[0]} belongs to the groups of '{other}' and of '{region}'; let each "
+                f"{path}: element {twice[0]} belongs to the groups of '{one}' and of '{other}'; let each "
                 "element belong to one"
             )
         ids[members] = index
-    absent = [group for group in settings.regions.values() if group not in content.cell_sets]
+    there = ", ".join(content.cell_sets) or "none"
     if (ids < 0).any() and absent:
         raise MeshError(
-            f"{path}: no group of elements '{absent[0]}' (there: {', '.join(content.cell_sets) or 'none'}); "
-            "name one of them, or give the regions by number"
+            f"{path}: no group of elements '{absent[0]}' (there: {there}); name one of them, or give the "
+            "regions by number"
         )
     if (ids < 0).any():
         raise MeshError(
             f"{path}: {np.count_nonzero(ids < 0)} elements are in none of the groups of regions, "
-            f"first element {np.flatnonzero(ids < 0)[0]}; name their groups too (there: "
-            f"{', '.join(content.cell_sets)})"
+            f"first element {np.flatnonzero(ids < 0)[0]}; name their groups too (there: {there})"
         )
     return ids
 
@@ -222,7 +271,7 @@ def _by_number(path: Path, content: MeshFile, block: int, settings: MeshioSettin
     numbers = content.cell_data[region_data][block]
     check_whole(path, f"cell data '{region_data}'", numbers)
     ids = np.full(n_cells, -1, dtype=np.int64)
-    for index, number in enumerate(settings.regions.values()):
+    for index, number in _sources(settings.regions):
         ids[numbers == number] = index
     if (ids < 0).any():
         unknown = sorted({int(n) for n in numbers[ids < 0].astype(np.float64)})

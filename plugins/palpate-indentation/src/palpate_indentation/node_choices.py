@@ -1,5 +1,6 @@
 """Nodes of a node set: by name, in a plane, or near a surface such as a bone's."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
@@ -7,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from palpate.api import FloatArray, IntArray, MeshError, Quantity, Settings
-from palpate_indentation.mesh_files import MeshFile
+from palpate_indentation.mesh_content import MeshFile
 
 Length = Annotated[float, Quantity("mm")]
 
@@ -99,21 +100,32 @@ def _near(path: Path, points_mm: FloatArray, choice: NearSurface) -> IntArray:
 
 
 def _named(path: Path, content: MeshFile, source: str) -> IntArray:
-    if source in content.point_data:
-        marks = content.point_data[source]
-        check_whole(path, f"point data '{source}'", marks)
-        return np.flatnonzero(marks)
-    if source in content.point_sets:
-        return content.point_sets[source]
-    if source in content.cell_sets:
-        members = zip(content.blocks, content.cell_sets[source], strict=True)
-        return np.unique(np.concatenate([cells[rows].ravel() for (_, cells), rows in members]))
-    there = [*content.point_data, *content.point_sets, *content.cell_sets]
-    raise MeshError(
-        f"{path}: no point data, point set or group of elements '{source}' "
-        f"(there: {', '.join(there) or 'none'}); add it to the file, or name other data under node_sets in "
-        "the limb's settings"
-    )
+    if (name := known_as(source, content.point_data)) is not None:
+        marks = content.point_data[name]
+        check_whole(path, f"point data '{name}'", marks)
+        found = np.flatnonzero(marks)
+    elif (name := known_as(source, content.point_sets)) is not None:
+        found = content.point_sets[name]
+    elif (name := known_as(source, content.cell_sets)) is not None:
+        members = zip(content.blocks, content.cell_sets[name], strict=True)
+        found = np.unique(np.concatenate([cells[rows].ravel() for (_, cells), rows in members]))
+    else:
+        there = [*content.point_data, *content.point_sets, *content.cell_sets]
+        raise MeshError(
+            f"{path}: no point data, point set or group of elements '{source}' "
+            f"(there: {', '.join(there) or 'none'}); add it to the file, or name other data under node_sets "
+            "in the limb's settings"
+        )
+    if not found.size:
+        raise MeshError(f"{path}: '{name}' has no node; name other data under node_sets, or fill this set")
+    return found
+
+
+def known_as(name: str, names: Iterable[str]) -> str | None:
+    """The name as it is among names; where it is not, the only one that differs by case alone."""
+    there = list(names)
+    alike = [name] if name in there else [each for each in there if each.casefold() == name.casefold()]
+    return alike[0] if len(alike) == 1 else None
 
 
 def check_whole(path: Path, what: str, values: np.ndarray) -> None:

@@ -1,0 +1,251 @@
+"""Mesh files in the spellings of other programs are read whole, or refused with what to do."""
+
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from palpate.domain import Limb, Spot
+from palpate.errors import MeshError
+from palpate.limb.checks import check_limb
+from palpate.limb.outer_surface import partly_fixed
+from palpate.limb.tidying import tidied
+from palpate.mesh.specimens import block
+from palpate_indentation import MeshioSettings, MeshioSource
+
+pytestmark = pytest.mark.usefixtures("meshes_here")
+
+DATA = Path(__file__).parent / "data" / "meshes_of_others"
+GROUPS: dict[str, Any] = {
+    "regions": {"skin": "skin", "soft_tissue": "fat"},
+    "node_sets": {"contact": "pressed", "fixed": ["bone", "cuts"]},
+}
+NUMBERS: dict[str, Any] = {"regions": {"soft_tissue": 0, "skin": 1}}
+OTHERS: dict[str, dict[str, Any]] = {
+    "abaqus_nset_with_set_name": {**GROUPS, "node_sets": {"contact": "pressed", "fixed": "held"}},
+    "abaqus_shell_elset_in_two_blocks": {
+        **GROUPS,
+        "node_sets": {"contact": "pressed", "fixed": ["cuts", "boneface"]},
+    },
+    "inp_elset_shared": {**GROUPS, "regions": {"tissue": "Tissue"}},
+    "labels_of_one_region": {"region_data": "label", "regions": {"skin": 1, "muscle": [12, 13]}},
+}
+READ = [
+    path
+    for path in sorted(DATA.iterdir())
+    if path.suffix in (".inp", ".vtu", ".vtk") and not path.stem.startswith("plane")
+]
+
+
+def load(path: Path, settings: dict[str, Any]) -> Limb:
+    limb = tidied(MeshioSource(MeshioSettings.model_validate(settings)).load(path, Spot(name="p1")))
+    check_limb(limb, limb.mesh.regions)
+    return limb
+
+
+@pytest.mark.parametrize("path", READ, ids=lambda path: path.stem)
+def test_each_spelling_is_the_whole_block(path: Path) -> None:
+    limb = load(path, OTHERS.get(path.stem, GROUPS if path.suffix == ".inp" else NUMBERS))
+    x, _, z = limb.mesh.points_mm.T
+    np.testing.assert_array_equal(np.sort(limb.mesh.node_sets["contact"]), np.flatnonzero(z == 0.0))
+    held = np.flatnonzero((z == -20.0) | (np.abs(x) == 20.0))
+    if "tet10" not in limb.mesh.cells:
+        np.testing.assert_array_equal(np.sort(limb.mesh.node_sets["fixed"]), held)
+    assert set(held.tolist()) <= set(limb.mesh.node_sets["fixed"].tolist())
+    assert limb.warnings == ()
+    assert not list(partly_fixed(limb.mesh))
+    assert len(limb.mesh.used_regions) == (1 if path.stem == "inp_elset_shared" else 2)
+
+
+def test_what_is_no_limb_is_left_out_with_a_remark() -> None:
+    def remarks(stem: str, settings: dict[str, Any]) -> str:
+        return " ".join(load(next(DATA.glob(f"{stem}.*")), settings).remarks)
+
+    assert "elements of type MASS are no tissue" in remarks("inp_spring_and_mass", GROUPS)
+    assert "elements of type R3D4 are no tissue" in remarks("inp_cae_indenter_after", GROUPS)
+    assert "1 nodes belong to no volume element" in remarks("abaqus_reference_point", GROUPS)
+    assert "1 nodes belong to no volume element" in remarks("orphan_node", NUMBERS)
+    assert "32 elements are numbered the other way round" in remarks("all_inverted", NUMBERS)
+
+
+def test_a_plane_that_misses_nodes_of_its_side_is_a_warning() -> None:
+    sides = {"-20 mm": [[0, 0, 1], [1, 0, 0]], "20 mm": [[1, 0, 0]]}
+    planes = [{"normal": normal, "at": at} for at, normals in sides.items() for normal in normals]
+    wide = [{**plane, "within": "0.3 mm"} for plane in planes]
+    path, sets = DATA / "plane_misses_nodes_of_a_cut.vtu", {"contact": "contact"}
+    some, every = (load(path, {**NUMBERS, "node_sets": {**sets, "fixed": fixed}}) for fixed in (planes, wide))
+    assert len(some.mesh.node_sets["fixed"]) == 21
+    assert any("fixed in part: 4 of 9 nodes" in text for text in partly_fixed(some.mesh))
+    assert len(every.mesh.node_sets["fixed"]) == 45
+    assert not list(partly_fixed(every.mesh))
+
+
+# ------------------------------------------------------------------ Abaqus
+
+LIMB = block("hex8", width_mm=40.0, height_mm=20.0, n_across=4, n_down=2, layers_mm={"skin": 10.0})
+NODES = "".join(f"{k}, {x:.12g}, {y:.12g}, {z:.12g}\n" for k, (x, y, z) in enumerate(LIMB.mesh.points_mm, 1))
+ROWS = (LIMB.mesh.cells["hex8"] + 1).tolist()
+CELLS = [f"{k}, {', '.join(map(str, cell))}" for k, cell in enumerate(ROWS, 1)]
+IN_SKIN = LIMB.mesh.cell_regions["hex8"] == 0
+X, _, Z = LIMB.mesh.points_mm.T
+BONE, CUTS, TOP = (np.flatnonzero(of) + 1 for of in (Z == -20.0, np.abs(X) == 20.0, Z == 0.0))
+HELD = np.union1d(BONE, CUTS)
+
+
+def listed(numbers: Any, width: int = 16) -> str:
+    rows = [list(map(str, numbers[k : k + width])) for k in range(0, len(numbers), width)]
+    return "".join(f"{', '.join(row)}\n" for row in rows)
+
+
+def part(elements: str = "", sets: str = "") -> str:
+    skin = "\n".join(cell for cell, is_skin in zip(CELLS, IN_SKIN, strict=True) if is_skin)
+    fat = "\n".join(cell for cell, is_skin in zip(CELLS, IN_SKIN, strict=True) if not is_skin)
+    solids = f"*Element, type=C3D8R, elset=Fat\n{fat}\n*ELEMENT,\n ELSET=skin,\n TYPE=c3d8h\n{skin}\n"
+    own = f"*NSET, NSET=Bone\n{listed(BONE)}*NSET, NSET=cuts\n{listed(CUTS)}*nset, nset=TOP\n{listed(TOP)}"
+    return f"*NODE, NSET=ALL\n{NODES}{solids}{elements}{own}{sets}"
+
+
+def settings_of(fixed: Any = "fixed") -> dict[str, Any]:
+    regions = {"skin": "Skin", "soft_tissue": "FAT"}
+    return {"regions": regions, "node_sets": {"contact": "Top", "fixed": fixed}}
+
+
+def counts(tmp_path: Path, text: str, fixed: Any = "fixed") -> tuple[Limb, int]:
+    (tmp_path / "m.inp").write_text(text)
+    limb = load(tmp_path / "m.inp", settings_of(fixed))
+    return limb, len(limb.mesh.node_sets["fixed"])
+
+
+SUPPORTS = {
+    "encastre": "*Boundary\nbone, ENCASTRE\ncuts, PINNED\n",
+    "ranges of directions": "*BOUNDARY\nbone, 1, 3\ncuts, 1, 3, 0.\n",
+    "one direction at a time": "*Boundary\nBone, 1, 1\nBone, 2\nBone, 3, 3, 0.0\ncuts, 1, 6\n",
+    "in a step": "*Boundary\ncuts, encastre\n*Step, nlgeom=YES\n*Static\n0.1, 1.\n"
+    "*Boundary\nBONE, 1, 3\n*End Step\n",
+    "symmetries together": "*Boundary\nbone, XSYMM\nbone, YSYMM\nbone, zsymm\ncuts, 1, 3\n",
+    "nodes by number": "*Boundary\n" + "".join(f"{n}, 1, 3\n" for n in BONE) + "cuts, 1, 3\n",
+    "a rigid bone": "*Node\n900, 0., 0., -30.\n*Rigid Body, ref node=900, tie nset=bone\n"
+    "*Boundary\n900, 1, 6\ncuts, 1, 3\n",
+    "a coupling": "*Node, nset=RP\n900, 0., 0., -30.\n*Surface, type=NODE, name=bone_face\nbone,\n"
+    "*Coupling, constraint name=c, ref node=RP, surface=bone_face\n*Kinematic\n"
+    "*Boundary\nRP, 1, 6\ncuts, 1, 3\n",
+}
+
+
+@pytest.mark.parametrize("conditions", SUPPORTS.values(), ids=SUPPORTS)
+def test_the_files_own_supports_are_used(tmp_path: Path, conditions: str) -> None:
+    limb, n_fixed = counts(tmp_path, part() + conditions)
+    assert n_fixed == HELD.size
+    assert limb.warnings == ()
+    assert any(f"fixes {HELD.size} nodes of the limb" in remark for remark in limb.remarks)
+
+
+def test_conditions_of_an_assembly_name_sets_of_instances(tmp_path: Path) -> None:
+    text = (
+        f"*Part, name=Limb\n{part()}*End Part\n*Assembly, name=A\n"
+        "*Instance, name=Limb-1, part=limb\n0., 0., 0.\n"
+        "*End Instance\n*Nset, nset=held, instance=Limb-1\n"
+        + listed(BONE)
+        + "*Nset, nset=held\nLimb-1.cuts,\n"
+        "*Elset, elset=_low, internal, instance=Limb-1, generate\n1, 16, 1\n*End Assembly\n"
+        "*Boundary\nheld, 1, 3\n"
+    )
+    assert counts(tmp_path, text)[1] == HELD.size
+    assert counts(tmp_path, text, ["Limb-1.bone", "CUTS"])[1] == HELD.size
+
+
+def test_an_instance_that_is_moved_is_moved(tmp_path: Path) -> None:
+    moved = (
+        f"*Part, name=Limb\n{part()}*End Part\n*Assembly, name=A\n*Instance, name=L, part=Limb\n1., 2., 0.\n"
+        "0., 0., 0., 0., 0., 1., 90.\n*End Instance\n*End Assembly\n*Boundary\nbone, 1, 3\n"
+    )
+    limb, _ = counts(tmp_path, moved)
+    x, y, z = LIMB.mesh.points_mm.T
+    np.testing.assert_allclose(limb.mesh.points_mm, np.stack([-(y + 2.0), x + 1.0, z], axis=1), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("surface", "n"),
+    [
+        ("*Elset, elset=low, generate\n{first}, {last}\n*Surface, type=ELEMENT, name=held\nlow, S1\n", 25),
+        ("*Surface, type=NODE, name=held\nbone, 1.\n", 25),
+        ("*Surface, name=held\n1, S1\n2, S1\n", 6),
+    ],
+)
+def test_surfaces_are_sets_of_nodes(tmp_path: Path, surface: str, n: int) -> None:
+    numbers = np.array([int(cell.split(",")[0]) for cell in CELLS])
+    low = numbers[np.isin(LIMB.mesh.cells["hex8"] + 1, BONE).any(axis=1)]
+    text = part(sets=surface.format(first=low.min(), last=low.max()))
+    (tmp_path / "m.inp").write_text(text)
+    found = MeshioSource(MeshioSettings.model_validate(settings_of("HELD"))).load(
+        tmp_path / "m.inp", Spot(name="p1")
+    )
+    assert found.mesh.node_sets["fixed"].size >= n
+
+
+def test_what_is_not_used_is_named(tmp_path: Path) -> None:
+    conditions = (
+        "*Boundary\ncuts, 1, 3\nbone, 3\ntop, 3, 3, -2.\n*MPC\nBEAM, bone, 1\n"
+        "*Node\n900, 0., 0., -30.\n*Rigid Body, ref node=900, tie nset=bone\n"
+    )
+    limb, n_fixed = counts(tmp_path, part() + conditions)
+    text = "\n".join(limb.warnings)
+    assert n_fixed == CUTS.size
+    assert "held in z alone by *Boundary of 'bone'" in text
+    assert "*Boundary of 'top' moves 25 nodes" in text
+    assert "*MPC in line" in text
+    assert "reference node that the file does not hold" in text
+    limb, _ = counts(tmp_path, part() + "*Boundary\ncuts, 1, 3\nbone, 1, 3\n", "cuts")
+    assert "the file holds 15 more nodes by *Boundary of 'bone'" in limb.warnings[0]
+
+
+def test_a_solid_rigid_body_is_no_limb(tmp_path: Path) -> None:
+    box = [(x, y, z) for z in (3, 4) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    nodes = "".join(f"{800 + k}, {x}, {y}, {z}\n" for k, (x, y, z) in enumerate(box))
+    ball = f"*Node\n{nodes}*Element, type=C3D8, elset=ball\n900, {', '.join(map(str, range(800, 808)))}\n"
+    text = part() + ball + "*Rigid Body, ref node=800, elset=BALL\n*Boundary\nbone, 1, 3\ncuts, 1, 3\n"
+    limb, n_fixed = counts(tmp_path, text)
+    assert limb.mesh.n_cells == len(CELLS)
+    assert n_fixed == HELD.size
+    assert "1 elements of type 'ball' (rigid body) are no tissue and are left out" in limb.remarks
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (part("*Element, type=C3D8X9Z\n1, 2\n"), r"line \d+: elements of type C3D8X9Z are not understood"),
+        (
+            part("*Element, type=CAX4\n1, 2\n"),
+            r"elements of type CAX4 are not understood; mesh the limb with",
+        ),
+        (part("*NGEN, nset=x\n1, 2\n"), r"\*NGEN in line \d+: it makes nodes or elements; write all of them"),
+        (part("*Node, system=C\n1, 2, 3, 4\n"), "cylindrical or spherical; write x, y and z"),
+        (part("*Element, type=C3D8\n1, 2, 3\n"), "C3D8 wants 8 nodes in each element"),
+        (
+            part("*Element, type=C3D4\n901, 1, 2, 3, 5000\n"),
+            "element 901 names node 5000, which is",
+        ),
+        (part(sets="*Nset, nset=x\nnone\n"), r"\*NSET in line \d+: no set 'none'; define it first"),
+        (part() + "*Boundary\nbones, 1, 3\n", r"\*BOUNDARY in line \d+: no node set 'bones'"),
+        (part() + "*Boundary\nbone, up\n", "'up' is no number"),
+        (part(), "no point data, point set or group of elements 'fixed'"),
+    ],
+)
+def test_what_is_not_understood_is_named_with_its_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(MeshError, match=message):
+        counts(tmp_path, text)
+
+
+@given(st.integers(0, 2**32))
+def test_case_blanks_and_line_ends_do_not_matter(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
+    random = Random(seed)
+    text = part() + SUPPORTS["one direction at a time"]
+    spelled = "".join(random.choice((c.upper(), c.lower(), c)) for c in text)
+    for sign in ",=":
+        spelled = spelled.replace(sign, random.choice((sign, f" {sign}", f" {sign} ")))
+    folder = tmp_path_factory.mktemp("inp")
+    (folder / "m.inp").write_bytes(spelled.replace("\n", random.choice(("\n", "\r\n"))).encode())
+    assert load(folder / "m.inp", settings_of()).mesh.node_sets["fixed"].size == HELD.size
