@@ -13,8 +13,10 @@ from palpate_indentation import CsvLoader, CsvSettings
 from palpate_robot_log.reading.assembly import read_recording
 from palpate_robot_log.reading.channel_map import ChannelMap
 from palpate_robot_log.reading.inspection import inspect_log
-from palpate_robot_log.reading.proposal import QUANTITIES, channel_map, propose, study_text, words_of
+from palpate_robot_log.reading.names import words_of
+from palpate_robot_log.reading.proposal import QUANTITIES, propose
 from palpate_robot_log.reading.raw import RawLog, Stream
+from palpate_robot_log.reading.study_text import channel_map, study_text
 
 from . import log_writers as write
 
@@ -250,7 +252,9 @@ def test_a_homogeneous_test_is_for_the_loader_csv(
     assert (table["loader"], table.get("settings", {})) == ("csv", settings)
     assert list(CsvLoader(CsvSettings.model_validate(settings)).load(path, "uniaxial")) == ["uniaxial"]
     path.write_text("stretch,stress\n" + "".join(f"{1 + k / 10},{k}\n" for k in range(30)))
-    assert 'loader = "csv"' not in inspect_log(path).study_text
+    found = inspect_log(path)
+    assert "experiment" not in tomllib.loads(found.study_text)
+    assert "stress shows no unit of stress: give scale" in found.record["problem"]
 
 
 def test_a_robots_log_is_understood_by_the_loader_that_ships(call, tmp_path):

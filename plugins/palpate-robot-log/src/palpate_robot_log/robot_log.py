@@ -79,17 +79,21 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
 
         curves, gravity = processed.curves, self.settings.gravity
         if channel is not None and channel not in curves:
+            remedy = "the log has no moment; measure it" if processed.lacks_torque else "log a twist"
             raise CurveError(
                 f"{path}: no channel '{channel}' comes of this log (found: {', '.join(curves)}); "
-                "log a twist, or leave the channel out"
+                f"{remedy}, or leave the channel out"
             )
         wanted = curves if channel is None else {channel: curves[channel]}
-        record = dict(processed.record)
+        record, warnings = dict(processed.record), list[str]()
+        if processed.lacks_torque:
+            warnings.append("the log has no moment, so the twist gives no torque; weigh the force alone")
         if gravity.method == "off" and processed.bias is not None:
             peak = float(abs(processed.curves["force"].ordinate).max())
             bias_N, down = processed.bias.force_N, np.array(gravity.direction)
             if warning := weight_left_in(processed.raw, bias_N, down, peak):
-                record["warnings"] = [warning]
+                warnings.append(warning)
+        record |= {"warnings": warnings} if warnings else {}
         relaxations = [item for item in processed.relaxations if item.channel in wanted]
         return Response(curves=wanted, relaxations=relaxations, record=record)
 

@@ -104,6 +104,11 @@ class Processed:
         return next(phase for phase in self.phases if phase.name == name)
 
     @property
+    def lacks_torque(self) -> bool:
+        """Whether the tool twists, and the log has no moment that answers it."""
+        return "torque" not in self.curves and any(phase.name.startswith("twist") for phase in self.phases)
+
+    @property
     def record(self) -> Mapping[str, Any]:
         """Every step's settings and findings, of plain values that JSON holds."""
         steps = [
@@ -198,7 +203,9 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
     # About the tip itself where it leaves the contact axis.
     spot = motion.origin_mm if slide is None else tared.position_mm
     wrench = wrench_at_spot(tared, spot, normal.vector, np.array(settings.frame.sensor_to_tip))
-    check_torque(calm, located, wrench, weighed=tool is not None)
+    has_moment = bool(raw.moment_Nmm.any())
+    if has_moment:
+        check_torque(calm, located, wrench, weighed=tool is not None)
     onset, touch, leave = onset_of(located, settings.onset, wrench.pressing)
     time, depth = raw.time_s, motion.travel_mm - onset.travel_mm
     phases = name_phases(time, located.strokes, touch, leave)
@@ -209,7 +216,7 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
 
     found = {
         "force": Signal(depth, wrench.pressing, named("press")),
-        "torque": Signal(motion.turn_deg, wrench.twisting, named("twist")),
+        "torque": Signal(motion.turn_deg, wrench.twisting, named("twist") if has_moment else []),
     }
     if slide is not None:
         lateral_force = -wrench.force_N @ (spot_axes(normal.vector).T @ slide.along)
@@ -231,7 +238,7 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
         if settings.relaxation.enabled and phase.name.startswith("dwell")
         for channel, values in (("force", wrench.pressing), ("torque", wrench.twisting))
         # Before the twist there is no torque that could relax.
-        if channel == "force" or phase.start.time_s > located.strokes.press.stop.time_s
+        if channel == "force" or (has_moment and phase.start.time_s > located.strokes.press.stop.time_s)
     ]
     return Processed(
         settings=settings,

@@ -167,7 +167,10 @@ def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> 
     time_name = its_time.column
     real = [name.removeprefix("-") for name in source.columns if name != NO_COLUMN]
     stream = log.stream_of([*its_time.columns, *real], source.stream)
-    time_factor, time_unit = _factor(log, channels, stream, time_name, its_time.unit, "time")
+    if its_time.rate is not None:
+        time_factor, time_unit = 1.0 / its_time.rate, "rows"
+    else:
+        time_factor, time_unit = _factor(log, channels, stream, time_name, its_time.unit, "time")
     time = stream.columns[time_name].values
     if its_time.nanoseconds is not None:
         time = time + 1e-9 / time_factor * stream.columns[its_time.nanoseconds].values

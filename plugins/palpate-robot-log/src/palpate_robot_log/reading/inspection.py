@@ -15,16 +15,20 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from palpate.api import CurveError, FloatArray
-from palpate.api.files import Column, InspectedTable, Inspection, kind_of
+from palpate.api.files import Column, InspectedTable, Inspection, factor_to_base, kind_of
+from palpate_robot_log.processing.chain import Processed
 from palpate_robot_log.processing.contact import contacts_of
+from palpate_robot_log.processing.cycles import process_cycles
 from palpate_robot_log.processing.press import LARGEST_TURN_AXIS_ANGLE_DEG
+from palpate_robot_log.processing.settings import ProcessingSettings, Switch
 from palpate_robot_log.reading.assembly import assemble
 from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles
 from palpate_robot_log.reading.checks import longest_step_s
 from palpate_robot_log.reading.formats import Request, read_log
-from palpate_robot_log.reading.processed_curves import curves_text
-from palpate_robot_log.reading.proposal import QUANTITIES, Guess, Proposal, channel_map, propose, study_text
+from palpate_robot_log.reading.processed_curves import Proposed, curves_of
+from palpate_robot_log.reading.proposal import QUANTITIES, Guess, Proposal, machine_of, propose
 from palpate_robot_log.reading.raw import RawLog, Stream
+from palpate_robot_log.reading.study_text import channel_map, is_machine, study_text
 from palpate_robot_log.reading.two_files import read_both
 from palpate_robot_log.recording import Recording, rotated
 
@@ -32,7 +36,8 @@ _MOST_GAPS = 20
 _LEAST_TURN_DEG = 3.0
 _LEAST_PRESS_MM = 0.3
 _ALONG = 0.8
-_TO_SECONDS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_RISEN = 0.05
+_EARLY = 0.35
 
 
 def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
@@ -56,27 +61,8 @@ def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
     else:
         log = read_both(path, wrench, Request())
         proposal = replace(propose(log), files=LogFiles.of(path, wrench).model_dump())
-    proposal = judged(log, proposal)
-    # A force of three components is a sensor's, whatever else the log has of depth.
-    text = "" if "force" in proposal.guesses else curves_text(log)
-    if text:
-        proposal, problem = Proposal(guesses={}, time={}), ""
-        new = ["processed curves and no log: the loader csv reads them; check names and units"]
-    else:
-        found, problem = _read(log, proposal), ""
-        if isinstance(found, str):
-            problem, result = found, f"with this map: {found}"
-        else:
-            seconds = found.time_s[-1] - found.time_s[0]
-            reads = f"{found.n_rows} rows at {found.rate_hz:.4g} Hz over {seconds:.4g} s"
-            result = f"this map reads the file: {reads}"
-        guesses = [*proposal.guesses.values(), *proposal.time.values()]
-        checks = dict.fromkeys(f"check {check}" for guess in guesses for check in guess.to_check)
-        others = [
-            f"{quantity} might also be: {'; '.join(', '.join(guess.columns) for guess in also)}"
-            for quantity, also in proposal.others.items()
-        ]
-        new = [*checks, *others, result, *([] if isinstance(found, str) else _cycles(found))]
+    proposal, curves, new, problem = _found(log, path, judged(log, proposal))
+    text = curves.text() if curves else ""
     streams = [_described(stream, proposal) for stream in log.streams]
     findings = (*log.notes, *(() if text else _gap_findings(log, streams)), *new)
     tables = () if text else (_streams_table(log, streams),)
@@ -97,6 +83,95 @@ def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
             "study_toml": text,
         },
     )
+
+
+def _found(log: RawLog, path: Path, proposal: Proposal) -> tuple[Proposal, Proposed | None, list[str], str]:
+    """Proposal of a log, or else that of curves; findings, and the problem of reading it so."""
+    # A force of three components is a sensor's, whatever else the log has of depth.
+    if not {"position", "force"} & {*proposal.guesses}:
+        curves, machine = curves_of(log), machine_of(log)
+        if machine is not None and not (curves and curves.mode):
+            tried, processed = _tried_machine(log, machine)
+            if processed is not None or curves is None or not _begins_in_contact(log, machine):
+                curves, proposal = None, tried
+        if curves is not None:
+            return Proposal(guesses={}, time={}), curves, *_of_curves(path, curves)
+    found, problem = _read(log, proposal), ""
+    if isinstance(found, str):
+        problem, result = found, [f"with this map: {found}"]
+    else:
+        seconds = found.time_s[-1] - found.time_s[0]
+        reads = f"{found.n_rows} rows at {found.rate_hz:.4g} Hz over {seconds:.4g} s"
+        result = [f"this map reads the file: {reads}", *_cycles(found), _curves_in(found, proposal)]
+    guesses = [*proposal.guesses.values(), *proposal.time.values()]
+    checks = dict.fromkeys(f"check {check}" for guess in guesses for check in guess.to_check)
+    others = [
+        f"{quantity} might also be: {'; '.join(', '.join(guess.columns) for guess in also)}"
+        for quantity, also in proposal.others.items()
+    ]
+    kind = ["a testing machine of one axis: depth and first contact are found from the force"]
+    return proposal, None, [*(kind if is_machine(proposal) else []), *checks, *others, *result], problem
+
+
+def _of_curves(path: Path, curves: Proposed) -> tuple[list[str], str]:
+    """Findings on processed curves once the loader has read them, and its problem."""
+    what = "a homogeneous test" if curves.mode else "processed curves"
+    new, problem = [f"{what} and no log: the loader csv reads them; check names and units"], ""
+    if curves.questions:
+        problem = "; ".join(curves.questions)
+        return [
+            *new,
+            *curves.remarks,
+            *(f"answer first: {question}" for question in curves.questions),
+        ], problem
+    try:
+        result = f"these tables read the file: {curves.tried(path)}"
+    except CurveError as error:
+        problem = str(error)
+        result = f"with these tables: {problem}"
+    return [*new, *curves.remarks, result], problem
+
+
+def _tried_machine(log: RawLog, machine: Proposal) -> tuple[Proposal, Processed | None]:
+    """A machine's proposal, without the drift where the log ends under load, and its press if it has one."""
+    found = _read(log, machine)
+    if isinstance(found, str):
+        return machine, None
+    for ends_in_contact in (False, True):
+        settings = ProcessingSettings(drift=Switch(enabled=not ends_in_contact))
+        try:
+            processed = [*process_cycles(found, settings).processed.values()][-1]
+        except CurveError:
+            continue
+        return replace(machine, ends_in_contact=ends_in_contact), processed
+    return machine, None
+
+
+def _begins_in_contact(log: RawLog, machine: Proposal) -> bool:
+    """Whether the force rises from the first rows on, as in curves that begin at first contact."""
+    (travel,), (force,) = (
+        [log.stream(guess.stream).columns[name].values for name in guess.names]
+        for guess in (machine.guesses["position"], machine.guesses["force"])
+    )
+    share = np.abs(force - force[0]) / max(float(np.nanmax(np.abs(force - force[0]))), 1e-300)
+    rises = int(np.argmax(share > _RISEN))
+    return float(abs(travel[rises] - travel[0])) < _EARLY * float(np.ptp(travel[np.isfinite(travel)]))
+
+
+def _curves_in(recording: Recording, proposal: Proposal) -> str:
+    """Finding on the curves of a recording, or the reason why it has none yet."""
+    settings = ProcessingSettings(drift=Switch(enabled=not proposal.ends_in_contact))
+    try:
+        processed = [*process_cycles(recording, settings).processed.values()][-1]
+    except CurveError as error:
+        return f"no curves yet: {error}"
+    peaks = (
+        f"{name} up to {np.abs(curve.ordinate).max():.4g} {units[0]} over "
+        f"{curve.abscissa.min():.4g} to {curve.abscissa.max():.4g} {units[1]}"
+        for name, curve in processed.curves.items()
+        for units in [("N·mm", "degrees") if name == "torque" else ("N", "mm")]
+    )
+    return f"its curves: {', '.join(peaks)}"
 
 
 def _read(log: RawLog, proposal: Proposal) -> Recording | str:
@@ -130,8 +205,10 @@ def _cycles(recording: Recording) -> list[str]:
 def _described(stream: Stream, proposal: Proposal) -> dict[str, Any]:
     """Clock and columns of a stream in plain values."""
     guesses = {what: guess for what, guess in proposal.guesses.items() if guess.stream == stream.name}
-    roles = {name: what for what, guess in guesses.items() for name in guess.columns}
+    roles = {name: what for what, guess in guesses.items() for name in guess.names}
     time = proposal.time.get(stream.name)
+    counter, time = (time, None) if time and time.is_counter else (None, time)
+    roles |= dict.fromkeys(counter.columns, "counter") if counter else {}
     roles |= dict.fromkeys(time.columns, "time") if time else {}
     return {
         "name": stream.name,
@@ -143,7 +220,8 @@ def _described(stream: Stream, proposal: Proposal) -> dict[str, Any]:
 
 def _clock(stream: Stream, guess: Guess) -> dict[str, Any]:
     column, *parts = (stream.columns[name] for name in guess.columns)
-    seconds = column.values * _TO_SECONDS.get(guess.unit or column.shown_unit, 1.0)
+    unit = guess.unit or column.shown_unit
+    seconds = column.values * (factor_to_base(unit, "time", column.name) if unit else 1.0)
     for part in parts:
         seconds = seconds + 1e-9 * part.values
     is_there = np.isfinite(seconds)
@@ -183,7 +261,8 @@ def _gap_findings(log: RawLog, streams: Sequence[Mapping[str, Any]]) -> Iterable
     for stream, described in zip(log.streams, streams, strict=True):
         clock = described["time"]
         if clock is None:
-            yield f"{stream.label}: no column looks like time"
+            if not any(column["taken_for"] == "counter" for column in described["columns"]):
+                yield f"{stream.label}: no column looks like time"
             continue
         for gap in clock["gaps"][:3]:
             after = f"{log.row_word} {gap['row']} (t = {gap['time_s']:.4f} s)"

@@ -1,103 +1,270 @@
-"""Curves that are processed already: recognised by their columns, and proposed for the loader ``csv``."""
+"""Curves and homogeneous tests that are no log, recognised by their columns and proposed for ``csv``."""
 
 import json
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
-from palpate.api import convert
-from palpate.api.files import Column, Kind, factor_to_base, kind_of
-from palpate_indentation.csv_loader import FOREARM, HOMOGENEOUS
-from palpate_robot_log.reading.proposal import words_of
+import numpy as np
+from pydantic import ValidationError
+
+from palpate.api import Curve, CurveError, FloatArray
+from palpate.api.files import Column
+from palpate_indentation.csv_loader import FOREARM, HOMOGENEOUS, CsvLoader, CsvSettings
+from palpate_indentation.measures import problem_of
+from palpate_robot_log.reading.names import TENSILE, Picked, Test, pick, rivals, test_of, words_of
 from palpate_robot_log.reading.raw import RawLog
+from palpate_robot_log.reading.study_text import toml_value
 
 _LAYOUT = {"decimal": ".", "skip_lines": 0, "comment": "#"}
 _DEGREES_PER_RADIAN = 57.29577951308232
+_ROLES = {"force": ("travel", "force"), "torque": ("angle", "moment")}
+_AT_REST = 0.02
+"""Share of a range up to which a value is next to zero."""
+
+_UNIT_OF = {"travel": "mm", "force": "N", "moment": "N·mm", "angle": "degrees", "stress": "MPa"}
 
 
-class _Role(NamedTuple):
-    """Unit and words that a column must have, and the factor from a log's base unit to the channel's."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Proposed:
+    """Columns of each channel as settings of the loader ``csv``; questions where the names leave some open.
 
-    kind: Kind
-    words: frozenset[str]
-    factor: float = 1.0
+    Parameters
+    ----------
+    mode : str
+        Channel of a homogeneous test; empty for a press.
+    questions : tuple of str
+        Each is open until a person answers it in the settings.
+    """
+
+    channels: Mapping[str, Mapping[str, Any]]
+    mode: str = ""
+    remarks: tuple[str, ...] = ()
+    questions: tuple[str, ...] = ()
+    layout: Mapping[str, object] = field(default_factory=dict)
+    file: str = ""
+
+    def settings(self) -> dict[str, Any]:
+        """Settings of the loader, without the columns that it looks for by itself."""
+        known = {**FOREARM, **HOMOGENEOUS}
+        is_usual = all(
+            columns == {"abscissa": known[name].abscissa.name, "ordinate": known[name].ordinate.name}
+            for name, columns in self.channels.items()
+        )
+        is_whole = bool(self.mode) or {*self.channels} == {*FOREARM}
+        named = {} if is_usual and is_whole else {"channels": dict(self.channels)}
+        return {**self.layout, **named}
+
+    def text(self) -> str:
+        """Tables of study.toml, in comments where a question is open."""
+        measured = f"measured = {{ {self.mode} = {json.dumps(self.file)} }}"
+        lines = [f"# [[spot]] {measured}: the key is the mode of the test"] if self.mode else []
+        lines += ["[experiment]", 'loader = "csv"']
+        settings = self.settings()
+        channels = settings.pop("channels", {})
+        lines += [f"settings.{key} = {toml_value(value)}" for key, value in settings.items()]
+        for channel, columns in channels.items():
+            lines += ["", f"[experiment.settings.channels.{channel}]"]
+            lines += [f"{key} = {toml_value(value)}" for key, value in columns.items()]
+        if self.questions:
+            asked = [f"# {question}" for question in self.questions]
+            return "\n".join([*asked, *(f"# {line}".rstrip() for line in lines)]) + "\n"
+        return "\n".join(lines) + "\n"
+
+    def tried(self, path: Path) -> str:
+        """Sentence on the curves that these settings read; a CurveError where they read none."""
+        try:
+            loader = CsvLoader(CsvSettings.model_validate(self.settings()))
+        except ValidationError as error:
+            raise CurveError("; ".join(str(one["msg"]) for one in error.errors())) from None
+        curves = loader.load(path, self.mode or None).curves
+        return "; ".join(_spans(name, curve) for name, curve in curves.items())
 
 
-_ROLES: Mapping[str, tuple[_Role, _Role]] = {
-    "force": (
-        _Role("length", frozenset({"depth", "indentation", "displacement", "travel"})),
-        _Role("force", frozenset({"force", "load", "fn", "fz", "normal"})),
-    ),
-    "torque": (
-        _Role("angle", frozenset({"angle", "rotation", "twist", "turn"}), _DEGREES_PER_RADIAN),
-        _Role("moment", frozenset({"torque", "moment", "tz", "mz"})),
-    ),
-}
-_Pair = tuple[tuple[str, float], tuple[str, float]]
+def _spans(name: str, curve: Curve) -> str:
+    units = {"force": ("mm", "N"), "torque": ("degrees", "N·mm")}.get(name, ("", "MPa"))
+    ends = ((values.min(), values.max()) for values in (curve.abscissa, curve.ordinate))
+    along, of = (
+        f"{low:.6g} to {high:.6g} {unit}".rstrip() for (low, high), unit in zip(ends, units, strict=True)
+    )
+    return f"{name} {of} over {along} in {curve.abscissa.size} rows"
 
 
-def curves_text(log: RawLog) -> str:
-    """Tables of study.toml for the loader ``csv``; empty where the file is no table of processed curves."""
-    if log.format != "delimited text":
-        return ""
+def curves_of(log: RawLog) -> Proposed | None:
+    """Curves of a press, or a homogeneous test, in a table; None where its columns are neither."""
     columns = [column for stream in log.streams for column in stream.columns.values()]
-    found = {channel: _pair(columns, roles) for channel, roles in _ROLES.items()}
-    curves = {channel: pair for channel, pair in found.items() if pair is not None}
-    if "force" not in curves:
-        return _homogeneous(columns, Path(log.source).name)
-    lines = ["[experiment]", 'loader = "csv"']
+    found = _homogeneous(columns) or _curves(columns)
+    if found is None:
+        return None
     # The loader finds the separator by itself.
     layout = {key: log.layout[key] for key in _LAYOUT if log.layout.get(key, _LAYOUT[key]) != _LAYOUT[key]}
-    lines += [f"settings.{key} = {json.dumps(value)}" for key, value in layout.items()]
-    usual = {
-        channel: ((columns.abscissa.name, 1.0), (columns.ordinate.name, 1.0))
-        for channel, columns in FOREARM.items()
+    return Proposed(
+        channels=found.channels,
+        mode=found.mode,
+        remarks=found.remarks,
+        questions=found.questions,
+        layout=layout,
+        file=Path(log.source).name,
+    )
+
+
+# ------------------------------------------------------------------------ a press
+
+
+def _curves(columns: Sequence[Column]) -> Proposed | None:
+    channels, remarks, questions = dict[str, dict[str, Any]](), list[str](), list[str]()
+    for channel, roles in _ROLES.items():
+        along, of = (pick(columns, role) for role in roles)
+        if along is None or of is None:
+            if any(each is not None for each in (along, of)):
+                alike = [name for role in roles for name in rivals(columns, role)]
+                questions += [f"{channel}: {' or '.join(alike)}? name one"] if alike else []
+            continue
+        remarks += [*along.remarks, *of.remarks]
+        for role, one in zip(roles, (along, of), strict=True):
+            if question := one.question(role, _UNIT_OF[role]):
+                questions.append(question)
+            elif one.factor is None:
+                remarks.append(f"check the unit of {one.column.name}: {_UNIT_OF[role]} is assumed")
+        if channel == "force":
+            settings, placed = _placed(along, of)
+            channels[channel], remarks = settings, remarks + placed
+        else:
+            channels[channel] = {
+                "abscissa": _column(along, _DEGREES_PER_RADIAN if along.factor else 1.0),
+                "ordinate": _column(of),
+            }
+    if not channels:
+        return None
+    names = {word for column in columns for word in words_of(column.name)}
+    if names & TENSILE and "force" in channels:
+        scales = {
+            "abscissa": ("travel", "1 / length in mm", 1.0),
+            "ordinate": ("force", "1 / area in mm²", 0.0),
+        }
+        open_scales = {
+            key: {"name": found.column.name, "scale": scale} | ({"offset": offset} if offset else {})
+            for key, (role, scale, offset) in scales.items()
+            if (found := pick(columns, role)) is not None
+        }
+        ask = "a tensile test: give both scales, by the length and the area of the specimen"
+        return Proposed(channels={"uniaxial": open_scales}, mode="uniaxial", questions=(ask,))
+    return Proposed(channels=channels, remarks=tuple(remarks), questions=tuple(questions))
+
+
+def _column(one: Picked, times: float = 1.0, offset: float = 0.0) -> str | dict[str, Any]:
+    """Entry of a column: its name alone where nothing is scaled."""
+    scale = float(f"{(one.factor or 1.0) * times:.12g}")
+    entry: dict[str, Any] = {"name": one.column.name}
+    entry |= {"scale": scale} if scale != 1.0 else {}
+    entry |= {"offset": float(f"{offset:.6g}")} if offset else {}
+    return one.column.name if len(entry) == 1 else entry
+
+
+def _placed(depth: Picked, force: Picked) -> tuple[dict[str, Any], list[str]]:
+    """Columns of the force over a depth that begins at 0 and grows, and of a force that pushes back."""
+    is_there = np.isfinite(depth.column.values) & np.isfinite(force.column.values)
+    x, y = depth.column.values[is_there], force.column.values[is_there]
+    remarks: list[str] = []
+    if x.size < 2 or not np.ptp(x) or not np.ptp(y):
+        return {"abscissa": _column(depth), "ordinate": _column(force)}, remarks
+    farthest = int(np.argmax(np.abs(x - x[0])))
+    sense = -1.0 if x[farthest] < x[0] else 1.0
+    # What begins under load is a part of a curve, whose zero the file does not show.
+    unloaded = abs(float(y[0])) <= _AT_REST * float(np.abs(y).max())
+    shift = -sense * float(x[0]) if unloaded and abs(x[0]) > _AT_REST * np.ptp(x) else 0.0
+    push = -1.0 if -y.min() > y.max() else 1.0
+    if sense < 0.0 or shift:
+        way = f"begins at {x[0]:.6g} and {'falls' if sense < 0.0 else 'rises'}"
+        zero = f", offset = {shift * (depth.factor or 1.0):.6g}" if shift else ""
+        remarks.append(
+            f"{depth.column.name} {way}: {'its sign is turned' if sense < 0.0 else 'depth is 0 there'}{zero}"
+        )
+    if push < 0.0:
+        remarks.append(f"{force.column.name} is negative under load: its sign is turned")
+    settings: dict[str, Any] = {
+        "abscissa": _column(depth, sense, shift * (depth.factor or 1.0)),
+        "ordinate": _column(force, push),
     }
-    if curves != usual:
-        for channel, pair in curves.items():
-            lines += ["", f"[experiment.settings.channels.{channel}]"]
-            for key, (name, factor) in zip(("abscissa", "ordinate"), pair, strict=True):
-                text = json.dumps(name, ensure_ascii=False)
-                lines.append(
-                    f"{key} = {text}" if factor == 1.0 else f"{key} = {{ name = {text}, scale = {factor!r} }}"
-                )
-    return "\n".join(lines) + "\n"
+    if abs(x[-1] - x[farthest]) > _AT_REST * np.ptp(x) and farthest < x.size - 1:
+        settings["rows"] = "loading"
+        remarks.append(
+            f"{depth.column.name} has a way back: the rows up to {x[farthest]:.6g} are kept; to use all, "
+            'remove rows = "loading" and give [protocol] the way back'
+        )
+    return settings, remarks
 
 
-def _homogeneous(columns: Sequence[Column], file: str) -> str:
-    """Tables for the stress of a homogeneous test over its stretch, strain or shear; else empty."""
-    words = [set(words_of(column.name)) for column in columns]
-    if len(columns) != 2 or not words[0] & {"stretch", "strain", "shear"} or "stress" not in words[1]:
-        return ""
-    unit = columns[1].unit or re.split(r"[_\s\[(]", columns[1].name)[-1].rstrip(")] ")
-    try:
-        factor = float(f"{convert(f'1 {unit}', 'MPa'):.12g}")
-    except ValueError:
-        return ""
-    mode = "simple_shear" if "shear" in words[0] else "uniaxial"
-    lines = [f"# [[spot]] measured = {{ {mode} = {json.dumps(file)} }}: the key is the mode of the test"]
-    lines += ["[experiment]", 'loader = "csv"']
-    own, (along, of) = HOMOGENEOUS[mode], (column.name for column in columns)
-    if (along, of) != (own.abscissa.name, own.ordinate.name):
-        offset = ", offset = 1.0" if "strain" in words[0] else ""
-        lines += ["", f"[experiment.settings.channels.{mode}]"]
-        lines += [f"abscissa = {{ name = {json.dumps(along)}{offset} }}"]
-        lines += [f"ordinate = {{ name = {json.dumps(of)}, scale = {factor!r} }}"]
-    return "\n".join(lines) + "\n"
+# ------------------------------------------------------------------ a homogeneous test
 
 
-def _pair(columns: Iterable[Column], roles: tuple[_Role, _Role]) -> _Pair | None:
-    """Names and factors of abscissa and ordinate, where one column each can be meant."""
-    chosen = []
-    for role in roles:
-        found = [
-            column
-            for column in columns
-            if kind_of(column.shown_unit) == role.kind and role.words & set(words_of(column.name))
-        ]
-        if len(found) != 1:
-            return None
-        factor = factor_to_base(found[0].shown_unit, role.kind, found[0].name) * role.factor
-        chosen.append((found[0].name, float(f"{factor:.12g}")))
-    return chosen[0], chosen[1]
+def _homogeneous(columns: Sequence[Column]) -> Proposed | None:
+    """Stress of a homogeneous test over its stretch, strain or shear; None without both."""
+    stress, along = pick(columns, "stress"), pick(columns, "stretch") or pick(columns, "strain")
+    if stress is None or along is None:
+        alike = [*rivals(columns, "stress"), *rivals(columns, "strain")]
+        if alike and (stress or along or (rivals(columns, "stress") and rivals(columns, "strain"))):
+            ask = f"{' or '.join(alike)}? name one pair of strain and stress"
+            return Proposed(channels={"uniaxial": {}}, mode="uniaxial", questions=(ask,))
+        return None
+    test = test_of(along.column, stress.column)
+    is_stretch = bool({"stretch", "lambda", "streckung"} & {*words_of(along.column.name)})
+    signs, remarks = _signs(along.column.values, stress.column.values, test, is_stretch=is_stretch)
+    is_nominal = not test.strain and not is_stretch and test.mode != "simple_shear"
+    columns_of: dict[str, Any] = {
+        "abscissa": _column(along, signs[0], 1.0 if is_nominal else 0.0),
+        "ordinate": _column(stress, signs[1]),
+    }
+    columns_of |= {"strain": test.strain} if test.strain else {}
+    columns_of |= {"stress": test.stress} if test.stress else {}
+    questions = list(test.questions)
+    questions += [
+        each
+        for one, kind in ((stress, "stress"), (along, "strain"))
+        if (each := one.question(kind, "MPa" if kind == "stress" else "1"))
+    ]
+    if stress.factor is None and not stress.column.shown_unit:
+        questions.append(f"{stress.column.name} shows no unit of stress: give scale, the factor to MPa")
+    strain: Any = test.strain or "stretch"
+    kind: Any = test.stress or "nominal"
+    if problem := problem_of(test.mode, strain, kind):
+        questions.append(f"{along.column.name}, {stress.column.name}: {problem}")
+    converted = [
+        *(
+            [f"{along.column.name}: {_STRAIN_WORDS[test.strain]} is converted to stretch"]
+            if test.strain
+            else []
+        ),
+        *(
+            [f"{stress.column.name}: {_STRESS_WORDS[test.stress]} is converted to nominal"]
+            if test.stress
+            else []
+        ),
+    ]
+    return Proposed(
+        channels={test.mode: columns_of},
+        mode=test.mode,
+        remarks=(*along.remarks, *stress.remarks, *remarks, *converted),
+        questions=tuple(questions),
+    )
+
+
+_STRAIN_WORDS = {"log": "logarithmic strain", "green": "Green-Lagrange strain"}
+_STRESS_WORDS = {"true": "true stress", "pk2": "second Piola-Kirchhoff stress"}
+
+
+def _signs(
+    strain: FloatArray, stress: FloatArray, test: Test, *, is_stretch: bool
+) -> tuple[tuple[float, float], list[str]]:
+    """Signs of strain and stress: both are negative in a compression, and its strain is below 0."""
+    if not test.is_compressive:
+        return (1.0, 1.0), []
+    signs = [
+        -1.0 if np.nanmax(values, initial=0.0) > -np.nanmin(values, initial=0.0) else 1.0
+        for values in (strain, stress)
+    ]
+    signs[0] = 1.0 if is_stretch else signs[0]
+    turned = [name for name, sign in zip(("strain", "stress"), signs, strict=True) if sign < 0.0]
+    remark = f"a compression: the sign of {' and '.join(turned)} is turned"
+    return (signs[0], signs[1]), [remark] if turned else []

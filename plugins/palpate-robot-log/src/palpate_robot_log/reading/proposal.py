@@ -1,22 +1,32 @@
-"""A channel map guessed from names, units and numbers, as text for study.toml that a person looks over."""
+"""A channel map guessed from names, units, numbers and directions, for a person to look over."""
 
-import json
-import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
 
 from palpate.api import FloatArray
-from palpate.api.files import Column, Kind, kind_of, unit_in
+from palpate.api.files import Column, Kind, kind_of
+from palpate_robot_log.reading.channel_map import NO_COLUMN
+from palpate_robot_log.reading.names import (
+    COMMANDED,
+    COUNTERS,
+    MEASURED,
+    TIME_WORDS,
+    factor_of,
+    has_role,
+    pick,
+    words_of,
+)
 from palpate_robot_log.reading.raw import RawLog, Stream
 
 QUANTITIES = ("position", "orientation", "force", "moment")
+NONE = (NO_COLUMN,) * 3
 
-_WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-zäöüß]+|\d+")
 _AXES = ("x", "y", "z", "w")
-_SHORT = ("f", "t", "m", "q", "p", "r", "pos", "rot", "quat", "force", "torque", "moment", "tcp")
+_SHORT = ("f", "t", "m", "q", "p", "r", "o", "pos", "rot", "quat", "force", "torque", "moment", "tcp")
 _TURNS = {"roll": "x", "pitch": "y", "yaw": "z", "alpha": "x", "beta": "y", "gamma": "z"}
 _ANGLES = ("abc", "wpr")
 """Letters of three angles in degrees: A, B, C of KUKA, Doosan and others, and W, P, R of Fanuc."""
@@ -24,28 +34,30 @@ _ANGLES = ("abc", "wpr")
 _WORDS: Mapping[str, frozenset[str]] = {
     "position": frozenset(("p", "pos", "position", "translation", "tcp", "tip", "tool", "point", "lage")),
     "orientation": frozenset(
-        ("q", "quat", "quaternion", "orientation", "rotation", "rot", "r", "euler", *_ANGLES)
+        ("q", "o", "quat", "quaternion", "orientation", "rotation", "rot", "r", "euler", *_ANGLES)
     ),
     "force": frozenset(("f", "force", "forces", "kraft")),
     "moment": frozenset(("t", "torque", "torques", "moment", "moments", "m", "tau", "drehmoment")),
 }
-_MEASURES: Mapping[Kind, str] = {
-    "length": "position",
+_KINDS: Mapping[str, Kind] = {
+    "position": "length",
     "force": "force",
     "moment": "moment",
-    "angle": "orientation",
+    "orientation": "angle",
 }
 _WRENCH_WORDS = frozenset(("wrench", "ft", "force", "f", "sensor"))
 _POSE_WORDS = frozenset(("pose", "tcp", "transform"))
-_TIME_WORDS = frozenset(("time", "t", "timestamp", "stamp", "zeit", "clock", "seconds", "secs", "received"))
+_OF_MOTION = frozenset(
+    ("vel", "velocity", "speed", "twist", "acc", "accel", "acceleration", "omega", "gyro", "jerk", "error")
+)
+"""Words of vectors that a press has no use for."""
 _STAMPS = {"sec": "nanosec", "secs": "nsecs"}
 """Fields of a time stamp in ROS 2 and 1: whole seconds, and nanoseconds to add."""
-_NOT_MEASURED = frozenset(
-    ("target", "desired", "d", "cmd", "command", "ref", "reference", "setpoint", "goal", "setp")
-)
 _IN_BASE = frozenset(("base", "o", "world", "actual"))
 """Words of a wrench in the base frame: O_F_ext_hat_K of Franka, actual_TCP_force of Universal Robots."""
 _SHARED_TABLE = 0.2
+_COARSE_CLOCK = 0.01
+_CLEARLY = 1.0
 _ORDER = "the order of the columns of {}: x, y, z by their numbers is assumed"
 
 
@@ -63,62 +75,53 @@ class Group:
     is_indexed: bool
 
 
-def words_of(name: str) -> tuple[str, ...]:
-    """Words of a column's name, without its unit, in small letters.
-
-    Examples
-    --------
-    >>> words_of("actual_TCP_force_0"), words_of("wrench.force.x"), words_of("Fx [N]")
-    (('actual', 'tcp', 'force', '0'), ('wrench', 'force', 'x'), ('fx',))
-    """
-    label, _ = unit_in(name)
-    return tuple(word.lower() for word in _WORD.findall(label))
-
-
 def groups_of(stream: Stream) -> list[Group]:
-    """Vectors among the columns of a stream: first those by axes, then those by numbers."""
-    found: dict[tuple[bool, tuple[str, ...]], dict[str, Column]] = {}
-    named = {words_of(column.name): column for column in stream.columns.values()}
-    groups = []
-    for before, letters in product(dict.fromkeys(words[:-1] for words in named), _ANGLES):
-        keys = [(*before, letter) for letter in letters]
-        if {*keys} <= {*named}:
-            angles = tuple(named[key] for key in keys)
-            words = (*before, letters)
-            groups.append(Group(stream=stream.name, words=words, columns=angles, is_indexed=False))
-    taken = {column.name for group in groups for column in group.columns}
+    """Vectors among the columns of a stream: angles by letters, then those by axes, then those by numbers.
+
+    The axis is the last word, or any other: ``x_meas``, ``cam_px_rel``.
+    """
+    found: dict[tuple[int, bool, tuple[str, ...]], dict[str, Column]] = defaultdict(dict)
     for column in stream.columns.values():
-        if column.name in taken:
-            continue
-        words, axis = _split(words_of(column.name))
-        if axis is not None:
-            found.setdefault((axis.isdigit(), words), {})[axis] = column
-    for (is_indexed, words), members in sorted(found.items(), key=lambda item: item[0][0]):
-        if is_indexed:
+        for rank, words, axis in _splits(words_of(column.name)):
+            found[rank, axis.isdigit(), words].setdefault(axis, column)
+    groups, taken = [], set[str]()
+    for (_, is_indexed, words), named in sorted(found.items(), key=lambda item: item[0][:2]):
+        members = {axis: column for axis, column in named.items() if column.name not in taken}
+        order: Sequence[str]
+        if words[-1:] in [(letters,) for letters in _ANGLES]:
+            order = words[-1] if {*words[-1]} <= {*members} else ""
+        elif is_indexed:
             order = sorted(members, key=int) if len(members) in (3, 4, 6, 7, 9, 16) else []
         else:
             order = [axis for axis in _AXES if axis in members] if {*"xyz"} <= {*members} else []
-        if order:
-            columns = tuple(members[key] for key in order)
-            groups.append(Group(stream=stream.name, words=words, columns=columns, is_indexed=is_indexed))
+        columns = [members[key] for key in order]
+        if columns and "w" not in members and not is_indexed:
+            # The scalar of a quaternion may have another mark: Q0, qs.
+            scalars = [one for k in (0, 1) if (one := found.get((k, True, words), {}).get("0"))]
+            columns += [one for one in scalars[:1] if _is_unit([*columns, one])]
+        if columns:
+            taken |= {column.name for column in columns}
+            groups.append(
+                Group(stream=stream.name, words=words, columns=tuple(columns), is_indexed=is_indexed)
+            )
     return groups
 
 
-def _split(words: tuple[str, ...]) -> tuple[tuple[str, ...], str | None]:
-    """Words that a vector's columns share, and what is its own."""
-    if not words:
-        return words, None
-    *before, last = words
-    if last in _AXES or last.isdigit():
-        return tuple(before), last
-    if last in _TURNS:
-        return (*before, "euler"), _TURNS[last]
-    if last[-1] in _AXES and last[:-1] in _SHORT:
-        return (*before, last[:-1]), last[-1]
-    # A frame may follow the axis: fx_sensor.
-    if len(before) == 1 and before[0][-1] in _AXES and before[0][:-1] in _SHORT:
-        return (before[0][:-1], last), before[0][-1]
-    return words, None
+def _splits(words: tuple[str, ...]) -> Iterator[tuple[int, tuple[str, ...], str]]:
+    """Ways to part a name into words that a vector's columns share and its axis, the likeliest first.
+
+    They begin with their rank: 0 for three angles, 1 where the axis is the last word, 2 elsewhere.
+    """
+    for at in reversed(range(len(words))):
+        before, word, after = words[:at], words[at], words[at + 1 :]
+        rank = 1 if not after else 2
+        yield from ((0, (*before, *after, letters), word) for letters in _ANGLES if word in letters)
+        if word in _AXES or (word.isdigit() and not after):
+            yield rank, (*before, *after), word
+        elif word in _TURNS:
+            yield rank, (*before, *after, "euler"), _TURNS[word]
+        elif word[-1] in _AXES and word[:-1] in _SHORT:
+            yield rank, (*before, word[:-1], *after), word[-1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,6 +130,8 @@ class Guess:
 
     Parameters
     ----------
+    columns : tuple of str
+        A minus before a name turns its sign; "0" is no column.
     form : str
         Of an orientation; else empty.
     sequence : str
@@ -135,6 +140,12 @@ class Guess:
         Written into the map only where the file shows none.
     is_in_base : bool
         A wrench whose name states that it is in the base frame.
+    value : tuple of float
+        Quaternion of a fixed orientation.
+    is_commanded : bool
+        Of columns whose name states that they are not measured.
+    is_counter : bool
+        Of a column that counts rows, whose rate has to be given.
     to_check : tuple of str
         What a person has to decide.
     also : tuple of Guess
@@ -147,9 +158,17 @@ class Guess:
     sequence: str = ""
     unit: str = ""
     is_in_base: bool = False
+    is_commanded: bool = False
+    value: tuple[float, ...] = ()
+    is_counter: bool = False
     to_check: tuple[str, ...] = ()
     score: float = 0.0
     also: tuple["Guess", ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its columns in the file."""
+        return tuple(name.removeprefix("-") for name in self.columns if name != NO_COLUMN)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,6 +182,8 @@ class Proposal:
     wrench_frame: str = "sensor"
     wrench_reason: str = ""
     skips_missing: bool = False
+    repeats_time: bool = False
+    ends_in_contact: bool = False
     files: Mapping[str, str] | None = None
 
     def used_streams(self) -> tuple[str, ...]:
@@ -171,20 +192,30 @@ class Proposal:
 
 
 def propose(log: RawLog) -> Proposal:
-    """Proposal of which columns are time, pose and wrench."""
+    """Proposal of which columns are time, pose and wrench: of a robot, or of a machine of one axis."""
     found: dict[str, list[Guess]] = {quantity: [] for quantity in QUANTITIES}
-    for stream in log.streams:
-        groups = groups_of(stream)
-        turned = {group.words[:-1] for group in groups if _WORDS["orientation"] & {*group.words[-1:]}}
-        for group in groups:
-            penalty = 2.0 if _NOT_MEASURED & set(group.words) else 0.0
-            for quantity, guess in _possible(group, is_turned=group.words in turned):
-                found[quantity].append(replace(guess, score=guess.score - penalty))
-    ranked = {
-        quantity: sorted(guesses, key=lambda guess: -guess.score)
-        for quantity, guesses in found.items()
-        if guesses
+    groups = [group for stream in log.streams for group in groups_of(stream)]
+    turned = {
+        (group.stream, group.words[:-1]) for group in groups if _WORDS["orientation"] & {*group.words[-1:]}
     }
+    has_moment = any(
+        (_WORDS["moment"] - {"t"}) & {*group.words}
+        or (len(group.columns) == 6 and _WRENCH_WORDS & {*group.words})
+        for group in groups
+    )
+    for group in groups:
+        for quantity, guess in _possible(
+            group, is_turned=(group.stream, group.words) in turned, t_is_moment=not has_moment
+        ):
+            found[quantity].append(replace(guess, is_commanded=bool(COMMANDED & {*group.words})))
+    ranked = {quantity: _ranked(quantity, guesses) for quantity, guesses in found.items() if guesses}
+    if "position" in ranked and "force" not in ranked:
+        ranked |= _of_load_cell(log, ranked["position"][0].stream, groups)
+    if "force" in ranked and "moment" not in ranked:
+        none = Guess(
+            columns=NONE, stream=ranked["force"][0].stream, to_check=("no moment is found: there is none",)
+        )
+        ranked["moment"] = [none]
     force_extent = _extent(_values(_columns(log, ranked["force"][0]))) if "force" in ranked else 0.0
     guesses = {name: _with_unit(log, name, guesses[0], force_extent) for name, guesses in ranked.items()}
     return Proposal(
@@ -192,8 +223,98 @@ def propose(log: RawLog) -> Proposal:
         time={stream.name: time for stream in log.streams if (time := time_of(stream)) is not None},
         others={name: tuple(guesses[1:4]) for name, guesses in ranked.items() if len(guesses) > 1},
         skips_missing=any(_lacks(log, guess) for guess in guesses.values()),
+        repeats_time=any(_repeats(log, stream) for stream in {g.stream for g in guesses.values()}),
         wrench_frame="base" if "force" in guesses and guesses["force"].is_in_base else "sensor",
     )
+
+
+def _ranked(quantity: str, guesses: Iterable[Guess]) -> list[Guess]:
+    """Guesses, the likeliest first: one that is commanded only where nothing clearly is measured."""
+    order = sorted(guesses, key=lambda one: (one.is_commanded and one.score >= _CLEARLY, -one.score))
+    measured = [one for one in order if not one.is_commanded and one.score >= _CLEARLY]
+    commanded = [one for one in order if one.is_commanded]
+    if commanded and not measured:
+        check = f"{quantity}: these columns are commanded, not measured; log the measured ones"
+        order = [replace(one, to_check=(*one.to_check, check)) for one in commanded]
+    return order
+
+
+def _of_load_cell(log: RawLog, stream: str, groups: Sequence[Group]) -> dict[str, list[Guess]]:
+    """Force of the one axis that a sensor has, and no moment."""
+    taken = {column.name for group in groups for column in group.columns}
+    columns = [column for column in log.stream(stream).columns.values() if column.name not in taken]
+    if (cell := pick(columns, "force")) is None:
+        return {}
+    axis = next((word[-1] for word in words_of(cell.column.name) if word in ("fx", "fy", "fz")), "z")
+    places = [NO_COLUMN] * 3
+    places["xyz".index(axis)] = cell.column.name
+    check = f"the force has one axis, {axis} of the sensor; without a moment a twist gives no torque"
+    to_check = (*cell.remarks, check)
+    return {
+        "force": [Guess(columns=tuple(places), stream=stream, to_check=to_check)],
+        "moment": [Guess(columns=NONE, stream=stream)],
+    }
+
+
+def machine_of(log: RawLog) -> Proposal | None:
+    """Proposal of a testing machine: a time, one length along its axis and one force; None without them.
+
+    The travel and the force that grow together press; depth and contact are found later, as in a robot's log.
+    """
+    for stream in log.streams:
+        columns = [*stream.columns.values()]
+        travel, force, time = pick(columns, "travel"), pick(columns, "force"), time_of(stream)
+        if travel is None or force is None or time is None:
+            continue
+        senses = _senses(travel.column.values, force.column.values)
+        guesses = {
+            quantity: _with_unit(
+                log,
+                quantity,
+                Guess(
+                    columns=(NO_COLUMN, NO_COLUMN, "-" * (sense > 0.0) + one.column.name),
+                    stream=stream.name,
+                    to_check=one.remarks,
+                ),
+                0.0,
+            )
+            for quantity, one, sense in zip(("position", "force"), (travel, force), senses, strict=True)
+        }
+        guesses["orientation"] = Guess(
+            columns=(), stream=stream.name, form="fixed", value=(1.0, 0.0, 0.0, 0.0)
+        )
+        guesses["moment"] = Guess(columns=NONE, stream=stream.name)
+        reason = "machine: depth grows as the tool moves while the force does, and the tissue pushes it back"
+        return Proposal(
+            guesses=guesses,
+            time={stream.name: time},
+            repeats_time=_repeats(log, stream.name),
+            wrench_reason=reason,
+        )
+    return None
+
+
+def _senses(travel: FloatArray, force: FloatArray) -> tuple[float, float]:
+    """Signs of the changes of travel and of force from free air to the largest force."""
+    is_there = np.isfinite(travel) & np.isfinite(force)
+    travel, force = travel[is_there], force[is_there]
+    rest = float(np.median(force[: max(force.size // 100, 3)])) if force.size else 0.0
+    if not force.size or not np.ptp(force):
+        return 1.0, 1.0
+    size = np.abs(force - rest)
+    loaded = int(np.argmax(size >= 0.9 * size.max()))
+    before = np.flatnonzero(size[:loaded] <= 0.1 * size.max())
+    free = int(before[-1]) if before.size else 0
+    return float(np.sign(travel[loaded] - travel[free])), float(np.sign(force[loaded] - rest))
+
+
+def _repeats(log: RawLog, stream: str) -> bool:
+    """Whether the clock of a stream is coarser than its rows, so that not only a few repeat their time."""
+    time = time_of(log.stream(stream))
+    if time is None or time.is_counter or len(time.columns) > 1:
+        return False
+    values = log.stream(stream).columns[time.columns[0]].values
+    return float(np.mean(np.diff(values) == 0.0)) > _COARSE_CLOCK
 
 
 def _lacks(log: RawLog, guess: Guess) -> bool:
@@ -202,9 +323,13 @@ def _lacks(log: RawLog, guess: Guess) -> bool:
     return float(np.mean(np.any(lacking, axis=0))) > _SHARED_TABLE
 
 
-def _possible(group: Group, *, is_turned: bool) -> Iterable[tuple[str, Guess]]:
+def _possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterable[tuple[str, Guess]]:
     """Possible meanings of a group, with scores; ``is_turned`` where angles are named as its x, y, z."""
     n_columns, words = len(group.columns), set(group.words)
+    if words & _OF_MOTION:
+        return
+    if n_columns == 3 and "t" in words and not t_is_moment:  # a tracker's translation, next to a moment M
+        words = words - {"t"} | {"translation"}
 
     def guess(part: slice | list[int], score: float, *to_check: str) -> Guess:
         names = tuple(column.name for column in np.array(group.columns, dtype=object)[part])
@@ -215,17 +340,18 @@ def _possible(group: Group, *, is_turned: bool) -> Iterable[tuple[str, Guess]]:
 
     every, first, second = slice(None), slice(0, 3), slice(3, None)
     if n_columns == 3:
-        kind = kind_of(group.columns[0].shown_unit)
+        unit = group.columns[0].shown_unit
         for quantity in QUANTITIES:
             # A place may be a word of any vector: tcp_force, POS_ACT.A.
             is_another = quantity == "position" and any(_WORDS[other] & words for other in QUANTITIES[1:])
             score = (1.0 if is_another else 2.0) * bool(_WORDS[quantity] & words)
-            if kind is not None:
-                score = score + 3.0 if _MEASURES.get(kind) == quantity else -1.0
+            if unit and kind_of(unit) is not None:
+                is_of = factor_of(group.columns[0], (_KINDS[quantity],)) is not None
+                score = score + 3.0 if is_of else -1.0
             elif quantity == "position" and is_turned:
                 score = 2.0
             elif quantity == "position" and not any(_WORDS[other] & words for other in QUANTITIES):
-                score = 0.5 if words else 1.0
+                score = 1.5 if words & MEASURED else 0.5 if words else 1.0
             if score > 0.0:
                 found = guess(every, score)
                 yield quantity, _of_angles(group, found) if quantity == "orientation" else found
@@ -308,8 +434,12 @@ def _is_unit(columns: Iterable[Column]) -> bool:
 def _with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) -> Guess:
     """Guess with a unit judged by magnitude, where the file shows none."""
     columns = _columns(log, guess)
-    if guess.form in ("quaternion", "rotation_matrix") or guess.unit or kind_of(columns[0].shown_unit):
+    if guess.form in ("quaternion", "rotation_matrix", "fixed") or guess.unit or not columns:
         return guess
+    if shown := columns[0].shown_unit:
+        known = factor_of(columns[0], (_KINDS[quantity],)) is not None
+        check = f"the unit of {quantity}: the file gives '{shown}', no unit of {_KINDS[quantity]}; write unit"
+        return guess if known else replace(guess, to_check=(*guess.to_check, check))
     values = _values(columns)
     unit = _likely_unit(quantity, values, force_extent)
     check = f"the unit of {quantity}: {unit} is judged from the size of the numbers alone"
@@ -318,7 +448,7 @@ def _with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) ->
 
 
 def _columns(log: RawLog, guess: Guess) -> list[Column]:
-    return [log.stream(guess.stream).columns[name] for name in guess.columns]
+    return [log.stream(guess.stream).columns[name] for name in guess.names]
 
 
 def _extent(values: FloatArray) -> float:
@@ -339,7 +469,10 @@ def _likely_unit(quantity: str, values: FloatArray, force_extent: float) -> str:
 
 
 RISING = 0.9
-"""Share of steps of a time that go up, at least."""
+"""Share of steps of a time that do not go back, at least …"""
+
+LEAST_RISING = 0.25
+"""… and that go up: a clock that is coarser than the rows repeats."""
 
 
 def time_of(stream: Stream) -> Guess | None:
@@ -357,7 +490,7 @@ def time_of(stream: Stream) -> Guess | None:
     ]
     score, _, column = max(candidates, key=lambda candidate: candidate[:2], default=(0.0, 0, None))
     if column is None or score <= 0.0:
-        return None
+        return next(filter(None, (_counter(stream, column) for column in stream.columns.values())), None)
     shown = column.shown_unit
     if kind_of(shown) == "time":
         return Guess(columns=(column.name,), stream=stream.name, score=score)
@@ -367,126 +500,28 @@ def time_of(stream: Stream) -> Guess | None:
     return Guess(columns=(column.name,), stream=stream.name, unit=unit, to_check=(check,), score=score)
 
 
-def _time_score(column: Column) -> float:
-    """Likeness of a column to time: it goes up, in steps that are much alike."""
+def _counter(stream: Stream, column: Column) -> Guess | None:
+    """Guess of a column that counts rows: whole numbers, in steps of 1."""
     values = column.values[np.isfinite(column.values)]
-    if values.size < 2 or 2 * values.size < column.values.size:
+    if values.size < 2 or column.shown_unit or np.mean(np.diff(values) == 1.0) < RISING:
+        return None
+    check = f"{column.name} counts rows and is no time: give the rate at which they were logged"
+    return Guess(columns=(column.name,), stream=stream.name, is_counter=True, to_check=(check,))
+
+
+def _time_score(column: Column) -> float:
+    """Likeness of a column to time: it goes up, in steps that are much alike, and is nothing else."""
+    values = column.values[np.isfinite(column.values)]
+    shown, words = column.shown_unit, {*words_of(column.name)}
+    if values.size < 2 or 2 * values.size < column.values.size or (shown and kind_of(shown) != "time"):
         return 0.0
     steps = np.diff(values)
-    if np.mean(steps > 0.0) < RISING:
+    if np.mean(steps >= 0.0) < RISING or not np.mean(steps > 0.0) > LEAST_RISING:
         return 0.0
-    usual = float(np.median(steps))
+    usual = float(np.median(steps[steps > 0.0]))
     evenness = float(np.mean(np.abs(steps - usual) < 0.5 * usual))
-    words = set(words_of(column.name))
-    is_named = 2.0 * bool(words & _TIME_WORDS) + 2.0 * (kind_of(column.shown_unit) == "time")
-    return is_named + evenness if is_named or evenness > 0.99 else 0.0
-
-
-def channel_map(proposal: Proposal) -> dict[str, object]:
-    """Proposed map as plain values, without the quantities that were not found."""
-    time = _time(proposal)
-    chosen: dict[str, object] = {}
-    if time is not None:
-        chosen["time"] = _time_entry(time)
-    for quantity in QUANTITIES:
-        if (guess := proposal.guesses.get(quantity)) is not None:
-            chosen[quantity] = _entry(guess, time, proposal)
-    if {"force", "moment"} <= {*chosen}:
-        chosen |= {"acts_on": proposal.acts_on, "wrench_frame": proposal.wrench_frame}
-    if proposal.skips_missing:
-        chosen["missing"] = "skip"
-    if proposal.files:
-        chosen["clocks"] = "own"
-    return chosen
-
-
-def _time_entry(time: Guess) -> object:
-    if len(time.columns) > 1:
-        return {"column": time.columns[0], "nanoseconds": time.columns[1], "unit": time.unit}
-    return {"column": time.columns[0], "unit": time.unit} if time.unit else time.columns[0]
-
-
-def _time(proposal: Proposal) -> Guess | None:
-    """Time of the first stream that guesses come from and that has one."""
-    streams = [*proposal.used_streams(), *proposal.time]
-    return next((proposal.time[stream] for stream in streams if stream in proposal.time), None)
-
-
-def _entry(guess: Guess, time: Guess | None, proposal: Proposal) -> dict[str, object]:
-    entry: dict[str, object] = {}
-    if guess.form and guess.form != "quaternion":
-        entry["form"] = guess.form
-    entry["columns"] = list(guess.columns)
-    if guess.sequence:
-        entry["sequence"] = guess.sequence
-    if guess.unit:
-        entry["unit"] = guess.unit
-    if guess.stream and len(proposal.used_streams()) > 1:
-        entry["stream"] = guess.stream
-    own = proposal.time.get(guess.stream)
-    if own is not None and time is not None and _time_entry(own) != _time_entry(time):
-        entry["time"] = _time_entry(own)
-    return entry
-
-
-def study_text(log: RawLog, proposal: Proposal) -> str:
-    """Tables of study.toml that read this file, ready to be pasted."""
-    lines = ["[experiment]", 'loader = "robot_log"', ""]
-    if log.layout:
-        lines += ["[experiment.settings.text]", *_pairs(log.layout), ""]
-    if proposal.files:
-        lines += ["[experiment.settings.files]  # {} is what the names of each press have alike"]
-        lines += [*_pairs(proposal.files), ""]
-    lines.append("[experiment.settings.channels]")
-    chosen = channel_map(proposal)
-    time = _time(proposal)
-    lines += _commented("time", chosen, time)
-    for quantity in QUANTITIES:
-        guess = proposal.guesses.get(quantity)
-        lines += _commented(quantity, chosen, guess)
-        for other in guess.also if guess else ():
-            lines.append(f"# or {quantity} = {_value(_entry(other, time, proposal))}")
-    other_side = {"tool": "tissue", "tissue": "tool"}[proposal.acts_on]
-    other_frame = {"sensor": "base", "base": "sensor"}[proposal.wrench_frame]
-    lines += [
-        f"# check {proposal.wrench_reason or 'whose wrench it is, and in which frame: nothing tells'}",
-        f'acts_on = "{proposal.acts_on}"  # or "{other_side}": tool is the wrench of the tissue on the tool',
-        f'wrench_frame = "{proposal.wrench_frame}"  # or "{other_frame}"',
-    ]
-    if proposal.skips_missing:
-        lines.append('missing = "skip"  # rows of one topic have no values of another')
-    if proposal.files:
-        lines.append('clocks = "own"  # or "common": one clock stamped both files')
-    lines += [
-        "",
-        "[experiment.settings.gravity]",
-        'method = "off"  # or "fit" from poses in air, or "known" with the weight that the sensor carries:',
-        '# weight = "1 N"',
-        '# centre = ["0 mm", "0 mm", "-30 mm"]',
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _commented(quantity: str, chosen: Mapping[str, object], guess: Guess | None) -> Iterable[str]:
-    if quantity not in chosen or guess is None:
-        empty = ", ".join(['"…"'] * (4 if quantity == "orientation" else 3))
-        form = f"{{ columns = [{empty}] }}" if quantity != "time" else '"…"'
-        yield f"# {quantity} = {form}  # no column looks like it: name them"
-        return
-    for check in guess.to_check:
-        yield f"# check {check}"
-    yield f"{quantity} = {_value(chosen[quantity])}"
-
-
-def _pairs(table: Mapping[str, object]) -> Iterable[str]:
-    return (f"{key} = {_value(value)}" for key, value in table.items())
-
-
-def _value(value: object) -> str:
-    match value:
-        case Mapping():
-            return f"{{ {', '.join(_pairs(value))} }}"
-        case list():
-            return f"[{', '.join(map(_value, value))}]"
-        case _:
-            return json.dumps(value, ensure_ascii=False)
+    is_named = 2.0 * bool(words & TIME_WORDS) + 2.0 * bool(shown)
+    if is_named or any(word.endswith(("time", "zeit")) for word in words):
+        return is_named + 1.0 + evenness
+    is_counter = bool(words & COUNTERS) or bool(np.all(steps == 1.0))
+    return evenness if evenness > 0.99 and not is_counter and not has_role([*words]) else 0.0

@@ -1,0 +1,252 @@
+"""Meaning of columns' names: one table of the words that loggers and testing machines use for each quantity.
+
+A word is looked up without accents and in small letters; German compounds are known by their last part.
+"""
+
+import re
+import unicodedata
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.api import CurveError, convert
+from palpate.api.files import Column, Kind, factor_to_base, kind_of, unit_in
+
+_WORD = re.compile(r"[A-ZÀ-Þ]+(?![a-zß-ÿ])|[A-ZÀ-Þ]?[a-zß-ÿ]+|\d+")
+_COMPOUND = ("kraft", "weg", "zeit", "dehnung", "spannung", "tiefe", "winkel", "moment")
+"""Ends of German compounds, which are read as these words."""
+
+
+class Role(NamedTuple):
+    """Quantity of one column: the kinds of its unit, and its words, the plainest first."""
+
+    kinds: tuple[Kind, ...]
+    words: tuple[str, ...]
+
+
+def _role(kind: Kind, words: str) -> Role:
+    return Role((kind,), tuple(words.split()))
+
+
+def _set(words: str) -> frozenset[str]:
+    return frozenset(words.split())
+
+
+ROLES: Mapping[str, Role] = {
+    "travel": _role(
+        "length",
+        "depth indentation tiefe eindringtiefe profondeur profundidad enfoncement displacement disp "
+        "deplacement desplazamiento spostamento verschiebung travel extension stroke weg crosshead traverse "
+        "distance position deflection deformation compression course carrera recorrido corsa hub ext pos z",
+    ),
+    "force": _role(
+        "force",
+        "force load kraft last charge effort carga fuerza forza carico fn fz fy fx normal f cell",
+    ),
+    "angle": _role("angle", "rotation angle twist turn winkel drehwinkel angulo"),
+    "moment": _role("moment", "torque moment drehmoment couple par tz mz"),
+    "stretch": _role("ratio", "stretch lambda streckung"),
+    "strain": _role(
+        "ratio",
+        "strain dehnung deformation deformacion deformazione verzerrung epsilon stauchung elongation shear",
+    ),
+    "stress": _role("stress", "stress spannung contrainte esfuerzo tension sforzo sigma piola"),
+}
+"""Quantities that one column has, by role."""
+
+TIME_WORDS = _set(
+    "time t timestamp stamp zeit prufzeit clock seconds secs received elapsed temps tiempo tempo millis"
+)
+COUNTERS = _set(
+    "frame frames sample samples index idx count counter no nr num number seq sequence row line id packet "
+    "bild"
+)
+"""Words of columns that count rows."""
+
+COMMANDED = _set(
+    "target desired d cmd command commanded ref reference setpoint goal setp sp sol soll demand demanded"
+)
+MEASURED = _set("actual act measured meas ist real feedback fb fbk rel state")
+FILTERED = _set(
+    "filtered filter filt smoothed smooth raw corrected avg average mean peak max min corr lp offset tared"
+)
+"""Words of a column that is a second form of another."""
+
+TENSILE = _set("tensile zug traction elongation gauge specimen extensometer pull")
+_COMPRESSIVE = _set("compressive compression compress compressed stauchung druck druckspannung")
+_UNCERTAIN = _set("almansi eulerian biot swainger mises equivalent effective principal deviatoric")
+_STRAIN_MEASURES: Mapping[str, frozenset[str]] = {
+    "log": _set("true log logarithmic ln hencky natural wahre"),
+    "green": _set("green lagrange lagrangian gl"),
+    "": _set("engineering eng nominal technische"),
+}
+_STRESS_MEASURES: Mapping[str, frozenset[str]] = {
+    "true": _set("true cauchy wahre"),
+    "pk2": _set("pk2 2pk spk second 2nd"),
+    "": _set("engineering eng nominal pk1 1pk first 1st technische"),
+}
+_SHEAR = _set("shear scherung schub schubspannung gamma")
+_BIAXIAL = _set("biaxial equibiaxial")
+
+
+def words_of(name: str) -> tuple[str, ...]:
+    """Words of a column's name, without its unit, in small letters and without accents.
+
+    Examples
+    --------
+    >>> words_of("actual_TCP_force_0"), words_of("wrench.force.x"), words_of("Fx [N]")
+    (('actual', 'tcp', 'force', '0'), ('wrench', 'force', 'x'), ('fx',))
+    """
+    return tuple(_plain(word) for word in _WORD.findall(unit_in(name)[0]))
+
+
+def _plain(word: str) -> str:
+    return "".join(c for c in unicodedata.normalize("NFKD", word.lower()) if not unicodedata.combining(c))
+
+
+def factor_of(column: Column, kinds: Iterable[Kind]) -> float | None:
+    """Factor from a column's unit to the base unit of a kind; None where it shows another, or none."""
+    unit = column.shown_unit
+    for kind in kinds if unit else ():
+        try:
+            if kind == "ratio":
+                return {"%": 0.01, "mm/mm": 1.0, "1": 1.0, "-": 1.0}[unit]
+            if kind == "stress":
+                return float(f"{convert(f'1 {unit}', 'MPa'):.12g}")
+            return factor_to_base(unit, kind, column.name)
+        except (CurveError, ValueError, KeyError):
+            continue
+    return None
+
+
+# ------------------------------------------------------------------ one column for a role
+
+
+class Picked(NamedTuple):
+    """Column of a role, its factor to the base unit (None where it shows no such unit), and remarks."""
+
+    column: Column
+    factor: float | None
+    remarks: tuple[str, ...]
+
+    def question(self, kind: str, base: str) -> str:
+        """Question for the unit where the file shows one that is not known; else empty."""
+        shown = self.column.shown_unit
+        if self.factor is not None or not shown:
+            return ""
+        ask = f"the file gives '{shown}', which is no known unit of {kind}"
+        return f"{self.column.name}: {ask}; give scale, the factor to {base}"
+
+
+def pick(columns: Sequence[Column], role: str) -> Picked | None:
+    """Plainest column of a role, or the only one with its unit; None where none is, or several are alike."""
+    ranked = sorted(
+        (rank, column.name, column) for column in columns if (rank := _rank(column, ROLES[role])) is not None
+    )
+    if not ranked:
+        kinds = ROLES[role].kinds
+        alone = [
+            c for c in columns if factor_of(c, kinds) is not None and not _is_other(words_of(c.name), role)
+        ]
+        if len(alone) != 1 or role in ("stretch", "strain", "stress"):
+            return None
+        remark = f"{alone[0].name} is taken for the {role}, by its unit alone"
+        return Picked(alone[0], factor_of(alone[0], kinds), (remark,))
+    (best, _, column), *others = ranked
+    if others and others[0][0] == best:
+        return None
+    remarks = []
+    if others:
+        remarks.append(f"{column.name} is taken for the {role}, and not {', '.join(o[1] for o in others)}")
+    if best[0]:
+        remarks.append(f"{column.name} is commanded, not measured; use the measured {role}")
+    return Picked(column, factor_of(column, ROLES[role].kinds), tuple(remarks))
+
+
+def rivals(columns: Sequence[Column], role: str) -> tuple[str, ...]:
+    """Names of the columns that are as likely for a role; empty where one is the likeliest, or none is."""
+    ranks = {c.name: rank for c in columns if (rank := _rank(c, ROLES[role])) is not None}
+    best = [name for name, rank in ranks.items() if rank == min(ranks.values())]
+    return tuple(best) if len(best) > 1 else ()
+
+
+def _rank(column: Column, role: Role) -> tuple[bool, int, int, int] | None:
+    """Order of a column for a role, the least is the likeliest; None where it cannot be of the role."""
+    words = words_of(column.name)
+    found = [role.words.index(word) for word in map(_simple, words) if word in role.words]
+    # A unit that is not known is asked about; one of another kind is another quantity's.
+    is_alike = factor_of(column, role.kinds) is not None or kind_of(column.shown_unit) is None
+    is_alike &= bool(np.isfinite(column.values).any())
+    if not found or not is_alike:
+        return None
+    n_forms = len(FILTERED & {*words})
+    return bool(COMMANDED & {*words}), n_forms, len(words), min(found)
+
+
+def _simple(word: str) -> str:
+    return next((end for end in _COMPOUND if word.endswith(end)), word)
+
+
+def _is_other(words: Sequence[str], role: str) -> bool:
+    """Whether words are those of another role."""
+    return any({*map(_simple, words)} & {*other.words} for name, other in ROLES.items() if name != role)
+
+
+def has_role(words: Sequence[str]) -> bool:
+    """Whether a name is that of a quantity other than time."""
+    return any({*map(_simple, words)} & {*role.words} for role in ROLES.values())
+
+
+# ------------------------------------------------------------------ strain and stress
+
+
+class Test(NamedTuple):
+    """Homogeneous test by the names of its strain and stress; ``questions`` where they leave it open."""
+
+    mode: str
+    strain: str
+    stress: str
+    is_compressive: bool
+    questions: tuple[str, ...]
+
+
+def test_of(strain: Column, stress: Column) -> Test:
+    """Mode and measures of a homogeneous test by its names."""
+    along, of = ({*words_of(column.name), *_joined(words_of(column.name))} for column in (strain, stress))
+    both = along | of
+    questions = [
+        f"{column.name}: palpate does not convert a measure '{word}'; give nominal stress over stretch"
+        for column, words in ((strain, along), (stress, of))
+        for word in sorted(words & _UNCERTAIN)
+    ]
+    measure, kind = (
+        [name for name, words in table.items() if words & names]
+        for table, names in ((_STRAIN_MEASURES, along), (_STRESS_MEASURES, of))
+    )
+    if not kind and "kirchhoff" in of:
+        kind = [] if "piola" in of else ["true"]  # Kirchhoff's stress is J σ, and J is 1
+    if {"piola"} & of and not kind:
+        questions.append(f'{stress.name}: first or second Piola-Kirchhoff? write stress = "nominal" or "pk2"')
+    if measure and measure[0] and not kind and not questions:
+        questions.append(f"{stress.name}: true, second Piola-Kirchhoff or nominal? write it as stress")
+    for column, found in ((strain, measure), (stress, kind)):
+        if len(found) > 1:
+            questions.append(f"{column.name}: the name has two measures; write one in the settings")
+    mode = "uniaxial"
+    if both & _SHEAR:
+        mode = "pure_shear" if {"pure", "planar"} & both else "simple_shear"
+    elif {"planar"} & both:
+        mode = "pure_shear"
+    elif both & _BIAXIAL:
+        mode = "equibiaxial"
+    elif "confined" in both and "unconfined" not in both:
+        mode = "confined_compression"
+    is_compressive = bool(both & _COMPRESSIVE) or mode == "confined_compression"
+    return Test(mode, next(iter(measure), ""), next(iter(kind), ""), is_compressive, tuple(questions))
+
+
+def _joined(words: Sequence[str]) -> Iterable[str]:
+    """Pairs of words without their gap: pk and 2, 2 and nd."""
+    return (a + b for a, b in pairwise(words))

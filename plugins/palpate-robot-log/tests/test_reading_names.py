@@ -1,0 +1,464 @@
+"""Names are read for their meaning: the proposal of `inspect` gives the truth at the first try, or asks."""
+
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from palpate.domain import FloatArray
+from palpate.errors import CurveError
+from palpate.experiment.delimited import Column
+from palpate_indentation import CsvLoader, CsvSettings
+from palpate_robot_log import RobotLogLoader
+from palpate_robot_log.reading import assembly, inspection
+from palpate_robot_log.reading.formats import read_here
+from palpate_robot_log.reading.inspection import inspect_log
+from palpate_robot_log.reading.names import pick, test_of as measures_of
+from palpate_robot_log.robot_log import RobotLogSettings
+
+from . import log_writers as write
+from .known_presses import DEPTH_MM, FORCE_N, TORQUE_NMM, Press, press
+
+DATA = Path(__file__).parent / "data" / "tables"
+Table = dict[str, FloatArray]
+
+
+@pytest.fixture(autouse=True)
+def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A process of its own for each file takes longer than what is tested here."""
+    for module in (inspection, assembly):
+        monkeypatch.setattr(module, "read_log", read_here)
+
+
+def experiment(path: Path) -> Any:
+    return tomllib.loads(inspect_log(path).study_text)["experiment"]
+
+
+def curve_of(path: Path, channel: str) -> Any:
+    table = experiment(path)
+    assert table["loader"] == "csv"
+    only = channel if channel not in ("force", "torque") else None
+    return CsvLoader(CsvSettings.model_validate(table.get("settings", {}))).load(path, only)[channel]
+
+
+# ------------------------------------------------------------------------- tables
+
+
+@pytest.mark.parametrize(
+    ("file", "channel", "along", "of"),
+    [
+        ("true_stress.csv", "uniaxial", (1.0, 1.25), (0.0, 0.02421)),
+        ("compressive_positive.csv", "uniaxial", (0.75, 1.0), (-0.04067, 0.0)),
+        ("shear_strain.csv", "simple_shear", (0.0, 0.5), (0.0, 0.01977)),
+        ("strain_percent.csv", "uniaxial", (1.0, 1.15), (0.0, 0.01571)),
+        ("angle_taken_for_time.csv", "torque", (0.0, 20.0), (0.0, 22.0)),
+        ("load_and_unload.csv", "force", (0.0, 10.0), (0.0, 9.051)),
+        ("load_hold_unload.csv", "force", (0.0, 10.0), (0.0, 9.051)),
+        ("depth_negative.csv", "force", (0.0, 10.0), (0.0, 9.051)),
+        ("stage_position.csv", "force", (0.0, 10.0), (0.0, 9.051)),
+        ("stroke_load.csv", "force", (0.0, 8.0), (0.0, 9.051)),
+        ("weg_kraft.csv", "force", (0.0, 8.0), (0.0, 9.051)),
+        ("micro_units.txt", "force", (0.0, 0.008), (0.0, 9.051e-5)),
+    ],
+)
+def test_a_table_gives_its_curve_at_the_first_try(
+    file: str, channel: str, along: tuple[float, float], of: tuple[float, float]
+) -> None:
+    assert inspect_log(DATA / file).record["problem"] == ""
+    curve = curve_of(DATA / file, channel)
+    assert len(curve.branches) == 1
+    for values, ends in ((curve.abscissa, along), (curve.ordinate, of)):
+        np.testing.assert_allclose((values.min(), values.max()), ends, rtol=1e-3, atol=1e-9)
+
+
+def written(path: Path, names: str, *columns: FloatArray) -> Path:
+    delimiter = ";" if ";" in names else ","
+    write.write_text(path, dict(zip(names.split(delimiter), columns, strict=True)), delimiter)
+    return path
+
+
+STRETCH = np.linspace(1.0, 1.3, 31)
+NOMINAL = 0.02 * (STRETCH - STRETCH**-2)
+SQUASHED = np.linspace(1.0, 0.7, 31)
+SQUEEZED = 0.02 * (SQUASHED - SQUASHED**-2)
+
+
+@pytest.mark.parametrize(
+    ("names", "x", "y"),
+    [
+        ("Engineering strain,Engineering stress (MPa)", STRETCH - 1.0, NOMINAL),
+        ("Nominal strain (%),Nominal stress (kPa)", 100.0 * (STRETCH - 1.0), 1e3 * NOMINAL),
+        ("Strain,Cauchy stress (Pa)", STRETCH - 1.0, 1e6 * NOMINAL * STRETCH),
+        ("Hencky strain,True stress (MPa)", np.log(STRETCH), NOMINAL * STRETCH),
+        ("log_strain,cauchy_stress_kPa", np.log(STRETCH), 1e3 * NOMINAL * STRETCH),
+        ("Green strain,PK2 stress (kPa)", (STRETCH**2 - 1.0) / 2.0, 1e3 * NOMINAL / STRETCH),
+        (
+            "Green-Lagrange strain,2nd Piola-Kirchhoff stress (MPa)",
+            (STRETCH**2 - 1.0) / 2.0,
+            NOMINAL / STRETCH,
+        ),
+        ("Stretch,PK1 stress (MPa)", STRETCH, NOMINAL),
+        ("Stretch ratio,Kirchhoff stress (MPa)", STRETCH, NOMINAL * STRETCH),
+        ("Dehnung (%);Spannung (MPa)", 100.0 * (STRETCH - 1.0), NOMINAL),
+        ("Déformation (%);Contrainte (MPa)", 100.0 * (STRETCH - 1.0), NOMINAL),
+        ("Compressive strain (%),Compressive stress (kPa)", 100.0 * (1.0 - SQUASHED), -1e3 * SQUEEZED),
+        ("Compressive strain,Compressive stress (kPa)", SQUASHED - 1.0, 1e3 * SQUEEZED),
+        ("True compressive strain,True compressive stress (MPa)", -np.log(SQUASHED), -SQUEEZED * SQUASHED),
+        ("Compression stretch,Compression stress (MPa)", SQUASHED, -SQUEEZED),
+    ],
+)
+def test_a_homogeneous_test_is_converted_by_its_names(
+    names: str, x: FloatArray, y: FloatArray, tmp_path: Path
+) -> None:
+    curve = curve_of(written(tmp_path / "test.csv", names, x, y), "uniaxial")
+    is_squashed = "ompress" in names
+    np.testing.assert_allclose(curve.abscissa, SQUASHED if is_squashed else STRETCH, rtol=1e-9)
+    np.testing.assert_allclose(curve.ordinate, SQUEEZED if is_squashed else NOMINAL, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("names", "question"),
+    [
+        ("Almansi strain,Stress (MPa)", "does not convert a measure 'almansi'"),
+        ("Strain,Biot stress (MPa)", "does not convert a measure 'biot'"),
+        ("Strain,Piola-Kirchhoff stress (MPa)", "first or second Piola-Kirchhoff"),
+        ("True strain,Stress (MPa)", "true, second Piola-Kirchhoff or nominal"),
+        ("True engineering strain,True stress (MPa)", "the name has two measures"),
+        ("Shear strain,PK2 shear stress (MPa)", "needs the normal stress"),
+        ("Strain,Stress", "Stress shows no unit of stress"),
+        ("Strain,Stress (bananas)", "the file gives 'bananas', which is no known unit of stress"),
+        ("Strain A,Strain B,Stress (MPa)", "Strain A or Strain B? name one pair"),
+        ("Depth (mm),Load (V)", "the file gives 'V', which is no known unit of force"),
+        ("Tensile extension (mm),Tensile load (N)", "the length and the area of the specimen"),
+    ],
+)
+def test_a_name_that_is_not_certain_is_asked_about(names: str, question: str, tmp_path: Path) -> None:
+    columns = [STRETCH - 1.0 + 0.1 * k for k in range(names.count(",") + 1)]
+    found = inspect_log(written(tmp_path / "t.csv", names, *columns))
+    assert question in found.record["problem"]
+    assert any(question in finding for finding in found.findings)
+    assert "experiment" not in tomllib.loads(found.study_text)
+
+
+@pytest.mark.parametrize(
+    ("names", "mode"),
+    [
+        ("Strain|Stress", "uniaxial"),
+        ("Equibiaxial strain|Stress", "equibiaxial"),
+        ("Pure shear strain|Stress", "pure_shear"),
+        ("Shear strain|Shear stress", "simple_shear"),
+        ("Confined compression strain|Stress", "confined_compression"),
+        ("Unconfined compression strain|Stress", "uniaxial"),
+    ],
+)
+def test_the_mode_of_a_test_is_in_its_names(names: str, mode: str) -> None:
+    strain, stress = (Column(name=name, values=np.arange(3.0)) for name in names.split("|"))
+    assert measures_of(strain, stress).mode == mode
+
+
+def test_the_plainer_of_two_columns_is_taken_with_a_remark() -> None:
+    columns = [
+        Column(name=name, values=np.arange(3.0))
+        for name in (
+            "Force filtered (N)",
+            "Force (N)",
+            "Peak force (N)",
+            "Commanded depth (mm)",
+            "Depth (mm)",
+        )
+    ]
+    force, depth = pick(columns, "force"), pick(columns, "travel")
+    assert force is not None
+    assert depth is not None
+    assert force.column.name == "Force (N)"
+    assert "and not Force filtered (N), Peak force (N)" in force.remarks[0]
+    assert depth.column.name == "Depth (mm)"
+    commanded = pick(columns[:4], "travel")
+    assert commanded is not None
+    assert any("commanded, not measured" in remark for remark in commanded.remarks)
+    alike = [Column(name=f"Force {k} (N)", values=np.arange(3.0)) for k in "12"]
+    assert pick(alike, "force") is None
+
+
+# ---------------------------------------------------------------- machines of one axis
+
+
+def machine(names: str, sign: float = 1.0, start: float = 0.0, push: float = 1.0) -> Callable[[], Table]:
+    """Table of time, travel and load in this order, where the load is ``push`` times the force."""
+
+    def table() -> Table:
+        made = press()
+        down = -(made.tip_mm[:, 2] - made.tip_mm[0, 2])
+        columns = (made.time_s, start + sign * down, -push * made.force_N[:, 2])
+        return dict(zip(names.split("|"), columns, strict=True))
+
+    return table
+
+
+MACHINES: dict[str, Callable[[], Table]] = {
+    "crosshead": machine("Time (s)|Crosshead (mm)|Load (N)"),
+    "texture analyser": machine("Time (sec)|Distance (mm)|Force (gf)", push=101.972),
+    "instron": machine("Time (s)|Compressive extension (mm)|Compressive load (kN)", push=1e-3),
+    "electroforce": machine("Elapsed Time (s)|Disp (mm)|Load (N)", sign=-1.0, push=-1.0),
+    "german": machine("Prüfzeit [s]|Traversenweg [mm]|Standardkraft [N]", start=5.0),
+    "french": machine("Temps (ms)|Déplacement (mm)|Charge (N)", sign=1.0),
+    "spanish": machine("Tiempo (s)|Desplazamiento (mm)|Fuerza (N)"),
+    "height of a stage": machine("t (s)|Position (mm)|Force (N)", sign=-1.0, start=120.0),
+    "units by their size": machine("time|travel|force"),
+    "names of no role": machine("Time (s)|Ch1 (mm)|Ch2 (N)"),
+}
+
+
+@pytest.mark.parametrize("name", MACHINES)
+def test_a_machine_of_one_axis_is_proposed_as_such(name: str, tmp_path: Path) -> None:
+    table = MACHINES[name]()
+    if name == "french":
+        table["Temps (ms)"] = 1e3 * table["Temps (ms)"]
+    write.write_text(tmp_path / "log.csv", table)
+    found = inspect_log(tmp_path / "log.csv")
+    assert found.record["problem"] == ""
+    assert any("a testing machine of one axis" in finding for finding in found.findings)
+    assert any("its curves: force up to 12.6" in finding for finding in found.findings)
+    settings = tomllib.loads(found.study_text)["experiment"]["settings"]
+    response = RobotLogLoader(RobotLogSettings.model_validate(settings)).load(tmp_path / "log.csv")
+    assert [*response.curves] == ["force"]
+    assert response.curves["force"].ordinate[-1] == pytest.approx(FORCE_N, rel=0.01)
+    assert response.curves["force"].abscissa[-1] == pytest.approx(DEPTH_MM, abs=0.08)
+
+
+def test_a_machine_that_stops_under_load_needs_no_free_air_after_it(tmp_path: Path) -> None:
+    made = press(retract=False)
+    down = made.tip_mm[0, 2] - made.tip_mm[:, 2]
+    table = {"Time (s)": made.time_s, "Stroke (mm)": down, "Load (N)": -made.force_N[:, 2]}
+    write.write_text(tmp_path / "log.csv", table)
+    settings = experiment(tmp_path / "log.csv")["settings"]
+    assert settings["drift"] == {"enabled": False}
+    curve = RobotLogLoader(RobotLogSettings.model_validate(settings)).load(tmp_path / "log.csv")["force"]
+    assert curve.ordinate[-1] == pytest.approx(FORCE_N, rel=0.01)
+
+
+# ------------------------------------------------------------------------------ time
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["Displacement (mm)", "Rotation (deg)", "Height (nm)", "Strain", "stretch", "Angle", "Volume (ml)"],
+)
+def test_a_quantity_that_rises_is_no_time(name: str, tmp_path: Path) -> None:
+    table = write.press()
+    del table["time_s"]
+    write.write_text(tmp_path / "log.csv", {name: np.linspace(0.0, 5.0, 240)} | table)
+    found = inspect_log(tmp_path / "log.csv")
+    assert found.record["problem"].startswith("not found: time")
+
+
+@pytest.mark.parametrize("name", ["frame", "sample_no", "Index", "count", "seq", "row", "i"])
+def test_a_counter_is_asked_for_its_rate(name: str, tmp_path: Path) -> None:
+    made = press()
+    table = {name: np.arange(float(made.time_s.size))} | robot(made)
+    write.write_text(tmp_path / "log.csv", table)
+    found = inspect_log(tmp_path / "log.csv")
+    assert found.record["problem"].startswith("not found: time")
+    assert any(f"{name} counts rows and is no time: give the rate" in finding for finding in found.findings)
+    text = found.study_text.replace(f'# time = {{ column = "{name}", rate = "… Hz" }}', 'time = "?"')
+    settings = tomllib.loads(text)["experiment"]["settings"]
+    settings["channels"]["time"] = {"column": name, "rate": "25 Hz"}
+    loader = RobotLogLoader(RobotLogSettings.model_validate(settings))
+    force = loader.load(tmp_path / "log.csv")["force"]
+    assert force.ordinate[-1] == pytest.approx(FORCE_N, rel=0.01)
+    assert force.time_s is not None
+    assert force.time_s[-1] - force.time_s[0] == pytest.approx(4.0, abs=0.3)
+
+
+def test_a_rate_is_no_unit() -> None:
+    with pytest.raises(ValueError, match="leave unit and nanoseconds out"):
+        write.channel_map(time={"column": "frame", "rate": "25 Hz", "unit": "s"})
+
+
+def test_a_clock_that_is_coarser_than_the_rows_keeps_the_first(tmp_path: Path) -> None:
+    made = press(100.0)
+    write.write_text(tmp_path / "log.csv", {"time_s": np.floor(made.time_s * 70.0) / 70.0} | robot(made))
+    found = inspect_log(tmp_path / "log.csv")
+    assert found.record["problem"] == ""
+    assert found.record["channels"]["repeated_time"] == "keep_first"
+    assert any("rows repeat the time of the row before" in finding for finding in found.findings)
+
+
+# --------------------------------------------------------------------------- robots
+
+
+def named(names: str, *values: FloatArray) -> Table:
+    return dict(zip(names.split(), np.column_stack(values).T, strict=True))
+
+
+def robot(made: Press) -> Table:
+    """Pose and wrench without a time."""
+    names = "x_mm y_mm z_mm qx qy qz qw fx_N fy_N fz_N tx_Nm ty_Nm tz_Nm"
+    return named(names, made.tip_mm, made.pose.as_quat(), made.force_N, made.moment_Nm)
+
+
+def wrench(made: Press, names: str = "Fx Fy Fz Mx My Mz") -> Table:
+    return named(names, made.force_N, made.moment_Nm)
+
+
+def in_base(made: Press) -> FloatArray:
+    return np.column_stack([made.pose.apply(made.force_N), made.pose.apply(made.moment_Nm)])
+
+
+def numbered(name: str, values: FloatArray) -> Table:
+    return {name.format(k): column for k, column in enumerate(values.T)}
+
+
+def universal_robots(made: Press) -> Table:
+    pose = [np.column_stack([1e-3 * x, made.pose.as_rotvec()]) for x in (made.tip_mm, made.commanded_mm)]
+    return (
+        {"timestamp": 71.5 + made.time_s}
+        | numbered("target_TCP_pose_{}", pose[1])
+        | numbered("actual_TCP_pose_{}", pose[0])
+        | numbered("actual_TCP_force_{}", in_base(made))
+    )
+
+
+def franka(made: Press) -> Table:
+    transforms = []
+    for tip in (made.tip_mm, made.commanded_mm):
+        transform = np.tile(np.eye(4), (tip.shape[0], 1, 1))
+        transform[:, :3, :3], transform[:, :3, 3] = made.pose.as_matrix(), 1e-3 * tip
+        transforms.append(transform.transpose(0, 2, 1).reshape(-1, 16))
+    return (
+        {"time": made.time_s}
+        | numbered("O_T_EE_d_{}", transforms[1])
+        | numbered("O_T_EE_{}", transforms[0])
+        | numbered("O_F_ext_hat_K_{}", in_base(made))
+    )
+
+
+def kuka_rsi(made: Press) -> Table:
+    angles = made.pose.as_euler("ZYX", degrees=True)
+    poses = [
+        named(f"X_{word} Y_{word} Z_{word} A_{word} B_{word} C_{word}", tip, angles)
+        for word, tip in (("RSol", made.commanded_mm), ("RIst", made.tip_mm))
+    ]
+    return {"IPOC": 1e3 * made.time_s + 12.1e8} | poses[0] | poses[1] | wrench(made)
+
+
+def iiwa(made: Press) -> Table:
+    angles = made.pose.as_euler("ZYX")
+    return (
+        {"time [s]": made.time_s}
+        | named("commandedX commandedY commandedZ", made.commanded_mm)
+        | named("measuredX measuredY measuredZ measuredA measuredB measuredC", made.tip_mm, angles)
+        | named("Fx[N] Fy[N] Fz[N] Tx[Nm] Ty[Nm] Tz[Nm]", made.force_N, made.moment_Nm)
+    )
+
+
+def abb(made: Press) -> Table:
+    quaternion = made.pose.as_quat()[:, [3, 0, 1, 2]]
+    return {"t_ms": 1e3 * made.time_s} | named("X Y Z q1 q2 q3 q4", made.tip_mm, quaternion) | wrench(made)
+
+
+def xarm(made: Press) -> Table:
+    angles = made.pose.as_euler("xyz", degrees=True)
+    ft = "ext_force_x ext_force_y ext_force_z ext_torque_x ext_torque_y ext_torque_z"
+    return (
+        {"time_s": made.time_s}
+        | named("target_x target_y target_z target_roll target_pitch target_yaw", made.commanded_mm, angles)
+        | named("x y z roll pitch yaw", made.tip_mm, angles)
+        | wrench(made, ft)
+    )
+
+
+def optotrak(made: Press) -> Table:
+    quaternion = made.pose.as_quat()[:, [3, 0, 1, 2]]
+    return (
+        {"Frame": np.arange(1.0, made.time_s.size + 1), "Time": made.time_s}
+        | named("Q0 Qx Qy Qz Tx Ty Tz", quaternion, made.tip_mm)
+        | wrench(made)
+    )
+
+
+def vicon(made: Press) -> Table:
+    return (
+        {"Frame": np.arange(made.time_s.size * 1.0), "Sub Frame": 0.0 * made.time_s, "Time (s)": made.time_s}
+        | named("TX_mm TY_mm TZ_mm", made.tip_mm)
+        | named("RX_rad RY_rad RZ_rad", made.pose.as_rotvec())
+        | named("Fx_N Fy_N Fz_N Mx_Nmm My_Nmm Mz_Nmm", made.force_N, 1e3 * made.moment_Nm)
+    )
+
+
+def camera(made: Press) -> Table:
+    return (
+        {"time_s": made.time_s}
+        | named("cmd_px cmd_py cmd_pz", 1e-3 * made.commanded_mm)
+        | named("cam_px_rel cam_py_rel cam_pz_rel", made.tip_mm)
+        | named("ox oy oz ow", made.pose.as_quat())
+        | wrench(made, "fx_N fy_N fz_N tx_Nm ty_Nm tz_Nm")
+    )
+
+
+def suffixes(made: Press) -> Table:
+    return (
+        {"time_s": made.time_s}
+        | named("x_des y_des z_des", made.commanded_mm)
+        | named("desired_x desired_y desired_z", made.commanded_mm)
+        | named("x_meas y_meas z_meas", made.tip_mm)
+        | named("qx qy qz qw", made.pose.as_quat())
+        | wrench(made, "force_x_N force_y_N force_z_N torque_x_Nm torque_y_Nm torque_z_Nm")
+    )
+
+
+def load_cell(made: Press) -> Table:
+    names = "x_mm y_mm z_mm qx qy qz qw"
+    return (
+        {"time_s": made.time_s}
+        | named(names, made.tip_mm, made.pose.as_quat())
+        | {"Load (N)": made.force_N[:, 2]}
+    )
+
+
+def forces_alone(made: Press) -> Table:
+    names = "x_mm y_mm z_mm qx qy qz qw Fx Fy Fz"
+    return {"time": made.time_s} | named(names, made.tip_mm, made.pose.as_quat(), made.force_N)
+
+
+ROBOTS = (
+    *(universal_robots, franka, kuka_rsi, iiwa, abb, xarm, optotrak, vicon, camera, suffixes),
+    *(load_cell, forces_alone),
+)
+
+
+@pytest.mark.parametrize("twist", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("layout", ROBOTS, ids=lambda layout: layout.__name__)
+def test_a_robot_gives_the_truth_of_its_press(
+    layout: Callable[[Press], Table], twist: bool, tmp_path: Path
+) -> None:
+    write.write_text(tmp_path / "log.csv", layout(press(twist=twist)))
+    found = inspect_log(tmp_path / "log.csv")
+    assert found.record["problem"] == ""
+    settings = tomllib.loads(found.study_text)["experiment"]["settings"]
+    response = RobotLogLoader(RobotLogSettings.model_validate(settings)).load(tmp_path / "log.csv")
+    force = response.curves["force"]
+    assert force.ordinate[-1] == pytest.approx(FORCE_N, rel=0.01)
+    assert force.abscissa[-1] == pytest.approx(DEPTH_MM, abs=0.08)  # 10.5 mm were commanded
+    has_moment = layout not in (load_cell, forces_alone)
+    assert ("torque" in response.curves) == (twist and has_moment)
+    if twist and has_moment:
+        assert np.abs(response.curves["torque"].ordinate).max() == pytest.approx(TORQUE_NMM, rel=0.03)
+    if twist and not has_moment:
+        (warning,) = response.record["warnings"]
+        assert "no moment, so the twist gives no torque" in warning
+        with pytest.raises(CurveError, match="no moment"):
+            RobotLogLoader(RobotLogSettings.model_validate(settings)).load(tmp_path / "log.csv", "torque")
+
+
+def test_a_pose_that_is_commanded_alone_is_named(tmp_path: Path) -> None:
+    made = press()
+    table = {"time_s": made.time_s} | robot(made)
+    commanded = {f"cmd_{name}" if name[1:] == "_mm" else name: column for name, column in table.items()}
+    write.write_text(tmp_path / "log.csv", commanded)
+    found = inspect_log(tmp_path / "log.csv")
+    assert any("position: these columns are commanded, not measured" in text for text in found.findings)
+    assert "# check position: these columns are commanded" in found.study_text
