@@ -17,6 +17,8 @@ from palpate_robot_log.reading import assembly, inspection
 from palpate_robot_log.reading.formats import read_here
 from palpate_robot_log.reading.inspection import inspect_log
 from palpate_robot_log.reading.names import pick, test_of as measures_of
+from palpate_robot_log.reading.proposal import time_of
+from palpate_robot_log.reading.raw import Stream
 from palpate_robot_log.robot_log import RobotLogSettings
 
 from . import log_writers as write
@@ -129,9 +131,9 @@ def test_a_homogeneous_test_is_converted_by_its_names(
         ("True engineering strain,True stress (MPa)", "the name has two measures"),
         ("Shear strain,PK2 shear stress (MPa)", "needs the normal stress"),
         ("Strain,Stress", "Stress shows no unit of stress"),
-        ("Strain,Stress (bananas)", "the file gives 'bananas', which is no known unit of stress"),
+        ("Strain,Stress (bananas)", "the file gives 'bananas', which is no unit of stress"),
         ("Strain A,Strain B,Stress (MPa)", "Strain A or Strain B? name one pair"),
-        ("Depth (mm),Load (V)", "the file gives 'V', which is no known unit of force"),
+        ("Depth (mm),Load (V)", "the file gives 'V', which is no unit of force"),
         ("Tensile extension (mm),Tensile load (N)", "the length and the area of the specimen"),
     ],
 )
@@ -462,3 +464,21 @@ def test_a_pose_that_is_commanded_alone_is_named(tmp_path: Path) -> None:
     found = inspect_log(tmp_path / "log.csv")
     assert any("position: these columns are commanded, not measured" in text for text in found.findings)
     assert "# check position: these columns are commanded" in found.study_text
+
+
+@pytest.mark.parametrize(
+    ("step", "n_rows", "unit"),
+    [
+        (0.24, 60, "s"),
+        (1.0, 40, "s"),
+        (4.0, 9000, "ms"),
+        (20.0, 358, "ms"),
+        (1e3, 30_000, "us"),
+        (2e7, 900, "ns"),
+    ],
+)
+def test_the_unit_of_a_time_is_judged_by_the_length_of_the_log(step: float, n_rows: int, unit: str) -> None:
+    column = Column(name="stamp", values=1e9 + step * np.arange(n_rows))
+    time = time_of(Stream(name="", rows=np.arange(n_rows), columns={"stamp": column}))
+    assert time is not None
+    assert time.unit == unit

@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.api import CurveError, convert
-from palpate.api.files import Column, Kind, factor_to_base, kind_of, unit_in
+from palpate.api.files import Column, Kind, factors_of, kind_of, unit_in
 
 _WORD = re.compile(r"[A-ZÀ-Þ]+(?![a-zß-ÿ])|[A-ZÀ-Þ]?[a-zß-ÿ]+|\d+")
 _COMPOUND = ("kraft", "weg", "zeit", "dehnung", "spannung", "tiefe", "winkel", "moment")
@@ -20,14 +19,14 @@ _COMPOUND = ("kraft", "weg", "zeit", "dehnung", "spannung", "tiefe", "winkel", "
 
 
 class Role(NamedTuple):
-    """Quantity of one column: the kinds of its unit, and its words, the plainest first."""
+    """Quantity of one column: the kind of its unit, and its words, the plainest first."""
 
-    kinds: tuple[Kind, ...]
+    kind: Kind
     words: tuple[str, ...]
 
 
 def _role(kind: Kind, words: str) -> Role:
-    return Role((kind,), tuple(words.split()))
+    return Role(kind, tuple(words.split()))
 
 
 def _set(words: str) -> frozenset[str]:
@@ -106,19 +105,9 @@ def _plain(word: str) -> str:
     return "".join(c for c in unicodedata.normalize("NFKD", word.lower()) if not unicodedata.combining(c))
 
 
-def factor_of(column: Column, kinds: Iterable[Kind]) -> float | None:
+def factor_of(column: Column, kind: Kind) -> float | None:
     """Factor from a column's unit to the base unit of a kind; None where it shows another, or none."""
-    unit = column.shown_unit
-    for kind in kinds if unit else ():
-        try:
-            if kind == "ratio":
-                return {"%": 0.01, "mm/mm": 1.0, "1": 1.0, "-": 1.0}[unit]
-            if kind == "stress":
-                return float(f"{convert(f'1 {unit}', 'MPa'):.12g}")
-            return factor_to_base(unit, kind, column.name)
-        except (CurveError, ValueError, KeyError):
-            continue
-    return None
+    return factors_of(column.shown_unit).get(kind) if column.shown_unit else None
 
 
 # ------------------------------------------------------------------ one column for a role
@@ -136,7 +125,7 @@ class Picked(NamedTuple):
         shown = self.column.shown_unit
         if self.factor is not None or not shown:
             return ""
-        ask = f"the file gives '{shown}', which is no known unit of {kind}"
+        ask = f"the file gives '{shown}', which is no unit of {kind}"
         return f"{self.column.name}: {ask}; give scale, the factor to {base}"
 
 
@@ -146,23 +135,23 @@ def pick(columns: Sequence[Column], role: str) -> Picked | None:
         (rank, column.name, column) for column in columns if (rank := _rank(column, ROLES[role])) is not None
     )
     if not ranked:
-        kinds = ROLES[role].kinds
+        kind = ROLES[role].kind
         alone = [
-            c for c in columns if factor_of(c, kinds) is not None and not _is_other(words_of(c.name), role)
+            c for c in columns if factor_of(c, kind) is not None and not _is_other(words_of(c.name), role)
         ]
         if len(alone) != 1 or role in ("stretch", "strain", "stress"):
             return None
         remark = f"{alone[0].name} is taken for the {role}, by its unit alone"
-        return Picked(alone[0], factor_of(alone[0], kinds), (remark,))
+        return Picked(alone[0], factor_of(alone[0], kind), (remark,))
     (best, _, column), *others = ranked
     if others and others[0][0] == best:
         return None
     remarks = []
     if others:
         remarks.append(f"{column.name} is taken for the {role}, and not {', '.join(o[1] for o in others)}")
-    if best[0]:
+    if best[1]:
         remarks.append(f"{column.name} is commanded, not measured; use the measured {role}")
-    return Picked(column, factor_of(column, ROLES[role].kinds), tuple(remarks))
+    return Picked(column, factor_of(column, ROLES[role].kind), tuple(remarks))
 
 
 def rivals(columns: Sequence[Column], role: str) -> tuple[str, ...]:
@@ -172,17 +161,17 @@ def rivals(columns: Sequence[Column], role: str) -> tuple[str, ...]:
     return tuple(best) if len(best) > 1 else ()
 
 
-def _rank(column: Column, role: Role) -> tuple[bool, int, int, int] | None:
+def _rank(column: Column, role: Role) -> tuple[bool, bool, int, int, int] | None:
     """Order of a column for a role, the least is the likeliest; None where it cannot be of the role."""
-    words = words_of(column.name)
+    words, shown = words_of(column.name), column.shown_unit
     found = [role.words.index(word) for word in map(_simple, words) if word in role.words]
-    # A unit that is not known is asked about; one of another kind is another quantity's.
-    is_alike = factor_of(column, role.kinds) is not None or kind_of(column.shown_unit) is None
-    is_alike &= bool(np.isfinite(column.values).any())
-    if not found or not is_alike:
+    is_measured = factor_of(column, role.kind) is not None
+    # A unit that is not known, or that no log has, is asked about; one of another kind is another quantity's.
+    is_possible = is_measured or kind_of(shown) in (None, "other")
+    if not found or not is_possible or not np.isfinite(column.values).any():
         return None
     n_forms = len(FILTERED & {*words})
-    return bool(COMMANDED & {*words}), n_forms, len(words), min(found)
+    return bool(shown) and not is_measured, bool(COMMANDED & {*words}), n_forms, len(words), min(found)
 
 
 def _simple(word: str) -> str:

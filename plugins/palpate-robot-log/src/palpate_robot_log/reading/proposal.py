@@ -58,6 +58,8 @@ _IN_BASE = frozenset(("base", "o", "world", "actual"))
 _SHARED_TABLE = 0.2
 _COARSE_CLOCK = 0.01
 _CLEARLY = 1.0
+_USUAL_LENGTH_S = 20.0
+_LONGEST_STEP_S = 2.0
 _ORDER = "the order of the columns of {}: x, y, z by their numbers is assumed"
 
 
@@ -346,7 +348,7 @@ def _possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterable[t
             is_another = quantity == "position" and any(_WORDS[other] & words for other in QUANTITIES[1:])
             score = (1.0 if is_another else 2.0) * bool(_WORDS[quantity] & words)
             if unit and kind_of(unit) is not None:
-                is_of = factor_of(group.columns[0], (_KINDS[quantity],)) is not None
+                is_of = factor_of(group.columns[0], _KINDS[quantity]) is not None
                 score = score + 3.0 if is_of else -1.0
             elif quantity == "position" and is_turned:
                 score = 2.0
@@ -437,7 +439,7 @@ def _with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) ->
     if guess.form in ("quaternion", "rotation_matrix", "fixed") or guess.unit or not columns:
         return guess
     if shown := columns[0].shown_unit:
-        known = factor_of(columns[0], (_KINDS[quantity],)) is not None
+        known = factor_of(columns[0], _KINDS[quantity]) is not None
         check = f"the unit of {quantity}: the file gives '{shown}', no unit of {_KINDS[quantity]}; write unit"
         return guess if known else replace(guess, to_check=(*guess.to_check, check))
     values = _values(columns)
@@ -494,10 +496,20 @@ def time_of(stream: Stream) -> Guess | None:
     shown = column.shown_unit
     if kind_of(shown) == "time":
         return Guess(columns=(column.name,), stream=stream.name, score=score)
-    usual = float(np.median(np.diff(column.values[np.isfinite(column.values)])))
-    unit = next((u for u, most in (("s", 0.2), ("ms", 200.0), ("us", 2e5)) if usual <= most), "ns")
-    check = f"the unit of time: {unit} is judged from the size of the steps alone"
+    unit = _likely_clock(column.values[np.isfinite(column.values)])
+    check = f"the unit of time: {unit} is judged from the length of the log alone"
     return Guess(columns=(column.name,), stream=stream.name, unit=unit, to_check=(check,), score=score)
+
+
+def _likely_clock(values: FloatArray) -> str:
+    """Unit by which a log lasts about as long as a press, and its rows are not too far apart."""
+    step, length = float(np.median(np.diff(values))), float(np.ptp(values))
+    usual = {
+        unit: abs(np.log(factor * length / _USUAL_LENGTH_S))
+        for unit, factor in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
+        if factor * step <= _LONGEST_STEP_S
+    }
+    return min(usual, key=lambda unit: usual[unit], default="ns")
 
 
 def _counter(stream: Stream, column: Column) -> Guess | None:
