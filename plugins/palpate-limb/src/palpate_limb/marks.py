@@ -144,9 +144,10 @@ def _chroma(surface: Surface) -> FloatArray:
 
     colours = surface.colours
     if colours is None:
+        there = f" (its points have {', '.join(surface.columns)})" if surface.columns else ""
         raise MeshError(
-            f"{surface.name}: no colours; export the scan with vertex colours or with its texture, or give "
-            "the spots by place (spot)"
+            f"{surface.name}: no colours{there}; export the scan with vertex colours or with its texture, or "
+            "give the spots by place (spot)"
         )
     if float(np.ptp(colours, axis=0).max()) < 1.0 / 255.0:
         raise MeshError(f"{surface.name}: the scan has a single colour; no marks found. Export its colours")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from palpate.api import BoolArray, FloatArray, IntArray, MeshError, convert
+from palpate_limb.colours import other_columns, point_colours
 
 if TYPE_CHECKING:
     import trimesh
@@ -28,8 +29,8 @@ class Surface:
     """A triangulated surface, outward by the right-hand rule where it is closed.
 
     Messages call it by its name, a file's or a bone's. Points are (n, 3), faces (m, 3), and colours (n, 3)
-    the sRGB of each point, 0 to 1. ``repairs`` states what was wrong and has been repaired, and ``caps`` (k,)
-    are faces that close an opening and are no skin.
+    the sRGB of each point, 0 to 1; ``columns`` are other properties of its points. ``repairs`` states what
+    was wrong and has been repaired, and ``caps`` (k,) are faces that close an opening and are no skin.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Surface:
     faces: IntArray
     colours: FloatArray | None = None
     repairs: str = ""
+    columns: tuple[str, ...] = ()
     caps: IntArray | None = None
 
     def moved(self, motion: FloatArray) -> "Surface":
@@ -231,8 +233,14 @@ def read_surface(path: Path, unit: str = "mm") -> Surface:
     points = np.asarray(mesh.vertices, dtype=np.float64)
     faces = np.asarray(getattr(mesh, "faces", ()), dtype=np.int64)
     _check(path, points, faces)
-    colours = _colours(mesh)
-    return _merged(Surface(name=path.name, points_mm=points * factor, faces=faces, colours=colours))
+    surface = Surface(
+        name=path.name,
+        points_mm=points * factor,
+        faces=faces,
+        colours=_colours(path, mesh),
+        columns=other_columns(mesh),
+    )
+    return _merged(surface)
 
 
 def _loaded(path: Path) -> Any:  # noqa: ANN401 - a Trimesh
@@ -293,8 +301,10 @@ def _check(path: Path, points: FloatArray, faces: Any) -> None:  # noqa: ANN401 
         )
 
 
-def _colours(mesh: Any) -> FloatArray | None:  # noqa: ANN401 - a Trimesh
+def _colours(path: Path, mesh: Any) -> FloatArray | None:  # noqa: ANN401 - a Trimesh
     """SRGB of each point, from the vertices or from the texture; None where the file has neither."""
+    if mesh.visual.kind != "texture" and (written := point_colours(path, mesh)) is not None:
+        return written
     if mesh.visual.kind is None:
         return None
     try:
@@ -319,6 +329,7 @@ def _merged(surface: Surface) -> Surface:
         points_mm=surface.points_mm[kept],
         faces=np.searchsorted(kept, faces),
         colours=None if surface.colours is None else surface.colours[kept],
+        columns=surface.columns,
     )
 
 
