@@ -459,5 +459,5 @@ def test_settings_of_nested_tables_are_listed(call: Call) -> None:
     (entry,) = call("plugins", "loaders", "csv", "--json", plugin=None).json["loaders"]
     rows = {row["name"]: row for row in entry["settings"]}
     assert rows["channels"]["default"]["torque"]["ordinate"] == {"name": "torque_Nmm"}
-    assert rows["channels.<name>.ordinate.scale"]["default"] == 1.0
+    assert rows["channels.<name>.ordinate.scale"]["default"] is None
     assert not any("$" in row["type"] for row in rows.values())

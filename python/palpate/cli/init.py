@@ -124,9 +124,10 @@ def own_study_text(
             "every spot, in the same order"
         )
     for file in (*measured, *meshes):
-        if not file.is_file():
+        if not file.exists() or (file.is_dir() and file in meshes):
             raise StudyError(f"{file}: no such file; give a file that is there")
     found = look_into(measured[0], wrench, session, None)
+    measured = [_file_of(file, session) for file in measured]
     spots = [_name_of(mesh.stem) for mesh in meshes]
     if len(set(spots)) < len(spots):
         spots = [f"p{k}" for k in range(1, len(spots) + 1)]
@@ -146,6 +147,17 @@ def own_study_text(
     is_open = raw.get("fit", {}).keys().isdisjoint({"searched", "parametrisation"})
     searched = [SEARCHED] if "protocol" in raw and is_open else []
     return "\n".join([*own, found.study_text, kept, *searched])
+
+
+def _file_of(measured: Path, session: Session) -> Path:
+    """File that a study names: of a folder, such as a bag, the one in it that a loader reads."""
+    if not measured.is_dir():
+        return measured
+    if (file := look_into(measured, None, session, None).file) is None:
+        raise StudyError(
+            f"{measured}: a folder of several files; give one of them, or convert it to one file"
+        )
+    return file
 
 
 def _name_of(text: str) -> str:

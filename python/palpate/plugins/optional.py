@@ -31,12 +31,15 @@ class Inspection:
         Tables of study.toml that would read the file; empty if there are none.
     record : mapping
         The same for a script; JSON-able.
+    file : Path, optional
+        File that a study names, where the one that was given is a folder.
     """
 
     tables: tuple[InspectedTable, ...] = ()
     findings: tuple[str, ...] = ()
     study_text: str = ""
     record: Mapping[str, Any] = field(default_factory=dict)
+    file: Path | None = None
 
 
 @runtime_checkable

@@ -122,8 +122,9 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
         Of two files the first is that of the pose.
         """
         from palpate_robot_log.reading.inspection import inspect_log
+        from palpate_robot_log.reading.ros import bag_file
 
-        return inspect_log(path, other)
+        return replace(inspect_log(path, other), file=bag_file(path))
 
     def _read(self, path: Path) -> "Reading":
         from palpate_robot_log.reading.assembly import read_recording

@@ -33,6 +33,15 @@ _ARCHIVED = (
     ("header.properties", "is a force curve of JPK; export it as text with the JPK software"),
 )
 """Members of zip archives that are never read."""
+_COLUMNS = (
+    (b"MATLAB", "a MATLAB file"),
+    (b"\x89HDF", "an HDF5 file"),
+    (b"PAR1", "a Parquet file"),
+    (b"\x93NUMPY", "a NumPy file"),
+    (b"PK\x03\x04", "an archive"),
+    (b"TDSm", "a TDMS file"),
+)
+"""First bytes of files that hold columns and are no text."""
 
 
 def refuse_binary(path: Path) -> None:
@@ -59,6 +68,8 @@ def decoded(path: Path, given: Encoding | None) -> tuple[str, Encoding]:
     if not raw or raw.isspace():
         raise CurveError(f"{path}: the file is empty; export it again")
     refuse_binary(path)
+    if kind := next((kind for magic, kind in _COLUMNS if raw.startswith(magic)), ""):
+        raise CurveError(f"{path}: is {kind}, and this loader reads text alone; save its columns as CSV")
     marked = next((encoding for mark, encoding in _MARKS if raw.startswith(mark)), None)
     likely: tuple[Encoding, ...] = (marked,) if marked else ("utf-8", "cp1252", "latin-1")
     for encoding in (given,) if given else likely:

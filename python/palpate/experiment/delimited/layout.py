@@ -219,7 +219,9 @@ def _likelihood(lines: Sequence[str], delimiter: str, decimal: str) -> tuple[flo
         return 0.0, 0.0
     kinds = [kind_of_cell(cell, decimal) for row in rows if len(row) == usual for cell in row]
     n_numbers = sum(kind in ("number", "none", "list", "date") for kind in kinds)
-    return n_numbers / len(kinds) * lengths.count(usual) / len(rows), n_numbers / len(rows)
+    # Blanks are in many names and remarks: of two that fit alike they are the worse.
+    share = (0.9 if delimiter == BLANKS else 1.0) * n_numbers / len(kinds) * lengths.count(usual) / len(rows)
+    return share, n_numbers / len(rows)
 
 
 _Kinds = Sequence[str]
@@ -259,7 +261,7 @@ def _header(
     fewest = min(2, _filled(rows[start][1])) if start < len(rows) else 1
     header = 0 if wanted.skip_lines is not None else start - 1
     # A row that is damaged is no line of names.
-    while header > 0 and _is_damaged(kinds[header]):
+    while header > 0 and (_is_damaged(kinds[header]) or _is_under_names(kinds, header)):
         header -= 1
     if (_is_damaged(kinds[header]) and header + 1 < len(rows)) or _filled(rows[header][1]) < fewest:
         return None, start
@@ -277,6 +279,12 @@ def _is_damaged(kinds: _Kinds) -> bool:
     """Whether a line before the rows is one of them with a word in it, or with quotation marks left open."""
     n_words = kinds.count("text")
     return not kinds or (_is_values(kinds) and (kinds[0] != "text" or _n_values(kinds) > max(1, n_words)))
+
+
+def _is_under_names(kinds: Sequence[_Kinds], index: int) -> bool:
+    """Whether a line with a number is a row: a line of as many words is above, perhaps with rows between."""
+    above = next((row for row in reversed(kinds[:index]) if not _n_values(row)), [])
+    return bool(_n_values(kinds[index])) and above == ["text"] * len(kinds[index])
 
 
 def _is_units_line(cells: Sequence[str]) -> bool:

@@ -119,13 +119,14 @@ class TextTable:
 
     def _found_columns(self) -> dict[str, tuple[int, int | None]]:
         """Cell of each column, and place in its list, by name; a name that occurs twice is left out."""
-        first = _cells(self._rows.head(1), self.layout)
+        lists = {index for index, kind in enumerate(self.layout.kinds) if kind == "list"}
+        first = _cells(self._rows.head(1), self.layout, lists) if lists else None
         found: dict[str, tuple[int, int | None]] = {}
         for index, (name, kind) in enumerate(zip(self.layout.names, self.layout.kinds, strict=True)):
             if self.layout.names.count(name) > 1:
                 continue
-            if kind == "list" and index < first.width:
-                n_numbers = numbers_in(str(first.item(0, index)))
+            if first is not None and kind == "list":
+                n_numbers = numbers_in(str(first[str(index)][0]))
                 found.update({f"{name}[{place}]": (index, place) for place in range(n_numbers)})
             else:
                 found[name] = (index, None)
@@ -157,13 +158,12 @@ class TextTable:
             )
         chosen = self._chosen(wanted)
         self._check_cells()
-        cells = _cells(self._rows, layout)
+        cells = _cells(self._rows, layout, {index for index, _ in chosen.values()})
         lines = self._rows["line"].to_numpy()
         if lines.size < 2:
             raise CurveError(f"{self.path}: only {lines.size} row of data; export the file again")
         read = [
-            self._values(cells.to_series(index), layout.kinds[index], place)
-            for index, place in chosen.values()
+            self._values(cells[str(index)], layout.kinds[index], place) for index, place in chosen.values()
         ]
         bad = [
             (int(mask.arg_max() or 0), name)
@@ -173,7 +173,7 @@ class TextTable:
         if is_strict and bad:
             row, name = min(bad, key=lambda one: one[0])
             index, place = chosen[name]
-            cell = str(cells.item(row, index)).strip()
+            cell = str(cells[str(index)][row]).strip()
             raise CurveError(
                 f"{self.path}: line {lines[row]}, column '{name}': {self._problem_of(cell, index, place)}"
             )
@@ -230,8 +230,9 @@ class TextTable:
 
     def _check_cells(self) -> None:
         """Refuse rows whose quotation marks or count of cells do not match."""
-        if self._rows["is_open"].any():
-            line = self._rows.filter(self._rows["is_open"])["line"][0]
+        is_open = self._rows["bare"].str.contains('"', literal=True)
+        if is_open.any():
+            line = self._rows["line"][int(is_open.arg_max() or 0)]
             raise CurveError(f"{self.path}: line {line}: unexpected end of data; close the quotation marks")
         n_columns = len(self.layout.names)
         other = self._rows.filter(self._rows["n_cells"] != n_columns)
@@ -343,34 +344,48 @@ def _classified(lines: Sequence[str], layout: Layout) -> "pl.DataFrame":
     """Lines with their number, text, count of cells, and what each looks like."""
     import polars as pl
 
-    text = pl.col("text").str.replace_all("\r", " ", literal=True).str.strip_chars(" ")
+    text = pl.col("text").str.strip_chars(" \r")
     between = "\t" if layout.delimiter == BLANKS else layout.delimiter
+    mark, n_columns = re.escape(between), len(layout.names)
     if layout.delimiter == BLANKS:
         text = text.str.strip_chars().str.replace_all(r"\s+", "\t")
-    if any("[" in line for line in lines[layout.first_line - 1 : layout.first_line]):
+    if "[" in lines[layout.first_line - 1]:
         text = text.str.replace_all(r'(^|[,;|\t])\s*(\[[^\]"]*\])', '${1}"${2}"')
     frame = pl.DataFrame({"line": range(1, len(lines) + 1), "text": lines}).with_columns(text)
-    mark = re.escape(between)
     bare = pl.col("text")
     if frame["text"].str.contains('"', literal=True).any():
         bare = bare.str.replace_all(f'"([^"{mark}]*)"', "${1}")
-        bare = bare.str.replace_all(
-            '"([+-]?[0-9]+),([0-9]+(?:[eE][+-]?[0-9]+)?)"', "${1}.${2}"
-        ).str.replace_all('"([^"]|"")*"', "q")
+        bare = bare.str.replace_all('"([+-]?[0-9]+),([0-9]+(?:[eE][+-]?[0-9]+)?)"', "${1}.${2}")
+        bare = bare.str.replace_all('"([^"]|"")*"', "q")
     frame = frame.with_columns(bare=bare)
-    bare, n_columns = pl.col("bare"), len(layout.names)
-    n_cells = bare.str.count_matches(between, literal=True) + 1
+    bare = pl.col("bare")
+    frame = frame.with_columns(n_cells=bare.str.count_matches(between, literal=True) + 1)
+    # Only lines that are no plain rows are looked at closely: most lines of a long log are.
+    is_plain = (pl.col("n_cells") == n_columns) & pl.col("text").str.contains(r"^[-+.0-9]")
+    if layout.first_number or not layout.comment or layout.comment[0] in "-+.0123456789":
+        is_plain = pl.col("line") < 0
+    at = frame.select((~is_plain).arg_true()).to_series()
     # Empty cells at the end of a row are none.
     n_filled = bare.str.strip_chars_end(f" {between}").str.count_matches(between, literal=True) + 1
-    at = bare.str.extract(rf"^(?:[^{mark}]*{mark}){{{layout.first_number}}}\s*([^{mark}]*)", 1)
-    cell = at.fill_null(bare.str.extract(rf"^\s*([^{mark}]*)", 1)).str.strip_chars()
-    is_comment = bare.str.strip_chars_start().str.starts_with(layout.comment) if layout.comment else False
+    first = bare.str.extract(rf"^(?:[^{mark}]*{mark}){{{layout.first_number}}}\s*([^{mark}]*)", 1)
+    cell = first.fill_null(bare.str.extract(rf"^\s*([^{mark}]*)", 1)).str.strip_chars()
+    comment = bare.str.starts_with(layout.comment) if layout.comment else pl.lit(value=False)
+    looks: dict[str, pl.Expr] = {
+        "is_over": comment | ~bare.str.contains(r"[\p{L}\p{N}]"),
+        "is_word": ~cell.str.contains(rf'^(?:[-+.,0-9"(\[].*|q|inf|infinity|{NO_VALUE})$'),
+        "has_number": bare.str.contains(rf"(?:^|{mark})\s*[+-]?[.,]?[0-9]"),
+        "n_cells": pl.when(pl.col("n_cells") > n_columns)
+        .then(pl.max_horizontal(n_filled, n_columns))
+        .otherwise(pl.col("n_cells"))
+        .cast(pl.UInt32),
+    }
+    other = frame[at].select(**looks)
+    usual = {"is_over": False, "is_word": False, "has_number": True, "n_cells": n_columns}
     return frame.with_columns(
-        is_over=is_comment | ~bare.str.contains(r"[\p{L}\p{N}]"),
-        is_open=bare.str.contains('"', literal=True),
-        n_cells=pl.when(n_cells > n_columns).then(pl.max_horizontal(n_filled, n_columns)).otherwise(n_cells),
-        is_word=~cell.str.contains(rf'^(?:[-+.,0-9"(\[].*|q|inf|infinity|{NO_VALUE})$'),
-        has_number=bare.str.contains(rf"(?:^|{mark})\s*[+-]?[.,]?[0-9]"),
+        pl.repeat(value, frame.height, dtype=other[name].dtype, eager=True)
+        .scatter(at, other[name])
+        .alias(name)
+        for name, value in usual.items()
     )
 
 
@@ -393,22 +408,24 @@ def _blocks(lines: "pl.DataFrame", layout: Layout) -> list[tuple[int, int]]:
     return [(layout.first_line, blocks[0][1]), *blocks[1:]] if blocks else [(layout.first_line, last)]
 
 
-def _cells(rows: "pl.DataFrame", layout: Layout) -> "pl.DataFrame":
-    """Cells of rows of one length, as text."""
+def _cells(rows: "pl.DataFrame", layout: Layout, chosen: Iterable[int]) -> "pl.DataFrame":
+    """Cells of some columns of rows of one length, as text, by the column's index."""
     import io
 
     import polars as pl
 
-    between = "\t" if layout.delimiter == BLANKS else layout.delimiter
-    body = rows["text"].str.join("\n").item()
-    return pl.read_csv(
+    body = "\n".join(rows["text"].to_list())
+    indices = sorted(chosen)
+    read = pl.read_csv(
         io.BytesIO(body.encode()),
         has_header=False,
-        separator=between,
+        columns=indices,
+        separator="\t" if layout.delimiter == BLANKS else layout.delimiter,
         quote_char='"' if '"' in body else None,
         infer_schema=False,
         truncate_ragged_lines=True,
-    ).fill_null("")
+    )
+    return read.fill_null("").rename(dict(zip(read.columns, map(str, indices), strict=True)))
 
 
 def _seconds(cells: "pl.Series") -> tuple[FloatArray, "pl.Series"]:

@@ -76,6 +76,12 @@ def read_bag(path: Path, topics: Sequence[str] | None = None) -> RawLog:
             return _collected(path, reader, deserialise, topics)
 
 
+def bag_file(path: Path) -> Path | None:
+    """File of a ROS 2 bag in its folder, which a study names; None where there is not one alone."""
+    files = [each for each in path.iterdir() if each.suffix in (".mcap", ".db3")] if path.is_dir() else []
+    return files[0] if len(files) == 1 else None
+
+
 def _reader(path: Path) -> tuple[Any, Callable[[bytes, str], Any]]:
     """Reader of the bag, not yet open, and what makes messages of its bytes."""
     try:
