@@ -4,9 +4,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from palpate.errors import CurveError
 from palpate_robot_log.processing.chain import process
+from palpate_robot_log.processing.corrections import drift_left_in
 from palpate_robot_log.recording import Recording
 
 from . import simulated_logs as logs
@@ -51,10 +53,26 @@ def half_without_force() -> Recording:
     return log().changed(force_N=force)
 
 
+def zeroed(seconds: float) -> Recording:
+    """A log whose sensor is zeroed at an instant."""
+    force, at = log().force_N.copy(), int(np.searchsorted(log().time_s, seconds))
+    force[at:] -= force[at]
+    return log().changed(force_N=force)
+
+
+def in_the_other_frame(sign: float) -> Recording:
+    """A log of the base frame that is read as of the sensor's, with a tool that lies on its side."""
+    whole = log()
+    side = Rotation.from_euler("x", 90.0, degrees=True)
+    in_base = Rotation.from_quat(np.array(whole.quaternion)).apply(np.array(whole.force_N))
+    quaternion = (Rotation.from_quat(np.array(whole.quaternion)) * side).as_quat()
+    return whole.changed(force_N=sign * in_base, quaternion=quaternion)
+
+
 FAULTS: dict[str, tuple[Callable[[], Recording], str]] = {
     "reaction": (
         lambda: log().changed(force_N=-log().force_N),
-        r"row 34\d \(t = 1.7\d\d s\).*set acts_on = \"tool\" in the",
+        r"row 34\d \(t = 1.7\d\d s\).*set acts_on = \"tissue\" in the",
     ),
     "force x z": (
         lambda: log().changed(force_N=log().force_N[:, SWAPPED["xz"]]),
@@ -96,6 +114,24 @@ FAULTS: dict[str, tuple[Callable[[], Recording], str]] = {
     "gap": (
         lambda: log().part(np.r_[0:700, 760 : log().n_rows]),
         r"row 701 \(t = 3.495 s\): a gap of 0.305 s while the tool presses",
+    ),
+    "zeroed in contact": (
+        lambda: zeroed(16.0),
+        r"row 320\d \(t = 16\.0\d\d s\): the force jumps by 12\.\d N while the tip rests, and is 12\.\d N "
+        "off when the tool is back at its height: the sensor was zeroed in contact",
+    ),
+    "zeroed and not back": (
+        lambda: zeroed(16.0).part(slice(0, 5000)),
+        r"the force jumps by 12\.\d N while the tip rests: the sensor was zeroed in contact",
+    ),
+    "other frame": (lambda: in_the_other_frame(1.0), r'set wrench_frame = "base" in the channel map'),
+    "other frame and body": (
+        lambda: in_the_other_frame(-1.0),
+        r'set acts_on = "tissue" and wrench_frame = "base" in the channel map',
+    ),
+    "no moment": (
+        lambda: log().changed(moment_Nmm=0.05 * np.sin(np.arange(log().n_rows))[:, None] * np.ones(3)),
+        r'no moment answers the twist .* write "0" for the three columns',
     ),
     "spikes": (
         lambda: log().changed(force_N=log().force_N + 50.0 * (np.arange(log().n_rows) % 50 == 0)[:, None]),
@@ -172,6 +208,22 @@ def test_settings_that_do_not_fit_the_log_are_named(name):
 def test_settings_that_contradict_themselves_are_refused(steps):
     with pytest.raises(ValueError, match="validation error"):
         logs.settings(**steps)
+
+
+def test_a_large_drift_is_taken_out_and_named(tmp_path):
+    whole = log()
+    ramp = np.linspace(0.0, 3.0, whole.n_rows)[:, None] * np.array([0.0, 0.0, 1.0])
+    usual, drifted = (
+        process(whole, logs.settings()),
+        process(whole.changed(force_N=whole.force_N + ramp), logs.settings()),
+    )
+    span = np.ptp(usual.curves["force"].ordinate)
+    off = np.abs(drifted.curves["force"].ordinate - usual.curves["force"].ordinate).max()
+    assert off < 0.02 * span
+    assert drifted.drift is not None
+    assert usual.drift is not None
+    assert "drifts by 2.9 N over the log" in drift_left_in(drifted.drift, 36.5, span)
+    assert drift_left_in(usual.drift, 36.5, span) is None
 
 
 def test_a_recording_is_read_only():

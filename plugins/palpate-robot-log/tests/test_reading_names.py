@@ -14,10 +14,10 @@ from palpate.experiment.delimited import Column
 from palpate_indentation import CsvLoader, CsvSettings
 from palpate_robot_log import RobotLogLoader
 from palpate_robot_log.reading import assembly, inspection
+from palpate_robot_log.reading.clock import time_of
 from palpate_robot_log.reading.formats import read_here
 from palpate_robot_log.reading.inspection import inspect_log
 from palpate_robot_log.reading.names import pick, test_of as measures_of
-from palpate_robot_log.reading.proposal import time_of
 from palpate_robot_log.reading.raw import Stream
 from palpate_robot_log.robot_log import RobotLogSettings
 

@@ -37,6 +37,8 @@ class Recording:
         Line, row or message number in the file, for messages.
     row_word : str
         What messages call them.
+    acts_on, wrench_frame : str
+        Of the wrench in the log, as the channel map has them, for messages.
     """
 
     source: str
@@ -47,6 +49,8 @@ class Recording:
     moment_Nmm: FloatArray
     rows: IntArray
     row_word: str = "row"
+    acts_on: str = "tool"
+    wrench_frame: str = "sensor"
 
     def __post_init__(self) -> None:
         for name in _SIGNALS:

@@ -75,7 +75,7 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
         return found | {last: replace(response, record={**record, **response.record})}
 
     def _response(self, path: Path, processed: "Processed", channel: str | None) -> Response:
-        from palpate_robot_log.processing.corrections import weight_left_in
+        from palpate_robot_log.processing.corrections import drift_left_in, weight_left_in
 
         curves, gravity = processed.curves, self.settings.gravity
         if channel is not None and channel not in curves:
@@ -88,8 +88,11 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
         record, warnings = dict(processed.record), list[str]()
         if processed.lacks_torque:
             warnings.append("the log has no moment, so the twist gives no torque; weigh the force alone")
+        peak = float(abs(processed.curves["force"].ordinate).max())
+        seconds = float(np.ptp(processed.raw.time_s))
+        if processed.drift is not None and (warning := drift_left_in(processed.drift, seconds, peak)):
+            warnings.append(warning)
         if gravity.method == "off" and processed.bias is not None:
-            peak = float(abs(processed.curves["force"].ordinate).max())
             bias_N, down = processed.bias.force_N, np.array(gravity.direction)
             if warning := weight_left_in(processed.raw, bias_N, down, peak):
                 warnings.append(warning)

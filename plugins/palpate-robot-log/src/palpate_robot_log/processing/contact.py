@@ -13,6 +13,7 @@ from scipy.ndimage import median_filter, uniform_filter1d
 
 from palpate.api import FloatArray
 from palpate_robot_log.processing.change_points import ChangePoint, Design, profile
+from palpate_robot_log.processing.zero import check_zero, is_back
 from palpate_robot_log.recording import (
     Recording,
     angle_between_deg,
@@ -81,8 +82,9 @@ def contacts_of(recording: Recording) -> tuple[ContactRows, ...]:
     # In free air the sensor shows a line where the log ends there too, else what it shows at its start.
     start, end = np.median(force[:n_ends], axis=0), np.median(force[-n_ends:], axis=0)
     farthest = float(np.linalg.norm(force - start, axis=1).max())
+    check_zero(track, force)
     rest = start[None, :]
-    if float(np.linalg.norm(end - start)) <= _DRIFT_SHARE * farthest:
+    if float(np.linalg.norm(end - start)) <= _DRIFT_SHARE * farthest or is_back(track):
         rest = start + np.linspace(0.0, 1.0, track.n_rows)[:, None] * (end - start)
     change = median_filter(np.linalg.norm(force - rest, axis=1), size=5, mode="nearest")
     noise = float(np.linalg.norm([noise_std(column) for column in track.force_N.T]))

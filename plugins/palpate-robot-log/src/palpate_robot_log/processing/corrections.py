@@ -39,6 +39,7 @@ SIGNIFICANT_LAG = 3.0  # standard deviations that an estimated lag must exceed t
 HEAVIEST_N = 100.0  # heaviest tool behind a hand-held-size force sensor
 FARTHEST_MM = 500.0  # farthest centre of a tool from its sensor
 LARGEST_WEIGHT_SHARE = 0.01  # share of the peak force that a weight may leave in the curves without a warning
+LARGEST_DRIFT_SHARE = 0.1  # share of the peak force that the zero may change by over a log without a warning
 FEWEST_FREE_ROWS = 10  # rows in free air that are needed before, and for a drift after the press
 _NEIGHBOURS = 5
 _LAG_WINDOW_SHARE = 0.25
@@ -287,6 +288,17 @@ def find_drift(recording: Recording, before: IntArray, after: IntArray) -> Drift
         moment_Nmm_per_s=moment,
         force_std_N_per_s=force_std,
         moment_std_Nmm_per_s=moment_std,
+    )
+
+
+def drift_left_in(drift: Drift, seconds: float, peak_N: float) -> str | None:
+    """Warning of a drift so large that its departure from a straight line matters."""
+    change_N = float(np.linalg.norm(drift.force_N_per_s)) * seconds
+    if change_N < LARGEST_DRIFT_SHARE * peak_N:
+        return None
+    return (
+        f"the sensor's zero drifts by {change_N:.2g} N over the log ({change_N / peak_N:.0%} of the peak), "
+        "and a straight line is taken out; let the sensor warm up, and zero it before each press"
     )
 
 

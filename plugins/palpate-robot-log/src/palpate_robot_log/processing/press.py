@@ -41,6 +41,9 @@ LEAST_TILT_DEG = 2.0  # tilt of the tool that any robot may have
 LEAST_CORRELATION = 0.3  # of torque and rotation over a twist
 DEPTHS_MM = (0.02, 300.0)  # depths that a press on a limb can have
 LEAST_TORQUE_NMM = 1.0  # torque that may come and go without a twist
+_OTHER = {"tool": "tissue", "tissue": "tool", "sensor": "base", "base": "sensor"}
+_LESS_LIKELY_DEG = 3.0  # by which another frame has to explain the push better than the other body
+_CLEARLY_ALONG_DEG = 20.0
 _FREE_MARGIN_MM = 0.05
 _ORIENTED_ALIKE_DEG = 2.0
 _CLOSE_SHARE = 0.9
@@ -201,33 +204,55 @@ def _check_depth(recording: Recording, motion: ToolMotion, contact: ContactRows)
 
 
 def _check_direction(recording: Recording, contact: ContactRows, normal: Normal) -> None:
-    """Refuse a contact force that does not push the tool out of the limb: a wrong sign, or wrong axes."""
+    """Refuse a contact force that does not push the tool out of the limb: another side, frame or axes."""
     force = rotated(recording.quaternion, recording.force_N)
-    rest = force[: max(contact.first // 2, 1)].mean(axis=0)
-    pressed = force[contact.rows] - rest
+    push = _push(force, contact)
+    angle = angle_between_deg(push, normal.vector)
+    if angle <= LARGEST_FRICTION_ANGLE_DEG:
+        return
+    is_in_sensor = recording.wrench_frame == "sensor"
+    in_other_frame = recording.force_N if is_in_sensor else rotated(recording.quaternion, force)
+    otherwise = angle_between_deg(_push(in_other_frame, contact), normal.vector)
+    side = f'acts_on = "{_OTHER[recording.acts_on]}"'
+    frame = f'wrench_frame = "{_OTHER[recording.wrench_frame]}"'
+    causes = [
+        (180.0 - angle, "it is the force on the other body", side),
+        (otherwise + _LESS_LIKELY_DEG, "it is written in the other frame", frame),
+        (
+            180.0 - otherwise + 2.0 * _LESS_LIKELY_DEG,
+            "it is of the other body, in the other frame",
+            f"{side} and {frame}",
+        ),
+    ]
+    off, cause, setting = min(causes)
+    if angle > 180.0 - LARGEST_FRICTION_ANGLE_DEG or off <= _CLEARLY_ALONG_DEG:
+        what = "pulls the tool into the limb" if angle > 90.0 else "is off the line of the press"
+        raise recording.fault(
+            f"the force {what} ({angle:.0f} degrees from the outward normal): {cause}; set {setting} in the "
+            "channel map",
+            contact.first,
+        )
+    middle = (contact.first + contact.last) // 2
+    axes = []
+    for vector in (push, normal.vector):
+        inside = rotated(recording.quaternion[middle : middle + 1], vector, inverse=True)[0]
+        nearest = int(np.argmax(np.abs(inside)))
+        axes.append(f"{'+' if inside[nearest] > 0.0 else '-'}{'xyz'[nearest]}")
+    raise recording.fault(
+        f"the contact force is {angle:.0f} degrees off the normal of the path, where friction explains "
+        f"{LARGEST_FRICTION_ANGLE_DEG:g} at most: axes are swapped, or the quaternion turns the other "
+        f"way. In the sensor's frame the force goes along {axes[0]} and the normal along {axes[1]}; "
+        "correct the column map",
+        contact.first,
+    )
+
+
+def _push(force: FloatArray, contact: ContactRows) -> FloatArray:
+    """Median force (3,) while the tool presses hardest, above the one before."""
+    pressed = force[contact.rows] - force[: max(contact.first // 2, 1)].mean(axis=0)
     size = np.linalg.norm(pressed, axis=1)
     push: FloatArray = np.median(pressed[size > 0.8 * np.median(size)], axis=0)
-    angle = angle_between_deg(push, normal.vector)
-    if angle > 180.0 - LARGEST_FRICTION_ANGLE_DEG:
-        raise recording.fault(
-            f"the force pulls the tool into the limb ({angle:.0f} degrees from the outward normal): it is "
-            'that of the other body; set acts_on = "tool" in the channel map, or "tissue" where it is "tool"',
-            contact.first,
-        )
-    if angle > LARGEST_FRICTION_ANGLE_DEG:
-        middle = (contact.first + contact.last) // 2
-        axes = []
-        for vector in (push, normal.vector):
-            inside = rotated(recording.quaternion[middle : middle + 1], vector, inverse=True)[0]
-            nearest = int(np.argmax(np.abs(inside)))
-            axes.append(f"{'+' if inside[nearest] > 0.0 else '-'}{'xyz'[nearest]}")
-        raise recording.fault(
-            f"the contact force is {angle:.0f} degrees off the normal of the path, where friction explains "
-            f"{LARGEST_FRICTION_ANGLE_DEG:g} at most: axes are swapped, or the quaternion turns the other "
-            f"way. In the sensor's frame the force goes along {axes[0]} and the normal along {axes[1]}; "
-            "correct the column map",
-            contact.first,
-        )
+    return push
 
 
 def _check_path(recording: Recording, contact: ContactRows, normal: Normal, path: Normal) -> None:
@@ -295,6 +320,13 @@ def check_torque(recording: Recording, located: Located, wrench: SpotWrench, *, 
         )
     answers = [abs(_correlation(turn, column)) * float(column.std()) for column in wrench.moment_Nmm[rows].T]
     others = float(np.hypot(answers[0], answers[1]))
+    largest = float(np.std(recording.moment_Nmm[rows], axis=0).max())
+    if largest < LEAST_TORQUE_NMM and likeness < LEAST_CORRELATION:
+        raise recording.fault(
+            f"no moment answers the twist ({largest:.2g} N·mm at most), so the log has none; write "
+            '"0" for the three columns of the moment, and weigh the force alone',
+            rows.start,
+        )
     if likeness < LEAST_CORRELATION or others > (1.5 if weighed else 4.0) * answers[2]:
         raise recording.fault(
             f"the torque about the normal answers the rotation by {answers[2]:.3g} N·mm (correlation "

@@ -136,6 +136,8 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
         force_N=force,
         moment_Nmm=moment,
         rows=kept.rows[chosen],
+        acts_on=channels.acts_on,
+        wrench_frame=channels.wrench_frame,
     )
     record = {
         "format": log.format,

@@ -26,10 +26,11 @@ from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles
 from palpate_robot_log.reading.checks import longest_step_s
 from palpate_robot_log.reading.formats import Request, read_log
 from palpate_robot_log.reading.processed_curves import Proposed, curves_of
-from palpate_robot_log.reading.proposal import QUANTITIES, Guess, Proposal, machine_of, propose
+from palpate_robot_log.reading.proposal import Proposal, machine_of, propose, with_unit
 from palpate_robot_log.reading.raw import RawLog, Stream
 from palpate_robot_log.reading.study_text import channel_map, is_machine, study_text
 from palpate_robot_log.reading.two_files import read_both
+from palpate_robot_log.reading.vectors import QUANTITIES, Guess
 from palpate_robot_log.recording import Recording, rotated
 
 _MOST_GAPS = 20
@@ -102,7 +103,8 @@ def _found(log: RawLog, path: Path, proposal: Proposal) -> tuple[Proposal, Propo
     else:
         seconds = found.time_s[-1] - found.time_s[0]
         reads = f"{found.n_rows} rows at {found.rate_hz:.4g} Hz over {seconds:.4g} s"
-        result = [f"this map reads the file: {reads}", *_cycles(found), _curves_in(found, proposal)]
+        result = [f"this map reads the file: {reads}", *_yielding(log, proposal, found)]
+        result += [*_cycles(found), _curves_in(found, proposal)]
     guesses = [*proposal.guesses.values(), *proposal.time.values()]
     checks = dict.fromkeys(f"check {check}" for guess in guesses for check in guess.to_check)
     others = [
@@ -172,6 +174,25 @@ def _curves_in(recording: Recording, proposal: Proposal) -> str:
         for units in [("N·mm", "degrees") if name == "torque" else ("N", "mm")]
     )
     return f"its curves: {', '.join(peaks)}"
+
+
+def _yielding(log: RawLog, proposal: Proposal, measured: Recording) -> Iterable[str]:
+    """Finding on a commanded position next to the measured one: their difference is the arm's compliance."""
+    commanded = [one for one in proposal.others.get("position", ()) if one.is_commanded]
+    for one in commanded[:1]:
+        position = with_unit(log, "position", one, 0.0)
+        other = _read(log, replace(proposal, guesses={**proposal.guesses, "position": position}))
+        if isinstance(other, str) or other.n_rows != measured.n_rows:
+            continue
+        off = other.position_mm - measured.position_mm
+        n_free = max(off.shape[0] // 100, 5)
+        force = np.linalg.norm(measured.force_N - np.median(measured.force_N[:n_free], axis=0), axis=1)
+        loaded = off[force >= 0.9 * force.max()]
+        off_mm = float(np.linalg.norm(np.median(loaded, axis=0) - np.median(off[:n_free], axis=0)))
+        yield (
+            f"commanded and measured position differ by {off_mm:.2g} mm under load, as of an arm that "
+            "yields: the measured one is taken"
+        )
 
 
 def _read(log: RawLog, proposal: Proposal) -> Recording | str:

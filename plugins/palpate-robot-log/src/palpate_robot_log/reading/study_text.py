@@ -3,8 +3,9 @@
 import json
 from collections.abc import Iterable, Mapping
 
-from palpate_robot_log.reading.proposal import QUANTITIES, Guess, Proposal
+from palpate_robot_log.reading.proposal import Proposal
 from palpate_robot_log.reading.raw import RawLog
+from palpate_robot_log.reading.vectors import QUANTITIES, Guess
 
 
 def channel_map(proposal: Proposal) -> dict[str, object]:

@@ -1,0 +1,269 @@
+"""Vectors among the columns of a log, and the quantities that each may be by its names, units and numbers."""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from palpate.api import FloatArray
+from palpate.api.files import Column, Kind, kind_of
+from palpate_robot_log.reading.channel_map import NO_COLUMN
+from palpate_robot_log.reading.names import MEASURED, factor_of, words_of
+from palpate_robot_log.reading.raw import Stream
+
+QUANTITIES = ("position", "orientation", "force", "moment")
+
+_AXES = ("x", "y", "z", "w")
+_SHORT = ("f", "t", "m", "q", "p", "r", "o", "pos", "rot", "quat", "force", "torque", "moment", "tcp")
+_TURNS = {"roll": "x", "pitch": "y", "yaw": "z", "alpha": "x", "beta": "y", "gamma": "z"}
+_ANGLES = ("abc", "wpr")
+"""Letters of three angles in degrees: A, B, C of KUKA, Doosan and others, and W, P, R of Fanuc."""
+
+WORDS: Mapping[str, frozenset[str]] = {
+    "position": frozenset(("p", "pos", "position", "translation", "tcp", "tip", "tool", "point", "lage")),
+    "orientation": frozenset(
+        ("q", "o", "quat", "quaternion", "orientation", "rotation", "rot", "r", "euler", *_ANGLES)
+    ),
+    "force": frozenset(("f", "force", "forces", "kraft")),
+    "moment": frozenset(("t", "torque", "torques", "moment", "moments", "m", "tau", "drehmoment")),
+}
+KINDS: Mapping[str, Kind] = {
+    "position": "length",
+    "force": "force",
+    "moment": "moment",
+    "orientation": "angle",
+}
+WRENCH_WORDS = frozenset(("wrench", "ft", "force", "f", "sensor"))
+_POSE_WORDS = frozenset(("pose", "tcp", "transform"))
+_OF_MOTION = frozenset(
+    ("vel", "velocity", "speed", "twist", "acc", "accel", "acceleration", "omega", "gyro", "jerk", "error")
+)
+"""Words of vectors that a press has no use for."""
+_IN_BASE = frozenset(("base", "o", "world", "actual"))
+"""Words of a wrench in the base frame: O_F_ext_hat_K of Franka, actual_TCP_force of Universal Robots."""
+_ORDER = "the order of the columns of {}: x, y, z by their numbers is assumed"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Group:
+    """Columns of one vector, in the order x, y, z, w, or by their index.
+
+    ``words`` are what their names share, in small letters; ``is_indexed`` ones are distinguished by
+    numbers, so that what each is has to be guessed.
+    """
+
+    stream: str
+    words: tuple[str, ...]
+    columns: tuple[Column, ...]
+    is_indexed: bool
+
+
+def groups_of(stream: Stream) -> list[Group]:
+    """Vectors among the columns of a stream: angles by letters, then those by axes, then those by numbers.
+
+    The axis is the last word, or any other: ``x_meas``, ``cam_px_rel``.
+    """
+    found: dict[tuple[int, bool, tuple[str, ...]], dict[str, Column]] = defaultdict(dict)
+    for column in stream.columns.values():
+        for rank, words, axis in _splits(words_of(column.name)):
+            found[rank, axis.isdigit(), words].setdefault(axis, column)
+    groups, taken = [], set[str]()
+    for (_, is_indexed, words), named in sorted(found.items(), key=lambda item: item[0][:2]):
+        members = {axis: column for axis, column in named.items() if column.name not in taken}
+        order: Sequence[str]
+        if words[-1:] in [(letters,) for letters in _ANGLES]:
+            order = words[-1] if {*words[-1]} <= {*members} else ""
+        elif is_indexed:
+            order = sorted(members, key=int) if len(members) in (3, 4, 6, 7, 9, 16) else []
+        else:
+            order = [axis for axis in _AXES if axis in members] if {*"xyz"} <= {*members} else []
+        columns = [members[key] for key in order]
+        if columns and "w" not in members and not is_indexed:
+            # The scalar of a quaternion may have another mark: Q0, qs.
+            scalars = [one for k in (0, 1) if (one := found.get((k, True, words), {}).get("0"))]
+            columns += [one for one in scalars[:1] if _is_unit([*columns, one])]
+        if columns:
+            taken |= {column.name for column in columns}
+            groups.append(
+                Group(stream=stream.name, words=words, columns=tuple(columns), is_indexed=is_indexed)
+            )
+    return groups
+
+
+def _splits(words: tuple[str, ...]) -> Iterator[tuple[int, tuple[str, ...], str]]:
+    """Ways to part a name into words that a vector's columns share and its axis, the likeliest first.
+
+    They begin with their rank: 0 for three angles, 1 where the axis is the last word, 2 elsewhere.
+    """
+    for at in reversed(range(len(words))):
+        before, word, after = words[:at], words[at], words[at + 1 :]
+        rank = 1 if not after else 2
+        yield from ((0, (*before, *after, letters), word) for letters in _ANGLES if word in letters)
+        if word in _AXES or (word.isdigit() and not after):
+            yield rank, (*before, *after), word
+        elif word in _TURNS:
+            yield rank, (*before, *after, "euler"), _TURNS[word]
+        elif word[-1] in _AXES and word[:-1] in _SHORT:
+            yield rank, (*before, word[:-1], *after), word[-1]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Guess:
+    """Entry of the map for one quantity.
+
+    Parameters
+    ----------
+    columns : tuple of str
+        A minus before a name turns its sign; "0" is no column.
+    form : str
+        Of an orientation; else empty.
+    sequence : str
+        Axes of Euler angles.
+    unit : str
+        Written into the map only where the file shows none.
+    is_in_base : bool
+        A wrench whose name states that it is in the base frame.
+    value : tuple of float
+        Quaternion of a fixed orientation.
+    is_commanded : bool
+        Of columns whose name states that they are not measured.
+    is_counter : bool
+        Of a column that counts rows, whose rate has to be given.
+    to_check : tuple of str
+        What a person has to decide.
+    also : tuple of Guess
+        What an orientation of these columns may be instead, the likeliest first.
+    """
+
+    columns: tuple[str, ...]
+    stream: str
+    form: str = ""
+    sequence: str = ""
+    unit: str = ""
+    is_in_base: bool = False
+    is_commanded: bool = False
+    value: tuple[float, ...] = ()
+    is_counter: bool = False
+    to_check: tuple[str, ...] = ()
+    score: float = 0.0
+    also: tuple["Guess", ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of its columns in the file."""
+        return tuple(name.removeprefix("-") for name in self.columns if name != NO_COLUMN)
+
+
+def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterable[tuple[str, Guess]]:
+    """Possible meanings of a group, with scores; ``is_turned`` where angles are named as its x, y, z."""
+    n_columns, words = len(group.columns), set(group.words)
+    if words & _OF_MOTION:
+        return
+    if n_columns == 3 and "t" in words and not t_is_moment:  # a tracker's translation, next to a moment M
+        words = words - {"t"} | {"translation"}
+
+    def guess(part: slice | list[int], score: float, *to_check: str) -> Guess:
+        names = tuple(column.name for column in np.array(group.columns, dtype=object)[part])
+        is_in_base = bool(words & _IN_BASE)
+        return Guess(
+            columns=names, stream=group.stream, to_check=to_check, score=score, is_in_base=is_in_base
+        )
+
+    every, first, second = slice(None), slice(0, 3), slice(3, None)
+    if n_columns == 3:
+        unit = group.columns[0].shown_unit
+        for quantity in QUANTITIES:
+            # A place may be a word of any vector: tcp_force, POS_ACT.A.
+            is_another = quantity == "position" and any(WORDS[other] & words for other in QUANTITIES[1:])
+            score = (1.0 if is_another else 2.0) * bool(WORDS[quantity] & words)
+            if unit and kind_of(unit) is not None:
+                is_of = factor_of(group.columns[0], KINDS[quantity]) is not None
+                score = score + 3.0 if is_of else -1.0
+            elif quantity == "position" and is_turned:
+                score = 2.0
+            elif quantity == "position" and not any(WORDS[other] & words for other in QUANTITIES):
+                score = 1.5 if words & MEASURED else 0.5 if words else 1.0
+            if score > 0.0:
+                found = guess(every, score)
+                yield quantity, _of_angles(group, found) if quantity == "orientation" else found
+    elif n_columns == 4 and _is_unit(group.columns):
+        yield "orientation", _of_quaternion(group, guess(every, 4.0))
+    elif n_columns == 6 and words & WRENCH_WORDS:
+        yield "force", guess(first, 2.0, _ORDER.format("force"))
+        yield "moment", guess(second, 2.0, _ORDER.format("moment"))
+    elif n_columns == 6 and words & _POSE_WORDS:
+        yield "position", guess(first, 1.5, _ORDER.format("position"))
+        yield "orientation", _of_angles(group, guess(second, 1.5))
+    elif n_columns == 7 and _is_unit(group.columns[3:]):
+        yield "position", guess(first, 2.0, _ORDER.format("position"))
+        yield "orientation", _of_quaternion(group, guess(second, 4.0))
+    elif n_columns == 9 and _are_turns(complete_rows(group.columns)):
+        yield "orientation", replace(guess(every, 3.0), form="rotation_matrix")
+    elif n_columns == 16:
+        yield from _of_transform(group, guess)
+
+
+def _of_angles(group: Group, guess: Guess) -> Guess:
+    """Three angles with the forms that robots log, the likeliest first."""
+    words, shown = set(group.words), group.columns[-1].shown_unit
+    columns = [column for column in group.columns if column.name in guess.columns]
+    largest = np.abs(complete_rows(columns)).max(initial=0.0)
+    is_in_degrees = shown == "deg" or (not kind_of(shown) and largest > 2.0 * np.pi)
+    forms = [("axis_angle", ""), ("euler", "xyz"), ("euler", "XYZ"), ("euler", "ZYX")]
+    if "abc" in words:  # KUKA; Doosan and Stäubli
+        forms = [("euler", "ZYX"), ("euler", "ZYZ"), ("euler", "XYZ")]
+    elif {"euler", "rpy", "wpr"} & words or is_in_degrees:
+        forms = [*forms[1:], forms[0]]
+    unit = "deg" if {"abc", "wpr"} & words and is_in_degrees and not kind_of(shown) else ""
+    return _first_of([replace(guess, form=form, sequence=axes, unit=unit) for form, axes in forms])
+
+
+def _of_quaternion(group: Group, guess: Guess) -> Guess:
+    """Four numbers with w last, or first where they are only numbered and called q."""
+    names = guess.columns
+    last = replace(guess, form="quaternion")
+    if not group.is_indexed:
+        return last
+    first = replace(last, columns=(*names[1:], names[0]))
+    return _first_of([first, last] if group.words[-1:] == ("q",) else [last, first])
+
+
+def _of_transform(group: Group, guess: Callable[[list[int], float], Guess]) -> Iterable[tuple[str, Guess]]:
+    """Position and turn of a homogeneous transform (4, 4), by columns as Franka logs it, or by rows."""
+    table, rows = complete_rows(group.columns), np.arange(16).reshape(4, 4)
+    for order in (rows.T, rows):
+        turn = order[:3, :3].ravel()
+        if np.allclose(table[:, order[3]], (0.0, 0.0, 0.0, 1.0)) and _are_turns(table[:, turn]):
+            moves = 1.0 * (extent(table) > 0.0)
+            yield "position", guess(order[:3, 3].tolist(), 3.0 + moves)
+            yield "orientation", replace(guess(turn.tolist(), 4.0 + moves), form="rotation_matrix")
+            return
+
+
+def _first_of(guesses: Sequence[Guess]) -> Guess:
+    return replace(guesses[0], also=tuple(guesses[1:]))
+
+
+def _are_turns(rows: FloatArray) -> bool:
+    """Whether rows (n, 9) are rotation matrices, row by row."""
+    matrices = rows.reshape(-1, 3, 3)
+    off = np.abs(np.einsum("nij,nkj->nik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))
+    return off.size > 0 and bool(np.median(off) < 0.01)
+
+
+def complete_rows(columns: Iterable[Column]) -> FloatArray:
+    """Values (n, k) of k columns in the rows where all have one."""
+    table = np.column_stack([column.values for column in columns])
+    complete: FloatArray = table[np.isfinite(table).all(axis=1)]
+    return complete
+
+
+def _is_unit(columns: Iterable[Column]) -> bool:
+    lengths = np.linalg.norm(complete_rows(columns), axis=1)
+    return lengths.size > 0 and bool(abs(np.median(lengths) - 1.0) < 0.01)
+
+
+def extent(values: FloatArray) -> float:
+    """Largest range of a column (n, k); 0 without rows."""
+    return float(np.ptp(values, axis=0).max()) if len(values) else 0.0
