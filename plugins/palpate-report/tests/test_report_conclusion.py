@@ -75,7 +75,7 @@ def test_the_joint_fit_leads_and_those_of_spots_replace_the_sweeps_sets(content)
     assert "initial shear modulus" in found.lead
     assert found.spent in found.sentences
     n_runs = made.fit.table.unique(["fit", "scenario"])["n_runs"].sum()
-    assert found.spent == f"Simulations: 80 of the sweep, {n_runs} of the fit."
+    assert found.spent == f"Simulations: {made.n_simulations}, of these {n_runs} of the fit."
 
 
 def test_a_fit_of_some_spots_alone_stands_beside_sets_of_the_sweep(content):

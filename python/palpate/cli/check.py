@@ -54,7 +54,7 @@ def check(
         checked_study = session.study(study)
         checked = pipeline.check_study(checked_study, session.plugins)
         progress.step()
-        left = _cost(checked_study, checked, study, progress, timing=not as_json)
+        left = _cost(session, checked_study, checked, study, progress, timing=not as_json)
     show_remarks(session, checked.limbs)
     for text in checked.warnings:
         session.stderr.print(f"warning: {text}", markup=False)
@@ -67,14 +67,22 @@ def check(
 
 
 def _cost(
-    study: "Study", checked: "StudyInputs", path: Path, progress: StageProgress, *, timing: bool
+    session: Session,
+    study: "Study",
+    checked: "StudyInputs",
+    path: Path,
+    progress: StageProgress,
+    *,
+    timing: bool,
 ) -> "Cost":
     """Simulations left after the newest run of the study; one is timed if no time is known."""
     from palpate.simulation import cost, jobs as simulation
+    from palpate.stages.pipeline import parts_of
 
     jobs = simulation.jobs(study, checked.design, checked.measured)
     keys = simulation.keys(study, jobs, checked.limbs)
-    left = cost.cost(study, dict(zip(keys, jobs, strict=True)), newest_run(path), checked.limbs)
+    by_key, run = dict(zip(keys, jobs, strict=True)), newest_run(path)
+    left = cost.cost(study, by_key, run, checked.limbs, parts_of(study, checked, session.plugins))
     if timing and left.seconds_each is None and (left.n_left or left.n_fit):
         progress.begin("time a simulation", 1)
         to_time = jobs or simulation.middle_jobs(study, checked.measured)

@@ -13,7 +13,7 @@ from typing_extensions import TypedDict
 
 from palpate.domain.component import Component
 
-VERSION = 3
+VERSION = 4
 """Version of all that is described here."""
 
 Number = float | None
@@ -55,8 +55,8 @@ class CheckOutput(Closed):
 
     ``surface`` and ``remarks`` are by mesh: what is fixed and in contact, and what was read and left out.
 
-    ``seconds`` is for the ``n_left`` simulations to do, ``fit_seconds`` about for the ``n_fit`` of the fit
-    then (0: not known); null where none has been done before.
+    ``seconds`` is for the ``n_left`` simulations of the sweep to do, ``fit_seconds`` about for the ``n_fit``
+    of all stages then (0: not known); null where none has been done before.
     """
 
     study: str
@@ -92,7 +92,10 @@ class IntervalOutput(Closed):
 
 
 class RunOutput(Closed):
-    """Result of a run; optional keys are of its report, the most severe of ``warnings`` first."""
+    """Result of a run; optional keys are of its report, the most severe of ``warnings`` first.
+
+    ``n_simulations`` counts all that its folder has, as ``palpate status`` does.
+    """
 
     study: str
     data: str
@@ -120,21 +123,22 @@ class RunnerOutput(Closed):
 
 
 class FitStateOutput(Closed):
-    """The search that has taken a step last, and how many fits have ended."""
+    """The search that has taken a step last, and about how many simulations are to come."""
 
     fit: str
     scenario: str
     step: int
     fopt: Number
-    n_ended: int
-    n_fits: int
     n_simulations: int
+    n_left: int | None
+    seconds_left: Number
 
 
 class StatusOutput(Closed):
-    """Progress of a run; ``states`` counts simulations of the sweep by how they ended.
+    """Progress of a run; ``states`` counts its simulations by how they ended.
 
-    ``fit`` is null before a fit begins, and once it has ended; ``result`` has the lines of a finished run.
+    ``n_simulations`` is about, while a fit goes on. ``fit`` is null before a fit begins, and once it has
+    ended; ``result`` has the lines of a finished run, and ``intervals`` its table of that name.
     """
 
     folder: str
@@ -145,6 +149,7 @@ class StatusOutput(Closed):
     seconds_left: Number
     failures: list[Row]
     result: dict[str, str]
+    intervals: list[Row]
     fit: FitStateOutput | None
 
 

@@ -4,13 +4,14 @@ import signal
 import threading
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any
 
 from palpate.cli.session import Session
 from palpate.errors import StoppedError
-from palpate.progress import about, duration
+from palpate.progress import RunningJob, about, duration
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -30,6 +31,9 @@ WARNING = "warning: "
 LOOK_S = 5.0
 """Time between two looks at the clock."""
 
+SLOW, SLOW_S = 8.0, 20.0
+"""Time of a simulation over the usual one, and in any case, from which it is reported as slow."""
+
 
 class StageProgress:
     """A :class:`palpate.progress.Progress` that shows one stage after the other.
@@ -44,16 +48,16 @@ class StageProgress:
         self._keeps = keeps
         self._console = session.stderr
         self._bars: Progress | None = None
-        self._task: TaskID | None = None
         self._stage = ""
-        self._total = self._done = self._n_running = 0
+        self._shown = self._run = _Steps()
+        self._tasks: dict[_Steps, TaskID] = {}
+        self._running: Sequence[RunningJob] = ()
+        self._slow: set[tuple[str, float]] = set()
         self._last_line = time.monotonic()
-        self._first: tuple[float, int] | None = None
         self.warnings: list[str] = []
         """Every note so far that begins with ``warning:``, without that."""
         self._seconds: defaultdict[str, float] = defaultdict(float)
         self._begun = time.monotonic()
-        self._notes: Counter[str] = Counter()
         self._place = ""
         self._stopping = self._is_interrupted = False
         self._handlers: dict[signal.Signals, Any] = {}
@@ -64,8 +68,7 @@ class StageProgress:
         if self._console.is_terminal:
             self._bars = _bars(self._console, self._second_line)
             self._bars.start()
-        else:
-            self._clock.start()
+        self._clock.start()
         if threading.current_thread() is threading.main_thread():
             self._handlers = {each: signal.signal(each, self._stop) for each in _ASKING}
         return self
@@ -89,36 +92,55 @@ class StageProgress:
             raise StoppedError(f"stopped in stage '{self._stage}'{kept if self._keeps else ''}")
 
     def begin(self, stage: str, total: int) -> None:
-        """Show a new stage of ``total`` steps."""
+        """Show a new stage of ``total`` steps; stages whose simulations are forecast share one bar."""
         if self._is_interrupted:  # a library may have swallowed the exception in a callback of its own
             raise KeyboardInterrupt
         self._note_time()
-        self._stage, self._total, self._done, self._n_running = stage, total, 0, 0
-        # Of a sweep the pace counts from its first simulation: what is done before was done by another run.
+        self._stage, self._running, self._place = stage, (), ""
         self._last_line = time.monotonic()
-        self._first = None if stage == "simulate" else (self._last_line, 0)
-        self._notes, self._place = Counter(), ""
-        if self._bars is not None:
-            self._task = self._bars.add_task(stage, total=total or None, left="", failed="")
+        is_of_run = self._run.is_forecast and stage in SIMULATING
+        # Of a sweep the pace counts from its first simulation: what is done before was done by another run.
+        first = None if stage == "simulate" else (self._last_line, 0)
+        self._shown = self._run if is_of_run else _Steps(total=total, first=first)
+        steps = self._shown
+        if self._bars is None:
+            count = (
+                ""
+                if steps.total <= 1
+                else f": about {steps.total} simulations"
+                if is_of_run
+                else f": {total} steps"
+            )
+            self._console.print(f"{stage}{count or ' …'}", markup=False)
+        elif steps not in self._tasks:
+            self._tasks[steps] = self._bars.add_task(stage, total=steps.total or None, steps=steps)
         else:
-            self._console.print(f"{stage}: {total} steps" if total > 1 else f"{stage} …", markup=False)
+            self._bars.update(self._tasks[steps], description=stage, total=steps.total)
 
     def step(self, note: str = "") -> None:
         """Count one step, and how it ended."""
-        self._done += 1
-        self._n_running = max(0, self._n_running - 1)
+        steps = self._shown
+        steps.done += 1
+        steps.total = max(steps.total, steps.done) if steps.is_forecast else steps.total
         if note:
-            self._notes[note] += 1
-        if self._bars is not None and self._task is not None:
-            self._bars.update(self._task, advance=1, left=self._left(), failed=self._failed())
+            steps.notes[note] += 1
+        if self._bars is not None and steps in self._tasks:
+            steps.failed = self._failed()
+            self._bars.update(self._tasks[steps], completed=steps.done, total=steps.total or None)
         elif self._is_line_due():
             self._print_line()
 
-    def running(self, n_running: int) -> None:
-        """Show how many simulations are running."""
-        self._n_running = n_running
-        if self._first is None:
-            self._first = (time.monotonic(), self._done)
+    def running(self, jobs: Sequence[RunningJob]) -> None:
+        """Show which simulations are running."""
+        self._running = jobs
+        if self._shown.first is None:
+            self._shown.first = (time.monotonic(), self._shown.done)
+
+    def expect(self, n_left: int, seconds_left: float | None) -> None:
+        """Show how many simulations are to come in the whole command."""
+        run = self._run
+        run.is_forecast, run.total = True, run.done + n_left
+        run.left = None if seconds_left is None else (time.monotonic(), seconds_left)
 
     def at(self, text: str) -> None:
         """Show where in the stage the work is."""
@@ -150,40 +172,53 @@ class StageProgress:
     def _look_at_clock(self) -> None:
         """Print a line where nothing has ended for a while, until the end of the command."""
         while not self._ended.wait(LOOK_S):
-            if self._stage and self._is_late():
+            self._note_slow()
+            if self._bars is None and self._stage and self._is_late():
                 self._print_line()
 
+    def _note_slow(self) -> None:
+        """Report once each simulation that takes many times as long as usual."""
+        now = time.monotonic()
+        for job in self._running:
+            passed = now - job.since_s
+            which = (job.name, job.since_s)
+            if job.usual_s and passed > max(SLOW_S, SLOW * job.usual_s) and which not in self._slow:
+                self._slow.add(which)
+                self.note(
+                    f"slow: {job.name} has taken {duration(passed)}, where {about(job.usual_s)} is usual. "
+                    "The solver probably shortens its steps. `time_limit` in [solver] ends it."
+                )
+
     def _print_line(self) -> None:
-        self._last_line = time.monotonic()
-        done = f"{self._done} of {self._total} " if self._total else ""
+        self._last_line, steps = time.monotonic(), self._shown
+        done = f"{steps.done} of {steps.total} " if steps.total else ""
         line = f"{self._stage}: {done}{self._counts()}"
-        self._console.print(_joined(line.rstrip(" :"), self._left(), self._place), markup=False)
+        self._console.print(_joined(line.rstrip(" :"), steps.time_left(), self._place), markup=False)
 
     def _second_line(self) -> str:
         """Part of a line that a narrow terminal may cut."""
         return _joined(self._counts(), self._place)
 
     def _failed(self) -> str:
-        n_failed = self._notes.total() - self._notes["ok"] if self._stage in SIMULATING else 0
+        notes = self._shown.notes
+        n_failed = notes.total() - notes["ok"] if self._stage in SIMULATING else 0
         return f"{n_failed} failed" if n_failed else ""
 
     def _counts(self) -> str:
-        """Counts by how steps ended, failures first."""
-        ended = sorted(self._notes.items(), key=lambda each: (each[0] == "ok", -each[1]))
-        running = [f"{self._n_running} running"] if self._n_running else []
-        return ", ".join([*(f"{count} {name}" for name, count in ended), *running])
-
-    def _left(self) -> str:
-        """Time to come, at the pace so far."""
-        started_s, n_before = self._first or (time.monotonic(), self._done)
-        n_left, n_done = self._total - self._done, self._done - n_before
-        if n_left <= 0 or not n_done:
-            return ""
-        return f"{about((time.monotonic() - started_s) / n_done * n_left)} left"
+        """Counts by how steps ended, failures first, and the simulation that runs for longest."""
+        ended = sorted(self._shown.notes.items(), key=lambda each: (each[0] == "ok", -each[1]))
+        counts = [f"{count} {name}" for name, count in ended]
+        if jobs := self._running:
+            longest = min(jobs, key=lambda job: job.since_s)
+            passed = duration(time.monotonic() - longest.since_s)
+            counts.append(f"{len(jobs)} running ({longest.name}, {passed})")
+        return ", ".join(counts)
 
     def _is_line_due(self) -> bool:
-        tenth = max(1, self._total // 10)
-        if self._total >= 10 and (self._done % tenth == 0 or self._done == self._total):
+        steps = self._shown
+        tenth = max(1, steps.total // 10)
+        is_end = steps.done == steps.total and not steps.is_forecast
+        if steps.total >= 10 and (steps.done % tenth == 0 or is_end):
             return True
         return self._is_late()
 
@@ -199,6 +234,38 @@ class StageProgress:
         self._console.print(
             "finishing the simulations that are running; once more (Ctrl-C) stops at once", markup=False
         )
+
+
+@dataclass(slots=True, eq=False)
+class _Steps:
+    """Steps of a stage, or simulations of a whole command whose number is forecast.
+
+    Parameters
+    ----------
+    first : (float, int), optional
+        When the pace begins to count, and the steps done by then.
+    left : (float, float), optional
+        When the time to come was forecast, and that time.
+    """
+
+    total: int = 0
+    first: tuple[float, int] | None = None
+    done: int = 0
+    is_forecast: bool = False
+    left: tuple[float, float] | None = None
+    notes: Counter[str] = field(default_factory=Counter)
+    failed: str = ""
+
+    def time_left(self) -> str:
+        """Time to come: as it was forecast, else at the pace so far."""
+        now = time.monotonic()
+        if self.is_forecast:
+            return f"{about(max(0.0, self.left[0] + self.left[1] - now))} left" if self.left else ""
+        started_s, n_before = self.first or (now, self.done)
+        n_left, n_done = self.total - self.done, self.done - n_before
+        if n_left <= 0 or not n_done:
+            return ""
+        return f"{about((now - started_s) / n_done * n_left)} left"
 
 
 def _joined(*parts: str) -> str:
@@ -221,17 +288,14 @@ def _bars(console: Any, side: Callable[[], str]) -> "Progress":  # noqa: ANN401 
         """Time to come where it is known, else what has passed."""
 
         def render(self, task: Any) -> Text:  # noqa: ANN401 - rich's, imported only here
-            return (
-                Text(task.fields["left"], style="progress.remaining")
-                if task.fields["left"]
-                else super().render(task)
-            )
+            left = task.fields["steps"].time_left()
+            return Text(left, style="progress.remaining") if left else super().render(task)
 
     return Bars(
         TextColumn("{task.description}"),
         MofNCompleteColumn(),
         TimeColumn(),
-        TextColumn("{task.fields[failed]}", style="red"),
+        TextColumn("{task.fields[steps].failed}", style="red"),
         BarColumn(bar_width=None, table_column=Column(ratio=1, max_width=20)),
         console=console,
         expand=True,

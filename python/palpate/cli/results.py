@@ -6,6 +6,8 @@ from palpate.cli.session import Session
 from palpate.errors import NothingSelectableError
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from palpate.cli.progress import StageProgress
     from palpate.stages.pipeline import RunResult
     from palpate.stages.stage import Summary
@@ -45,6 +47,14 @@ def show_summary(
         raise NothingSelectableError(summary.missing)
 
 
+def n_simulations(folder: "Path") -> int:
+    """Number of the simulations that a run directory has."""
+    from palpate.run.ledger import Ledger
+
+    with Ledger(folder) as ledger:
+        return len(ledger.seconds())
+
+
 def run_values(study: "Study", result: "RunResult") -> dict[str, Any]:
     """Result of a run as ``--json`` prints it."""
     tables = ("selection", "generalisation", "verification")
@@ -53,7 +63,7 @@ def run_values(study: "Study", result: "RunResult") -> dict[str, Any]:
         "data": study.data,
         "folder": str(result.folder),
         "n_sets": result.design.n_sets,
-        "n_simulations": len(result.simulations),
+        "n_simulations": n_simulations(result.folder),
         **{name: getattr(result.selected, name).to_dicts() for name in tables},
         "fit": result.fit.estimates.to_dicts(),
         **result.summary.values,

@@ -86,9 +86,9 @@ def _line(seen: "RunStatus") -> str:
 
 def _counts(seen: "RunStatus") -> str:
     states = ", ".join(f"{n} {state}" for state, n in seen.states.items()) or "none finished"
-    sweep = f"{seen.n_finished} of {seen.n_simulations} simulations ({states})"
-    sweep = sweep if seen.n_simulations else "no sweep"
-    return sweep if seen.fit is None else f"{sweep}; fit: {seen.fit}"
+    total = "" if seen.n_finished == seen.n_simulations else f" of {seen.n_simulations}"
+    done = f"{seen.n_finished}{total} simulations ({states})"
+    return done if seen.fit is None else f"{done}; fit: {seen.fit}"
 
 
 def _as_json(seen: "RunStatus") -> "StatusOutput":
@@ -104,5 +104,6 @@ def _as_json(seen: "RunStatus") -> "StatusOutput":
         "seconds_left": seen.seconds_left,
         "failures": seen.failures.to_dicts(),
         "result": dict(seen.result),
+        "intervals": [dict(row) for row in seen.intervals],
         "fit": cast("FitStateOutput | None", seen.fit and asdict(seen.fit)),
     }

@@ -36,7 +36,7 @@ class InProcess(Executor):
         """Yield the place and simulation of each job as it ends."""
 
         def started(index: int) -> None:
-            batch.running(1)
+            batch.running([index])
 
         for name, indices in by_limb(batch.jobs).items():
             tasks = [(i, batch.jobs[i]) for i in indices]

@@ -233,7 +233,7 @@ class Pool:
             self._n_failed_starts = 0
         elif kind == "started":
             worker.started.add(content[0])
-            self._batch.running(sum(len(each.started) for each in self._workers))
+            self._batch.running([index for each in self._workers for index in each.started])
         elif kind == "done":
             ((index, simulation),) = content
             worker.started.discard(index)

@@ -177,15 +177,12 @@ class FitStage:
 
     def _stepped(self, fit: Fit) -> None:
         case = next(case for case in self._cases if fit in case.fits)
-        n_spots = [len(self._weighed_spots(scenario)) for scenario in self.study.scenarios]
         self.on_progress(
             FitState(
                 fit=case.label,
                 scenario=case.scenario.name,
                 step=len(fit.trace),
                 fopt=None if fit.best is None else fit.best.fopt,
-                n_ended=sum(all(fit.message for fit in case.fits) for case in self._cases),
-                n_fits=len(n_spots) + (sum(n_spots) if len(self.study.spot_names) > 1 else 0),
                 n_simulations=len(self.simulations.known) - self._n_known,
             )
         )

@@ -45,7 +45,7 @@ class Batch:
     should_continue : callable
         Called before a job starts; if False, running jobs finish and no other starts.
     running : callable
-        Called with the number of running jobs whenever it changes.
+        Called with the places of the jobs that are running whenever one starts.
     """
 
     solver: Solver
@@ -55,7 +55,7 @@ class Batch:
     n_workers: int = 0
     plugin_files: Sequence[Path] = ()
     should_continue: Callable[[], bool] = lambda: True
-    running: Callable[[int], None] = lambda n_running: None
+    running: Callable[[Sequence[int]], None] = lambda indices: None
 
 
 class Executor(Component[SettingsT]):

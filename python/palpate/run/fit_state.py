@@ -23,26 +23,25 @@ class FitState:
         Its evaluations so far.
     fopt : float or None
         Least Fopt of that search so far; None where every evaluation failed.
-    n_ended, n_fits : int
-        Fits that have ended, of all. One may go on again with the answers of finer meshes.
     n_simulations : int
         Simulations so far, besides those of the sweep.
+    n_left : int or None
+        Simulations that the run has still to make, about; None where that is not known.
+    seconds_left : float or None
+        Their time.
     """
 
     fit: str
     scenario: str
     step: int
     fopt: float | None
-    n_ended: int
-    n_fits: int
     n_simulations: int
+    n_left: int | None = None
+    seconds_left: float | None = None
 
     def __str__(self) -> str:
         fopt = "no evaluation succeeded" if self.fopt is None else f"Fopt {self.fopt:.3g}"
-        return (
-            f"{self.fit}, scenario {self.scenario}: step {self.step}, {fopt}; "
-            f"{self.n_ended} of {self.n_fits} fits ended, {self.n_simulations} simulations"
-        )
+        return f"{self.fit}, scenario {self.scenario}: step {self.step}, {fopt}"
 
 
 def write_fit_state(folder: Path, state: FitState) -> None:

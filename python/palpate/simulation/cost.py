@@ -1,7 +1,7 @@
 """Estimates of how long a run will take, from simulations that are there or from one that is timed."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +10,9 @@ from palpate.domain import Job, Limb
 from palpate.executors import InProcess, Processes
 from palpate.executors.attempts import simulate_alone
 from palpate.executors.machine import n_fitting
-from palpate.progress import FIRST_LOOK, LONG_S, Progress, about, duration
+from palpate.progress import FIRST_LOOK, LONG_S, about, duration
 from palpate.run.ledger import Ledger
+from palpate.simulation.forecast import Part, work_of
 from palpate.study.reading import Study
 
 SHORT_S = 30.0
@@ -24,10 +25,10 @@ OTHER_SCENARIO, OF_SPOT = 0.3, 1.5
 """Simulations at a spot by the joint fit of another scenario, over those of the first; by its own fit."""
 
 SLOPES = 1.4
-"""Time of a simulation with exact slopes over one without."""
+"""Time of a simulation with exact slopes, as a fit asks for them, over one without."""
 
-GROWTH = 1.4
-"""Power of the number of nodes with which the time of a simulation grows."""
+SWEEP = "simulate"
+"""Stage that simulates the sweep, whose results are in the ledger."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,11 +44,11 @@ class Cost:
     n_workers : int
         0 where only the executor knows.
     n_fit : int
-        About how many simulations the fit needs; 0 where there is none, or the search does not know.
+        About how many simulations all later stages need; 0 where there are none, or the search does not know.
+    fit_work : float
+        Time of those on one worker, over the time of one simulation on a spot's own mesh.
     n_spots : int
         Spots, whose simulations a fit runs side by side.
-    fit_factor : float
-        Time of all simulations of the fit, of slopes and finer meshes too, over that of as many plain ones.
     has_fit : bool
         Whether there is one, and not the best set of the sweep as it is.
     """
@@ -56,8 +57,8 @@ class Cost:
     seconds_each: float | None
     n_workers: int
     n_fit: int = 0
+    fit_work: float = 0.0
     n_spots: int = 1
-    fit_factor: float = 1.0
     has_fit: bool = True
 
     @property
@@ -67,11 +68,10 @@ class Cost:
 
     @property
     def fit_seconds(self) -> float | None:
-        """Time of the fit, about; None where it is unknown."""
-        found = self._seconds(self.n_fit, self.n_spots) if self.n_fit else None
-        return None if found is None else found * self.fit_factor
+        """Time of all stages after the sweep, about; None where it is unknown."""
+        return self._seconds(self.fit_work, self.n_spots) if self.n_fit else None
 
-    def _seconds(self, n: int, side_by_side: int) -> float | None:
+    def _seconds(self, n: float, side_by_side: int) -> float | None:
         if self.seconds_each is None or not self.n_workers:
             return None
         return self.seconds_each * n / min(self.n_workers, side_by_side)
@@ -81,7 +81,7 @@ class Cost:
         if self.n_left:
             parts.append(f"{self.n_left} simulations to do{self._time(self.seconds)}")
         if self.n_fit:
-            parts.append(f"about {self.n_fit} simulations of the fit{self._time(self.fit_seconds)}")
+            parts.append(f"about {self.n_fit} simulations{self._time(self.fit_seconds)}")
         elif self.has_fit:
             parts.append("the fit")
         return f"{'; then '.join(parts)}{f' (workers: {self.n_workers})' if self.n_workers else ''}"
@@ -103,8 +103,14 @@ class Cost:
         return f"a first look of about {duration((self.seconds or 0.0) * FIRST_LOOK / n_sets)}"
 
 
-def cost(study: Study, jobs: Mapping[str, Job], folder: Path | None, limbs: Mapping[str, Limb]) -> Cost:
-    """Simulations and time left of a run whose sweep has these jobs, by key.
+def cost(
+    study: Study,
+    jobs: Mapping[str, Job],
+    folder: Path | None,
+    limbs: Mapping[str, Limb],
+    parts: Sequence[Part] = (),
+) -> Cost:
+    """Simulations and time left of a run whose sweep has these jobs, by key, and then these parts.
 
     Those that are in the run directory ``folder`` or in the study's cache are not left.
     """
@@ -118,51 +124,50 @@ def cost(study: Study, jobs: Mapping[str, Job], folder: Path | None, limbs: Mapp
     if study.cache is not None:
         with Ledger(study.cache) as cache:
             with_times = {k: s for k, s in cache.seconds().items() if k in jobs} | with_times
-    known, n_fit = list(with_times.values()) or others, _n_fit(study)
+    known, later = list(with_times.values()) or others, [part for part in parts if part.stage != SWEEP]
+    n_later = 0 if any(part.counts is None for part in later) else sum(part.n for part in later)
+    work = sum(n * work_of(name, limbs) for part in later for name, n in (part.counts or {}).items())
+    # What is there besides the sweep is mostly of an earlier fit.
+    n_fit = max(0, n_later - len(others))
     return Cost(
         n_left=len(jobs.keys() - with_times.keys()),
-        seconds_each=float(np.mean(known)) if known else None,
-        n_workers=_n_workers(study),
-        # What is there besides the sweep is mostly of an earlier fit.
-        n_fit=max(0, n_fit - len(others)),
+        # Few simulations are on finer meshes, but these take many times as long.
+        seconds_each=float(np.median(known)) if known else None,
+        n_workers=n_workers(study),
+        n_fit=n_fit,
+        fit_work=work * n_fit / max(1, n_later),
         n_spots=len(study.spots),
-        fit_factor=_fit_factor(study, limbs, n_fit),
         has_fit=study.search.name != "sweep",
     )
 
 
-def _n_fit(study: Study) -> int:
-    """About how many simulations of the coarse meshes a fit needs; 0 where that is not known."""
-    n_spots, n_scenarios = len(study.spots), len(study.scenarios)
+def n_of_fit(study: Study) -> int | None:
+    """About how many simulations on its own mesh the fit needs of a spot; None where that is not known."""
+    if not study.search.usual_trials:
+        return None
+    n_scenarios = len(study.scenarios)
     each = study.search.usual_trials * (1.0 + OTHER_SCENARIO * (n_scenarios - 1))
-    if study.search.usual_trials and n_spots > 1:
+    if len(study.spots) > 1:
         each += OF_SPOT * n_scenarios
     if not study.solver.provides.slopes:
         each *= 1 + 2 * len(study.parametrisation.parameters(study.space, study.spot_names))
-    return round(n_spots * each)
-
-
-def _fit_factor(study: Study, limbs: Mapping[str, Limb], n_fit: int) -> float:
-    """Time of a fit over that of its coarse simulations without slopes."""
-    pairs = [
-        (limbs[name], limbs[f"{name}/fine"])
-        for name in study.spot_names
-        if name in limbs and f"{name}/fine" in limbs
-    ]
-    finer = sum(float((fine.mesh.n_nodes / limb.mesh.n_nodes) ** GROWTH) for limb, fine in pairs)
-    return (SLOPES if study.solver.provides.slopes else 1.0) + study.fine_runs * finer / max(1, n_fit)
+    return round(each)
 
 
 def timed(study: Study, jobs: Sequence[Job], limbs: Mapping[str, Limb]) -> float:
-    """Seconds of one simulation in this process: of the first job, and of a second one if that was short."""
+    """Seconds of one simulation in this process: of the first job, and of a second one if that was short.
+
+    Without a sweep, of one with slopes.
+    """
     seconds: list[float] = []
     for job in jobs[:2]:
         if not seconds or seconds[0] < SHORT_S:
             seconds.append(simulate_alone(study.solver, job, limbs.get(job.limb_name)).seconds)
-    return min(seconds)
+    return min(seconds) * (SLOPES if study.solver.provides.slopes and not study.n_sets else 1.0)
 
 
-def _n_workers(study: Study) -> int:
+def n_workers(study: Study) -> int:
+    """Simulations that run at a time; 0 where only the executor knows."""
     match study.executor:
         case None | Processes():
             return study.n_workers or n_fitting(study.memory_limit_MB)
@@ -170,36 +175,3 @@ def _n_workers(study: Study) -> int:
             return 1
         case _:
             return 0
-
-
-class FitTime:
-    """Says once how long the fit of a run will take, as soon as the time of a simulation is known.
-
-    Parameters
-    ----------
-    folder : Path
-        The run directory.
-    swept : mapping of key to Job
-        Jobs of the sweep.
-    """
-
-    def __init__(
-        self,
-        study: Study,
-        folder: Path,
-        limbs: Mapping[str, Limb],
-        swept: Mapping[str, Job],
-        progress: Progress,
-    ) -> None:
-        self._study, self._folder, self._limbs = study, folder, limbs
-        self._swept, self._progress = swept, progress
-        self._is_said = False
-
-    def update(self) -> None:
-        """See whether the time is known."""
-        if self._is_said:
-            return
-        left = replace(cost(self._study, self._swept, self._folder, self._limbs), n_left=0)
-        self._is_said = left.seconds_each is not None
-        if (left.fit_seconds or 0.0) > WORTH_SAYING_S:
-            self._progress.note(f"{left}")

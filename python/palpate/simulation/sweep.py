@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from time import monotonic
 
 from palpate.domain import Job, Limb, Simulation, Status
 from palpate.errors import PluginError, StoppedError
@@ -19,10 +20,11 @@ from palpate.executors import Batch, Limits, Processes
 from palpate.executors.attempts import usable
 from palpate.plugins.execution import Executor
 from palpate.plugins.guard import answering_for
-from palpate.progress import SILENT, CountsRunning, Progress
+from palpate.progress import SILENT, FollowsSimulations, Progress, RunningJob, about
 from palpate.run.keys import JobKeys
 from palpate.run.ledger import Ledger, Writer
-from palpate.simulation.cost import cost
+from palpate.simulation.cost import SWEEP, WORTH_SAYING_S, cost
+from palpate.simulation.forecast import FINE, Forecast
 from palpate.study.reading import Study
 
 USUAL_BYTES = 15_000
@@ -57,6 +59,8 @@ class Simulations:
         A stage may add others, before it asks for jobs on them.
     known : mapping of key to Simulation
         Every one that was asked for so far.
+    forecast : Forecast
+        Simulations that the command has still to make.
     """
 
     def __init__(
@@ -66,11 +70,14 @@ class Simulations:
         limbs: Mapping[str, Limb],
         progress: Progress = SILENT,
         check: Callable[[], None] = _no_check,
+        forecast: Forecast | None = None,
     ) -> None:
         self.study = study
         self.folder = folder
         self.limbs = dict(limbs)
         self.progress = progress
+        self.forecast = forecast or Forecast()
+        self._is_time_said = False
         self._check = check
         self._keys = JobKeys(study.solver, self.limbs, study.trusted)
         self.known: dict[str, Simulation] = {}
@@ -97,8 +104,13 @@ class Simulations:
         """
         keys = list(map(self.key, jobs))
         self._writer.plan(keys, jobs)
-        self.progress.begin("simulate", len(jobs))
-        left = cost(self.study, dict(zip(keys, jobs, strict=True)), self.folder, self.limbs)
+        if not jobs:
+            return
+        self.progress.begin(SWEEP, len(set(keys)))
+        by_key = dict(zip(keys, jobs, strict=True))
+        self.forecast.correct(SWEEP, Counter(job.limb_name for job in by_key.values()))
+        self._show_forecast()
+        left = cost(self.study, by_key, self.folder, self.limbs, self.forecast.parts)
         if left.n_left and left.seconds_each is not None:
             self.progress.note(str(left))
         self._warn_of_full_disk(len(set(keys) - self._kept - self.known.keys()))
@@ -120,9 +132,13 @@ class Simulations:
             by_key.setdefault(key, job)
         for source in (self._in_memory, self._in_ledger, self._in_cache, self._simulated):
             for key, simulation in source(by_key):
+                is_new = key not in self.known
                 self.known[key] = simulation
-                for _ in range(n_jobs[key]):
+                # Of a run each simulation is one, however many jobs and stages ask for it.
+                for _ in range(int(is_new) if self.forecast.parts else n_jobs[key]):
+                    self.forecast.ended(by_key[key].limb_name, simulation.seconds)
                     self.progress.step(simulation.status.value)
+                    self._show_forecast()
             by_key = {key: job for key, job in by_key.items() if key not in self.known}
         writer.flush()
         if by_key:
@@ -156,15 +172,30 @@ class Simulations:
         repeated: list[str] = []
         for batch in _warm_starts_first(by_key):
             keys, jobs = list(batch), list(batch.values())
-            for index, simulation in results(self.study, self._executor, jobs, self.limbs, self.progress):
+            for index, simulation in results(
+                self.study, self._executor, jobs, self.limbs, self.progress, self.forecast
+            ):
                 self._writer.store(keys[index], simulation)
                 if self._cache is not None and simulation.status in _SHARED:
                     self._cache.store(keys[index], simulation)
                 if simulation.n_crashes and simulation.status is not Status.CRASHED:
                     repeated.append(simulation.message)
                 yield keys[index], simulation
+            self._say_time()
         if repeated:
             self.progress.note(f"{len(repeated)} simulations had to be repeated; the last: {repeated[-1]}")
+
+    def _show_forecast(self) -> None:
+        if self.forecast.is_whole and isinstance(self.progress, FollowsSimulations):
+            self.progress.expect(self.forecast.n_left, self.forecast.seconds_left)
+
+    def _say_time(self) -> None:
+        """Report once how long the command will take, after its first simulations."""
+        seconds, n_left = self.forecast.seconds_left, self.forecast.n_left
+        if not self._is_time_said and seconds is not None and seconds > WORTH_SAYING_S:
+            self._is_time_said = True
+            at_a_time = f"workers: {self.forecast.n_workers}"
+            self.progress.note(f"about {n_left} more simulations, {about(seconds)} ({at_a_time})")
 
     # ------------------------------------------------------------------- the ledger
 
@@ -229,12 +260,26 @@ def results(
     jobs: Sequence[Job],
     limbs: Mapping[str, Limb],
     progress: Progress = SILENT,
+    forecast: Forecast | None = None,
 ) -> Iterator[tuple[int, Simulation]]:
     """Place and simulation of each job, as it comes; nothing is kept.
 
     An ExecutorError or PluginError where they cannot be submitted, or the executor violates its contract.
     """
     limits = Limits(time_s=study.time_limit_s, memory_MB=study.memory_limit_MB, n_attempts=study.n_attempts)
+    started: dict[int, RunningJob] = {}
+
+    def running(indices: Sequence[int]) -> None:
+        for index in indices:
+            name = jobs[index].limb_name
+            label = f"fine mesh {jobs[index].spot}" if name.endswith(FINE) else jobs[index].spot
+            usual_s = None if forecast is None else forecast.usual_s(name)
+            started.setdefault(index, RunningJob(label, monotonic(), usual_s))
+        for index in started.keys() - set(indices):
+            del started[index]
+        if isinstance(progress, FollowsSimulations):
+            progress.running(list(started.values()))
+
     batch = Batch(
         solver=study.solver,
         jobs=jobs,
@@ -243,7 +288,7 @@ def results(
         n_workers=study.n_workers,
         plugin_files=study.plugin_files,
         should_continue=progress.should_continue,
-        running=progress.running if isinstance(progress, CountsRunning) else lambda n_running: None,
+        running=running,
     )
     waiting = set(range(len(jobs)))
     with answering_for(executor, "starting the simulations"):
@@ -260,6 +305,7 @@ def results(
                     wrong = "not the place and the Simulation of a job that was waiting"
                     raise ValueError(f"it yielded {result!r:.200}, {wrong}")
         waiting.discard(index)
+        running([each for each in started if each != index])
         yield index, replace(usable(jobs[index], answer, answer.seconds), n_crashes=answer.n_crashes)
     if waiting and progress.should_continue():
         raise PluginError(

@@ -1,6 +1,6 @@
 """The core's stages, in the paper's order: what each reads, what decides it, and what it makes."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from types import MappingProxyType
 
@@ -27,7 +27,8 @@ from palpate.scoring import scores as scoring, selection
 from palpate.scoring.completeness import completeness, described as named, without_result
 from palpate.scoring.generalisation import generalise
 from palpate.simulation import jobs as simulation
-from palpate.simulation.cost import FitTime
+from palpate.simulation.cost import n_of_fit
+from palpate.simulation.forecast import FINE
 from palpate.simulation.verification import verify
 from palpate.stages.stage import Run, Stage, Summary
 from palpate.study.reading import Study
@@ -113,6 +114,11 @@ class Simulate(OfEveryRun):
 
     name, summary = "simulate", "Simulate every set at every spot; each result is stored as it comes."
     needs = ("experiment", "sample")
+
+    def usual_simulations(self, inputs: Run) -> Mapping[str, int]:
+        """Number of sets, on the mesh of each spot."""
+        n_sets = inputs.design.n_sets
+        return dict.fromkeys(inputs.study.spot_names, n_sets) if n_sets else {}
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Simulate; the ledger has the results."""
@@ -239,6 +245,7 @@ class SearchForBest(OfEveryRun):
     """The fit."""
 
     name, summary = "fit", "Search the parameters for which the curves fit best."
+    one_after_other = True
     needs = ("select",)
     tables = MappingProxyType(
         {
@@ -266,12 +273,21 @@ class SearchForBest(OfEveryRun):
             ],
         }
 
+    def usual_simulations(self, inputs: Run) -> Mapping[str, int] | None:
+        """Number for the searches, and one on each finer mesh."""
+        study, limbs = inputs.study, inputs.limbs
+        if isinstance(study.search, BestSet):
+            return {}
+        if (n_each := n_of_fit(study)) is None:
+            return None
+        finer = [f"{name}{FINE}" for name in study.spot_names if study.fine_runs]
+        return dict.fromkeys(study.spot_names, n_each) | {name: 1 for name in finer if name in limbs}
+
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Ends and traces of the searches; nothing where the selection has the answer already."""
         if isinstance(inputs.study.search, BestSet):
             return {}
-        on_progress = fit_time(inputs).update
-        return fit_files(cases_of(inputs, on_progress=on_progress), inputs)
+        return fit_files(cases_of(inputs, keeps_state=True), inputs)
 
 
 class Surface(CoreStage):
@@ -284,6 +300,10 @@ class Surface(CoreStage):
     def is_in_run(self, study: Study) -> bool:
         """True if the solver gives the states of the skin."""
         return study.solver.provides.surface
+
+    def usual_simulations(self, inputs: Run) -> Mapping[str, int]:
+        """One at each spot."""
+        return dict.fromkeys(inputs.study.spot_names, 1)
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Simulations with states of the skin."""
@@ -306,26 +326,25 @@ STAGES: tuple[type[Stage], ...] = (
 # ------------------------------------------------------------------ what the fit's stages share
 
 
-def cases_of(inputs: Run, *, on_progress: Callable[[], None] | None = None) -> list[Case]:
+def cases_of(inputs: Run, *, keeps_state: bool = False) -> list[Case]:
     """Fits of every case of a study; a fit that was made before has all its simulations at hand.
 
     Parameters
     ----------
-    on_progress : callable, optional
-        Called before the searches and after each of their steps, by the stage that makes the fit: for others
-        the folder does not keep how far it is, for a fit that is read again has ended.
+    keeps_state : bool
+        Whether the folder keeps how far the fit is: for the stage that makes it, not for one that reads it
+        again.
     """
     if "cases" in inputs.shared:
         return list(inputs.shared["cases"])
     if isinstance(inputs.study.search, BestSet):
         return []
-    if on_progress is not None:
-        on_progress()
 
     def show(state: FitState) -> None:
-        if on_progress is not None:
-            on_progress()
-            write_fit_state(inputs.directory.folder, state)
+        if keeps_state:
+            known = inputs.forecast.n_left if inputs.forecast.is_whole else None
+            left = replace(state, n_left=known, seconds_left=inputs.forecast.seconds_left)
+            write_fit_state(inputs.directory.folder, left)
         if isinstance(inputs.progress, ShowsPlace):
             inputs.progress.at(str(state))
 
@@ -355,10 +374,3 @@ def fit_files(cases: Sequence[Case], inputs: Run) -> Files:
         "fine_meshes": fine_meshes(inputs.study, inputs.limbs, inputs.inputs.edges_mm),
         "fit_curves": curves_of(found.responses),
     }
-
-
-def fit_time(inputs: Run) -> FitTime:
-    """Estimate of how long the fit of a run takes, whose searches have not been made before."""
-    swept = simulation.jobs(inputs.study, inputs.design, inputs.measured)
-    by_key = {inputs.simulations.key(job): job for job in swept}
-    return FitTime(inputs.study, inputs.directory.folder, inputs.limbs, by_key, inputs.progress)

@@ -35,6 +35,7 @@ from palpate.run.result import FitResult, SelectionResult, StudyInputs
 from palpate.sampling.study_design import draw_study
 from palpate.scoring import scores as scoring
 from palpate.simulation import jobs as simulation
+from palpate.simulation.forecast import Part
 from palpate.stages.adaptation import finer_inputs
 from palpate.stages.core_stages import selected
 from palpate.stages.stage import Run, Stage, Summary, in_order, read_run, stages_of, stages_of_run
@@ -88,6 +89,13 @@ def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = N
     of_curves = _measured_warnings(study, measured)
     warnings = (*setting_warnings(study), *of_curves, *limb_warnings(study, limbs))
     return StudyInputs(measured=measured, limbs=limbs, design=design, warnings=warnings)
+
+
+def parts_of(study: Study, inputs: StudyInputs, plugins: Plugins) -> list[Part]:
+    """Usual simulations of each stage of a whole run of a study, which has been checked."""
+    run = read_run(study, RunDirectory(study.folder), plugins, is_copy=False)
+    run = replace(run, fresh=inputs)
+    return run.parts(stages_of_run(study, run.stages))
 
 
 def _measured_warnings(study: Study, measured: Mapping[str, Response]) -> tuple[str, ...]:
@@ -161,12 +169,14 @@ def run_study(
                 f"the first {n_kept} sets of the design are those of an earlier one with wider ranges"
             )
         with replace(run, study=study, fresh=inputs, check_lock=check_lock) as run:
-            for stage in wanted:
+            for i, stage in enumerate(wanted):
                 if stage.comes_last:
                     remove_fit_state(run_folder)
+                run.expect(wanted[i:])
                 _make(run, stage, made_from if stage.name == "experiment" else None)
                 if "budget" in stage.tables:
-                    run = _refined(run, wanted[wanted.index(stages["fit"]) : wanted.index(stage) + 1])
+                    first = wanted.index(stages["fit"])
+                    run = _refined(run, wanted[first:], i + 1 - first)
             remove_fit_state(run_folder)
             return RunResult(
                 folder=run_folder,
@@ -196,11 +206,15 @@ def _make(run: Run, stage: Stage, made_from: Mapping[str, str] | None) -> None:
         run.directory.write_measured_to_manifest(run.study)
 
 
-def _refined(run: Run, stages: Sequence[Stage]) -> Run:
-    """Run whose fit is made again with finer meshes, until these are little of what it is uncertain by."""
+def _refined(run: Run, stages: Sequence[Stage], n_again: int) -> Run:
+    """Run whose fit is made again with finer meshes, until these are little of what it is uncertain by.
+
+    Of the ``stages`` from the fit on, ``n_again`` are made again.
+    """
     while finer := finer_inputs(run):
         run = run.with_inputs(finer)
-        for stage in stages:
+        for i, stage in enumerate(stages[:n_again]):
+            run.expect(stages[i:])
             _make(run, stage, None)
     return run
 
@@ -269,6 +283,7 @@ def run_stage(
     with locked_run(study, run_folder, plugins, progress, needs=stage.needs) as run:
         run.directory.initialise(study, plugins.channels, simulating=name == "simulate")
         progress.begin(name, 1)
+        run.expect([stage])
         run.make(stage)
         progress.step()
         return run

@@ -21,7 +21,7 @@ from palpate.plugins.catalogue import Plugins
 from palpate.plugins.guard import answering_for
 from palpate.plugins.registry import MORE, suggestion
 from palpate.plugins.sections import Figure, Section
-from palpate.progress import SILENT, Progress
+from palpate.progress import SILENT, FollowsSimulations, Progress
 from palpate.run.directory import RunDirectory
 from palpate.run.keys import answers_key
 from palpate.run.provenance import described, fingerprint
@@ -34,11 +34,10 @@ from palpate.run.result import (
 )
 from palpate.run.result_files import Files
 from palpate.simulation import jobs as simulation
+from palpate.simulation.cost import SWEEP, n_workers
+from palpate.simulation.forecast import Forecast, Part
 from palpate.simulation.sweep import Simulations
 from palpate.study.reading import Study
-
-SWEEP = "simulate"
-"""Stage whose results are in the ledger."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,6 +99,16 @@ class Stage(Component[SettingsT]):
         """True if ``palpate run`` includes the stage though the study has no table ``[stages.NAME]``."""
         return self.of_every_run
 
+    one_after_other: ClassVar[bool] = False
+    """True if a spot's simulations wait for each other, as in a search."""
+
+    def usual_simulations(self, inputs: "Run") -> Mapping[str, int] | None:
+        """Usual number of simulations on each mesh, by limb name; None where nobody can know.
+
+        Those that an earlier stage of the run has made do not count.
+        """
+        return {}
+
     def decides(self, study: Study) -> Mapping[str, object]:
         """Plain values of a study that decide the result, by what messages call them.
 
@@ -152,6 +161,8 @@ class Run:
         the last sweep.
     more_limbs : mapping of limb name to Limb
         Those that are simulated besides the study's.
+    forecast : Forecast
+        Simulations that the command has still to make.
     """
 
     study: Study
@@ -164,6 +175,7 @@ class Run:
     fresh: StudyInputs | None = None
     is_copy: bool = False
     more_limbs: Mapping[str, Limb] = field(default_factory=dict)
+    forecast: Forecast = field(default_factory=Forecast)
     shared: dict[str, Any] = field(default_factory=dict)
     """Values that a stage leaves in memory for those after it."""
     _opened: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
@@ -221,8 +233,28 @@ class Run:
     def simulations(self) -> Simulations:
         """Simulations, each made once and kept in the run; open until the run's context ends."""
         limbs = {**self.limbs, **self.more_limbs}
-        opened = Simulations(self.study, self.directory.folder, limbs, self.progress, self.check_lock)
+        folder, check = self.directory.folder, self.check_lock
+        opened = Simulations(self.study, folder, limbs, self.progress, check, self.forecast)
         return self._opened.enter_context(opened)
+
+    def expect(self, stages: Iterable[Stage]) -> None:
+        """Forecast the simulations of the stages that are to come."""
+        parts = self.parts(stages)
+        self.forecast.expect(parts, self.limbs if any(part.n for part in parts) else {})
+        if self.forecast.is_whole and isinstance(self.progress, FollowsSimulations):
+            self.progress.expect(self.forecast.n_left, self.forecast.seconds_left)
+
+    def parts(self, stages: Iterable[Stage]) -> list[Part]:
+        """Usual simulations of each of these stages, of those that simulate."""
+        n_spots = len(self.study.spots)
+        found = []
+        for stage in stages:
+            with answering_for(stage, "asking how many simulations it needs"):
+                counts = stage.usual_simulations(self)
+            if counts != {}:
+                at_once = n_spots if stage.one_after_other else 0
+                found.append(Part(stage=stage.name, counts=counts, side_by_side=at_once))
+        return found
 
     def swept(self) -> tuple[Simulation, ...]:
         """Simulations of the sweep that have ended."""
@@ -394,6 +426,7 @@ def read_run(
         is_copy=is_copy,
         check_lock=check_lock,
         more_limbs=more_limbs,
+        forecast=Forecast(n_workers=n_workers(study)),
     )
 
 

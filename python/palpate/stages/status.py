@@ -1,13 +1,15 @@
 """Progress of a run, read from its folder, during the run or after it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
 from palpate.domain import Status
+from palpate.errors import StudyError
 from palpate.run.directory import RunDirectory
 from palpate.run.fit_state import FitState, read_fit_state
 from palpate.run.ledger import Ledger
@@ -24,11 +26,11 @@ class RunStatus:
     runner : Runner or None
         The process that runs there now.
     n_simulations : int
-        Simulations of the sweep; jobs that ask for the same one count once.
+        Simulations of the whole run, those of its fit about; jobs that ask for the same one count once.
     states : mapping of state to number
         Of the finished simulations.
     seconds_left : float or None
-        Estimated from the pace of this runner; None if unknown.
+        Estimated from the pace of this runner, or as the fit forecasts it; None if unknown.
     failures : DataFrame
         status, reason, n, example, remedy; most frequent first.
     fit : FitState or None
@@ -36,6 +38,8 @@ class RunStatus:
     result : mapping of label to str
         Lines with which the run ended: conclusion, parameters, warnings, what to do next, and the page. Empty
         while it goes on.
+    intervals : sequence of mapping
+        Rows of the table ``intervals`` of a finished run.
     """
 
     folder: Path
@@ -46,6 +50,7 @@ class RunStatus:
     failures: pl.DataFrame
     fit: FitState | None
     result: Mapping[str, str] = field(default_factory=dict)
+    intervals: Sequence[Mapping[str, Any]] = ()
 
     @property
     def n_finished(self) -> int:
@@ -63,19 +68,32 @@ def status(folder: Path) -> RunStatus:
     run = RunDirectory(folder)
     run.manifest()  # refused where there is none
     with Ledger(folder) as ledger:
-        counts, rows = ledger.counts(), ledger.sweep().drop_nulls("state")
-    runner, n_left, state = living_runner_of(folder), counts.pop("left", 0), read_fit_state(folder)
+        n_left = ledger.counts().get("left", 0)
+        rows = ledger.frame()
+    runner, state = living_runner_of(folder), read_fit_state(folder)
+    states = dict(rows["state"].value_counts().sort("count", "state", descending=[True, False]).iter_rows())
+    n_to_do = n_left + ((state and state.n_left) or 0)
     is_ended = runner is None and not n_left and state is None
+    pace = _seconds_left(rows, n_left, runner)
     return RunStatus(
         folder=folder,
         runner=runner,
-        n_simulations=n_left + sum(counts.values()),
-        states=counts,
-        seconds_left=_seconds_left(rows, n_left, runner),
+        n_simulations=n_to_do + sum(states.values()),
+        states=states,
+        seconds_left=pace if state is None or runner is None else state.seconds_left,
         failures=failures(rows),
         fit=state,
         result=run.result() if is_ended else {},
+        intervals=_intervals(run) if is_ended else [],
     )
+
+
+def _intervals(run: RunDirectory) -> list[dict[str, Any]]:
+    """Rows of the intervals of a run; empty where there are none that can be read."""
+    try:
+        return run.table("intervals").to_dicts()
+    except StudyError:
+        return []
 
 
 def failures(rows: pl.DataFrame) -> pl.DataFrame:

@@ -6,13 +6,14 @@ from dataclasses import replace
 import pytest
 from hypothesis import example, given, strategies as st
 
+from palpate.domain import Job, Simulation, Status
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.searches import BestSet, DifferentialEvolution
 from palpate.mesh.specimens import block
-from palpate.progress import Silent
 from palpate.run.ledger import Writer
-from palpate.simulation import cost as stages_cost, jobs as simulation
-from palpate.simulation.cost import Cost, FitTime, cost, timed
+from palpate.simulation import jobs as simulation
+from palpate.simulation.cost import Cost, cost, n_of_fit, timed
+from palpate.simulation.forecast import Part, work_of
 from palpate.stages import pipeline
 from palpate.stages.pipeline import check_study
 
@@ -62,7 +63,7 @@ def test_an_executor_that_is_not_known_gives_no_time_of_all():
 )
 @example(seconds=1.0, n_left=1, n_fit=0, n=1)
 def test_no_estimate_is_zero(seconds, n_left, n_fit, n):
-    text = str(Cost(n_left=n_left, seconds_each=seconds, n_workers=n, n_fit=n_fit, n_spots=4))
+    text = str(Cost(n_left=n_left, seconds_each=seconds, n_workers=n, n_fit=n_fit, fit_work=n_fit, n_spots=4))
     assert not re.search(r"\b0 s", text)
     assert bool(re.search(r"\d s\b|min|second", text)) == (n_left + n_fit > 0)
 
@@ -78,53 +79,44 @@ def test_the_paper_s_way_has_no_fit(make_study, tmp_path, plugins):
 @pytest.mark.usefixtures("one_figure")
 def test_a_fit_without_a_sweep_has_a_time_too(make_study, plugins, tmp_path):
     study = make_study(n_sets=0, search=LeastSquares())
-    left = cost(study, {}, None, {})
+    parts = pipeline.parts_of(study, check_study(study, plugins), plugins)
+    left = cost(study, {}, None, {}, parts)
     assert (left.n_left, left.seconds_each) == (0, None)
     assert left.n_fit > 0
     left = replace(left, seconds_each=30.0, n_workers=2)
-    assert left.fit_seconds == pytest.approx(30.0 * left.n_fit / 2 * left.fit_factor)
-    assert str(left).startswith(f"about {left.n_fit} simulations of the fit, about ")
+    assert left.fit_seconds == pytest.approx(30.0 * left.n_fit / 2)
+    assert str(left).startswith(f"about {left.n_fit} simulations, about ")
     one, many = (replace(left, n_workers=n).fit_seconds for n in (1, 50))
     assert one == pytest.approx(2 * many)  # its two spots run side by side, and no more than these
     pipeline.run_study(study, tmp_path / "run", plugins)
-    again = cost(study, {}, tmp_path / "run", {})
+    again = cost(study, {}, tmp_path / "run", {}, parts)
     assert again.n_fit < left.n_fit
     unknown = replace(study, search=DifferentialEvolution())
-    assert (cost(unknown, {}, None, {}).n_fit, cost(unknown, {}, None, {}).fit_seconds) == (0, None)
+    none = cost(study, {}, None, {}, pipeline.parts_of(unknown, check_study(unknown, plugins), plugins))
+    assert (none.n_fit, none.fit_seconds) == (0, None)
 
 
-def test_slopes_by_differences_and_finer_meshes_take_longer(make_study, monkeypatch):
+def test_slopes_by_differences_take_more_simulations(make_study, monkeypatch):
     study = make_study(n_sets=0, search=LeastSquares())
     assert not study.solver.provides.slopes
-    limb = block(n_across=4, n_down=2)
-    plain = cost(study, {}, None, {"p1": limb})
-    finer = cost(study, {}, None, {"p1": limb, "p1/fine": block(n_across=8, n_down=4)})
-    assert finer.fit_factor > plain.fit_factor == 1.0
+    plain = n_of_fit(study)
     monkeypatch.setattr(study.solver, "provides", replace(study.solver.provides, slopes=True))
-    sloped = cost(study, {}, None, {})
-    assert plain.n_fit == pytest.approx((1 + 2 * len(study.space.names)) * sloped.n_fit, abs=4)
+    assert plain == pytest.approx((1 + 2 * len(study.space.names)) * n_of_fit(study), abs=4)
 
 
-class Noted(Silent):
-    def __init__(self):
-        self.notes = []
-
-    def note(self, text):
-        self.notes.append(text)
-
-
-@pytest.mark.parametrize("knows", [True, False])
-def test_the_time_of_a_fit_is_said_once_before_it_goes_on(make_study, tmp_path, monkeypatch, knows):
-    study, progress = make_study(n_sets=0, search=LeastSquares()), Noted()
-    time = FitTime(study, tmp_path / "run", {}, {}, progress)
-    time.update()
-    assert progress.notes == []  # nothing has been simulated
-    monkeypatch.setattr(
-        stages_cost, "cost", lambda *_: Cost(n_left=3, seconds_each=9.0, n_workers=1, n_fit=4 * knows)
-    )
-    time.update()
-    time.update()
-    assert progress.notes == (["about 4 simulations of the fit, about 36 s (workers: 1)"] if knows else [])
+def test_finer_meshes_take_longer_and_few_of_them_do_not_change_the_time_of_one(make_study, tmp_path):
+    study = make_study(n_sets=0)
+    limbs = {"p1": block(n_across=4, n_down=2), "p1/fine": block(n_across=8, n_down=4)}
+    parts = [Part(stage="fit", counts={"p1": 5, "p1/fine": 1})]
+    left = cost(study, {}, None, limbs, parts)
+    assert left.n_fit == 6
+    assert left.fit_work == pytest.approx(5.0 + work_of("p1/fine", limbs))
+    assert left.fit_work > 10.0
+    with Writer(tmp_path / "run") as writer:
+        for key, seconds in (("a", 2.0), ("b", 2.0), ("c", 40.0)):
+            job = Job(spot="p1", set_id=-1, materials={}, thetas={}, protocol=study.protocol)
+            writer.store(key, Simulation(job=job, status=Status.OK, seconds=seconds))
+    assert cost(study, {}, tmp_path / "run", limbs, parts).seconds_each == 2.0
 
 
 @given(

@@ -19,6 +19,7 @@ from palpate.api.fit import (
 )
 from palpate.api.runs import Files, Study, at_measured, mesh_note, size_at_contact
 from palpate_certainty.assessment import Assessment
+from palpate_certainty.error_sources import error_sources_of, n_differences
 from palpate_certainty.held_out import held_out, sentence
 from palpate_certainty.identifiability import assess_identifiability
 from palpate_certainty.mesh_error import SpotMesh, noted_errors
@@ -58,6 +59,18 @@ class Intervals(Stage):
     def decides(self, study: Study) -> Mapping[str, object]:
         """Errors of the curves and the model, as the budget states them."""
         return {"budget": study.budget.model_dump(mode="json")}
+
+    def usual_simulations(self, inputs: Run) -> dict[str, int]:
+        """Differences for the causes of the budget that have no exact slope."""
+        study, measured = inputs.study, inputs.measured
+        if isinstance(study.search, BestSet):
+            return {}
+        parameters = study.parametrisation.parameters(study.space, study.spot_names)
+        causes = error_sources_of(study, measured, [p.name for p in parameters])
+        found = {}
+        for spot in study.spot_names:
+            found[spot] = n_differences((c for c in causes if not c.spots or spot in c.spots), study)
+        return found
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Intervals, their causes, checks and draws, and curves of the values; nothing without a search."""

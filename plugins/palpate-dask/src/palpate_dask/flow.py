@@ -115,7 +115,7 @@ class _Flow:
             future = self._client.submit(run_tasks, self._runtime, tasks, pure=False)
             self._sent[future] = index
             sent.append(future)
-            self._batch.running(min(len(self._sent), n_room // (1 + WAITING_PER_THREAD)))
+            self._batch.running(list(self._sent.values())[: n_room // (1 + WAITING_PER_THREAD)])
         return sent
 
     def _room(self) -> int:

@@ -4,6 +4,7 @@ import contextlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import polars as pl
 
@@ -106,7 +107,7 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
         verification=pl.DataFrame() if unfinished else run.table("verification"),
         comparisons=run.directory.comparisons(),
         unfinished=unfinished,
-        simulated=_simulated(run.directory.folder),
+        **_simulated(run.directory.folder),
         surfaces=run.surfaces(),
         summaries={} if unfinished else _summaries(run),
     )
@@ -156,14 +157,18 @@ def _unfinished(directory: RunDirectory, *, runs_now: bool) -> str:
     return sweep if state is None else f"{sweep}; fit: {state}"
 
 
-def _simulated(folder: Path) -> str:
-    """Time when the last simulation ended, their number, and how long they took together."""
+def _simulated(folder: Path) -> dict[str, Any]:
+    """Number of simulations, with the day of the last and the time of all on one worker in words."""
     with Ledger(folder) as ledger:
         ended = ledger.frame().select("finished_at", "seconds")
     if ended.is_empty():
-        return ""
+        return {}
     count = "1 simulation" if ended.height == 1 else f"{ended.height} simulations"
-    return f"{max(ended['finished_at'])[:10]}: {count}, {about(float(ended['seconds'].sum()))} in all"
+    spent = f"{about(float(ended['seconds'].sum()))} of computing"
+    return {
+        "simulated": f"{max(ended['finished_at'])[:10]}: {count}, {spent}",
+        "n_simulations": ended.height,
+    }
 
 
 def _pictures(run: Run, spot: StudySpot) -> tuple[Path, ...]:

@@ -130,6 +130,8 @@ class ReportData:
         How far the run is where it has not ended.
     simulated : str
         Until when, how often and how long together; empty where nothing was simulated.
+    n_simulations : int
+        Simulations of the run, as `palpate status` counts them.
     surfaces : mapping of spot name to SurfaceStates
         Skin under the press with what was found; empty where it was not simulated.
     summaries : mapping of stage to (str, Summary)
@@ -159,6 +161,7 @@ class ReportData:
     sections: Mapping[str, type[Section]] = field(default_factory=dict)
     unfinished: str = ""
     simulated: str = ""
+    n_simulations: int = 0
     surfaces: Mapping[str, SurfaceStates] = field(default_factory=dict)
     summaries: Mapping[str, tuple[str, Summary]] = field(default_factory=dict)
 

@@ -256,10 +256,9 @@ def _spent(data: ReportData) -> str:
     if data.fit.table.is_empty():
         return ""
     fits = data.fit.table.unique(["fit", "scenario"])
-    n_sweep = sum(data.completeness.simulated.values())
     fine = f" and {n_fine} of finer meshes" if (n_fine := fits["n_fine"].sum()) else ""
-    sweep = f"{n_sweep} of the sweep, " if data.design.n_sets else ""
-    return f"Simulations: {sweep}{fits['n_runs'].sum()} of the fit{fine}."
+    every = f"{data.n_simulations}, of these " if data.n_simulations else ""
+    return f"Simulations: {every}{fits['n_runs'].sum()} of the fit{fine}."
 
 
 def _identified(data: ReportData, found: Sequence[Headline]) -> Iterator[str]:
