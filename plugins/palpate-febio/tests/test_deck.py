@@ -116,6 +116,36 @@ def test_the_bytes_do_not_depend_on_the_run():
     assert len(seen) == 1
 
 
+def formulations(job, limb):
+    domains = ET.fromstring(SOLVER.write_deck(job, limb)).iterfind("MeshDomains/SolidDomain")
+    return {domain.get("name"): domain.get("type") for domain in domains}
+
+
+class Joined(NeoHookean):
+    """A material of a plugin, which FEBio has with a bulk modulus in a coupled energy."""
+
+    name, febio = "joined", ("coupled Mooney-Rivlin", {"E": "c1", "nu": "k"})
+
+
+def test_tet10_has_one_pressure_per_element_where_febio_can():
+    """FEBio's default for tet10 is the displacement element, which locks; hex8 has three fields by itself."""
+    uncoupled = {"skin": Ogden(), "soft tissue": Yeoh(), "fat": NeoHookean()}
+    assert formulations(job_of(), mixed_limb()) == {
+        "1_skin_hex8": None,
+        "2_soft_tissue_tet10": "three-field-solid",
+        "3_fat_tet4": None,
+        "indenter": None,
+    }
+    for material in (NeoHookean(), Joined()):
+        job = replace(
+            job_of(),
+            materials={**uncoupled, "soft tissue": material},
+            thetas={**THETAS, "soft tissue": THETAS["fat"]},
+        )
+        assert formulations(job, mixed_limb())["2_soft_tissue_tet10"] is None
+    assert formulations(relaxing_job(), mixed_limb())["2_soft_tissue_tet10"] == "three-field-solid"
+
+
 def test_what_is_read_back_is_what_was_written(tmp_path):
     spot = Spot(name="p1", position_mm=[0.5, 0.5, 0.0], normal=[0.1, -0.2, 1.0])
     limb = mixed_limb(spot)

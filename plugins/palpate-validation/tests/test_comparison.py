@@ -40,6 +40,8 @@ def test_the_embedded_solver_agrees_with_febios_curves(capsys, tmp_path, monkeyp
         ("frictionless press", "force"),
         ("frictional twist", "torque: steps halved"),
         ("frictional twist", "torque: hold"),
+        ("frictional twist, tet10", "torque: steps halved"),
+        ("frictional twist, tet10", "torque: hold"),
     }
     assert all(r["verdict"] == "agrees" for r in found["rows"])
     assert list(found["solvers"]) == ["jax"]

@@ -25,6 +25,9 @@ RECORD_DATA = ("z", "thz", "Fx", "Fy", "Fz", "Mx", "My", "Mz")
 INDENTER = "indenter"
 
 BROYDEN_UPDATES = 10
+THREE_FIELD = "three-field-solid"
+"""One pressure and one volume change per element: FEBio's default for hex8, and here for tet10 too."""
+
 UNHURRIED = 1000
 """Iterations after which FEBio shortens the next step: augmentation takes many, and each step forgets."""
 
@@ -286,10 +289,13 @@ def _surfaces(section: ET.Element, faces_by_kind: Mapping[str, IntArray], ball: 
 
 def _domains(root: ET.Element, problem: Problem, domains: list[tuple[str, str, IntArray]]) -> None:
     section = ET.SubElement(root, "MeshDomains")
-    for _, name, _ in domains:
-        region = int(name.split("_")[0]) if name != INDENTER else 0
-        material = _material_name(problem, problem.mesh.regions[region - 1]) if region else INDENTER
-        ET.SubElement(section, "SolidDomain", name=name, mat=material)
+    for kind, name, _ in domains:
+        domain = ET.SubElement(section, "SolidDomain", name=name, mat=INDENTER)
+        if name != INDENTER:
+            region = problem.mesh.regions[int(name.split("_")[0]) - 1]
+            domain.set("mat", _material_name(problem, region))
+            if kind == "tet10" and problem.materials[region].uncoupled:
+                domain.set("type", THREE_FIELD)
 
 
 # -------------------------------------------------------- supports and motion

@@ -46,11 +46,15 @@ SHAPE, VOLUME = np.array([1.3, 0.8, 1.0 / 1.04]), np.full(3, 1.1)
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """A material as a deck has it; what relaxes has the elastic material of the long term in it."""
+    """A material as a deck has it; what relaxes has the elastic material of the long term in it.
+
+    ``uncoupled`` is true for FEBio's uncoupled materials, which its three-field elements need.
+    """
 
     febio_type: str
     values: tuple[tuple[str, float], ...]
     elastic: "Written | None" = None
+    uncoupled: bool = False
 
 
 def expected_convention(material: Material) -> str:
@@ -79,7 +83,15 @@ def written(material: Material, theta: FloatArray, convention: str) -> Written:
     values = tuple(
         (names.get(p.name, p.name), float(v)) for p, v in zip(material.parameters, numbers, strict=True)
     )
-    return Written(febio_type, values)
+    uncoupled = BULK in dict(values) and separates(material, theta)
+    return Written(febio_type, values, uncoupled=uncoupled)
+
+
+def separates(material: Material, theta: FloatArray) -> bool:
+    """True if the energy is the sum of an energy of the shape and an energy of the volume."""
+    both = _energy(material, SHAPE * VOLUME, theta)
+    apart = _energy(material, SHAPE, theta) + _energy(material, VOLUME, theta)
+    return bool(np.isclose(both, apart, rtol=1e-6))
 
 
 def _relaxing(material: RelaxingMaterial, theta: FloatArray, convention: str) -> Written:
@@ -94,11 +106,7 @@ def _relaxing(material: RelaxingMaterial, theta: FloatArray, convention: str) ->
             f"material '{material.name}': FEBio's viscoelastic materials take {MOST_TIMES} time constants, "
             f"and it has {len(shares)}; use fewer, or solver 'jax'"
         )
-    coupled = not np.isclose(
-        _energy(elastic, SHAPE * VOLUME, at_once),
-        _energy(elastic, SHAPE, at_once) + _energy(elastic, VOLUME, at_once),
-        rtol=1e-6,
-    )
+    coupled = not separates(elastic, at_once)
     if coupled == material.relaxes_isochoric:
         part, other = ("shape alone", "all") if coupled else ("whole stress", "isochoric")
         raise MaterialError(
@@ -125,7 +133,7 @@ def _relaxing(material: RelaxingMaterial, theta: FloatArray, convention: str) ->
         for name, value in (("g", share / left), ("t", time_s))
     ]
     kind = "viscoelastic" if coupled else "uncoupled viscoelastic"
-    return Written(kind, tuple(terms), written(elastic, np.array(later), convention))
+    return Written(kind, tuple(terms), written(elastic, np.array(later), convention), not coupled)
 
 
 def _energy(material: Material, stretches: FloatArray, theta: FloatArray) -> float:

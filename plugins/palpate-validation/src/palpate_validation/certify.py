@@ -220,7 +220,10 @@ def _rows(
         name = wanted or "ogden"
         material = materials[name]()
         own = [name for name in contenders if _is_own(session.plugins.solvers[name])]
-        problems = [("frictional twist", block(n_across=8, n_down=4, grading=1.3))]
+        problems = [
+            ("frictional twist", block(n_across=8, n_down=4, grading=1.3)),
+            ("frictional twist, tet10", block("tet10", n_across=4, n_down=2, grading=1.3)),
+        ]
         if mesh is not None and limb is not None:
             problems.append((f"twist of {mesh.name}", limb))
         for problem, body in problems:

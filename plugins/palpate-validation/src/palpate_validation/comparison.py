@@ -31,7 +31,7 @@ ENERGIES = "palpate"
 """Name in place of a solver where the stress of a material is compared."""
 
 COUPLED = frozenset({"neo_hookean"})
-"""Materials whose hex8 is a plain 8-point element in FEBio."""
+"""Materials whose hex8 and tet10 are displacement elements in FEBio."""
 
 Contender = Callable[[bool | tuple[str, ...]], Solver]
 """Makes a solver for a case, given which regions have one volume change per element."""
@@ -121,7 +121,7 @@ class Case:
     path : (n, 2) array
         Depth [mm] and rotation [degrees], from rest.
     mean_dilatation : bool or tuple of regions
-        As FEBio's element: true for hex8 of uncoupled materials.
+        As FEBio's element: true for hex8 and tet10 of uncoupled materials.
     channels : tuple of Channel
         What to observe of equilibrium states.
     """
