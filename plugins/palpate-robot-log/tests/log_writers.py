@@ -196,6 +196,36 @@ def _write_all(
         writer.write(connections[topic], time_ns, serialise(message, topics[topic]))
 
 
+def write_transforms(path: Path, frames: Mapping[str, list[tuple[str, str]]]) -> Path:
+    """Thirty messages of transforms for each topic, one if it is static; y is the number of a transform."""
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types, kind = store.types, "tf2_msgs/msg/TFMessage"
+    with Writer(path, version=9) as writer:
+        for topic, pairs in frames.items():
+            connection = writer.add_connection(topic, kind, typestore=store)
+            for row in range(1 if topic.endswith("static") else 30):
+                stamp = types["builtin_interfaces/msg/Time"](sec=5, nanosec=row * 10**6)
+                transforms = [
+                    types["geometry_msgs/msg/TransformStamped"](
+                        header=types["std_msgs/msg/Header"](stamp=stamp, frame_id=parent),
+                        child_frame_id=child,
+                        transform=types["geometry_msgs/msg/Transform"](
+                            translation=types["geometry_msgs/msg/Vector3"](
+                                x=float(row), y=float(place), z=0.0
+                            ),
+                            rotation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
+                        ),
+                    )
+                    for place, (parent, child) in enumerate(pairs, start=1)
+                ]
+                message = types[kind](transforms=transforms)
+                writer.write(connection, row * 10**6, store.serialize_cdr(message, kind))
+    return path
+
+
 # ------------------------------------------------------------------ large files
 
 

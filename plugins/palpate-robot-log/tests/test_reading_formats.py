@@ -204,30 +204,8 @@ def test_dates_and_times_of_day_in_text_are_seconds(tmp_path: Path, start: str) 
 
 
 def test_transforms_are_distinguished_by_their_frames(tmp_path: Path) -> None:
-    from rosbags.rosbag2 import Writer as BagWriter
-    from rosbags.typesys import Stores, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    types = store.types
-    with BagWriter(tmp_path / "log", version=9) as writer:
-        topic = writer.add_connection("/tf", "tf2_msgs/msg/TFMessage", typestore=store)
-        for row in range(30):
-            stamp = types["builtin_interfaces/msg/Time"](sec=5, nanosec=row * 10**6)
-            header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="base")
-            transforms = [
-                types["geometry_msgs/msg/TransformStamped"](
-                    header=header,
-                    child_frame_id=child,
-                    transform=types["geometry_msgs/msg/Transform"](
-                        translation=types["geometry_msgs/msg/Vector3"](x=float(row), y=place, z=0.0),
-                        rotation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
-                    ),
-                )
-                for child, place in (("tool", 1.0), ("camera", 2.0))
-            ]
-            message = types["tf2_msgs/msg/TFMessage"](transforms=transforms)
-            writer.write(topic, row * 10**6, store.serialize_cdr(message, "tf2_msgs/msg/TFMessage"))
-    log = read_here(tmp_path / "log", Request())
+    path = write.write_transforms(tmp_path / "log", {"/tf": [("base", "tool"), ("base", "camera")]})
+    log = read_here(path, Request())
     assert [stream.name for stream in log.streams] == ["/tf base>tool", "/tf base>camera"]
     camera = log.stream("/tf base>camera").columns
     np.testing.assert_array_equal(camera["transform.translation.y"].values, 2.0)

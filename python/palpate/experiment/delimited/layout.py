@@ -129,11 +129,14 @@ def comment_of(lines: Sequence[str], wanted: TextFormat) -> str:
     """What comments begin with: as given, or as the first line does where others do not."""
     if wanted.comment is not None:
         return wanted.comment
-    first = next((line.strip() for line in lines if line.strip()), "")
-    found = next((mark for mark in _COMMENTS if first.startswith(mark)), "#")
-    if first.startswith(";") and sum(";" in line for line in lines) < len(lines) / 2:
-        return ";"
-    return found
+    first, second = [*(line.strip() for line in lines if line.strip()), "", ""][:2]
+    # %time is a name of ROS; "% time", or a second such line, is a comment.
+    is_comment = {
+        mark: first.startswith((f"{mark} ", f"{mark}\t")) or second.startswith(mark) for mark in _COMMENTS
+    }
+    found = next((mark for mark in _COMMENTS if first.startswith(mark) and is_comment[mark]), "#")
+    is_between = sum(";" in line for line in lines) >= len(lines) / 2
+    return ";" if first.startswith(";") and not is_between else found
 
 
 def find_layout(source: str, lines: Sequence[Numbered], wanted: TextFormat) -> Layout:

@@ -202,7 +202,9 @@ def _check_axis_stuck(wrench: Series, column: int, same: np.ndarray, stuck_s: fl
         return
     first, last, seconds = _longest_run(wrench, same)
     values = wrench.values[:, column]
-    if seconds > stuck_s and _is_noisy(np.concatenate([values[:first], values[last + 1 :]])):
+    # A value of few digits repeats by chance.
+    is_long = seconds > stuck_s and last - first + 1 >= _PLATEAU_ROWS
+    if is_long and _is_noisy(np.concatenate([values[:first], values[last + 1 :]])):
         raise wrench.fault(
             f"{values[first]:.6g} to the last digit for {seconds:.3f} s, until {wrench.at(last)}, with noise "
             "at other times: the axis is stuck; record again, or raise stuck in the channel map",

@@ -29,7 +29,7 @@ from palpate_robot_log.reading.processed_curves import Proposed, curves_of
 from palpate_robot_log.reading.proposal import Proposal, machine_of, propose, with_unit
 from palpate_robot_log.reading.raw import RawLog, Stream
 from palpate_robot_log.reading.study_text import channel_map, is_machine, study_text
-from palpate_robot_log.reading.two_files import read_both
+from palpate_robot_log.reading.two_files import read_both, share_clock
 from palpate_robot_log.reading.vectors import QUANTITIES, Guess
 from palpate_robot_log.recording import Recording, rotated
 
@@ -62,6 +62,9 @@ def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
     else:
         log = read_both(path, wrench, Request())
         proposal = replace(propose(log), files=LogFiles.of(path, wrench).model_dump())
+        clocks = [_clock(log.stream(name), time) for name, time in proposal.time.items()]
+        if share_clock([(clock["begin_s"], clock["end_s"]) for clock in clocks]):
+            proposal = replace(proposal, clocks="common")
     proposal, curves, new, problem = _found(log, path, judged(log, proposal))
     text = curves.text() if curves else ""
     streams = [_described(stream, proposal) for stream in log.streams]
@@ -108,11 +111,16 @@ def _found(log: RawLog, path: Path, proposal: Proposal) -> tuple[Proposal, Propo
     guesses = [*proposal.guesses.values(), *proposal.time.values()]
     checks = dict.fromkeys(f"check {check}" for guess in guesses for check in guess.to_check)
     others = [
-        f"{quantity} might also be: {'; '.join(', '.join(guess.columns) for guess in also)}"
+        f"{quantity} might also be: {'; '.join(_place(guess) for guess in also)}"
         for quantity, also in proposal.others.items()
     ]
     kind = ["a testing machine of one axis: depth and first contact are found from the force"]
     return proposal, None, [*(kind if is_machine(proposal) else []), *checks, *others, *result], problem
+
+
+def _place(guess: Guess) -> str:
+    columns = ", ".join(guess.columns)
+    return f"{columns} of stream '{guess.stream}'" if guess.stream else columns
 
 
 def _of_curves(path: Path, curves: Proposed) -> tuple[list[str], str]:

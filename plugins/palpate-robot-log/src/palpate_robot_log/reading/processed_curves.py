@@ -17,7 +17,6 @@ from palpate_robot_log.reading.names import TENSILE, Picked, Test, pick, rivals,
 from palpate_robot_log.reading.raw import RawLog
 from palpate_robot_log.reading.study_text import toml_value
 
-_LAYOUT = {"decimal": ".", "skip_lines": 0, "comment": "#"}
 _DEGREES_PER_RADIAN = 57.29577951308232
 _ROLES = {"force": ("travel", "force"), "torque": ("angle", "moment")}
 _AT_REST = 0.02
@@ -98,7 +97,7 @@ def curves_of(log: RawLog) -> Proposed | None:
     if found is None:
         return None
     # The loader finds the separator by itself.
-    layout = {key: log.layout[key] for key in _LAYOUT if log.layout.get(key, _LAYOUT[key]) != _LAYOUT[key]}
+    layout = {key: value for key, value in log.layout.items() if key != "delimiter" and value != "."}
     return Proposed(
         channels=found.channels,
         mode=found.mode,

@@ -43,6 +43,7 @@ class Proposal:
     repeats_time: bool = False
     ends_in_contact: bool = False
     files: Mapping[str, str] | None = None
+    clocks: str = "own"
 
     def used_streams(self) -> tuple[str, ...]:
         """Streams that the guesses come from."""

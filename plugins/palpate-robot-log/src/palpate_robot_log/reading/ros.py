@@ -1,7 +1,7 @@
 """Bags of ROS 1 and ROS 2, by rosbags: one stream for each topic of a known type."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
@@ -141,6 +141,10 @@ def _collected(
         if c.msgtype not in FIELDS
     ]
     notes += [f"{name}: {s.msgtype} in frame '{s.frame}'" for name, s in streams.items() if s.frame]
+    notes += _notes_on_transforms([name for name in streams if ">" in name])
+    notes += [f"{name}: one message, so no motion" for name, s in streams.items() if len(s.numbers) == 1]
+    moving = {name: s for name, s in streams.items() if len(s.numbers) > 1}
+    streams = moving or streams
     start_ns = min((s.received_ns[0] for s in streams.values()), default=0)
     return RawLog(
         source=str(path),
@@ -149,6 +153,17 @@ def _collected(
         streams=tuple(_stream(name, s, start_ns) for name, s in streams.items()),
         notes=tuple(notes),
     )
+
+
+def _notes_on_transforms(names: Sequence[str]) -> Iterator[str]:
+    """Remark where the pose of the tool is a chain of several transforms."""
+    frames = [name.rpartition(" ")[2].split(">", 1) for name in names]
+    for parent, child in frames:
+        if any(first == child for first, _ in frames):
+            yield (
+                f"transforms {parent}>{child} and {child}>… are a chain: neither is the pose of the tool "
+                "alone; record the pose of the tool in the base as one topic"
+            )
 
 
 def _gather(

@@ -24,7 +24,7 @@ def channel_map(proposal: Proposal) -> dict[str, object]:
     if proposal.repeats_time:
         chosen["repeated_time"] = "keep_first"
     if proposal.files:
-        chosen["clocks"] = "own"
+        chosen["clocks"] = proposal.clocks
     return chosen
 
 
@@ -88,7 +88,8 @@ def study_text(log: RawLog, proposal: Proposal) -> str:
     if proposal.repeats_time:
         lines.append('repeated_time = "keep_first"  # the clock is coarser than the rows')
     if proposal.files:
-        lines.append('clocks = "own"  # or "common": one clock stamped both files')
+        clocks = {"own": '"common": one clock stamped both files', "common": '"own": each file has its clock'}
+        lines.append(f'clocks = "{proposal.clocks}"  # or {clocks[proposal.clocks]}')
     if proposal.ends_in_contact:
         lines += [
             "",

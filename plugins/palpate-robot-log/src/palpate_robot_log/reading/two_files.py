@@ -1,5 +1,6 @@
 """A log in two files: the pose by the robot's controller and the wrench by the sensor's; their clocks."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,8 @@ _STEP_S = 0.01
 _SMOOTHING_STEPS = 5.0
 _LEAST_AGREEMENT = 0.5
 _LONGEST_S = 3600.0
+_YEAR_2001_S = 1e9
+"""Seconds since 1970 that no clock that began with the log has counted."""
 
 
 def read_both(pose: Path, wrench: Path, request: Request) -> RawLog:
@@ -34,6 +37,13 @@ def read_both(pose: Path, wrench: Path, request: Request) -> RawLog:
         notes=tuple(note for log in logs for note in log.notes),
         layout=logs[0].layout if same else {},
     )
+
+
+def share_clock(spans_s: Sequence[tuple[float, float]]) -> bool:
+    """Whether times [s] are of one clock: all count since 1970, and half of the shortest is common."""
+    shared = min(end for _, end in spans_s) - max(begin for begin, _ in spans_s) if spans_s else 0.0
+    shortest = min((end - begin for begin, end in spans_s), default=0.0)
+    return min((begin for begin, _ in spans_s), default=0.0) > _YEAR_2001_S and shared >= 0.5 * shortest
 
 
 def clock_offset_s(position: Series, force: Series) -> float:
