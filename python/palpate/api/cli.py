@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING
 from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
+    from palpate.cli.limb import (
+        look_into_mesh as look_into_mesh,
+    )
     from palpate.cli.options import (
         RUN as RUN,
         STAGES as STAGES,

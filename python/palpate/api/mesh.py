@@ -5,6 +5,12 @@ from typing import TYPE_CHECKING
 from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
+    from palpate.limb.inspection import (
+        guessed_unit as guessed_unit,
+        inspected as inspected,
+        likely_sets as likely_sets,
+        region_name as region_name,
+    )
     from palpate.limb.supports import (
         Support as Support,
         held_nodes as held_nodes,

@@ -7,15 +7,19 @@ import shutil
 import tomllib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from palpate.cli.experiment import look_into
+from palpate.cli.limb import look_into_mesh
 from palpate.cli.options import AsJson, StudyPath
 from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session
-from palpate.errors import StudyError
+from palpate.errors import MeshError, StudyError
+
+if TYPE_CHECKING:
+    from palpate.plugins.optional import Inspection
 
 FIRST = "first-press"
 """The ready study that is copied where none is named."""
@@ -128,14 +132,18 @@ def own_study_text(
             raise StudyError(f"{file}: no such file; give a file that is there")
     found = look_into(measured[0], wrench, session, None)
     measured = [_file_of(file, session) for file in measured]
+    looks = [_look(session, mesh) for mesh in meshes]
     spots = [_name_of(mesh.stem) for mesh in meshes]
     if len(set(spots)) < len(spots):
         spots = [f"p{k}" for k in range(1, len(spots) + 1)]
     tables = [
         ("study", {"name": _name_of(folder.resolve().name), "data": "measured"}),
         *(
-            ("[spot]", {"name": spot, "measured": _from(folder, file), "mesh": _from(folder, mesh)})
-            for spot, file, mesh in zip(spots, measured, meshes, strict=True)
+            (
+                "[spot]",
+                {"name": spot, "measured": _from(folder, file), "mesh": _from(folder, mesh), **_place(look)},
+            )
+            for spot, file, mesh, look in zip(spots, measured, meshes, looks, strict=True)
         ),
     ]
     own = [
@@ -143,7 +151,7 @@ def own_study_text(
         for name, of in tables
     ]
     ready_text, raw = parse_toml(ready / "study.toml")
-    kept = "\n".join(_tables_of(ready_text))
+    kept = "\n".join(_of_mesh(list(_tables_of(ready_text)), looks[0]))
     is_open = raw.get("fit", {}).keys().isdisjoint({"searched", "parametrisation"})
     searched = [SEARCHED] if "protocol" in raw and is_open else []
     return "\n".join([*own, found.study_text, kept, *searched])
@@ -158,6 +166,45 @@ def _file_of(measured: Path, session: Session) -> Path:
             f"{measured}: a folder of several files; give one of them, or convert it to one file"
         )
     return file
+
+
+def _look(session: Session, mesh: Path) -> "Inspection | None":
+    """Inspection of a mesh; None, with a note, where no limb source can read it."""
+    try:
+        return look_into_mesh(mesh, session)
+    except MeshError as error:
+        session.stderr.print(f"{error}; [limb] is that of the ready study", markup=False)
+        return None
+
+
+def _place(look: "Inspection | None") -> dict[str, Any]:
+    """Position and normal of a spot where they are not the origin and +z."""
+    if look is None or look.limb is None:
+        return {}
+    position, normal = look.limb.spot.position_mm.tolist(), look.limb.spot.normal.tolist()
+    found: dict[str, Any] = {"position": [f"{x:.6g} mm" for x in position]} if any(position) else {}
+    return found | ({} if normal == [0.0, 0.0, 1.0] else {"normal": [round(x, 6) for x in normal]})
+
+
+def _of_mesh(blocks: list[str], look: "Inspection | None") -> list[str]:
+    """Tables with the limb source that reads a mesh, and a material for each of its regions."""
+    if look is None:
+        return blocks
+    heads = [re.match(r"\[(\w+)(?:\.(\w+))?", block) for block in blocks]
+    tables = [(head[1], head[2]) if head else ("", None) for head in heads]
+    there = list(dict.fromkeys(name for table, name in tables if table == "region"))
+    regions = there if look.limb is None else look.limb.mesh.regions
+    limb = look.study_text[look.study_text.index("[limb]") :]
+    kept = [
+        limb if table == "limb" else block
+        for block, (table, name) in zip(blocks, tables, strict=True)
+        if (table != "limb" or name is None) and (table != "region" or name in regions)
+    ]
+    # Regions that the ready study does not have get the material of its first one.
+    first = there[0] if there else ""
+    material = [block for block, table in zip(blocks, tables, strict=True) if table == ("region", first)]
+    new = (region for region in regions if region not in there)
+    return [*kept, *(m.replace(f"[region.{first}", f"[region.{name}") for name in new for m in material)]
 
 
 def _name_of(text: str) -> str:

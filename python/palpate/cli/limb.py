@@ -1,6 +1,7 @@
 """``palpate limb``: the meshes of a study, read and checked, or made from a scan."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -9,10 +10,11 @@ from palpate.cli.experiment import StageGroup, stage_group
 from palpate.cli.options import AsJson, StudyPath
 from palpate.cli.progress import StageProgress
 from palpate.cli.session import Session
-from palpate.errors import StudyError
+from palpate.errors import MeshError, StudyError
 
 if TYPE_CHECKING:
     from palpate.domain import Limb
+    from palpate.plugins.optional import Inspection
 
 
 def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> None:
@@ -63,6 +65,28 @@ def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> N
         session.table("Limbs", ["spot", "nodes", "cells", "regions", "node sets"], cells)
     else:
         session.say("No limb: the study's solver takes no mesh.")
+
+
+def look_into_mesh(file: Path, session: Session) -> "Inspection":
+    """Inspection of a mesh or deck by the limb source of its suffix.
+
+    Raises
+    ------
+    MeshError
+        It cannot be read, or no limb source reads such files.
+    """
+    from palpate.plugins.guard import answering_for
+    from palpate.plugins.optional import FileInspector
+
+    catalogue = session.plugins.limb_sources
+    able = [kind for kind in catalogue.values() if isinstance(kind, FileInspector)]
+    for kind in able:
+        if file.suffix.lower() in kind.suffixes:
+            with answering_for(kind, f"inspecting {file}"):
+                found: Inspection = kind.inspect(file)  # type: ignore[attr-defined]
+            return found
+    known = ", ".join(sorted({suffix for kind in able for suffix in kind.suffixes}))
+    raise MeshError(f"{file}: no mesh or deck by its suffix; give one of {known or 'none, install a plugin'}")
 
 
 def show_remarks(session: Session, limbs: "Mapping[str, Limb]") -> None:

@@ -54,7 +54,15 @@ class ExperimentLoader(Component[SettingsT]):
 
 
 class LimbSource(Component[SettingsT]):
-    """Makes the limb around a spot from a file."""
+    """Makes the limb around a spot from a file.
+
+    Attributes
+    ----------
+    suffixes : frozenset of str
+        Of the files that it reads, in small letters with their point, for ``palpate limb inspect``.
+    """
+
+    suffixes: frozenset[str] = frozenset()
 
     @abstractmethod
     def load(self, path: Path, spot: Spot) -> Limb:

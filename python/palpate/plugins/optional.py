@@ -33,6 +33,8 @@ class Inspection:
         The same for a script; JSON-able.
     file : Path, optional
         File that a study names, where the one that was given is a folder.
+    limb : Limb, optional
+        Limb that ``study_text`` reads, of a mesh.
     """
 
     tables: tuple[InspectedTable, ...] = ()
@@ -40,6 +42,7 @@ class Inspection:
     study_text: str = ""
     record: Mapping[str, Any] = field(default_factory=dict)
     file: Path | None = None
+    limb: Limb | None = None
 
 
 @runtime_checkable
@@ -65,11 +68,11 @@ class CurveWriter(Protocol):
 
 @runtime_checkable
 class FileInspector(Protocol):
-    """A loader that can look into a file without settings."""
+    """A loader, or a limb source, that can look into a file without settings."""
 
     @classmethod
     def inspect(cls, path: Path, other: Path | None = None) -> Inspection:
-        """Look into a file that no study describes yet, for ``palpate experiment inspect``.
+        """Look into a file that no study describes yet, for ``inspect`` of experiment and limb.
 
         Parameters
         ----------
@@ -78,7 +81,7 @@ class FileInspector(Protocol):
 
         Raises
         ------
-        CurveError
+        CurveError, MeshError
             The file cannot be read.
         """
 

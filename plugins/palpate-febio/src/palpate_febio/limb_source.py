@@ -23,7 +23,17 @@ from palpate.api import (
     Spot,
     convert,
 )
-from palpate.api.mesh import CELLS, Support, held_nodes, unused_supports
+from palpate.api.files import InspectedTable, Inspection
+from palpate.api.mesh import (
+    CELLS,
+    Support,
+    guessed_unit,
+    held_nodes,
+    inspected,
+    likely_sets,
+    region_name,
+    unused_supports,
+)
 from palpate_febio.deck_supports import DeckNames, DeckSupports
 
 LARGEST_FILE_BYTES = 2_000_000_000
@@ -357,8 +367,40 @@ class FebioDeckSettings(Settings):
 class FebioDeckSource(LimbSource[FebioDeckSettings]):
     """Limbs from ``.feb`` decks, versions 2.5 to 4.0: mesh, sets and regions; rigid bodies are left out."""
 
+    suffixes = frozenset({".feb"})
     name = "febio_deck"
     summary = "decks of FEBio (.feb) with regions by material and node sets or surfaces"
+
+    @classmethod
+    def inspect(cls, path: Path, other: Path | None = None) -> Inspection:
+        """Look into a deck; it has no second file.
+
+        Raises
+        ------
+        MeshError
+            The deck cannot be read.
+        """
+        deck = read_deck(path)
+        unit, finding = guessed_unit(deck.points)
+        settings: dict[str, object] = {} if unit == "mm" else {"unit": unit}
+        if any(region_name(part.material) != part.material for part in deck.parts):
+            settings["regions"] = {region_name(part.material): part.material for part in deck.parts}
+        skin, held = likely_sets([*deck.node_sets, *deck.surfaces])
+        if skin not in (None, "contact") and len(deck.touched) != 1:
+            settings["contact"] = skin
+        if not deck.supports and held:
+            settings["fixed"] = held
+        parts = [(p.name, p.kind, p.material, str(len(p.cells))) for p in deck.parts]
+        parts += [(name, "rigid", "", f"{len(nodes)} nodes") for name, nodes in deck.rigid.items()]
+        named = [(name, "node set", f"{len(nodes)} nodes") for name, nodes in deck.node_sets.items()]
+        named += [(name, "surface", f"{len(nodes)} nodes") for name, nodes in deck.surfaces.items()]
+        tables = [
+            InspectedTable(
+                title="Parts", columns=("part", "kind", "material", "elements"), rows=tuple(parts)
+            ),
+            InspectedTable(title="Names in the deck", columns=("name", "kind", "content"), rows=tuple(named)),
+        ]
+        return inspected(path, cls, settings, tables, deck.supports, [finding] if finding else [])
 
     def load(self, path: Path, spot: Spot) -> Limb:
         """Limb of one spot.

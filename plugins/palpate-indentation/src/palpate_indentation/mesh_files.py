@@ -34,6 +34,11 @@ READERS: Mapping[str, Callable[[Path], MeshFile]] = MappingProxyType(
     {".inp": read_abaqus, ".vtu": read_vtu, ".vtk": read_legacy_vtk}
 )
 """Readers of palpate, by suffix; meshio reads the other formats."""
+SUFFIXES = frozenset(
+    {*READERS, ".msh", ".xdmf", ".xmf", ".mesh", ".meshb", ".med", ".cgns", ".e", ".exo", ".ex2", ".h5m"}
+    | {".bdf", ".nas", ".fem", ".mdpa", ".avs", ".f3grid", ".su2", ".vol", ".ele", ".ugrid", ".tec"}
+)
+"""Formats that are read: by palpate's readers, and those with volume elements of meshio."""
 UNREADABLE = (ValueError, LookupError, ArithmeticError, TypeError, AttributeError, zlib.error, lzma.LZMAError)
 """Errors of a reader on a broken file."""
 

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from palpate.api import IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
+from palpate.api.files import Inspection
 from palpate.api.mesh import CELLS, held_nodes, unused_supports
 from palpate_indentation.mesh_content import MeshFile
-from palpate_indentation.mesh_files import read_mesh_file
+from palpate_indentation.mesh_files import SUFFIXES, read_mesh_file
+from palpate_indentation.mesh_inspection import inspect_mesh
 from palpate_indentation.node_choices import Choice, check_whole, chosen, known_as
 
 LONGEST_MM = 3000.0
@@ -87,8 +89,20 @@ class MeshioSource(LimbSource[MeshioSettings]):
     direction of fibres, are passed to the materials that name them.
     """
 
+    suffixes = SUFFIXES
     name = "meshio"
     summary = "mesh files (VTU, Gmsh, Abaqus …) with regions in cell data and node sets in point data"
+
+    @classmethod
+    def inspect(cls, path: Path, other: Path | None = None) -> Inspection:
+        """Look into a mesh file; it has no second one.
+
+        Raises
+        ------
+        MeshError
+            The file cannot be read.
+        """
+        return inspect_mesh(path, read_mesh_file(path), cls)
 
     def load(self, path: Path, spot: Spot) -> Limb:
         """Read the mesh of one spot.

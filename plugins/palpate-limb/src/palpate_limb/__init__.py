@@ -19,12 +19,16 @@ def palpate_indenters() -> "list[type[Indenter]]":
 
 @hookimpl
 def palpate_commands() -> "list[Command]":
-    """``palpate limb SCAN``."""
+    """``palpate limb SCAN`` and ``palpate limb inspect FILE``."""
     from palpate.api.cli import Command, examples
-    from palpate_limb.cli import SCAN_SUFFIXES, scan
+    from palpate_limb.cli import SCAN_SUFFIXES, inspect, scan
 
     calls = examples(
         "palpate limb scan.ply --bones radius.stl --bones ulna.stl",
         'palpate limb scan.ply --options limb.toml --mark p1=red --size "2 mm"',
     )
-    return [Command(stage="limb", function=scan, suffixes=SCAN_SUFFIXES, epilog=calls)]
+    looks = examples("palpate limb inspect limb.feb", "palpate limb inspect limb.inp --json")
+    return [
+        Command(stage="limb", function=scan, suffixes=SCAN_SUFFIXES, epilog=calls),
+        Command(stage="limb", function=inspect, epilog=looks),
+    ]

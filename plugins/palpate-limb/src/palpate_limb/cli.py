@@ -82,6 +82,42 @@ def scan(
         _show(session, notes, regions)
 
 
+def inspect(
+    context: typer.Context,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Mesh or deck, such as .vtu, .inp or .feb.")],
+    as_json: AsJson = False,
+) -> None:
+    """Show what a mesh or deck holds, the tables of study.toml that read it, and a picture next to it."""
+    from palpate.api.cli import look_into_mesh
+    from palpate_limb.mesh_picture import draw_limb
+
+    session = Session.of(context)
+    if file.suffix.lower() in SCAN_SUFFIXES:
+        raise MeshError(f"{file}: a surface and no mesh; mesh it with `palpate limb {file}`")
+    found = look_into_mesh(file, session)
+    picture = file.with_suffix(".png")
+    try:
+        drawn = found.limb is not None and draw_limb(found.limb, picture)
+    except OSError as error:
+        drawn = False
+        session.note(f"no picture, since {picture} cannot be written ({error.strerror})")
+    if as_json:
+        session.json(
+            {**found.record, "study_text": found.study_text, "picture": str(picture) if drawn else None}
+        )
+        return
+    for table in found.tables:
+        session.table(table.title, table.columns, table.rows)
+    for finding in found.findings:
+        session.say(f"- {finding}")
+    session.say(f"\n{found.study_text}")
+    if drawn:
+        session.say(f"picture: {picture}")
+    session.next(
+        f"init FOLDER --measured FILE --mesh {file}", "put these tables into a study.toml, or make one; "
+    )
+
+
 def _by_name(option: str, given: list[str] | None) -> dict[str, str | None]:
     """Text that follows each name; None where nothing does."""
     pairs = [text.partition("=") for text in given or []]

@@ -1,0 +1,154 @@
+"""Sets, regions and sizes of a mesh file, and settings of the limb source ``meshio`` that read it."""
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from palpate.api import LimbSource
+from palpate.api.files import InspectedTable, Inspection
+from palpate.api.mesh import CELLS, guessed_unit, inspected, likely_sets, region_name
+from palpate_indentation.mesh_content import MeshFile
+
+VOLUME = frozenset(cell.meshio for cell in CELLS.values())
+LABELS = ("region", "label", "labels", "material", "materialids", "material_id", "part", "partid")
+"""Cell data that usually hold the region of each element, the likeliest first."""
+MOST_REGIONS = 20
+
+
+def inspect_mesh(path: Path, content: MeshFile, source: type[LimbSource[Any]]) -> Inspection:
+    """Inspection of a mesh file with the settings that read it."""
+    findings = [*content.remarks, *content.warnings]
+    settings: dict[str, Any] = {}
+    unit, finding = guessed_unit(content.points)
+    if unit != "mm":
+        settings["unit"] = unit
+    findings += [finding] if finding else []
+    settings |= _regions(content)
+    sets = _node_sets(content, findings)
+    if sets:
+        settings["node_sets"] = sets
+    if settings == {"regions": {"soft_tissue": 0}}:
+        settings = {}  # as they are by default
+    return inspected(path, source, settings, _tables(content), content.supports, findings)
+
+
+def _regions(content: MeshFile) -> dict[str, Any]:
+    """Regions by numbers in cell data, else by groups of elements, else one region."""
+    volume = [k for k, (kind, _) in enumerate(content.blocks) if kind in VOLUME]
+    if not volume:
+        return {}
+    names = sorted(content.cell_data, key=lambda n: LABELS.index(n.lower()) if n.lower() in LABELS else 99)
+    groups = _covering(content, volume)
+    for name in names:
+        values = np.concatenate([np.asarray(content.cell_data[name][k]) for k in volume])
+        if values.ndim != 1 or values.dtype.kind not in "biuf" or name.startswith("gmsh:geom"):
+            continue
+        labels = np.unique(values.astype(np.float64))
+        whole = np.isfinite(labels).all() and (labels == np.round(labels)).all()
+        if not whole or not 0 < labels.size <= MOST_REGIONS or (groups and name.lower() not in LABELS):
+            continue
+        named = ["soft_tissue"] if labels.size == 1 else [f"region_{int(label)}" for label in labels]
+        chosen = {"region_data": name} if name != "region" else {}
+        return chosen | {"regions": dict(zip(named, map(int, labels), strict=True))}
+    if groups:
+        named = ["soft_tissue"] if len(groups) == 1 else [region_name(name) for name in groups]
+        return {"regions": dict(zip(named, groups, strict=True))}
+    return {"region_data": "", "regions": {"soft_tissue": 0}}
+
+
+def _covering(content: MeshFile, volume: list[int]) -> list[str]:
+    """Groups that hold each volume element once, small ones first; none if there are no such groups."""
+    starts = np.cumsum([0, *(len(content.blocks[k][1]) for k in volume)])
+    taken, chosen = np.zeros(starts[-1], dtype=np.bool_), []
+    members = {
+        name: np.concatenate([rows[k] + start for k, start in zip(volume, starts[:-1], strict=True)])
+        for name, rows in content.cell_sets.items()
+        if name in _plain(content.cell_sets)
+    }
+    for name, rows in sorted(members.items(), key=lambda each: len(each[1])):
+        if len(rows) and not taken[rows].any():
+            taken[rows] = True
+            chosen.append(name)
+    return chosen if taken.size and taken.all() else []
+
+
+def _node_sets(content: MeshFile, findings: list[str]) -> dict[str, Any]:
+    """Node sets of the skin and of what is fixed, by names that say so."""
+    contact, held = likely_sets(_names(content))
+    fixed: Any = held[0] if len(held) == 1 else held
+    if contact is None:
+        findings.append("no set of nodes has the name of a skin; name the pressed surface as `contact`")
+    if not held and not content.supports:
+        findings.append("no set of nodes has the name of a support; name what is held as `fixed`")
+    if contact in (None, "contact") and (content.supports or fixed in ([], "fixed")):
+        return {}
+    own = {} if content.supports else {"fixed": fixed or "fixed"}
+    return {"contact": contact or "contact", **own}
+
+
+def _names(content: MeshFile) -> list[str]:
+    """Names of data and sets with nodes of the volume elements."""
+    solid = np.zeros(len(content.points), dtype=np.bool_)
+    for kind, cells in content.blocks:
+        if kind in VOLUME:
+            solid[cells] = True
+    marks = {
+        name: np.flatnonzero(values)
+        for name, values in content.point_data.items()
+        if values.ndim == 1 and values.dtype.kind in "biuf" and np.isin(values, (0, 1)).all()
+    }
+    faces = {
+        name: np.unique(
+            np.concatenate([cells[r].ravel() for (_, cells), r in zip(content.blocks, rows, strict=True)])
+        )
+        for name, rows in content.cell_sets.items()
+        if not any(len(r) for (kind, _), r in zip(content.blocks, rows, strict=True) if kind in VOLUME)
+    }
+    every = {**marks, **content.point_sets, **faces}
+    return [n for n in _plain(every) if 0 < np.count_nonzero(solid[every[n]]) < solid.sum()]
+
+
+def _plain(names: Collection[str]) -> list[str]:
+    """Names without those of an instance that are there without it too."""
+    return [name for name in names if "." not in name or name.rpartition(".")[2] not in names]
+
+
+def _tables(content: MeshFile) -> tuple[InspectedTable, ...]:
+    extent = np.ptp(content.points, axis=0) if len(content.points) else np.zeros(3)
+    size = " x ".join(f"{x:.4g}" for x in extent)
+    rows = [("nodes", str(len(content.points)), f"box of {size}")]
+    for kind, cells in content.blocks:
+        rows.append((kind, str(len(cells)), "volume" if kind in VOLUME else "not simulated"))
+    mesh = InspectedTable(title="Mesh", columns=("what", "number", "remark"), rows=tuple(rows))
+    named = [(name, "point data", _span(values)) for name, values in content.point_data.items()]
+    named += [
+        (name, "point set", f"{len(content.point_sets[name])} nodes") for name in _plain(content.point_sets)
+    ]
+    named += [
+        (name, "group of elements", f"{sum(map(len, content.cell_sets[name]))} elements")
+        for name in _plain(content.cell_sets)
+    ]
+    named += [
+        (name, "cell data", _span(np.concatenate([np.asarray(b).reshape(len(b), -1) for b in blocks])))
+        for name, blocks in content.cell_data.items()
+        if blocks and len({np.asarray(b).shape[1:] for b in blocks}) == 1
+    ]
+    sets = InspectedTable(title="Names in the file", columns=("name", "kind", "content"), rows=tuple(named))
+    return (mesh, sets) if named else (mesh,)
+
+
+def _span(values: Any) -> str:  # noqa: ANN401 - any array
+    """Values of data in a few words: labels, how many are not zero, or the range."""
+    values = np.asarray(values)
+    if values.dtype.kind not in "biuf" or not values.size:
+        return f"{values.dtype}"
+    if values.ndim > 1 and values.shape[1] > 1:
+        return f"{values.shape[1]} numbers each"
+    found = np.unique(values)
+    if set(found.tolist()) <= {0, 1}:
+        return f"1 in {np.count_nonzero(values)} of {values.size}"
+    if found.size <= MOST_REGIONS and (found == np.round(found)).all():
+        return ", ".join(f"{v:g}" for v in found.astype(np.float64))
+    return f"{found[0]:.4g} to {found[-1]:.4g}"
