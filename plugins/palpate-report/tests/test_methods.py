@@ -39,7 +39,7 @@ def test_the_paragraph_has_the_settings_of_the_press(content, friction, depth):
 def test_the_intervals_name_their_causes_and_what_they_leave_out(fitted):
     text = methods(fitted, (), ("bone", "position"))
     assert text.count("and not bone, position.") == 1
-    assert "onset of contact" in text or "calibration" in text
+    assert "first contact" in text or "calibration error" in text
 
 
 def test_the_references_are_those_of_the_citation_file(content):

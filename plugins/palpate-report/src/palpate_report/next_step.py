@@ -6,20 +6,20 @@ from types import MappingProxyType
 from palpate.api import Indentation
 from palpate_report.marks import Headline
 from palpate_report.report_data import ReportData
+from palpate_report.report_warnings import failed_kinds
 
 WRITE_UP = "every parameter is identified: write it up (docs/write-it-up.md), with report/methods.md"
-STOP = "see why in the first warning, change the material, the mesh or the data, and run again"
 
 CAUSES: Mapping[str, str] = MappingProxyType(
     {
         "noise": "noise",
-        "model": "misfit of the model",
-        "mesh": "mesh",
+        "model": "model error",
+        "mesh": "mesh error",
         "zero": "drift",
         "priors": "priors",
-        "range": "curves that hardly depend on it",
-        "gain": "calibration",
-        "onset": "onset of contact",
+        "range": "insensitive curves",
+        "gain": "calibration error",
+        "onset": "first contact",
         "indenter": "radius of the indenter",
         "friction": "friction",
         "tilt": "tilt",
@@ -30,22 +30,43 @@ CAUSES: Mapping[str, str] = MappingProxyType(
 )
 """Causes of intervals in words; others, such as fixed parameters, are named as they are."""
 
+SETTINGS: Mapping[str, str] = MappingProxyType(
+    {"model": "discrepancy", "indenter": "radius"}
+    | {name: name for name in ("zero", "gain", "onset", "friction", "tilt", "position", "bone", "layers")}
+)
+"""Key of `[budget]` that states the size of a cause."""
+
 REMEDIES: Mapping[str, str] = MappingProxyType(
     {
-        "noise": "repeat the measurement; a mean of several has less noise",
-        "model": "fit another material, and `palpate compare` both runs",
-        "zero": "reduce the drift of the sensor, and set `[budget] zero` to the rest",
-        "gain": "calibrate the sensor, and set `[budget] gain` to the rest",
-        "onset": "sample more densely at first contact, and set `[budget] onset` to the rest",
-        "indenter": "measure the radius, and set `[budget] radius`",
-        "friction": "measure it, and set `friction` and `[budget] friction`",
-        "tilt": "align the tool with the normal, and set `[budget] tilt` to the rest",
-        "position": "locate the spots on the scan better, and set `[budget] position` to the rest",
-        "bone": "image the bone at the spots, and set `[budget] bone` to the rest",
-        "layers": "measure them at the spots, by ultrasound or MRI, and set `[budget] layers` to the rest",
+        "noise": "repeat the measurement and average",
+        "zero": "reduce the drift of the sensor, and state the remaining drift",
+        "gain": "calibrate the sensor, and state the remaining error",
+        "onset": "sample more densely at first contact, and state the remaining error",
+        "indenter": "measure the radius, and state its error",
+        "friction": "measure the friction, and state its error",
+        "tilt": "align the tool with the normal, and state the remaining tilt",
+        "position": "locate the spots on the scan better, and state the remaining error",
+        "bone": "image the bone at the spots, and state the remaining error",
+        "layers": "measure the layers by ultrasound or MRI, and state the remaining error",
     }
 )
-"""What makes each cause smaller."""
+"""How to make a cause smaller that no other evidence is needed for."""
+
+OTHER_MATERIAL = "fit another material, and `palpate compare` both runs"
+
+AFTER_REFUSAL: Mapping[str, str] = MappingProxyType(
+    {
+        "specimen": OTHER_MATERIAL,
+        "discrepancy": f"check first contact, friction and sensor by the residuals; else {OTHER_MATERIAL}",
+        "spots": 'check mesh and position of the spot that differs; else search with `by = "spot"`',
+        "ranges": "widen the ranges, and run again",
+        "": "check units, signs and columns of the measured curves, and run again",
+    }
+)
+"""What to do about a run without parameters, by the check that its model failed; R² is low without one."""
+
+UNUSUAL = 0.05
+"""Probability of the largest misfit under which the data show more model error than the study states."""
 
 FINER = 0.7
 """Edge of the next finer mesh over that of the last one."""
@@ -67,7 +88,7 @@ def next_step(data: ReportData, estimates: Sequence[Headline], *, is_refused: bo
     if data.unfinished:
         return "finish the run: `palpate run RUN`"
     if is_refused:
-        return STOP
+        return AFTER_REFUSAL[next(failed_kinds(data), "")]
     if at_end := ", ".join(p.parameter for p in estimates if p.at_bound and p.identifiability != "not"):
         return f"widen the range of {at_end} and run again; what is simulated is kept"
     open_ones = [each for each in estimates if each.identifiability != "well"]
@@ -93,10 +114,38 @@ def _narrower(data: ReportData, worst: Headline) -> str:
         return f"{worst.parameter} is {worst.verdict}: read the warnings, the worst first"
     cause, share = budget["cause"][0], f"{100.0 * budget['share'][0]:.0f} %"
     if cause in ("range", "priors"):
-        return f"{worst.parameter} hardly changes the curves: {_more(data, worst)}, or fix its value"
-    remedy = _finer(data) if cause == "mesh" else REMEDIES.get(cause)
-    remedy = remedy or f"measure it elsewhere, and set `[budget.parameters]` (`{cause}`) to what is known"
-    return f"{CAUSES.get(cause, cause)}: {share} of the variance of {worst.parameter}; {remedy}"
+        why = "is known by its prior alone" if cause == "priors" else "hardly changes the curves"
+        return f"{worst.parameter} {why}: {_more(data, worst)}, or fix its value"
+    remedy = REMEDIES.get(cause, "measure it elsewhere, and state its error in `[budget.parameters]`")
+    if cause == "model":
+        smaller = "" if _shows_misfit(data) else "state a smaller one if you know better, or "
+        remedy = f"{smaller}{_more(data, worst)}"
+    elif cause == "mesh":
+        remedy = _finer(data)
+    of = f"{CAUSES.get(cause, cause)}{_basis(data, cause)}"
+    return f"{worst.parameter} is limited by {of}: {share} of its variance; {remedy}"
+
+
+def _shows_misfit(data: ReportData) -> bool:
+    """Whether the fit that leads misses more than the study states, though its checks have passed."""
+    checks = data.leading_rows(data.fit.certainty.adequacy)
+    if checks.is_empty():
+        return False
+    least = checks.filter(check="discrepancy")["probability"].min()
+    return isinstance(least, float) and least < UNUSUAL
+
+
+def _basis(data: ReportData, cause: str) -> str:
+    """Setting that the size of a cause is from, and whether the study states it; empty where data show it."""
+    if (key := SETTINGS.get(cause)) is None:
+        return ""
+    budget = data.study.budget
+    if cause == "model":
+        stated = ", ".join(
+            f"{name} {100.0 * budget.discrepancy_of(name):g} %" for name in data.measured_channels
+        )
+        return f"{', more than' if _shows_misfit(data) else ' that'} `[budget] discrepancy` states ({stated})"
+    return f" that `[budget] {key}` {'states' if key in budget.model_fields_set else 'has by default'}"
 
 
 def _more(data: ReportData, worst: Headline) -> str:
@@ -110,7 +159,7 @@ def _finer(data: ReportData) -> str:
     study = data.study
     shown = data.fit.certainty.mesh_errors
     if shown.height and set(shown["shown_by"]) == {"usual scatter"}:
-        return "state what your meshes err by as `mesh` in `[budget]`: finer ones lessen it no more"
+        return "finer meshes do not help further: state the error of your meshes as `[budget] mesh`"
     if data.fit.mesh.height and all(spot.fine_edge_mm is None for spot in study.spots):
         return f"raise `fine_nodes` ({study.fine_nodes:,}) in `[fit]`"
     if any(spot.fine_mesh for spot in study.spots) or not isinstance(study.protocol, Indentation):

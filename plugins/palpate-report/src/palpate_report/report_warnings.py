@@ -1,6 +1,7 @@
 """Warnings that limit the result of a run, and why."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 import polars as pl
 
@@ -124,6 +125,17 @@ def _some(texts: Sequence[str], most: int = 4) -> str:
 
 def failed_checks(data: ReportData) -> Iterator[tuple[str, str, str, str]]:
     """Fit, scenario, what is wrong and what to do of each fit whose model does not describe the data."""
+    for row, kind in _failed(data):
+        yield row["fit"], row["scenario"], row["message"], INADEQUATE[kind]
+
+
+def failed_kinds(data: ReportData) -> Iterator[str]:
+    """Kinds of the checks that the fit that leads has failed, as :data:`INADEQUATE` names them."""
+    main = (data.together, data.generalising.name)
+    return (kind for row, kind in _failed(data) if (row["fit"], row["scenario"]) == main)
+
+
+def _failed(data: ReportData) -> Iterator[tuple[dict[str, Any], str]]:
     checks = data.fit.certainty.adequacy
     if checks.is_empty():
         return
@@ -131,9 +143,7 @@ def failed_checks(data: ReportData) -> Iterator[tuple[str, str, str, str]]:
     failed = checks.filter(pl.col("failed") & (pl.col("check") != "relaxation"))
     for row in failed.iter_rows(named=True):
         kind = row["check"] if row["check"] in INADEQUATE else "discrepancy"
-        is_specimen = kind == "discrepancy" and data.study.protocol is None
-        remedy = INADEQUATE["specimen" if is_specimen else kind]
-        yield row["fit"], row["scenario"], row["message"], remedy
+        yield row, "specimen" if kind == "discrepancy" and data.study.protocol is None else kind
 
 
 def left_out(data: ReportData) -> dict[str, str]:
