@@ -6,6 +6,7 @@ import signal
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 
 from palpate.cli.progress import StageProgress
@@ -280,3 +281,23 @@ def test_a_card_is_printed_or_written_and_what_cannot_be_is_refused(call, withou
     skin = call("surface", without_sweep)
     assert skin.code == 2
     assert "does not give the states of the skin" in " ".join(skin.err.split())
+
+
+@pytest.mark.slow
+def test_a_refused_run_has_no_card_unless_it_is_asked_for(call, without_sweep):
+    for name in ("s1", "s2"):
+        path = without_sweep / f"{name}.txt"
+        rows = np.loadtxt(path)
+        rows[:, 1] = rows[::-1, 1]  # falls where the spring's curve rises
+        np.savetxt(path, rows)
+    assert call("run", without_sweep).code == 0
+    run = ("runs/toy", "--trust-plugins")
+    refused = call("card", *run)
+    assert refused.code == 2
+    assert refused.out == ""
+    message = " ".join(refused.err.split())
+    assert "No parameters can be read from this run" in message
+    assert "--anyway" in message
+    written = call("card", *run, "--anyway")
+    assert written.code == 0, written.err
+    assert json.loads(written.out)["rubber"]["verdict"].startswith("WARNING: No parameters can be read")

@@ -1,5 +1,6 @@
 """Nothing that a run refuses is printed bare: every file of its report, its cards, and a comparison."""
 
+import base64
 import csv
 import io
 import json
@@ -13,12 +14,15 @@ import pytest
 from palpate.fit.fitted import fitted
 from palpate.fit.least_squares import LeastSquares
 from palpate_prediction.cards.programs import PROGRAMS, cards_of
+from palpate_report import figures
 from palpate_report.best_sets import best_sets
 from palpate_report.comparison import write_comparison
 from palpate_report.from_run import write_report
 from palpate_report.headline import NO_PARAMETERS, Verdicts, failure_of, with_verdicts
 from palpate_report.marks import MARKS, explained, mark_of, verdict_of
+from palpate_report.page import render
 from palpate_report.paper_tables import paper_tables
+from palpate_report.result import make_conclusion
 from palpate_report.tables import make_tables
 
 from .fits import at_end_of_range
@@ -182,3 +186,32 @@ def test_a_mark_says_what_may_be_read(word, at_bound, mark):
     assert mark_of(verdict_of(word, at_bound=at_bound)) == mark
     assert mark_of(verdict_of(word, is_refused=True)) == "†"
     assert [each in explained([mark]) for each in MARKS] == [each in mark for each in MARKS]
+
+
+def test_every_figure_of_a_refused_run_is_stamped(refused, content):
+    for data, is_refused in ((refused, True), (content(assessed=False, search=LeastSquares()), False)):
+        made = figures.stamped(data)
+        drawn = {name: draw(made) for name, is_there, draw in figures._drawings(made) if is_there}
+        assert {"intervals", "parameter_space_p1", "response_p1", "generalised"} <= drawn.keys()
+        assert ("stress_strain" in drawn) != is_refused
+        for name, figure in drawn.items():
+            stamp = figure.get_suptitle()
+            assert (NO_PARAMETERS in stamp) == is_refused, name
+            assert data.notice in stamp, name
+
+
+def test_a_comparison_names_the_refused_run_on_its_figure(refused, content):
+    runs = {"one": refused, "two": content(assessed=False, search=LeastSquares())}
+    figure = figures._curves({name: figures.stamped(data) for name, data in runs.items()})
+    (line,) = (line for line in figure.get_suptitle().splitlines() if NO_PARAMETERS in line)
+    assert line.startswith("one: ")
+
+
+def test_the_first_screen_of_a_refused_run_shows_curves_and_no_interval(refused, content):
+    pictures = {name: f"<svg>{name}</svg>".encode() for name in ("intervals", "stress_strain", "generalised")}
+    for data, shown in ((refused, {"generalised"}), (content(search=LeastSquares(), assessed=False), None)):
+        tables = make_tables(data)
+        page = render(data, tables, make_conclusion(data, tables), [], pictures)
+        first = page[: page.index('id="section-')]
+        embedded = {n for n, svg in pictures.items() if base64.b64encode(svg).decode() in first}
+        assert embedded == (shown or {"intervals", "stress_strain"})

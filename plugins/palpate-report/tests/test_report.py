@@ -89,10 +89,14 @@ def test_a_partial_fit_is_held_against_the_channels_that_it_has_not_seen(content
     assert first["times"] == first["nmse"] / best
     worst = table[4:].sort("times", descending=True, maintain_order=True).row(0, named=True)
     message = finding(tables)
-    assert f"at spot {worst['spot']}, scenario '{worst['scenario']}'" in message
-    assert f"NMSE {worst['nmse']:.3g} (R² {worst['r2']:.3f}), which a fit to it does not miss." in message
-    of_sweep = {"unfitted_channels": table.filter(search="sweep")}
-    assert "times that of a fit to it (" in finding(of_sweep)
+    assert f"a fit to {worst['fitted_to']} alone predicts {worst['unfitted']} less well" in message
+    assert f"({worst['spot']}, scenario {worst['scenario']}: NMSE {worst['nmse']:.3g} against none" in message
+    assert message.endswith(f"of a fit to {worst['unfitted']}, R² {worst['r2']:.3f}).")
+    sweep = table.filter(search="sweep")
+    of_sweep = finding({"unfitted_channels": sweep})
+    assert any(f" against {row['nmse_fitted']:.3g} of a fit to " in of_sweep for row in sweep.to_dicts())
+    assert finding(tables, ["I"]) == ""
+    assert "scenario III" in finding(tables, ["I", "III"])
     both_exact = table.with_columns(nmse=pl.lit(0.0), nmse_fitted=pl.lit(0.0), times=pl.lit(float("inf")))
     assert not finding({"unfitted_channels": both_exact})
 

@@ -13,6 +13,7 @@ from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
 from palpate.run.result import UNSEEN, UNSETTLED
 from palpate.scoring.selection import by_reason, failures, unranked
 from palpate_report import report_warnings
+from palpate_report.marks import rounded
 from palpate_report.result import make_conclusion
 from palpate_report.style import DOUBLE_MM, SINGLE_MM, STYLE
 from palpate_report.tables import cost_of_one_set, make_tables, weighted_channels
@@ -25,7 +26,9 @@ def conclusion(content):
 
 
 def distrusted(content):
-    return {warning.what: warning.why for warning in conclusion(content).warnings}
+    found = conclusion(content)
+    assert not any(warning.is_note for warning in found.warnings)
+    return {warning.what: warning.why for warning in (*found.notes, *found.warnings)}
 
 
 def about(content, words):
@@ -88,7 +91,7 @@ def test_a_fit_of_some_spots_alone_stands_beside_sets_of_the_sweep(content):
     found = conclusion(part)
     assert [best.found.partition(" ")[0] for best in found.bests] == ["fit"] * 3 + ["set"] * 3
     assert found.lead.startswith("One set for all 2 spots: set ")
-    why = about(part, "of the fits have no result")
+    why = about(part, "2 of the fits have no result")
     assert why.startswith("all spots, scenario I: the start cannot be simulated; ")
 
 
@@ -107,7 +110,7 @@ def test_a_fit_that_ends_at_a_bound_or_is_not_settled_is_named(content):
     at_bound = about(at_end_of_range(made, "soft_tissue.grip", "soft_tissue.stiffness"), "Best values are")
     assert at_bound.startswith("stiffness at all spots, scenario I; grip at all spots, scenario I. ")
     unsettled = ended(message=f"converged; {UNSETTLED}")
-    assert about(unsettled, "has not settled").startswith("all spots, scenario I; all spots, scenario II; ")
+    assert about(unsettled, "has not settled").startswith("all spots, scenario I; p1, scenario I; ")
     assert about(unsettled, "Not every search") is None
     assert " of the fit and 18 of finer meshes." in conclusion(unsettled).spent
     unseen = ended(message=f"converged; {UNSEEN} depends on soft_tissue.grip")
@@ -175,7 +178,11 @@ def test_a_poor_fit_is_named_with_its_channel(content):
     made = content()
     assert about(made, "poor") is None
     poor = replace(made, selection=made.selection.with_columns(r2_torque=pl.lit(0.5)))
-    assert "p1, scenario I: torque R² 0.500; p1, scenario II: torque R² 0.500" in about(poor, "poor")
+    found = conclusion(poor)
+    (warning,), (note,) = ([w for w in of if "poor" in w.what] for of in (found.warnings, found.notes))
+    assert (warning.what, note.what) == ("2 of the best fits are poor",) * 2
+    assert "p1, scenario I: torque R² 0.500; p2, scenario I: torque R² 0.500" in warning.why
+    assert "p1, scenario II: torque R² 0.500; p2, scenario II: torque R² 0.500" in note.why
 
 
 def test_a_best_value_at_the_end_of_its_range_is_named(content):
@@ -231,7 +238,7 @@ def test_a_set_that_does_not_fit_is_reported_first_instead_of_parameters(content
     )
     assert found.sentences == (found.lead,)
     assert "stiffness" not in found.lead
-    first = "2 of the best sets do not fit. p2, scenario I: torque R² -5.68e+05;"
+    first = "1 of the best sets does not fit. p2, scenario I: torque R² -5.68e+05."
     assert str(found.warnings[0]).startswith(first)
     one = pl.col("spot") == "p2"
     alone = replace(
@@ -374,3 +381,59 @@ def test_intervals_without_what_the_sweep_allows_name_its_command(content):
     assert about(made, "What the sweep allows has not been assessed").startswith(
         "Run `palpate identifiability`"
     )
+
+
+@pytest.mark.parametrize("outside", [(), ("grip",), ("stiffness", "grip")])
+def test_an_interval_that_misses_the_truth_is_a_warning_with_its_unit(content, outside):
+    made = described(content(search=LeastSquares()))
+    rows = made.fit.certainty.intervals.filter(fit="all spots", scenario="I")
+    truth = {
+        row["parameter"]: row["upper"] + (row["upper"] - row["value"]) * (1 if name in outside else -0.5)
+        for row in rows.to_dicts()
+        for name in (row["parameter"].rpartition(".")[2],)
+    }
+    found = conclusion(replace(made, study=replace(made.study, truth=truth)))
+    assert found.known == ("" if outside else "every interval holds the true value")
+    missed = [warning for warning in found.warnings if "true value" in warning.what]
+    assert len(missed) == bool(outside)
+    for name in outside:
+        (value,) = (each for each in found.estimates if each.parameter == name)
+        at = truth[f"soft_tissue.{name}"]
+        shown = f"{name}: true {rounded(at, value.lower, value.upper)} MPa, interval {value.interval} MPa"
+        assert shown in missed[0].what
+        assert shown in found.lines(made.study)["Warnings"]
+    assert ("Known" in found.lines(made.study)) == (not outside)
+    assert found.warnings[:1] == tuple(missed[:1]) or not outside
+
+
+def test_without_a_known_answer_nothing_is_said_of_it(content):
+    made = described(content(search=LeastSquares()))
+    assert conclusion(made).known == ""
+    assert about(made, "true value") is None
+    half = replace(made, study=replace(made.study, truth={"soft_tissue.grip": 1e9}))
+    assert about(half, "misses the true value (grip: true ")
+
+
+def described(made):
+    """The data of a fit whose model describes them."""
+    checks = made.fit.certainty.adequacy.with_columns(failed=pl.lit(value=False))
+    return replace(made, fit=replace(made.fit, certainty=replace(made.fit.certainty, adequacy=checks)))
+
+
+def test_what_other_scenarios_have_is_a_note(content):
+    made = content(search=LeastSquares())
+    checks = made.fit.certainty.adequacy.with_columns(
+        failed=pl.col("scenario") == "II", message=pl.lit("bad")
+    )
+    found = conclusion(
+        replace(made, fit=replace(made.fit, certainty=replace(made.fit.certainty, adequacy=checks)))
+    )
+    assert not found.failure
+    of_model, model = (
+        [w for w in of if w.what == "The model does not describe the data"]
+        for of in (found.warnings, found.notes)
+    )
+    assert model
+    assert of_model == []
+    assert "scenario II: bad" in model[0].why
+    assert not any("scenario II" in str(warning) for warning in found.warnings)

@@ -148,10 +148,14 @@ Block = Paragraph | Heading | Listing | Table | Figure | Picture | Fold | Drawin
 
 @dataclass(frozen=True, slots=True)
 class ReportWarning:
-    """A warning of the report: what is wrong, and why it matters or what to do."""
+    """A warning of the report: what is wrong, and why it matters or what to do.
+
+    A note is about a scenario that is not the reported one.
+    """
 
     what: str
     why: str
+    is_note: bool = False
 
     def __str__(self) -> str:
         return f"{self.what}. {self.why}"

@@ -66,6 +66,9 @@ def card(
     into: Annotated[
         Path | None, typer.Option("--into", metavar="FILE", help="File to write; default: print it.")
     ] = None,
+    anyway: Annotated[
+        bool, typer.Option("--anyway", help="Write the card of a run without parameters, with a warning.")
+    ] = False,
     trust_plugins: TrustPlugins = False,
     as_json: AsJson = False,
 ) -> None:
@@ -83,6 +86,8 @@ def card(
     if not wanted:
         known = ", ".join(data.region for data in found)
         raise StudyError(f"--region {region}: not in the study; name one of {known}")
+    if not anyway and (failure := next((data.failure for data in wanted if data.failure), "")):
+        raise StudyError(f"{folder}: {failure} To write its card nevertheless, add --anyway.")
     cards = {data.region: PROGRAMS[program](data) for data in wanted}
     text = joined(program, cards)
     if into is not None:

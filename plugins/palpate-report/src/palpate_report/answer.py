@@ -41,7 +41,7 @@ def answer(data: ReportData, conclusion: Conclusion) -> SummaryCard:
         "Next": conclusion.next_step,
         "Fit": "; ".join(_quality(data, conclusion)),
         "Spots": _spots(data, conclusion),
-        "Certainty": _causes(data),
+        "Certainty": "" if conclusion.failure else _causes(data),
         "NOT included": ", ".join(conclusion.not_included),
         "Known": conclusion.known,
         "Rests on": conclusion.spent

@@ -3,6 +3,7 @@
 import gc
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import cycle, product
 from pathlib import Path
@@ -20,7 +21,7 @@ from palpate.api.runs import file_name, objectives
 from palpate.api.scores import interpolate
 from palpate_report import comparison
 from palpate_report.best_sets import best_sets, leading
-from palpate_report.headline import failure_of
+from palpate_report.headline import NO_PARAMETERS, failure_of
 from palpate_report.material import material_curves, stress_strain
 from palpate_report.panels import causes, contact, limbs, pressed, pressures, profiles, sobol_indices
 from palpate_report.report_data import ReportData, label_of
@@ -43,7 +44,7 @@ from palpate_report.style import (
 def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
     """Draw every figure as SVG, PDF and PNG."""
     folder.mkdir(parents=True, exist_ok=True)
-    files: list[Path] = []
+    data, files = stamped(data), list[Path]()
     gc.freeze()  # else each collection while drawing goes through everything that was imported
     try:
         for name, is_there, draw in _drawings(data):
@@ -52,6 +53,12 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
     finally:
         gc.unfreeze()
     return tuple(files)
+
+
+def stamped(data: ReportData) -> ReportData:
+    """Data whose figures state that no parameters can be read from them, where that is so."""
+    is_refused = bool(failure_of(data, tuple(best_sets(data))))
+    return replace(data, refusal=f"{NO_PARAMETERS}: not a result" if is_refused else "")
 
 
 def _drawings(data: ReportData) -> Iterator[tuple[str, bool, Callable[[ReportData], Figure]]]:
@@ -66,8 +73,7 @@ def _drawings(data: ReportData) -> Iterator[tuple[str, bool, Callable[[ReportDat
         yield f"response_{file_name(spot)}", True, partial(responses, spot=spot)
     has_joint = len(data.spots) > 1 and (data.is_fitted or not data.generalisation.is_empty())
     yield "generalised", has_joint, generalised
-    is_refused = bool(failure_of(data, tuple(best_sets(data))))
-    has_stress = not is_refused and any(material_curves(data, data.generalising.name))
+    has_stress = not data.refusal and any(material_curves(data, data.generalising.name))
     yield "stress_strain", has_stress, stress_strain
     yield "profiles", not data.posterior.profiles.is_empty(), profiles
     yield "sobol_indices", not data.posterior.sobol_indices.is_empty(), sobol_indices
@@ -85,7 +91,7 @@ def _saved(draw: Callable[[], Figure], stem: Path) -> list[Path]:
 def for_notebook(data: ReportData) -> Figure:
     """Figure of the measured and the fitted curves, in the style of the report."""
     with mpl.rc_context(cast("Any", dict(STYLE))):
-        return generalised(data)
+        return generalised(stamped(data))
 
 
 # ------------------------------------------------------------ curves by scenario
@@ -109,7 +115,7 @@ def responses(data: ReportData, spot: str) -> Figure:
             xlabel=data.channels[channel].abscissa_label, ylabel=f"residual{_unit(data.channels[channel])}"
         )
     figure.align_ylabels()
-    return finished(figure, grid[0], data.notice)
+    return finished(figure, grid[0], data.stamp)
 
 
 def residuals(measured: Curve, simulated: Curve) -> FloatArray:
@@ -211,7 +217,8 @@ def generalised(data: ReportData) -> Figure:
 def write_comparison_figure(runs: Mapping[str, ReportData], folder: Path) -> list[Path]:
     """Draw the measured and the fitted curves of several runs, spot by spot, as ``curves``."""
     folder.mkdir(parents=True, exist_ok=True)
-    return _saved(partial(_curves, runs), folder / "curves")
+    every = {name: stamped(data) for name, data in runs.items()}
+    return _saved(partial(_curves, every), folder / "curves")
 
 
 def _curves(runs: Mapping[str, ReportData]) -> Figure:
@@ -240,7 +247,10 @@ def _curves(runs: Mapping[str, ReportData]) -> Figure:
         if not axis.has_data():
             axis.set_axis_off()
     notices = dict.fromkeys(data.notice for data in runs.values() if data.notice)
-    return finished(figure, axes.flat, "; ".join(notices))
+    refusals = (
+        f"{name}: {data.refusal}" if name else data.refusal for name, data in runs.items() if data.refusal
+    )
+    return finished(figure, axes.flat, "\n".join([*notices, *refusals]))
 
 
 # ------------------------------------------------------------------ the intervals
@@ -288,7 +298,7 @@ def interval_plot(data: ReportData) -> Figure:
         axis.set_xlabel(label_of(parameter))
     axes[0].set_yticks(range(len(spots)), spots)
     axes[0].invert_yaxis()
-    return finished(figure, axes, data.notice)
+    return finished(figure, axes, data.stamp)
 
 
 # ------------------------------------------------------------- NMSE over the sets
@@ -307,7 +317,7 @@ def nmse_distribution(data: ReportData) -> Figure:
     set_log(axis, "y")
     axis.set_xlabel("spot")
     axis.set_ylabel(f"Fopt (NMSE), scenario {data.generalising.name}")
-    return finished(figure, [axis], data.notice)
+    return finished(figure, [axis], data.stamp)
 
 
 def _draw_distribution(axis: Axes, place: int, fopt: FloatArray) -> None:

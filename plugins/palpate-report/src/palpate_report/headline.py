@@ -13,7 +13,7 @@ import polars as pl
 from palpate.api import ParameterName
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, FitResult
 from palpate_report.best_sets import Best, best_sets, initial_moduli, leading
-from palpate_report.marks import NOT, REFUSED, TIED, Headline, mark_of, verdict_of
+from palpate_report.marks import NOT, REFUSED, TIED, Headline, mark_of, rounded, verdict_of, with_unit
 from palpate_report.report_data import ReportData
 from palpate_report.report_warnings import CHECK, NO_FIT_R2, failed_checks
 
@@ -62,23 +62,32 @@ def headlines(data: ReportData, bests: Sequence[Best]) -> list[Headline]:
     ]
 
 
-def known_answer(data: ReportData, estimates: Sequence[Headline]) -> str:
-    """Sentence on whether the intervals of simulated data hold the known answer; empty without one."""
-    names = {parameter.name: name for name, parameter in data.searched.items()}
-    outside = []
-    for each in estimates:
-        truth = data.study.truth.get(names.get(each.parameter, ""))
-        if truth is None or each.lower is None or each.upper is None:
-            return ""
-        if not each.lower <= truth <= each.upper:
-            outside.append(f"{each.parameter} ({truth:.4g})")
-    if not estimates:
-        return ""
-    return (
-        f"the true value is outside for {', '.join(outside)}"
-        if outside
-        else "every interval holds the true value"
+def missed_truth(data: ReportData, estimates: Sequence[Headline]) -> list[str]:
+    """Each interval that does not hold the true value of simulated data, with that value."""
+    return [
+        f"{each.parameter}: true {with_unit(rounded(truth, each.lower, each.upper), each.unit)}, interval "
+        f"{with_unit(each.interval, each.unit)}"
+        for each in estimates
+        if (truth := _truth(data, each)) is not None and each.interval and not _holds(each, truth)
+    ]
+
+
+def holds_truth(data: ReportData, estimates: Sequence[Headline]) -> bool:
+    """True if every parameter has an interval and a true value, and the interval holds it."""
+    known = [(each, _truth(data, each)) for each in estimates]
+    return bool(known) and all(
+        truth is not None and each.interval and _holds(each, truth) for each, truth in known
     )
+
+
+def _truth(data: ReportData, value: Headline) -> float | None:
+    return data.study.truth.get(ParameterName.parse(value.name).shared) if value.name else None
+
+
+def _holds(value: Headline, truth: float) -> bool:
+    assert value.lower is not None
+    assert value.upper is not None
+    return value.lower <= truth <= value.upper
 
 
 def moduli(data: ReportData, best: Best, *, is_refused: bool = False) -> Iterator[Headline]:

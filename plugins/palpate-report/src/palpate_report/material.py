@@ -114,7 +114,7 @@ def stress_strain(data: ReportData) -> Figure:
         _draw(axis, each, data.together)
         of = f" of {each.region}" if len(data.study.space.regions) > 1 else ""
         axis.set(xlabel=each.path.axis, ylabel=f"nominal {each.path.label}{of} [{data.modulus_unit}]")
-    return finished(figure, axes, data.notice)
+    return finished(figure, axes, data.stamp)
 
 
 def _draw(axis: Axes, curves: MaterialCurves, leads: str) -> None:

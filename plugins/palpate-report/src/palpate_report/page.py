@@ -32,7 +32,7 @@ from palpate.api.report import (
     Table,
     heading,
 )
-from palpate.api.runs import answering_for
+from palpate.api.runs import answering_for, file_name
 from palpate_report.answer import answer
 from palpate_report.marks import with_minus
 from palpate_report.page_data import page_data
@@ -103,6 +103,14 @@ LEADING_PICTURES = {
 """Figures of the first screen, next to the card."""
 
 
+def _leading_pictures(data: ReportData, conclusion: Conclusion) -> Mapping[str, str]:
+    """Figures of the first screen with their labels; a refused run shows no interval, but what it misses."""
+    if not conclusion.failure:
+        return LEADING_PICTURES
+    name = "generalised" if len(data.spots) > 1 else f"response_{file_name(data.spots[0])}"
+    return {name: "Measured curves and those of the refused fit"}
+
+
 def write_page(
     data: ReportData,
     tables: Mapping[str, pl.DataFrame],
@@ -149,7 +157,7 @@ def render(
         answer=answer(data, conclusion),
         leading_pictures=[
             Picture(label=label, content=pictures[name])
-            for name, label in LEADING_PICTURES.items()
+            for name, label in _leading_pictures(data, conclusion).items()
             if name in pictures
         ],
         versions=[v for name, v in data.manifest.get("versions", {}).items() if name == "palpate"],

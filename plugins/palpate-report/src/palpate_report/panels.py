@@ -81,7 +81,7 @@ def causes(data: ReportData) -> Figure:
     axis.set_yticks(range(len(bars)), [name for name, _ in bars])
     axis.invert_yaxis()
     axis.set(xlabel="share of the variance [%]", xlim=(0.0, 100.0))
-    return finished(figure, [axis], data.notice)
+    return finished(figure, [axis], data.stamp)
 
 
 def pressed(data: ReportData) -> dict[str, SurfaceStates]:
@@ -108,7 +108,7 @@ def pressures(data: ReportData) -> Figure:
         axis.set_title(f"spot {spot}")
     if drawn := [each for each in maps if each is not None]:
         figure.colorbar(drawn[0], ax=list(axes), label=f"contact pressure [{data.modulus_unit}]", shrink=0.8)
-    return finished(figure, [], data.notice)
+    return finished(figure, [], data.stamp)
 
 
 def limbs(data: ReportData) -> Figure:
@@ -130,7 +130,7 @@ def limbs(data: ReportData) -> Figure:
         axis.set_box_aspect(np.ptp(spans, axis=1), zoom=1.3)
         axis.view_init(elev=20.0, azim=-50.0)
         axis.set_axis_off()
-    return finished(figure, [], data.notice)
+    return finished(figure, [], data.stamp)
 
 
 def profiles(data: ReportData) -> Figure:
@@ -145,7 +145,7 @@ def profiles(data: ReportData) -> Figure:
         if name in truth:
             axis.axvline(truth[name], color=LEAST_COLOUR, linewidth=0.8, label="known answer")
         axis.set(xlabel=label_of(data.searched[name]), ylabel="rise of −2 log density")
-    return finished(figure, axes, data.notice)
+    return finished(figure, axes, data.stamp)
 
 
 def sobol_indices(data: ReportData) -> Figure:
@@ -168,7 +168,7 @@ def sobol_indices(data: ReportData) -> Figure:
                 colors=[LINES[i % len(LINES)][0] for i in range(len(names))],
             )
             axis.set(xlabel=f"point of the {channel}", ylabel=f"share at {spot} [%]", ylim=(0.0, 100.0))
-    return finished(figure, axes.flat, data.notice)
+    return finished(figure, axes.flat, data.stamp)
 
 
 def contact(data: ReportData) -> Figure:
@@ -184,7 +184,7 @@ def contact(data: ReportData) -> Figure:
                 steps = np.arange(1, len(path[name]) + 1)
                 axis.plot(steps, path[name], color=colour, linestyle=dash, marker=".", label=spot)
         axis.set(xlabel="step of the path", ylabel=CONTACT[name], ylim=(0.0, None))
-    return finished(figure, axes, data.notice)
+    return finished(figure, axes, data.stamp)
 
 
 def _panels(n: int, height_mm: float, projection: str | None = None) -> tuple[Figure, list[Any]]:

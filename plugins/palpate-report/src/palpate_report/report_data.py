@@ -132,6 +132,8 @@ class ReportData:
         Until when, how often and how long together; empty where nothing was simulated.
     n_simulations : int
         Simulations of the run, as `palpate status` counts them.
+    refusal : str
+        Sentence on every figure of a run without parameters.
     surfaces : mapping of spot name to SurfaceStates
         Skin under the press with what was found; empty where it was not simulated.
     summaries : mapping of stage to (str, Summary)
@@ -162,6 +164,7 @@ class ReportData:
     unfinished: str = ""
     simulated: str = ""
     n_simulations: int = 0
+    refusal: str = ""
     surfaces: Mapping[str, SurfaceStates] = field(default_factory=dict)
     summaries: Mapping[str, tuple[str, Summary]] = field(default_factory=dict)
 
@@ -251,8 +254,13 @@ class ReportData:
 
     @property
     def notice(self) -> str:
-        """Notice that every picture of these data must state."""
+        """Notice on the data, such as that they are simulated."""
         return self.study.notice
+
+    @property
+    def stamp(self) -> str:
+        """Text that every figure of these data states: the notice, and that it shows no result."""
+        return "\n".join(filter(None, (self.notice, self.refusal)))
 
 
 def brief_names(names: Iterable[str]) -> dict[str, str]:

@@ -1,6 +1,7 @@
 """Warnings that limit the result of a run, and why."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import polars as pl
@@ -61,36 +62,51 @@ COSTLY = 3.0
 
 
 def report_warnings(
-    data: ReportData, bests: Sequence[Best], tables: Mapping[str, pl.DataFrame]
+    data: ReportData,
+    bests: Sequence[Best],
+    tables: Mapping[str, pl.DataFrame],
+    missed: Sequence[str] = (),
 ) -> Iterator[ReportWarning]:
-    """Every warning of a run, the most severe first."""
+    """Every warning and note of a run, the most severe first.
+
+    Parameters
+    ----------
+    missed : sequence of str
+        Intervals that do not hold the true value.
+    """
     if data.unfinished:
         why = f"So far: {data.unfinished}. What is shown is the best of the simulations so far."
         yield ReportWarning("The run has not ended", why)
     r2 = [
-        (f"{best.where}: {channel}", at)
+        (best.scenario, f"{best.where}: {channel}", at)
         for best in bests
         for channel in data.scenario(best.scenario).weighed
         if (at := best.r2.get(channel)) is not None
     ]
-    wrong = [f"{fit} R² {at:.3g}" for fit, at in r2 if at < NO_FIT_R2]
-    yield from _listed(f"{len(wrong)} of the best sets do not fit", wrong, CHECK)
+    wrong = [(scenario, f"{fit} R² {at:.3g}") for scenario, fit, at in r2 if at < NO_FIT_R2]
+    yield from _by_scenario(data, "{n} of the best sets {do} not fit", wrong, CHECK)
     yield from _about_adequacy(data)
+    if missed:
+        what = "An interval misses the true value" if len(missed) == 1 else "Intervals miss the true values"
+        why = "By chance 1 of 20 intervals does. More of them show an error that the budget leaves out."
+        yield ReportWarning(f"{what} ({_some(missed)})", why)
     if sentence := apparent(data):
         yield ReportWarning(sentence, REMEDY)
     yield from _about_missing(data)
-    poor = [f"{fit} R² {at:.3f}" for fit, at in r2 if NO_FIT_R2 <= at < GOOD_R2]
-    yield from _listed(
-        f"{len(poor)} of the best fits {'is' if len(poor) == 1 else 'are'} poor",
+    poor = [(scenario, f"{fit} R² {at:.3f}") for scenario, fit, at in r2 if NO_FIT_R2 <= at < GOOD_R2]
+    yield from _by_scenario(
+        data,
+        "{n} of the best fits {is} poor",
         poor,
         "The material may not be what was stretched."
         if data.study.protocol is None
         else "The material, the mesh or the contact may not be what was pressed.",
     )
     yield from _about_fits(data)
-    yield from _listed(
+    yield from _by_scenario(
+        data,
         "A best set is of a simulation that did not finish",
-        [best.where for best in bests if "unfinished" in best.found],
+        [(best.scenario, best.where) for best in bests if "unfinished" in best.found],
         "It is ranked by what its curves had reached.",
     )
     yield from _about_one_set(data)
@@ -98,17 +114,19 @@ def report_warnings(
     yield from _about_disagreement(data)
     main = (data.together, data.generalising.name)
     leading = [best for best in bests if (best.spot, best.scenario) == main] or list(bests)
-    yield from _about_ends(leading, "Best")
+    yield from _about_ends(data, leading, "Best")
     yield from _about_identifiability(data)
     yield from _about_posterior(data)
     yield from _about_meshes(data)
-    yield from _about_ends([best for best in bests if best not in leading], "Other")
+    yield from _about_ends(data, [best for best in bests if best not in leading], "Other")
     yield from _about_simulations(data)
     yield from _about_coarseness(data, bests)
     yield from _about_origins(data)
-    if sentence := finding(tables):
-        what, _, why = sentence.partition(": ")
-        yield ReportWarning(what, why[:1].upper() + why[1:])
+    others = [scenario.name for scenario in data.study.scenarios if scenario is not data.generalising]
+    for scenarios in ([data.generalising.name], others):
+        if sentence := finding(tables, scenarios):
+            what, _, why = sentence.partition(": ")
+            yield ReportWarning(what, why[:1].upper() + why[1:], is_note=scenarios is others)
     yield from _about_conventions(data)
 
 
@@ -116,6 +134,28 @@ def _listed(what: str, texts: Iterable[str], why: str = "") -> Iterator[ReportWa
     """Warn where there is anything to list: the first of it, then why it matters or what to do."""
     if texts := list(texts):
         yield ReportWarning(what, f"{_some(texts)}. {why}".rstrip())
+
+
+def _by_scenario(
+    data: ReportData, what: str, found: Iterable[tuple[str, str]], why: str = ""
+) -> Iterator[ReportWarning]:
+    """Warn of texts of the reported scenario, and note those of others; each is given with its scenario.
+
+    ``what`` may have ``{n}``, the number of texts, and a verb with it: ``{is}``, ``{has}`` or ``{do}``.
+    """
+    every = list(found)
+    for is_note in (False, True):
+        texts = [text for name, text in every if (name != data.generalising.name) == is_note]
+        heading = what.format_map({"n": len(texts)} | _VERBS[len(texts) == 1])
+        for warning in _listed(heading, texts, why):
+            yield replace(warning, is_note=is_note)
+
+
+_VERBS = {
+    True: {"is": "is", "has": "has", "do": "does"},
+    False: {"is": "are", "has": "have", "do": "do"},
+}
+"""Verbs of one thing, and of several."""
 
 
 def _some(texts: Sequence[str], most: int = 4) -> str:
@@ -162,11 +202,11 @@ def apparent(data: ReportData) -> str:
 
 
 def _about_adequacy(data: ReportData) -> Iterator[ReportWarning]:
-    by_remedy: dict[str, list[str]] = {}
+    by_remedy: dict[str, list[tuple[str, str]]] = {}
     for fit, scenario, message, remedy in failed_checks(data):
-        by_remedy.setdefault(remedy, []).append(f"{fit}, scenario {scenario}: {message}")
+        by_remedy.setdefault(remedy, []).append((scenario, f"{fit}, scenario {scenario}: {message}"))
     for remedy, found in by_remedy.items():
-        yield from _listed("The model does not describe the data", found, remedy)
+        yield from _by_scenario(data, "The model does not describe the data", found, remedy)
 
 
 def _about_missing(data: ReportData) -> Iterator[ReportWarning]:
@@ -193,16 +233,20 @@ def _about_missing(data: ReportData) -> Iterator[ReportWarning]:
 
 
 def _about_fits(data: ReportData) -> Iterator[ReportWarning]:
-    failed = [f"{fit}, scenario {scenario}: {why}" for (fit, scenario), why in data.fit.failures.items()]
-    yield from _listed(
-        f"{len(failed)} of the fits {'has' if len(failed) == 1 else 'have'} no result",
+    failed = [
+        (scenario, f"{fit}, scenario {scenario}: {why}") for (fit, scenario), why in data.fit.failures.items()
+    ]
+    yield from _by_scenario(
+        data,
+        "{n} of the fits {has} no result",
         failed,
         "What is shown there is the best set of the sweep, if there is one.",
     )
-    yield from _listed(
+    yield from _by_scenario(
+        data,
         "A fit has values that the curves do not decide",
         (
-            f"{row['fit']}, scenario {row['scenario']}: {message}"
+            (row["scenario"], f"{row['fit']}, scenario {row['scenario']}: {message}")
             for row in data.fit.ends.iter_rows(named=True)
             for message in row["message"].split("; ")
             if message.startswith(UNSEEN)
@@ -212,9 +256,14 @@ def _about_fits(data: ReportData) -> Iterator[ReportWarning]:
 
 def _about_meshes(data: ReportData) -> Iterator[ReportWarning]:
     ends = list(data.fit.ends.iter_rows(named=True))
-    yield from _listed(
+    yield from _by_scenario(
+        data,
         "The correction by finer meshes has not settled",
-        (f"{row['fit']}, scenario {row['scenario']}" for row in ends if UNSETTLED in row["message"]),
+        (
+            (row["scenario"], f"{row['fit']}, scenario {row['scenario']}")
+            for row in ends
+            if UNSETTLED in row["message"]
+        ),
         "The values there still have part of the mesh's error; raise fine_runs, or refine the meshes.",
     )
     if ends and data.study.solver.provides.mesh and data.fit.mesh.is_empty():
@@ -260,11 +309,12 @@ def _about_disagreement(data: ReportData) -> Iterator[ReportWarning]:
         )
 
 
-def _about_ends(bests: Sequence[Best], whose: str) -> Iterator[ReportWarning]:
-    return _listed(
+def _about_ends(data: ReportData, bests: Sequence[Best], whose: str) -> Iterator[ReportWarning]:
+    return _by_scenario(
+        data,
         f"{whose} values are at the end of their range",
         [
-            f"{value.parameter} at {best.where}"
+            (best.scenario, f"{value.parameter} at {best.where}")
             for best in bests
             for value in best.values
             if value.at_bound and value.identifiability != "not"

@@ -12,7 +12,7 @@ from palpate.api.fit import ALL_SPOTS, UNCLEAR, WORDS
 from palpate.api.report import ReportWarning, Section
 from palpate.api.runs import Study, answering_for
 from palpate_report.best_sets import Best, best_sets, leading
-from palpate_report.headline import failure_of, headlines, known_answer, moduli
+from palpate_report.headline import failure_of, headlines, holds_truth, missed_truth, moduli
 from palpate_report.marks import Headline, with_unit
 from palpate_report.methods import methods
 from palpate_report.next_step import next_step
@@ -78,14 +78,14 @@ class Conclusion:
         A sentence on each parameter; none where the set does not fit.
     spent : str
         Sentence on the simulations of the sweep and of the fit; empty where there was no fit.
-    warnings : tuple of ReportWarning
-        The most severe first.
+    warnings, notes : tuple of ReportWarning
+        The most severe first; notes are about scenarios that are not reported.
     apparent : str
         Why the parameters are those of one rate; empty where nothing shows it.
     not_included : tuple of str
         What may be wrong and is in no interval.
     known : str
-        Whether the intervals hold the known answer of simulated data; empty where it is unknown.
+        That every interval holds the true value of simulated data; empty where this is not so or unknown.
     mesh : str
         What the meshes may be wrong by, and the largest share of that in an interval; empty without them.
     of_stages : mapping of word to str
@@ -109,6 +109,7 @@ class Conclusion:
     identifiability: tuple[str, ...]
     spent: str = ""
     warnings: tuple[ReportWarning, ...]
+    notes: tuple[ReportWarning, ...] = ()
     apparent: str = ""
     not_included: tuple[str, ...] = ()
     known: str = ""
@@ -150,6 +151,8 @@ def make_conclusion(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Con
     no_fit, (about, values, quality) = failure_of(data, bests), _lead(data, bests)
     best, found = leading(data, bests), headlines(data, bests)
     estimates, missing = () if no_fit else tuple(found), tuple(_not_included(data))
+    missed = missed_truth(data, estimates)
+    warned = (*report_warnings(data, bests, tables, missed), *section_warnings(data))
     return Conclusion(
         parameters=tuple(map(label_of, data.searched.values())),
         bests=bests,
@@ -159,11 +162,12 @@ def make_conclusion(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Con
         lead=no_fit or (f"{about}: {', '.join(values)}; {quality}." if about else ""),
         identifiability=() if no_fit else tuple(_identified(data, found)),
         spent=_spent(data),
-        warnings=(*report_warnings(data, bests, tables), *section_warnings(data)),
+        warnings=tuple(each for each in warned if not each.is_note),
+        notes=tuple(each for each in warned if each.is_note),
         apparent=apparent(data),
         not_included=missing,
         methods=methods(data, estimates, missing),
-        known=known_answer(data, estimates),
+        known="every interval holds the true value" if holds_truth(data, estimates) else "",
         mesh="" if no_fit else _mesh(data),
         of_stages={word: text for _, each in data.summaries.values() for word, text in each.labelled.items()},
         next_step=next_step(data, found, is_refused=bool(no_fit)),

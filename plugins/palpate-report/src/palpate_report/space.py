@@ -85,7 +85,7 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
             _set_scales(axis, (parameters[i], parameters[j]))
     if n > 1 and np.isfinite(fopt).any():
         _colour_bar(figure, flat, data, fopt)
-    return finished(figure, flat[-1:], data.notice)
+    return finished(figure, flat[-1:], data.stamp)
 
 
 def _sets_at(data: ReportData, spot: str) -> tuple[FloatArray, FloatArray]:

@@ -1,6 +1,6 @@
 """The paper's tables, and those that it argues from in prose."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from types import MappingProxyType
 
 import polars as pl
@@ -226,23 +226,32 @@ def _least(data: ReportData, table: pl.DataFrame, spot: str, channel: str) -> fl
     return min(rows[f"nmse_{channel}"].drop_nulls().to_list(), default=None)
 
 
-def finding(tables: Mapping[str, pl.DataFrame]) -> str:
-    """Sentence on the partial fit that is worst in a channel left out of it; empty where none is worse."""
+def finding(tables: Mapping[str, pl.DataFrame], scenarios: Collection[str] | None = None) -> str:
+    """Sentence on the partial fit that is worst in a channel left out of it; empty where none is worse.
+
+    Parameters
+    ----------
+    scenarios : collection of str, optional
+        Whose fits count; all when left out.
+    """
     table = tables.get("unfitted_channels", pl.DataFrame({"times": []})).drop_nulls("times")
+    if scenarios is not None and "scenario" in table.columns:
+        table = table.filter(pl.col("scenario").is_in(list(scenarios)))
     if table.is_empty():
         return ""
     last = table.filter(pl.col("search") == table["search"][-1])
     worst = last.sort("times", descending=True, maintain_order=True).row(0, named=True)
     if worst["times"] <= 1.0 or worst["nmse"] < EXACT:
         return ""
-    times = f"{worst['times']:.3g} times that of a fit to it ({worst['nmse_fitted']:.3g})"
+    channel = worst["unfitted"].replace("_", " ")
+    against = f"{worst['nmse_fitted']:.3g} of a fit to {channel}"
     if worst["nmse_fitted"] < EXACT:
-        times = "which a fit to it does not miss"
-    r2 = "" if worst["r2"] is None else f" (R² {worst['r2']:.3f})"
+        against = f"none of a fit to {channel}"
+    r2 = "" if worst["r2"] is None else f", R² {worst['r2']:.3f}"
     return (
-        f"Misfit of the channels left out of the fit: at spot {worst['spot']}, scenario "
-        f"'{worst['scenario']}' (fitted to {worst['fitted_to']}) misses {worst['unfitted']} with NMSE "
-        f"{worst['nmse']:.3g}{r2}, {times}."
+        f"Misfit of the channels left out of the fit: a fit to {worst['fitted_to']} alone predicts {channel} "
+        f"less well ({worst['spot']}, scenario {worst['scenario']}: NMSE {worst['nmse']:.3g} against "
+        f"{against}{r2})."
     )
 
 

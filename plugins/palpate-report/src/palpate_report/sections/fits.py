@@ -13,6 +13,7 @@ from palpate.api.report import (
     Lines,
     Listing,
     Paragraph,
+    ReportWarning,
     Section,
     Table,
     Word,
@@ -58,13 +59,26 @@ class Warnings(Section):
     summary = "what limits the result, the most severe first"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
-        """List the warnings."""
-        if found := report.conclusion.warnings:
-            yield Listing([(f"{warning.what}.", warning.why) for warning in found])
+        """List the first warnings in the open, then the others and the notes."""
+        warnings, notes = report.conclusion.warnings, report.conclusion.notes
+        if warnings:
+            yield _listing(warnings[:IN_THE_OPEN])
+        if more := warnings[IN_THE_OPEN:]:
+            yield Fold(f"{len(more)} more", [_listing(more)])
+        if notes:
+            yield Fold(f"Notes on scenarios that are not reported ({len(notes)})", [_listing(notes)])
 
     def is_open(self, data: ReportData, report: Report) -> bool:
-        """True where there are few."""
-        return len(report.conclusion.warnings) < 6
+        """Always."""
+        return True
+
+
+IN_THE_OPEN = 3
+"""Warnings that are not folded."""
+
+
+def _listing(warnings: Sequence[ReportWarning]) -> Listing:
+    return Listing([(f"{warning.what}.", warning.why) for warning in warnings])
 
 
 class Values(Section):
