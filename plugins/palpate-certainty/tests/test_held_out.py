@@ -116,12 +116,29 @@ def test_presses_of_one_tissue_belong_together(assessed_of):
 def test_of_one_press_each_channel_is_predicted_by_the_other(assessed_of):
     table = assessed_of(("p1",))
     assert table["channel"].to_list() == ["force", "torque"]
+    text = sentence(table)
+    assert text.startswith("each curve of the only press (p1) was predicted from its other channels: ")
+    assert "held-out presses" not in text
     assert (table["difference"] < 3.0 * table["band"]).all()
 
 
-def test_the_sentence_names_the_curve_that_is_farthest_off():
-    rows = [("p1", 0.5, True), ("p2", 0.04, False), ("p3", 0.6, True)]
-    table = pl.DataFrame(
+@pytest.mark.parametrize(
+    ("spots", "expected"),
+    [
+        (("p1", "p2"), "1 of 2 curves of held-out presses is inside its 90 % band; farthest off is "),
+        (
+            ("p1", "p1"),
+            "each curve of the only press (p1) was predicted from its other channels: 1 of 2 is inside its ",
+        ),
+    ],
+)
+def test_one_press_and_several_are_told_apart(spots, expected):
+    rows = zip(spots, (0.5, 0.04), (True, False), strict=True)
+    assert sentence(table_of(rows)).startswith(expected)
+
+
+def table_of(rows):
+    return pl.DataFrame(
         [
             {
                 "spot": spot,
@@ -134,6 +151,10 @@ def test_the_sentence_names_the_curve_that_is_farthest_off():
             for spot, p, ok in rows
         ]
     )
+
+
+def test_the_sentence_names_the_curve_that_is_farthest_off():
+    table = table_of([("p1", 0.5, True), ("p2", 0.04, False), ("p3", 0.6, True)])
     assert sentence(table) == (
         "2 of 3 curves of held-out presses are inside their 90 % bands; farthest off is torque at p2, "
         "by 4.1 % of its peak (band 1.9 %)"

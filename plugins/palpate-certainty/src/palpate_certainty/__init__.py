@@ -26,7 +26,7 @@ def palpate_commands() -> "list[Command]":
 
     does = {
         "intervals": "Find how certain the fitted parameters are, and what from.",
-        "validate": "Leave out each press in turn, predict it from the others, and compare.",
+        "validate": "Predict each press, or each channel of one press, from the others, and compare.",
         "certainty": "Draw the posteriors of the joint fits; simulates some more sets.",
         "identifiability": "Find how well the curves of the sweep identify each parameter.",
     }

@@ -1,8 +1,9 @@
-"""Held-out presses: each predicted from the others with a band, and compared with what was measured.
+"""Held-out presses: each predicted from the others with a band, and compared with its measured curves.
 
-Once a press is left out, the fit moves by one step along its slopes, weighed as the intervals weigh it
-(:mod:`palpate_certainty.laplace`); noise and discrepancy are estimated again without it. The band is what the
-errors of the parameters and of the press itself make of its curves. Nothing is simulated.
+Of one press alone each channel is held out. Once a press is left out, the fit moves by one step along its
+slopes, weighed as the intervals weigh it (:mod:`palpate_certainty.laplace`); noise and discrepancy are
+estimated again without it. The band is what the errors of the parameters and of the press itself make of its
+curves. Nothing is simulated.
 """
 
 from typing import Any
@@ -118,11 +119,16 @@ def _errors_without(assessed: Assessed, kept: BoolArray) -> tuple[NoiseModel, fl
 
 
 def sentence(table: pl.DataFrame) -> str:
-    """Sentence on the number of held-out curves inside of their bands, and on the farthest off."""
-    inside = int(table["inside"].sum())
-    text = (
-        f"{inside} of {table.height} curves of held-out presses are inside their {100.0 * BAND:.0f} % bands"
+    """Sentence on what was held out, the number of curves inside of their bands, and the farthest off."""
+    inside, spots = int(table["inside"].sum()), table["spot"].unique(maintain_order=True)
+    bands = (
+        f"inside {'its' if inside == 1 else 'their'} {100.0 * BAND:.0f} % band{'' if inside == 1 else 's'}"
     )
+    are = f"{'is' if inside == 1 else 'are'} {bands}"
+    text = f"{inside} of {table.height} curves of held-out presses {are}"
+    if len(spots) == 1:
+        which = f"each curve of the only press ({spots[0]}) was predicted from its other channels"
+        text = f"{which}: {inside} of {table.height} {are}"
     if inside == table.height:
         return text
     worst = table.sort("probability").row(0, named=True)

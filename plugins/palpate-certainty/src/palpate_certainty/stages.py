@@ -86,9 +86,9 @@ class Intervals(Stage):
 
 
 class Validation(Stage):
-    """Held-out presses."""
+    """Held-out presses, or the channels of one press."""
 
-    name, summary = "validate", "Predict each press from the others, and compare."
+    name, summary = "validate", "Predict each press, or each channel of one press, from the others."
     needs = ("intervals",)
     tables = MappingProxyType({"held_out": "Each held-out curve against its prediction and its band."})
 
@@ -97,13 +97,13 @@ class Validation(Stage):
         return len(study.spots) >= ENOUGH_SPOTS and not isinstance(study.search, BestSet)
 
     def run(self, inputs: Run, progress: Progress) -> Files:
-        """Predictions by the joint fit's slopes; simulates nothing new."""
+        """Predictions by the slopes of the joint fit; simulates nothing new."""
         _, assessed = joint_assessed(inputs)
         try:
             return {"held_out": held_out(assessed)}
         except np.linalg.LinAlgError as error:
             raise StudyError(
-                f"no prediction of held-out presses: {error}; see the warnings of `palpate intervals`"
+                f"no prediction of held-out curves: {error}; see the warnings of `palpate intervals`"
             ) from error
 
     def summarise(self, inputs: Run) -> Summary:
