@@ -1,5 +1,6 @@
 """Limbs whose spot, bone or layers are elsewhere: their geometry, and what they do to intervals."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -147,10 +148,21 @@ def test_doubt_in_the_bone_is_that_of_the_closed_form(measured_run):
 
 def test_a_bone_that_leaves_the_limb_is_no_cause_and_says_why(measured_run):
     stage, assessed = joint_assessed(measured_run)
-    beyond = ErrorSource(kind="bone", of="", sd=30.0)
+    beyond = ErrorSource(kind="bone", of="", sd=3000.0)
     columns, failures = columns_of(assessed.case.end, [beyond], ["force"], stage.limbs)
     assert columns["p1", "force"] == {}
-    assert "element" in failures[beyond]
+    assert re.match(r"cannot move the bones by -?\S+ mm: .*element", failures[beyond])
+    assert "repair" not in failures[beyond]  # the user's mesh is as it should be
+
+
+def test_a_step_that_a_limb_cannot_take_is_halved(measured_run):
+    stage, assessed = joint_assessed(measured_run)
+    small, large = (ErrorSource(kind="bone", of="", sd=sd) for sd in (1.0, 30.0))
+    found = [columns_of(assessed.case.end, [cause], ["force"], stage.limbs) for cause in (small, large)]
+    assert [failures for _, failures in found] == [{}, {}]
+    one, other = (columns["p1", "force"]["bone"] for columns, _ in found)
+    assert np.abs(one).max() > 0.0
+    np.testing.assert_allclose(other / 30.0, one, rtol=0.2, atol=1e-3 * np.abs(one).max())
 
 
 def contact_mm(protocol, depths_mm):

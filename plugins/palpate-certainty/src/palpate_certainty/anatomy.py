@@ -56,6 +56,14 @@ def changed_limb(limb: Limb, kind: str, of: str, by: float) -> Limb:
     return replace(limb, mesh=replace(limb.mesh, points_mm=limb.mesh.points_mm + by * moves))
 
 
+def change_of(kind: str, of: str, by: float) -> str:
+    """Phrase on a change of :func:`changed_limb`, such as ``move the bones by 1 mm``."""
+    if kind == "layers":
+        return f"make layer {of} thicker by {100.0 * by:.2g} %"
+    what = "the bones" if kind == "bone" else f"the spot along {of.rpartition(' ')[2]}"
+    return f"move {what} by {by:.2g} mm"
+
+
 def at_another_spot(limb: Limb, by_mm: tuple[float, float]) -> Limb:
     """Limb whose spot is elsewhere on its skin, along x and y of the spot's frame; the normal stays.
 

@@ -15,6 +15,7 @@ from palpate.api import (
     FloatArray,
     Indentation,
     Limb,
+    PalpateError,
     Parameter,
     ParameterError,
     ParameterName,
@@ -35,7 +36,7 @@ from palpate.api.fit import (
     pieces,
 )
 from palpate.api.runs import Study, check_limb
-from palpate_certainty.anatomy import BONE_MM, OF_LIMB, changed_limb, noted_position_mm
+from palpate_certainty.anatomy import BONE_MM, OF_LIMB, change_of, changed_limb, noted_position_mm
 from palpate_certainty.mesh_error import (
     FORCE,
     SCATTER,
@@ -59,6 +60,9 @@ OF_FRICTION = 0.3
 
 STEPS = 10.0
 """Range of a cause, in standard deviations to either side: differences step a twentieth of it."""
+
+MOST_HALVINGS = 4
+"""How often a step that a limb cannot take is halved before its cause is left out."""
 
 Columns = Mapping[tuple[str, str], Mapping[str, FloatArray]]
 """What one standard deviation of each cause adds to the ordinates (n,), by spot and channel."""
@@ -247,7 +251,12 @@ class WithErrorSources(Parametrisation):
         changed = changed_limb(limb, cause.kind, cause.of.rpartition(" ")[2], by)
         if changed is limb:
             return inputs
-        check_limb(changed, [region.region for region in space.regions])
+        try:
+            check_limb(changed, [region.region for region in space.regions])
+        except PalpateError as error:
+            # The mesh is as the user has it; what to do about one that is wrong does not apply.
+            why = str(error).partition("; ")[0]
+            raise ParameterError(f"cannot {change_of(cause.kind, cause.of, by)}: {why}") from error
         name = f"{inputs.mesh}, {cause.name} {by:+.17g}".removeprefix(", ")
         self.limbs[f"{spot}/{name}"] = changed
         return replace(inputs, mesh=name)
@@ -312,22 +321,37 @@ def columns_of(
     PalpateError
         The point itself cannot be simulated.
     """
-    assert fit.best is not None
-    problem = fit.problem
-    terms = [term.of_channels(channels) for term in problem.terms]
-    wider = problem.restated(terms, WithErrorSources(problem.parametrisation, causes, limbs))
-    point = np.concatenate([fit.best.point, np.full(len(causes), 0.5)])
-    try:
-        slopes, failed = wider.columns(point)
-    except ParameterError as error:
-        raise ParameterError(f"the error budget cannot be simulated: {error}") from error
-    per_sd = slopes[:, len(problem.parameters) :] / (2.0 * STEPS)
+    terms = [term.of_channels(channels) for term in fit.problem.terms]
+    per_sd, failed = _per_sd(fit, terms, causes, limbs)
+    for n in range(1, MOST_HALVINGS + 1):
+        again = [k for k, cause in enumerate(causes) if cause.name in failed and cause.kind in OF_LIMB]
+        if not again:
+            break
+        smaller = [replace(causes[k], sd=causes[k].sd / 2**n) for k in again]
+        found, left = _per_sd(fit, terms, smaller, limbs)
+        per_sd[:, again] = 2**n * found
+        failed = {name: why for name, why in failed.items() if name in left} | left
     kept = {k: cause for k, cause in enumerate(causes) if cause.name not in failed}
     columns: dict[tuple[str, str], dict[str, FloatArray]] = {}
     for term, channel, at, scale in pieces(terms):
         part = per_sd[at] / scale[:, None]
         columns[term.spot, channel] = {cause.name: part[:, k] for k, cause in kept.items()}
     return columns, {cause: failed[cause.name] for cause in causes if cause.name in failed}
+
+
+def _per_sd(
+    fit: Fit, terms: Sequence[SpotTerm], causes: Sequence[ErrorSource], limbs: dict[str, Limb] | None
+) -> tuple[FloatArray, dict[str, str]]:
+    """Change of the residuals (n, n_causes) by one standard deviation of each cause, and failures by name."""
+    assert fit.best is not None
+    problem = fit.problem
+    wider = problem.restated(terms, WithErrorSources(problem.parametrisation, causes, limbs))
+    point = np.concatenate([fit.best.point, np.full(len(causes), 0.5)])
+    try:
+        slopes, failed = wider.columns(point)
+    except ParameterError as error:
+        raise ParameterError(f"the error budget cannot be simulated: {error}") from error
+    return slopes[:, len(problem.parameters) :] / (2.0 * STEPS), failed
 
 
 MESH, ZERO = "mesh", "zero"
