@@ -1,5 +1,6 @@
 """Measured curves: read by the study's loader, and checked against its protocol."""
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +20,7 @@ from palpate.domain import (
     weighed_channels,
     weighed_phases,
 )
-from palpate.domain.equilibrium_states import TIME
+from palpate.domain.equilibrium_states import POSE, TIME
 from palpate.errors import CurveError, PalpateError, StudyError
 from palpate.experiment.curve_checks import LARGEST_BIAS, check_curve, check_gaps, check_sizes
 from palpate.experiment.repeats import average, described
@@ -316,7 +317,7 @@ def check_covers(
     if channel.abscissa == TIME:
         is_behind = asked < curve.abscissa.max() / (2.0 - COVERED_SHARE)
         asked = asked[: int(is_behind.sum()) + 1]
-    for problem in _departures(curve, asked, unit, minimum_coverage):
+    for problem in _departures(curve, channel, asked, unit, minimum_coverage):
         raise CurveError(f"channel '{curve.channel}' {problem}")
 
 
@@ -340,7 +341,22 @@ def _placed(curve: Curve, asked: FloatArray, slack: float) -> str:
     return ""
 
 
-def _departures(curve: Curve, asked: FloatArray, written_unit: str, minimum_coverage: float) -> Iterator[str]:
+def _as_measured(curve: Curve, abscissa: str, asked: FloatArray, slack: float) -> str:
+    """Remedy of a protocol that was not written for these curves, by their depth; else empty."""
+    least, most, depth_mm = float(curve.abscissa.min()), float(curve.abscissa.max()), float(asked.max())
+    if abscissa != POSE[0] or abs(least) > slack or asked.min() < 0.0 or most <= 0.0:
+        return ""
+    step_mm = min(0.1, 10.0 ** (math.floor(math.log10(most)) - 1))
+    shown_mm = step_mm * (math.ceil(most / step_mm - 0.01) if most > depth_mm else round(most / step_mm))
+    return (
+        f"the curve goes {most:.3g} mm deep and [protocol] says {depth_mm:g} mm: "
+        f'write depth = "{shown_mm:.4g} mm" there'
+    )
+
+
+def _departures(
+    curve: Curve, channel: Channel, asked: FloatArray, written_unit: str, minimum_coverage: float
+) -> Iterator[str]:
     unit = _UNITS.get(written_unit, written_unit)
     low, high = float(asked.min()), float(asked.max())
     least, most = float(curve.abscissa.min()), float(curve.abscissa.max())
@@ -356,10 +372,12 @@ def _departures(curve: Curve, asked: FloatArray, written_unit: str, minimum_cove
                 "the unit in [protocol]"
             )
     if least > low + slack or most < high - slack:
-        yield f"{covered}; {_placed(curve, asked, slack) or 'measure the whole path or shorten the protocol'}"
+        remedy = _placed(curve, asked, slack) or _as_measured(curve, channel.abscissa, asked, slack)
+        yield f"{covered}; {remedy or 'measure the whole path or shorten the protocol'}"
     outside = (curve.abscissa < low - slack) | (curve.abscissa > high + slack)
     if 1.0 - outside.mean() < minimum_coverage:
-        yield f"{covered}; cut the curve or extend the protocol"
+        remedy = _as_measured(curve, channel.abscissa, asked, slack)
+        yield f"{covered}; {remedy or 'cut the curve or extend the protocol'}"
     path = np.ascontiguousarray(asked[moving_span(asked)])
     planned = [float(path[stop - 1]) for _, stop in _core.branches(path)]
     travelled = [float(curve.abscissa[stop - 1]) for _, stop in curve.branches]

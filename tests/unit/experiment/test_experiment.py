@@ -163,10 +163,13 @@ def test_the_whole_path_is_covered(plugins):
 @pytest.mark.parametrize(
     ("curve", "message"),
     [
-        (force([0.0, 9.0]), r"covers 0 to 9 mm where the protocol runs from 0 to 10 mm; measure"),
+        (force([0.0, 9.0]), r"covers 0 to 9 mm where .*; the curve .*: write depth = \"9 mm\" there"),
         (force([1.0, 10.0]), r"covers 1 to 10 mm"),
         (torque([0.0, -22.5, 0.0]), r"covers -22.5 to 0 degrees where the protocol runs from -22.5 to 22.5"),
-        (force([0.0, 5.0, 10.0, 20.0]), r"covers 0 to 20 mm .*; cut the curve or extend"),
+        (force([0.0, 5.0, 10.0, 20.0]), r"covers 0 to 20 mm .*; the curve .*: write depth = \"20 mm\" there"),
+        (force([0.0, 7.0, 10.0, 12.0, 15.47]), r"15\.5 mm deep and \[protocol\] says 10 mm: .* \"15\.5 mm\""),
+        (force([0.0, 0.2, 0.33]), r"write depth = \"0\.33 mm\" there"),
+        (torque([0.0, -45.0, -40.0, 45.0, 0.0]), r"cut the curve or extend"),
         (
             torque([0.0, -10.0, -9.0, -22.5, 22.5, 0.0]),
             r"turns 4 times where the protocol turns 2 times \(first at row 3, -22.5 degrees\); smooth",

@@ -206,7 +206,10 @@ PRESSED = {
         toml('"-22.5 deg", "22.5 deg"', '"22.5 deg", "-22.5 deg"'),
         r"p1\.csv: .*'torque' goes to -22\.5 degrees first .* give \[protocol\] the order",
     ),
-    "protocol deeper than the curve": (toml('"10 mm"', '"12 mm"'), r"p1\.csv: .*'force' covers .* shorten"),
+    "protocol deeper than the curve": (
+        toml('"10 mm"', '"12 mm"'),
+        r"p1\.csv: .*'force' covers .* \[protocol\] says 12 mm: write depth = \"10 mm\" there",
+    ),
     "rows lost": (
         table("p1.csv", lambda rows: rows[(rows[:, DEPTH] < 4.0) | (rows[:, DEPTH] > 9.9)]),
         r"p1\.csv: .*'force' has no point between .* measure",
