@@ -160,6 +160,9 @@ def test_the_error_of_a_mesh_is_stated_or_noted_or_usual():
     noted = SpotMesh(edge_over_radius=0.3, noted=noted_errors(note))
     assert [noted.error(name, {}) for name in BOTH] == [0.01, 0.07]
     assert noted_errors(None) == noted_errors({"mesh_error": "2 %"}) == {}
+    locks = replace(noted, locking=0.1)
+    assert [locks.error(name, {}) for name in BOTH] == pytest.approx([0.11, 0.17])
+    assert locks.error("torque", {"": 0.02}) == 0.02
 
 
 def test_a_fixed_parameter_adds_its_slope(ended):

@@ -206,6 +206,12 @@ def test_a_torque_with_friction_history_passes_verification(fake):
     assert simulation.message == ""
 
 
+def test_a_check_reports_elements_that_lock(fake):
+    said = r"spot 'p1': FEBio's tet4 of region 'soft_tissue' locks\. The force is up to about \d+% too high"
+    with pytest.warns(FebioWarning, match=said):
+        fake().check(job_of(), block("tet4", n_across=4, n_down=2))
+
+
 def test_the_papers_contact_warns_and_fails_its_gates(fake):
     solver = fake(verification="every", contact="paper")
     with pytest.warns(FebioWarning, match="no memory"):

@@ -169,6 +169,10 @@ class Solver(Component[SettingsT]):
             Naming the element, node or parameter.
         """
 
+    def locking(self, job: Job, limb: Limb) -> float:
+        """Relative error of the curves by elements that lock, which is added to the mesh's error."""
+        return 0.0
+
     @abstractmethod
     def simulate(self, job: Job, limb: Limb | None) -> Simulation:
         """Simulate one job. A failure is a status, never an exception."""

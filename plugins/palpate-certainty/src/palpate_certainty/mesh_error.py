@@ -54,11 +54,14 @@ class SpotMesh:
         Relative errors of the note that comes with the mesh.
     refinement : float
         Element size under the indenter over that of the finer mesh; 1 without one.
+    locking : float
+        Relative error by elements of the solver that lock, added to the error of the mesh.
     """
 
     edge_over_radius: float = AT_RATIO
     noted: Mapping[str, float] = field(default_factory=dict)
     refinement: float = 1.0
+    locking: float = 0.0
 
     def error(self, channel: str, stated: Mapping[str, float]) -> float:
         """Relative error of a channel: stated by the study, else noted, else as usual for such edges.
@@ -74,7 +77,7 @@ class SpotMesh:
         if (given := stated.get(channel, stated.get(""))) is not None:
             return given
         usual = usual_error(channel, {}) * min(1.0, self.edge_over_radius / AT_RATIO)
-        return self.noted.get(channel, usual)
+        return self.noted.get(channel, usual) + self.locking
 
     def remainder(self, channel: str, added: FloatArray, fitted: FloatArray) -> FloatArray:
         """Error (n,) that an extrapolated correction leaves, where it adds ``added`` (n,) to a coarse curve.

@@ -17,7 +17,7 @@ from palpate.api.fit import (
     refinement,
     reported_fits,
 )
-from palpate.api.runs import Files, Study, at_measured, mesh_note, size_at_contact
+from palpate.api.runs import Files, Study, at_measured, job_for, mesh_note, size_at_contact
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.error_sources import error_sources_of, n_differences
 from palpate_certainty.held_out import held_out, sentence
@@ -233,7 +233,7 @@ def no_intervals(inputs: Run) -> StudyError:
 def spot_meshes(study: Study, limbs: Mapping[str, Limb], *, is_refined: bool) -> dict[str, SpotMesh]:
     """Mesh of each spot that has one, as far as its error goes; its finer one counts where ``is_refined``."""
     ratios = refinement(study, limbs) if is_refined else {}
-    meshes = {}
+    meshes, middle = {}, np.array([0.5 * (p.lower + p.upper) for p in study.space.parameters])
     for each in study.spots:
         protocol, name = study.protocol_at(each.spot.name), each.spot.name
         if each.mesh is not None and name in limbs and isinstance(protocol, Indentation):
@@ -241,5 +241,6 @@ def spot_meshes(study: Study, limbs: Mapping[str, Limb], *, is_refined: bool) ->
                 edge_over_radius=size_at_contact(study, limbs[name]) / protocol.indenter.radius_mm,
                 noted=noted_errors(mesh_note(each.mesh)),
                 refinement=ratios.get(name, 1.0),
+                locking=study.solver.locking(job_for(study, name, 0, middle, {}), limbs[name]),
             )
     return meshes

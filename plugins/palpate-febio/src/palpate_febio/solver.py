@@ -36,6 +36,7 @@ from palpate_febio.binary import Binary, examine, find_binary
 from palpate_febio.contact_meshes import contact_faces
 from palpate_febio.conventions import Fit, remembered, run_probe
 from palpate_febio.deck import DECK_NAME, LOG_NAME, RECORD_NAME, Problem, write_deck
+from palpate_febio.locking import locking_parts
 from palpate_febio.outcome import Verdict, as_rows, check_torque, judge
 from palpate_febio.settings import PAPER_CONTACT, FebioSettings, Method
 from palpate_febio.spelling import expected_convention, written
@@ -49,6 +50,9 @@ USABLE = (Status.OK, Status.DIVERGED)
 
 VERIFICATION_METHODS: tuple[Method, ...] = ("broyden", "newton")
 """Ways to solve the run that verifies another, whose steps are given."""
+
+LEAST_LOCKING = 0.02
+"""Relative excess of the force by locking elements above which a check reports it."""
 
 HELD = 1e-3
 """Time of the hold that verifies friction, over the shortest time constant of a tissue that relaxes."""
@@ -176,6 +180,15 @@ class FebioSolver(Solver[FebioSettings]):
             self.convention(material)
         if not self._right:
             warnings.warn(PAPER_CONTACT, FebioWarning, stacklevel=2)
+        if not problem.bonded:
+            _report_locking(job, limb, problem.radius_mm)
+
+    def locking(self, job: Job, limb: Limb) -> float:
+        """Relative excess of the force where FEBio has displacement elements; 0 without any."""
+        protocol, limb = indentation_of(job, limb, self.name)
+        assert isinstance(protocol.indenter, Sphere)
+        parts = locking_parts(limb, job.materials, job.thetas, protocol.indenter.radius_mm)
+        return max(parts.values(), default=0.0)
 
     def problem(
         self, job: Job, limb: Limb, conventions: Mapping[str, str] | None = None, method: Method | None = None
@@ -330,6 +343,19 @@ class FebioSolver(Solver[FebioSettings]):
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         yield folder
+
+
+def _report_locking(job: Job, limb: Limb, radius_mm: float) -> None:
+    """Warn of the part of a limb whose elements lock most."""
+    parts = locking_parts(limb, job.materials, job.thetas, radius_mm)
+    if parts and (excess := max(parts.values())) > LEAST_LOCKING:
+        region, kind = max(parts, key=lambda part: parts[part])
+        warnings.warn(
+            f"spot '{job.spot}': FEBio's {kind} of region '{region}' locks. The force is up to about "
+            f"{excess:.0%} too high on this mesh; use solver 'jax', or refine the mesh",
+            FebioWarning,
+            stacklevel=3,
+        )
 
 
 def _fastest_s(job: Job) -> float:
