@@ -18,7 +18,7 @@ from palpate.errors import MaterialError, MeshError, SolverError, StudyError
 from palpate.mesh.specimens import block
 from palpate.mesh.spot_frame import in_spot_frame
 from palpate_febio.deck import rigid_id
-from palpate_febio.limb_source import read_deck
+from palpate_febio.deck_reader import read_deck
 from palpate_febio.settings import FebioSettings
 from palpate_febio.solver import FebioSolver
 from palpate_febio.steps import halved, steps_of, up_to_first_turn, with_hold

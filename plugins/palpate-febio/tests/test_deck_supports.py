@@ -197,3 +197,31 @@ def test_parts_that_are_no_limb_are_left_out_by_name(tmp_path):
 def test_several_materials_are_one_region(tmp_path):
     limb = load(DATA / "deck40_zero_in_a_step.feb", regions={"muscle": ["tissue", "other"]})
     assert limb.mesh.regions == ("muscle",)
+
+
+def test_wedges_are_cut_into_tetrahedra_and_stay_whole(tmp_path):
+    """Each hexahedron of the block as two wedges."""
+    text = re.sub(
+        r'<elem id="(\d+)">([\d,]+)</elem>',
+        lambda found: "".join(
+            f'<elem id="{2 * int(found[1]) + k}">{",".join(found[2].split(",")[n] for n in nodes)}</elem>'
+            for k, nodes in enumerate(((0, 1, 2, 4, 5, 6), (0, 2, 3, 4, 6, 7)))
+        ),
+        PLAIN.replace('type="hex8"', 'type="penta6"'),
+    )
+    limb = load(deck_of(tmp_path, text, f"<Boundary>{ZERO.format('cuts')}{ZERO.format('bone')}</Boundary>"))
+    check_limb(limb, limb.mesh.regions)
+    assert {kind: len(cells) for kind, cells in limb.mesh.cells.items()} == {"tet4": 32 * 6}
+    assert counts(limb) == (45, 25)
+    assert "elements penta6 are cut into 192 tetrahedra" in limb.remarks
+
+
+def test_an_edge_and_a_set_of_elements_hold_nodes_too(tmp_path):
+    sets = (
+        '<Edge name="line"><line2 id="1">1,2</line2><line2 id="2">2,3</line2></Edge>'
+        '<ElementSet name="low">1,2</ElementSet></Mesh>'
+    )
+    text = PLAIN.replace("</Mesh>", sets)
+    held = ZERO.format("@edge:line") + ZERO.format("@elem_set:low")
+    limb = load(deck_of(tmp_path, text, f"<Boundary>{held}</Boundary>"))
+    assert counts(limb) == (12, 25)

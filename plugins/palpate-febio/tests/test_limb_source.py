@@ -10,7 +10,8 @@ from palpate.domain import Spot
 from palpate.errors import MeshError
 from palpate.mesh.specimens import block
 from palpate.testing import LimbSourceContract
-from palpate_febio.limb_source import FebioDeckSettings, FebioDeckSource, read_deck
+from palpate_febio.deck_reader import read_deck
+from palpate_febio.limb_source import FebioDeckSettings, FebioDeckSource
 from palpate_indentation import MeshioSource
 from palpate_limb.limb_files import write_limb
 from palpate_validation import certify
@@ -66,7 +67,7 @@ class TestFebioDeckSource(LimbSourceContract):
             "no_such_node": text.replace('<elem id="1">1,', '<elem id="1">999999,'),
             "word_in_cell": text.replace('<elem id="1">1,', '<elem id="1">one,'),
             "short_cell": text.replace('<elem id="1">1,', '<elem id="1">'),
-            "kind": text.replace('type="hex8"', 'type="hex20"'),
+            "kind": text.replace('type="hex8"', 'type="hex64"'),
             "no_material": text.replace('mat="1_skin"', 'mat="none"'),
             "no_name": text.replace('<NodeSet name="fixed"', "<NodeSet"),
             "face": text.replace("tri6", "tri99"),
@@ -177,7 +178,7 @@ def test_a_deck_as_deep_as_it_is_long_is_read_without_a_crash(deck):
 
 
 def test_a_deck_that_is_too_large_is_refused(deck, monkeypatch):
-    monkeypatch.setattr("palpate_febio.limb_source.LARGEST_FILE_BYTES", 100)
+    monkeypatch.setattr("palpate_febio.deck_reader.LARGEST_FILE_BYTES", 100)
     with pytest.raises(MeshError, match="larger than 100 bytes"):
         read_deck(deck)
 

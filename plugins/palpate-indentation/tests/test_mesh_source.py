@@ -180,14 +180,14 @@ BAD = {
         {"cells": [("triangle", TETS[:, :3])], "cell_data": {"region": [np.array([0, 0])]}},
         r"no volume elements \(found: triangle\); export the volume mesh",
     ),
-    "wedges": (
+    "quadratic wedges of 18 nodes": (
         {
-            "points": CORNERS,
-            "cells": [("wedge", np.arange(6)[None])],
+            "points": np.arange(54.0).reshape(18, 3),
+            "cells": [("wedge18", np.arange(18)[None])],
             "point_data": {},
             "cell_data": {"region": [np.array([0])]},
         },
-        r"elements of type wedge; palpate simulates tetra, tetra10, hexahedron",
+        r"cells of VTK's type 32 .* are not understood; mesh the limb with tetrahedra or hexahedra",
     ),
 }
 

@@ -14,6 +14,7 @@ from palpate.limb.checks import check_limb
 from palpate.limb.outer_surface import partly_fixed
 from palpate.limb.tidying import tidied
 from palpate.mesh.specimens import block
+from palpate.mesh.splitting import SOLIDS
 from palpate_indentation import MeshioSettings, MeshioSource
 
 pytestmark = pytest.mark.usefixtures("meshes_here")
@@ -81,6 +82,37 @@ def test_a_plane_that_misses_nodes_of_its_side_is_a_warning() -> None:
     assert any("fixed in part: 4 of 9 nodes" in text for text in partly_fixed(some.mesh))
     assert len(every.mesh.node_sets["fixed"]) == 45
     assert not list(partly_fixed(every.mesh))
+
+
+def test_quadratic_hexahedra_and_wedges_are_cut_and_stay_whole(tmp_path: Path) -> None:
+    """The same block of C3D20, C3D15 and C3D6 is fixed and touched alike."""
+    made = block("hex8", width_mm=40.0, height_mm=20.0, n_across=4, n_down=2).mesh
+    hexes = made.cells["hex8"]
+    wedges = np.concatenate([hexes[:, [0, 1, 2, 4, 5, 6]], hexes[:, [0, 2, 3, 4, 6, 7]]])
+    kinds = (("C3D20R", hexes, "hexahedron20"), ("C3D15", wedges, "wedge15"), ("C3D6", wedges, "wedge"))
+    for kind, cells, meshio in kinds:
+        edges = np.array(SOLIDS[meshio][0].edges)[: (0 if kind == "C3D6" else None)]
+        ends = np.sort(cells[:, edges], axis=2).reshape(-1, 2)
+        unique, inverse = np.unique(ends, axis=0, return_inverse=True)
+        middles = made.points_mm[unique].mean(axis=1) if len(unique) else np.empty((0, 3))
+        points = np.vstack([made.points_mm, middles])
+        whole = np.hstack([cells, len(made.points_mm) + inverse.reshape(len(cells), -1)]) + 1
+        x, _, z = points.T
+        text = "*Node\n" + "".join(f"{k}, {a}, {b}, {c}\n" for k, (a, b, c) in enumerate(points, 1))
+        rows = (listed([k, *row], 10).strip().replace("\n", ",\n") for k, row in enumerate(whole.tolist(), 1))
+        text += f"*Element, type={kind}, elset=fat\n" + "\n".join(rows) + "\n"
+        for name, of in (("held", (z == -20.0) | (np.abs(x) == 20.0)), ("top", z == 0.0)):
+            text += f"*Nset, nset={name}\n{listed(np.flatnonzero(of) + 1)}"
+        (tmp_path / "m.inp").write_text(text + "*Boundary\nheld, 1, 3\n")
+        settings = {"regions": {"soft_tissue": "fat"}, "node_sets": {"contact": "top", "fixed": "fixed"}}
+        limb = load(tmp_path / "m.inp", settings)
+        assert list(limb.mesh.cells) == ["tet10"]
+        x, _, z = limb.mesh.points_mm.T
+        np.testing.assert_array_equal(np.sort(limb.mesh.node_sets["contact"]), np.flatnonzero(z == 0.0))
+        held = np.flatnonzero((z == -20.0) | (np.abs(x) == 20.0))
+        assert set(held.tolist()) <= set(limb.mesh.node_sets["fixed"].tolist())
+        assert not list(partly_fixed(limb.mesh))
+        assert any("are cut into" in remark for remark in limb.remarks)
 
 
 # ------------------------------------------------------------------ Abaqus

@@ -26,6 +26,12 @@ if TYPE_CHECKING:
         half_space as half_space,
         layer as layer,
     )
+    from palpate.mesh.splitting import (
+        SOLIDS as SOLIDS,
+        Cut as Cut,
+        curved as curved,
+        cut as cut,
+    )
     from palpate.mesh.spot_frame import (
         NEAR as NEAR,
         SpotWrench as SpotWrench,

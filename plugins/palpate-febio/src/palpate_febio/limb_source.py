@@ -1,32 +1,18 @@
 """Limbs from decks of FEBio: mesh, sets, surfaces and regions."""
 
-import xml.etree.ElementTree as ET  # types, and the error; documents are read by defusedxml
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Literal
 
-import defusedxml.ElementTree
 import numpy as np
 from pydantic import Field
 
-from palpate.api import (
-    BoolArray,
-    FloatArray,
-    IntArray,
-    Limb,
-    LimbSource,
-    Mesh,
-    MeshError,
-    Settings,
-    Spot,
-    convert,
-)
+from palpate.api import BoolArray, IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
 from palpate.api.files import InspectedTable, Inspection
 from palpate.api.mesh import (
     CELLS,
-    Support,
+    curved,
+    cut,
     guessed_unit,
     held_nodes,
     inspected,
@@ -34,310 +20,7 @@ from palpate.api.mesh import (
     region_name,
     unused_supports,
 )
-from palpate_febio.deck_supports import DeckNames, DeckSupports
-
-LARGEST_FILE_BYTES = 2_000_000_000
-RIGID = "rigid body"
-SPEC_VERSIONS = ("2.5", "3.0", "4.0")
-REACHING = ("from", "file", "path")
-"""Attributes by which a deck names another file."""
-
-SHELLS = frozenset({"tri3", "tri6", "quad4", "quad8", "quad9", "q4ans", "q4eas"})
-FACE_NODES: Mapping[str, int] = MappingProxyType({"tri3": 3, "tri6": 6, "tri7": 7, "quad4": 4, "quad8": 8})
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Part:
-    """Elements of one kind with one material; ``cells`` (n, n_nodes) index into the deck's points."""
-
-    name: str
-    kind: str
-    cells: IntArray
-    material: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Deck:
-    """Content of a deck, in its own names and units.
-
-    Parameters
-    ----------
-    parts : tuple of Part
-        Deformable ones.
-    surfaces : mapping of name to (n,) integer array
-        Nodes of the faces.
-    rigid : mapping of name to (n,) integer array
-        Nodes of the rigid parts.
-    supports : tuple of Support
-    touched : tuple of str
-        Surfaces of the limb in the contacts that are not tied.
-    warnings : tuple of str
-        Conditions that are not used.
-    """
-
-    points: FloatArray
-    parts: tuple[Part, ...]
-    node_sets: Mapping[str, IntArray]
-    surfaces: Mapping[str, IntArray]
-    rigid: Mapping[str, IntArray]
-    supports: tuple[Support, ...]
-    touched: tuple[str, ...]
-    warnings: tuple[str, ...]
-
-
-def read_deck(path: Path, leave_out: Sequence[str] = ()) -> Deck:
-    """Deck of a file of version 2.5, 3.0 or 4.0, which may come from anybody.
-
-    ``leave_out`` names parts or materials that are no limb.
-
-    Raises
-    ------
-    MeshError
-        The file is missing, too large, not XML, or has a document type, which could define entities; or the
-        deck lacks something, or reaches for other files. It names the file and the line or the tag.
-    """
-    if not path.is_file():
-        raise MeshError(f"{path}: no such file; check the path of the deck")
-    if path.stat().st_size > LARGEST_FILE_BYTES:
-        raise MeshError(f"{path}: larger than {LARGEST_FILE_BYTES:,} bytes; is this a deck?")
-    try:
-        root: ET.Element = defusedxml.ElementTree.fromstring(path.read_bytes(), forbid_dtd=True)
-    except defusedxml.DTDForbidden:
-        raise MeshError(f"{path}: it has a document type, which could define entities; remove it") from None
-    except (ET.ParseError, ValueError, LookupError) as error:
-        raise MeshError(f"{path}: not XML that can be read ({error}); write the deck again") from None
-    return _Reader(path, root, leave_out).deck()
-
-
-class _Reader:
-    """One reading of one file."""
-
-    def __init__(self, path: Path, root: ET.Element, leave_out: Sequence[str]) -> None:
-        self.path = path
-        self.root = root
-        self.leave_out = leave_out
-        if root.tag != "febio_spec" or root.get("version") not in SPEC_VERSIONS:
-            raise self.refused(
-                f"<{root.tag} version={root.get('version')!r}>; palpate reads febio_spec of version "
-                f"{', '.join(SPEC_VERSIONS)}, so save the model as one of those"
-            )
-        refuse_reaching(path, root)
-        self.number: dict[int, int] = {}
-        self.sets: dict[str, IntArray] = {}
-        self.surfaces: dict[str, IntArray] = {}
-        self.rigid: dict[str, IntArray] = {}
-
-    def refused(self, what: str) -> MeshError:
-        return MeshError(f"{self.path}: {what}")
-
-    def deck(self) -> Deck:
-        mesh = self.root.find("Mesh")
-        if mesh is None:
-            mesh = self.root.find("Geometry")
-        if mesh is None:
-            raise self.refused("no section Mesh; export the deck with its mesh")
-        points = self.points(mesh)  # first: the others name nodes by their ids
-        parts = tuple(self.parts(mesh))
-        for e in mesh.findall("NodeSet"):
-            self.sets[self.name(e)] = self.node_set(e)
-        self.surfaces = {self.name(e): self.surface(e) for e in mesh.findall("Surface")}
-        names = DeckNames(
-            rigid=self.rigid_bodies(mesh),
-            named=self.named,
-            listed=lambda e: self.nodes(e, [self.integer(n, n.get("id")) for n in e.findall("node")]),
-            in_limb=frozenset(n for part in parts for n in np.unique(part.cells).tolist()),
-        )
-        conditions = DeckSupports(self.root, names).read()
-        return Deck(
-            points=points,
-            parts=parts,
-            node_sets=self.sets,
-            surfaces=self.surfaces,
-            rigid=self.rigid,
-            supports=tuple(conditions.supports),
-            touched=conditions.pressed(),
-            warnings=tuple(conditions.warnings),
-        )
-
-    def named(self, name: str) -> IntArray | None:
-        """Nodes of a set as a condition of a deck names it."""
-        kind, _, rest = name.partition(":")
-        mesh = self.root.find("Mesh") or self.root.find("Geometry")
-        match kind:
-            case "@surface":
-                return self.surfaces.get(rest)
-            case "@edge" | "@elem_set" if mesh is not None:
-                tag = "Edge" if kind == "@edge" else "ElementSet"
-                found = next((e for e in mesh.findall(tag) if e.get("name") == rest), None)
-                if found is None:
-                    return None
-                if tag == "Edge":
-                    return self.nodes(found, [n for e in found for n in self.integers(e, e.text)])
-                wanted = set(self.set_numbers(found))
-                elements = [
-                    e for e in mesh.iterfind("Elements/elem") if self.integer(e, e.get("id")) in wanted
-                ]
-                return np.unique([n for e in elements for n in self.nodes(e, self.integers(e, e.text))])
-        return self.sets.get(name)
-
-    def rigid_bodies(self, mesh: ET.Element) -> dict[str, IntArray]:
-        """Nodes of each rigid body by the name and by the number of its material."""
-        by_domain = {e.get("name"): e.get("mat") for e in self.root.iterfind("MeshDomains/*")}
-        materials, found = self.materials(), dict[str, list[IntArray]]()
-        for k, block in enumerate(mesh.findall("Elements")):
-            name = self.part_name(block, k)
-            material = materials.get(by_domain.get(name) or block.get("mat") or "", ("", ""))
-            if material[1] == RIGID:
-                cells = [self.nodes(e, self.integers(e, e.text)) for e in block.findall("elem")]
-                self.rigid[name] = np.unique(np.concatenate(cells)) if cells else np.empty(0, dtype=np.int64)
-                found.setdefault(material[0], []).append(self.rigid[name])
-        bodies = {name: np.unique(np.concatenate(nodes)) for name, nodes in found.items()}
-        return {alias: bodies[of[0]] for alias, of in materials.items() if of[0] in bodies}
-
-    @staticmethod
-    def part_name(block: ET.Element, k: int) -> str:
-        return block.get("name") or block.get("elset") or f"elements {k + 1}"
-
-    def name(self, element: ET.Element) -> str:
-        found = element.get("name")
-        if found is None:
-            raise self.refused(f"a <{element.tag}> without name; name it")
-        return found
-
-    def points(self, mesh: ET.Element) -> FloatArray:
-        rows: list[list[float]] = []
-        for node in mesh.iterfind("Nodes/node"):
-            number = self.integer(node, node.get("id"))
-            if number in self.number:
-                raise self.refused(f"two nodes have the id {number}; give each its own")
-            self.number[number] = len(rows)
-            row = self.floats(node, node.text)
-            if len(row) != 3:
-                raise self.refused(f"node {node.get('id')} has {len(row)} coordinates; give three")
-            rows.append(row)
-        if not rows:
-            raise self.refused("no nodes; export the deck with its mesh")
-        return np.array(rows)
-
-    def parts(self, mesh: ET.Element) -> Iterator[Part]:
-        materials = self.materials()
-        by_domain = {e.get("name"): e.get("mat") for e in self.root.iterfind("MeshDomains/*")}
-        for k, block in enumerate(mesh.findall("Elements")):
-            kind, name = block.get("type", ""), self.part_name(block, k)
-            material = by_domain.get(name) or block.get("mat")
-            if material is None or material not in materials:
-                raise self.refused(f"elements '{name}' have no material (given: {material}); give them one")
-            material, febio_type = materials[material]
-            if febio_type == RIGID or {name, material} & set(self.leave_out):
-                continue
-            if kind not in CELLS:
-                shell = "shells" if kind in SHELLS else f"of type {kind}"
-                raise self.refused(
-                    f"elements '{name}' are {shell}; palpate simulates {', '.join(CELLS)}. Mesh the limb "
-                    "with those, or name what is no limb in the setting leave_out"
-                )
-            cells = [self.nodes(e, self.integers(e, e.text)) for e in block.findall("elem")]
-            if not cells or any(len(c) != CELLS[kind].n_nodes for c in cells):
-                raise self.refused(f"elements '{name}': {kind} wants {CELLS[kind].n_nodes} nodes in each")
-            yield Part(name, kind, np.array(cells), material)
-
-    def node_set(self, element: ET.Element) -> IntArray:
-        """Nodes of a set, by their numbers and by the names of other sets."""
-        found = []
-        for child in element:
-            other = child.get("node_set") or (child.get("name") if child.get("id") is None else None)
-            if other is not None:
-                nodes = self.named(other)
-                if nodes is None:
-                    raise self.refused(
-                        f"node set '{element.get('name')}' names '{other}', which is not there"
-                    )
-                found.append(nodes)
-        numbers = [self.integer(c, c.get("id")) for c in element if c.get("id") is not None]
-        if len(element) and not numbers and not found:
-            raise self.refused(f"node set '{element.get('name')}' has no ids; give each <n> an id")
-        numbers += self.integers(element, element.text) if not len(element) else []
-        return np.concatenate([*found, self.nodes(element, numbers)])
-
-    def set_numbers(self, element: ET.Element) -> list[int]:
-        """Nodes of a set, written as a list, or one <n id> or <node id> each as FEBio 3 did."""
-        if len(element):
-            return [self.integer(child, child.get("id")) for child in element]
-        return self.integers(element, element.text)
-
-    def surface(self, element: ET.Element) -> IntArray:
-        found: set[int] = set()
-        for face in element:
-            if face.tag not in FACE_NODES:
-                raise self.refused(f"surface '{element.get('name')}' has a face <{face.tag}>")
-            found.update(self.nodes(face, self.integers(face, face.text)).tolist())
-        return np.array(sorted(found), dtype=np.int64)
-
-    def materials(self) -> dict[str, tuple[str, str]]:
-        """Name and FEBio's type of each material, by what the deck may call it."""
-        found = {}
-        for element in self.root.iterfind("Material/material"):
-            name = element.get("name") or f"material{element.get('id')}"
-            found[name] = name, element.get("type", "")
-            found.setdefault(element.get("id", ""), found[name])  # FEBio 3 may name it by number
-        return found
-
-    def nodes(self, element: ET.Element, numbers: list[int]) -> IntArray:
-        try:
-            return np.array([self.number[n] for n in numbers], dtype=np.int64)
-        except KeyError as missing:
-            what = element.get("name") or f"{element.tag} {element.get('id')}"
-            raise self.refused(f"'{what}' names node {missing}, which is not there") from None
-
-    def integer(self, element: ET.Element, text: str | None) -> int:
-        found = self.integers(element, text)
-        if len(found) != 1:
-            raise self.refused(f"<{element.tag}> has the id {text!r}; one whole number is needed")
-        return found[0]
-
-    def integers(self, element: ET.Element, text: str | None) -> list[int]:
-        try:
-            return [int(word) for word in (text or "").replace(",", " ").split()]
-        except ValueError:
-            raise self.refused(
-                f"<{element.tag}> holds '{(text or '').strip()[:40]}'; whole numbers are needed"
-            ) from None
-
-    def floats(self, element: ET.Element, text: str | None) -> list[float]:
-        try:
-            values = [float(word) for word in (text or "").replace(",", " ").split()]
-        except ValueError:
-            values = [np.nan]
-        if not np.isfinite(values).all():
-            raise self.refused(
-                f"<{element.tag} id={element.get('id')!r}> holds '{(text or '').strip()[:40]}'; finite "
-                "numbers are needed"
-            )
-        return values
-
-
-def refuse_reaching(path: Path, root: ET.Element) -> None:
-    """Refuse a deck that includes other files, or names any outside of its own folder.
-
-    Raises
-    ------
-    MeshError
-    """
-    for element in root.iter():
-        if element.tag.lower() == "include":
-            raise MeshError(f"{path}: <{element.tag}> takes in another file; save the deck as one file")
-        for attribute in REACHING:
-            named = element.get(attribute)
-            if named is not None and not _inside(named):
-                raise MeshError(
-                    f"{path}: <{element.tag} {attribute}={named!r}> reaches outside the deck's folder; "
-                    "put the file next to the deck and name it alone"
-                )
-
-
-def _inside(named: str) -> bool:
-    """True if a file's name stays in the folder: one plain name, no folder, drive or variable."""
-    return bool(named) and not any(c in named for c in "/\\:~$%") and named not in (".", "..")
+from palpate_febio.deck_reader import OTHER_SOLIDS, Deck, read_deck
 
 
 class FebioDeckSettings(Settings):
@@ -420,10 +103,16 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
         cells: dict[str, list[IntArray]] = {}
         ids: dict[str, list[IntArray]] = {}
         names = tuple(dict.fromkeys(regions.values()))
-        for part in deck.parts:
-            cells.setdefault(part.kind, []).append(number[part.cells])
-            region = names.index(regions[part.name])
-            ids.setdefault(part.kind, []).append(np.full(len(part.cells), region))
+        other = sorted({part.kind for part in deck.parts} & OTHER_SOLIDS.keys())
+        made = cut(deck.points, tuple((_meshio(p.kind), p.cells) for p in deck.parts)) if other else None
+        for k, part in enumerate(deck.parts):
+            region, kind = names.index(regions[part.name]), "tet4" if made else part.kind
+            if not made:
+                cells.setdefault(kind, []).append(number[part.cells])
+            n_cells = len(made.origin[k] if made else part.cells)
+            ids.setdefault(kind, []).append(np.full(n_cells, region))
+        if made:
+            cells["tet4"] = [number[made.tets]]
         fixed, remarks, warnings = self._fixed(path, deck, number >= 0)
         sets = {"fixed": fixed, "contact": self._contact(path, deck, fixed)}
         mesh = Mesh(
@@ -433,6 +122,12 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
             regions=names,
             node_sets={name: number[nodes][number[nodes] >= 0] for name, nodes in sets.items()},
         )
+        if made:
+            remarks = (f"elements {', '.join(other)} are cut into {len(made.tets)} tetrahedra", *remarks)
+            if made.ends.size:
+                mesh = curved(
+                    mesh, number[made.ends], made.middles * convert(f"1 {self.settings.unit}", "mm")
+                )
         left_out = (f"the rigid part '{part}' is left out" for part in deck.rigid)
         return Limb(spot=spot, mesh=mesh, remarks=(*left_out, *remarks), warnings=(*deck.warnings, *warnings))
 
@@ -481,6 +176,11 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
                     "name the outer skin in the setting contact"
                 )
         return np.unique(np.concatenate([_nodes(path, deck, name) for name in names]))
+
+
+def _meshio(kind: str) -> str:
+    """Name of meshio for a kind of FEBio."""
+    return OTHER_SOLIDS.get(kind) or CELLS[kind].meshio
 
 
 def _names(setting: str | list[str]) -> list[str]:

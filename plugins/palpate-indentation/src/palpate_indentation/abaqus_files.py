@@ -58,7 +58,7 @@ def read_abaqus(path: Path) -> MeshFile:
             f"{n} elements of type {kind} are no tissue and are left out"
             for kind, n in model.left_out.items()
         ),
-        warnings=tuple(warnings),
+        warnings=(*model.unused, *warnings),
     )
 
 

@@ -29,7 +29,7 @@ SOLIDS: Mapping[str, tuple[str, int]] = MappingProxyType(
 SHELLS = re.compile(r"(?:STRI|SFM3D|M3D|R3D|DS|S)(\d)[A-Z0-9]*$")
 FLAT: Mapping[int, str] = MappingProxyType({3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"})
 NO_LIMB = re.compile(
-    r"(MASS|ROTARYI|SPRING|DASHPOT|CONN|T3D|B3|R2D|RB3D|DCOUP|HEATCAP|PIPE|JOINT|GAP|FRAME|DGAP)"
+    r"MASS|ROTARYI|SPRING|DASHPOT|CONN|T3D|B3|R2D|RB3D|DCOUP|HEATCAP|PIPE|JOINT|D?GAP|FRAME|US?\d+$|D$"
 )
 """Elements that are no tissue: masses, springs, connectors, trusses, beams."""
 
@@ -181,6 +181,8 @@ class Model:
             meshio, n = FLAT[int(shell[1])], int(shell[1])
         elif NO_LIMB.match(kind):
             self.left_out[kind] = self.left_out.get(kind, 0) + len(keyword.rows)
+            if "ELSET" in keyword.options:
+                body.element_sets.setdefault(self.title(keyword, "ELSET"), set())
             return
         else:
             raise self.refused(
@@ -267,7 +269,12 @@ class Model:
                     self.owners[instance, number] = (kind, len(own))
                     own.append([self.node(instance, n, f"element {number}") for n in nodes])
             for name, nodes_of in body.node_sets.items():
-                found = {self.node(instance, n, f"node set {name}") for n in nodes_of}
+                found = {self.numbers[instance, n] for n in nodes_of if (instance, n) in self.numbers}
+                if len(found) < len(nodes_of):
+                    self.unused.append(
+                        f"node set '{self.written(name)}' names {len(nodes_of) - len(found)} nodes that are "
+                        "not there; they are ignored"
+                    )
                 for key in _keys(instance, name):
                     self.sets.setdefault(key, set()).update(found)
             for name, elements in body.element_sets.items():
@@ -306,12 +313,18 @@ class Model:
         instance = self.title(keyword, "INSTANCE") if "INSTANCE" in keyword.options else ""
         name, sets = self.title(keyword, option), self.sets if option == "NSET" else self.groups
         members: set[object] = sets.setdefault(name, set())  # type: ignore[assignment]
+        absent = 0
         if option == "NSET" and "ELSET" in keyword.options:
             members |= self.nodes_of_elements(self.groups.get(self.title(keyword, "ELSET"), set()))
         for row in self._ranges(keyword):
             for member in row:
                 if isinstance(member, int):
-                    members.add(self.node(instance, member, name) if option == "NSET" else (instance, member))
+                    if option == "ELSET":
+                        members.add((instance, member))
+                    elif (instance, member) in self.numbers:
+                        members.add(self.numbers[instance, member])
+                    else:
+                        absent += 1
                     continue
                 found = sets.get(f"{instance}.{member}" if instance else member, sets.get(member))
                 if found is None and isinstance(member, str) and option == "NSET":
@@ -320,6 +333,10 @@ class Model:
                 if found is None:
                     raise self.refused(keyword, f"no set '{self.written(str(member))}'; define it first")
                 members |= found
+        if absent:
+            self.unused.append(
+                f"node set '{self.written(name)}' names {absent} nodes that are not there; they are ignored"
+            )
 
     def nodes_of_elements(self, members: set[tuple[str, int]]) -> set[int]:
         """Nodes of elements, by instance and number."""

@@ -8,10 +8,10 @@ import numpy as np
 
 from palpate.api import LimbSource
 from palpate.api.files import InspectedTable, Inspection
-from palpate.api.mesh import CELLS, guessed_unit, inspected, likely_sets, region_name
+from palpate.api.mesh import SOLIDS, guessed_unit, inspected, likely_sets, region_name
 from palpate_indentation.mesh_content import MeshFile
 
-VOLUME = frozenset(cell.meshio for cell in CELLS.values())
+VOLUME = frozenset(SOLIDS)
 LABELS = ("region", "label", "labels", "material", "materialids", "material_id", "part", "partid")
 """Cell data that usually hold the region of each element, the likeliest first."""
 MOST_REGIONS = 20
@@ -99,13 +99,11 @@ def _names(content: MeshFile) -> list[str]:
         for name, values in content.point_data.items()
         if values.ndim == 1 and values.dtype.kind in "biuf" and np.isin(values, (0, 1)).all()
     }
-    faces = {
-        name: np.unique(
-            np.concatenate([cells[r].ravel() for (_, cells), r in zip(content.blocks, rows, strict=True)])
-        )
-        for name, rows in content.cell_sets.items()
-        if not any(len(r) for (kind, _), r in zip(content.blocks, rows, strict=True) if kind in VOLUME)
-    }
+    faces = {}
+    for name, rows in content.cell_sets.items():
+        members = [(kind, of[r]) for (kind, of), r in zip(content.blocks, rows, strict=True) if len(r)]
+        if members and not any(kind in VOLUME for kind, _ in members):
+            faces[name] = np.unique(np.concatenate([of.ravel() for _, of in members]))
     every = {**marks, **content.point_sets, **faces}
     return [n for n in _plain(every) if 0 < np.count_nonzero(solid[every[n]]) < solid.sum()]
 

@@ -1,9 +1,9 @@
 """Limbs from mesh files."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from pydantic import Field, field_validator
 
 from palpate.api import IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
 from palpate.api.files import Inspection
-from palpate.api.mesh import CELLS, held_nodes, unused_supports
+from palpate.api.mesh import CELLS, SOLIDS, curved, cut, held_nodes, unused_supports
 from palpate_indentation.mesh_content import MeshFile
 from palpate_indentation.mesh_files import SUFFIXES, read_mesh_file
 from palpate_indentation.mesh_inspection import inspect_mesh
@@ -84,9 +84,10 @@ class MeshioSource(LimbSource[MeshioSettings]):
 
     Elements ``tetra``, ``tetra10`` and ``hexahedron`` become ``tet4``, ``tet10``
     and ``hex8`` with their nodes in the file's order as meshio gives it, that of
-    :mod:`palpate.api.mesh`. Edges may be curved. Points, lines and faces are ignored; any
-    other element is refused. Cell data of one number or one vector for each element, such as the
-    direction of fibres, are passed to the materials that name them.
+    :mod:`palpate.api.mesh`. Edges may be curved. A mesh with quadratic hexahedra, wedges or pyramids is cut
+    into tetrahedra. Points, lines and faces are ignored; any other element is refused. Cell data of one
+    number or one vector for each element, such as the direction of fibres, are passed to the materials that
+    name them.
     """
 
     suffixes = SUFFIXES
@@ -116,7 +117,12 @@ class MeshioSource(LimbSource[MeshioSettings]):
         settings = self.settings
         content = read_mesh_file(path)
         points = _points_mm(path, content, settings.unit)
-        cells, ids = _volume(path, content, settings)
+        volume, ids = _volume(path, content, settings)
+        other = sorted({content.blocks[k][0] for k in volume} - set(KINDS))
+        made = cut(points, tuple(content.blocks[k] for k in volume)) if other else None
+        kinds = ["tet4" if made else KINDS[content.blocks[k][0]] for k in volume]
+        origins = made.origin if made else [np.arange(len(of)) for of in ids]
+        cells = {"tet4": made.tets} if made else _by_kind(kinds, [content.blocks[k][1] for k in volume])
         sets = dict[str, IntArray]()
         for name, choice in settings.node_sets.items():
             if choice == name == "fixed" and content.supports and known_as(name, _names(content)) is None:
@@ -127,11 +133,18 @@ class MeshioSource(LimbSource[MeshioSettings]):
         mesh = Mesh(
             points_mm=points,
             cells=cells,
-            cell_regions=ids,
+            cell_regions=_by_kind(kinds, [of[rows] for of, rows in zip(ids, origins, strict=True)]),
             regions=tuple(settings.regions),
             node_sets=sets,
-            cell_fields=_fields(content, settings.region_data),
+            cell_fields=_fields(content, settings.region_data, volume, kinds, origins),
         )
+        if made:
+            remarks = (
+                f"elements of type {', '.join(other)} are cut into {len(made.tets)} tetrahedra",
+                *remarks,
+            )
+            if made.ends.size:
+                mesh = curved(mesh, made.ends, made.middles)
         return Limb(
             spot=spot,
             mesh=mesh,
@@ -184,38 +197,48 @@ def _points_mm(path: Path, content: MeshFile, unit: str) -> NDArray[np.float64]:
     return points
 
 
-def _volume(
-    path: Path, content: MeshFile, settings: MeshioSettings
-) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
-    """Cells and their index into the settings' regions by element kind, blocks of one kind joined."""
+def _volume(path: Path, content: MeshFile, settings: MeshioSettings) -> tuple[list[int], list[IntArray]]:
+    """Blocks with volume elements, and the index of each element into the settings' regions."""
     found = [cell_type for cell_type, _ in content.blocks]
-    other = sorted(set(found) - set(KINDS) - IGNORED)
+    other = sorted(set(found) - set(SOLIDS) - IGNORED)
     if other:
         raise MeshError(
-            f"{path}: elements of type {', '.join(other)}; palpate simulates {', '.join(KINDS)}, "
-            "so mesh the limb with those"
+            f"{path}: elements of type {', '.join(other)}; palpate reads {', '.join(SOLIDS)}, so mesh the "
+            "limb with those"
         )
-    volume = [i for i, cell_type in enumerate(found) if cell_type in KINDS]
+    volume = [i for i, cell_type in enumerate(found) if cell_type in SOLIDS and len(content.blocks[i][1])]
     if not volume:
         raise MeshError(
             f"{path}: no volume elements (found: {', '.join(found) or 'none'}); "
             f"export the volume mesh, of {', '.join(KINDS)}"
         )
-    of_block = _by_group if isinstance(_sources(settings.regions)[0][1], str) else _by_number
-    cells: dict[str, list[IntArray]] = {}
-    ids: dict[str, list[IntArray]] = {}
     for i in volume:
-        cells.setdefault(KINDS[found[i]], []).append(content.blocks[i][1])
-        ids.setdefault(KINDS[found[i]], []).append(of_block(path, content, i, settings))
-    return (
-        {kind: np.concatenate(blocks) for kind, blocks in cells.items()},
-        {kind: np.concatenate(blocks) for kind, blocks in ids.items()},
-    )
+        cells = content.blocks[i][1]
+        if cells.min() < 0 or cells.max() >= len(content.points):
+            raise MeshError(
+                f"{path}: an element names node {int(cells.max())}, but there are {len(content.points)}; "
+                "write the mesh again"
+            )
+    of_block = _by_group if isinstance(_sources(settings.regions)[0][1], str) else _by_number
+    return volume, [of_block(path, content, i, settings) for i in volume]
 
 
-def _fields(content: MeshFile, region_data: str) -> dict[str, dict[str, NDArray[np.float64]]]:
+def _by_kind(kinds: Sequence[str], arrays: Sequence[NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Arrays of blocks by the kind of their elements, joined."""
+    return {
+        kind: np.concatenate([array for k, array in zip(kinds, arrays, strict=True) if k == kind])
+        for kind in dict.fromkeys(kinds)
+    }
+
+
+def _fields(
+    content: MeshFile,
+    region_data: str,
+    volume: Sequence[int],
+    kinds: Sequence[str],
+    origins: Sequence[IntArray],
+) -> dict[str, dict[str, NDArray[np.float64]]]:
     """Cell data of one number or vector for each element, by name and kind."""
-    volume = [i for i, (cell_type, _) in enumerate(content.blocks) if cell_type in KINDS]
     found: dict[str, dict[str, NDArray[np.float64]]] = {}
     for name, blocks in content.cell_data.items():
         own = [blocks[i] for i in volume]
@@ -224,13 +247,8 @@ def _fields(content: MeshFile, region_data: str) -> dict[str, dict[str, NDArray[
         ):
             continue
         if len({block.shape[1:] for block in own}) == 1:
-            kinds = [KINDS[content.blocks[i][0]] for i in volume]
-            found[name] = {
-                kind: np.concatenate([b for k, b in zip(kinds, own, strict=True) if k == kind]).astype(
-                    np.float64
-                )
-                for kind in set(kinds)
-            }
+            values = [b[rows].astype(np.float64) for b, rows in zip(own, origins, strict=True)]
+            found[name] = _by_kind(kinds, values)
     return found
 
 
