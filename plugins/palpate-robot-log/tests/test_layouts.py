@@ -1,5 +1,6 @@
 """Tables as other labs and machines write them are read at the first try, or asked about."""
 
+import re
 import tomllib
 import zipfile
 from collections.abc import Mapping
@@ -275,6 +276,24 @@ def test_a_study_of_a_bag_names_the_file_in_its_folder(call, tmp_path):
         "a folder of several files"
         in call("init", "a", "--measured", "bag", "--mesh", "p1.vtu", plugin=None).err
     )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", [file for file in FILES if "stress" not in file and "universal" not in file])
+def test_init_writes_a_study_that_reads_the_file(file, call, tmp_path):
+    """The study is the proposed one, but for the protocol: this press has no twist and is 8 mm deep."""
+    (tmp_path / "p1.vtu").write_text("")
+    assert call("init", "arm", "--measured", LAYOUTS / file, "--mesh", "p1.vtu", plugin=None).code == 0
+    study = tmp_path / "arm" / "study.toml"
+    text = re.sub(r'(?m)^depth = "10 mm"$', 'depth = "8 mm"', study.read_text())
+    text = re.sub(r"(?m)^twist = .*$", "", text)
+    text = re.sub(r"(?m)^scenarios = .*$", 'scenarios = ["III"]', text)
+    study.write_text(re.sub(r"(?m)^generalise_by = .*$", 'generalise_by = "III"', text))
+    done = call("experiment", "arm", "--json", plugin=None)
+    assert done.code == 0, done.err
+    (row,) = done.json
+    assert (row["channel"], row["n_points"]) == ("force", 41)
+    assert row["largest"] == pytest.approx(9.051, abs=2e-3)
 
 
 # -------------------------------------------------------------------------------------- robots
