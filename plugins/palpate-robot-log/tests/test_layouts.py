@@ -94,6 +94,36 @@ def test_the_loader_csv_reads_it_in_the_channels_units(file: str, depth: str, fo
     assert curve.ordinate[[0, -1]] == pytest.approx([0.0, 9.05], abs=6e-3)
 
 
+@pytest.mark.parametrize(
+    ("head", "names"),
+    [
+        ("Time,1,2\n", ["Time", "1", "2"]),
+        (",x,y\n", ["column 1", "x", "y"]),
+        ("#t,x,y\n", ["t", "x", "y"]),
+        ("# run 3\n# t, x, y\n", ["t", "x", "y"]),
+        ("%time,x,y\n", ["%time", "x", "y"]),
+        ("12\nt,x,y\n", ["t", "x", "y"]),
+        ("force,force,force\nx,y,z\n", ["x", "y", "z"]),
+        ("sep=,\nt,x,y\n", ["t", "x", "y"]),
+    ],
+)
+def test_lines_of_names_are_told_from_rows(head: str, names: list[str], tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(head + "".join(f"{0.1 * i:.1f},{i * i},{i}\n" for i in range(30)))
+    table = TextTable(path)
+    lines, columns = table.read()
+    assert [*columns] == names
+    assert (lines[0], lines.size) == (head.count("\n") + 1, 30)
+
+
+@pytest.mark.parametrize("head", ["", "0,1,2\n", "# made by me on a day in May\n", "Operator: none\n"])
+def test_a_row_of_numbers_never_becomes_the_names(head: str, tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(head + "".join(f"{0.1 * i:.1f},{i * i},{i}\n" for i in range(30)))
+    with pytest.raises(CurveError, match="holds numbers where column names belong"):
+        TextTable(path)
+
+
 def test_names_in_a_comment_cost_no_row() -> None:
     table = TextTable(LAYOUTS / "names_in_comment.txt")
     lines, columns = table.read()

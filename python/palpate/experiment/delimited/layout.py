@@ -266,7 +266,9 @@ def _header(
     # A row that is damaged is no line of names.
     while header > 0 and (_is_damaged(kinds[header]) or _is_under_names(kinds, header)):
         header -= 1
-    if (_is_damaged(kinds[header]) and header + 1 < len(rows)) or _filled(rows[header][1]) < fewest:
+    # Names may be numbers, but not the first of them.
+    is_row = _is_damaged(kinds[header]) and kinds[header][:1] != ["text"] and header + 1 < len(rows)
+    if is_row or _filled(rows[header][1]) < fewest:
         return None, start
     above = header - 1
     is_units = above >= 0 and wanted.skip_lines is None and _is_units_line(rows[header][1])
