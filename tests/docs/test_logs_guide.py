@@ -6,6 +6,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from palpate.domain.indenter import SphereSettings
@@ -16,7 +17,7 @@ from palpate_robot_log.reading.channel_map import LogFiles
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "logs.md").read_text(encoding="utf-8")
 LOADER, CONTRACT = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.DOTALL)
-READING, FILES, SPOTS = map(tomllib.loads, re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL))
+READING, MACHINE, FILES, SPOTS = map(tomllib.loads, re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL))
 
 
 def test_the_loader_is_short_and_is_found(tmp_path: Path) -> None:
@@ -51,6 +52,21 @@ def test_the_tables_are_read() -> None:
     assert SphereSettings.model_validate(small.protocol.indenter.settings).radius == 5.0
     assert RobotLogSettings.model_validate(settings | small.settings).gravity.weight == pytest.approx(0.61)
     assert ScoringTable.model_validate(SPOTS["scoring"]).point_weighting == "std"
+
+
+def test_the_map_of_a_testing_machine_is_the_proposed_one(tmp_path: Path) -> None:
+    depth = np.concatenate([np.full(30, -2.0), np.linspace(-2.0, 8.0, 150), np.full(30, 8.0)])
+    depth = np.concatenate([depth, depth[::-1]])
+    noise = np.random.default_rng(1).normal(0.0, 0.01, depth.size)
+    rows = zip(0.04 * np.arange(depth.size), depth + 2.0, depth.clip(0.0) ** 1.5 + noise, strict=True)
+    table = "".join(",".join(f"{value:.6g}" for value in row) + "\n" for row in rows)
+    (tmp_path / "log.csv").write_text("Time (s),Crosshead (mm),Load (N)\n" + table)
+    proposed = tomllib.loads(RobotLogLoader.inspect(tmp_path / "log.csv").study_text)["experiment"]
+    assert proposed["settings"]["channels"] == MACHINE["experiment"]["settings"]["channels"]
+    force = RobotLogLoader(RobotLogSettings.model_validate(proposed["settings"])).load(tmp_path / "log.csv")[
+        "force"
+    ]
+    assert force.ordinate[-1] == pytest.approx(8.0**1.5, rel=0.01)
 
 
 def test_the_steps_are_those_of_the_loader() -> None:

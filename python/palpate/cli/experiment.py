@@ -174,8 +174,9 @@ def inspect(
     if found.study_text:
         session.say(f"\n{found.study_text}")
         wrench = f" --wrench {other}" if other else ""
+        mesh = "" if found.test else " --mesh MESH"
         session.next(
-            f"init FOLDER --measured {file}{wrench} --mesh MESH",
+            f"init FOLDER --measured {file}{wrench}{mesh}",
             "put these tables into a study.toml, or make one; ",
         )
 

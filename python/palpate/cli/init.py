@@ -27,6 +27,12 @@ FIRST = "first-press"
 FOR_OWN = "forearm-demo"
 """The ready study that gives one of own presses its protocol and material where none is named."""
 
+FOR_TEST = "treloar"
+"""The ready study that gives a homogeneous test its solver and material where none is named."""
+
+OF_TESTS = ("scoring", "selection", "scenario")
+"""Tables of a ready study that hold for its own homogeneous tests alone, besides :data:`OF_PRESSES`."""
+
 OF_PRESSES = ("study", "spot", "experiment", "budget", "truth")
 """Tables of a ready study that hold for its own presses alone."""
 
@@ -85,10 +91,15 @@ def init(
         session.next("init --study NAME FOLDER")
         session.note("for your presses: palpate init FOLDER --measured FILE --mesh FILE")
         return
-    name = study or (FOR_OWN if measured or mesh or wrench else FIRST)
+    test = "" if not measured or mesh or wrench else look_into(measured[0], None, session, None).test
+    usual = FOR_TEST if test else FOR_OWN if measured or mesh or wrench else FIRST
+    name = study or usual
     ready = Path(studies[name].directory)
     if measured or mesh or wrench:
-        text = own_study_text(session, ready, folder, measured or [], mesh or [], wrench)
+        if test:
+            text = own_test_text(session, ready, folder, measured or [])
+        else:
+            text = own_study_text(session, ready, folder, measured or [], mesh or [], wrench)
         check_new(folder)
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "study.toml").write_text(text, encoding="utf-8")
@@ -100,12 +111,33 @@ def init(
         return
     command = "check {folder}"
     if measured:
-        session.say(f"{folder / 'study.toml'}: your presses and meshes, everything else from {name}")
-        session.note(f"check it by eye: protocol and ranges are those of {name}, and units may be guesses")
+        own, kept = ("test", "ranges") if test else ("presses and meshes", "protocol and ranges")
+        session.say(f"{folder / 'study.toml'}: your {own}, everything else from {name}")
+        session.note(f"check it by eye: {kept} are those of {name}, and units may be guesses")
     else:
         session.say(f"{name} copied to {folder}")
         command = studies[name].first_command
     session.next(command.replace("{folder}", str(folder)))
+
+
+def own_test_text(session: Session, ready: Path, folder: Path, measured: Sequence[Path]) -> str:
+    """Text of a study of an own homogeneous test, which has no mesh; a StudyError for several files."""
+    from palpate.study.reading import parse_toml
+
+    if len(measured) > 1:
+        raise StudyError(
+            f"{len(measured)} files with --measured and no --mesh; give one homogeneous test, and "
+            "name the others by their modes under measured"
+        )
+    found = look_into(measured[0], None, session, None)
+    file = json.dumps(_from(folder, measured[0]), ensure_ascii=False)
+    own = [
+        f'[study]\nname = {json.dumps(_name_of(folder.resolve().name))}\ndata = "measured"\n',
+        f'[[spot]]\nname = "specimen"\nmeasured = {{ {found.test} = {file} }}\n',
+    ]
+    tables = _tables_of(parse_toml(ready / "study.toml")[0], (*OF_PRESSES, *OF_TESTS))
+    weights = f'[[scenario]]\nname = "test"\nweights = {{ {found.test} = 1.0 }}\n'
+    return "\n".join([*own, found.study_text, *tables, '[selection]\nscenarios = ["test"]\n', weights])
 
 
 def own_study_text(
@@ -218,13 +250,13 @@ def _from(folder: Path, file: Path) -> str:
     return Path(os.path.relpath(file.parent.resolve() / file.name, folder.resolve())).as_posix()
 
 
-def _tables_of(text: str) -> Iterator[str]:
+def _tables_of(text: str, without: Sequence[str] = OF_PRESSES) -> Iterator[str]:
     """Tables of a ready study, with their comments, that hold for other presses too."""
     block: list[str] = []
     for line in (*text.splitlines(), "[end]"):
         if line.startswith("["):
-            head = block[0].strip("[]").partition(".")[0] if block else OF_PRESSES[0]
-            if head not in OF_PRESSES:
+            head = block[0].strip("[]").partition(".")[0] if block else without[0]
+            if head not in without:
                 yield "\n".join(block).strip() + "\n"
             block = []
         if block or line.startswith("["):

@@ -29,6 +29,8 @@ class Inspection:
         What is wrong or doubtful, each a sentence.
     study_text : str
         Tables of study.toml that would read the file; empty if there are none.
+    test : str
+        Channel of the homogeneous test that the file holds; empty for a press.
     record : mapping
         The same for a script; JSON-able.
     file : Path, optional
@@ -40,6 +42,7 @@ class Inspection:
     tables: tuple[InspectedTable, ...] = ()
     findings: tuple[str, ...] = ()
     study_text: str = ""
+    test: str = ""
     record: Mapping[str, Any] = field(default_factory=dict)
     file: Path | None = None
     limb: Limb | None = None

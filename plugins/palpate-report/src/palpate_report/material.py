@@ -88,8 +88,9 @@ def _paths(data: ReportData) -> tuple[Path, ...]:
     """Paths, in a test of a specimen as far as it was stretched."""
     if data.study.protocol is not None:
         return PATHS
-    measured = [curve.abscissa for each in data.measured.values() for curve in each.curves.values()]
-    low, high = min(0.7, *map(np.min, measured)), max(1.3, *map(np.max, measured))
+    curves = (curve for each in data.measured.values() for curve in each.curves.values())
+    stretches = [curve.abscissa for curve in curves if curve.channel != "simple_shear"]
+    low, high = min([0.7, *map(np.min, stretches)]), max([1.3, *map(np.max, stretches)])
     return replace(PATHS[0], amounts=np.linspace(low, high, PATHS[0].amounts.size)), *PATHS[1:]
 
 

@@ -75,6 +75,7 @@ def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
         tables=(*tables, _columns_table(streams)),
         findings=findings,
         study_text=text,
+        test=curves.mode if curves else "",
         record={
             "file": str(path),
             "wrench_file": wrench and str(wrench),
