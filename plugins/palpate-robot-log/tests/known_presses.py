@@ -57,7 +57,7 @@ def press(
     pose = Rotation.from_euler("y", tilt_deg, degrees=True) * (
         Rotation.from_euler("x", 180.0, degrees=True) * Rotation.from_euler("z", turn[:, None], degrees=True)
     )
-    # The tool's z is inward, and the tissue pushes against it.
+    # The tool's z is inward: the tissue pushes against it, and resists a turn about it.
     inward = pose.apply([0.0, 0.0, 1.0])
     tip = np.array([400.0, 100.0, 200.0]) - z[:, None] * inward
     force, moment = np.array([0.1, -0.05, 0.3]), np.array([2e-3, -1e-3, 5e-4])
@@ -67,7 +67,7 @@ def press(
         tip_mm=tip + rng.normal(0.0, 1e-3, tip.shape),
         pose=pose,
         force_N=force - size[:, None] * [0.0, 0.0, 1.0] + rng.normal(0.0, 0.015, tip.shape),
-        moment_Nm=moment + 1e-3 * torque[:, None] * [0.0, 0.0, 1.0] + rng.normal(0.0, 2e-4, tip.shape),
+        moment_Nm=moment - 1e-3 * torque[:, None] * [0.0, 0.0, 1.0] + rng.normal(0.0, 2e-4, tip.shape),
         # The arm yields by 0.04 mm/N.
         commanded_mm=tip + 0.04 * size[:, None] * inward,
     )
