@@ -1,6 +1,7 @@
 """``palpate next`` and ``extend`` to their ends, where every point is weighed by its errors."""
 
 import re
+import shutil
 
 import jsonschema
 import numpy as np
@@ -11,6 +12,7 @@ import palpate_materials
 from palpate.domain import Job
 from palpate.errors import StudyError
 from palpate.run.directory import RunDirectory
+from palpate.run.ledger import Ledger
 from palpate.study.reading import read_options
 from palpate.testing import bench
 from palpate.testing.studies import StudyRunner
@@ -59,8 +61,10 @@ def test_next_press_is_ranked_made_and_added(call, weighed, tmp_path):
     study, plugins = weighed
     assert call("run", study.file, "--out", "run", plugin=bench.__file__).code == 0
     made = call("next", "run", *CHOICE, "--json", plugin=bench.__file__)
-    assert re.search(r"\d+ simulations, of candidates \(4\) by values of the parameters \(3\)", made.err)
     assert made.code == 0, made.err
+    assert "4 presses × 3 parameter values = 12 simulations, then up to " in made.err
+    before = made.err[: made.err.index("fit again")]
+    assert re.search(r"about \d+ simulations, .* \(--quick is shorter\)", before)
     found = valid(call, "next", made.json)
     _never_widens(found)
     name = found["presses"][0]["press"]
@@ -89,6 +93,42 @@ def test_next_press_is_ranked_made_and_added(call, weighed, tmp_path):
     start = after.trace.row(0, named=True)
     answer = before.joint_values("both")
     assert {parameter: start[parameter] for parameter in answer} == answer
+
+
+@pytest.mark.slow
+def test_a_plan_is_no_longer_than_the_run_and_a_quick_one_is_shorter(call, weighed, tmp_path):
+    study, _ = weighed
+    assert call("run", study.file, "--out", "run", plugin=bench.__file__).code == 0
+    n_run = _n_simulations(tmp_path / "run")
+    shutil.copytree(tmp_path / "run", tmp_path / "quick")
+    usual = call("next", "run", plugin=bench.__file__)
+    assert usual.code == 0, usual.err
+    assert _n_simulations(tmp_path / "run") - n_run <= n_run
+    quick = call("next", "quick", "--quick", plugin=bench.__file__)
+    assert quick.code == 0, quick.err
+    assert "(quick: error sources and finer meshes as at the press so far)" in quick.err
+    assert 0 < _n_simulations(tmp_path / "quick") - n_run <= _n_simulations(tmp_path / "run") - n_run
+    both = call("next", "run", "--quick", "--points", 3, plugin=bench.__file__)
+    assert (both.code, "leave out --quick or --points" in both.err) == (2, True)
+    rows = [line for line in usual.out.splitlines() if "(repeat)" in line]
+    assert len({row.split()[0] for row in rows}) == 1  # of all shares of the press, the whole
+
+
+@pytest.mark.slow
+def test_a_quick_ranking_is_like_the_careful_one(call, weighed):
+    study, _ = weighed
+    assert call("run", study.file, "--out", "run", plugin=bench.__file__).code == 0
+    of = {}
+    for options in (("--quick",), ("--points", 1)):
+        found = call("next", "run", "--allowed", "allowed.toml", *options, "--json", plugin=bench.__file__)
+        of[options[0]] = {row["press"]: row["error"] for row in found.json["ranking"]}
+    for press, error in of["--points"].items():
+        assert of["--quick"][press] == pytest.approx(error, rel=0.25), press
+
+
+def _n_simulations(folder):
+    with Ledger(folder) as ledger:
+        return len(ledger.seconds())
 
 
 def valid(call, command, value):

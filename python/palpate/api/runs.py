@@ -93,6 +93,11 @@ if TYPE_CHECKING:
         objectives as objectives,
         unranked as unranked,
     )
+    from palpate.simulation.forecast import (
+        FINE as FINE,
+        Part as Part,
+        work_of as work_of,
+    )
     from palpate.simulation.jobs import (
         check_jobs as check_jobs,
         job_for as job_for,

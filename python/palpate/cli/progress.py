@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _ASKING = (signal.SIGINT, signal.SIGTERM)
 """Signals that ask to stop; batch systems send the second before they kill."""
 
-SIMULATING = ("simulate", "fit", "surface")
+SIMULATING = ("simulate", "fit", "surface", "fit again", "candidates", "rank")
 """Stages of simulations: asked to stop, they finish those that are running."""
 
 LINE_S = 50.0

@@ -61,7 +61,7 @@ class Intervals(Stage):
         return {"budget": study.budget.model_dump(mode="json")}
 
     def usual_simulations(self, inputs: Run) -> dict[str, int]:
-        """Differences for the causes of the budget that have no exact slope."""
+        """One of each fit at its reported values, and differences for causes that have no exact slope."""
         study, measured = inputs.study, inputs.measured
         if isinstance(study.search, BestSet):
             return {}
@@ -69,7 +69,9 @@ class Intervals(Stage):
         causes = error_sources_of(study, measured, [p.name for p in parameters])
         found = {}
         for spot in study.spot_names:
-            found[spot] = n_differences((c for c in causes if not c.spots or spot in c.spots), study)
+            n_fits = len(study.scenarios) * (2 if len(study.spots) > 1 else 1)
+            here = (cause for cause in causes if not cause.spots or spot in cause.spots)
+            found[spot] = n_fits + n_differences(here, study)
         return found
 
     def run(self, inputs: Run, progress: Progress) -> Files:

@@ -15,7 +15,7 @@ import tomlkit
 from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 from tomlkit.items import AoT
 
-from palpate.api import AnisotropicMaterial, Channel, Protocol, StudyError, convert
+from palpate.api import AnisotropicMaterial, Channel, Indentation, Protocol, StudyError, convert
 from palpate.api.experiment import POSE, TIME
 from palpate.api.files import write_atomically
 from palpate.api.runs import Plugins, RunDirectory, Study, read_study
@@ -328,6 +328,24 @@ def candidates(study: Study, plugins: Plugins, allowed: Allowed | None) -> list[
         wrong = dict.fromkeys(re.findall(r"protocol(?:\.| ).*", str(error)))
         raise StudyError("\n".join(f"{place}{each}" for each in wrong or [str(error)])) from None
     return [replace(each, protocol=extended.protocol_at(each.name)) for each in added]
+
+
+def is_repeat(study: Study, press: CandidatePress) -> bool:
+    """True if a press is the one that the study already has at its spot."""
+    made, planned = study.protocol_at(press.spot), press.protocol
+    if not (isinstance(made, Indentation) and isinstance(planned, Indentation)) or "indenter" in press.keys:
+        return False
+    pairs = [
+        (each.waypoints.pose, each.loads, each.time_s, each.friction, each.tilt_deg)
+        for each in (made, planned)
+    ]
+    return all(_equal(one, other) for one, other in zip(*pairs, strict=True))
+
+
+def _equal(one: Any, other: Any) -> bool:  # noqa: ANN401 - numbers, arrays or nothing
+    if one is None or other is None:
+        return one is other
+    return np.array_equal(one, other, equal_nan=True)
 
 
 def _allowed_ways(study: Study, allowed: Allowed) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -78,8 +78,19 @@ def next_(  # named apart from the builtin
         ),
     ] = None,
     n_points: Annotated[
-        int, typer.Option("--points", min=1, max=50, help="Likely parameters at which each is simulated.")
-    ] = 6,
+        int | None,
+        typer.Option(
+            "--points",
+            min=1,
+            max=50,
+            help="Likely parameters at which each is simulated; default: up to 6, no slower than the run.",
+            show_default=False,
+        ),
+    ] = None,
+    quick: Annotated[
+        bool,
+        typer.Option("--quick", help="One simulation of each press, linear around the fit, coarse meshes."),
+    ] = False,
     trust_plugins: TrustPlugins = False,
     as_json: AsJson = False,
 ) -> None:
@@ -106,6 +117,7 @@ def next_(  # named apart from the builtin
         goal=goal,
         n_presses=n_presses or (FURTHER_PRESSES if folder else FIRST_PRESSES),
         n_points=n_points,
+        is_quick=quick,
     )
     where = folder or run_folder(study, out)
     with StageProgress(session) as progress:
@@ -139,7 +151,9 @@ def _run_to_extend(given: Path | None, out: Path | None) -> Path | None:
 
 
 def _show(session: Session, study: "Study", found: "Proposal") -> None:
-    from palpate_planning.candidates import PRESSURE
+    import polars as pl
+
+    from palpate_planning.candidates import PRESSURE, is_repeat
     from palpate_planning.tables import not_narrowed, proposal_tables, shown_intervals, shown_ranking
     from palpate_report.display_units import rows_in_display_units
 
@@ -151,6 +165,8 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
             f" First repeat the press at {found.check} as it was: if its curves repeat, the model is "
             "wrong, else the measurement. Presses to make if the model were right:"
         )
+    every = [each.press.press for step in found.steps for each in step.ranked]
+    again = [press.name for press in every if is_repeat(study, press)]
     units = {name: channel.units[1] for name, channel in session.plugins.channels.items()}
     units[PRESSURE] = "MPa"
     for number, ranking in tables.ranking.group_by("step", maintain_order=True):
@@ -158,7 +174,11 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
             f"Press {number[0]}: expected error ({found.goal.name}), with the bias of the meshes, and width "
             "of each interval, in % of those before the press"
         )
-        session.frame(title, shown_ranking(ranking, units).head(SHOWN))
+        shown = shown_ranking(ranking, units).head(SHOWN)
+        mark = pl.when(pl.col("press").is_in(again)).then(pl.lit(" (repeat)")).otherwise(pl.lit(""))
+        session.frame(title, shown.with_columns(pl.col("protocol") + mark))
+        if (first := ranking.row(0, named=True))["press"] in again:
+            session.paragraph(f"{first['press']} repeats the press at {first['spot']} as it was made.")
         best = ranking.row(int(ranking["error"].arg_min() or 0), named=True)
         if best["error"] >= 1.0:
             session.paragraph(

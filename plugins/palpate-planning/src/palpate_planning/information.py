@@ -13,10 +13,11 @@ from typing import Self, TypeVar, final
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from palpate.api import FloatArray
+from palpate.api import Curve, FloatArray
+from palpate.api.fit import Correction, SpotTerm
 from palpate_certainty.error_sources import MESH
 from palpate_certainty.laplace import FLAT_SD, scores_of
-from palpate_certainty.noise_model import COMMON, ResidualLayout, matern
+from palpate_certainty.noise_model import COMMON, ResidualLayout, matern, path_of
 
 SPACING = 0.1
 """Distance, in correlation lengths, of the places on a path between which a discrepancy is interpolated."""
@@ -300,3 +301,32 @@ def _root(n: int) -> FloatArray:
     correlation = matern(np.abs(places[:, None] - places))
     root: FloatArray = np.linalg.cholesky(correlation + 1e-10 * np.eye(n)).astype(np.float64)
     return root
+
+
+SAME_SHAPE = 0.05
+"""Largest difference of two abscissae along their paths, of the largest, up to which they have one shape."""
+
+
+def changed_like(change: FloatArray, of: Curve, ordinate: FloatArray, curve: Curve) -> FloatArray:
+    """Change of a curve like the known one of another: along the path and relative to its ordinates.
+
+    On a path of another shape it is the same share of every ordinate.
+    """
+    at, known = (path / path[-1] for path in (path_of(curve.abscissa), path_of(of.abscissa)))
+    here, there = (each.abscissa / np.abs(each.abscissa).max() for each in (curve, of))
+    seen = np.isfinite(ordinate)
+    if np.abs(np.interp(at, known, there) - here).max() > SAME_SHAPE:
+        share = (change[seen] @ ordinate[seen]) / (ordinate[seen] @ ordinate[seen])
+        changed: FloatArray = share * curve.ordinate
+    else:
+        size = np.sqrt(np.nanmean(curve.ordinate**2) / np.nanmean(ordinate**2))
+        changed = size * np.interp(at, known, change)
+    return changed
+
+
+def correction_like(like: SpotTerm, channel: str, curve: Curve) -> Correction:
+    """Correction of a planned curve, known of one like it: along the path and relative to its size."""
+    known, of = like.corrections[channel], like.measured[channel]
+    added, *slopes = (changed_like(y, of, known.coarse, curve) for y in (known.added, *known.slopes.values()))
+    named = zip(known.slopes, slopes, strict=True)
+    return replace(known, added=added, coarse=curve.ordinate, slopes=dict(named))

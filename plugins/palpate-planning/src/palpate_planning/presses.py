@@ -12,19 +12,20 @@ from palpate.api import (
     Channel,
     Curve,
     FloatArray,
+    Indentation,
     Job,
     Limb,
     MeshError,
     PalpateError,
     ParameterName,
     Progress,
+    Protocol,
     Response,
     Scenario,
     Simulation,
     Status,
 )
 from palpate.api.fit import (
-    Correction,
     Evaluation,
     Fit,
     NotRankedError,
@@ -50,12 +51,22 @@ from palpate_certainty.mesh_error import SpotMesh
 from palpate_certainty.noise_model import grouped, groups_of, layout_of, path_of
 from palpate_certainty.stages import spot_meshes
 from palpate_planning.candidates import CandidatePress
-from palpate_planning.information import ErrorSizes, FisherInformation, cause_name, press_information
+from palpate_planning.information import (
+    ErrorSizes,
+    FisherInformation,
+    cause_name,
+    changed_like,
+    correction_like,
+    press_information,
+)
 
 USUAL_POINTS = 100
 """Points of a curve where no measured one shows how many there are."""
 
-OF_ONE_PRESS = ("onset", "tilt", "zero")
+ONSET = "onset"
+"""Kind of the cause that shifts the depth of a press."""
+
+OF_ONE_PRESS = (ONSET, "tilt", "zero")
 """Kinds of causes that act on one press only."""
 
 
@@ -77,6 +88,9 @@ class DesignProblem:
         Values of the fit; by default those at the first point.
     laplace : Laplace, optional
         Density of the fit; None before any press.
+    like_so_far : bool
+        Whether causes and meshes are taken to change the curves of a candidate like those of the press so
+        far at its spot, and not simulated.
     limited : mapping of channel to tuple of Channel
         Further curves of candidates, for the largest ordinate of a channel along the whole motion.
     """
@@ -92,6 +106,7 @@ class DesignProblem:
     estimate: FloatArray | None = None
     laplace: Laplace | None = None
     limited: Mapping[str, tuple[Channel, ...]] = field(default_factory=dict)
+    like_so_far: bool = False
     progress: Progress = SILENT
 
     @property
@@ -263,14 +278,13 @@ def _stated(
     """
     bare = {press: bare_problem(design, press) for press in presses}
     jobs = [job_of(design, problem, point) for problem in bare.values() for point in points]
-    finer = [press for press in bare if design.mesh(press).refinement > 1.0]
+    finer = [p for p in bare if design.mesh(p).refinement > 1.0 and not design.like_so_far]
     jobs += [replace(job_of(design, bare[p], points[0]), spot=p.name, mesh="fine") for p in finer]
-    once_more = f", {len(finer)} of them once more on a finer mesh" if finer else ""
     n_more = sum(_n_differences(design, problem, len(points)) for problem in bare.values())
-    more = f"; up to {n_more} more for slopes and the error budget" if n_more else ""
+    more = f", then up to {n_more} for slopes and the error budget" if n_more else ""
+    once_more = f" and {len(finer)} finer meshes" if finer else ""
     design.progress.note(
-        f"{len(jobs)} simulations, of candidates ({len(bare)}) by values of the parameters ({len(points)})"
-        f"{once_more}{more}; --allowed and --points change how many"
+        f"{len(bare)} presses × {len(points)} parameter values{once_more} = {len(jobs)} simulations{more}"
     )
     design.progress.begin("candidates", len(jobs))
     ended = iter(design.problem.simulate(jobs))
@@ -286,7 +300,8 @@ def _stated(
 def _n_differences(design: DesignProblem, bare: Problem, n_points: int) -> int:
     """Most simulations of a press for what is no slope of the solver: causes at one point, values at all."""
     values = 0 if design.study.solver.provides.slopes else 2 * len(bare.names) * n_points
-    return values + n_differences(_causes(design, bare), design.study)
+    of_causes = n_differences(_causes(design, bare), design.study)
+    return values if design.like_so_far else values + of_causes
 
 
 def _restated(
@@ -305,7 +320,7 @@ def _restated(
     terms = [_term(design, press, _as_measured(design, press, each)) for each in shown]
     if not terms[0].weights:
         return f"it shows no channel of scenario '{design.scenario.name}'"
-    known = terms[0]
+    known = design.term(press.spot) if design.like_so_far else terms[0]
     if fine is not None:
         inputs = bare.inputs(known.spot, point_in(design, bare, points[0]))
         with contextlib.suppress(NotRankedError):  # its error is that of one mesh then
@@ -313,7 +328,8 @@ def _restated(
             known = replace(known, corrections=run.corrections)
     stated = []
     for term, each in zip(terms, shown, strict=True):
-        corrections = {name: _as_of(known, name, term.measured[name]) for name in known.corrections}
+        shared = (name for name in known.corrections if name in term.measured.curves)
+        corrections = {name: correction_like(known, name, term.measured[name]) for name in shared}
         corrected = replace(term, corrections=corrections)
         stated.append(_Stated(bare.restated([corrected]), _peaks(design, each)))
     return stated
@@ -375,17 +391,6 @@ def _term(design: DesignProblem, press: CandidatePress, measured: Response) -> S
     )
 
 
-def _as_of(like: SpotTerm, channel: str, curve: Curve) -> Correction:
-    """Correction of a planned curve, known of one like it: along the path and relative to its size."""
-    known = like.corrections[channel]
-    here, there = (path_of(each.abscissa) for each in (curve, like.measured[channel]))
-    at, of = here / here[-1], there / there[-1]
-    size = np.sqrt(np.nanmean(curve.ordinate**2) / np.nanmean(known.coarse**2))
-    added, *slopes = (size * np.interp(at, of, y) for y in (known.added, *known.slopes.values()))
-    named = zip(known.slopes, slopes, strict=True)
-    return replace(known, added=added, coarse=curve.ordinate, slopes=dict(named))
-
-
 def _as_measured(design: DesignProblem, press: CandidatePress, simulation: Simulation) -> Response:
     """Simulated curves as they would be measured: with as many points as those of the spot have."""
     assert simulation.response is not None
@@ -426,6 +431,19 @@ def _columns(
     """Change of the curves of a press by each cause; refuse it where that of its own motion is unknown."""
     (term,) = problem.terms
     weighed = [name for name in term.measured if design.scenario.fits(name)]
+    so_far = design.term(press.spot)
+    if design.like_so_far and all((term.spot, name) in design.columns for name in weighed):
+        # An error of the depth matters less, the deeper the press.
+        deeper = _depth_mm(so_far.protocol) / _depth_mm(term.protocol)
+        by_depth = {cause.name: deeper for cause in _causes(design, problem) if cause.kind == ONSET}
+        return {
+            (term.spot, name): {
+                cause: by_depth.get(cause, 1.0)
+                * changed_like(column, known := so_far.measured[name], known.ordinate, term.measured[name])
+                for cause, column in design.columns[term.spot, name].items()
+            }
+            for name in weighed
+        }
     fit = Fit(problem, evaluation.point, best=evaluation)
     columns, failures = columns_of(fit, _causes(design, problem), weighed, design.limbs)
     for cause, why in failures.items():
@@ -433,6 +451,10 @@ def _columns(
             raise PalpateError(f"{cause.name}: {why}")
         design.progress.note(f"warning: {press.name} is ranked without the cause '{cause.name}': {why}")
     return columns
+
+
+def _depth_mm(given: Protocol | None) -> float:
+    return float(np.ptp(given.waypoints.pose[:, 0])) if isinstance(given, Indentation) else 1.0
 
 
 def _information(

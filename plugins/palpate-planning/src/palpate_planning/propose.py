@@ -11,7 +11,16 @@ from scipy.stats import qmc
 from palpate.api import SILENT, FloatArray, Limb, Parameter, Progress, Response, Scenario, StudyError
 from palpate.api.experiment import abscissae_of
 from palpate.api.fit import Evaluation, Problem, Simulate, term_of
-from palpate.api.runs import Plugins, RunDirectory, Simulations, Study, Tool, load_limbs, locked_run
+from palpate.api.runs import (
+    Part,
+    Plugins,
+    RunDirectory,
+    Simulations,
+    Study,
+    Tool,
+    load_limbs,
+    locked_run,
+)
 from palpate_certainty.error_sources import Columns
 from palpate_certainty.laplace import Laplace
 from palpate_certainty.mesh_error import SpotMesh
@@ -27,6 +36,7 @@ from palpate_planning.candidates import (
     limited_curves,
     limits_of,
 )
+from palpate_planning.effort import MOST_POINTS, effort, say_time, simulations_of
 from palpate_planning.information import ErrorSizes, FisherInformation
 from palpate_planning.plan import (
     ALL,
@@ -69,17 +79,23 @@ class PlanOptions:
         Candidates; by default shares of the study's own presses.
     n_presses : int
         Presses to choose, one after the other.
-    n_points : int
-        Likely parameters at which each candidate is simulated.
+    n_points : int, optional
+        Likely parameters at which each candidate is simulated; by default as many as take no longer than the
+        run did, up to :data:`MOST_POINTS`.
+    is_quick : bool
+        Whether one is enough, and causes and meshes change a candidate like the press so far at its spot.
     """
 
     goal: str | None = None
     tool: Tool | None = None
     allowed: Allowed | None = None
     n_presses: int = 1
-    n_points: int = 6
+    n_points: int | None = None
+    is_quick: bool = False
 
     def __post_init__(self) -> None:
+        if self.is_quick and self.n_points is not None:
+            raise StudyError("a quick answer has one point; leave out --quick or --points")
         if self.goal == PREDICTION and self.tool is None:
             raise StudyError(f"goal '{PREDICTION}' needs a tool whose force is predicted: --tool FILE")
         if self.tool is not None and self.goal not in (None, PREDICTION):
@@ -114,11 +130,18 @@ def propose(
         There is a fit without intervals or of single spots, or nothing that is allowed is possible.
     """
     allowed, tool = options.allowed, tool_limbs(study, options.tool)
-    limits, presses = limits_of(allowed, study, plugins.channels), candidates(study, plugins, allowed)
-    meshes, finer = press_meshes(study, presses)
+    limits = limits_of(allowed, study, plugins.channels)
+    presses: Sequence[CandidatePress] = candidates(study, plugins, allowed)
     if (run_folder / "fit.parquet").exists():
-        with locked_run(study, run_folder, plugins, progress, needs=["fit"], more_limbs=tool | finer) as run:
+        with locked_run(study, run_folder, plugins, progress, needs=["fit"], more_limbs=tool) as run:
+            run.forecast.expect([], run.limbs)
             certain, assessed = joint_assessed(run)
+            n_allowed = len(presses)
+            presses, n_points, is_quick = effort(
+                run, presses, options.n_points, is_quick=options.is_quick, may_drop=allowed is None
+            )
+            meshes, finer = ({}, {}) if is_quick else press_meshes(study, presses)
+            run.simulations.limbs.update(finer)
             stage = PlanningStage(
                 study=run.study,
                 measured=run.measured,
@@ -126,17 +149,25 @@ def propose(
                 columns=certain.columns(assessed.case)[0],
                 meshes={**certain.meshes, **meshes},
                 limbs=run.simulations.limbs,
+                is_quick=is_quick,
                 progress=progress,
             )
-            found = stage.run(presses, options, limits)
+            counts = simulations_of(run, presses, n_points, is_quick=is_quick)
+            run.forecast.expect([Part(stage="next", counts=counts)], run.simulations.limbs)
+            say_time(run, progress, is_quick=is_quick, is_chosen=options.is_quick)
+            if len(presses) < n_allowed:
+                progress.note(f"{len(presses)} of {n_allowed} presses, which take no longer than the run did")
+            found = stage.run(presses, replace(options, n_points=n_points, is_quick=False), limits)
             run.directory.write_proposal(for_robot(found, run.limbs))
             return found
     limbs, directory = load_limbs(study), RunDirectory(run_folder)
+    meshes, finer = ({}, {}) if options.is_quick else press_meshes(study, presses)
+    n_points = options.n_points or (1 if options.is_quick else MOST_POINTS)
     with directory.locked(study, plugins.channels) as check_lock:
         directory.initialise(study, plugins.channels, simulating=True)
         with Simulations(study, run_folder, {**limbs, **tool, **finer}, progress, check_lock) as simulations:
             design, points = before_any_press(
-                study, study.generalising, simulations.of, abscissae_of(plugins.channels), options.n_points
+                study, study.generalising, simulations.of, abscissae_of(plugins.channels), n_points
             )
             check_options(design, options)
             design = replace(design, meshes=meshes, limbs=simulations.limbs, progress=progress)
@@ -155,6 +186,8 @@ class PlanningStage:
         The joint fit of the scenario that generalises.
     columns : Columns
         What error sources add to its curves.
+    is_quick : bool
+        Whether error sources and finer meshes are taken to change a candidate like the press so far.
     """
 
     study: Study
@@ -163,6 +196,7 @@ class PlanningStage:
     columns: Columns
     meshes: Mapping[str, SpotMesh]
     limbs: dict[str, Limb] = field(default_factory=dict)
+    is_quick: bool = False
     progress: Progress = SILENT
 
     def run(
@@ -181,7 +215,7 @@ class PlanningStage:
         design = self.design()
         check_options(design, options)
         self.progress.begin("fit again", 0)
-        so_far, points = presses_so_far(design, self._points(options.n_points))
+        so_far, points = presses_so_far(design, self._points(options.n_points or MOST_POINTS))
         found = choose_presses(design, so_far, presses, points, options, limits)
         failed_checks = tuple(check.name for check in self.assessed.checks if check.is_failed)
         return replace(found, failed_checks=failed_checks, check=self._worst_spot() if failed_checks else "")
@@ -209,6 +243,7 @@ class PlanningStage:
             limbs=self.limbs,
             estimate=box.lower + (box.upper - box.lower) * self.assessed.point,
             laplace=self.assessed.laplace,
+            like_so_far=self.is_quick,
             progress=self.progress,
         )
 
