@@ -11,6 +11,7 @@ from palpate.cli.session import Session
 from palpate.errors import StoppedError
 from palpate.executors import InProcess
 from palpate.progress import Silent
+from palpate.run.ledger import Ledger
 from palpate.run.lock import locked
 from palpate.stages import pipeline
 
@@ -154,6 +155,34 @@ def test_the_page_of_a_run_that_has_not_ended_shows_what_is_there(call, study, t
     )
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [8, 12])
+def test_a_stopped_fit_without_a_sweep_shows_how_far_it_is(call, study, tmp_path, n):
+    path = study / "study.toml"
+    text = path.read_text().replace("n_sets = 20", "n_sets = 0")
+    path.write_text(text.replace("a = 0.5", 'a = { lower = "0", upper = "0.8" }'))
+    session = Session([Path(PLUGIN)])
+    stopping = replace(session.study(study), executor=InProcess())
+    with pytest.raises(StoppedError):
+        pipeline.run_study(stopping, tmp_path / "runs" / "toy", session.plugins, StopsAfter(n))
+    with Ledger(tmp_path / "runs" / "toy") as ledger:
+        n_known = len(ledger.seconds())
+    stopped = call("report", "runs/toy", "--json")
+    assert stopped.code == 0, stopped.err
+    warning = stopped.json["warnings"][0]
+    assert warning.startswith(f"The run has not ended. So far: {n_known} simulations; fit: ")
+    assert stopped.json["next"] == "finish the run: `palpate run RUN`"
+    assert f"Simulations: {n_known} so far." in stopped.json["conclusion"]
+    assert not any("converged" in each for each in stopped.json["warnings"])
+    assert [row["value"] > 0.0 for row in stopped.json["intervals"]] == [True, True]
+    with locked(tmp_path / "runs" / "toy"):
+        assert call("report", "--json").json == stopped.json
+    with Ledger(tmp_path / "runs" / "toy") as ledger:
+        assert len(ledger.seconds()) == n_known
+    assert call("run", "runs/toy").code == 0
+    assert not any("not ended" in each for each in call("report", "runs/toy", "--json").json["warnings"])
+
+
 def test_a_run_before_its_first_result_has_no_page(call, study, tmp_path):
     session = Session([Path(PLUGIN)])
     stopping = replace(session.study(study), executor=InProcess())
@@ -161,6 +190,18 @@ def test_a_run_before_its_first_result_has_no_page(call, study, tmp_path):
         pipeline.run_study(stopping, tmp_path / "run", session.plugins, StopsAfter(0))
     refused = call("report", "run")
     assert (refused.code, "no simulation has ended yet" in refused.err) == (2, True)
+
+
+@pytest.mark.parametrize("n", [0, 3])
+def test_a_fit_before_its_first_evaluation_has_no_page(call, study, tmp_path, n):
+    path = study / "study.toml"
+    path.write_text(path.read_text().replace("n_sets = 20", "n_sets = 0"))
+    session = Session([Path(PLUGIN)])
+    stopping = replace(session.study(study), executor=InProcess())
+    with pytest.raises(StoppedError):
+        pipeline.run_study(stopping, tmp_path / "run", session.plugins, StopsAfter(n))
+    refused = call("report", "run")
+    assert (refused.code, " ended" in refused.err) == (2, True), refused.err
 
 
 @pytest.mark.slow

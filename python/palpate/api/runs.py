@@ -109,6 +109,7 @@ if TYPE_CHECKING:
     )
     from palpate.stages.core_stages import (
         best_sets as best_sets,
+        fit_so_far as fit_so_far,
     )
     from palpate.stages.pipeline import (
         RunResult as RunResult,

@@ -376,12 +376,12 @@ class Problem:
             steps = (-size, size)
         else:
             steps = (size, 2.0 * size) if point[i] < 0.5 else (-size, -2.0 * size)
-        shifts = []
-        for step in steps:
-            inputs = self._inputs(term, _moved(point, i, step))
-            job = None if is_free else self._add(jobs, term, inputs, slopes=False)
-            shifts.append(_Shift(step, inputs, job))
-        return shifts
+        # Of both before a job of one: a step that cannot be taken costs no simulation.
+        moved = [(step, self._inputs(term, _moved(point, i, step))) for step in steps]
+        return [
+            _Shift(step, inputs, None if is_free else self._add(jobs, term, inputs, slopes=False))
+            for step, inputs in moved
+        ]
 
     # ----------------------------------------------------------------- evaluating
 

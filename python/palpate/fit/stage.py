@@ -14,7 +14,7 @@ import numpy as np
 import polars as pl
 
 from palpate.domain import Design, FloatArray, Response, Scenario, Simulation, channel_of
-from palpate.errors import PalpateError
+from palpate.errors import PalpateError, StoppedError
 from palpate.fit.mesh_correction import NEAR, EndSlopes, FineRun, errors_of, fine_run
 from palpate.fit.problem import Problem
 from palpate.fit.running import Fit, run_searches
@@ -133,6 +133,16 @@ class FitStage:
         order = {scenario.name: i for i, scenario in enumerate(study.scenarios)}
         labels = [label, *spots]
         return sorted(cases, key=lambda case: (labels.index(case.label), order[case.scenario.name]))
+
+    def so_far(self) -> list[Case]:
+        """Cases that have an evaluation by the simulations at hand, where one more stops the fit."""
+        try:
+            return self.run()
+        except StoppedError:
+            begun = [case for case in self._cases if case.end is not None]
+        for fit in (fit for case in begun for fit in case.fits):
+            fit.message = fit.message or "has not ended"
+        return begun
 
     def _weighed_spots(self, scenario: Scenario) -> tuple[str, ...]:
         """Spots that measure a channel of a scenario."""

@@ -126,7 +126,7 @@ class Simulations:
             The caller requested a stop; finished results are kept.
         """
         keys = list(map(self.key, jobs))
-        n_jobs, writer = Counter(keys), self._writer
+        n_jobs = Counter(keys)
         by_key: dict[str, Job] = {}
         for key, job in zip(keys, jobs, strict=True):
             by_key.setdefault(key, job)
@@ -140,7 +140,8 @@ class Simulations:
                     self.progress.step(simulation.status.value)
                     self._show_forecast()
             by_key = {key: job for key, job in by_key.items() if key not in self.known}
-        writer.flush()
+        if "_writer" in self.__dict__:  # made by the first result that is new
+            self._writer.flush()
         if by_key:
             raise StoppedError(
                 f"stopped with {len(self.known)} simulations finished and kept; "
@@ -312,3 +313,13 @@ def results(
             f"executor '{executor.name}' ended without a result for {len(waiting)} of {len(jobs)} jobs; "
             "finished results are kept; set executor.name = 'processes', or report it to the plugin's author"
         )
+
+
+class KeptSimulations(Simulations):
+    """Simulations that a run directory has; one that it lacks stops the caller, and nothing is written."""
+
+    def _in_cache(self, by_key: Mapping[str, Job]) -> _Found:
+        return iter(())
+
+    def _simulated(self, by_key: Mapping[str, Job]) -> _Found:
+        return iter(())

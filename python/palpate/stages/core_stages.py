@@ -20,7 +20,7 @@ from palpate.run.directory import design_files, measured_files
 from palpate.run.fit_state import FitState, write_fit_state
 from palpate.run.keys import identity
 from palpate.run.provenance import described, sha256
-from palpate.run.result import SelectionResult
+from palpate.run.result import FitResult, SelectionResult
 from palpate.run.result_files import Files, curves_of
 from palpate.sampling.study_design import draw_study
 from palpate.scoring import scores as scoring, selection
@@ -29,6 +29,7 @@ from palpate.scoring.generalisation import generalise
 from palpate.simulation import jobs as simulation
 from palpate.simulation.cost import n_of_fit
 from palpate.simulation.forecast import FINE
+from palpate.simulation.sweep import KeptSimulations, Simulations
 from palpate.simulation.verification import verify
 from palpate.stages.stage import Run, Stage, Summary
 from palpate.study.reading import Study
@@ -348,20 +349,33 @@ def cases_of(inputs: Run, *, keeps_state: bool = False) -> list[Case]:
         if isinstance(inputs.progress, ShowsPlace):
             inputs.progress.at(str(state))
 
-    stage = FitStage(
+    stage = _fit_stage(inputs, inputs.simulations)
+    stage.on_progress = show
+    inputs.shared["cases"] = stage.run()
+    return list(inputs.shared["cases"])
+
+
+def _fit_stage(inputs: Run, simulations: Simulations) -> FitStage:
+    return FitStage(
         study=inputs.study,
         design=inputs.design,
         measured=inputs.measured,
         scores=inputs.table("scores"),
-        simulations=inputs.simulations,
+        simulations=simulations,
         abscissae=abscissae_of(inputs.channels),
         progress=inputs.progress,
-        on_progress=show,
         first_start=inputs.directory.fit_start,
-        refinement=refinement(inputs.study, inputs.simulations.limbs),
+        refinement=refinement(inputs.study, simulations.limbs),
     )
-    inputs.shared["cases"] = stage.run()
-    return list(inputs.shared["cases"])
+
+
+def fit_so_far(inputs: Run) -> FitResult:
+    """Fit of a run that has not ended, as far as its simulations lead; empty before the first evaluation."""
+    if isinstance(inputs.study.search, BestSet):
+        return FitResult()
+    with KeptSimulations(inputs.study, inputs.directory.folder, inputs.limbs) as kept:
+        cases = _fit_stage(inputs, kept).so_far()
+        return fit_result(cases, kept) if cases else FitResult()
 
 
 def fit_files(cases: Sequence[Case], inputs: Run) -> Files:

@@ -20,6 +20,7 @@ from palpate.api.runs import (
     StudySpot,
     answering_for,
     best_sets,
+    fit_so_far,
     keep_only,
     living_runner_of,
     read_fit_state,
@@ -73,10 +74,11 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
     study, inputs, swept = run.study, run.inputs, run.swept()
     fit, posterior, identified = FitResult(), PosteriorResult(), IdentifiabilityResult()
     if unfinished:
-        if not swept:
-            raise StudyError(
-                f"{run.directory.folder}: no simulation has ended yet; watch it with `palpate status`"
-            )
+        fit = FitResult() if swept else fit_so_far(run)
+        if not swept and fit.table.is_empty():
+            n = int(_simulated(run.directory.folder).get("n_simulations", 0))
+            ended = f"{n} simulations have ended, too few for a fit" if n else "no simulation has ended yet"
+            raise StudyError(f"{run.directory.folder}: {ended}; watch it with `palpate status`")
         scores = score(swept, inputs.measured, study.scoring, study.scenarios)
         chosen, general = best_sets(study, inputs.design, scores)
     else:
@@ -127,7 +129,7 @@ def report(
     runs_now = as_run and living_runner_of(run_folder) is not None  # before this process is the one
     with contextlib.nullcontext() if runs_now else directory.locked(study, plugins.channels):
         run = read_run(study, directory, plugins, progress, is_copy=as_run)
-        return written(run, progress, unfinished=_unfinished(directory, runs_now=runs_now) if as_run else "")
+        return written(run, progress, unfinished=_unfinished(run, runs_now=runs_now) if as_run else "")
 
 
 def written(run: Run, progress: Progress, *, unfinished: str = "") -> Report:
@@ -143,17 +145,21 @@ def read_results(study: Study, run_folder: Path, plugins: Plugins, progress: Pro
     run = read_run(study, RunDirectory(run_folder), plugins, progress)
     run.require("sample")
     runs_now = living_runner_of(run_folder) is not None
-    return report_data(run, unfinished=_unfinished(run.directory, runs_now=runs_now))
+    return report_data(run, unfinished=_unfinished(run, runs_now=runs_now))
 
 
-def _unfinished(directory: RunDirectory, *, runs_now: bool) -> str:
+def _unfinished(run: Run, *, runs_now: bool) -> str:
     """Progress of a run that has not ended; empty where it has."""
+    directory, is_swept = run.directory, run.study.n_sets > 0
     with Ledger(directory.folder) as ledger:
         counts = ledger.counts()
     n_left, state = counts.get("left", 0), read_fit_state(directory.folder)
-    if not (runs_now or n_left or state):
+    # Without a sweep there is nothing to report before the fit.
+    if not (runs_now or n_left or state) and (is_swept or directory.records.has("fit")):
         return ""
     sweep = f"{sum(counts.values()) - n_left} of {sum(counts.values())} simulations of the sweep"
+    if not is_swept:
+        sweep = f"{_simulated(directory.folder).get('n_simulations', 0)} simulations"
     return sweep if state is None else f"{sweep}; fit: {state}"
 
 

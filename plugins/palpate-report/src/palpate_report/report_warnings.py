@@ -117,7 +117,8 @@ def report_warnings(
     yield from _about_ends(data, leading, "Best")
     yield from _about_identifiability(data)
     yield from _about_posterior(data)
-    yield from _about_meshes(data)
+    if not data.unfinished:
+        yield from _about_meshes(data)
     yield from _about_ends(data, [best for best in bests if best not in leading], "Other")
     yield from _about_simulations(data)
     yield from _about_coarseness(data, bests)
@@ -431,7 +432,7 @@ def _about_failures(data: ReportData) -> Iterator[ReportWarning]:
 def _about_simulations(data: ReportData) -> Iterator[ReportWarning]:
     messages = (part for row in data.fit.ends.iter_rows(named=True) for part in row["message"].split("; "))
     known = (m for m in messages if m not in ("converged", UNSETTLED) and not m.startswith(UNSEEN))
-    yield from _listed("Not every search converged", dict.fromkeys(known))
+    yield from _listed("Not every search converged", () if data.unfinished else dict.fromkeys(known))
     failed = [row for row in data.verification.iter_rows(named=True) if not row["passed"]]
     yield from _listed(
         f"{len(failed)} of {len(data.verification)} selected sets failed verification",

@@ -259,6 +259,8 @@ def _spent(data: ReportData) -> str:
     """Sentence on what was simulated."""
     if data.fit.table.is_empty():
         return ""
+    if data.unfinished:
+        return f"Simulations: {data.n_simulations} so far."
     fits = data.fit.table.unique(["fit", "scenario"])
     fine = f" and {n_fine} of finer meshes" if (n_fine := fits["n_fine"].sum()) else ""
     every = f"{data.n_simulations}, of these " if data.n_simulations else ""
