@@ -7,11 +7,13 @@ import polars as pl
 import pytest
 from hypothesis import given, strategies as st
 
+from palpate.api.report import Paragraph
 from palpate.fit.least_squares import LeastSquares
 from palpate.run.result import PosteriorResult
 from palpate_report.contours import FIRST, MOST_LEVELS, along, contours, levels_from, planes_of
 from palpate_report.display_units import in_display_units
 from palpate_report.page_data import page_data
+from palpate_report.sections.sweep import Space
 from palpate_report.space import parameter_space
 
 NAMES = ("soft_tissue.stiffness", "soft_tissue.grip")
@@ -56,10 +58,10 @@ def test_contours_are_where_fopt_is_their_level(fitted):
 
 def test_there_is_no_line_where_fopt_is_not_known(fitted):
     def fopt(x, y):
-        return np.where(x < 0.5, 0.01 + x + 0.0 * y, np.nan)
+        return np.where(x < 0.7, 0.01 + x + 0.0 * y, np.nan)
 
     found = known(fitted, fopt)
-    assert max(np.nanmax(each.x) for each in contours(found, "I", *NAMES)) <= 0.5
+    assert max(np.nanmax(each.x) for each in contours(found, "I", *NAMES)) <= 0.7
     x, y = along(found, "I", NAMES[0])
     np.testing.assert_array_equal(np.isnan(y), x >= 0.5)
     nowhere = known(fitted, lambda x, y: np.nan * x)
@@ -88,3 +90,21 @@ def test_without_a_fit_there_are_none(content):
     shown = page_data(content())
     assert shown["contours"][0] == {"0 1": []}
     assert shown["along"][0] == [None, None]
+
+
+@pytest.mark.parametrize(("unknown", "is_drawn"), [(0.4, True), (0.6, False)])
+def test_ends_of_contours_in_an_unknown_plane_are_not_drawn_but_said(fitted, unknown, is_drawn):
+    planes = fitted.fit.certainty.profile_planes
+    share = pl.int_range(pl.len()) / pl.len()
+    partly = planes.with_columns(
+        fopt=pl.when(pl.col("other").is_not_null() & (share.over("scenario", "other") < unknown))
+        .then(None)
+        .otherwise(pl.col("fopt"))
+    )
+    certainty = replace(fitted.fit.certainty, profile_planes=partly)
+    data = replace(fitted, fit=replace(fitted.fit, certainty=certainty))
+    names = [p.name for p in data.design.parameters]
+    assert bool(contours(data, "I", *names)) == is_drawn
+    said = " ".join(block.text for block in Space().blocks(data, None) if isinstance(block, Paragraph))
+    assert ("Contour lines:" in said) == is_drawn
+    assert ("no contour lines" in said) != is_drawn

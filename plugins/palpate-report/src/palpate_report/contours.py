@@ -51,6 +51,9 @@ def reported(data: ReportData, fit: str, scenario: str) -> dict[str, Any]:
     return {name: value for row in rows for name, value in row.items() if value is not None}
 
 
+MOST_UNKNOWN = 0.5
+"""Share of a plane in which the emulator knows too little, above which a few ends of lines would mislead."""
+
 MOST_LEVELS = 7
 """Most contour lines of a plane, from the least Fopt on."""
 
@@ -90,12 +93,12 @@ def planes_of(data: ReportData, scenario: str) -> pl.DataFrame:
 
 
 def contours(data: ReportData, scenario: str, parameter: str, other: str) -> list[Contour]:
-    """Contour lines over two parameters, which are x and y."""
+    """Contour lines over two parameters, which are x and y; none where most of the plane is unknown."""
     planes = planes_of(data, scenario)
     if planes.is_empty():
         return []
     rows = planes.filter(parameter=parameter, other=other)
-    if rows["fopt"].is_null().all():
+    if rows["fopt"].null_count() > MOST_UNKNOWN * rows.height:
         return []
     wide = rows.pivot("value", index="other_value", values="fopt").sort("other_value")
     y, columns = wide["other_value"].to_numpy(), wide.drop("other_value")

@@ -1,9 +1,10 @@
 """Sections on the sets of the sweep."""
 
 from collections.abc import Iterator
+from itertools import combinations
 
 from palpate.api.report import Block, Drawing, Paragraph, Section, Table
-from palpate_report.contours import planes_of
+from palpate_report.contours import contours
 from palpate_report.report_data import ReportData
 from palpate_report.result import Report
 from palpate_report.sections.tables import picture, tables
@@ -23,15 +24,20 @@ class Space(Section):
                 "Each point is a set, coloured by its Fopt at the spot. Drag over points, or click one, to "
                 "select sets and list them below."
             )
-        if not planes_of(data, data.generalising.name).is_empty():
+        pairs = combinations(data.brief, 2)
+        if any(contours(data, data.generalising.name, one, other) for one, other in pairs):
             yield Paragraph(
-                f"Contour lines: Fopt of the fit to {data.together}, the other parameters fitted again, by "
-                "an emulator of the simulated curves; there are none where it knows too little. A long "
-                "valley is a combination of parameters that the curves do not tell apart."
+                f"Contour lines: least Fopt of the fit to {data.together} when the other parameters are "
+                "fitted again, from an emulator of the simulated curves. A long valley is a combination of "
+                "parameters that the curves do not tell apart."
             )
+        elif data.is_fitted:
+            few = "Few sets are near the fit" if data.design.n_sets else "Only the fit was simulated"
+            yield Paragraph(f"{few}. Fopt is unknown in most of each plane, so there are no contour lines.")
         if data.is_fitted:
             yield Paragraph(
-                "The path of a fit is a new line for each start, and where finer meshes correct the curves."
+                "Each line is the path of a search to its least Fopt (diamond), and a circle marks the "
+                "reported values. A break in a line is a correction by a finer mesh."
             )
         yield Drawing("space")
 
