@@ -63,7 +63,7 @@ def test_there_is_no_line_where_fopt_is_not_known(fitted):
     found = known(fitted, fopt)
     assert max(np.nanmax(each.x) for each in contours(found, "I", *NAMES)) <= 0.7
     x, y = along(found, "I", NAMES[0])
-    np.testing.assert_array_equal(np.isnan(y), x >= 0.5)
+    np.testing.assert_array_equal(np.isnan(y), x >= 0.7)
     nowhere = known(fitted, lambda x, y: np.nan * x)
     assert contours(nowhere, "I", *NAMES) == []
     assert along(nowhere, "I", NAMES[0]) is None
