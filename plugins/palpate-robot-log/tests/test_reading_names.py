@@ -133,12 +133,14 @@ def test_a_homogeneous_test_is_converted_by_its_names(
         ("Strain,Stress", "Stress shows no unit of stress"),
         ("Strain,Stress (bananas)", "the file gives 'bananas', which is no unit of stress"),
         ("Strain A,Strain B,Stress (MPa)", "Strain A or Strain B? name one pair"),
+        ("Strain,Stress (kPa)", "Strain goes to 15: in percent? give scale, 0.01 or 1"),
         ("Depth (mm),Load (V)", "the file gives 'V', which is no unit of force"),
         ("Tensile extension (mm),Tensile load (N)", "the length and the area of the specimen"),
     ],
 )
 def test_a_name_that_is_not_certain_is_asked_about(names: str, question: str, tmp_path: Path) -> None:
     columns = [STRETCH - 1.0 + 0.1 * k for k in range(names.count(",") + 1)]
+    columns[0] = 50.0 * columns[0] if "percent" in question else columns[0]
     found = inspect_log(written(tmp_path / "t.csv", names, *columns))
     assert question in found.record["problem"]
     assert any(question in finding for finding in found.findings)
@@ -159,6 +161,51 @@ def test_a_name_that_is_not_certain_is_asked_about(names: str, question: str, tm
 def test_the_mode_of_a_test_is_in_its_names(names: str, mode: str) -> None:
     strain, stress = (Column(name=name, values=np.arange(3.0)) for name in names.split("|"))
     assert measures_of(strain, stress).mode == mode
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "Stress [MPa],Time [s],Force [N],Displacement [mm],Strain [%]",
+        "Engineering stress (MPa),t (s),F (N),Ext (mm),Engineering strain (%),True strain,True stress (MPa)",
+        "Axial stress (MPa),Time (s),Load (N),Stroke (mm),Axial strain (%),Transverse strain (%)",
+    ],
+)
+def test_a_table_with_a_stress_and_a_strain_is_a_homogeneous_test(names: str, tmp_path: Path) -> None:
+    table = dict.fromkeys(names.split(","), 1.0 + STRETCH)
+    first, fifth = names.split(",")[0], names.split(",")[4]
+    table |= {first: NOMINAL, fifth: 100.0 * (STRETCH - 1.0)}
+    write.write_text(tmp_path / "t.csv", table)
+    curve = curve_of(tmp_path / "t.csv", "uniaxial")
+    np.testing.assert_allclose(curve.abscissa, STRETCH, rtol=1e-9)
+    np.testing.assert_allclose(curve.ordinate, NOMINAL, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("names", "times"),
+    [
+        ("Eindringtiefe (mm);Normalkraft (N)", (1.0, 1.0)),
+        ("Profondeur (mm);Effort (daN)", (1.0, 0.1)),
+        ("Profundidad [cm];Carga [kgf]", (0.1, 1.0 / 9.80665)),
+        ("z_um;Fz_mN", (-1e3, 1e3)),
+        ("Position (mm);Load cell (N)", (-1.0, -1.0)),
+        ("Depth (mm);Force (N);Force filtered (N);Target depth (mm)", (1.0, 1.0)),
+    ],
+)
+def test_a_curve_is_read_in_its_words(names: str, times: tuple[float, float], tmp_path: Path) -> None:
+    depth = np.linspace(0.0, 8.0, 41)
+    table = dict.fromkeys(names.split(";"), depth)
+    first, second, *_ = table
+    table |= {first: times[0] * depth, second: times[1] * 0.4 * depth**1.5}
+    write.write_text(tmp_path / "curve.csv", table)
+    curve = curve_of(tmp_path / "curve.csv", "force")
+    np.testing.assert_allclose(curve.abscissa, depth, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(curve.ordinate, 0.4 * depth**1.5, rtol=1e-9, atol=1e-9)
+
+
+def test_a_specimen_that_may_be_pulled_is_asked_about(tmp_path: Path) -> None:
+    found = inspect_log(written(tmp_path / "t.csv", "Extension (mm),Load (N)", STRETCH - 1.0, NOMINAL))
+    assert any("a press is assumed; if a specimen is pulled, give its stress" in f for f in found.findings)
 
 
 def test_the_plainer_of_two_columns_is_taken_with_a_remark() -> None:
@@ -263,7 +310,7 @@ def test_a_counter_is_asked_for_its_rate(name: str, tmp_path: Path) -> None:
     table = {name: np.arange(float(made.time_s.size))} | robot(made)
     write.write_text(tmp_path / "log.csv", table)
     found = inspect_log(tmp_path / "log.csv")
-    assert found.record["problem"].startswith("not found: time")
+    assert f'or give time = {{ column = "{name}", rate = "… Hz" }}' in found.record["problem"]
     assert any(f"{name} counts rows and is no time: give the rate" in finding for finding in found.findings)
     text = found.study_text.replace(f'# time = {{ column = "{name}", rate = "… Hz" }}', 'time = "?"')
     settings = tomllib.loads(text)["experiment"]["settings"]

@@ -43,8 +43,12 @@ def time_of(stream: Stream) -> Guess | None:
     if kind_of(shown) == "time":
         return Guess(columns=(column.name,), stream=stream.name, score=score)
     unit = _likely_clock(column.values[np.isfinite(column.values)])
-    check = f"the unit of time: {unit} is judged from the length of the log alone"
-    return Guess(columns=(column.name,), stream=stream.name, unit=unit, to_check=(check,), score=score)
+    checks = [f"the unit of time: {unit} is judged from the length of the log alone"]
+    if score < 2.0:
+        checks.insert(
+            0, f"time: {column.name} is taken for it, as it rises evenly and its name says nothing else"
+        )
+    return Guess(columns=(column.name,), stream=stream.name, unit=unit, to_check=tuple(checks), score=score)
 
 
 def _likely_clock(values: FloatArray) -> str:
@@ -82,7 +86,11 @@ def _time_score(column: Column) -> float:
     if is_named or any(word.endswith(("time", "zeit")) for word in words):
         return is_named + 1.0 + evenness
     is_counter = bool(words & COUNTERS) or bool(np.all(steps == 1.0))
-    return evenness if evenness > 0.99 and not is_counter and not has_role([*words]) else 0.0
+    return (
+        evenness
+        if evenness > 0.99 and not is_counter and not has_role([*words]) and not words & {*"xyz"}
+        else 0.0
+    )
 
 
 def repeats_time(stream: Stream) -> bool:

@@ -92,8 +92,8 @@ def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
 
 def _found(log: RawLog, path: Path, proposal: Proposal) -> tuple[Proposal, Proposed | None, list[str], str]:
     """Proposal of a log, or else that of curves; findings, and the problem of reading it so."""
-    # A force of three components is a sensor's, whatever else the log has of depth.
-    if not {"position", "force"} & {*proposal.guesses}:
+    # A pose is a robot's, whatever else the log has of depth.
+    if "position" not in proposal.guesses and not {"orientation", "force"} <= {*proposal.guesses}:
         curves, machine = curves_of(log), machine_of(log)
         if machine is not None and not (curves and curves.mode):
             tried, processed = _tried_machine(log, machine)
@@ -209,7 +209,9 @@ def _read(log: RawLog, proposal: Proposal) -> Recording | str:
     chosen = channel_map(proposal)
     missing = [name for name in ("time", *QUANTITIES) if name not in chosen]
     if missing:
-        return f"not found: {', '.join(missing)}; name their columns"
+        counters = [each.columns[0] for each in proposal.time.values() if each.is_counter]
+        rate = f'; or give time = {{ column = "{counters[0]}", rate = "… Hz" }}' if counters else ""
+        return f"not found: {', '.join(missing)}; name their columns{rate}"
     try:
         return assemble(log, ChannelMap.model_validate(chosen)).recording
     except CurveError as error:

@@ -38,7 +38,8 @@ ROLES: Mapping[str, Role] = {
         "length",
         "depth indentation tiefe eindringtiefe profondeur profundidad enfoncement displacement disp "
         "deplacement desplazamiento spostamento verschiebung travel extension stroke weg crosshead traverse "
-        "distance position deflection deformation compression course carrera recorrido corsa hub ext pos z",
+        "distance position deflection deformation compression course carrera recorrido corsa hub ext pos "
+        "elongation z",
     ),
     "force": _role(
         "force",
@@ -72,6 +73,9 @@ FILTERED = _set(
     "filtered filter filt smoothed smooth raw corrected avg average mean peak max min corr lp offset tared"
 )
 """Words of a column that is a second form of another."""
+
+_ASIDE = _set("transverse lateral radial poisson quer querdehnung true cauchy log hencky green pk2 pk")
+"""Words of a strain or stress that is taken after one without them."""
 
 TENSILE = _set("tensile zug traction elongation gauge specimen extensometer pull")
 _COMPRESSIVE = _set("compressive compression compress compressed stauchung druck druckspannung")
@@ -170,7 +174,7 @@ def _rank(column: Column, role: Role) -> tuple[bool, bool, int, int, int] | None
     is_possible = is_measured or kind_of(shown) in (None, "other")
     if not found or not is_possible or not np.isfinite(column.values).any():
         return None
-    n_forms = len(FILTERED & {*words})
+    n_forms = len(FILTERED & {*words}) + bool(_ASIDE & {*words})
     return bool(shown) and not is_measured, bool(COMMANDED & {*words}), n_forms, len(words), min(found)
 
 

@@ -19,6 +19,7 @@ from palpate_robot_log.reading.study_text import toml_value
 
 _DEGREES_PER_RADIAN = 57.29577951308232
 _ROLES = {"force": ("travel", "force"), "torque": ("angle", "moment")}
+_LARGEST_STRAIN = 2.0
 _AT_REST = 0.02
 """Share of a range up to which a value is next to zero."""
 
@@ -126,6 +127,9 @@ def _curves(columns: Sequence[Column]) -> Proposed | None:
                 questions.append(question)
             elif one.factor is None:
                 remarks.append(f"check the unit of {one.column.name}: {_UNIT_OF[role]} is assumed")
+        if {"extension", "ext"} & {*words_of(along.column.name)}:
+            ask = "if a specimen is pulled, give its stress and strain instead"
+            remarks.append(f"check {along.column.name}: a press is assumed; {ask}")
         if channel == "force":
             settings, placed = _placed(along, of)
             channels[channel], remarks = settings, remarks + placed
@@ -225,6 +229,11 @@ def _homogeneous(columns: Sequence[Column]) -> Proposed | None:
     ]
     if stress.factor is None and not stress.column.shown_unit:
         questions.append(f"{stress.column.name} shows no unit of stress: give scale, the factor to MPa")
+    largest = float(np.nanmax(np.abs(along.column.values), initial=0.0))
+    if along.factor is None and not along.column.shown_unit and not is_stretch and largest > _LARGEST_STRAIN:
+        questions.append(f"{along.column.name} goes to {largest:.4g}: in percent? give scale, 0.01 or 1")
+    if test.stress and not test.strain and not is_stretch and is_nominal:
+        remarks = [*remarks, f"check {along.column.name}: a nominal strain is assumed"]
     strain: Any = test.strain or "stretch"
     kind: Any = test.stress or "nominal"
     if problem := problem_of(test.mode, strain, kind):
