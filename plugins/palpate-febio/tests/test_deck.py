@@ -22,7 +22,8 @@ from palpate_febio.deck_reader import read_deck
 from palpate_febio.settings import FebioSettings
 from palpate_febio.solver import FebioSolver
 from palpate_febio.steps import halved, steps_of, up_to_first_turn, with_hold
-from palpate_materials import Demiray, NeoHookean, Ogden, Yeoh
+from palpate_materials import ArrudaBoyce, Demiray, Gent, NeoHookean, Ogden, Yeoh
+from palpate_materials.uncoupled import OgdenSettings
 
 SNAPSHOTS = Path(__file__).parent / "data" / "decks"
 TWIST = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, -22.5), (2.0, 22.5), (2.0, 0.0)])
@@ -173,11 +174,26 @@ def test_what_is_read_back_is_what_was_written(tmp_path):
     assert written["1_skin"] == {"density": 1e-9, "c1": 0.16, "m1": 6.0, "k": 2.0}
 
 
-def test_materials_that_febio_lacks_are_refused():
+def test_laws_of_several_terms_and_of_limited_chains_are_written():
+    four = np.array([0.06, 3.0, 0.01, -2.0, 0.02, 5.0, 0.01, -1.5, 1.0])
+    materials = {"skin": Ogden(OgdenSettings(terms=4)), "soft tissue": Gent()}
+    thetas = {"skin": four, "soft tissue": np.array([0.03, 40.0, 0.9])}
     job = job_of()
-    fat = {**job.materials, "fat": Demiray()}
+    job = replace(job, materials={**job.materials, **materials}, thetas={**job.thetas, **thetas})
+    found = materials_in(SOLVER.write_deck(job, mixed_limb()))
+    names = [f"{name}{k}" for k in range(1, 5) for name in "cm"]
+    assert numbers(found["1_skin"]) == dict(zip([*names, "k"], four, strict=True))
+    assert found["2_soft_tissue"].get("type") == "Gent"
+    assert numbers(found["2_soft_tissue"]) == {"G": 0.03, "Jm": 40.0, "k": 0.9}
+    assert formulations(job, mixed_limb())["2_soft_tissue_tet10"] == "three-field-solid"
+
+
+@pytest.mark.parametrize("material", [Demiray(), ArrudaBoyce()])
+def test_materials_that_febio_lacks_are_refused(material):
+    job = job_of()
+    fat = {**job.materials, "fat": material}
     thetas = {**job.thetas, "fat": np.array([0.05, 1.0, 1.0])}
-    with pytest.raises(MaterialError, match=r"demiray.*attribute febio"):
+    with pytest.raises(MaterialError, match=f"{material.name}.*attribute febio"):
         SOLVER.write_deck(replace(job, materials=fat, thetas=thetas), mixed_limb())
 
 

@@ -5,7 +5,17 @@ import pytest
 
 from palpate.domain import ParameterSpace, RegionMaterial
 from palpate.testing import MaterialContract, SetFilterContract
-from palpate_materials import Demiray, Drucker, MooneyRivlin, NeoHookean, Ogden, VerondaWestmann, Yeoh
+from palpate_materials import (
+    ArrudaBoyce,
+    Demiray,
+    Drucker,
+    Gent,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    VerondaWestmann,
+    Yeoh,
+)
 from palpate_materials.uncoupled import OgdenSettings
 
 
@@ -19,6 +29,8 @@ class TestMaterials(MaterialContract):
             MooneyRivlin(),
             VerondaWestmann(),
             Demiray(),
+            Gent(),
+            ArrudaBoyce(),
         ],
         ids=[
             "ogden",
@@ -28,6 +40,8 @@ class TestMaterials(MaterialContract):
             "mooney_rivlin",
             "veronda_westmann",
             "demiray",
+            "gent",
+            "arruda_boyce",
         ],
     )
     def material(self, request):

@@ -9,10 +9,29 @@ from hypothesis.extra.numpy import arrays
 from palpate import mechanics
 from palpate.domain import HomogeneousTests, Job
 from palpate_jax.homogeneous import HomogeneousSettings, HomogeneousSolver
-from palpate_materials import Demiray, Drucker, MooneyRivlin, NeoHookean, Ogden, VerondaWestmann, Yeoh
+from palpate_materials import (
+    ArrudaBoyce,
+    Demiray,
+    Drucker,
+    Gent,
+    MooneyRivlin,
+    NeoHookean,
+    Ogden,
+    VerondaWestmann,
+    Yeoh,
+)
 from palpate_materials.stability import DruckerSettings
 
-MATERIALS = (Ogden(), Yeoh(), NeoHookean(), MooneyRivlin(), VerondaWestmann(), Demiray())
+MATERIALS = (
+    Ogden(),
+    Yeoh(),
+    NeoHookean(),
+    MooneyRivlin(),
+    VerondaWestmann(),
+    Demiray(),
+    Gent(),
+    ArrudaBoyce(),
+)
 stress_and_tangent = jax.jit(mechanics.stress_and_tangent, static_argnums=0)
 entries = st.floats(-0.25, 0.25)
 gradients = arrays(np.float64, (3, 3), elements=entries).map(lambda e: np.eye(3) + e)

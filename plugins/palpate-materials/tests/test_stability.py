@@ -7,9 +7,9 @@ from pydantic import ValidationError
 from palpate import _core
 from palpate.domain import ParameterSpace, RegionMaterial
 from palpate.domain.material import AnisotropicMaterial
-from palpate_materials import Drucker, MooneyRivlin, NeoHookean, Ogden, Yeoh
+from palpate_materials import ArrudaBoyce, Drucker, Gent, MooneyRivlin, NeoHookean, Ogden, Yeoh
 from palpate_materials.stability import DruckerSettings
-from palpate_materials.uncoupled import PAPER_RANGES, modulus
+from palpate_materials.uncoupled import PAPER_RANGES, OgdenSettings, modulus
 
 YEOH = Yeoh()
 KAPPA = 1.0
@@ -165,3 +165,21 @@ def test_values_are_read_in_their_convention():
 def test_settings_that_make_no_sense_are_refused(settings):
     with pytest.raises(ValidationError):
         DruckerSettings(**settings)
+
+
+def test_laws_of_limited_chains_are_stable_up_to_their_limit():
+    """I1 - 3 is 120.6 at an equibiaxial stretch of 0.3, which no energy of these limits reaches."""
+    gents = np.array([[0.04, limit, 1.0] for limit in (1.0, 14.0, 84.0, 200.0)])
+    assert Drucker().stable(Gent(), gents).all()
+    assert not Drucker().stable(Gent(), gents * [-1.0, 1.0, 1.0]).any()
+    # A negative limit is none: the energy softens, and falls at last.
+    assert not Drucker().stable(Gent(), gents[:1] * [1.0, -1.0, 1.0]).any()
+    chains = np.array([[0.04, links, 1.0] for links in (1.0, 10.0, 50.0)])
+    assert Drucker().stable(ArrudaBoyce(), chains).all()
+    assert not Drucker().stable(ArrudaBoyce(), chains * [-1.0, 1.0, 1.0]).any()
+
+
+def test_one_negative_term_of_ogden_can_be_stable_and_need_not_be():
+    two = Ogden(OgdenSettings(terms=2))
+    thetas = np.array([[0.06, 3.0, 0.01, -2.0, 1.0], [0.06, 3.0, -0.05, -4.0, 1.0]])
+    assert Drucker().stable(two, thetas).tolist() == [True, False]

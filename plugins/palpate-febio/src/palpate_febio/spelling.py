@@ -3,8 +3,8 @@
 A material of your own joins in by an attribute ``febio``: the name of FEBio's
 material and, for each parameter, what FEBio calls it::
 
-    class Gent(IsotropicMaterial):
-        febio = ("Gent", {"mu": "G", "Jm": "Jm", "kappa": "k"})
+    class TwoPowers(IsotropicMaterial):
+        febio = ("Mooney-Rivlin", {"a": "c1", "b": "c2", "kappa": "k"})
 
 Whether FEBio then computes the same stress is measured, not believed
 (:mod:`palpate_febio.conventions`).
@@ -24,10 +24,14 @@ SPELLED: Mapping[str, tuple[str, Mapping[str, str]]] = MappingProxyType(
         "yeoh": ("Yeoh", {"kappa": "k"}),
         "neo_hookean": ("neo-Hookean", {"E": "E", "nu": "v"}),
         "mooney_rivlin": ("Mooney-Rivlin", {"c10": "c1", "c01": "c2", "kappa": "k"}),
+        "gent": ("Gent", {"mu": "G", "kappa": "k"}),
         "veronda_westmann": ("Veronda-Westmann", {"c1": "c1", "c2": "c2", "kappa": "k"}),
     }
 )
-"""FEBio's name and the parameters that it names otherwise, by palpate's name."""
+"""FEBio's name and the parameters that it names otherwise, by palpate's name.
+
+FEBio 4.0 to 4.11 has another energy by the name "Arruda-Boyce": coefficient i is i times the textbook's.
+"""
 
 UNPROBED: Mapping[str, str] = MappingProxyType({"yeoh": "febio4"})
 """Convention that FEBio 4.4 to 4.11 was measured to have, where it is not the textbook's."""

@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from palpate_materials.neo_hookean import NeoHookean as NeoHookean
     from palpate_materials.stability import Drucker as Drucker
     from palpate_materials.uncoupled import (
+        ArrudaBoyce as ArrudaBoyce,
         Demiray as Demiray,
+        Gent as Gent,
         MooneyRivlin as MooneyRivlin,
         Ogden as Ogden,
         VerondaWestmann as VerondaWestmann,
@@ -29,9 +31,11 @@ if not TYPE_CHECKING:
 
 @hookimpl
 def palpate_materials() -> "list[type[Material]]":
-    """Provide the paper's three materials, three more that are isotropic, and one with fibres."""
+    """Provide the paper's three materials, five more that are isotropic, and one with fibres."""
     from palpate_materials import (
+        ArrudaBoyce,
         Demiray,
+        Gent,
         HolzapfelGasserOgden,
         MooneyRivlin,
         NeoHookean,
@@ -40,7 +44,8 @@ def palpate_materials() -> "list[type[Material]]":
         Yeoh,
     )
 
-    return [Ogden, Yeoh, NeoHookean, MooneyRivlin, VerondaWestmann, Demiray, HolzapfelGasserOgden]
+    powers: list[type[Material]] = [Ogden, Yeoh, NeoHookean, MooneyRivlin]
+    return [*powers, VerondaWestmann, Demiray, Gent, ArrudaBoyce, HolzapfelGasserOgden]
 
 
 @hookimpl

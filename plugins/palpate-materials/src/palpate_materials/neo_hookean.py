@@ -3,6 +3,7 @@
 import math
 from functools import partial
 from itertools import permutations
+from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -59,6 +60,14 @@ class NeoHookean(IsotropicMaterial):
         )
 
 
+@runtime_checkable
+class LimitedMaterial(Protocol):
+    """An isotropic material whose energy is unbounded where its chains are fully stretched."""
+
+    def in_reach(self, stretches: Array, theta: Array) -> Array:
+        """Mask (...,) of the stretches (..., 3) that a finite energy reaches; no other is checked."""
+
+
 SETS_AT_ONCE = 256
 """Sets whose Hessians are in memory together."""
 
@@ -85,7 +94,11 @@ def least_stiffness(material: Material, stretches: Array, thetas: Array) -> Arra
             hessians = _principal_hessians(material, stretches, theta)
         else:
             hessians = _tensor_hessians(material, stretches, theta)
-        return jnp.min(jnp.linalg.eigvalsh(hessians))
+        stiffness = jnp.linalg.eigvalsh(hessians)
+        if isinstance(material, LimitedMaterial):
+            in_reach = material.in_reach(stretches, theta)
+            stiffness = jnp.where(in_reach[:, None], stiffness, jnp.inf)
+        return jnp.min(stiffness)
 
     return jax.lax.map(least, thetas, batch_size=SETS_AT_ONCE)
 

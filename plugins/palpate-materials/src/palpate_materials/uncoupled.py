@@ -2,6 +2,7 @@
 
 import sys
 from abc import abstractmethod
+from math import comb
 
 import numpy as np
 from pydantic import Field
@@ -307,3 +308,91 @@ class VerondaWestmann(Uncoupled):
         c1, c2 = theta[0], theta[1]
         first, second = first_invariant(stretches), first_invariant(1.0 / stretches)
         return c1 * xp.expm1(c2 * (first - 3.0)) - 0.5 * c1 * c2 * (second - 3.0)
+
+
+class Gent(Uncoupled):
+    """Gent (1996), uncoupled: rubber and tissue whose chains have a largest length.
+
+    Ψ = −μ Jm / 2 ln(1 − (Ĩ1 − 3) / Jm) + κ/2 (ln J)²
+
+    Initial shear modulus μ, bulk modulus κ. The energy is not defined where
+    Ĩ1 − 3 reaches Jm: give Jm a range above the largest Ĩ1 − 3 of the experiment.
+    The filter of stable sets checks the stretches below this limit.
+
+    >>> import numpy as np
+    >>> theta = np.array([0.04, 50.0, 1.0])
+    >>> float(Gent().energy(np.array([2.0, 0.5**0.5, 0.5**0.5]), theta).round(6))
+    0.040822
+    """
+
+    name = "gent"
+    summary = "Gent: limited extension by the first invariant, nearly incompressible"
+    parameters = (
+        modulus("mu", 1.5e-2, 0.1, "initial shear modulus"),
+        shape("Jm", 10.0, 200.0, "limit of I1 - 3"),
+        bulk_modulus(),
+    )
+
+    def isochoric_energy(self, stretches: Array, theta: Array) -> Array:
+        """−μ Jm / 2 ln(1 − (Ĩ1 − 3) / Jm) [MPa]."""
+        xp = stretches.__array_namespace__()
+        mu, limit = theta[0], theta[1]
+        return -0.5 * mu * limit * xp.log1p(-(first_invariant(stretches) - 3.0) / limit)
+
+    def in_reach(self, stretches: Array, theta: Array) -> Array:
+        """Mask (...,) of isochoric stretches (..., 3) whose Ĩ1 − 3 is below the limit."""
+        return (first_invariant(stretches) - 3.0 < theta[1]) | (theta[1] < 0.0)
+
+    def energy_form(self, theta: FloatArray) -> EnergyForm:
+        """Declare the energy for other programs."""
+        mu, limit, bulk = map(float, theta)
+        return EnergyForm(gent=(mu, limit), bulk_MPa=bulk)
+
+
+CHAIN_SERIES = (1 / 2, 1 / 20, 11 / 1050, 19 / 7000, 519 / 673750)
+"""Coefficients of the inverse Langevin function's series, as Arruda and Boyce (1993) print them."""
+
+
+class ArrudaBoyce(Uncoupled):
+    """Arruda–Boyce (1993), the eight-chain model in five terms, uncoupled.
+
+    Ψ = μ Σ_i C_i / N^(i−1) (Ĩ1^i − 3^i) + κ/2 (ln J)²
+
+    C = 1/2, 1/20, 11/1050, 19/7000, 519/673750. N is the number of links of a
+    chain, λm² of Abaqus; μ is the modulus n k T of the network. Initial shear
+    modulus μ (1 + 3/(5N) + 99/(175N²) + 513/(875N³) + 42039/(67375N⁴)), bulk modulus κ.
+    The energy is a polynomial of Ĩ1 − 3, and other programs get it as such. FEBio's
+    own Arruda-Boyce has i C_i for C_i, which is another energy.
+
+    >>> import numpy as np
+    >>> theta = np.array([0.04, 10.0, 1.0])
+    >>> float(ArrudaBoyce().energy(np.array([2.0, 0.5**0.5, 0.5**0.5]), theta).round(6))
+    0.043679
+    """
+
+    name = "arruda_boyce"
+    summary = "Arruda-Boyce: eight chains of limited length, nearly incompressible"
+    parameters = (
+        modulus("mu", 1.5e-2, 0.1, "modulus of the network, about the initial shear modulus"),
+        shape("N", 2.0, 50.0, "links of a chain"),
+        bulk_modulus(),
+    )
+
+    def isochoric_energy(self, stretches: Array, theta: Array) -> Array:
+        """Polynomial of Ĩ1 − 3 [MPa], which keeps its digits at rest."""
+        return power_series(_chain_coefficients(theta[0], theta[1]), first_invariant(stretches) - 3.0, 5)
+
+    def energy_form(self, theta: FloatArray) -> EnergyForm:
+        """Declare the energy for other programs: powers of Ĩ1 − 3."""
+        powers = tuple(map(float, _chain_coefficients(theta[0], theta[1])))
+        return EnergyForm(powers=powers, bulk_MPa=float(theta[-1]))
+
+
+def _chain_coefficients(mu: Array, links: Array) -> list[Array]:
+    """Coefficients of (Ĩ1 − 3)^k, k = 1 to 5, by the binomial theorem."""
+    n = len(CHAIN_SERIES)
+    return [
+        mu
+        * sum(CHAIN_SERIES[i - 1] * comb(i, k) * 3.0 ** (i - k) / links ** (i - 1) for i in range(k, n + 1))
+        for k in range(1, n + 1)
+    ]

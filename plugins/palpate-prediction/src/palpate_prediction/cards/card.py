@@ -169,15 +169,18 @@ def _range(strain: Mapping[str, float], reached: Mapping[str, tuple[str, float, 
 
 
 def differences(data: CardData, form: EnergyForm) -> Iterator[str]:
-    """Lines on how stresses with the volumetric energy K/2 (J − 1)² differ from palpate's."""
+    """Lines on how stresses with the program's volumetric energy differ from palpate's.
+
+    The energy is K/2 (J − 1)², and K/2 ((J² − 1)/2 − ln J) of Gent's.
+    """
     J = np.array([data.strain.get("J_min", VOLUMES[0]), data.strain.get("J_max", VOLUMES[1])])
-    mine = np.log(J) / J
+    mine, other = np.log(J) / J, 0.5 * (J - 1.0 / J) if form.gent else J - 1.0
     if form.volume == "coupled":
         share = form.shear_MPa / form.bulk_MPa
         mine = (share * (J ** (2.0 / 3.0) - 1.0) + (1.0 - 2.0 / 3.0 * share) * np.log(J)) / J
     shown = ", ".join(
         f"{100.0 * (ratio - 1.0):+.2f} % at J = {at:.4g}"
-        for ratio, at in zip((J - 1.0) / np.where(mine == 0.0, 1.0, mine), J.tolist(), strict=True)
+        for ratio, at in zip(other / np.where(mine == 0.0, 1.0, mine), J.tolist(), strict=True)
         if at != 1.0
     )
     yield f"mean stress of a pure dilation: differs from palpate's by {shown or 'nothing'}"

@@ -1,12 +1,13 @@
 """Energies as each program writes them, and what it means by them.
 
 ==========  ======================================================  ================================
-program     powers of Ĩ1 − 3 / of the stretches                     volume
+program     powers of Ĩ1 − 3 / of the stretches / Gent              volume
 ==========  ======================================================  ================================
 febio       Σ c_k/k (Ĩ1 − 3)^k (the k is missing in its stress);    K/2 (ln J)²; neo-Hookean coupled
-            Σ c_j/m_j² (Σ λ̃^m_j − 3)
+            Σ c_j/m_j² (Σ λ̃^m_j − 3); −G Jm/2 ln(1 − (Ĩ1 − 3)/Jm)
 abaqus      Σ C_k0 (Ĩ1 − 3)^k; Σ 2 μ_j/α_j² (Σ λ̃^α_j − 3)           (J − 1)²/D1, D1 = 2/K
-ansys       Σ C_k0 (Ĩ1 − 3)^k; Σ μ_j/α_j (Σ λ̃^α_j − 3)              (J − 1)²/d1, d1 = 2/K
+ansys       Σ C_k0 (Ĩ1 − 3)^k; Σ μ_j/α_j (Σ λ̃^α_j − 3);             (J − 1)²/d1, d1 = 2/K;
+            −μ Jm/2 ln(1 − (Ĩ1 − 3)/Jm)                             Gent: ((J² − 1)/2 − ln J)/d1
 ==========  ======================================================  ================================
 
 A material that relaxes by G(t) = G(0) (1 − Σ γ_i (1 − e^(−t/τ_i))) is in
@@ -61,6 +62,10 @@ def _power_energy(factor: str, n: int) -> str:
     return " + ".join(f"{factor} (I1 - 3)^{{0}}".format(k) for k in range(1, n + 1))
 
 
+def _gent_energy(shear: str) -> str:
+    return f"-{shear} Jm/2 ln(1 - (I1 - 3)/Jm)"
+
+
 def _numbers(values: Iterable[float], per_line: int = 8) -> list[str]:
     texts = [f"{value:.12g}" for value in values]
     return [", ".join(texts[i : i + per_line]) for i in range(0, len(texts), per_line)]
@@ -102,6 +107,7 @@ def _long_term(form: EnergyForm, left: float) -> EnergyForm:
         form,
         powers=tuple(left * c for c in form.powers),
         stretches=tuple((left * c, m) for c, m in form.stretches),
+        gent=(left * form.gent[0], form.gent[1]) if form.gent else None,
         bulk_MPa=left * form.bulk_MPa if form.volume == "coupled" else form.bulk_MPa,
     )
 
@@ -134,6 +140,8 @@ def _febio_values(form: EnergyForm) -> tuple[str, list[tuple[str, float]]]:
         mu, nu = form.shear_MPa, form.poisson
         return "neo-Hookean", [("E", 2.0 * mu * (1.0 + nu)), ("v", nu)]
     bulk = [("k", form.bulk_MPa)]
+    if form.gent:
+        return "Gent", [("G", form.gent[0]), ("Jm", form.gent[1]), *bulk]
     if form.powers:
         return "Yeoh", [(f"c{k}", k * c) for k, c in enumerate(form.powers, start=1)] + bulk
     pairs = [
@@ -148,6 +156,8 @@ def _febio_energy(form: EnergyForm) -> Iterator[str]:
     if form.volume == "coupled":
         yield "energy: W = mu/2 (lambda1^2 + lambda2^2 + lambda3^2 - 3) - mu ln J + lam/2 (ln J)^2"
         yield "with mu = E / (2 (1 + v)) and lam = E v / ((1 + v) (1 - 2 v))"
+    elif form.gent:
+        yield f"energy: W = {_gent_energy('G')} + k/2 (ln J)^2"
     elif form.powers:
         yield f"energy: W = {_power_energy('c{0}/{0}', len(form.powers))} + k/2 (ln J)^2"
         yield "FEBio 4.4 to 4.11 was measured to have this stress: its c_k is k times the textbook's"
@@ -159,6 +169,11 @@ def _febio_energy(form: EnergyForm) -> Iterator[str]:
 def abaqus(data: CardData) -> str:
     """``*Material`` of an Abaqus input file."""
     form = check_form(data, "abaqus")
+    if form.gent:
+        raise MaterialError(
+            f"material '{data.material.name}' cannot be written for abaqus: it has Gent's energy as a user "
+            "subroutine alone; use --for febio, ansys or json, or fit arruda_boyce"
+        )
     d1, n = 2.0 / form.bulk_MPa, len(form.powers) or len(form.stretches)
     rest = [d1, *[0.0] * (n - 1)]
     if form.stretches:
@@ -191,21 +206,24 @@ def ansys(data: CardData) -> str:
     """Commands ``TB`` of an Ansys Mechanical APDL file."""
     form = check_form(data, "ansys")
     d1, n = 2.0 / form.bulk_MPa, len(form.powers) or len(form.stretches)
-    if form.stretches:
+    if form.gent:
+        table, values, terms, n = "GENT", list(form.gent), _gent_energy("mu"), 1
+    elif form.stretches:
         table, values = "OGDEN", [value for c, m in form.stretches for value in (c / m, m)]
         terms = _stretch_energy("mu{0}/alpha{0}", "alpha{0}", n)
     elif n == 1:
         table, values, terms = "NEO", [2.0 * form.powers[0]], "mu/2 (I1 - 3)"
     else:
         table, values, terms = "YEOH", list(form.powers), _power_energy("C{0}0", n)
+    volume = "((J^2 - 1)/2 - ln J)" if form.gent else "(J - 1)^2"
     comments = [
         *head(data, form),
-        f"energy: W = {terms} + 1/d1 (J - 1)^2, d1 = 2/K",
+        f"energy: W = {terms} + 1/d1 {volume}, d1 = 2/K",
         STRESS,
         *differences(data, form),
     ]
     rest = [d1, *[0.0] * (0 if table == "NEO" else n - 1)]
-    option = "" if table == "NEO" else f"{n}"
+    option = "" if table in ("NEO", "GENT") else f"{n}"
     lines = [
         f"MP,DENS,{data.number},{DENSITY_T_PER_MM3:g}",
         f"TB,HYPER,{data.number},1,{option},{table}",
