@@ -139,6 +139,8 @@ def test_a_run_has_one_bar_with_what_is_left_of_all_its_stages(follow, monkeypat
         now[0] += 41.0
         assert following._second_line() == "14 ok, 2 running (fine mesh p1, 41 s)"
         assert following._shown.time_left() == "about 79 s left"
+        now[0] += 80.0
+        assert following._shown.time_left() == ""
         following.begin("report", 1)
         following.step()
         following.begin("surface", 4)

@@ -260,7 +260,8 @@ class _Steps:
         """Time to come: as it was forecast, else at the pace so far."""
         now = time.monotonic()
         if self.is_forecast:
-            return f"{about(max(0.0, self.left[0] + self.left[1] - now))} left" if self.left else ""
+            seconds = self.left[0] + self.left[1] - now if self.left else 0.0
+            return f"{about(seconds)} left" if seconds > 0.0 else ""  # one that takes longer than usual
         started_s, n_before = self.first or (now, self.done)
         n_left, n_done = self.total - self.done, self.done - n_before
         if n_left <= 0 or not n_done:
