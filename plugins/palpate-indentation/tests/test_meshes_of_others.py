@@ -230,6 +230,11 @@ def test_what_is_not_used_is_named(tmp_path: Path) -> None:
     assert "*Boundary of 'top' moves 25 nodes" in text
     assert "*MPC in line" in text
     assert "reference node that the file does not hold" in text
+    limb, n_fixed = counts(
+        tmp_path, part() + "*Boundary\ncuts, 1, 3\n*Boundary, submodel, step=1\nbone, 1, 3\n"
+    )
+    assert n_fixed == CUTS.size
+    assert "*Boundary, submodel in line" in limb.warnings[0]
     limb, _ = counts(tmp_path, part() + "*Boundary\ncuts, 1, 3\nbone, 1, 3\n", "cuts")
     assert "the file holds 15 more nodes by *Boundary of 'bone'" in limb.warnings[0]
 

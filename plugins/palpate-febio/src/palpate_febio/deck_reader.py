@@ -132,7 +132,7 @@ class _Reader:
         names = DeckNames(
             rigid=self.rigid_bodies(mesh),
             named=self.named,
-            listed=lambda e: self.nodes(e, [self.integer(n, n.get("id")) for n in e.findall("node")]),
+            listed=lambda e: self.nodes(e, [self.integer(n, n.get("id")) for n in e.findall("node[@id]")]),
             in_limb=frozenset(n for part in parts for n in np.unique(part.cells).tolist()),
         )
         conditions = DeckSupports(self.root, names).read()

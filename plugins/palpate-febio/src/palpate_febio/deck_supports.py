@@ -123,7 +123,7 @@ class DeckSupports:
             name = f"@surface:{surface}"
         if name is not None:
             return self.names.named(name)
-        return self.names.listed(condition) if condition.find("node") is not None else None
+        return self.names.listed(condition) if condition.find("node[@id]") is not None else None
 
     def _count(self, nodes: IntArray) -> int:
         return len(self.names.in_limb.intersection(nodes.tolist()))

@@ -110,8 +110,16 @@ class _Conditions:
                 f"*Boundary, op=NEW in line {keyword.line} removes earlier conditions in its step; palpate "
                 "uses all of them; delete those that do not hold during the press"
             )
+        elsewhere = next((word for word in ("SUBMODEL", "USER") if word in keyword.options), "")
         for row in keyword.rows:
             nodes = self.nodes(row[0], keyword)
+            if elsewhere and self.limb.intersection(nodes):
+                self.warnings.append(
+                    f"*Boundary, {elsewhere.lower()} in line {keyword.line} moves {len(nodes)} nodes by "
+                    "another model or program and is not used; name these nodes under fixed if they are held"
+                )
+            if elsewhere:
+                continue
             title = f"*Boundary of '{row[0]}'"
             label = row[1].upper() if len(row) > 1 else ""
             if label in TYPED:

@@ -107,8 +107,8 @@ def _why_unreadable(path: Path, reason: str) -> str:
 
     suffix = path.suffix.lower()
     if suffix not in meshio.extension_to_filetypes:
-        known = ", ".join(sorted({*meshio.extension_to_filetypes, *READERS}))
-        return f"{path}: cannot be read, since '{suffix}' is no format of a mesh; save it as one of {known}"
+        known = ", ".join(sorted(SUFFIXES))
+        return f"{path}: '{suffix}' is no format of a mesh that is read; save it as one of {known}"
     if suffix == ".msh" and "$Entities" in path.read_text(encoding="latin-1")[:1_000_000]:
         return (
             f"{path}: cannot be read; some elements of Gmsh's file may be in no physical group; save it with "
