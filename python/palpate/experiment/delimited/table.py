@@ -85,7 +85,7 @@ class TextTable:
         text, self.encoding = decoded(path, self.text_format.encoding)
         self._is_ended = text.endswith("\n")
         lines = text.split("\n")
-        head = list(enumerate(lines[:_SNIFFED_LINES], start=1))
+        head = list(enumerate(lines[: (self.text_format.skip_lines or 0) + _SNIFFED_LINES], start=1))
         try:
             self.layout = find_layout(str(path), head, self.text_format)
         except CurveError:
