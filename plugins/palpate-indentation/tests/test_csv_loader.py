@@ -284,7 +284,11 @@ def test_units_of_the_file_give_the_scale(
 @pytest.mark.parametrize(
     ("names", "ordinate", "message"),
     [
-        ("Depth (mm),Load (counts)", "Load (counts)", "the unit 'counts' is not known"),
+        (
+            "Depth (mm),Load (counts)",
+            "Load (counts)",
+            "the file gives the unit 'counts', which is not known; give scale",
+        ),
         ("Depth (mm),Load (mm)", "Load (mm)", "'mm' is a unit of length where one of force is needed"),
         (
             "Depth (mm),Load (lb)",

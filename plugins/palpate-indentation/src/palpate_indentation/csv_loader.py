@@ -228,13 +228,11 @@ def _to_channel(kind: Kind, factor: float) -> float:
 def _scale(where: str, column: Column, unit: str, kind: Kind | None) -> float:
     """Factor of a column to the channel's unit: as the study gives it, or by the unit that the file gives."""
     known = factors_of(unit) if unit else {}
-    own = kind or next(iter(known), None)
     if column.scale is None:
-        if not unit or own is None or own == "other":
-            if unit and not known:
-                raise CurveError(f"{where}: the file gives the unit '{unit}', which is not known; give scale")
-            return 1.0
-        return _to_channel(own, factor_to_base(unit, own, where))
+        if unit and not known:
+            raise CurveError(f"{where}: the file gives the unit '{unit}', which is not known; give scale")
+        own: Kind = kind or ("force" if "force" in known else next(iter(known), "other"))
+        return _to_channel(own, factor_to_base(unit, own, where)) if unit and own != "other" else 1.0
     factor = _to_channel(kind, known[kind]) if kind is not None and kind in known else abs(column.scale)
     if not np.isclose(abs(column.scale), factor, rtol=1e-6):
         raise CurveError(
