@@ -9,7 +9,16 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from palpate.api import Curve, CurveError, ExperimentLoader, FloatArray, IntArray, Response, Settings
-from palpate.api.files import DELIMITERS, Kind, TextFormat, TextTable, factor_to_base, factors_of, unit_in
+from palpate.api.files import (
+    DELIMITERS,
+    Kind,
+    TextFormat,
+    TextTable,
+    factor_to_base,
+    factors_of,
+    kind_of,
+    unit_in,
+)
 from palpate.api.runs import moving_span
 from palpate_indentation.measures import STRAINS, Strain, Stress, nominal_factor, problem_of
 
@@ -231,7 +240,7 @@ def _scale(where: str, column: Column, unit: str, kind: Kind | None) -> float:
     if column.scale is None:
         if unit and not known:
             raise CurveError(f"{where}: the file gives the unit '{unit}', which is not known; give scale")
-        own: Kind = kind or ("force" if "force" in known else next(iter(known), "other"))
+        own: Kind = kind or ("force" if "force" in known else kind_of(unit) or "other")
         return _to_channel(own, factor_to_base(unit, own, where)) if unit and own != "other" else 1.0
     factor = _to_channel(kind, known[kind]) if kind is not None and kind in known else abs(column.scale)
     if not np.isclose(abs(column.scale), factor, rtol=1e-6):
