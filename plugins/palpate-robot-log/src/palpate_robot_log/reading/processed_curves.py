@@ -19,7 +19,7 @@ from palpate_robot_log.reading.study_text import toml_value
 
 _DEGREES_PER_RADIAN = 57.29577951308232
 _ROLES = {"force": ("travel", "force"), "torque": ("angle", "moment")}
-_LARGEST_STRAIN = 2.0
+_LARGEST_STRAIN = 10.0
 _AT_REST = 0.02
 """Share of a range up to which a value is next to zero."""
 
