@@ -61,7 +61,7 @@ class Intervals(Stage):
         return {"budget": study.budget.model_dump(mode="json")}
 
     def usual_simulations(self, inputs: Run) -> dict[str, int]:
-        """One of each fit at its reported values, and differences for causes that have no exact slope."""
+        """Fits at their reported values, and differences for causes that have no exact slope."""
         study, measured = inputs.study, inputs.measured
         if isinstance(study.search, BestSet):
             return {}
@@ -69,7 +69,10 @@ class Intervals(Stage):
         causes = error_sources_of(study, measured, [p.name for p in parameters])
         found = {}
         for spot in study.spot_names:
+            # On meshes only the leading fit is simulated there, where its surface is the same simulation.
             n_fits = len(study.scenarios) * (2 if len(study.spots) > 1 else 1)
+            if study.solver.provides.mesh:
+                n_fits = 0 if study.solver.provides.surface else 1
             here = (cause for cause in causes if not cause.spots or spot in cause.spots)
             found[spot] = n_fits + n_differences(here, study)
         return found
