@@ -13,13 +13,11 @@ the width that was expected over that of the fit.
 """
 
 import argparse
-import functools
-import operator
 import sys
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from itertools import combinations_with_replacement, pairwise, repeat
+from itertools import pairwise, repeat
 
 import bench_coverage as strips
 import numpy as np
@@ -37,7 +35,6 @@ from palpate_certainty.error_sources import ONSET_MM, RELATIVE
 from palpate_certainty.mesh_error import SHARED, independent_parts
 from palpate_certainty.noise_model import path_of
 from palpate_planning.candidates import CandidatePress
-from palpate_planning.presses import simulated_presses
 from palpate_planning.propose import PlanningStage, PlanOptions
 
 THICKNESS = {"p1": 1.0, "p2": 0.8, "p3": 1.25, "p4": 1.5}
@@ -276,30 +273,6 @@ def compared(world: World, ways: list[str]) -> dict:
     return found
 
 
-def bound(seed: int) -> dict:
-    """Least largest width of the parameters, of any two presses after the first, over four alike.
-
-    Widths are expected ones at the truth; "all" is every candidate at once.
-    """
-    world = World(seed)
-    first = protocol_of(10.0, TWISTS_DEG[1])
-    design = world.fitted({"p1": (first, world.press("p1", first))}).design()
-    point = design.problem.box.point(world.row)[None]
-    each = {s.press.name: s.at[0].information for s in simulated_presses(design, CANDIDATES, point) if s.at}
-    alike = [each[f"{spot}-10-22.5"] for spot in THICKNESS]
-    of = _sds(alike)
-    pairs = [
-        (alike[0] + each[a].again(a, 1) + each[b].again(b, 2))
-        for a, b in combinations_with_replacement(each, 2)
-    ]
-    best = min((_sds([pair]) / of for pair in pairs), key=lambda ratio: ratio.max())
-    return {"best three": best, f"all {len(each)}": _sds(list(each.values())) / of}
-
-
-def _sds(information: list) -> np.ndarray:
-    return np.sqrt(np.diag(functools.reduce(operator.add, information).covariance()))
-
-
 def table(found: list[dict]) -> None:
     """Print every way relative to four alike."""
     of = [each["four alike"]["widths"] for each in found]
@@ -333,16 +306,8 @@ def main() -> None:
     parser.add_argument("--workers", type=int, help="processes; default: all cores")
     parser.add_argument("--ways", nargs="*", choices=WAYS, default=list(WAYS), help="how presses are chosen")
     parser.add_argument("--mesh", type=float, default=0.0, help="relative error of each curve by its mesh")
-    parser.add_argument("--bound", action="store_true", help="what any presses could reach, instead")
     asked = parser.parse_args()
     found = []
-    if asked.bound:
-        with ProcessPoolExecutor(asked.workers) as pool:
-            found = list(pool.map(bound, range(asked.n)))
-        for way in found[0] if found else ():
-            ratios = np.array([list(each.values()) for each in found])[:, list(found[0]).index(way)]
-            say(f"{way}: mean {ratios.mean(axis=0).round(2)}, least {ratios.min(axis=0).round(2)}")
-        return
     with ProcessPoolExecutor(asked.workers) as pool:
         for each in pool.map(session, range(asked.n), repeat(asked.ways), repeat(asked.mesh)):
             found.append(each)
