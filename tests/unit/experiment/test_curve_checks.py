@@ -123,14 +123,14 @@ def test_clean_curves_give_no_warning(read):
         (times(TORQUE, -1.0), "'torque': up to row .* returns more work than was put in .* turn the sign"),
         (
             times(FORCE, -1.0),
-            "'force': force_N is -12.82 at depth_mm 10, and it cannot be negative; turn its",
+            "'force': force_N is -13.01 at depth_mm 10, and it cannot be negative; turn its",
         ),
         (
             times(FORCE, 1e-3),
-            r"'force': force_N reaches 0\.01282, and the ranges of the study .* check the unit",
+            r"'force': force_N reaches 0\.01301, and the ranges of the study .* check the unit",
         ),
-        (times(FORCE, 101.97), "'force': force_N reaches 1307, and the ranges"),
-        (times(FORCE, 1e3), "'force': force_N reaches 1.28"),
+        (times(FORCE, 101.97), "'force': force_N reaches 1327, and the ranges"),
+        (times(FORCE, 1e3), "'force': force_N reaches 1.301"),
         (swapped, "channel"),
         (
             plus(FORCE, 3.0),
@@ -150,10 +150,10 @@ def test_what_cannot_be_is_refused(read, change, message):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (times(TORQUE, 0.1), "'torque' over 'force' is a lever of 0.198 mm, where a sphere .* about 2.9 mm"),
-        (times(FORCE, 1 / 9.80665), "'torque' over 'force' is a lever of 19.4 mm"),
+        (times(TORQUE, 0.1), "'torque' over 'force' is a lever of 0.19 mm, where a sphere .* about 2.9 mm"),
+        (times(FORCE, 1 / 9.80665), "'torque' over 'force' is a lever of 18.6 mm"),
         (plus(FORCE, 1.0), r"'force' is 1 force_N at depth_mm 0, 7% of its peak, .*: the sensor has a bias"),
-        (shifted(-1.0), r"'force' is 0\.3883 force_N at depth_mm 0, .* \(as if contact began at -0\.9"),
+        (shifted(-1.0), r"'force' is 0\.4044 force_N at depth_mm 0, .* \(as if contact began at -0\.9"),
         (shifted(1.0), "'force' rises as if first contact were at depth_mm 1.* and not at 0; shift"),
         (shifted(0.5), "'force' rises as if first contact were at depth_mm 0.5"),
     ],
