@@ -10,7 +10,7 @@ from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
 from palpate_jax import load_stepping, sparse
 from palpate_jax.newton import Balance, equilibrium
-from palpate_jax.solver import JaxSettings, JaxSolver
+from palpate_jax.solver import BETWEEN, JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Ogden, Yeoh
 
@@ -24,6 +24,9 @@ PATH = [(0.0, 0.0), (2.0, 0.0), (2.0, -15.0), (2.0, 15.0), (2.0, 0.0)]
 SIZE = {"width_mm": 24.0, "height_mm": 10.0, "grading": 1.4}
 TIGHT = {"depth_steps": 4, "rotation_step_deg": 7.5, "tolerance": 1e-11}
 SOLVER = JaxSolver(JaxSettings(**TIGHT))
+STRIDE = BETWEEN + 1
+"""Points of a curve from one equilibrium state to the next."""
+
 YEOH = {"c1": 0.0141, "c2": -0.0011, "c3": 1.05e-4, "kappa": 0.4}
 
 
@@ -141,7 +144,7 @@ def test_cuts_are_followed(monkeypatch):
     simulation = SOLVER.simulate(case.job(slopes=True), case.limb)
     assert simulation.diagnostics["n_cuts"] == 2
     for name, slopes in simulation.response["torque"].slopes.items():
-        a, b = slopes, expected[name]
+        a, b = slopes[::STRIDE], expected[name][::STRIDE]
         np.testing.assert_allclose(a[-2:], b[[-3, -1]], atol=1e-6 * np.abs(b).max())
 
 
@@ -176,7 +179,7 @@ def test_without_friction_no_modulus_twists():
     for name in YEOH:
         force = np.abs(found["force"].slopes[f"soft_tissue.{name}"]).max()
         assert np.abs(found["torque"].slopes[f"soft_tissue.{name}"]).max() < 1e-7 * 7.5 * force
-    assert found["torque"].slopes["friction"][-3] > 1.0
+    assert found["torque"].slopes["friction"][::STRIDE][-3] > 1.0
 
 
 def test_they_change_no_result():

@@ -1,9 +1,10 @@
 """Curves, measured or simulated, with points in the order travelled."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from inspect import isfunction
+from itertools import pairwise
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate import _core
+from palpate.domain.mesh_convergence import MeshConvergence
 from palpate.errors import CurveError, ScoringError
 
 FloatArray = NDArray[np.float64]
@@ -76,7 +78,7 @@ class Channel:
     makes it (k,) of the columns (k,) by name that ``needs`` lists, such as the quotient of two. Write it
     with the arrays' own namespace, so that JAX differentiates it: slopes follow. ``mirrored`` is by what
     the ordinate is multiplied where a shift, tilt or rotation has the other sign, on a symmetric body:
-    −1 for a torque (odd), 1 for a normal force (even).
+    −1 for a torque (odd), 1 for a normal force (even). ``mesh`` is its error by the mesh.
     """
 
     name: str
@@ -92,6 +94,7 @@ class Channel:
     mirrored: Literal[-1, 1] | None = None
     needs: tuple[str, ...] = ()
     observe: Callable[[Mapping[str, Any]], Any] | None = None
+    mesh: MeshConvergence = field(default_factory=MeshConvergence)
 
     def __post_init__(self) -> None:
         if "/" in self.name:
@@ -231,6 +234,40 @@ class Curve:
         """Maximal monotone runs as (start, stop); adjacent runs share the turning point."""
         return tuple((int(a), int(b)) for a, b in _core.branches(self.abscissa))
 
+    def densified(self, n_between: int) -> "Curve":
+        """Curve with ``n_between`` more points in each interval, on cubics along each branch.
+
+        At its points a cubic has the steepness of the parabola through three neighbours: new ordinates are
+        linear in the given ones, and slopes are interpolated alike. An interval in which the abscissa rests
+        gets no points.
+        """
+        x, columns = self.abscissa, np.column_stack([self.ordinate, *self.slopes.values()])
+        share = np.arange(n_between + 1) / (n_between + 1)
+        rests = np.flatnonzero(np.diff(x) == 0.0)
+        ends = sorted({0, *rests, *(rests + 1), *(stop - 1 for _, stop in self.branches)})
+        found, times = [], []
+        for start, stop in pairwise(ends):
+            rows = slice(start, stop + 1)
+            moves = x[stop] != x[start]
+            at = (np.arange(start, stop)[:, None] + (share if moves else share[:1])).ravel()
+            new = np.interp(at, np.arange(x.size), x)
+            times.append(at)
+            if moves:
+                new = np.column_stack([new, _on_cubics(x[rows], columns[rows], new)])
+            else:
+                new = np.column_stack([new, columns[start:stop]])
+            found.append(new)
+        last = np.concatenate([x[-1:], columns[-1]])
+        values = np.vstack([*found, last])
+        at = np.append(np.concatenate(times), x.size - 1)
+        return replace(
+            self,
+            abscissa=values[:, 0],
+            ordinate=values[:, 1],
+            time_s=None if self.time_s is None else np.interp(at, np.arange(x.size), self.time_s),
+            slopes=dict(zip(self.slopes, values[:, 2:].T, strict=True)),
+        )
+
     def counted(self, name: str) -> BoolArray:
         """Points (n,) that a weight counts: all for a channel, those of the phase for ``torque/unload``.
 
@@ -250,6 +287,25 @@ class Curve:
     def first_turn(self) -> float:
         """Ordinate where the path first turns back, or at its end."""
         return float(self.ordinate[self.branches[0][1] - 1])
+
+
+def _on_cubics(x: FloatArray, y: FloatArray, at: FloatArray) -> FloatArray:
+    """Values (m, k) of cubics through points x (n,), y (n, k) of a branch, ``at`` (m,); lines through two."""
+    if x.size == 2:
+        return np.asarray(y[0] + ((at - x[0]) / (x[1] - x[0]))[:, None] * (y[1] - y[0]))
+    rates = np.gradient(y, x, axis=0, edge_order=2)
+    up = np.sign(x[-1] - x[0])
+    left = np.clip(np.searchsorted(up * x, up * at, side="right") - 1, 0, x.size - 2)
+    width = (x[left + 1] - x[left])[:, None]
+    t = (at[:, None] - x[left, None]) / width
+    first, other = y[left], y[left + 1]
+    cubic: FloatArray = (
+        (1 + 2 * t) * (1 - t) ** 2 * first
+        + t * (1 - t) ** 2 * width * rates[left]
+        + t**2 * (3 - 2 * t) * other
+        + t**2 * (t - 1) * width * rates[left + 1]
+    )
+    return cubic
 
 
 def moving_span(abscissa: FloatArray) -> slice:
@@ -356,6 +412,10 @@ class Response:
 
     def __repr__(self) -> str:
         return f"Response({', '.join(map(repr, self.curves.values()))})"
+
+    def densified(self, n_between: int) -> "Response":
+        """Response with ``n_between`` more points between neighbours of each curve."""
+        return replace(self, curves={name: curve.densified(n_between) for name, curve in self.curves.items()})
 
     def __getitem__(self, channel: str) -> Curve:
         return self.curves[channel]

@@ -110,6 +110,11 @@ class _Prepared:
     warm_starts: dict[tuple[object, ...], WarmStarts] = field(default_factory=dict)
 
 
+BETWEEN = 3
+"""Points of a curve between two equilibrium states: straight lines overstate a force at small depths.
+
+Curves in time are straight between states, since a change of rate bends them."""
+
 CONTACT = {"contact_radius_mm": "contact_radius_mm", "sticking_1": "sticking"}
 """Columns of the equilibrium states besides pose, wrench and time, and what of an answer they hold."""
 
@@ -128,6 +133,7 @@ class JaxSolver(Solver[JaxSettings]):
         slopes=True,
         relaxation=True,
         surface=True,
+        contact_penalty=True,
     )
 
     def __init__(self, settings: JaxSettings | None = None) -> None:
@@ -213,10 +219,11 @@ class JaxSolver(Solver[JaxSettings]):
             self._states.store(
                 self._states_key(job, limb), [prepared.model.rest(), *(s.displacements for s in reached)]
             )
+        response = equilibrium_states(reached).observed(job.channels)
         return Simulation(
             job=job,
             status=Status.OK if stop is None else Status.DIVERGED,
-            response=equilibrium_states(reached).observed(job.channels),
+            response=response if protocol.time_s is not None else response.densified(BETWEEN),
             message="" if stop is None else explained(stop, prepared.model, prepared.materials, job.thetas),
             seconds=time.perf_counter() - started,
             diagnostics=_diagnostics(reached, stepping)
@@ -324,7 +331,7 @@ class JaxSolver(Solver[JaxSettings]):
         indenter, depth = protocol.indenter, float(protocol.path[:, 0].max())
         radius = indenter.radius_mm
         dent = indenter.contact_radius_mm(depth) if depth > 0.0 else radius
-        penalty = self.settings.penalty * modulus_MPa / dent
+        penalty = self.settings.penalty * protocol.contact_penalty * modulus_MPa / dent
         return ContactLaw(indenter, penalty, protocol.friction, 1e-3 * modulus_MPa * radius**2)
 
     def _prepared(self, limb: Limb, materials: Mapping[str, Material]) -> _Prepared:

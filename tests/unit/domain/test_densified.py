@@ -1,0 +1,58 @@
+"""More points of a curve between its own, on cubics along each branch."""
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+from hypothesis.extra.numpy import arrays
+
+from palpate import Curve
+
+LOOP = np.concatenate([np.linspace(0.0, 10.0, 6), np.linspace(8.0, 0.0, 5)])
+ordinates = arrays(np.float64, LOOP.size, elements=st.floats(-10.0, 10.0))
+
+
+def curve(y, **slopes):
+    return Curve(channel="force", abscissa=LOOP, ordinate=y, slopes=slopes)
+
+
+@given(ordinates, st.integers(0, 4))
+def test_the_own_points_stay(y, n):
+    found = curve(y).densified(n)
+    assert found.abscissa.size == (LOOP.size - 1) * (n + 1) + 1
+    np.testing.assert_array_equal(found.abscissa[:: n + 1], LOOP)
+    np.testing.assert_allclose(found.ordinate[:: n + 1], y, atol=1e-12)
+
+
+@given(ordinates, ordinates)
+def test_new_ordinates_are_linear_in_the_given_ones(y, z):
+    found = curve(y, a=z).densified(3)
+    np.testing.assert_allclose(found.slopes["a"], curve(z).densified(3).ordinate, atol=1e-12)
+    both = curve(2.0 * y - z).densified(3).ordinate
+    np.testing.assert_allclose(both, 2.0 * found.ordinate - found.slopes["a"], atol=1e-9)
+
+
+def test_each_branch_has_its_own_parabola():
+    loads = np.arange(LOOP.size) < 6
+    found = curve(np.where(loads, LOOP**2, 12.0 * LOOP - 20.0)).densified(4)
+    x, y = found.abscissa, found.ordinate
+    np.testing.assert_allclose(y[:26], x[:26] ** 2, atol=1e-9)
+    np.testing.assert_allclose(y[26:], 12.0 * x[26:] - 20.0, atol=1e-9)
+
+
+def test_a_force_of_hertz_is_nearer_than_straight_lines_are():
+    x, between = np.arange(11.0), np.linspace(0.0, 10.0, 81)
+    found = Curve(channel="force", abscissa=x, ordinate=x**1.5).densified(7)
+    straight = np.interp(between, x, x**1.5)
+    assert np.abs(found.ordinate - between**1.5).max() < 0.35 * np.abs(straight - between**1.5).max()
+
+
+def test_a_rest_gets_no_points_and_times_follow():
+    rests = Curve(
+        channel="force",
+        abscissa=np.array([0.0, 1.0, 2.0, 2.0, 2.0]),
+        ordinate=np.array([0.0, 1.0, 4.0, 3.5, 3.2]),
+        time_s=np.array([0.0, 1.0, 2.0, 5.0, 9.0]),
+    ).densified(1)
+    assert rests.abscissa.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0, 2.0, 2.0]
+    assert rests.time_s.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0, 5.0, 9.0]
+    assert rests.ordinate[-3:] == pytest.approx([4.0, 3.5, 3.2])
