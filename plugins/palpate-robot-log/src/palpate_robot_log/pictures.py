@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
-from palpate.api import FloatArray, IntArray
+from palpate.api import FORCE, FloatArray, IntArray
 from palpate_report.style import STYLE
 from palpate_robot_log.processing.chain import Processed
 from palpate_robot_log.processing.cycles import Cycles
@@ -122,7 +122,7 @@ def _draw_phases(processed: Processed, folder: Path) -> Path:
             )  # fmt: skip
         for item in (each for each in processed.relaxations if each.is_significant):
             phase = processed.phase(item.phase)
-            axes[2 if item.channel == "force" else 3].annotate(
+            axes[{FORCE.name: 2}.get(item.channel, 3)].annotate(
                 f"falls {100.0 * item.share:.1f} %",
                 ((phase.start.time_s + phase.stop.time_s) / 2.0, 0.04),
                 xycoords=("data", "axes fraction"),

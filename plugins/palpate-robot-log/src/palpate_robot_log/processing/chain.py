@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from pydantic_core import to_json
 
-from palpate.api import Curve, FloatArray, IntArray, Relaxation
+from palpate.api import FORCE, TORQUE, Curve, FloatArray, IntArray, Relaxation
 from palpate.api.mesh import SpotWrench, spot_axes
 from palpate_robot_log.processing.contact import Normal, Onset, ToolMotion
 from palpate_robot_log.processing.corrections import (
@@ -40,6 +40,8 @@ from palpate_robot_log.recording import Recording, mean_orientation, rotated, ro
 
 UNITS = "mm, N, N·mm, s, degrees"  # units of all numbers in the record
 _MOST_LISTED = 50
+_COMPONENT = {TORQUE.name: TORQUE.name}
+"""Part of the wrench whose zero drifts in a channel; the force in the other channels."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -174,7 +176,7 @@ class Processed:
         """Standard deviation of each channel where its curve ends, by the drift since the touch."""
         rates, touch_s = self.drift_std_per_s, self.phase("press").start.time_s
         return {
-            channel: rates["torque" if channel == "torque" else "force"] * (float(curve.time_s[-1]) - touch_s)
+            channel: rates[_COMPONENT.get(channel, FORCE.name)] * (float(curve.time_s[-1]) - touch_s)
             for channel, curve in self.curves.items()
             if rates and curve.time_s is not None
         }
@@ -227,18 +229,25 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
     signals = {channel: signal for channel, signal in found.items() if signal.branches}
     curves = dict[str, Curve]()
     smoothings: dict[str, list[Smoothed]] = {channel: [] for channel in found}
+    along_std_mm = {FORCE.name: onset.std_mm}
     for channel, signal in signals.items():
-        zero = zero_std["torque" if channel == "torque" else "force"]
-        shift_std = onset.std_mm if channel == "force" else None
+        zero, shift_std = zero_std[_COMPONENT.get(channel, FORCE.name)], along_std_mm.get(channel)
         curves[channel], smoothings[channel] = curve_of(channel, time, signal, zero, settings, shift_std)
     relaxations = [
         relaxation(phase.name, channel, time[rows], values[rows], drift_std_per_s.get(channel, 0.0))
         for phase in phases
         for rows in [phase.rows(time)]
         if settings.relaxation.enabled and phase.name.startswith("dwell")
-        for channel, values in (("force", wrench.pressing), ("torque", wrench.twisting))
         # Before the twist there is no torque that could relax.
-        if channel == "force" or (has_moment and phase.start.time_s > located.strokes.press.stop.time_s)
+        for channel, values, can_relax in (
+            (FORCE.name, wrench.pressing, True),
+            (
+                TORQUE.name,
+                wrench.twisting,
+                has_moment and phase.start.time_s > located.strokes.press.stop.time_s,
+            ),
+        )
+        if can_relax
     ]
     return Processed(
         settings=settings,

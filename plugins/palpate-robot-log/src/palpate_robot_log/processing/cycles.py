@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from palpate.api import Curve, CurveError
+from palpate.api import EQUILIBRIUM_CHANNELS, Curve, CurveError
 from palpate_robot_log.processing.chain import Processed, process, windowed
 from palpate_robot_log.processing.contact import contacts_of
 from palpate_robot_log.processing.settings import ProcessingSettings
@@ -18,6 +18,8 @@ from palpate_robot_log.recording import Recording
 
 LARGEST_SHIFT_MM = 1.0  # along the skin between cycles of one spot
 _FAR_SHARE = 0.9
+_PLACED = frozenset(channel.name for channel in EQUILIBRIUM_CHANNELS)
+"""Channels along a place and not along the time."""
 _WORK_POINTS = 201
 
 
@@ -127,7 +129,7 @@ def _described(processed: Mapping[int, Processed]) -> dict[int, dict[str, Any]]:
     rows, found = dict[int, dict[str, Any]](), dict[int, dict[str, tuple[float, float]]]()
     for number, each in processed.items():
         force, leave = each.curves["force"], each.phases[-1]
-        peaks = {name: _at_peak(c) for name, c in each.curves.items() if name != "force_over_time"}
+        peaks = {name: _at_peak(c) for name, c in each.curves.items() if name in _PLACED}
         found[number] = peaks | {"force": _at(force, depth)}
         to = np.linspace(0.0, depth, _WORK_POINTS)
         rows[number] = {

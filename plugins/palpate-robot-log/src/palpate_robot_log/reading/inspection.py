@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from palpate.api import CurveError, FloatArray
+from palpate.api import EQUILIBRIUM_CHANNELS, CurveError, FloatArray
 from palpate.api.files import Column, InspectedTable, Inspection, factor_to_base, kind_of
 from palpate_robot_log.processing.chain import Processed
 from palpate_robot_log.processing.contact import contacts_of
@@ -34,6 +34,13 @@ from palpate_robot_log.reading.vectors import QUANTITIES, Guess
 from palpate_robot_log.recording import Recording, rotated
 
 _MOST_GAPS = 20
+_UNITS = {
+    channel.name: tuple(label.rpartition("(")[2].removesuffix(")") for label in labels)
+    for channel in EQUILIBRIUM_CHANNELS
+    for labels in [(channel.abscissa_label, channel.ordinate_label)]
+}
+"""Units of abscissa and ordinate by channel."""
+
 _LEAST_TURN_DEG = 3.0
 _LEAST_PRESS_MM = 0.3
 _ALONG = 0.8
@@ -177,10 +184,10 @@ def _curves_in(recording: Recording, proposal: Proposal) -> str:
     except CurveError as error:
         return f"no curves yet: {error}"
     peaks = (
-        f"{name} up to {np.abs(curve.ordinate).max():.4g} {units[0]} over "
-        f"{curve.abscissa.min():.4g} to {curve.abscissa.max():.4g} {units[1]}"
+        f"{name} up to {np.abs(curve.ordinate).max():.4g} {of} over "
+        f"{curve.abscissa.min():.4g} to {curve.abscissa.max():.4g} {along}"
         for name, curve in processed.curves.items()
-        for units in [("N·mm", "degrees") if name == "torque" else ("N", "mm")]
+        for along, of in [_UNITS.get(name, ("", ""))]
     )
     return f"its curves: {', '.join(peaks)}"
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from palpate.api import Curve, CurveError, FloatArray
+from palpate.api import FORCE, Curve, CurveError, FloatArray
 from palpate.api.files import Column
 from palpate_indentation.csv_loader import FOREARM, HOMOGENEOUS, CsvLoader, CsvSettings
 from palpate_indentation.measures import problem_of
@@ -19,6 +19,7 @@ from palpate_robot_log.reading.study_text import toml_value
 
 _DEGREES_PER_RADIAN = 57.29577951308232
 _ROLES = {"force": ("travel", "force"), "torque": ("angle", "moment")}
+_LENGTHS = frozenset({"travel"})
 _LARGEST_STRAIN = 10.0
 _AT_REST = 0.02
 """Share of a range up to which a value is next to zero."""
@@ -130,7 +131,7 @@ def _curves(columns: Sequence[Column]) -> Proposed | None:
         if {"extension", "ext"} & {*words_of(along.column.name)}:
             ask = "if a specimen is pulled, give its stress and strain instead"
             remarks.append(f"check {along.column.name}: a press is assumed; {ask}")
-        if channel == "force":
+        if roles[0] in _LENGTHS:
             settings, placed = _placed(along, of)
             channels[channel], remarks = settings, remarks + placed
         else:
@@ -141,7 +142,7 @@ def _curves(columns: Sequence[Column]) -> Proposed | None:
     if not channels:
         return None
     names = {word for column in columns for word in words_of(column.name)}
-    if names & TENSILE and "force" in channels:
+    if names & TENSILE and FORCE.name in channels:
         scales = {
             "abscissa": ("travel", "1 / length in mm", 1.0),
             "ordinate": ("force", "1 / area in mm²", 0.0),
