@@ -7,7 +7,16 @@ import polars as pl
 import pytest
 
 import palpate_report
-from palpate.domain import ParameterSpace, RegionMaterial, Relaxation, Response, Simulation, Status
+from palpate.domain import (
+    ParameterSpace,
+    Refinement,
+    RegionMaterial,
+    Relaxation,
+    Response,
+    Simulation,
+    Status,
+)
+from palpate.domain.channels import PRESS_AND_TWIST, TORQUE
 from palpate.fit.fitted import Fitted
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
@@ -21,6 +30,7 @@ from palpate.run.result import FitResult, PosteriorResult
 from palpate.stages import pipeline
 from palpate.study.model import BudgetTable
 from palpate_certainty.assessment import Assessment
+from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.emulated_curves import MeshCorrections, ScenarioDensity, SimulatedCurves
 from palpate_certainty.error_sources import (
     MESH,
@@ -31,7 +41,7 @@ from palpate_certainty.error_sources import (
     error_budget,
     error_sources_of,
 )
-from palpate_certainty.mesh_error import N_SHAPES, SHAPE, SHARED, SpotMesh, noted_errors
+from palpate_certainty.mesh_error import N_SCATTER, N_SHAPES, SpotMesh, noted_errors
 from palpate_certainty.tables import certainty_result
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Ogden
@@ -39,6 +49,7 @@ from palpate_prediction.bands import draws_of
 
 TRUTH = np.array([0.08, 4.0])
 BOTH = ("force", "torque")
+BOTH_CHANNELS = {channel.name: channel for channel in PRESS_AND_TWIST}
 
 
 @pytest.fixture
@@ -101,23 +112,35 @@ def check_mesh_error(found, channel, at, whole):
     """In part in proportion to the curve, in part varying along it; most of each common to all spots."""
     common, own = ([found[f"{of}{channel} {k}"][at] for k in range(1 + N_SHAPES)] for of in ("", "p1 "))
     assert np.sqrt(np.sum(np.square([*common, *own]))) == pytest.approx(np.linalg.norm(whole))
-    np.testing.assert_allclose(common[0], np.sqrt(SHARED / (1.0 + SHAPE**2)) * whole, rtol=1e-6, atol=1e-9)
+    share = ASSUMED.mesh_shared / (1.0 + ASSUMED.mesh_along**2)
+    np.testing.assert_allclose(common[0], np.sqrt(share) * whole, rtol=1e-6, atol=1e-9)
+    check_shared(common, own)
+
+
+def check_shared(common, own):
     for one, other in zip(common, own, strict=True):
-        np.testing.assert_allclose(other, np.sqrt(1.0 / SHARED - 1.0) * one, atol=1e-12)
+        np.testing.assert_allclose(other, np.sqrt(1.0 / ASSUMED.mesh_shared - 1.0) * one, atol=1e-12)
 
 
-def test_what_a_finer_mesh_leaves_is_of_each_spot_and_channel(ended):
+def test_force_and_torque_share_the_error_of_an_extrapolation(ended):
     study, measured, case, _ = ended()
     (term,), residuals = case.end.problem.terms, case.end.best.residuals
     coarse = {name: curve.ordinate for name, curve in simulated(case).response.curves.items()}
     added = {"force": -0.04 * coarse["force"], "torque": -1e-4 * coarse["torque"]}
     corrections = {name: Correction(added=added[name], coarse=y - added[name]) for name, y in coarse.items()}
     terms = [replace(term, corrections=corrections)]
-    found = error_budget(study, measured, terms, residuals, {}, {"p1": SpotMesh(refinement=2.0)})[MESH]
-    # Or the scatter of meshes; in the sense of the curve, so that all spots are too large, or all too small.
-    left = {"force": -added["force"] / 8.0, "torque": 0.012 * coarse["torque"]}
+    meshes = Refinement(ratio=2.0, at_rim=True)
+    found = error_budget(study, measured, terms, residuals, {}, {"p1": SpotMesh(refinement=meshes)})[MESH]
     for _, name, at, scale in pieces(terms):
-        check_mesh_error(found, name, at, (scale * left[name])[term.counted(name)])
+        convergence, inside = study.mesh_convergence(name), term.counted(name)
+        share = meshes.left_over(convergence)
+        left = ASSUMED.extrapolation * share / (1.0 + share) * added[name]
+        np.testing.assert_allclose(found["extrapolation"][at], (scale * left)[inside], rtol=1e-6, atol=1e-12)
+        common, own = ([found[f"{of}{name} {k}"][at] for k in range(N_SCATTER)] for of in ("", "p1 "))
+        check_shared(common, own)
+        reached = np.maximum.accumulate(np.abs(measured["p1"][name].ordinate))
+        size = convergence.scatter * (scale * reached)[inside] / np.sqrt(N_SCATTER)
+        np.testing.assert_allclose(common[0], np.sqrt(ASSUMED.mesh_shared) * size, rtol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -125,7 +148,7 @@ def test_what_a_finer_mesh_leaves_is_of_each_spot_and_channel(ended):
     [
         ({}, False, "unclear", "one mesh"),
         ({"mesh": "7 %"}, False, "roughly", "the study"),
-        ({}, True, "roughly", "two meshes"),
+        ({}, True, "well", "two meshes"),
     ],
 )
 def test_the_usual_error_of_a_mesh_leaves_what_it_decides_unclear(
@@ -153,16 +176,18 @@ def test_the_usual_error_of_a_mesh_leaves_what_it_decides_unclear(
 
 def test_the_error_of_a_mesh_is_stated_or_noted_or_usual():
     coarse, fine = SpotMesh(edge_over_radius=0.5), SpotMesh(edge_over_radius=0.15)
-    assert [coarse.error(name, {}) for name in BOTH] == [0.03, 0.07]
-    assert [fine.error(name, {}) for name in BOTH] == [0.015, 0.035]
-    assert fine.error("torque", {"": 0.02}) == fine.error("torque", {"torque": 0.02, "": 0.01}) == 0.02
+    assert [coarse.error(name, of.mesh, {}) for name, of in BOTH_CHANNELS.items()] == [0.03, 0.07]
+    assert [fine.error(name, of.mesh, {}) for name, of in BOTH_CHANNELS.items()] == [0.015, 0.035]
+    assert fine.error("torque", TORQUE.mesh, {"": 0.02}) == 0.02
+    assert fine.error("torque", TORQUE.mesh, {"torque": 0.02, "": 0.01}) == 0.02
     note = {"mesh_error": {"edge_over_radius": 0.3, "force": 0.01, "torque": None, "measured_on": "a limb"}}
     noted = SpotMesh(edge_over_radius=0.3, noted=noted_errors(note))
-    assert [noted.error(name, {}) for name in BOTH] == [0.01, 0.07]
+    assert [noted.error(name, of.mesh, {}) for name, of in BOTH_CHANNELS.items()] == [0.01, 0.07]
     assert noted_errors(None) == noted_errors({"mesh_error": "2 %"}) == {}
     locks = replace(noted, locking=0.1)
-    assert [locks.error(name, {}) for name in BOTH] == pytest.approx([0.11, 0.17])
-    assert locks.error("torque", {"": 0.02}) == 0.02
+    found = [locks.error(name, of.mesh, {}) for name, of in BOTH_CHANNELS.items()]
+    assert found == pytest.approx([0.11, 0.17])
+    assert locks.error("torque", TORQUE.mesh, {"": 0.02}) == 0.02
 
 
 def test_a_fixed_parameter_adds_its_slope(ended):

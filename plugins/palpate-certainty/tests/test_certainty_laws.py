@@ -4,11 +4,19 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 from scipy.linalg import null_space
-from scipy.stats import binom, chi2
+from scipy.stats import binom, chi2, t as student
 
 from palpate_certainty.adequacy import checks, misfits
+from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.laplace import Laplace, laplace, scores_of
-from palpate_certainty.noise_model import COMMON, ResidualLayout, estimate, excess, grouped, groups_of
+from palpate_certainty.noise_model import (
+    COMMON,
+    ResidualLayout,
+    error_scale,
+    estimate,
+    grouped,
+    groups_of,
+)
 from palpate_certainty.tables import parameter_combinations
 
 seeds = st.integers(0, 2**32 - 1)
@@ -195,15 +203,52 @@ def test_a_centre_outside_of_a_range_is_as_unlikely_as_it_is_far(far, other):
 
 
 @pytest.mark.parametrize("times", [1.0, 3.0])
-def test_causes_that_are_larger_than_stated_are_seen_and_none_is_taken_smaller(times):
+def test_the_scale_of_errors_is_between_the_stated_one_and_the_seen_one(times):
     rows, jacobian = press()
     rng, rest, found = np.random.default_rng(7), errors_of(rows, 0.002, 0.0), []
     known = 0.05 * np.stack([rows.path ** (k + 0.5) * (rows.channel == k % 2) for k in range(6)], axis=1)
     for _ in range(200):
         residuals = fitted(drawn(rng, rest) + times * known @ rng.normal(size=6), jacobian)
-        found.append(excess(residuals, null_space(jacobian.T), known, rest))
-    assert min(found) == 1.0
-    assert np.mean(np.square(found)) == pytest.approx(times**2, rel=0.3)
+        found.append(error_scale(residuals, null_space(jacobian.T), known, rest))
+    n_seen = found[0].freedom - ASSUMED.scale_freedom
+    assert n_seen >= 2
+    expected = (ASSUMED.scale_freedom + n_seen * times**2) / (ASSUMED.scale_freedom + n_seen)
+    assert np.mean([each.factor**2 for each in found]) == pytest.approx(expected, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    ("n_seen", "least_at_once", "least_at_twice"), [(2, 96, 80), (4, 96, 83), (6, 95, 85)]
+)
+def test_a_region_of_uncertain_scale_holds_the_truth_at_twice_the_errors(
+    n_seen, least_at_once, least_at_twice
+):
+    """Worlds of three parameters whose errors have one unknown scale, which ``n_seen`` directions show."""
+    rng, n, held = np.random.default_rng(0), 600, []
+    for times in (1.0, 2.0):
+        inside = 0
+        for _ in range(n):
+            chi2_seen = float(np.sum((times * rng.normal(size=n_seen)) ** 2))
+            freedom = ASSUMED.scale_freedom + n_seen
+            scale = (ASSUMED.scale_freedom + chi2_seen) / freedom
+            covariance = scale * 1e-4 * np.eye(3)
+            at = Laplace(
+                centre=0.5 + 0.01 * times * rng.normal(size=3),
+                covariance=covariance,
+                parts={},
+                freedom=freedom,
+            )
+            inside += at.within().holds(np.full(3, 0.5))
+        held.append(100.0 * inside / n)
+    assert held[0] >= least_at_once
+    assert held[1] >= least_at_twice
+
+
+@given(st.floats(3.0, 30.0))
+def test_intervals_of_an_uncertain_scale_are_students(freedom):
+    found = Laplace(centre=np.array([0.5]), covariance=np.array([[1e-4]]), parts={}, freedom=freedom).within()
+    lower, upper = found.interval(np.array([0.5]))
+    expected = 2.0 * 0.01 * student.ppf(0.975, freedom)
+    assert upper[0] - lower[0] == pytest.approx(expected, rel=0.06)
 
 
 EXPECTED = {0: 0.005, 1: 0.005}

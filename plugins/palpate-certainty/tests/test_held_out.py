@@ -11,11 +11,12 @@ from palpate.domain import Response
 from palpate_certainty import held_out as module
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.held_out import BAND, held_out, is_apart, sentence
-from palpate_certainty.noise_model import NoiseModel, ResidualLayout, grouped, groups_of
+from palpate_certainty.noise_model import ErrorScale, NoiseModel, ResidualLayout, grouped, groups_of
 from palpate_certainty.tables import PRIORS, LinearModel
 from palpate_materials.uncoupled import Ogden
 
 SPOTS, POINTS = ("p1", "p2", "p3"), 12
+KNOWN_SCALE = ErrorScale(factor=1.0, freedom=1e9)
 
 
 def layout():
@@ -38,7 +39,7 @@ def test_curves_that_belong_are_inside_as_often_as_the_band_says(monkeypatch):
     gains = 0.02 * np.stack([rows.channel == 0, rows.channel == 1], axis=1) * rows.envelope[:, None]
     known = {"gain": gains, PRIORS: np.zeros((rows.spot.size, rows.spot.size))}
     root = np.linalg.cholesky(sum(errors.covariances(rows)) + gains @ gains.T)
-    monkeypatch.setattr(module, "_errors_without", lambda *_: (errors, 1.0))
+    monkeypatch.setattr(module, "_errors_without", lambda *_: (errors, KNOWN_SCALE))
     inside = []
     for _ in range(100):
         moved = 0.05 * rng.normal(size=3)
@@ -73,7 +74,7 @@ def test_a_difference_is_the_share_that_it_is_however_many_points_there_are(n):
     )
     groups = groups_of(rows)
     share = groups @ (0.02 * ones) / grouped(rows, groups).scale
-    found = module._compared(share, 1e-4 * np.eye(share.size), int((groups > 0.0).sum()))
+    found = module._compared(share, 1e-4 * np.eye(share.size), int((groups > 0.0).sum()), 1e9)
     assert found["difference"] == pytest.approx(0.02)
 
 

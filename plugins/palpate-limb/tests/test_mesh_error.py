@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from palpate.domain.channels import FORCE, TORQUE
 from palpate.errors import MeshError
 from palpate.run.manifest import manifest
 from palpate.study.spots import mesh_note
@@ -45,8 +46,8 @@ def test_the_note_states_the_largest_error_that_was_measured():
 def test_the_error_of_the_default_size_is_the_default_budget_of_its_fit():
     note = {"mesh_error": mesh_error(DEFAULT_SIZE * 7.5, 7.5)}
     mesh = SpotMesh(edge_over_radius=DEFAULT_SIZE, noted=noted_errors(note))
-    assert 0.005 < mesh.error("force", {}) < 0.015
-    assert 0.04 < mesh.error("torque", {}) < 0.07
+    assert 0.005 < mesh.error("force", FORCE.mesh, {}) < 0.015
+    assert 0.04 < mesh.error("torque", TORQUE.mesh, {}) < 0.07
 
 
 def test_meshes_that_were_not_studied_have_no_error():

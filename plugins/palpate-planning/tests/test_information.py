@@ -10,8 +10,8 @@ from hypothesis import given, settings, strategies as st
 
 from palpate.domain import Curve, Parameter
 from palpate.fit.spot_term import Correction
+from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.laplace import Laplace, laplace, scores_of
-from palpate_certainty.mesh_error import SHARED
 from palpate_certainty.noise_model import ResidualLayout
 from palpate_planning.information import (
     ErrorSizes,
@@ -165,8 +165,8 @@ def _meshed(seed, amplitude=1.0, signs=(1.0,) * 4):
             rows = np.repeat([k == 0, k == 1], 6)
             sign = signs[2 * len(presses) + k]
             whole = (amplitude * sign * rows * columns[k])[:, None]
-            causes[cause_name("mesh", name)] = np.sqrt(SHARED) * whole
-            causes[cause_name("mesh", f"p{len(presses)} {name}")] = np.sqrt(1.0 - SHARED) * whole
+            causes[cause_name("mesh", name)] = np.sqrt(ASSUMED.mesh_shared) * whole
+            causes[cause_name("mesh", f"p{len(presses)} {name}")] = np.sqrt(1.0 - ASSUMED.mesh_shared) * whole
         presses.append(FisherInformation.of(3.0 * rng.normal(size=(12, 3)), causes))
     return presses[0] + presses[1] + presses[1].again("p1", 1)
 

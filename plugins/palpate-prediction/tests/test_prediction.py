@@ -467,11 +467,11 @@ def test_draws_of_a_press_to_a_force_spread_its_depth_and_not_its_force():
 
 def test_errors_by_the_mesh_are_those_that_a_coarser_one_shows():
     fine, coarse = hertzian(), hertzian(1.1)
-    errors = mesh_errors(fine, coarse, 2.0, 0.01)
+    errors = mesh_errors(fine, coarse, 1.0 / 3.0, 0.01)
     assert errors["peak_MPa"] == pytest.approx((1.1 ** (2 / 3) - 1.0) / 3.0, rel=1e-5)
     assert errors["force_N"] == 0.01, "no less than the study states"
-    assert set(mesh_errors(fine, None, 2.0, 0.02).values()) == {0.02}
-    assert mesh_errors(fine, coarse, 1.0, 0.02)["peak_MPa"] == 0.02, "a mesh of the same size shows nothing"
+    assert set(mesh_errors(fine, None, 1.0 / 3.0, 0.02).values()) == {0.02}
+    assert mesh_errors(fine, coarse, 0.0, 0.02)["peak_MPa"] == 0.02, "a mesh of the same size shows nothing"
     (peak,) = (q for q in QUANTITIES if q.attribute == "peak_MPa")
     drawn = spread(fine, peak, np.ones(201), by_force=False, mesh={"peak_MPa": 0.1})
     np.testing.assert_allclose(ends(drawn / fine.value("peak_MPa")), [1 - 0.1645, 1 + 0.1645], rtol=5e-3)
@@ -514,16 +514,17 @@ def test_each_curve_has_the_error_that_its_own_largest_ordinate_shows():
             for name, most in (("force", force), ("torque", torque))
         }
 
-    errors = curve_errors(curves(10.0, -5.0), curves(10.0, -5.9), 2.0, {"force": 0.01, "torque": 0.01})
+    left_over = {"force": 1.0 / 3.0, "torque": 1.0 / 3.0}
+    errors = curve_errors(curves(10.0, -5.0), curves(10.0, -5.9), left_over, {"force": 0.01, "torque": 0.01})
     assert errors == pytest.approx({"force": 0.01, "torque": 0.06})
-    assert set(curve_errors(curves(10.0, -5.0), None, 2.0, {"force": 0.02, "torque": 0.02}).values()) == {
-        0.02
-    }
+    assert set(
+        curve_errors(curves(10.0, -5.0), None, left_over, {"force": 0.02, "torque": 0.02}).values()
+    ) == {0.02}
 
 
 def test_a_force_that_was_given_is_as_wrong_by_the_mesh_as_its_depth():
     fine, softer = hertzian(), hertzian(0.97)
-    errors = mesh_errors(fine, softer, np.sqrt(2.0), 0.0)
+    errors = mesh_errors(fine, softer, 1.0, 0.0)
     assert errors["force_N"] == 0.0
     assert force_error(fine, errors) == pytest.approx(0.03, rel=0.05), "that of the force at one depth"
     still = replace(fine, force_N=np.where(fine.force_N > 4.0, 10.0, 0.0))

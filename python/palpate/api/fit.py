@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     )
     from palpate.fit.mesh_correction import (
         fine_run as fine_run,
-        left_over as left_over,
     )
     from palpate.fit.parametrisation import (
         FRICTION as FRICTION,

@@ -30,6 +30,7 @@ from palpate.domain.curves import (
 from palpate.domain.equilibrium_states import EquilibriumStates as EquilibriumStates, pose_columns
 from palpate.domain.indenter import Indenter
 from palpate.domain.material import Material
+from palpate.domain.mesh_convergence import MeshConvergence as MeshConvergence, Refinement as Refinement
 from palpate.domain.parameter import Parameter as Parameter, ParameterName as ParameterName, Prior as Prior
 from palpate.domain.parameters import (
     ParameterSpace as ParameterSpace,
@@ -175,6 +176,8 @@ class Indentation:
     lateral : (n_waypoints, 4) array, optional
         Shifts and tilts, and ``loads`` (n_waypoints, 6) and ``time_s`` (n_waypoints,), as in
         :class:`Waypoints`; where a load moves a component, its value is the farthest that it may move to.
+    contact_penalty : float
+        Contact penalty over the solver's usual one, > 0.
     """
 
     indenter: Indenter
@@ -184,6 +187,7 @@ class Indentation:
     lateral: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
     loads: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
     time_s: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
+    contact_penalty: float = field(default=1.0, metadata={"in_key": "unless default"})
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", frozen_floats(self.path))
@@ -198,6 +202,8 @@ class Indentation:
             )
         if not (np.isfinite(self.friction) and self.friction >= 0.0):
             raise StudyError(f"protocol: friction {self.friction}; give a coefficient >= 0")
+        if not (np.isfinite(self.contact_penalty) and self.contact_penalty > 0.0):
+            raise StudyError(f"protocol: contact penalty {self.contact_penalty}; give a factor > 0")
         tilt_deg = tuple(map(float, self.tilt_deg))
         if len(tilt_deg) != 2 or not np.hypot(*tilt_deg) < MOST_TILT_DEG:
             raise StudyError(f"protocol: tilt {tilt_deg}; give two angles below {MOST_TILT_DEG:g}°")

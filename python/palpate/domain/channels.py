@@ -1,6 +1,7 @@
 """The channels of an indenter's equilibrium states: what does work along each part of its motion."""
 
 from palpate.domain.curves import Channel
+from palpate.domain.mesh_convergence import MeshConvergence
 
 FORCE = Channel(
     name="force",
@@ -13,6 +14,7 @@ FORCE = Channel(
     dissipative=True,
     length_power=2,
     mirrored=1,
+    mesh=MeshConvergence(rim_order=5.0, order=3.0, usual=0.03, scatter=0.009),
 )
 
 TORQUE = Channel(

@@ -9,6 +9,7 @@ the slopes the curves would depend on the material as those of the coarse mesh d
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Self
 
 import numpy as np
@@ -30,21 +31,6 @@ SMALL = 1e-4
 RANGE_VARIANCE = 1.0 / 12.0
 """Variance of a value that may be anywhere in a range of 1."""
 
-ORDER = {True: 2.0, False: 4.0}
-"""Power of the element size under the indenter with which the error of the normal force falls, and that of
-other channels, where a mesh is refined at the edge of the contact: as the forearm's phantom shows it."""
-
-
-def left_over(channel: str, refinement: float) -> float:
-    """Share of what a finer mesh adds to a curve that it lacks itself, by Richardson's extrapolation.
-
-    Parameters
-    ----------
-    refinement : float
-        Element size under the indenter over that of the finer mesh; 1 if unknown, which tells nothing.
-    """
-    return 1.0 / (refinement ** ORDER[channel == "force"] - 1.0) if refinement > 1.0 else 0.0
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FineRun:
@@ -56,8 +42,8 @@ class FineRun:
     ----------
     coarse, fine : mapping of channel to (n,) array
         NaN where a curve does not cover a point.
-    refinement : float
-        Element size under the indenter over that of the finer mesh; 1 if unknown: nothing is extrapolated.
+    left_over : mapping of channel to float
+        Error of the finer mesh over the difference of both; nothing is extrapolated without it.
     slopes : mapping of channel to mapping of name to (coarse, fine)
         Change of both curves (n,) per unit of a parameter or of friction, where both have slopes.
     inputs : SpotInputs, optional
@@ -66,7 +52,7 @@ class FineRun:
 
     coarse: Mapping[str, FloatArray]
     fine: Mapping[str, FloatArray]
-    refinement: float = 1.0
+    left_over: Mapping[str, float] = field(default_factory=dict)
     slopes: Mapping[str, Mapping[str, tuple[FloatArray, FloatArray]]] = field(default_factory=dict)
     inputs: SpotInputs | None = None
 
@@ -76,7 +62,7 @@ class FineRun:
         return {name: self._correction(name) for name in self.coarse}
 
     def _correction(self, channel: str) -> Correction:
-        coarse, whole = self.coarse[channel], 1.0 + left_over(channel, self.refinement)
+        coarse, whole = self.coarse[channel], 1.0 + self.left_over.get(channel, 0.0)
         known = np.isfinite(coarse) & np.isfinite(self.fine[channel])
         square = float(np.sum(coarse[known] ** 2))
         added = whole * np.where(known, self.fine[channel] - coarse, 0.0)
@@ -88,9 +74,13 @@ class FineRun:
 
 
 def fine_run(
-    term: SpotTerm, inputs: SpotInputs, coarse: Simulation, fine: Simulation, refinement: float = 1.0
+    term: SpotTerm,
+    inputs: SpotInputs,
+    coarse: Simulation,
+    fine: Simulation,
+    left_over: Mapping[str, float] = MappingProxyType({}),
 ) -> FineRun:
-    """Compare the meshes, of sizes in a ratio of ``refinement``, at one set.
+    """Compare the meshes at one set; ``left_over`` is as of :class:`FineRun`.
 
     Raises
     ------
@@ -102,7 +92,7 @@ def fine_run(
     return FineRun(
         coarse={name: bare.values(coarse, inputs, name) for name in term.measured},
         fine={name: bare.values(fine, inputs, name) for name in term.measured},
-        refinement=refinement,
+        left_over=left_over,
         slopes={name: _slopes(bare, inputs, coarse, fine, name) for name in term.measured},
         inputs=inputs,
     )
@@ -204,4 +194,4 @@ class EndSlopes:
         return float((shifts / self.sd).max())
 
 
-__all__ = ["NEAR", "EndSlopes", "FineRun", "NotRankedError", "errors_of", "fine_run", "left_over"]
+__all__ = ["NEAR", "EndSlopes", "FineRun", "NotRankedError", "errors_of", "fine_run"]

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import polars as pl
 
-from palpate.domain import Design, FloatArray, Response, Scenario, Simulation, channel_of
+from palpate.domain import Design, FloatArray, Refinement, Response, Scenario, Simulation, channel_of
 from palpate.errors import PalpateError, StoppedError
 from palpate.fit.mesh_correction import NEAR, EndSlopes, FineRun, errors_of, fine_run
 from palpate.fit.problem import Problem
@@ -84,8 +84,8 @@ class FitStage:
         Called with how far the fit is, after each step.
     first_start : mapping of parameter name to value
         Where the joint fit starts before the basins of the sweep; empty: only there.
-    refinement : mapping of spot name to float
-        Element size under the indenter over that of the finer mesh.
+    refinement : mapping of spot name to Refinement
+        Of the spots that have a finer mesh.
     """
 
     study: Study
@@ -97,7 +97,7 @@ class FitStage:
     progress: Progress = SILENT
     on_progress: Callable[[FitState], None] = lambda state: None
     first_start: Mapping[str, float] = field(default_factory=dict)
-    refinement: Mapping[str, float] = field(default_factory=dict)
+    refinement: Mapping[str, Refinement] = field(default_factory=dict)
     _cases: list[Case] = field(default_factory=list)
     _n_known: int = 0
     _fine: dict[str, list[FineRun]] = field(default_factory=dict)
@@ -249,8 +249,8 @@ class FitStage:
         jobs = [end.term.job(end.inputs, -1, slopes=slopes, fine=True) for end in wanted.values()]
         for end, fine in zip(wanted.values(), self.simulations.of(jobs), strict=True):
             try:
-                ratio = self.refinement.get(end.spot, 1.0)
-                found = fine_run(end.term, end.inputs, end.coarse, fine, ratio)
+                left_over = self.study.left_over(self.refinement.get(end.spot, Refinement()))
+                found = fine_run(end.term, end.inputs, end.coarse, fine, left_over)
                 self._fine.setdefault(end.spot, []).append(found)
             except NotRankedError as error:
                 self.progress.note(f"warning: no correction by the finer mesh: {error}")

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from palpate.domain import Indentation, Limb, Spot
+from palpate.domain import Indentation, Limb, Refinement, Spot
 from palpate.domain.material import AnisotropicMaterial
 from palpate.errors import MeshError, StudyError
 from palpate.limb.cell_fields import check_frames, with_fields
@@ -145,13 +145,21 @@ def size_at_contact(study: Study, limb: Limb) -> float:
     return contact_edge_mm(limb, _near_mm(study, limb.spot.name))
 
 
-def refinement(study: Study, limbs: Mapping[str, Limb]) -> dict[str, float]:
-    """Element size under the indenter over that of the finer mesh, of each spot that has one."""
-    return {
-        spot: size_at_contact(study, limbs[spot]) / size_at_contact(study, limbs[f"{spot}/fine"])
-        for spot in study.spot_names
-        if f"{spot}/fine" in limbs
-    }
+def refinement(study: Study, limbs: Mapping[str, Limb]) -> dict[str, Refinement]:
+    """Difference of the finer mesh from the first one, of each spot that has both.
+
+    Where the finer one is the first one, refined at the edge of the contact, edges are compared there.
+    """
+    found = {}
+    for spot in study.spots:
+        if (fine := limbs.get(f"{(name := spot.spot.name)}/fine")) is None:
+            continue
+        near_mm, beyond_mm = _near_mm(study, name), 0.0
+        if is_refined := bool(fine_edge_mm(study, spot, limbs[name])):
+            near_mm, beyond_mm = _refined_mm(study, name)
+        sizes = [contact_edge_mm(limb, near_mm, beyond_mm) for limb in (limbs[name], fine)]
+        found[name] = Refinement(ratio=sizes[0] / sizes[1], at_rim=is_refined and beyond_mm > 0.0)
+    return found
 
 
 def _load(study: Study, spot: Spot, path: Path) -> Limb:

@@ -23,8 +23,11 @@ NEAR = 1.2
 """Distance from the spot up to which edges count, over the indenter's radius."""
 
 
-def contact_edge_mm(limb: Limb, near_mm: float) -> float:
-    """Mean length of the edges of contact faces near the spot; of the nearest six where none is near."""
+def contact_edge_mm(limb: Limb, near_mm: float, beyond_mm: float = 0.0) -> float:
+    """Mean length of the edges of contact faces near the spot; of the nearest six where none is near.
+
+    Edges nearer than ``beyond_mm`` do not count.
+    """
     mesh = limb.mesh
     on = np.zeros(mesh.n_nodes, dtype=np.bool_)
     on[mesh.node_sets["contact"]] = True
@@ -39,7 +42,7 @@ def contact_edge_mm(limb: Limb, near_mm: float) -> float:
     ends: FloatArray = mesh.points_mm[np.unique(np.sort(np.concatenate(pairs), axis=1), axis=0)]
     lengths = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)
     away = np.linalg.norm(ends.mean(axis=1) - limb.spot.position_mm, axis=1)
-    near = away <= near_mm
+    near = (away >= beyond_mm) & (away <= near_mm)
     return float(lengths[near if near.any() else np.argsort(away)[:6]].mean())
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from palpate.domain import HomogeneousTests, Indentation, Job, Protocol
+from palpate.domain.channels import PRESS_AND_TWIST
 from palpate.domain.curves import Channel
 from palpate.domain.material import AnisotropicMaterial, Material
 from palpate.domain.waypoints import MOVES
@@ -47,6 +48,9 @@ class Provides:
         Whether materials may relax in time.
     surface : bool
         Whether a job with ``surface`` gets the states of the skin with its curves.
+    contact_penalty : bool
+        Whether a penalty, which a protocol may multiply, keeps the indenter out of the tissue: the error
+        budget has its effect on the curves.
     accuracy : float
         Scatter of its curves, relative to their size: slopes are differenced over steps that fit it.
 
@@ -60,13 +64,14 @@ class Provides:
     max_regions: int | None = None
     anisotropic: bool = False
     fields: bool = False
-    channels: tuple[str, ...] = ("force", "torque")
+    channels: tuple[str, ...] = tuple(channel.name for channel in PRESS_AND_TWIST)
     columns: tuple[str, ...] = ()
     indenters: tuple[str, ...] | None = ("sphere",)
     motions: tuple[str, ...] = ("depth", "rotation")
     slopes: bool = False
     relaxation: bool = False
     surface: bool = False
+    contact_penalty: bool = False
     accuracy: float = 1e-4
 
     def __post_init__(self) -> None:

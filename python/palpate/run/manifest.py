@@ -103,7 +103,7 @@ def _hashes(study: Study) -> dict[str, str]:
 
 
 def _channel(channel: Channel) -> dict[str, Any]:
-    found = _fields(channel, ("mirrored", "needs", "observe"))
+    found = _fields(channel, ("mirrored", "needs", "observe", "mesh")) | {"mesh": asdict(channel.mesh)}
     return found | ({"needs": list(channel.needs)} if channel.needs else {})
 
 

@@ -362,7 +362,7 @@ class FitTable(Table):
     fine_edge: Literal["auto"] | Annotated[Length, Field(ge=0.0)] = Field(
         default="auto",
         description="Longest edge under the indenter to which each spot's own mesh is refined, as the finer "
-        "mesh of spots without a fine_mesh; 0: none; auto: a third of the contact's radius, or the mesh's "
+        "mesh of spots without a fine_mesh; 0: none; auto: 0.28 of the contact's radius, or the mesh's "
         "mean edge there, for tetrahedra and a solver with slopes.",
     )
     fine_nodes: int = Field(

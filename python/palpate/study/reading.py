@@ -6,8 +6,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from palpate.domain import Channel, Indentation, ParameterSpace, Protocol, Scenario
-from palpate.domain.channels import PRESS_AND_TWIST
+from palpate.domain import (
+    Channel,
+    Indentation,
+    MeshConvergence,
+    ParameterSpace,
+    Protocol,
+    Refinement,
+    Scenario,
+)
+from palpate.domain.channels import EQUILIBRIUM_CHANNELS, PRESS_AND_TWIST
 from palpate.domain.component import Component
 from palpate.errors import PluginError, StudyError
 from palpate.plugins.catalogue import Plugins
@@ -120,7 +128,9 @@ class Study:
     one_frame: bool = False
     linear_tetrahedra: bool = False
     cache: Path | None = None
-    channels: Mapping[str, Channel] = field(default_factory=dict)
+    channels: Mapping[str, Channel] = field(
+        default_factory=lambda: {channel.name: channel for channel in EQUILIBRIUM_CHANNELS}
+    )
     search: Search
     parametrisation: Parametrisation
     units: Mapping[str, str] = field(default_factory=dict)
@@ -192,6 +202,14 @@ class Study:
     def degree(self, channel: str) -> int:
         """Degree of a channel in the moduli."""
         return self.channels[channel].degree if channel in self.channels else 1
+
+    def mesh_convergence(self, channel: str) -> MeshConvergence:
+        """Error of a channel's curve by the mesh, and its fall with the element size."""
+        return self.channels[channel].mesh if channel in self.channels else MeshConvergence()
+
+    def left_over(self, refinement: Refinement) -> dict[str, float]:
+        """Error of a finer mesh over the difference of both meshes, by channel."""
+        return {name: refinement.left_over(channel.mesh) for name, channel in self.channels.items()}
 
     def observed(self, channels: Iterable[str]) -> tuple[Channel, ...]:
         """Columns of equilibrium states that a job asks for, so that it answers these channels.

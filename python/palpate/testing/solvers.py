@@ -21,6 +21,7 @@ from palpate.domain import (
     Status,
     moving_span,
 )
+from palpate.domain.channels import FORCE
 from palpate.domain.equilibrium_states import POSE, STATE_COLUMNS, WRENCH
 from palpate.domain.indenter import Sphere
 from palpate.domain.material import IsotropicMaterial
@@ -253,14 +254,14 @@ class SolverContract(ComponentContract):
     def test_a_surface_carries_the_force_of_the_curves(
         self, solver: Solver, job: Job, limb: Limb | None, answer: Simulation
     ) -> None:
-        if not solver.provides.surface or limb is None or "force" not in (answer.response or {}):
+        if not solver.provides.surface or limb is None or FORCE.name not in (answer.response or {}):
             pytest.skip("the solver declares no surface, or has no force")
         simulation = solver.simulate(replace(job, surface=True), limb)
         self.assert_scaled(simulation, answer, 1.0)
         states = simulation.surface
         assert states is not None, "no surface, although the job asks for it"
         force, _ = states.resultants(limb.spot.position_mm)
-        wanted = float(np.abs(curves(simulation)["force"].ordinate).max())
+        wanted = float(np.abs(curves(simulation)[FORCE.name].ordinate).max())
         carried = float(-(force @ limb.spot.normal).min())
         assert abs(carried / wanted - 1.0) <= 0.01, (
             f"the tractions press with {carried:g} N where the curve has {wanted:g} N: they are those of the "

@@ -2,12 +2,14 @@
 
 from dataclasses import replace
 
-from palpate.api import Curve, LimbSource, Response, Solver, hookimpl
+from palpate.api import PRESS_AND_TWIST, Curve, LimbSource, Response, Solver, hookimpl
+from palpate.limb.loading import RIM
 from palpate.mesh.specimens.blocks import block
-from palpate.mesh.spot_frame import NEAR, contact_edge_mm
+from palpate.mesh.spot_frame import contact_edge_mm
 from palpate.testing.bench import HalfSpaceOnMesh
 
-ERROR, ORDER = {"force": 1.0, "torque": 3.0}, {"force": 2, "torque": 4}
+ERROR = {"force": 0.02, "torque": 1.45}
+ORDER = {channel.name: channel.mesh.rim_order for channel in PRESS_AND_TWIST}
 STEP = 1e-4
 
 
@@ -31,7 +33,8 @@ class ErrsByTheMesh(Solver):
 
     def simulate(self, job, limb):
         radius_mm = job.protocol.indenter.radius_mm
-        ratio = contact_edge_mm(limb, NEAR * radius_mm) / radius_mm
+        inner_mm, outer_mm = (share * job.protocol.reach_mm for share in RIM)
+        ratio = contact_edge_mm(limb, outer_mm, inner_mm) / radius_mm
         exact = HalfSpaceOnMesh(HalfSpaceOnMesh.Settings())
         found = exact.simulate(job, limb)
         changed = {

@@ -7,15 +7,14 @@ import pytest
 from hypothesis import assume, given, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from palpate.domain import Response, Simulation, Status
+from palpate.domain import Refinement, Response, Simulation, Status
+from palpate.domain.channels import FORCE, LATERAL_FORCE, TORQUE
 from palpate.fit.mesh_correction import (
     NEAR,
-    ORDER,
     EndSlopes,
     FineRun,
     errors_of,
     fine_run,
-    left_over,
 )
 from palpate.fit.problem import Problem
 from palpate.fit.spot_term import NotRankedError
@@ -23,6 +22,7 @@ from palpate.fit.tables import _mesh
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.parametrisation import SpotInputs
 from palpate.study.model import BudgetTable
+from palpate_materials.relaxation import FORCE_OVER_TIME
 from palpate_materials.uncoupled import Ogden
 
 TRUTH = np.array([0.08, 4.0])
@@ -82,25 +82,36 @@ def test_the_corrected_fit_has_the_truth_of_the_fine_mesh(fit, noise):
 
 
 @given(
-    channel=st.sampled_from(["force", "torque"]),
+    channel=st.sampled_from([FORCE, TORQUE, LATERAL_FORCE, FORCE_OVER_TIME]),
     ratio=st.floats(1.05, 5.0),
+    at_rim=st.booleans(),
     error=st.floats(-0.2, 0.2),
 )
-def test_an_error_of_the_order_of_its_channel_is_extrapolated_away(channel, ratio, error):
-    exact = np.array([0.0, 1.0, 3.0])
-    coarse, fine = ((1.0 + error * size ** ORDER[channel == "force"]) * exact for size in (1.0, 1.0 / ratio))
-    run = FineRun(coarse={channel: coarse}, fine={channel: fine}, refinement=ratio)
-    assert coarse + run.corrections[channel].added == pytest.approx(exact, abs=1e-9)
+def test_an_error_of_the_order_of_its_channel_is_extrapolated_away(channel, ratio, at_rim, error):
+    exact, order = np.array([0.0, 1.0, 3.0]), channel.mesh.rim_order if at_rim else channel.mesh.order
+    coarse, fine = ((1.0 + error * size**order) * exact for size in (1.0, 1.0 / ratio))
+    left_over = {channel.name: Refinement(ratio=ratio, at_rim=at_rim).left_over(channel.mesh)}
+    run = FineRun(coarse={channel.name: coarse}, fine={channel.name: fine}, left_over=left_over)
+    assert coarse + run.corrections[channel.name].added == pytest.approx(exact, abs=1e-9)
+
+
+def test_a_force_over_time_converges_as_the_force_does():
+    refinement = Refinement(ratio=1.5, at_rim=True)
+    assert refinement.left_over(FORCE_OVER_TIME.mesh) == refinement.left_over(FORCE.mesh)
+    assert refinement.left_over(FORCE.mesh) < refinement.left_over(TORQUE.mesh)
+    assert Refinement().left_over(TORQUE.mesh) == 0.0
 
 
 def test_a_fit_extrapolates_by_the_sizes_of_its_meshes(fit):
     moved = []
     for ratio in (1.0, 1.5):
-        stage, (case,) = fit(refinement={"p1": ratio}, fine_runs=1)
+        meshes = Refinement(ratio=ratio, at_rim=True)
+        stage, (case,) = fit(refinement={"p1": meshes}, fine_runs=1)
         (row,) = (row for row in _mesh(case) if row["parameter"] == "tissue.c1")
         moved.append(row["corrected"] - row["coarse"])
-        assert [run.refinement for run in stage._fine["p1"]] == [ratio]
-    assert abs(moved[1]) > 1.1 * abs(moved[0])
+        left_over = {name: meshes.left_over(of.mesh) for name, of in stage.study.channels.items()}
+        assert [run.left_over for run in stage._fine["p1"]] == [left_over]
+    assert abs(moved[1]) > 1.05 * abs(moved[0])
 
 
 def test_what_is_fitted_is_the_fine_residual(fit):
@@ -258,9 +269,9 @@ def test_a_correction_is_exact_where_all_moduli_are_scaled(curves, size, missing
 
 @given(
     curves=arrays(float, (4, 6), elements=st.floats(-10.0, 10.0)),
-    refinement=st.sampled_from([1.0, 1.5]),
+    left_over=st.sampled_from([0.0, 0.8]),
 )
-def test_with_slopes_of_both_meshes_a_corrected_curve_has_those_of_the_finer_one(curves, refinement):
+def test_with_slopes_of_both_meshes_a_corrected_curve_has_those_of_the_finer_one(curves, left_over):
     """Extrapolated as its ordinates are."""
     coarse, fine, of_coarse, of_fine = curves
     assume(np.linalg.norm(coarse) > 1.0)
@@ -271,7 +282,7 @@ def test_with_slopes_of_both_meshes_a_corrected_curve_has_those_of_the_finer_one
     run = FineRun(
         coarse={"force": coarse},
         fine={"force": fine},
-        refinement=refinement,
+        left_over={"force": left_over},
         slopes={"force": {"tissue.m1": (of_coarse, of_fine)}},
         inputs=base,
     )
@@ -282,7 +293,7 @@ def test_with_slopes_of_both_meshes_a_corrected_curve_has_those_of_the_finer_one
         inputs = replace(base, thetas={"tissue": base.thetas["tissue"] + [0.0, step, 0.0]})
         return here + correction.at(here, correction.added_at(inputs, ogden))
 
-    whole = 1.0 + left_over("force", refinement)
+    whole = 1.0 + left_over
     np.testing.assert_allclose(corrected(0.0), coarse + whole * (fine - coarse), atol=1e-9)
     slope = (corrected(1e-5) - corrected(-1e-5)) / 2e-5
     np.testing.assert_allclose(slope, of_coarse + whole * (of_fine - of_coarse), atol=1e-5)

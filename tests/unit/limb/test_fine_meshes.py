@@ -132,6 +132,7 @@ def test_a_mesh_is_refined_to_the_size_of_the_contact_where_a_fit_can_use_it(
     assert ("p1/fine" in limbs) is is_refined
     if is_refined:
         assert size_at_contact(study, limbs["p1/fine"]) <= 2.5
-        assert refinement(study, limbs)["p1"] > 2.0
+        assert refinement(study, limbs)["p1"].ratio > 2.0
+        assert refinement(study, limbs)["p1"].at_rim
         slopeless = replace(study, solver=type("Slopeless", (Meshed,), {"provides": Provides()})())
         assert load_limbs(slopeless).keys() == {"p1"}

@@ -36,10 +36,11 @@ from palpate_certainty.error_sources import (
 from palpate_certainty.laplace import FLAT_SD, laplace, scores_of, whitening
 from palpate_certainty.mesh_error import SpotMesh, is_stated
 from palpate_certainty.noise_model import (
+    ErrorScale,
     NoiseModel,
     ResidualLayout,
+    error_scale,
     estimate,
-    excess,
     grouped,
     groups_of,
     layout_of,
@@ -178,11 +179,7 @@ class Assessment:
         residuals, jacobian, point = _linear(end, again.point if again else None)
         rows, channels = layout_of(end.problem.terms, residuals.size, first.channels if first else ())
         known = self._known(end, residuals, rows, columns)
-        by_mesh = (
-            mesh_errors(end.problem.terms, residuals, known[MESH], self.study.budget.mesh)
-            if MESH in known
-            else ()
-        )
+        by_mesh = mesh_errors(self.study, end.problem.terms, residuals, known[MESH]) if MESH in known else ()
         groups = groups_of(rows)
         of_points, points = residuals, rows
         residuals, jacobian = groups @ residuals, groups @ jacobian
@@ -201,15 +198,15 @@ class Assessment:
             raise PalpateError(f"{residuals.size} measured points for {point.size} parameters; fix some")
         free = null_space(jacobian.T)
         every = np.concatenate(list(known.values()), axis=1)
-        errors, noise, discrepancy, excessive = _errors(residuals, free, every, rows, model.expected, first)
+        errors, noise, discrepancy, scale = _errors(residuals, free, every, rows, model.expected, first)
         rest = noise + discrepancy
         stated = every @ every.T + rest
         missed = again.misfits if again else misfits(of_points, free, stated, every, points, groups)
-        known = {name: part if name == PRIORS else excessive * part for name, part in known.items()}
+        known = {name: part if name == PRIORS else scale.factor * part for name, part in known.items()}
         covariance = np.sum([rest, *map(_gram, known.values())], axis=0)
         causes = {**known, NOISE: _root(noise), DISCREPANCY: _root(discrepancy)}
         scores = scores_of(jacobian, rows.curve)
-        weighed = partial(laplace, point, residuals, jacobian, causes, scores)
+        weighed = partial(laplace, point, residuals, jacobian, causes, scores, freedom=scale.freedom)
         of_all, in_range = weighed(), weighed(range_sd=FLAT_SD)
         density = density_of(of_all, end.problem)
         point = most_likely(of_all, density, end.problem)
@@ -225,7 +222,7 @@ class Assessment:
             white=whitening(scores, covariance, groups),
             model=model,
             errors=errors,
-            excess=excessive,
+            scale=scale,
             misfits=missed,
             checks=(*made, *self._relaxation(case)),
             channels=channels,
@@ -307,13 +304,13 @@ def _errors(
     rows: ResidualLayout,
     expected: Mapping[int, float],
     first: Assessed | None,
-) -> tuple[NoiseModel, FloatArray, FloatArray, float]:
-    """Sizes of noise and discrepancy, the covariances by both, and how much larger than stated causes are."""
+) -> tuple[NoiseModel, FloatArray, FloatArray, ErrorScale]:
+    """Sizes of noise and discrepancy, the covariances by both, and the scale of the stated errors."""
     if first is not None and first.errors.noise.keys() >= set(rows.channels):
-        return first.errors, *first.errors.covariances(rows), first.excess
+        return first.errors, *first.errors.covariances(rows), first.scale
     errors = estimate(residuals, free, known, rows, expected=expected)
     noise, discrepancy = errors.covariances(rows)
-    return errors, noise, discrepancy, excess(residuals, free, known, noise + discrepancy)
+    return errors, noise, discrepancy, error_scale(residuals, free, known, noise + discrepancy)
 
 
 def _left_out(case: Case, failures: Mapping[ErrorSource, str]) -> dict[str, str]:

@@ -37,14 +37,8 @@ from palpate.api.fit import (
 )
 from palpate.api.runs import Study, check_limb
 from palpate_certainty.anatomy import BONE_MM, OF_LIMB, change_of, changed_limb, noted_position_mm
-from palpate_certainty.mesh_error import (
-    FORCE,
-    SCATTER,
-    SHARED,
-    SpotMesh,
-    independent_parts,
-    is_stated,
-)
+from palpate_certainty.assumptions import ASSUMED
+from palpate_certainty.mesh_error import SpotMesh, independent_parts, is_stated, scattered_parts
 from palpate_certainty.noise_model import path_of
 
 ONSET_MM = 0.05
@@ -57,6 +51,12 @@ That of a fixed one goes no farther than its physical range; that of a layer is 
 
 OF_FRICTION = 0.3
 """That of a measured friction coefficient, over its value: it differs by person and humidity."""
+
+CONTACT = "contact"
+"""Cause that is the penetration of the tissue by the indenter: force and torque of all spots share it.
+
+Half the penalty less the double is 3/4 of what a rigid contact adds, since curves are linear in 1/penalty.
+"""
 
 STEPS = 10.0
 """Range of a cause, in standard deviations to either side: differences step a twentieth of it."""
@@ -75,14 +75,14 @@ class ErrorSource:
     Parameters
     ----------
     kind : str
-        ``onset``, ``tilt``, ``gain``, ``friction``, ``indenter``, ``fixed``, ``position``, ``bone`` or
-        ``layers``.
+        ``onset``, ``tilt``, ``gain``, ``friction``, ``indenter``, ``contact``, ``fixed``, ``position``,
+        ``bone`` or ``layers``.
     of : str
         Spot, spot and axis of a tilt or position, channel, region, or full name of the parameter; empty for
         one that all curves share.
     sd : float
-        Its standard deviation: in mm, degrees, that of the friction coefficient, or a share of a gain,
-        parameter or thickness.
+        Its standard deviation: in mm, degrees, factors of two of the contact penalty, that of the friction
+        coefficient, or a share of a gain, parameter or thickness.
     spots : tuple of str
         Spots whose curves it changes; empty for all.
     """
@@ -144,6 +144,8 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[ErrorSou
         sd = usual if budget.friction is None else budget.friction
         yield ErrorSource(kind="friction", of="", sd=sd)
         yield ErrorSource(kind="indenter", of="", sd=budget.radius)
+        if study.solver.provides.contact_penalty:
+            yield ErrorSource(kind=CONTACT, of="", sd=1.0)
         yield from _of_anatomy(study, measured)
     searched = {p.name for p in study.space.parameters}
     for region in study.space.regions:
@@ -275,6 +277,8 @@ def _changed(space: ParameterSpace, inputs: SpotInputs, cause: ErrorSource, by: 
     assert isinstance(protocol, Indentation)
     if cause.kind == "friction":
         return replace(inputs, protocol=replace(protocol, friction=max(protocol.friction + by, 0.0)))
+    if cause.kind == CONTACT:
+        return replace(inputs, protocol=replace(protocol, contact_penalty=protocol.contact_penalty * 2.0**by))
     if cause.kind == "indenter":
         indenter = protocol.indenter.grown(by)
         return replace(inputs, protocol=replace(protocol, indenter=indenter))
@@ -402,46 +406,49 @@ def error_budget(
         add(ZERO, f"{term.spot} {channel}", at, (scale * drift)[inside])
         # Of the fitted curve: the noise of the measured one would bias the most likely values.
         fitted = residuals[at] + (scale * curve.ordinate)[inside]
-        mesh = meshes.get(term.spot, SpotMesh())
-        is_shown = mesh.refinement > 1.0 and channel in term.corrections
+        mesh, convergence = meshes.get(term.spot, SpotMesh()), study.mesh_convergence(channel)
+        is_shown = mesh.refinement.ratio > 1.0 and channel in term.corrections
         if is_shown and not is_stated(channel, study.budget.mesh):
             added = _added(term.corrections[channel], scale, inside, fitted)
-            error = mesh.remainder(channel, added, fitted)
+            add(MESH, "extrapolation", at, mesh.of_extrapolation(convergence, added))
+            reached = np.maximum.accumulate(np.abs(curve.ordinate))
+            parts = scattered_parts(convergence.scatter * (scale * reached)[inside], along[inside])
         elif study.solver.provides.mesh:
-            error = mesh.error(channel, study.budget.mesh) * fitted
+            error = mesh.error(channel, convergence, study.budget.mesh) * fitted
+            parts = independent_parts(error, along[inside])
         else:
             continue
-        for k, part in enumerate(independent_parts(error, along[inside])):
-            add(MESH, f"{channel} {k}", at, np.sqrt(SHARED) * part)
-            add(MESH, f"{term.spot} {channel} {k}", at, np.sqrt(1.0 - SHARED) * part)
+        for k, part in enumerate(parts):
+            add(MESH, f"{channel} {k}", at, np.sqrt(ASSUMED.mesh_shared) * part)
+            add(MESH, f"{term.spot} {channel} {k}", at, np.sqrt(1.0 - ASSUMED.mesh_shared) * part)
     return found
 
 
 def mesh_errors(
-    terms: Sequence[SpotTerm], residuals: FloatArray, errors: FloatArray, stated: Mapping[str, float]
+    study: Study, terms: Sequence[SpotTerm], residuals: FloatArray, errors: FloatArray
 ) -> Iterator[dict[str, Any]]:
     """Relative error of each fitted curve by its mesh, one standard deviation, and what shows it.
 
     Parameters
     ----------
+    study : Study
     terms : sequence of SpotTerm
     residuals : (n,) array
         Simulated less measured.
     errors : (n, m) array
         What one standard deviation of each error of the mesh adds to the residuals.
-    stated : mapping of channel to float
-        Errors that the study states.
     """
     for term, name, at, scale in pieces(terms):
         channel = channel_of(name)
         fitted = residuals[at] + (scale * term.measured[channel].ordinate)[term.counted(name)]
         error = float(np.linalg.norm(errors[at]) / np.linalg.norm(fitted))
-        if is_stated(channel, stated):
+        if is_stated(channel, study.budget.mesh):
             shown_by = "the study"
         elif channel not in term.corrections:
             shown_by = "one mesh"
         else:
-            shown_by = "usual scatter" if error < 1.001 * SCATTER[channel == FORCE] else "two meshes"
+            is_scatter = error**2 < 2.0 * study.mesh_convergence(channel).scatter ** 2
+            shown_by = "usual scatter" if is_scatter else "two meshes"
         yield {"spot": term.spot, "channel": name, "relative_error": error, "shown_by": shown_by}
 
 

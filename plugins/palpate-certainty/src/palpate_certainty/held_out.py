@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import polars as pl
 from scipy.linalg import null_space
-from scipy.stats import chi2
+from scipy.stats import f as f_distribution
 
 from palpate.api import BoolArray, FloatArray
 from palpate_certainty.laplace import FLAT_SD, scores_of
-from palpate_certainty.noise_model import NoiseModel, estimate, excess
+from palpate_certainty.noise_model import ErrorScale, NoiseModel, error_scale, estimate
 from palpate_certainty.tables import PRIORS, Assessed
 
 BAND = 0.9
@@ -42,42 +42,48 @@ def held_out(assessed: Assessed) -> pl.DataFrame:
         parts = [rows.channel == channel for channel in rows.channels if len(rows.channels) > 1]
     found = []
     for out in filter(np.any, parts):
-        difference, covariance = _predicted(assessed, out)
+        difference, covariance, scale_freedom = _predicted(assessed, out)
         spot, channels, scale = spots[rows.spot[out][0]], rows.channel[out], rows.scale[out]
         for channel in np.unique(channels):
             at = channels == channel
             share = difference[at] / scale[at]
             of_share = covariance[np.ix_(at, at)] / np.outer(scale[at], scale[at])
-            compared = _compared(share, of_share, int(assessed.model.n_points[out][at].sum()))
+            n_points = int(assessed.model.n_points[out][at].sum())
+            compared = _compared(share, of_share, n_points, scale_freedom)
             found.append({"spot": spot, "channel": assessed.channels[channel], **compared})
     return pl.DataFrame(found)
 
 
-def _compared(share: FloatArray, covariance: FloatArray, n_points: int) -> dict[str, Any]:
+def _compared(
+    share: FloatArray, covariance: FloatArray, n_points: int, scale_freedom: float
+) -> dict[str, Any]:
     """Root mean square over so many points of differences (n,), against errors with a covariance (n, n).
 
     The sum of squares of correlated normal errors is nearly χ² over degrees of freedom that have its mean
-    and variance (Satterthwaite, Biometrics Bulletin 2, 1946).
+    and variance (Satterthwaite, Biometrics Bulletin 2, 1946); the uncertain scale of the errors makes it F.
     """
     mean, spread = float(np.trace(covariance)), float((covariance**2).sum())
-    freedom, unit = mean**2 / spread, spread / mean
+    freedom = mean**2 / spread
     square = float(share @ share)
-    probability = float(chi2.sf(square / unit, freedom))
+    probability = float(f_distribution.sf(square / mean, freedom, scale_freedom))
     return {
         "difference": float(np.sqrt(square / n_points)),
-        "band": float(np.sqrt(unit * chi2.ppf(BAND, freedom) / n_points)),
+        "band": float(np.sqrt(mean * f_distribution.ppf(BAND, freedom, scale_freedom) / n_points)),
         "probability": probability,
         "inside": probability >= 1.0 - BAND,
     }
 
 
-def _predicted(assessed: Assessed, out: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Differences (n,) of the curves left out from their prediction by the others, and their covariance."""
+def _predicted(assessed: Assessed, out: BoolArray) -> tuple[FloatArray, FloatArray, float]:
+    """Differences (n,) of the curves left out from their prediction by the others, and their covariance.
+
+    Third are the degrees of freedom of the covariance's scale.
+    """
     model, kept = assessed.model, ~out
     residuals, jacobian = model.residuals[kept], model.jacobian[kept]
-    errors, times = _errors_without(assessed, kept)
+    errors, scale = _errors_without(assessed, kept)
     noise, discrepancy = errors.covariances(model.rows)
-    factors = [part if name == PRIORS else times * part for name, part in model.known.items()]
+    factors = [part if name == PRIORS else scale.factor * part for name, part in model.known.items()]
     covariance = noise + discrepancy + sum(factor @ factor.T for factor in factors)
     scores = scores_of(jacobian, model.rows.curve[kept])
     slopes = scores.T @ jacobian
@@ -91,18 +97,18 @@ def _predicted(assessed: Assessed, out: BoolArray) -> tuple[FloatArray, FloatArr
     both = np.zeros((int(out.sum()), out.size))
     both[:, out], both[:, kept] = np.eye(int(out.sum())), -there @ through
     unknown = there @ of_point @ prior @ of_point @ there.T
-    return model.residuals[out] + there @ moved, both @ covariance @ both.T + unknown
+    return model.residuals[out] + there @ moved, both @ covariance @ both.T + unknown, scale.freedom
 
 
-def _errors_without(assessed: Assessed, kept: BoolArray) -> tuple[NoiseModel, float]:
-    """Noise and discrepancy, and how much larger than stated other causes are, by the curves that are kept.
+def _errors_without(assessed: Assessed, kept: BoolArray) -> tuple[NoiseModel, ErrorScale]:
+    """Noise and discrepancy, and the scale of the stated errors, by the curves that are kept.
 
     By all curves where a channel is left out altogether, or too few points are kept to tell.
     """
     model = assessed.model
     rows = model.rows.only(kept)
     if set(rows.channels) != set(model.rows.channels) or rows.spot.size <= model.point.size:
-        return assessed.errors, assessed.excess
+        return assessed.errors, assessed.scale
     residuals, free = model.residuals[kept], null_space(model.jacobian[kept].T)
     known = np.concatenate(list(model.known.values()), axis=1)[kept]
     errors = estimate(
@@ -115,7 +121,7 @@ def _errors_without(assessed: Assessed, kept: BoolArray) -> tuple[NoiseModel, fl
         common=assessed.errors.common,
     )
     noise, discrepancy = errors.covariances(rows)
-    return errors, excess(residuals, free, known, noise + discrepancy)
+    return errors, error_scale(residuals, free, known, noise + discrepancy)
 
 
 def sentence(table: pl.DataFrame) -> str:

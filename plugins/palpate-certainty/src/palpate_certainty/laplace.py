@@ -1,4 +1,4 @@
-"""Normal approximation of the most efficient fit by scores, from what its residuals may be wrong by.
+"""Density of the parameters by the most efficient fit by scores, from the errors of its residuals.
 
 Within a curve all points count as in Fopt: what it says of the parameters is in its scores Uᵀr, with
 orthonormal columns U that span its slopes. The scores of all curves, with slopes G = UᵀJ and covariance UᵀCU,
@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import null_space, solve_triangular
 from scipy.optimize import OptimizeResult, lsq_linear
 from scipy.special import ndtr, ndtri
-from scipy.stats import chi2, qmc
+from scipy.stats import chi2, f as f_distribution, qmc
 
 from palpate.api import FloatArray, IntArray, PalpateError
 from palpate.api.fit import LEVEL
@@ -38,20 +38,24 @@ N_DRAWS = 1024
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Laplace:
-    """Normal density of the parameters, each as a share of its range.
+    """Student's density of the parameters, as shares of their ranges: the scale of errors is uncertain.
 
     Parameters
     ----------
     centre : (n_parameters,) array
         May be outside the box, where a fit has ended at a bound.
     covariance : (n_parameters, n_parameters) array
+        At the most likely scale of the errors.
     parts : mapping of cause to (n_parameters, n_parameters) array
         They sum to the covariance.
+    freedom : float
+        Degrees of freedom of the scale; infinite: the density is normal.
     """
 
     centre: FloatArray
     covariance: FloatArray
     parts: Mapping[str, FloatArray]
+    freedom: float = np.inf
 
     @property
     def shares(self) -> dict[str, FloatArray]:
@@ -74,7 +78,10 @@ class Laplace:
     @property
     def in_ranges(self) -> float:
         """Probability of a centre as far outside of the ranges as this one, or farther."""
-        return float(chi2.sf(2.0 * self._nearest.cost, self.centre.size))
+        size, square = self.centre.size, 2.0 * self._nearest.cost
+        if np.isinf(self.freedom):
+            return float(chi2.sf(square, size))
+        return float(f_distribution.sf(square / size, size, self.freedom))
 
     @property
     def most_likely(self) -> FloatArray:
@@ -90,7 +97,7 @@ class Laplace:
     def within(self, prior: Callable[[FloatArray], FloatArray] | None = None) -> "Density":
         """Cut off what is outside the box; a prior weighs points (n, n_parameters), unless all by 0."""
         root = np.linalg.cholesky(self.covariance).astype(np.float64)
-        points, weights = _in_box(self.centre, root)
+        points, weights = _in_box(self.centre, root, self.freedom)
         known = weights if prior is None else weights * prior(points)
         if not known.any():
             raise PalpateError(
@@ -102,7 +109,7 @@ class Laplace:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Density:
-    """A normal density cut off at the ranges, as weighted points (n, n_parameters)."""
+    """Density cut off at the ranges, as weighted points (n, n_parameters)."""
 
     centre: FloatArray
     covariance: FloatArray
@@ -171,8 +178,9 @@ def laplace(
     scores: FloatArray,
     *,
     range_sd: float = RANGE_SD,
+    freedom: float = np.inf,
 ) -> Laplace:
-    """Normal density around the most likely values, and the part of each cause in its covariance.
+    """Density around the most likely values, and the part of each cause in its covariance.
 
     Parameters
     ----------
@@ -187,6 +195,8 @@ def laplace(
         What is weighed, as :func:`scores_of` returns it.
     range_sd : float
         Standard deviation of each parameter before any curve; infinite for none.
+    freedom : float
+        Degrees of freedom of the errors' scale.
     """
     parts = {name: _gram(scores.T @ factor) for name, factor in causes.items()}
     slopes = scores.T @ jacobian
@@ -197,7 +207,8 @@ def laplace(
     made = {name: through @ part @ through.T for name, part in parts.items()}
     made[RANGE] = covariance @ prior @ covariance
     centre = point - through @ (scores.T @ residuals)
-    return Laplace(centre=centre, covariance=(covariance + covariance.T) / 2.0, parts=made)
+    symmetric = (covariance + covariance.T) / 2.0
+    return Laplace(centre=centre, covariance=symmetric, parts=made, freedom=freedom)
 
 
 def _gram(factor: FloatArray) -> FloatArray:
@@ -205,24 +216,27 @@ def _gram(factor: FloatArray) -> FloatArray:
     return gram
 
 
-def _in_box(centre: FloatArray, root: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Weighted points of a normal density within the unit box (Geweke, Hajivassiliou and Keane).
+def _in_box(centre: FloatArray, root: FloatArray, freedom: float) -> tuple[FloatArray, FloatArray]:
+    """Weighted points of a density within the unit box (Geweke, Hajivassiliou and Keane).
 
-    Each coordinate is drawn within its bounds, given those before it; the weight is the product of the
-    probabilities of that.
+    Student's density is a normal one whose scale is drawn first. Each coordinate is drawn within its bounds,
+    given those before it; the weight is the product of the probabilities.
     """
-    even = qmc.Sobol(centre.size, rng=0).random(N_DRAWS)
-    normal, logs = np.zeros_like(even), np.zeros(N_DRAWS)
+    even = qmc.Sobol(centre.size + 1, rng=0).random(N_DRAWS)
+    normal, logs = np.zeros((N_DRAWS, centre.size)), np.zeros(N_DRAWS)
+    scale = np.ones(N_DRAWS)
+    if np.isfinite(freedom):
+        scale = np.sqrt(freedom / chi2.ppf(np.clip(even[:, -1], 1e-9, 1.0 - 1e-9), freedom))
     for i in range(centre.size):
-        mean = centre[i] + normal[:, :i] @ root[i, :i]
-        low, high = -mean / root[i, i], (1.0 - mean) / root[i, i]
+        mean, size = centre[i] + scale * (normal[:, :i] @ root[i, :i]), scale * root[i, i]
+        low, high = -mean / size, (1.0 - mean) / size
         flip = low > 0.0  # where a tail is exact
         low, high = np.where(flip, -high, low), np.where(flip, -low, high)
         below, above = ndtr(low), ndtr(high)
         drawn = ndtri(np.clip(below + even[:, i] * (above - below), 1e-300, 1.0 - 1e-16))
         normal[:, i] = np.where(flip, -1.0, 1.0) * np.clip(drawn, low, high)
         logs += np.log(np.maximum(above - below, 1e-300))
-    points = np.clip(centre + normal @ root.T, 0.0, 1.0)
+    points = np.clip(centre + scale[:, None] * (normal @ root.T), 0.0, 1.0)
     return points, np.exp(logs - logs.max())
 
 

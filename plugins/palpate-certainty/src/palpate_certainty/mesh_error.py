@@ -5,41 +5,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.api import FloatArray
-from palpate.api.fit import left_over
-
-FORCE = "force"
-"""The channel whose error by the mesh is the least."""
+from palpate.api import FloatArray, MeshConvergence, Refinement
+from palpate_certainty.assumptions import ASSUMED
 
 AT_RATIO = 0.3
-"""Edge under the indenter over its radius for which the errors of :data:`USUAL` are."""
-
-USUAL = {True: 0.03, False: 0.07}
-"""Relative error of the normal force, and of other channels, as meshes of the forearm's phantom and of real
-limbs show it against meshes with edges of 1.3 mm."""
-
-SCATTER = {True: 0.003, False: 0.012}
-"""Relative scatter between extrapolated meshes, of the normal force and of others: no single pair shows it.
-
-Independent meshes of the forearm's phantom differ so much at four spots, and torque by up to twice of it
-where the material varies too (``benchmarks/study_stated_mesh.py``).
-"""
-
-DOUBT = 0.5
-"""Standard deviation of an extrapolation over itself."""
-
-SHARED = 0.8
-"""Share of its variance that the meshes of all presses have in common, since they are made alike.
-
-Over four spots of the forearm's phantom it is 0.9 and 0.96 of force and torque on meshes as they are, 0.75
-and 0.9 of extrapolated ones (benchmarks/README.md, "Coverage by finite elements").
-"""
-
-SHAPE = 0.5
-"""Part that varies along the path, over that in proportion to the curve: there 0.26 and 0.56, and 0.5."""
+"""Edge under the indenter over its radius for which a channel's usual error by the mesh is."""
 
 N_SHAPES = 2
-"""Cosines of the path of which that part is made."""
+"""Cosines of the path, of which the part of one mesh's error that varies along the path is made."""
+
+N_SCATTER = 8
+"""Cosines of the path, the constant first, of which the scatter of an extrapolated curve is made."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,43 +28,40 @@ class SpotMesh:
         Mean edge under the indenter over its radius; as :data:`AT_RATIO` if unknown.
     noted : mapping of channel to float
         Relative errors of the note that comes with the mesh.
-    refinement : float
-        Element size under the indenter over that of the finer mesh; 1 without one.
+    refinement : Refinement
+        Difference of the finer mesh, if there is one.
     locking : float
         Relative error by elements of the solver that lock, added to the error of the mesh.
     """
 
     edge_over_radius: float = AT_RATIO
     noted: Mapping[str, float] = field(default_factory=dict)
-    refinement: float = 1.0
+    refinement: Refinement = field(default_factory=Refinement)
     locking: float = 0.0
 
-    def error(self, channel: str, stated: Mapping[str, float]) -> float:
+    def error(self, channel: str, convergence: MeshConvergence, stated: Mapping[str, float]) -> float:
         """Relative error of a channel: stated by the study, else noted, else as usual for such edges.
 
-        Below :data:`AT_RATIO` it is proportional to the edge, the order that torque shows.
+        Below :data:`AT_RATIO` it is proportional to the edge.
 
         Parameters
         ----------
         channel : str
+        convergence : MeshConvergence
+            Of the channel.
         stated : mapping of channel to float
             An empty name is of all channels.
         """
         if (given := stated.get(channel, stated.get(""))) is not None:
             return given
-        usual = usual_error(channel, {}) * min(1.0, self.edge_over_radius / AT_RATIO)
+        usual = convergence.usual * min(1.0, self.edge_over_radius / AT_RATIO)
         return self.noted.get(channel, usual) + self.locking
 
-    def remainder(self, channel: str, added: FloatArray, fitted: FloatArray) -> FloatArray:
-        """Error (n,) that an extrapolated correction leaves, where it adds ``added`` (n,) to a coarse curve.
-
-        :data:`DOUBT` of what is extrapolated; a share of the fitted curve (n,), if that is more: another
-        mesh of the same size differs by so much.
-        """
-        share = left_over(channel, self.refinement)
-        left = DOUBT * share / (1.0 + share) * added * (1.0 if added @ fitted > 0.0 else -1.0)
-        scattered = SCATTER[channel == FORCE] * fitted
-        return left if np.linalg.norm(left) > np.linalg.norm(scattered) else scattered
+    def of_extrapolation(self, convergence: MeshConvergence, added: FloatArray) -> FloatArray:
+        """Error (n,) of a correction that adds ``added`` (n,), a share of the extrapolation with its sign."""
+        share = self.refinement.left_over(convergence)
+        error: FloatArray = ASSUMED.extrapolation * share / (1.0 + share) * added
+        return error
 
 
 def independent_parts(error: FloatArray, along: FloatArray) -> list[FloatArray]:
@@ -103,14 +76,28 @@ def independent_parts(error: FloatArray, along: FloatArray) -> list[FloatArray]:
     """
     shapes = [error * np.cos(np.pi * k * along) for k in range(1, N_SHAPES + 1)]
     sizes = [float(np.linalg.norm(shape)) for shape in shapes]
-    each = SHAPE * float(np.linalg.norm(error)) / np.sqrt(N_SHAPES)
+    each = ASSUMED.mesh_along * float(np.linalg.norm(error)) / np.sqrt(N_SHAPES)
     parts = [error, *(each / size * shape for shape, size in zip(shapes, sizes, strict=True) if size)]
-    return [part / np.sqrt(1.0 + SHAPE**2) for part in parts]
+    return [part / np.sqrt(1.0 + ASSUMED.mesh_along**2) for part in parts]
 
 
-def usual_error(channel: str, stated: Mapping[str, float]) -> float:
+def scattered_parts(size: FloatArray, along: FloatArray) -> list[FloatArray]:
+    """Independent parts (n,) of the scatter of an extrapolated curve: waves along the path, equally large.
+
+    Parameters
+    ----------
+    size : (n,) array
+        One standard deviation: a share of the largest ordinate reached so far.
+    along : (n,) array
+        Place on the path, from 0 to 1.
+    """
+    waves = (np.cos(np.pi * k * along) * (np.sqrt(2.0) if k else 1.0) for k in range(N_SCATTER))
+    return [size * wave / np.sqrt(N_SCATTER) for wave in waves]
+
+
+def usual_error(channel: str, convergence: MeshConvergence, stated: Mapping[str, float]) -> float:
     """Relative error of a channel by any mesh: as the study states it, else the usual one."""
-    return stated.get(channel, stated.get("", USUAL[channel == FORCE]))
+    return stated.get(channel, stated.get("", convergence.usual))
 
 
 def is_stated(channel: str, stated: Mapping[str, float]) -> bool:

@@ -17,6 +17,7 @@ from scipy.optimize import minimize
 
 from palpate.api import BoolArray, FloatArray, IntArray
 from palpate.api.fit import SpotTerm, channel_of, pieces
+from palpate_certainty.assumptions import ASSUMED
 
 COMMON = 0.5
 """Share of a discrepancy's variance that all spots have in common, where too few of them tell."""
@@ -189,13 +190,6 @@ LEAST_NOISE = 1e-5
 MOST_SEEN = 5.0
 """Size of the discrepancy, over what the residuals have of it, above which it is not tried."""
 
-UNSEEN = 0.25
-"""Correlation length, in ranges of the abscissa, of a discrepancy that the residuals do not show.
-
-Of the curves of another solver at the true material of the forearm's phantom, which parameters absorb in
-part, it is 0.15 to 0.35 (benchmarks/README.md, "Coverage by finite elements").
-"""
-
 SIZES = np.geomspace(0.02, 30.0, 25)
 """Sizes of the discrepancy, over the one expected, among which it is averaged."""
 
@@ -274,8 +268,8 @@ def estimate(
 ) -> NoiseModel:
     """Estimate noise and discrepancy from the residuals of a fit.
 
-    The discrepancy is no smaller than expected, with the correlation length :data:`UNSEEN` where the
-    residuals do not show it: what parameters absorb is not seen.
+    The discrepancy is no smaller than expected, with a correlation length of :data:`ASSUMED` where the
+    residuals do not show it: parameters absorb a part.
 
     Parameters
     ----------
@@ -317,7 +311,7 @@ def estimate(
         of_lengths[mode.lengths], likely[mode.lengths] = (noise, discrepancy), float(weight)
     seen = {channel: sum(of[channel] for _, of in of_lengths.values()) for channel in channels}
     unseen = {channel: max(expected[channel] ** 2 - size, 0.0) for channel, size in seen.items()}
-    of_lengths[0.0, UNSEEN] = dict.fromkeys(channels, 0.0), unseen
+    of_lengths[0.0, ASSUMED.unseen_length] = dict.fromkeys(channels, 0.0), unseen
     return NoiseModel(
         of_lengths=of_lengths,
         correlations={lengths: weight / sum(likely.values()) for lengths, weight in likely.items()},
@@ -332,11 +326,28 @@ def _probabilities(modes: Sequence["_Mode"]) -> FloatArray:
     return np.asarray(weights / weights.sum())
 
 
-def excess(residuals: FloatArray, free: FloatArray, known: FloatArray, rest: FloatArray) -> float:
-    """Factor by which the known causes are larger than stated, as far as the residuals show it; 1 at least.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorScale:
+    """Scale of the stated errors, as far as the residuals show it.
 
-    Birge's ratio (Phys. Rev. 40, 1932): the root of χ² over its degrees of freedom, here of what no parameter
-    explains along the directions in which the causes are larger than all else.
+    Parameters
+    ----------
+    factor : float
+        Errors over the stated ones.
+    freedom : float
+        Degrees of freedom of the squared factor: densities of the parameters are Student's with these.
+    """
+
+    factor: float
+    freedom: float
+
+
+def error_scale(residuals: FloatArray, free: FloatArray, known: FloatArray, rest: FloatArray) -> ErrorScale:
+    """Scale of the stated errors: an inverse-gamma prior around 1, updated by the residuals.
+
+    Seen are the directions that no parameter explains and in which the known causes are larger than noise and
+    discrepancy: with χ² of n of them, the square of the scale is (ν₀ + χ²) / (ν₀ + n), with ν₀ + n degrees of
+    freedom (Gelman et al., Bayesian Data Analysis, section 14.2).
 
     Parameters
     ----------
@@ -353,7 +364,8 @@ def excess(residuals: FloatArray, free: FloatArray, known: FloatArray, rest: Flo
     seen = sizes > 1.0
     along = axes[:, seen].T @ solve_triangular(root, free.T @ residuals, lower=True)
     square = float((along**2 / (1.0 + sizes[seen] ** 2)).sum())
-    return float(np.sqrt(max(1.0, square / max(1, seen.sum()))))
+    freedom = ASSUMED.scale_freedom + float(seen.sum())
+    return ErrorScale(factor=float(np.sqrt((ASSUMED.scale_freedom + square) / freedom)), freedom=freedom)
 
 
 def _modes(

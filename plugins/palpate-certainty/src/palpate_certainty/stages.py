@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from palpate.api import Indentation, Limb, Progress, Run, Stage, StudyError, Summary
+from palpate.api import Indentation, Limb, Progress, Refinement, Run, Stage, StudyError, Summary
 from palpate.api.fit import (
     BestSet,
     Case,
@@ -237,7 +237,7 @@ def no_intervals(inputs: Run) -> StudyError:
 
 def spot_meshes(study: Study, limbs: Mapping[str, Limb], *, is_refined: bool) -> dict[str, SpotMesh]:
     """Mesh of each spot that has one, as far as its error goes; its finer one counts where ``is_refined``."""
-    ratios = refinement(study, limbs) if is_refined else {}
+    refined = refinement(study, limbs) if is_refined else {}
     meshes, middle = {}, np.array([0.5 * (p.lower + p.upper) for p in study.space.parameters])
     for each in study.spots:
         protocol, name = study.protocol_at(each.spot.name), each.spot.name
@@ -245,7 +245,7 @@ def spot_meshes(study: Study, limbs: Mapping[str, Limb], *, is_refined: bool) ->
             meshes[name] = SpotMesh(
                 edge_over_radius=size_at_contact(study, limbs[name]) / protocol.indenter.radius_mm,
                 noted=noted_errors(mesh_note(each.mesh)),
-                refinement=ratios.get(name, 1.0),
+                refinement=refined.get(name, Refinement()),
                 locking=study.solver.locking(job_for(study, name, 0, middle, {}), limbs[name]),
             )
     return meshes

@@ -25,7 +25,7 @@ from palpate.api.runs import Study
 from palpate_certainty.adequacy import ALLOWED, Check, Misfit
 from palpate_certainty.error_sources import MESH
 from palpate_certainty.laplace import RANGE, Density, Laplace
-from palpate_certainty.noise_model import NoiseModel, ResidualLayout
+from palpate_certainty.noise_model import ErrorScale, NoiseModel, ResidualLayout
 
 NOISE, DISCREPANCY, PRIORS = "noise", "model", "priors"
 """Error sources besides those of :mod:`~palpate_certainty.error_sources`."""
@@ -142,8 +142,8 @@ class Assessed:
         From the residuals to independent ones of variance 1, by all causes.
     model : LinearModel
     errors : NoiseModel
-    excess : float
-        How many times larger than the budget has them known causes are taken.
+    scale : ErrorScale
+        Of the known causes.
     misfits : mapping of channel number to Misfit
     checks : tuple of Check
     channels : tuple of str
@@ -166,7 +166,7 @@ class Assessed:
     white: FloatArray
     model: LinearModel
     errors: NoiseModel
-    excess: float
+    scale: ErrorScale
     misfits: Mapping[int, Misfit]
     checks: tuple[Check, ...]
     channels: tuple[str, ...]

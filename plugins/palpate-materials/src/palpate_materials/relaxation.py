@@ -170,7 +170,7 @@ class Relaxing(StandardParametrisation):
 
     name = "relaxing"
     summary = "the materials' parameters at once, and how far the moduli relax with each of some times"
-    relaxing = frozenset({"force", FORCE_OVER_TIME.name})
+    relaxing = frozenset({FORCE.name, FORCE_OVER_TIME.name})
     Settings = RelaxingSettings
     settings: RelaxingSettings
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.api import (
+    FORCE,
     PRESS_AND_TWIST,
     FloatArray,
     Limb,
@@ -26,9 +27,6 @@ from palpate_planning.information import ExpectedError, FisherInformation
 from palpate_planning.presses import DesignProblem, SimulatedPress, job_of, observed, point_in, slopes_of
 from palpate_prediction.predict import refined_limbs
 from palpate_prediction.summary import is_by_force
-
-FORCE = "force"
-"""Channel that is predicted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,17 +121,16 @@ def _force(design: DesignProblem, tool: Tool, spot: str, point: FloatArray) -> T
     (simulation,) = problem.simulate([job_of(design, problem, point)])
     simulation = observed(problem, point_in(design, problem, point), simulation)
     curves = {} if simulation.response is None else simulation.response.curves
-    if FORCE not in curves or simulation.status is not Status.OK:
+    if FORCE.name not in curves or simulation.status is not Status.OK:
         why = simulation.message or simulation.status.remedy
         raise StudyError(f"{name} cannot be predicted: {simulation.status}: {why}")
     # Its own curve as the measured one: the slope of a residual is that of the force, times its scale.
-    stated = problem.restated(
-        [replace(bare, measured=Response(curves={FORCE: curves[FORCE]}), weights={}).of_channels([FORCE])]
-    )
+    measured = Response(curves={FORCE.name: curves[FORCE.name]})
+    stated = problem.restated([replace(bare, measured=measured, weights={}).of_channels([FORCE.name])])
     (found,) = slopes_of([(stated, point_in(design, stated, point))])
     if found.jacobian is None:
         raise StudyError(f"{name} cannot be predicted: {found.failure}")
-    force, ((_, _, at, scale),) = curves[FORCE].ordinate, pieces(stated.terms)
+    force, ((_, _, at, scale),) = curves[FORCE.name].ordinate, pieces(stated.terms)
     largest = int(np.argmax(force))
     slopes = found.jacobian[at][largest] / scale[largest] / stated.box.rates(found.point)
     by_name = dict(zip(stated.names, slopes.tolist(), strict=True))

@@ -278,7 +278,7 @@ def _stated(
     """
     bare = {press: bare_problem(design, press) for press in presses}
     jobs = [job_of(design, problem, point) for problem in bare.values() for point in points]
-    finer = [p for p in bare if design.mesh(p).refinement > 1.0 and not design.like_so_far]
+    finer = [p for p in bare if design.mesh(p).refinement.ratio > 1.0 and not design.like_so_far]
     jobs += [replace(job_of(design, bare[p], points[0]), spot=p.name, mesh="fine") for p in finer]
     n_more = sum(_n_differences(design, problem, len(points)) for problem in bare.values())
     more = f", then up to {n_more} for slopes and the error budget" if n_more else ""
@@ -324,7 +324,8 @@ def _restated(
     if fine is not None:
         inputs = bare.inputs(known.spot, point_in(design, bare, points[0]))
         with contextlib.suppress(NotRankedError):  # its error is that of one mesh then
-            run = fine_run(known, inputs, coarse[0], fine, design.mesh(press).refinement)
+            left_over = design.study.left_over(design.mesh(press).refinement)
+            run = fine_run(known, inputs, coarse[0], fine, left_over)
             known = replace(known, corrections=run.corrections)
     stated = []
     for term, each in zip(terms, shown, strict=True):

@@ -8,12 +8,14 @@ import numpy as np
 import polars as pl
 
 from palpate.api import (
+    FORCE,
     Channel,
     FloatArray,
     Indentation,
     Job,
     Limb,
     Progress,
+    Refinement,
     Run,
     Simulation,
     SolverError,
@@ -25,7 +27,7 @@ from palpate.api.fit import Fitted, SpotInputs, at_spot, inputs_at, job_of, rela
 from palpate.api.mesh import automatic_edge_mm, contact_edge_mm, refined
 from palpate.api.runs import Plugins, RunDirectory, Simulations, Study, Tool, check_jobs, load_limbs, read_run
 from palpate_certainty.error_sources import RELATIVE
-from palpate_certainty.mesh_error import FORCE, usual_error
+from palpate_certainty.mesh_error import usual_error
 from palpate_prediction.bands import Thetas, check_shared, draws_of, ends, exceedances, frame_rows, linear
 from palpate_prediction.summary import (
     QUANTITIES,
@@ -281,7 +283,7 @@ def _at_spot(
     lines = {n: linear(c, best, drawn, space, plan.friction_sd) for n, c in curves.items()}
     by_force = ends_by_force(plan.tool.protocol, simulation.status, pressed)
     errors = _mesh_errors(plan, simulations.limbs, simulation, pressed, as_is, coarser, by_force=by_force)
-    stiffer = stiffer_by(curves.get("force"), lines.get("force"))
+    stiffer = stiffer_by(curves.get(FORCE.name), lines.get(FORCE.name))
     return SpotPrediction(
         simulation=simulation,
         pressed=pressed,
@@ -341,14 +343,17 @@ def _mesh_errors(
         assert as_is.response is not None
         others = as_is.response.curves
     assert simulation.response is not None
-    quantities = mesh_errors(pressed, coarser, refinement, usual_error(FORCE, stated))
-    least = {name: usual_error(name, stated) for name in simulation.response.curves}
-    curves = curve_errors(simulation.response.curves, others, refinement, least)
-    if by_force and "force" in curves:
+    study, between = plan.stored.study, Refinement(ratio=refinement)
+    least_of_force = usual_error(FORCE.name, FORCE.mesh, stated)
+    quantities = mesh_errors(pressed, coarser, between.left_over(FORCE.mesh), least_of_force)
+    convergence = {name: study.mesh_convergence(name) for name in simulation.response.curves}
+    least = {name: usual_error(name, each, stated) for name, each in convergence.items()}
+    left_over = {name: between.left_over(each) for name, each in convergence.items()}
+    curves = curve_errors(simulation.response.curves, others, left_over, least)
+    if by_force and FORCE.name in curves:
         sd = force_error(pressed, quantities)
-        curves = {n: each for n, each in curves.items() if n != "force"} | (
-            {} if sd is None else {"force": sd}
-        )
+        del curves[FORCE.name]
+        curves |= {} if sd is None else {FORCE.name: sd}
     return _MeshErrors(quantities, curves, unknown)
 
 

@@ -14,7 +14,6 @@ import numpy as np
 
 from palpate.api import Curve, FloatArray, Indentation, Simulation, Status, SurfaceStates, convert
 from palpate.api.experiment import DEPTH
-from palpate.api.fit import left_over
 from palpate_prediction.bands import ends, scores
 
 
@@ -188,35 +187,35 @@ def ends_by_force(protocol: Indentation, status: Status, pressed: PressStates) -
     return bool(np.isclose(wanted, pressed.force_N[pressed.at], rtol=SAME_FORCE, atol=0.0).any())
 
 
-def mesh_error(value: float | None, coarser: float | None, refinement: float, least: float) -> float:
+def mesh_error(value: float | None, coarser: float | None, left_over: float, least: float) -> float:
     """Relative standard deviation of a value by its mesh.
 
-    As of a fit: what finer meshes would change is as uncertain as the change from a coarser one, whose
-    elements are larger by ``refinement``, over refinement² − 1. ``least`` where that is less, or unknown.
+    It is the share ``left_over`` of the change from a coarser mesh, since nothing is extrapolated; ``least``
+    where the share is less, or unknown.
     """
-    if not value or coarser is None or not refinement > 1.0:
+    if not value or coarser is None:
         return least
-    return max(abs(1.0 - coarser / value) * left_over("force", refinement), least)
+    return max(abs(1.0 - coarser / value) * left_over, least)
 
 
 def mesh_errors(
-    pressed: PressStates, coarser: PressStates | None, refinement: float, least: float
+    pressed: PressStates, coarser: PressStates | None, left_over: float, least: float
 ) -> dict[str, float]:
     """Relative standard deviation of each quantity by its mesh."""
     names = [quantity.attribute for quantity in QUANTITIES]
     others = {name: None if coarser is None else coarser.value(name) for name in names}
-    return {name: mesh_error(pressed.value(name), others[name], refinement, least) for name in names}
+    return {name: mesh_error(pressed.value(name), others[name], left_over, least) for name in names}
 
 
 def curve_errors(
     curves: Mapping[str, Curve],
     coarser: Mapping[str, Curve] | None,
-    refinement: float,
+    left_over: Mapping[str, float],
     least: Mapping[str, float],
 ) -> dict[str, float]:
     """Relative standard deviation of each channel by its mesh: that of its largest ordinate."""
     others = {} if coarser is None else {name: _largest(curve) for name, curve in coarser.items()}
-    return {n: mesh_error(_largest(c), others.get(n), refinement, least[n]) for n, c in curves.items()}
+    return {n: mesh_error(_largest(c), others.get(n), left_over[n], least[n]) for n, c in curves.items()}
 
 
 def force_error(pressed: PressStates, mesh: Mapping[str, float]) -> float | None:
