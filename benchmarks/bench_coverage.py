@@ -33,16 +33,16 @@ import polars as pl
 from pydantic import Field
 
 from palpate import Curve, Job, Limb, Response, Settings, Simulation, Solver, Status
-from palpate.domain import Design, ParameterSpace, RegionMaterial, Scenario
-from palpate.fit.mesh_correction import left_over
+from palpate.domain import Design, ParameterSpace, Refinement, RegionMaterial, Scenario
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
 from palpate.fit.stage import FitStage
 from palpate.plugins.provides import Provides
 from palpate.plugins.registry import load_file
 from palpate_certainty.assessment import Assessment
+from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.error_sources import ONSET_MM, RELATIVE
 from palpate_certainty.held_out import held_out, is_apart
-from palpate_certainty.mesh_error import SHARED, SpotMesh, independent_parts
+from palpate_certainty.mesh_error import SpotMesh, scattered_parts
 from palpate_certainty.noise_model import path_of
 from palpate_certainty.posterior_sampling import PosteriorSampling
 from palpate_materials.neo_hookean import NeoHookean
@@ -52,7 +52,7 @@ pressed = load_file(Path(__file__).parents[1] / "tests" / "data" / "plugins" / "
 
 NOISE, MESH, RATIO = 0.005, 0.03, 4.0
 """Noise over the largest ordinate; error of the coarse mesh; that over the error of the fine one."""
-MESHES = SpotMesh(refinement=RATIO**0.5)
+MESHES = SpotMesh(refinement=Refinement(ratio=RATIO**0.5, at_rim=True))
 LEAST_FRICTION = 0.1
 AROUND = 0.8
 """Stiffness of the tissue around a neo-Hookean strip, over its shear modulus."""
@@ -217,7 +217,7 @@ def measured_at(
     job = Job(spot=spot, set_id=0, materials=materials, thetas=thetas, protocol=protocol)
     coarse, fine = study.solver.settings.coarse, study.solver.settings.fine
     response = true(LayeredSettings()).simulate(job, None).response
-    curves = {}
+    extrapolated, curves = of_all.normal(), {}
     for name, x in (("force", pressed.DEPTHS), ("torque", pressed.ANGLES)):
         curve = response.curves[name]
         # Depths count from where contact is taken to begin.
@@ -225,15 +225,18 @@ def measured_at(
         path = path_of(x)
         # A mesh without error, as both meshes show it, and what that may be wrong by.
         size = 1.0 + np.abs(x) / (10.0 if name == "force" else np.degrees(0.4))
-        added = (1.0 + left_over(name, MESHES.refinement)) * (fine - coarse) * size * y
+        mesh = study.mesh_convergence(name)
+        added = (1.0 + MESHES.refinement.left_over(mesh)) * (fine - coarse) * size * y
         y = (1.0 + coarse * size) * y + added
-        error = MESHES.remainder(name, added, y)
+        rest, scatter = MESHES.of_extrapolation(mesh, added), mesh.scatter * np.maximum.accumulate(np.abs(y))
         if has_shape:
+            error = np.hypot(rest, scatter)
             by_mesh = rng.normal() * error * np.sqrt(2.0) * np.sin(2.0 * np.pi * path + rng.uniform(0.0, 6.0))
         else:
-            by_mesh = sum(
-                (np.sqrt(SHARED) * of_all.normal() + np.sqrt(1.0 - SHARED) * rng.normal()) * part
-                for part in independent_parts(error, path / path[-1])
+            share = ASSUMED.mesh_shared
+            by_mesh = extrapolated * rest + sum(
+                (np.sqrt(share) * of_all.normal() + np.sqrt(1.0 - share) * rng.normal()) * part
+                for part in scattered_parts(scatter, path / path[-1])
             )
         along = np.exp(-0.5 * ((path[:, None] - path) / 0.4) ** 2) + 1e-9 * np.eye(x.size)
         drawn = rng.normal(size=x.size)

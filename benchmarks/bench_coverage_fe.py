@@ -30,7 +30,7 @@ from study_prediction import SPOTS, accepted, emulator, on_grid
 from study_stated_mesh import TRUE_EDGE_MM
 
 from palpate import Curve, Job, Limb, Response, Simulation, Status
-from palpate.domain import Indentation
+from palpate.domain import Indentation, Refinement
 from palpate.limb.loading import RIM, finer_limb, load_limbs, size_at_contact
 from palpate.mesh.refinement import refined
 from palpate.plugins.catalogue import Plugins
@@ -86,7 +86,8 @@ class Forearm:
                 size_at_contact(self.study, self.limbs[each]) for each in (name, f"{name}/fine")
             )
             ratio = 1.0 if mesh == MESHES[2] else edge_mm / finer_mm
-            found[spot] = SpotMesh(edge_over_radius=edge_mm / RADIUS_MM, refinement=ratio)
+            between = Refinement(ratio=ratio, at_rim=True)
+            found[spot] = SpotMesh(edge_over_radius=edge_mm / RADIUS_MM, refinement=between)
         return found
 
     @staticmethod

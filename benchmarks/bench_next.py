@@ -31,8 +31,9 @@ from palpate.run.result import ALL_SPOTS
 from palpate.study.reading import StudySpot
 from palpate.study.tool import Tool
 from palpate_certainty.assessment import Assessment
+from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.error_sources import ONSET_MM, RELATIVE
-from palpate_certainty.mesh_error import SHARED, independent_parts
+from palpate_certainty.mesh_error import independent_parts
 from palpate_certainty.noise_model import path_of
 from palpate_planning.candidates import CandidatePress
 from palpate_planning.propose import PlanningStage, PlanOptions
@@ -139,8 +140,8 @@ class World:
         for name, curve in curves.items() if self.mesh else ():
             path = path_of(curve.abscissa)
             parts = independent_parts(self.mesh * curve.ordinate, path / path[-1])
-            numbers = np.sqrt(SHARED) * self._numbers(name, len(parts))
-            numbers += np.sqrt(1.0 - SHARED) * self._numbers(
+            numbers = np.sqrt(ASSUMED.mesh_shared) * self._numbers(name, len(parts))
+            numbers += np.sqrt(1.0 - ASSUMED.mesh_shared) * self._numbers(
                 (spot, protocol.path.tobytes(), name), len(parts)
             )
             curves = {**curves, name: replace(curve, ordinate=curve.ordinate + numbers @ parts)}

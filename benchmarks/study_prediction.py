@@ -24,7 +24,8 @@ import numpy as np
 from bench_inadequate import REGION, Truth, assessed, ready, ready_with_fine, say
 
 from palpate import Curve, Job, Limb, Response, Simulation, Status
-from palpate.domain import Indentation
+from palpate.domain import Indentation, Refinement
+from palpate.domain.channels import FORCE
 from palpate.limb.loading import load_limbs
 from palpate.mesh.refinement import refined
 from palpate.mesh.spot_frame import contact_edge_mm
@@ -35,7 +36,7 @@ from palpate.study.model import BudgetTable
 from palpate.study.reading import Study
 from palpate.study.tool import read_tool
 from palpate_certainty.emulator import Emulator, Runs
-from palpate_certainty.mesh_error import FORCE, usual_error
+from palpate_certainty.mesh_error import usual_error
 from palpate_prediction.bands import ends, scores
 from palpate_prediction.predict import refined_limbs
 from palpate_prediction.summary import mesh_error, press_states, with_mesh
@@ -318,7 +319,9 @@ BANDS = {
 def mesh_sd(case: dict, k: int, refinement: float, mesh: str = "fine") -> float:
     """Relative standard deviation by the mesh, as palpate states it: the mesh as it is shows none."""
     value, coarser = (float(np.exp(case[each][k])) for each in ("fine", "coarse"))
-    return mesh_error(value, coarser if mesh == "fine" else None, refinement, usual_error(FORCE, BUDGET.mesh))
+    left_over = Refinement(ratio=refinement).left_over(FORCE.mesh)
+    least = usual_error(FORCE.name, FORCE.mesh, BUDGET.mesh)
+    return mesh_error(value, coarser if mesh == "fine" else None, left_over, least)
 
 
 def held(case: dict, k: int, refinement: float, band: tuple[str, bool, bool]) -> bool:

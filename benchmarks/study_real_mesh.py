@@ -18,9 +18,9 @@ import numpy as np
 from bench_limbs import SIZE, VIRTUAL, arm, cpu_s, leg
 from study_mesh_size import PATH, RADIUS_MM, THETA, extrapolated, peaks, plan
 
-from palpate.domain import Indentation, Job, Limb, Response
+from palpate.domain import Indentation, Job, Limb, Refinement, Response
+from palpate.domain.channels import PRESS_AND_TWIST
 from palpate.domain.indenter import Sphere
-from palpate.fit.mesh_correction import left_over
 from palpate.limb.loading import RIM
 from palpate.mesh.refinement import refined
 from palpate.mesh.spot_frame import NEAR, contact_edge_mm
@@ -108,13 +108,17 @@ def bisected(segment: Segment, shares: list[float], depth_mm: float) -> None:
         found.append((force, torque))
     if len(shares) < 2:
         return
-    for name, values in zip(("force", "torque"), np.array(found).T, strict=True):
+    for channel, values in zip(PRESS_AND_TWIST, np.array(found).T, strict=True):
+        between = (Refinement(ratio=edges[k] / edges[k + 1], at_rim=True) for k in (0, len(shares) - 1))
+        shown = ((values[0], values[1]), (values[-2], values[-1]))
         fitted, limit = (
-            values[k + 1] + left_over(name, edges[k] / edges[k + 1]) * (values[k + 1] - values[k])
-            for k in (0, len(shares) - 1)
+            fine + each.left_over(channel.mesh) * (fine - coarse)
+            for each, (coarse, fine) in zip(between, shown, strict=True)
         )
         errors = ", ".join(f"{100 * (v / limit - 1):+.2f} %" for v in (*values, fitted))
-        sys.stdout.write(f"{name}: {limit:.4f} at no edge; rows, and the corrected, are off by {errors}\n")
+        sys.stdout.write(
+            f"{channel.name}: {limit:.4f} at no edge; rows, and the corrected, are off by {errors}\n"
+        )
 
 
 def main() -> None:

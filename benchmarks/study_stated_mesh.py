@@ -81,10 +81,14 @@ def main() -> None:
         for name, of_channel in ratios.items():
             x = coarse[name].abscissa
             ordinates = [on_grid(each[name], x) for each in (coarse, fine, true)]
-            pair = FineRun(coarse={name: ordinates[0]}, fine={name: ordinates[1]}, refinement=mesh.refinement)
+            of = study.mesh_convergence(name)
+            left_over = {name: mesh.refinement.left_over(of)}
+            pair = FineRun(coarse={name: ordinates[0]}, fine={name: ordinates[1]}, left_over=left_over)
             added = pair.corrections[name].added
             corrected, truth = ordinates[0] + added, ordinates[2]
-            stated = np.linalg.norm(mesh.remainder(name, added, corrected)) / np.linalg.norm(corrected)
+            scatter = of.scatter * np.maximum.accumulate(np.abs(corrected))
+            error = np.hypot(mesh.of_extrapolation(of, added), scatter)
+            stated = np.linalg.norm(error) / np.linalg.norm(corrected)
             off = np.linalg.norm(corrected - truth) / np.linalg.norm(truth)
             at_peak = peak(name, corrected) / peak(name, truth) - 1.0
             of_channel.append(off / stated)
