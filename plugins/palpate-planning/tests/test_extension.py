@@ -51,11 +51,13 @@ def test_press_added_to_a_run_narrows_as_expected_and_starts_at_its_answer(run, 
 
     first = RunDirectory(more).fit().trace.filter(fit=ALL_SPOTS).row(0, named=True)
     assert {name: first[name] for name in answer} == answer
-    assert _keys(more) == _keys(folder)  # the proposal has simulated the press with the same values
+    # The proposal has simulated the press with the same values; the reported ones are others.
+    assert len(_keys(more) - _keys(folder)) <= len(extended.spots)
+    known = _keys(more)
     assert _keys(alone) - _keys(folder)
     again = pipeline.run_stage("fit", extended, more, plugins).fit()
     assert again.trace.equals(RunDirectory(more).fit().trace)  # later commands start there too
-    assert _keys(more) == _keys(folder)
+    assert _keys(more) == known
 
 
 def _width_of_ratio(run):

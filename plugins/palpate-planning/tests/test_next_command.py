@@ -78,12 +78,12 @@ def test_next_press_is_ranked_made_and_added(call, weighed, tmp_path):
         if row["step"] < 2:
             fitted = (before, after)[row["step"]].certainty.intervals
             at = fitted.filter(parameter=row["parameter"]).row(0, named=True)  # of the joint fit
-            # With the press the fit estimates the discrepancy again.
-            near = 0.02 if row["step"] else 1e-3
+            # With the press the fit estimates the discrepancy and the scale of the errors again.
+            near = 0.15 if row["step"] else 1e-3
             assert at["upper"] - at["lower"] == pytest.approx(row["upper"] - row["lower"], rel=near)
     found_with_it = realised(found, name, before.certainty.intervals, after.certainty.intervals)
     assert found_with_it.height == len(after.certainty.intervals["parameter"].unique())
-    np.testing.assert_allclose(found_with_it["expected"], found_with_it["realised"], rtol=0.02)
+    np.testing.assert_allclose(found_with_it["expected"], found_with_it["realised"], rtol=0.15)
     other = next(row["press"] for row in found["ranking"] if row["press"] != name)
     _measure(study, plugins, tmp_path, other)
     printed = call("extend", "run", "--press", other, "--with", f"{other}.txt", plugin=bench.__file__)

@@ -222,10 +222,11 @@ def _in_box(centre: FloatArray, root: FloatArray, freedom: float) -> tuple[Float
     Student's density is a normal one whose scale is drawn first. Each coordinate is drawn within its bounds,
     given those before it; the weight is the product of the probabilities.
     """
-    even = qmc.Sobol(centre.size + 1, rng=0).random(N_DRAWS)
+    is_normal = np.isinf(freedom)
+    even = qmc.Sobol(centre.size + (not is_normal), rng=0).random(N_DRAWS)
     normal, logs = np.zeros((N_DRAWS, centre.size)), np.zeros(N_DRAWS)
     scale = np.ones(N_DRAWS)
-    if np.isfinite(freedom):
+    if not is_normal:
         scale = np.sqrt(freedom / chi2.ppf(np.clip(even[:, -1], 1e-9, 1.0 - 1e-9), freedom))
     for i in range(centre.size):
         mean, size = centre[i] + scale * (normal[:, :i] @ root[i, :i]), scale * root[i, i]
