@@ -239,19 +239,19 @@ class Curve:
 
         At its points a cubic has the steepness of the parabola through three neighbours: new ordinates are
         linear in the given ones, and slopes are interpolated alike. An interval in which the abscissa rests
-        gets no points.
+        gets no points. Standard deviations and times are linear between points.
         """
         x, columns = self.abscissa, np.column_stack([self.ordinate, *self.slopes.values()])
         share = np.arange(n_between + 1) / (n_between + 1)
         rests = np.flatnonzero(np.diff(x) == 0.0)
         ends = sorted({0, *rests, *(rests + 1), *(stop - 1 for _, stop in self.branches)})
-        found, times = [], []
+        found, places = [], []
         for start, stop in pairwise(ends):
             rows = slice(start, stop + 1)
             moves = x[stop] != x[start]
             at = (np.arange(start, stop)[:, None] + (share if moves else share[:1])).ravel()
             new = np.interp(at, np.arange(x.size), x)
-            times.append(at)
+            places.append(at)
             if moves:
                 new = np.column_stack([new, _on_cubics(x[rows], columns[rows], new)])
             else:
@@ -259,12 +259,15 @@ class Curve:
             found.append(new)
         last = np.concatenate([x[-1:], columns[-1]])
         values = np.vstack([*found, last])
-        at = np.append(np.concatenate(times), x.size - 1)
+        at = np.append(np.concatenate(places), x.size - 1)
+        own = np.arange(x.size)
+        std, time_s = (None if each is None else np.interp(at, own, each) for each in (self.std, self.time_s))
         return replace(
             self,
             abscissa=values[:, 0],
             ordinate=values[:, 1],
-            time_s=None if self.time_s is None else np.interp(at, np.arange(x.size), self.time_s),
+            std=std,
+            time_s=time_s,
             slopes=dict(zip(self.slopes, values[:, 2:].T, strict=True)),
         )
 

@@ -18,7 +18,8 @@ class MeshConvergence:
     usual : float
         Relative error of one mesh with edges of 0.3 indenter radii.
     scatter : float
-        Scatter of extrapolated curves between independent pairs of meshes, over the largest ordinate so far.
+        Standard deviation of extrapolated curves between independent pairs of meshes, over the largest
+        ordinate reached so far.
     """
 
     rim_order: float = 1.8

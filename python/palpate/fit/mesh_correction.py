@@ -80,7 +80,7 @@ def fine_run(
     fine: Simulation,
     left_over: Mapping[str, float] = MappingProxyType({}),
 ) -> FineRun:
-    """Compare the meshes at one set; ``left_over`` is as of :class:`FineRun`.
+    """Comparison of both meshes at one set; ``left_over`` is the field of :class:`FineRun`.
 
     Raises
     ------

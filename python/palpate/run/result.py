@@ -105,7 +105,7 @@ class CertaintyResult:
     mesh_errors : DataFrame
         One row per fit, scenario, spot and fitted curve: relative_error of the curve by its mesh (one
         standard deviation over the curve, both as root of the mean square), and shown_by: "two meshes",
-        "usual scatter" (between meshes of one size, where it is more), "one mesh" (the usual error of its
+        "usual scatter" (between pairs of meshes, where it is more), "one mesh" (the usual error of its
         edges) or "the study"; empty without meshes.
     draws : DataFrame
         One row per draw from the density of each fit, cut off at the ranges and the filters: fit, scenario

@@ -46,13 +46,15 @@ def test_a_force_of_hertz_is_nearer_than_straight_lines_are():
     assert np.abs(found.ordinate - between**1.5).max() < 0.35 * np.abs(straight - between**1.5).max()
 
 
-def test_a_rest_gets_no_points_and_times_follow():
+def test_a_rest_gets_no_points_and_times_and_spread_follow():
     rests = Curve(
         channel="force",
         abscissa=np.array([0.0, 1.0, 2.0, 2.0, 2.0]),
         ordinate=np.array([0.0, 1.0, 4.0, 3.5, 3.2]),
+        std=np.array([0.0, 0.2, 0.4, 0.3, 0.1]),
         time_s=np.array([0.0, 1.0, 2.0, 5.0, 9.0]),
     ).densified(1)
     assert rests.abscissa.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0, 2.0, 2.0]
     assert rests.time_s.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0, 5.0, 9.0]
+    assert rests.std == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4, 0.3, 0.1])
     assert rests.ordinate[-3:] == pytest.approx([4.0, 3.5, 3.2])

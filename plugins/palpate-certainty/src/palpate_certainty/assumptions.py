@@ -12,8 +12,8 @@ class Assumptions:
     Parameters
     ----------
     extrapolation : float
-        Standard deviation of an extrapolation by two meshes, over what it adds to the finer mesh. The
-        amplitude is one for force and torque of all spots: their meshes are made alike.
+        Standard deviation of an extrapolation by two meshes, over its change of the finer mesh's curve. All
+        curves of all spots share one amplitude: their meshes are made alike.
     mesh_shared : float
         Share of the variance of a mesh's other errors that all presses have in common.
     mesh_along : float

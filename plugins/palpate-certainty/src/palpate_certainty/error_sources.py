@@ -53,9 +53,10 @@ OF_FRICTION = 0.3
 """That of a measured friction coefficient, over its value: it differs by person and humidity."""
 
 CONTACT = "contact"
-"""Cause that is the penetration of the tissue by the indenter: force and torque of all spots share it.
+"""Penetration of the tissue by the indenter, as a cause that all curves share.
 
-Half the penalty less the double is 3/4 of what a rigid contact adds, since curves are linear in 1/penalty.
+Curves are nearly linear in 1/penalty: half of the difference between twice and half the penalty is 3/4 of the
+change by a rigid contact.
 """
 
 STEPS = 10.0

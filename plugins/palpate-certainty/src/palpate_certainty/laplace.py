@@ -45,7 +45,7 @@ class Laplace:
     centre : (n_parameters,) array
         May be outside the box, where a fit has ended at a bound.
     covariance : (n_parameters, n_parameters) array
-        At the most likely scale of the errors.
+        Student's scale matrix, smaller than the covariance by (freedom - 2) / freedom.
     parts : mapping of cause to (n_parameters, n_parameters) array
         They sum to the covariance.
     freedom : float
