@@ -36,6 +36,9 @@ if TYPE_CHECKING:
     from palpate.run.atomic_files import (
         write_atomically as write_atomically,
     )
+    from palpate.toml_text import (
+        toml_value as toml_value,
+    )
 
 if not TYPE_CHECKING:
     __getattr__ = deferred(__name__)

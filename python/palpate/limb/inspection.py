@@ -18,6 +18,7 @@ from palpate.limb.tidying import tidied
 from palpate.mesh.topology import CELLS, outer_faces
 from palpate.plugins.interfaces import LimbSource
 from palpate.plugins.optional import InspectedTable, Inspection
+from palpate.toml_text import toml_value
 
 LIMB_MM = (20.0, 2000.0)
 """Longest side of the box around a limb's segment."""
@@ -147,22 +148,5 @@ def limb_text(source: str, settings: Mapping[str, Any]) -> str:
     """Table [limb] of study.toml with its settings."""
     lines = ["[limb]", f'source = "{source}"']
     if settings:
-        lines += ["", "[limb.settings]", *(f"{key} = {_toml(value)}" for key, value in settings.items())]
+        lines += ["", "[limb.settings]", *(f"{key} = {toml_value(value)}" for key, value in settings.items())]
     return "\n".join([*lines, ""])
-
-
-def _toml(value: object) -> str:
-    match value:
-        case Mapping():
-            return "{ " + ", ".join(f"{_key(key)} = {_toml(each)}" for key, each in value.items()) + " }"
-        case list() | tuple():
-            return "[" + ", ".join(map(_toml, value)) + "]"
-        case bool():
-            return str(value).lower()
-        case str():
-            return json.dumps(value, ensure_ascii=False)
-    return str(value)
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)

@@ -1,6 +1,5 @@
 """A small study around the plugin under test: 50 nodes, 3 sets, a few seconds."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,6 +13,7 @@ from palpate.plugins.catalogue import Plugins
 from palpate.study.reading import Study
 from palpate.testing import bench
 from palpate.testing.components import plugins_with
+from palpate.toml_text import toml_value
 
 DEFAULTS: Mapping[str, Any] = {
     "study": {"name": "small", "data": "simulated"},
@@ -142,12 +142,4 @@ def study_runner(tmp_path: Path) -> StudyRunner:
 
 
 def _rows(table: Mapping[str, Any]) -> str:
-    return "".join(f"{key} = {_toml(value)}\n" for key, value in table.items())
-
-
-def _toml(value: Any) -> str:  # noqa: ANN401 -- what a study file may hold
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{json.dumps(key)} = {_toml(item)}" for key, item in value.items()) + " }"
-    if isinstance(value, list):
-        return f"[{', '.join(map(_toml, value))}]"
-    return json.dumps(value, ensure_ascii=False)
+    return "".join(f"{key} = {toml_value(value)}\n" for key, value in table.items())

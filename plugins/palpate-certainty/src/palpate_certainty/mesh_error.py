@@ -52,7 +52,7 @@ class SpotMesh:
         stated : mapping of channel to float
             An empty name is of all channels.
         """
-        if (given := stated.get(channel, stated.get(""))) is not None:
+        if (given := stated_error(channel, stated)) is not None:
             return given
         usual = convergence.usual * min(1.0, self.edge_over_radius / AT_RATIO)
         return self.noted.get(channel, usual) + self.locking
@@ -97,12 +97,18 @@ def scattered_parts(size: FloatArray, along: FloatArray) -> list[FloatArray]:
 
 def usual_error(channel: str, convergence: MeshConvergence, stated: Mapping[str, float]) -> float:
     """Relative error of a channel by any mesh: as the study states it, else the usual one."""
-    return stated.get(channel, stated.get("", convergence.usual))
+    given = stated_error(channel, stated)
+    return convergence.usual if given is None else given
+
+
+def stated_error(channel: str, stated: Mapping[str, float]) -> float | None:
+    """Relative error of a channel that a study states, by its name or for all channels; None: none."""
+    return stated.get(channel, stated.get(""))
 
 
 def is_stated(channel: str, stated: Mapping[str, float]) -> bool:
     """True if a study states the mesh's error of a channel."""
-    return channel in stated or "" in stated
+    return stated_error(channel, stated) is not None
 
 
 def noted_errors(note: Mapping[str, object] | None) -> dict[str, float]:

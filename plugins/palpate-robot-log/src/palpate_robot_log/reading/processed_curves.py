@@ -10,12 +10,11 @@ import numpy as np
 from pydantic import ValidationError
 
 from palpate.api import FORCE, Curve, CurveError, FloatArray
-from palpate.api.files import Column
+from palpate.api.files import Column, toml_value
 from palpate_indentation.csv_loader import FOREARM, HOMOGENEOUS, CsvLoader, CsvSettings
 from palpate_indentation.measures import problem_of
 from palpate_robot_log.reading.names import TENSILE, Picked, Test, pick, rivals, test_of, words_of
 from palpate_robot_log.reading.raw import RawLog
-from palpate_robot_log.reading.study_text import toml_value
 
 _DEGREES_PER_RADIAN = 57.29577951308232
 _ROLES = {"force": ("travel", "force"), "torque": ("angle", "moment")}

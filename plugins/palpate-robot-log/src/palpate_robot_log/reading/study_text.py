@@ -1,8 +1,8 @@
 """Tables of study.toml that read a log as it is proposed, ready to be pasted."""
 
-import json
 from collections.abc import Iterable, Mapping
 
+from palpate.api.files import toml_value
 from palpate_robot_log.reading.proposal import Proposal
 from palpate_robot_log.reading.raw import RawLog
 from palpate_robot_log.reading.vectors import QUANTITIES, Guess
@@ -134,14 +134,3 @@ def _commented(quantity: str, chosen: Mapping[str, object], guess: Guess | None)
 
 def _pairs(table: Mapping[str, object]) -> Iterable[str]:
     return (f"{key} = {toml_value(value)}" for key, value in table.items())
-
-
-def toml_value(value: object) -> str:
-    """Text of a value in TOML, on one line."""
-    match value:
-        case Mapping():
-            return f"{{ {', '.join(_pairs(value))} }}"
-        case list():
-            return f"[{', '.join(map(toml_value, value))}]"
-        case _:
-            return json.dumps(value, ensure_ascii=False)

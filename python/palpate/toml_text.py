@@ -1,0 +1,23 @@
+"""Text of values in TOML, as the tables of a study have them."""
+
+import json
+import re
+from collections.abc import Mapping
+
+
+def toml_value(value: object) -> str:
+    """Text of a value in TOML, on one line."""
+    match value:
+        case Mapping():
+            return (
+                f"{{ {', '.join(f'{toml_key(key)} = {toml_value(each)}' for key, each in value.items())} }}"
+            )
+        case list() | tuple():
+            return f"[{', '.join(map(toml_value, value))}]"
+        case _:
+            return json.dumps(value, ensure_ascii=False)
+
+
+def toml_key(name: str) -> str:
+    """Text of a key in TOML, in quotes where its characters ask for them."""
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
