@@ -251,6 +251,17 @@ def test_intervals_of_an_uncertain_scale_are_students(freedom):
     assert upper[0] - lower[0] == pytest.approx(expected, rel=0.06)
 
 
+@given(st.floats(2.5, 30.0))
+def test_a_standard_deviation_is_the_draws_and_noise_alone_has_no_uncertain_scale(freedom):
+    parts = {"noise": np.array([[4e-6]]), "mesh": np.array([[6e-6]])}
+    found = Laplace(centre=np.array([0.5]), covariance=np.array([[1e-5]]), parts=parts, freedom=freedom)
+    assert found.sd[0] == pytest.approx(np.sqrt(1e-5) * student.std(freedom))
+    noise = found.by("noise")
+    assert noise.sd[0] == pytest.approx(2e-3)
+    lower, upper = noise.within().interval(np.array([0.5]))
+    assert upper[0] - lower[0] == pytest.approx(2.0 * 1.96 * 2e-3, rel=0.02)
+
+
 EXPECTED = {0: 0.005, 1: 0.005}
 """Discrepancy by channel."""
 

@@ -65,14 +65,19 @@ class Laplace:
         return {name: np.maximum(np.diag(part) / variance, 0.0) for name, part in self.parts.items()}
 
     def by(self, *causes: str) -> "Laplace":
-        """Density by some of the causes alone."""
+        """Normal density by some of the causes alone, whose scale is known."""
         parts = {name: self.parts[name] for name in causes}
-        return replace(self, covariance=np.sum(list(parts.values()), axis=0), parts=parts)
+        return replace(self, covariance=np.sum(list(parts.values()), axis=0), parts=parts, freedom=np.inf)
 
     @property
     def sd(self) -> FloatArray:
-        """Standard deviation (n_parameters,) of each parameter, the bounds aside."""
-        sd: FloatArray = np.sqrt(np.diag(self.covariance))
+        """Standard deviation (n_parameters,) of each parameter, the bounds aside.
+
+        Student's density is wider than its scale matrix by the uncertain scale; without a variance, where
+        there are two degrees of freedom or fewer, it is the root of that matrix.
+        """
+        wider = self.freedom / (self.freedom - 2.0) if 2.0 < self.freedom < np.inf else 1.0
+        sd: FloatArray = np.sqrt(wider * np.diag(self.covariance))
         return sd
 
     @property

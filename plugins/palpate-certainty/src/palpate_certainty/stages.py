@@ -45,7 +45,7 @@ class Intervals(Stage):
     tables = MappingProxyType(
         {
             "intervals": "Value and 95 % interval of each parameter.",
-            "budget": "Share of each cause in the variance of each parameter.",
+            "budget": "Share of each cause in the variance of each parameter, and its standard deviation.",
             "parameter_combinations": "Combinations of parameters, the best known first.",
             "adequacy": "Checks of whether the model describes the data.",
             "mesh_errors": "Error of each fitted curve by its mesh, over the curve.",
