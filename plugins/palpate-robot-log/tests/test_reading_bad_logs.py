@@ -21,7 +21,7 @@ Damage = Callable[[write.Table], None]
 def log_of(table: write.Table, name: str = "log.csv") -> RawLog:
     n_rows = table["time_s"].size
     columns = {key: Column(name=key, values=values) for key, values in table.items()}
-    stream = Stream(name="", rows=np.arange(2, n_rows + 2), columns=columns)
+    stream = Stream.of(columns.values(), rows=np.arange(2, n_rows + 2))
     return RawLog(source=name, format="delimited text", row_word="line", streams=(stream,))
 
 

@@ -24,7 +24,7 @@ from . import log_writers as write
 
 def proposed(table: dict[str, Any], **units: str) -> dict[str, Any]:
     columns = {key: Column(name=key, values=v, unit=units.get(key, "")) for key, v in table.items()}
-    stream = Stream(name="", rows=np.arange(len(next(iter(table.values())))), columns=columns)
+    stream = Stream.of(columns.values())
     log = RawLog(source="log", format="text", row_word="line", streams=(stream,))
     proposal = propose(log)
     text = study_text(log, proposal)

@@ -1,5 +1,6 @@
 """The channel map: units, signs, forms of orientation, frames and common time."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from . import log_writers as write
 
 def log_of(table: write.Table, **units: str) -> RawLog:
     columns = {key: Column(name=key, values=v, unit=units.get(key, "")) for key, v in table.items()}
-    stream = Stream(name="", rows=np.arange(table["time_s"].size), columns=columns)
+    stream = Stream.of(columns.values())
     return RawLog(source="log.npz", format="NumPy archive", row_word="row", streams=(stream,))
 
 
@@ -224,7 +225,7 @@ def _bag(wrench: write.Table, pose: write.Table) -> RawLog:
         for source, target in zip(names, targets, strict=True):
             unit = {"N": "N", "Nm": "N m", "m": "m"}.get(source.rpartition("_")[2], "")
             columns[target] = Column(name=target, values=table[source], unit=unit)
-        return Stream(name=name, rows=np.arange(table["time_s"].size), columns=columns)
+        return Stream.of(columns.values(), name)
 
     channels = write.BAG_MAP
     pose_names = [*channels["position"]["columns"], *channels["orientation"]["columns"]]
@@ -271,7 +272,7 @@ def test_a_column_in_two_streams_needs_its_stream() -> None:
         source="log.bag",
         format="ROS 1 bag",
         row_word="message",
-        streams=(*log.streams, Stream(name="/raw", rows=log.streams[0].rows, columns=log.streams[0].columns)),
+        streams=(*log.streams, replace(log.streams[0], name="/raw")),
     )
     with pytest.raises(CurveError, match=r"in several streams \(/wrench, /raw\)"):
         assemble(doubled, write.bag_map())

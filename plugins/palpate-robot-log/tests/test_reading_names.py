@@ -526,7 +526,7 @@ def test_a_pose_that_is_commanded_alone_is_named(tmp_path: Path) -> None:
 )
 def test_the_unit_of_a_time_is_judged_by_the_length_of_the_log(step: float, n_rows: int, unit: str) -> None:
     column = Column(name="stamp", values=1e9 + step * np.arange(n_rows))
-    time = time_of(Stream(name="", rows=np.arange(n_rows), columns={"stamp": column}))
+    time = time_of(Stream.of([column]))
     assert time is not None
     assert time.unit == unit
 

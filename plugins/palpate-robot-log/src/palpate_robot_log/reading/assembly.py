@@ -173,9 +173,9 @@ def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> 
         time_factor, time_unit = 1.0 / its_time.rate, "rows"
     else:
         time_factor, time_unit = _factor(log, channels, stream, time_name, its_time.unit, "time")
-    time = stream.columns[time_name].values
+    time = stream.column(time_name).values
     if its_time.nanoseconds is not None:
-        time = time + 1e-9 / time_factor * stream.columns[its_time.nanoseconds].values
+        time = time + 1e-9 / time_factor * stream.column(its_time.nanoseconds).values
     # Column after column in memory: what is done to each axis of a long log takes a tenth of the time.
     table = np.zeros((len(source.columns), stream.rows.size)).T
     units = []
@@ -183,7 +183,7 @@ def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> 
         if name != NO_COLUMN:
             factor, unit = _factor(log, channels, stream, name.removeprefix("-"), source.unit, kind)
             sign = -1.0 if name.startswith("-") else 1.0
-            np.multiply(stream.columns[name.removeprefix("-")].values, sign * factor, out=table[:, index])
+            np.multiply(stream.column(name.removeprefix("-")).values, sign * factor, out=table[:, index])
             units.append(unit)
     series = Series(
         log=log,
@@ -218,7 +218,7 @@ def _factor(
     log: RawLog, channels: ChannelMap, stream: Stream, name: str, unit: str | None, kind: Kind | None
 ) -> tuple[float, str]:
     """Factor from the file's unit to the recording's, and the file's unit."""
-    column = stream.columns[name]
+    column = stream.column(name)
     where = f"{log.source}: column '{name}'"
     if kind is None:
         return 1.0, ""

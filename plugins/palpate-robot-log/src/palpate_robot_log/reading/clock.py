@@ -29,7 +29,7 @@ def time_of(stream: Stream) -> Guess | None:
         stamp = name.removesuffix(whole)
         if stamp == name or stamp + part not in stream.columns:
             continue
-        seconds = stream.columns[name].values + 1e-9 * stream.columns[stamp + part].values
+        seconds = stream.column(name).values + 1e-9 * stream.column(stamp + part).values
         steps = np.diff(seconds[np.isfinite(seconds)])
         if steps.size and np.mean(steps > 0.0) >= RISING:
             return Guess(columns=(name, stamp + part), stream=stream.name, unit="s", score=4.0)
@@ -98,4 +98,4 @@ def repeats_time(stream: Stream) -> bool:
     time = time_of(stream)
     if time is None or time.is_counter or len(time.columns) > 1:
         return False
-    return float(np.mean(np.diff(stream.columns[time.columns[0]].values) == 0.0)) > _COARSE_CLOCK
+    return float(np.mean(np.diff(stream.column(time.columns[0]).values) == 0.0)) > _COARSE_CLOCK

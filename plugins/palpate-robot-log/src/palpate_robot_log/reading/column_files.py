@@ -5,6 +5,7 @@ or rate within it.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,8 @@ MOST_COLUMNS = 64  # widest matrix that counts as columns side by side; a wider 
 _DEEPEST = 8
 _MOST_STRUCTS = 32
 _MATLAB_OWN = ("#refs#", "#subsystem#")
+_MATLAB_TEXT = (b"char", b"cell")
+_PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
 
 _Found = Iterator[tuple[str, np.ndarray]]
 _MATLAB_NAME = "{}(:,{})"
@@ -45,8 +48,7 @@ def read_numpy(path: Path) -> RawLog:
             found, file_format = {"array": loaded}, "NumPy array"
         else:
             found, file_format = {name: np.asarray(loaded[name]) for name in loaded}, "NumPy archive"
-    arrays = dict(field for name, array in found.items() for field in _structured(name, array))
-    return _log(path, file_format, arrays, _NUMPY_NAME)
+    return _log(path, file_format, found, _NUMPY_NAME)
 
 
 def read_matlab5(path: Path) -> RawLog:
@@ -54,17 +56,9 @@ def read_matlab5(path: Path) -> RawLog:
     from scipy.io import loadmat
 
     with or_damaged(path, "the MATLAB file is damaged or cut off", "save it again"):
-        variables = loadmat(
-            path, mat_dtype=True, struct_as_record=True, verify_compressed_data_integrity=True
-        )
-    notes: list[str] = []
-    arrays = {
-        found: array
-        for name, value in variables.items()
-        if not name.startswith("__")
-        for found, array in _in_variable(name, value, notes, 0)
-    }
-    return _log(path, "MATLAB 5", arrays, _MATLAB_NAME, notes)
+        found = loadmat(path, mat_dtype=True, struct_as_record=True, verify_compressed_data_integrity=True)
+    variables = {name: value for name, value in found.items() if not name.startswith("__")}
+    return _log(path, "MATLAB 5", variables, _MATLAB_NAME)
 
 
 def read_hdf5(path: Path) -> RawLog:
@@ -81,111 +75,83 @@ def read_hdf5(path: Path) -> RawLog:
         ) from None
     with path.open("rb") as stream:
         is_matlab = stream.read(6) == b"MATLAB"
-    notes: list[str] = []
-    units: dict[str, str] = {}
-    arrays: dict[str, np.ndarray] = {}
+    notes, units, arrays = list[str](), dict[str, str](), dict[str, Any]()
 
     def visit(name: str, item: Any) -> None:  # noqa: ANN401 - h5py is untyped
-        if isinstance(item, h5py.Dataset) and not (is_matlab and name.split("/")[0] in _MATLAB_OWN):
-            found = dict(_in_data_set(item, name.replace("/", "."), notes, is_matlab=is_matlab))
-            arrays.update(found)
-            unit = item.attrs.get("units", item.attrs.get("unit", ""))
-            if isinstance(unit, str) and unit:
-                units.update(dict.fromkeys(found, unit))
+        if not isinstance(item, h5py.Dataset) or (is_matlab and name.split("/")[0] in _MATLAB_OWN):
+            return
+        name, kind = name.replace("/", "."), item.attrs.get("MATLAB_class", b"")
+        if item.is_virtual or item.external:
+            notes.append(f"'{name}' keeps its numbers in another file, which is not read")
+        elif item.dtype.kind in "fiubV" and item.shape and 0 not in item.shape and kind not in _MATLAB_TEXT:
+            # MATLAB's files hold the dimensions in reverse.
+            arrays[name] = item[()].T if is_matlab else item[()]
+            units[name] = item.attrs.get("units", item.attrs.get("unit", ""))
+        elif item.dtype.kind not in "SUO":
+            notes.append(f"'{name}' holds no numbers")
 
     damage = or_damaged(path, "the HDF5 file is damaged or cut off", "save it again")
     with damage, h5py.File(path, "r", locking=False) as file:
         file.visititems(visit)
-    if is_matlab:
-        return _log(path, "MATLAB 7.3", arrays, _MATLAB_NAME, notes, units)
-    return _log(path, "HDF5", arrays, _NUMPY_NAME, notes, units)
+    kind, pattern = ("MATLAB 7.3", _MATLAB_NAME) if is_matlab else ("HDF5", _NUMPY_NAME)
+    return _log(path, kind, arrays, pattern, notes, units)
 
 
-def _structured(name: str, array: np.ndarray) -> _Found:
-    """Array itself, or the fields of a structured one."""
-    if array.dtype.names is None:
-        yield name, array
-    for field in array.dtype.names or ():
-        yield from _structured(f"{name}.{field}", array[field])
-
-
-def _in_variable(name: str, value: Any, notes: list[str], depth: int) -> _Found:  # noqa: ANN401 - as SciPy returns it
-    """Arrays of numbers under a variable, with MATLAB's own names for them."""
+def _arrays_in(name: str, value: Any, notes: list[str], depth: int = 0) -> _Found:  # noqa: ANN401 - of any library
+    """Arrays of numbers under a name: the value itself, or the fields of a structure."""
     if not isinstance(value, np.ndarray) or type(value).__name__ in ("MatlabOpaque", "MatlabFunction"):
         notes.append(f"'{name}' is a MATLAB object, which only MATLAB reads; save its numbers in a structure")
-    elif value.dtype.names is not None:
-        elements = value.reshape(-1)
-        if depth >= _DEEPEST or elements.size > _MOST_STRUCTS:
-            notes.append(f"'{name}' is too deep or too long a structure to look into")
-            return
-        for index, element in enumerate(elements, start=1):
-            prefix = name if elements.size == 1 else f"{name}({index})"
-            for field in value.dtype.names:
-                yield from _in_variable(f"{prefix}.{field}", element[field], notes, depth + 1)
-    elif value.dtype.kind in "fiub":
-        yield name, _vector_or_matrix(value)
-    elif value.dtype.kind != "U":
-        notes.append(f"'{name}' holds no numbers")
-
-
-def _in_data_set(data: Any, name: str, notes: list[str], *, is_matlab: bool) -> _Found:  # noqa: ANN401 - h5py is untyped
-    """Numbers of one data set: itself, or its fields."""
-    is_text = data.dtype.kind in "SU" or (
-        is_matlab and data.attrs.get("MATLAB_class", b"") in (b"char", b"cell")
-    )
-    if data.is_virtual or data.external:
-        notes.append(f"'{name}' keeps its numbers in another file, which is not read")
-    elif is_text or data.shape is None or 0 in data.shape:
-        return
-    elif data.dtype.names is not None:
-        values = data[()]
-        yield from ((f"{name}.{field}", values[field]) for field in data.dtype.names)
-    elif data.dtype.kind in "fiub":
-        # MATLAB's files hold the dimensions in reverse.
-        yield name, _vector_or_matrix(data[()].T) if is_matlab else data[()]
+    elif value.dtype.names is None:
+        yield name, value
+    elif not value.dtype.hasobject:
+        for field in value.dtype.names:
+            yield from _arrays_in(f"{name}.{field}", value[field], notes, depth + 1)
+    elif depth >= _DEEPEST or value.size > _MOST_STRUCTS:
+        notes.append(f"'{name}' is too deep or too long a structure to look into")
     else:
-        notes.append(f"'{name}' holds no numbers")
-
-
-def _vector_or_matrix(value: np.ndarray) -> np.ndarray:
-    """A matrix of one row or column as the vector that it is."""
-    return value.reshape(-1) if value.ndim == 2 and 1 in value.shape else value
+        for index, element in enumerate(value.reshape(-1), start=1):
+            prefix = name if value.size == 1 else f"{name}({index})"
+            for field in value.dtype.names:
+                yield from _arrays_in(f"{prefix}.{field}", element[field], notes, depth + 1)
 
 
 def _log(
     path: Path,
     file_format: str,
-    arrays: Mapping[str, np.ndarray],
+    values: Mapping[str, Any],
     pattern: str,
     notes: Iterable[str] = (),
     units: Mapping[str, str] | None = None,
 ) -> RawLog:
-    """Log of the vectors and matrices of real numbers among the arrays, with the units of some."""
-    by_length: dict[int, dict[str, Column]] = {}
-    passed_over = []
-    for name, array in arrays.items():
-        matrix = _upright(array)
-        if matrix is None:
-            passed_over.append(f"'{name}' {array.shape} of {array.dtype} is no column of numbers")
-            continue
-        unit = (units or {}).get(name, "")
-        is_vector = matrix.shape[1] == 1
-        for index, values in enumerate(matrix.T):
-            column = Column(
-                name=name if is_vector else pattern.format(name, index + (pattern is _MATLAB_NAME)),
-                values=np.ascontiguousarray(values),
-                unit=unit if is_vector else unit or unit_in(name)[1],
+    """Log of the vectors and matrices of real numbers among the values, with the units of some."""
+    by_length: dict[int, list[Column]] = {}
+    found, passed_over = [*notes], list[str]()
+    for value_name, value in values.items():
+        given = (units or {}).get(value_name, "")
+        for name, array in _arrays_in(value_name, value, found):
+            matrix = _upright(array)
+            if matrix is None:
+                passed_over.append(f"'{name}' {array.shape} of {array.dtype} is no column of numbers")
+                continue
+            names = [name]
+            if matrix.shape[1] > 1:
+                first = 1 if pattern is _MATLAB_NAME else 0
+                names = [pattern.format(name, k) for k in range(first, first + matrix.shape[1])]
+            unit = given if isinstance(given, str) else ""
+            unit = unit or (unit_in(name)[1] if len(names) > 1 else "")
+            by_length.setdefault(len(matrix), []).extend(
+                Column(name=one, values=column, unit=unit)
+                for one, column in zip(names, matrix.T, strict=True)
             )
-            by_length.setdefault(values.size, {})[column.name] = column
+    found += passed_over
     if not by_length:
-        found = "; ".join([*notes, *passed_over]) or "it is empty"
-        raise CurveError(f"{path}: no columns of numbers ({found}); save vectors or matrices of doubles")
+        why = "; ".join(found) or "it is empty"
+        raise CurveError(f"{path}: no columns of numbers ({why}); save vectors or matrices of doubles")
     streams = tuple(
-        Stream(name=f"{n_rows} rows" if len(by_length) > 1 else "", rows=np.arange(n_rows), columns=columns)
+        Stream.of(columns, name=f"{n_rows} rows" if len(by_length) > 1 else "")
         for n_rows, columns in by_length.items()
     )
-    notes = (*notes, *passed_over)
-    return RawLog(source=str(path), format=file_format, row_word="row", streams=streams, notes=notes)
+    return RawLog(source=str(path), format=file_format, row_word="row", streams=streams, notes=tuple(found))
 
 
 def _upright(array: np.ndarray) -> FloatArray | None:
@@ -193,17 +159,15 @@ def _upright(array: np.ndarray) -> FloatArray | None:
     if array.dtype.kind not in "fiub" or array.dtype.itemsize > 8:
         return None
     shaped = array.reshape(-1, 1) if array.ndim == 1 else array
-    # Rotation matrices or poses, one a row, each written row by row.
+    # Rotation matrices or poses, one a row, each written row by row; MATLAB stacks them last.
     for size in (3, 4) if shaped.ndim == 3 else ():
         if shaped.shape[1:] == (size, size):
             shaped = shaped.reshape(-1, size * size)
-        elif shaped.shape[:2] == (size, size):  # as MATLAB stacks them
+        elif shaped.shape[:2] == (size, size):
             shaped = np.moveaxis(shaped, 2, 0).reshape(-1, size * size)
-    if shaped.ndim != 2:
-        return None
-    if shaped.shape[0] < shaped.shape[1]:
+    if shaped.ndim == 2 and shaped.shape[0] < shaped.shape[1]:
         shaped = shaped.T
-    if shaped.shape[0] < 2 or shaped.shape[1] > MOST_COLUMNS:
+    if shaped.ndim != 2 or shaped.shape[0] < 2 or shaped.shape[1] > MOST_COLUMNS:
         return None
     return np.asarray(shaped, dtype=np.float64)
 
@@ -237,14 +201,20 @@ def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> RawLog:
             names = list(held)
         # The path is taken as it is, not as a pattern of several files.
         frame = pl.read_parquet(path, columns=names, glob=False)
-        columns = [column for name in names for column in _columns(path, frame[name])]
-    if frame.height < 2 or not columns:
+        numbers = frame.select([one for name in names for one in _numbers(path, frame[name])])
+    if numbers.height < 2 or not numbers.width:
         raise CurveError(
-            f"{path}: {frame.height} rows and {len(columns)} columns of numbers; export the log again"
+            f"{path}: {frame.height} rows and {numbers.width} columns of numbers; export the log again"
         )
     others = [f"{name} ({dtype})" for name, dtype in schema.items() if name not in names]
-    rows = np.arange(frame.height, dtype=np.int64)
-    stream = Stream(name="", rows=rows, columns={column.name: column for column in columns})
+    stamps = [name for name in names if isinstance(schema[name], pl.Datetime | pl.Duration)]
+    stream = Stream(
+        name="",
+        frame=numbers.with_columns(pl.all().fill_null(float("nan"))),
+        rows=np.arange(numbers.height),
+        units=dict.fromkeys(stamps, "s"),
+        notes={},
+    )
     return RawLog(
         source=str(path),
         format="Parquet",
@@ -263,32 +233,26 @@ def _is_numeric(dtype: "pl.DataType") -> bool:
     return dtype.is_numeric() or isinstance(dtype, pl.Datetime | pl.Duration | pl.Boolean)
 
 
-def _columns(path: Path, series: "pl.Series") -> list[Column]:
-    """Column of numbers or of seconds; ``name[0]``, ``name[1]`` … of lists that all have one length."""
+def _numbers(path: Path, series: "pl.Series") -> list["pl.Series"]:
+    """Doubles or seconds of a column; ``name[0]``, ``name[1]`` … of lists that all have one length."""
     import polars as pl
 
-    def floats(series: "pl.Series") -> FloatArray:
-        values: FloatArray = series.cast(pl.Float64).fill_null(float("nan")).to_numpy()
-        return values
-
-    name, dtype = series.name, series.dtype
+    dtype = series.dtype
     if isinstance(dtype, pl.List | pl.Array):
         lists = series.cast(pl.List(pl.Float64))
         lengths = lists.list.len().unique().to_list()
         if len(lengths) != 1 or lengths[0] is None or not 0 < int(lengths[0]) <= _LONGEST_LIST:
             raise CurveError(
-                f"{path}: the lists of column '{name}' have {len(lengths)} lengths; "
+                f"{path}: the lists of column '{series.name}' have {len(lengths)} lengths; "
                 "give each number its own column"
             )
-        indices = range(int(lengths[0]))
-        return [Column(name=f"{name}[{index}]", values=floats(lists.list.get(index))) for index in indices]
+        return [lists.list.get(k).alias(f"{series.name}[{k}]") for k in range(int(lengths[0]))]
     if isinstance(dtype, pl.Datetime | pl.Duration):
         # A stamp's own count is since 1970.
         counts = series.to_physical()
         start = counts.drop_nulls().first() if isinstance(dtype, pl.Datetime) else 0
-        per_second = {"ns": 1e9, "us": 1e6, "ms": 1e3}[dtype.time_unit or "us"]
-        return [Column(name=name, values=floats(counts - (start or 0)) / per_second, unit="s")]
-    return [Column(name=name, values=floats(series))]
+        return [(counts - (start or 0)).cast(pl.Float64) / _PER_SECOND[dtype.time_unit or "us"]]
+    return [series.cast(pl.Float64)]
 
 
 # -------------------------------------------------------------------------------- TDMS
@@ -319,9 +283,9 @@ def read_tdms(path: Path) -> RawLog:
             streams.extend(_streams(group, origin, passed_over))
     if not streams:
         raise CurveError(f"{path}: no channels of numbers; export channels of at least two numbers")
-    notes = (f"channels without numbers: {listed(passed_over)}",) if passed_over else ()
     if len(streams) == 1:
-        streams = [Stream(name="", rows=streams[0].rows, columns=streams[0].columns)]
+        streams = [replace(streams[0], name="")]
+    notes = (f"channels without numbers: {listed(passed_over)}",) if passed_over else ()
     return RawLog(source=str(path), format="TDMS", row_word="row", streams=tuple(streams), notes=notes)
 
 
@@ -346,41 +310,37 @@ def _streams(
 ) -> Iterator[Stream]:
     """The channels of a group by their length, time step and start."""
     # Columns by number of rows, and time step and start [s] of waveforms.
-    by_clock: dict[tuple[int, float | None, float], dict[str, Column]] = {}
+    by_clock: dict[tuple[int, float | None, float], list[Column]] = {}
     for channel in group.channels():
         column = _column(channel, origin)
         if column is None:
             passed_over.append(f"{group.name}.{channel.name}")
             continue
-        given, start_s = channel.properties, 0.0
-        step, start = given.get("wf_increment"), given.get("wf_start_time")
+        given, step, start_s = channel.properties, channel.properties.get("wf_increment"), 0.0
         if step is not None:
-            step = float(step)
+            step, start = float(step), given.get("wf_start_time")
             start_s = float(given.get("wf_start_offset", 0.0))
             if origin is not None and start is not None and np.datetime64(start) > UNSET:
                 start_s += float(_seconds(np.datetime64(start), origin))
-        by_clock.setdefault((column.values.size, step, start_s), {})[channel.name] = column
+        by_clock.setdefault((column.values.size, step, start_s), []).append(column)
     # Names have as much of the clocks as they differ in.
     parts = [(f"{n} rows", f"every {step_s} s", f"from {start_s} s") for n, step_s, start_s in by_clock]
     named = [[", ".join([group.name, *each[:n]]) for each in parts] for n in range(4)]
     names = next((names for names in named if len(set(names)) == len(parts)), named[-1])
     for name, ((n_rows, step_s, start_s), columns) in zip(names, by_clock.items(), strict=True):
-        rows = np.arange(n_rows, dtype=np.int64)
-        if step_s is not None and TIME not in columns:
-            seconds = start_s + step_s * rows.astype(np.float64)
-            columns[TIME] = Column(name=TIME, values=seconds, unit="s")
-        yield Stream(name=name, rows=rows, columns=columns)
+        if step_s is not None and TIME not in [column.name for column in columns]:
+            seconds = start_s + step_s * np.arange(n_rows, dtype=np.float64)
+            columns.append(Column(name=TIME, values=seconds, unit="s"))
+        yield Stream.of(columns, name)
 
 
 def _column(channel: Any, origin: np.datetime64 | None) -> Column | None:  # noqa: ANN401 - npTDMS is untyped
     """Numbers of a channel; None where it has none."""
-    values = channel[:]
+    values, unit = channel[:], str(channel.properties.get("unit_string", ""))
     if values.ndim != 1 or values.size < 2:
         return None
     if values.dtype.kind == "M":
-        start = values[0] if origin is None else origin
-        return Column(name=channel.name, values=_seconds(values, start), unit="s")
+        values, unit = _seconds(values, values[0] if origin is None else origin), "s"
     if values.dtype.kind not in "fiub" or values.dtype.itemsize > 8:
         return None
-    unit = str(channel.properties.get("unit_string", ""))
     return Column(name=channel.name, values=np.asarray(values, dtype=np.float64), unit=unit)

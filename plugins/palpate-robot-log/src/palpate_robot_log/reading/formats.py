@@ -132,7 +132,7 @@ def _read(path: Path, head: bytes, request: Request) -> RawLog:
         source=str(path),
         format="delimited text",
         row_word="line",
-        streams=(Stream(name="", rows=rows, columns=columns),),
+        streams=(Stream.of(columns.values(), rows=rows),),
         notes=table.notes(),
         layout=table.settings(),
     )

@@ -168,7 +168,7 @@ def _tried_machine(log: RawLog, machine: Proposal) -> tuple[Proposal, Processed 
 def _begins_in_contact(log: RawLog, machine: Proposal) -> bool:
     """Whether the force rises from the first rows on, as in curves that begin at first contact."""
     (travel,), (force,) = (
-        [log.stream(guess.stream).columns[name].values for name in guess.names]
+        [column.values for column in log.columns(guess.stream, guess.names)]
         for guess in (machine.guesses["position"], machine.guesses["force"])
     )
     share = np.abs(force - force[0]) / max(float(np.nanmax(np.abs(force - force[0]))), 1e-300)
@@ -258,7 +258,7 @@ def _described(stream: Stream, proposal: Proposal) -> dict[str, Any]:
 
 
 def _clock(stream: Stream, guess: Guess) -> dict[str, Any]:
-    column, *parts = (stream.columns[name] for name in guess.columns)
+    column, *parts = map(stream.column, guess.columns)
     unit = guess.unit or column.shown_unit
     seconds = column.values * (factor_to_base(unit, "time", column.name) if unit else 1.0)
     for part in parts:

@@ -192,7 +192,7 @@ def with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) -> 
 
 
 def _columns(log: RawLog, guess: Guess) -> list[Column]:
-    return [log.stream(guess.stream).columns[name] for name in guess.names]
+    return log.columns(guess.stream, guess.names)
 
 
 def _likely_unit(quantity: str, values: FloatArray, force_extent: float) -> str:

@@ -1,17 +1,24 @@
-"""Content of a file as a reader makes it: named streams of named columns of numbers, as in the file.
+"""Content of a file as a reader makes it: a frame of named columns with their units, for each stream.
 
-A table has one stream. A bag has one for each topic, and a MATLAB file one for each
-length of its arrays. Nothing is converted here: units are those of the file, where
-the file shows them, and a value that is missing is NaN.
+A table has one stream. A bag has one for each topic, and a MATLAB file one for each length of its arrays.
+Nothing is converted here: units are those that the file shows.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from palpate.api import BoolArray, CurveError, FloatArray, IntArray
 from palpate.api.files import Column, close_to, listed
+
+if TYPE_CHECKING:
+    import polars as pl
+
+# Who lists the plugins imports this file, and has no need of polars.
 
 
 @contextmanager
@@ -30,19 +37,49 @@ def or_damaged(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stream:
-    """Columns with common rows.
+    """Frame of columns with common rows.
 
     Parameters
     ----------
     name : str
         Topic of a bag; empty for the one table of a file.
+    frame : polars.DataFrame
+        Doubles; a value that is missing is NaN.
     rows : (n,) array of int
         Line of a text file, message of a bag, else the row counted from 0.
+    units, notes : mapping of str to str
+        Unit that the file gives, and what a person should know, of the columns that have one.
     """
 
     name: str
+    frame: "pl.DataFrame"
     rows: IntArray
-    columns: Mapping[str, Column]
+    units: Mapping[str, str]
+    notes: Mapping[str, str]
+
+    @classmethod
+    def of(cls, columns: Iterable[Column], name: str = "", rows: IntArray | None = None) -> "Stream":
+        """Stream of columns of one length; its rows are counted from 0 where none are given."""
+        import polars as pl
+
+        all_columns = list(columns)
+        return cls(
+            name=name,
+            frame=pl.DataFrame({one.name: one.values for one in all_columns}),
+            rows=np.arange(all_columns[0].values.size) if rows is None else rows,
+            units={one.name: one.unit for one in all_columns if one.unit},
+            notes={one.name: one.note for one in all_columns if one.note},
+        )
+
+    @property
+    def columns(self) -> Mapping[str, Column]:
+        """Columns by name, in the order of the file."""
+        return {name: self.column(name) for name in self.frame.columns}
+
+    def column(self, name: str) -> Column:
+        """One column, by its name in the file."""
+        unit, note = self.units.get(name, ""), self.notes.get(name, "")
+        return Column(name=name, values=self.frame[name].to_numpy(), unit=unit, note=note)
 
     @property
     def label(self) -> str:
@@ -77,29 +114,33 @@ class RawLog:
 
     def stream(self, name: str) -> Stream:
         """Stream by its name; a name that is not there is a CurveError."""
-        for stream in self.streams:
-            if stream.name == name:
-                return stream
-        known = [stream.name for stream in self.streams]
-        raise CurveError(
-            f"{self.source}: no stream '{name}'{close_to(name, known)} (streams there: {listed(known)}); "
-            "correct stream in the channel map"
-        )
+        known = {stream.name: stream for stream in self.streams}
+        if name not in known:
+            raise CurveError(
+                f"{self.source}: no stream '{name}'{close_to(name, known)} (streams there: {listed(known)}); "
+                "correct stream in the channel map"
+            )
+        return known[name]
+
+    def columns(self, stream: str, names: Iterable[str]) -> list[Column]:
+        """Columns of a stream by their names."""
+        its = self.stream(stream)
+        return [its.column(name) for name in names]
 
     def stream_of(self, columns: Iterable[str], stream: str | None = None) -> Stream:
         """The one stream that has all these columns; a CurveError where none has them, or several do."""
-        wanted = list(columns)
+        wanted = dict.fromkeys(columns)
         among = self.streams if stream is None else (self.stream(stream),)
-        found = [s for s in among if all(name in s.columns for name in wanted)]
+        found = [one for one in among if {*wanted} <= {*one.frame.columns}]
         if len(found) == 1:
             return found[0]
         if found:
-            names = listed(s.name for s in found)
+            names = listed(one.name for one in found)
             raise CurveError(
                 f"{self.source}: the columns {listed(wanted)} are in several streams ({names}); "
                 "choose one with stream in the channel map"
             )
-        known = [name for one in among for name in one.columns]
+        known = [name for one in among for name in one.frame.columns]
         missing = [name for name in wanted if name not in known]
         if not missing:
             raise CurveError(

@@ -198,22 +198,16 @@ def _gather(
 
 def _stream(name: str, gathered: _Gathered, start_ns: int) -> Stream:
     table = np.array(gathered.values, dtype=np.float64).reshape(-1, len(gathered.fields))
-    columns = [Column(name="received", values=_seconds(gathered.received_ns, start_ns), unit="s")]
-    if any(gathered.stamp_ns):
-        stamps = _seconds(gathered.stamp_ns, start_ns)
-        columns.insert(0, Column(name="stamp", values=stamps, unit="s"))
-    elif gathered.stamp_ns:
-        nothing, note = np.full(len(gathered.stamp_ns), math.nan), "never set by the sender; use received"
-        columns.insert(0, Column(name="stamp", values=nothing, unit="s", note=note))
-    columns += [
-        Column(name=field_name, values=np.ascontiguousarray(table[:, index]), unit=unit)
-        for index, (field_name, unit) in enumerate(gathered.fields)
-    ]
-    return Stream(
-        name=name,
-        rows=np.array(gathered.numbers, dtype=np.int64),
-        columns={column.name: column for column in columns},
+    received = Column(name="received", values=_seconds(gathered.received_ns, start_ns), unit="s")
+    stamps, note = _seconds(gathered.stamp_ns, start_ns), ""
+    if gathered.stamp_ns and not any(gathered.stamp_ns):
+        stamps, note = np.full(stamps.size, math.nan), "never set by the sender; use received"
+    stamp = [Column(name="stamp", values=stamps, unit="s", note=note)] if stamps.size else []
+    values = (
+        Column(name=field_name, values=column, unit=unit)
+        for (field_name, unit), column in zip(gathered.fields, table.T, strict=True)
     )
+    return Stream.of([*stamp, received, *values], name, np.array(gathered.numbers, dtype=np.int64))
 
 
 def _seconds(times_ns: Iterable[int], start_ns: int) -> np.ndarray:
