@@ -13,12 +13,14 @@ from scipy.spatial.transform import Rotation
 
 from palpate.domain import FloatArray
 from palpate.errors import CurveError
-from palpate.experiment.delimited import TextFormat, TextTable, factor_to_base
+from palpate.experiment.delimited import Column, TextFormat, TextTable, factor_to_base
 from palpate_indentation import CsvLoader, CsvSettings
 from palpate_robot_log.reading.assembly import read_recording
 from palpate_robot_log.reading.channel_map import ChannelMap
 from palpate_robot_log.reading.formats import Request, read_here
 from palpate_robot_log.reading.inspection import inspect_log
+from palpate_robot_log.reading.raw import Stream
+from palpate_robot_log.reading.transforms import PLACE, TURN, chains
 from palpate_robot_log.recording import Recording
 
 from . import log_writers as write
@@ -437,13 +439,44 @@ def test_two_files_that_count_since_1970_have_one_clock_where_they_overlap(
     assert found.record["channels"]["time"]["column"] == "%time"
 
 
-def test_a_bag_with_a_static_transform_and_a_chain_says_so(tmp_path: Path) -> None:
+def test_a_chain_of_transforms_is_the_pose_of_its_last_frame(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     log = write.write_transforms(
         tmp_path / "log", {"/tf": [("base", "arm"), ("arm", "tool")], "/tf_static": [("tool", "sensor")]}
     )
     found = read_here(log, Request())
-    assert [stream.name for stream in found.streams] == ["/tf base>arm", "/tf arm>tool"]
+    names = ["/tf base>sensor", "/tf base>tool", "/tf base>arm", "/tf arm>tool"]
+    assert [stream.name for stream in found.streams] == names
     notes = "\n".join(found.notes)
     assert "/tf_static tool>sensor: one message, so no motion" in notes
-    assert "transforms base>arm and arm>… are a chain" in notes
+    assert "/tf base>sensor: composed of a chain of transforms" in notes
+    # Each transform of a message moves by its number along x and by its place in the message along y.
+    chosen = read_here(log, Request(streams=("/tf base>sensor",))).stream("/tf base>sensor")
+    place = np.column_stack([chosen.column(f"transform.translation.{axis}").values for axis in "xyz"])
+    np.testing.assert_allclose(place[:, 0], 2.0 * np.arange(30.0))
+    np.testing.assert_allclose(place[:, 1], 1.0 + 2.0 + 1.0)
+
+
+@given(seed=st.integers(0, 2**32 - 1), n_moving=st.integers(1, 3))
+def test_chains_of_transforms_multiply(seed: int, n_moving: int) -> None:
+    """Transforms of several rates: at common times the pose is their product, in this order."""
+    rng = np.random.default_rng(seed)
+    frames = [(f"frame_{k}", f"frame_{k + 1}") for k in range(4)]
+    edges, places, turns = {}, [], []
+    for k, pair in enumerate(frames):
+        n_rows = 7 if k < n_moving else 1
+        place, turn = rng.normal(size=(n_rows, 3)), Rotation.random(n_rows, rng=seed + k)
+        columns = [Column(name="received", values=0.1 * np.arange(n_rows), unit="s")]
+        columns += [Column(name=name, values=v) for name, v in zip(PLACE, place.T, strict=True)]
+        columns += [Column(name=name, values=v) for name, v in zip(TURN, turn.as_quat().T, strict=True)]
+        edges[pair] = Stream.of(columns, f"/tf {pair[0]}>{pair[1]}")
+        places.append(place)
+        turns.append(turn)
+    longest = next(chains(edges))
+    assert longest.name == "/tf frame_0>frame_4"
+    for row in range(7):
+        point = np.zeros(3)
+        for place, turn in reversed([*zip(places, turns, strict=True)]):
+            at = min(row, len(place) - 1)
+            point = place[at] + turn[at].apply(point)
+        np.testing.assert_allclose(longest.frame.select(PLACE).to_numpy()[row], point, atol=1e-12)

@@ -1,7 +1,7 @@
 """Bags of ROS 1 and ROS 2, by rosbags: one stream for each topic of a known type."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 from palpate.api import CurveError
 from palpate.api.files import Column, listed
 from palpate_robot_log.reading.raw import RawLog, Stream, or_damaged
+from palpate_robot_log.reading.transforms import chains
 
 Fields = tuple[tuple[str, str], ...]
 
@@ -28,6 +29,8 @@ def _in(member: str, fields: Fields) -> Fields:
 _WRENCH = (*_axes("force", "N"), *_axes("torque", "N m"))
 _POSE = (*_axes("position", "m"), *_axes("orientation", "", "xyzw"))
 _TRANSFORM = (*_axes("transform.translation", "m"), *_axes("transform.rotation", "", "xyzw"))
+_TRANSFORMS = "tf2_msgs/msg/TFMessage"
+"""Type of a message of several transforms, each of which is a stream of its two frames."""
 
 FIELDS: MappingProxyType[str, Fields] = MappingProxyType(
     {
@@ -38,7 +41,7 @@ FIELDS: MappingProxyType[str, Fields] = MappingProxyType(
         "geometry_msgs/msg/PoseWithCovarianceStamped": _in("pose.pose", _POSE),
         "nav_msgs/msg/Odometry": _in("pose.pose", _POSE),
         "geometry_msgs/msg/TransformStamped": _TRANSFORM,
-        "tf2_msgs/msg/TFMessage": _TRANSFORM,
+        _TRANSFORMS: _TRANSFORM,
         "geometry_msgs/msg/PointStamped": _axes("point", "m"),
         "geometry_msgs/msg/Vector3Stamped": _axes("vector", ""),
         "geometry_msgs/msg/QuaternionStamped": _axes("quaternion", "", "xyzw"),
@@ -56,6 +59,7 @@ class _Gathered:
     msgtype: str
     frame: str
     numbers_of: Callable[[Any], Any]
+    is_transform: bool
     numbers: list[int] = field(default_factory=list)
     received_ns: list[int] = field(default_factory=list)
     stamp_ns: list[int] = field(default_factory=list)
@@ -116,7 +120,9 @@ def _collected(
 ) -> RawLog:
     known = [c for c in reader.connections if c.msgtype in FIELDS]
     if topics is not None:
-        known = [c for c in known if any(t == c.topic or t.startswith(f"{c.topic} ") for t in topics)]
+        # A pose of transforms may be a chain over several topics.
+        has_frames = any(" " in topic for topic in topics)
+        known = [c for c in known if c.topic in topics or (has_frames and c.msgtype == _TRANSFORMS)]
     if not known:
         found = listed(f"{c.topic} ({c.msgtype})" for c in reader.connections)
         raise CurveError(
@@ -141,29 +147,20 @@ def _collected(
         if c.msgtype not in FIELDS
     ]
     notes += [f"{name}: {s.msgtype} in frame '{s.frame}'" for name, s in streams.items() if s.frame]
-    notes += _notes_on_transforms([name for name in streams if ">" in name])
     notes += [f"{name}: one message, so no motion" for name, s in streams.items() if len(s.numbers) == 1]
-    moving = {name: s for name, s in streams.items() if len(s.numbers) > 1}
-    streams = moving or streams
-    start_ns = min((s.received_ns[0] for s in streams.values()), default=0)
+    moving = {name for name, s in streams.items() if len(s.numbers) > 1} or {*streams}
+    start_ns = min((streams[name].received_ns[0] for name in moving), default=0)
+    read = {name: _stream(name, s, start_ns) for name, s in streams.items()}
+    frames = {name: name.rpartition(" ")[2].split(">", 1) for name, s in streams.items() if s.is_transform}
+    composed = [*chains({(parent, child): read[name] for name, (parent, child) in frames.items()})]
+    notes += [f"{one.name}: composed of a chain of transforms" for one in composed]
     return RawLog(
         source=str(path),
         format="ROS 2 bag" if "rosbag2" in type(reader).__module__ else "ROS 1 bag",
         row_word="message",
-        streams=tuple(_stream(name, s, start_ns) for name, s in streams.items()),
+        streams=(*composed, *(one for name, one in read.items() if name in moving)),
         notes=tuple(notes),
     )
-
-
-def _notes_on_transforms(names: Sequence[str]) -> Iterator[str]:
-    """Remark where the pose of the tool is a chain of several transforms."""
-    frames = [name.rpartition(" ")[2].split(">", 1) for name in names]
-    for parent, child in frames:
-        if any(first == child for first, _ in frames):
-            yield (
-                f"transforms {parent}>{child} and {child}>… are a chain: neither is the pose of the tool "
-                "alone; record the pose of the tool in the base as one topic"
-            )
 
 
 def _gather(
@@ -177,13 +174,13 @@ def _gather(
     """Add a message to the stream of its topic, a transform to that of its two frames."""
     header = getattr(part, "header", None)
     frame = header.frame_id if header else ""
-    is_listed = connection.msgtype == "tf2_msgs/msg/TFMessage"
-    name = f"{connection.topic} {frame}>{part.child_frame_id}" if is_listed else connection.topic
+    is_transform = connection.msgtype == _TRANSFORMS
+    name = f"{connection.topic} {frame}>{part.child_frame_id}" if is_transform else connection.topic
     stream = streams.get(name)
     if stream is None:
         fields = FIELDS[connection.msgtype]
         numbers_of = attrgetter(*(field_name for field_name, _ in fields))
-        stream = streams[name] = _Gathered(fields, connection.msgtype, frame, numbers_of)
+        stream = streams[name] = _Gathered(fields, connection.msgtype, frame, numbers_of, is_transform)
     if (connection.msgtype, frame) != (stream.msgtype, stream.frame):
         raise CurveError(
             f"{path}: message {number}, topic '{name}': type or frame change from {stream.msgtype}, "
