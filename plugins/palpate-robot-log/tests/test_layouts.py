@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.spatial.transform import Rotation
 
+from palpate.api.files import Column, TextFormat, TextTable, factor_to_base
 from palpate.domain import FloatArray
 from palpate.errors import CurveError
-from palpate.experiment.delimited import Column, TextFormat, TextTable, factor_to_base
 from palpate_indentation import CsvLoader, CsvSettings
 from palpate_robot_log.reading.assembly import read_recording
 from palpate_robot_log.reading.channel_map import ChannelMap
@@ -248,6 +248,24 @@ def test_what_is_around_a_table_changes_nothing(
         (name, unit.strip("()") if has_units else "") for name, unit in zip(names, units, strict=True)
     ]
     np.testing.assert_array_equal(columns["Force"].values, np.arange(12) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("names", "encoding"),
+    [
+        (("時間", "ストローク", "試験力"), "shift_jis"),
+        (("时间", "位移", "试验力"), "gb18030"),
+        (("Zeit", "Prüfweg", "Größe in °"), "cp1252"),
+        (("temps", "déplacement", "effort mesuré"), "cp1252"),
+        (("t", "“depth”", "F ± 1 µN"), "cp1252"),
+    ],
+)
+def test_the_encoding_of_names_is_found(tmp_path: Path, names: tuple[str, ...], encoding: str) -> None:
+    path = tmp_path / "t.csv"
+    text = ",".join(names) + "\n" + "".join(f"{i},{2 * i},{i * i}\n" for i in range(9))
+    path.write_bytes(text.encode(encoding))
+    table = TextTable(path)
+    assert (table.encoding, table.names) == (encoding, names)
 
 
 # ----------------------------------------------------------------------- files that are no text

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.api.files import Column
 from palpate.errors import CurveError
-from palpate.experiment.delimited import Column
 from palpate_robot_log.reading.assembly import Reading, assemble, columns_of
 from palpate_robot_log.reading.formats import Request, read_here
 from palpate_robot_log.reading.raw import RawLog, Stream

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.experiment.delimited import Column, TextFormat
+from palpate.api.files import Column, TextFormat
 from palpate.plugins.optional import Inspection
 from palpate_indentation import CsvLoader, CsvSettings
 from palpate_robot_log.reading.assembly import read_recording

@@ -11,17 +11,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 from scipy.spatial.transform import Rotation
 
-from palpate.domain import FloatArray
-from palpate.errors import CurveError
-from palpate.experiment.delimited import (
+from palpate.api.files import (
     UNITS,
     Kind,
     TextTable,
-    bare_unit,
     factor_to_base,
     kind_of,
     unit_in,
 )
+from palpate.domain import FloatArray
+from palpate.errors import CurveError
+from palpate.experiment.delimited.header_units import bare_unit
 from palpate_robot_log.reading.assembly import quaternions
 from palpate_robot_log.reading.formats import Request, read_here
 from palpate_robot_log.reading.proposal import propose

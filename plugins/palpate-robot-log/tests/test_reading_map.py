@@ -9,8 +9,8 @@ import pytest
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
+from palpate.api.files import Column
 from palpate.errors import CurveError
-from palpate.experiment.delimited import Column
 from palpate_robot_log.reading.assembly import assemble
 from palpate_robot_log.reading.formats import Request, read_here
 from palpate_robot_log.reading.raw import RawLog, Stream

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate.api.files import Column
 from palpate.domain import FloatArray
 from palpate.errors import CurveError
-from palpate.experiment.delimited import Column
 from palpate_indentation import CsvLoader, CsvSettings
 from palpate_robot_log import RobotLogLoader
 from palpate_robot_log.reading import assembly, inspection

@@ -11,21 +11,22 @@ if TYPE_CHECKING:
         run_function as run_function,
         run_program as run_program,
     )
-    from palpate.experiment.delimited import (
+    from palpate.experiment.delimited.characters import refuse_binary as refuse_binary
+    from palpate.experiment.delimited.header_units import (
         BASE_UNITS as BASE_UNITS,
-        DELIMITERS as DELIMITERS,
         UNITS as UNITS,
-        Column as Column,
         Kind as Kind,
-        TextFormat as TextFormat,
-        TextTable as TextTable,
-        close_to as close_to,
         factor_to_base as factor_to_base,
         factors_of as factors_of,
         kind_of as kind_of,
-        listed as listed,
-        refuse_binary as refuse_binary,
         unit_in as unit_in,
+    )
+    from palpate.experiment.delimited.layout import DELIMITERS as DELIMITERS, TextFormat as TextFormat
+    from palpate.experiment.delimited.table import (
+        Column as Column,
+        TextTable as TextTable,
+        close_to as close_to,
+        listed as listed,
     )
     from palpate.plugins.optional import (
         CurveWriter as CurveWriter,

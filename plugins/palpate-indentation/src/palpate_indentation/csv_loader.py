@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from palpate.api import Curve, CurveError, ExperimentLoader, FloatArray, IntArray, Response, Settings
 from palpate.api.files import (
     DELIMITERS,
+    Column as TableColumn,
     Kind,
     TextFormat,
     TextTable,
@@ -160,7 +161,9 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
         """
         table = TextTable(path, self.settings)
         wanted = self.settings.channels if channel is None else {channel: self._columns_of(channel, table)}
-        return Response(curves=_curves(table, wanted))
+        names = [column.name for columns in wanted.values() for column in columns.by_field.values()]
+        lines, read = table.read(list(dict.fromkeys(names)))
+        return Response(curves={name: _curve(path, name, each, lines, read) for name, each in wanted.items()})
 
     def save(self, path: Path, response: Response, channel: str | None = None) -> None:
         """Write curves in the columns that the settings name.
@@ -179,64 +182,49 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
             The settings have no columns for a channel, columns for one that the curves
             lack, or one column for two of them.
         """
+        import polars as pl
+
         settings = self.settings
-        known: dict[str, ChannelColumns] = dict(settings.channels)
+        wanted = dict(settings.channels)
         if channel is not None:
-            own = {channel: _columns("abscissa", "ordinate")}
-            known = {channel: (own | dict(HOMOGENEOUS) | known)[channel]}
-        header, rows = _rows(path, response, known)
-        decimal = settings.decimal or "."
-        delimiter = DELIMITERS[settings.delimiter or (";" if decimal == "," else ",")]
+            wanted = {channel: ({**HOMOGENEOUS, **wanted}).get(channel, _columns("abscissa", "ordinate"))}
+        if set(response) != set(wanted):
+            raise CurveError(
+                f"{path}: the curves are {', '.join(response)}, and the loader's settings name columns for "
+                f"{', '.join(wanted)}; name the same channels under channels, or use a separate file for each"
+            )
         if settings.names is not None:
             raise CurveError(f"{path}: curves are written with a header line; remove the setting names")
-        lines = ["#" if settings.comment is None else settings.comment or "preamble"] * (
-            settings.skip_lines or 0
-        ) + [delimiter.join(header)]
-        lines += [delimiter.join(repr(float(x)).replace(".", decimal) for x in row) for row in rows]
+        names = _header(path, {name: wanted[name] for name in response})
+        written = [
+            pl.DataFrame(_written(path, curve, wanted[name])) for name, curve in response.curves.items()
+        ]
+        # While one channel moves, the others keep their last value, or the first that they will have.
+        rows = pl.concat(written, how="diagonal")
+        rows = rows.select(pl.col(names).fill_null(strategy="forward").fill_null(strategy="backward"))
+        decimal = settings.decimal or "."
+        delimiter = DELIMITERS[settings.delimiter or (";" if decimal == "," else ",")]
+        comment = "#" if settings.comment is None else settings.comment or "preamble"
+        lines = [*[comment] * (settings.skip_lines or 0), delimiter.join(names)]
+        lines += [delimiter.join(repr(x).replace(".", decimal) for x in row) for row in rows.iter_rows()]
         path.write_text("\n".join(lines) + "\n", encoding=settings.encoding or "utf-8")
 
     def _columns_of(self, channel: str, table: TextTable) -> ChannelColumns:
-        known: dict[str, ChannelColumns] = {**HOMOGENEOUS, **self.settings.channels}
-        names = table.names
-        if channel in known:
-            return known[channel]
-        if len(names) != 2:
+        """Columns of the one channel of a file: of the settings, of its test, or the only two."""
+        known, names = {**HOMOGENEOUS, **self.settings.channels}, table.names
+        if channel not in known and len(names) != 2:
             raise CurveError(
                 f"{table.path}: {len(names)} columns ({', '.join(names)}) for channel "
                 f"'{channel}', whose columns are not set; keep two columns, or name them "
                 f"under channels.{channel} in the loader's settings"
             )
-        return _columns(*names)
+        return known[channel] if channel in known else _columns(*names)
 
 
-def _curves(table: TextTable, wanted: Mapping[str, ChannelColumns]) -> dict[str, Curve]:
-    names = [column.name for channel in wanted.values() for column in channel.by_field.values()]
-    rows, read = table.read(list(dict.fromkeys(names)))
-    curves = {}
-    for channel, columns in wanted.items():
-        values = {}
-        for field, column in columns.by_field.items():
-            where = f"{table.path}: column '{column.name}'"
-            scale = _scale(where, column, read[column.name].shown_unit, _kind(channel, field))
-            values[column] = _values(table.path, rows, read[column.name].values, column, scale)
-        curves[channel] = _curve(table.path, channel, columns, values)
-    return curves
-
-
-def _kind(channel: str, field: str) -> Kind | None:
-    """Kind of quantity of a field of a channel; None where it is not known here."""
-    kinds = _KINDS.get(channel)
-    return "time" if field == "time_s" else kinds[field != "abscissa"] if kinds else None
-
-
-def _to_channel(kind: Kind, factor: float) -> float:
-    """Factor to a channel's unit from one to the base unit of a kind: angles of channels are in degrees."""
-    return float(f"{np.degrees(factor):.15g}") if kind == "angle" else factor
-
-
-def _scale(where: str, column: Column, unit: str, kind: Kind | None) -> float:
+def _scale(where: str, column: Column, unit: str, channel: str, field: str) -> float:
     """Factor of a column to the channel's unit: as the study gives it, or by the unit that the file gives."""
     known = factors_of(unit) if unit else {}
+    kind = "time" if field == "time_s" else _KINDS.get(channel, (None, None))[field != "abscissa"]
     if column.scale is None:
         if unit and not known:
             raise CurveError(f"{where}: the file gives the unit '{unit}', which is not known; give scale")
@@ -251,74 +239,37 @@ def _scale(where: str, column: Column, unit: str, kind: Kind | None) -> float:
     return column.scale
 
 
-def _rows(
-    path: Path, response: Response, columns: Mapping[str, ChannelColumns]
-) -> tuple[list[str], FloatArray]:
-    """Header and rows: one block for each channel, in which only its columns change."""
-    if set(response) != set(columns):
+def _to_channel(kind: Kind, factor: float) -> float:
+    """Factor to a channel's unit from one to the base unit of a kind: angles of channels are in degrees."""
+    return float(f"{np.degrees(factor):.15g}") if kind == "angle" else factor
+
+
+def _curve(
+    path: Path, channel: str, columns: ChannelColumns, lines: IntArray, read: Mapping[str, TableColumn]
+) -> Curve:
+    """Curve of a channel: scaled, in stretch and nominal stress, and cut to where its abscissa moves."""
+    fields = {}
+    for field, column in columns.by_field.items():
+        where, values = f"{path}: column '{column.name}'", read[column.name].values
+        scale = _scale(where, column, read[column.name].shown_unit, channel, field)
+        with np.errstate(over="ignore"):
+            fields[field] = scale * values + column.offset
+        # The square of a larger number is infinite, and scores are sums of squares.
+        for row in np.flatnonzero(~(np.abs(fields[field]) <= _LARGEST))[:1]:
+            where = f"{path}: line {lines[row]}, column '{column.name}'"
+            if np.isnan(values[row]):
+                raise CurveError(f"{where}: no number, the cell is empty or NaN; fill it or remove the row")
+            raise CurveError(f"{where}: too large once scaled by {scale}; correct the scale or the row")
+    x, where = fields["abscissa"], f"{path}: channel '{channel}', column '{columns.abscissa.name}'"
+    with np.errstate(invalid="ignore", over="ignore"):
+        fields["abscissa"] = STRAINS[columns.strain].to_stretch(x)
+        factor = nominal_factor(channel, columns.stress, fields["abscissa"])
+        fields |= {name: factor * fields[name] for name in ("ordinate", "std") if name in fields}
+    if not all(np.isfinite(values).all() for values in fields.values()):
         raise CurveError(
-            f"{path}: the curves are {', '.join(response)}, and the loader's settings name columns for "
-            f"{', '.join(columns)}; name the same channels under channels, or use a separate file for each"
+            f"{where}: {x.min():.4g} to {x.max():.4g} once scaled are no stretches by "
+            f'strain = "{columns.strain}"; correct scale, offset or strain'
         )
-    # Abscissae first, then ordinates, then standard deviations; curves may share the column of their times.
-    fields = ("abscissa", "ordinate", "std", "time_s")
-    known = [(field, columns[c].by_field[field].name) for field in fields for c in response
-             if field in columns[c].by_field]  # fmt: skip
-    of_times = dict.fromkeys(name for field, name in known if field == "time_s")
-    names = [*(name for field, name in known if field != "time_s"), *of_times]
-    if len(set(names)) < len(names):
-        raise CurveError(
-            f"{path}: two curves need one column ({', '.join(names)}); use a separate file for each"
-        )
-    written = {c: _written(path, curve, columns[c]) for c, curve in response.curves.items()}
-    first = {name: values[0] for each in reversed(written.values()) for name, values in each.items()}
-    now = np.array([first[name] for name in names])
-    blocks = []
-    for by_column in written.values():
-        block = np.tile(now, (len(next(iter(by_column.values()))), 1))
-        for name, values in by_column.items():
-            block[:, names.index(name)] = values
-        blocks.append(block)
-        now = block[-1]
-    return names, np.concatenate(blocks)
-
-
-def _written(path: Path, curve: Curve, columns: ChannelColumns) -> dict[str, FloatArray]:
-    """Values (n,) by column in the file's units, without the rest at both ends."""
-    for key, what, values, column in (
-        ("std", "standard deviation", curve.std, columns.std),
-        ("time", "time", curve.time_s, columns.time),
-    ):
-        if (values is None) != (column is None):
-            has, remedy = ("no", "remove") if values is None else ("a", "name a column under")
-            raise CurveError(
-                f"{path}: channel '{curve.channel}' has {has} {what}; {remedy} "
-                f"channels.{curve.channel}.{key} in the loader's settings"
-            )
-    part = curve.cut(moving_span(curve.abscissa))
-    factor = nominal_factor(curve.channel, columns.stress, part.abscissa)
-    as_written = {
-        "abscissa": STRAINS[columns.strain].from_stretch(part.abscissa),
-        "ordinate": part.ordinate / factor,
-        "std": None if part.std is None else part.std / factor,
-        "time_s": part.time_s,
-    }
-    scales = {
-        field: _scale(
-            f"{path}: column '{column.name}'", column, unit_in(column.name)[1], _kind(curve.channel, field)
-        )
-        for field, column in columns.by_field.items()
-    }
-    return {
-        column.name: (values - column.offset) / scales[field]
-        for field, column in columns.by_field.items()
-        if (values := as_written[field]) is not None
-    }
-
-
-def _curve(path: Path, channel: str, columns: ChannelColumns, values: Mapping[Column, FloatArray]) -> Curve:
-    fields = {field: values[column] for field, column in columns.by_field.items()}
-    fields = _nominal(path, channel, columns, fields)
     try:
         span = moving_span(fields["abscissa"])
         if columns.rows == "loading":
@@ -334,37 +285,47 @@ def _curve(path: Path, channel: str, columns: ChannelColumns, values: Mapping[Co
         )
     except CurveError as error:
         raise CurveError(
-            f"{path}: channel '{channel}', column '{columns.abscissa.name}': {error}; "
-            "check that this is the column of the prescribed motion"
+            f"{where}: {error}; check that this is the column of the prescribed motion"
         ) from None
 
 
-def _nominal(
-    path: Path, channel: str, columns: ChannelColumns, fields: Mapping[str, FloatArray]
-) -> dict[str, FloatArray]:
-    """Fields of a curve in stretch and nominal stress."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        abscissa = STRAINS[columns.strain].to_stretch(fields["abscissa"])
-        factor = nominal_factor(channel, columns.stress, abscissa)
-    stresses = {name: factor * fields[name] for name in ("ordinate", "std") if name in fields}
-    if not all(np.isfinite(each).all() for each in (abscissa, *stresses.values())):
-        low, high = float(fields["abscissa"].min()), float(fields["abscissa"].max())
+def _header(path: Path, wanted: Mapping[str, ChannelColumns]) -> list[str]:
+    """Columns of a file: abscissae first, then ordinates, then deviations; curves may share their times."""
+    fields = ("abscissa", "ordinate", "std", "time_s")
+    known = [
+        (field, each.by_field[field].name)
+        for field in fields
+        for each in wanted.values()
+        if field in each.by_field
+    ]
+    names = [name for field, name in known if field != "time_s"]
+    names += dict.fromkeys(name for field, name in known if field == "time_s")
+    if len(set(names)) < len(names):
         raise CurveError(
-            f"{path}: channel '{channel}', column '{columns.abscissa.name}': {low:.4g} to {high:.4g} once "
-            f'scaled are no stretches by strain = "{columns.strain}"; correct scale, offset or strain'
+            f"{path}: two curves need one column ({', '.join(names)}); use a separate file for each"
         )
-    return {**fields, "abscissa": abscissa, **stresses}
+    return names
 
 
-def _values(path: Path, rows: IntArray, read: FloatArray, column: Column, scale: float) -> FloatArray:
-    """Numbers of a column in the channel's unit, all finite."""
-    with np.errstate(over="ignore"):
-        values: FloatArray = scale * read + column.offset
-    # The square of a larger number is infinite, and scores are sums of squares.
-    bad = np.flatnonzero(~(np.abs(values) <= _LARGEST))
-    if bad.size:
-        where = f"{path}: line {rows[bad[0]]}, column '{column.name}'"
-        if np.isnan(read[bad[0]]):
-            raise CurveError(f"{where}: no number, the cell is empty or NaN; fill it or remove the row")
-        raise CurveError(f"{where}: too large once scaled by {scale}; correct the scale or the row")
-    return values
+def _written(path: Path, curve: Curve, columns: ChannelColumns) -> dict[str, FloatArray]:
+    """Values (n,) by column in the file's units, without the rest at both ends."""
+    for key, what, given, column in (
+        ("std", "standard deviation", curve.std, columns.std),
+        ("time", "time", curve.time_s, columns.time),
+    ):
+        if (given is None) != (column is None):
+            has, remedy = ("no", "remove") if given is None else ("a", "name a column under")
+            raise CurveError(
+                f"{path}: channel '{curve.channel}' has {has} {what}; {remedy} "
+                f"channels.{curve.channel}.{key} in the loader's settings"
+            )
+    part = curve.cut(moving_span(curve.abscissa))
+    factor = nominal_factor(curve.channel, columns.stress, part.abscissa)
+    written = {}
+    for field, column in columns.by_field.items():
+        values = getattr(part, field) / (factor if field in ("ordinate", "std") else 1.0)
+        values = STRAINS[columns.strain].from_stretch(values) if field == "abscissa" else values
+        where = f"{path}: column '{column.name}'"
+        scale = _scale(where, column, unit_in(column.name)[1], curve.channel, field)
+        written[column.name] = (values - column.offset) / scale
+    return written

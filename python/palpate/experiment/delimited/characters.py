@@ -1,19 +1,25 @@
 """Characters of a text file: its encoding, and the files that are no text by their first bytes."""
 
+import re
 import zipfile
 from pathlib import Path
 from typing import Literal
 
 from palpate.errors import CurveError
 
-Encoding = Literal["utf-8", "utf-16", "latin-1", "cp1252", "shift_jis"]
+Encoding = Literal["utf-8", "utf-16", "latin-1", "cp1252", "shift_jis", "gb18030"]
 
 _MARKS: tuple[tuple[bytes, Encoding], ...] = (
     (b"\xef\xbb\xbf", "utf-8"),
     (b"\xff\xfe", "utf-16"),
     (b"\xfe\xff", "utf-16"),
 )
-_BINARY = (
+_USUAL_PAIRS: tuple[tuple[re.Pattern[bytes], Encoding], ...] = (
+    (re.compile(rb"[\x81-\x83\x88-\x97][\x40-\x7e\x80-\xfc]"), "shift_jis"),
+    (re.compile(rb"[\xa1-\xa3\xb0-\xd7][\xa1-\xfe]"), "gb18030"),
+)
+"""Two bytes of the most frequent characters of Japanese and Chinese text."""
+_NEVER_READ = (
     (b"\x1f\x8b", "is compressed by gzip; unpack it first"),
     (b"BZh", "is compressed by bzip2; unpack it first"),
     (b"\x28\xb5\x2f\xfd", "is compressed by zstd; unpack it first"),
@@ -24,15 +30,12 @@ _BINARY = (
     (b"\x05\x00", "is a binary wave of Igor Pro; save it as delimited text (Data > Save Waves)"),
     (b"\x00\x05", "is a binary wave of Igor Pro; save it as delimited text (Data > Save Waves)"),
     (b"%PDF", "is a PDF document; save the table as CSV"),
+    (b"xl/", "is a spreadsheet of Excel; save the table as CSV"),
+    (b"content.xml", "is a spreadsheet of OpenDocument; save the table as CSV"),
+    (b"word/", "is a document of Word; save the table as CSV"),
+    (b"header.properties", "is a force curve of JPK; export it as text with the JPK software"),
 )
-"""First bytes of files that are never read, and what to do."""
-_ARCHIVED = (
-    ("xl/", "is a spreadsheet of Excel; save the table as CSV"),
-    ("content.xml", "is a spreadsheet of OpenDocument; save the table as CSV"),
-    ("word/", "is a document of Word; save the table as CSV"),
-    ("header.properties", "is a force curve of JPK; export it as text with the JPK software"),
-)
-"""Members of zip archives that are never read."""
+"""First bytes of files, or of names in a zip archive, and what to do."""
 _COLUMNS = (
     (b"MATLAB", "a MATLAB file"),
     (b"\x89HDF", "an HDF5 file"),
@@ -47,16 +50,15 @@ _COLUMNS = (
 def refuse_binary(path: Path) -> None:
     """Refuse a file that is no log and no text, with its kind and what to save instead."""
     with path.open("rb") as stream:
-        head = stream.read(16)
-    found = next((why for magic, why in _BINARY if head.startswith(magic)), "")
-    if head.startswith(b"PK\x03\x04"):
+        heads = [stream.read(16)]
+    if heads[0].startswith(b"PK\x03\x04"):
         try:
-            names = zipfile.ZipFile(path).namelist()
+            heads = [name.encode() for name in zipfile.ZipFile(path).namelist()]
         except (zipfile.BadZipFile, OSError, ValueError):
-            names = []
-        found = next((why for part, why in _ARCHIVED if any(n.startswith(part) for n in names)), "")
-    if found:
-        raise CurveError(f"{path}: the file {found}")
+            heads = []
+    for magic, why in _NEVER_READ:
+        if any(head.startswith(magic) for head in heads):
+            raise CurveError(f"{path}: the file {why}")
 
 
 def decoded(path: Path, given: Encoding | None) -> tuple[str, Encoding]:
@@ -70,9 +72,9 @@ def decoded(path: Path, given: Encoding | None) -> tuple[str, Encoding]:
     refuse_binary(path)
     if kind := next((kind for magic, kind in _COLUMNS if raw.startswith(magic)), ""):
         raise CurveError(f"{path}: is {kind}, and this loader reads text alone; save its columns as CSV")
-    marked = next((encoding for mark, encoding in _MARKS if raw.startswith(mark)), None)
-    likely: tuple[Encoding, ...] = (marked,) if marked else ("utf-8", "cp1252", "latin-1")
-    for encoding in (given,) if given else likely:
+    marked = given or next((encoding for mark, encoding in _MARKS if raw.startswith(mark)), None)
+    guesses: tuple[Encoding, ...] = ("utf-8", *_of_pairs(raw[:100_000]), "cp1252", "latin-1")
+    for encoding in (marked,) if marked else guesses:
         try:
             text = raw.decode("utf-8-sig" if encoding == "utf-8" else encoding)
         except UnicodeDecodeError as error:
@@ -85,6 +87,16 @@ def decoded(path: Path, given: Encoding | None) -> tuple[str, Encoding]:
             )
         return text if "\n" in text else text.replace("\r", "\n"), encoding
     raise CurveError(
-        f"{path}: byte {bad} is not {given or marked} text; leave encoding out of the loader's settings, "
+        f"{path}: byte {bad} is not {marked} text; leave encoding out of the loader's settings, "
         "or save the file as UTF-8"
     )
+
+
+def _of_pairs(raw: bytes) -> tuple[Encoding, ...]:
+    """Encoding of Japanese or Chinese text, where most bytes outside of ASCII are in its usual pairs."""
+    n_others = len(re.findall(rb"[\x80-\xff]", raw))
+    n_paired = {
+        encoding: sum(map(len, re.findall(rb"[\x80-\xff]", b"".join(pairs.findall(raw)))))
+        for pairs, encoding in _USUAL_PAIRS
+    }
+    return tuple(encoding for encoding, n in n_paired.items() if 0.7 * n_others < n)

@@ -1,10 +1,10 @@
 """Layout of a delimited text file: guessed from its first lines, or as the study gives it."""
 
-import csv
+import io
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
 
@@ -12,6 +12,9 @@ from palpate.domain.component import Settings
 from palpate.errors import CurveError
 from palpate.experiment.delimited.characters import Encoding
 from palpate.experiment.delimited.header_units import UNITS, bare_unit, kind_of
+
+if TYPE_CHECKING:
+    import polars as pl
 
 BLANKS = "blanks"
 DELIMITERS: dict[str, str] = {",": ",", ";": ";", "tab": "\t", "\t": "\t", "|": "|", BLANKS: BLANKS}
@@ -21,24 +24,20 @@ NUMBERS = {
     ",": r"[+-]?([0-9]+,?[0-9]*|,[0-9]+)([eE][+-]?[0-9]+)?",
 }
 """Patterns of a finite number by its decimal mark."""
-NO_VALUE = r"(?i)[+-]?nan|na|n/a|null|none|-|--|"
+NO_VALUE = r"(?i:[+-]?nan|na|n/a|null|none|-|--|)"
 """Pattern of a cell without a value."""
-DATE = (
-    r"(?i)(\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ]+\d{1,2}:\d\d(:\d\d([.,]\d+)?)?|\d{1,2}:\d\d:\d\d([.,]\d+)?)"
-    r"( ?[AP]M)?(Z|\+00:00)?"
+_DATE = (
+    r"(?i:(\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ]+\d{1,2}:\d\d(:\d\d([.,]\d+)?)?|\d{1,2}:\d\d:\d\d([.,]\d+)?)"
+    r"( ?[AP]M)?(Z|\+00:00)?)"
 )
-"""Pattern of a date and time, or a time of day."""
-LIST = re.compile(r"[\[(]\s*([^\[\]()]*?)\s*[\])]")
-_BETWEEN = re.compile(r"[\s,;]+")
+_LIST = re.compile(r"[\[(]\s*([^\[\]()]*?)\s*[\])]")
+_LIST_WITH_COMMAS = r'(^|,)\s*(\[[^\]"]*,[^\]"]*\])'
 _COMMENTS = ("#", "%", "//", "!")
 _COMMENT_LABEL = re.compile(r"(columns?|fields?|names?|spalten)\s*[:=]\s*", re.IGNORECASE)
-_SAMPLED_LINES = 60
-_SAMPLED_ROWS = 20
-_LONGEST_LINE = 100_000
+_SNIFFED_LINES, _SAMPLED_LINES, _SAMPLED_ROWS, _LONGEST_LINE = 400, 60, 20, 100_000
 
 Mark = Literal[".", ","]
-Numbered = tuple[int, str]
-Row = tuple[int, list[str]]
+_Kinds = Sequence[str]
 
 
 class TextFormat(Settings):
@@ -63,21 +62,20 @@ class TextFormat(Settings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """Layout of one table."""
+    """Layout of one table: its marks, the lines of its first row and of its names, and its columns.
+
+    ``delimiter`` is one character, or ``BLANKS``; ``header_line`` is 0 where the names are in a comment or
+    in the settings; ``kinds`` are ``number``, ``date``, ``list`` or ``text``, by the first rows.
+    """
 
     delimiter: str
-    """One character, or ``BLANKS``."""
     decimal: Mark
+    comment: str
     first_line: int
-    """Line of the first row of data, counted from 1."""
     header_line: int
-    """Line of the names; 0 where they are in a comment or in the settings."""
     names: tuple[str, ...]
     units: tuple[str, ...]
-    """From a line of units under the names; empty texts without one."""
     kinds: tuple[str, ...]
-    """``number``, ``date``, ``list`` or ``text`` by column, from the first rows."""
-    comment: str
 
     @property
     def first_number(self) -> int:
@@ -85,115 +83,150 @@ class Layout:
         return next((i for i, kind in enumerate(self.kinds) if kind != "text"), 0)
 
 
-def split(line: str, delimiter: str) -> list[str]:
-    """Cells of a line, without surrounding blanks; none where quotation marks do not match."""
+# ------------------------------------------------------------------------------- lines and cells
+
+
+def body_of(lines: "pl.DataFrame", comment: str) -> "pl.DataFrame":
+    """Lines that are no comment, and have a letter or a digit."""
+    import polars as pl
+
+    text = pl.col("text")
+    is_comment = text.str.starts_with(comment) if comment else pl.lit(value=False)
+    return lines.filter(~is_comment & text.str.contains(r"[\p{L}\p{N}]"))
+
+
+def split(lines: "pl.DataFrame", delimiter: str) -> "pl.DataFrame":
+    """Lines that are ready to be cut, with their counts of cells."""
+    import polars as pl
+
+    between, text, has_lists = delimiter, pl.col("text"), False
     if delimiter == BLANKS:
-        return line.split()
-    plain = line.replace("\r", " ").strip(" \n")  # a carriage return is a blank
-    try:
-        (cells,) = csv.reader([quoted_lists(plain)], delimiter=delimiter, strict=True) if plain else ([],)
-    except csv.Error:
-        return []
-    return [cell.strip() for cell in cells]
+        between, text = "\t", text.str.replace_all(r"\s+", "\t").str.strip_chars()
+    elif has_lists := delimiter == "," and lines["text"].str.contains("[", literal=True).any():
+        text = text.str.replace_all(_LIST_WITH_COMMAS, '${1}"${2}"')
+    bare, is_open = text, pl.lit(value=False)
+    if has_lists or lines["text"].str.contains('"', literal=True).any():
+        bare = text.str.replace_all('"([^"]|"")*"', "\x01")
+        is_open = bare.str.contains('"', literal=True)
+        # Quotation marks around a part of a cell are characters like others.
+        is_odd = is_open | bare.str.contains(rf"[^{between}]\x01|\x01[^{between}]")
+        text = pl.when(is_odd).then(text.str.replace_all('"', "")).otherwise(text)
+        bare = pl.when(is_odd).then(text).otherwise(bare)
+    n_cells = bare.str.count_matches(between, literal=True) + 1
+    return lines.with_columns(text, n_cells=n_cells, is_open=is_open)
 
 
-def quoted_lists(line: str) -> str:
-    """Line with quotation marks around lists that hold commas: 0.1,[1, 2],3."""
-    return re.sub(r'(^|[,;|\t])\s*(\[[^\]"]*\])', r'\1"\2"', line) if "[" in line else line
+def cells_of(lines: "pl.DataFrame", delimiter: str, indices: Iterable[int]) -> "pl.DataFrame":
+    """Cells of split lines as text, by the column's index."""
+    import polars as pl
+
+    wanted, between = sorted(indices), "\t" if delimiter == BLANKS else delimiter
+    # The first line has as many cells as are wanted, so that no row is too long or too short.
+    body = "\n".join([between * (wanted[-1] + 1), lines["text"].str.join("\n").item()])
+    read = pl.read_csv(
+        io.BytesIO(body.encode()),
+        has_header=False,
+        columns=wanted,
+        separator=between,
+        quote_char='"' if '"' in body else None,
+        infer_schema=False,
+        truncate_ragged_lines=True,
+    )
+    return read[1:].fill_null("").rename(dict(zip(read.columns, map(str, wanted), strict=True)))
+
+
+def _rows(lines: "pl.DataFrame", delimiter: str) -> list[list[str]]:
+    """Cells of each of some lines."""
+    parted = split(lines, delimiter)
+    counts = parted["n_cells"].to_list()
+    cells = cells_of(parted, delimiter, range(max(counts))).rows()
+    return [[cell.strip() for cell in row[:n]] for row, n in zip(cells, counts, strict=True)]
 
 
 def numbers_in(cell: str) -> int:
     """Count of numbers in a cell that is a list of at least two; 0 for any other cell."""
-    found = LIST.fullmatch(cell)
-    parts = _BETWEEN.split(found[1]) if found else []
+    found = _LIST.fullmatch(cell)
+    parts = re.split(r"[\s,;]+", found[1]) if found else []
     return len(parts) if len(parts) > 1 and all(re.fullmatch(NUMBERS["."], part) for part in parts) else 0
-
-
-def is_passed_over(line: str, comment: str) -> bool:
-    """Whether a line is a comment, or has neither letter nor digit."""
-    return bool(comment and line.lstrip().startswith(comment)) or not any(map(str.isalnum, line))
 
 
 def kind_of_cell(cell: str, decimal: str) -> str:
     """``number``, ``date``, ``list``, ``text``, or ``none`` for a cell without a value."""
-    if re.fullmatch(NUMBERS[decimal], cell):
-        return "number"
-    if re.fullmatch(NO_VALUE, cell):
-        return "none"
-    if re.fullmatch(DATE, cell):
-        return "date"
-    return "list" if numbers_in(cell) else "text"
+    patterns = {"number": NUMBERS[decimal], "none": NO_VALUE, "date": _DATE}
+    found = next((kind for kind, pattern in patterns.items() if re.fullmatch(pattern, cell)), "")
+    return found or ("list" if numbers_in(cell) else "text")
 
 
-def comment_of(lines: Sequence[str], wanted: TextFormat) -> str:
-    """What comments begin with: as given, or as the first line does where others do not."""
-    if wanted.comment is not None:
-        return wanted.comment
-    first, second = [*(line.strip() for line in lines if line.strip()), "", ""][:2]
-    # %time is a name of ROS; "% time", or a second such line, is a comment.
-    is_comment = {
-        mark: first.startswith((f"{mark} ", f"{mark}\t")) or second.startswith(mark) for mark in _COMMENTS
-    }
-    found = next((mark for mark in _COMMENTS if first.startswith(mark) and is_comment[mark]), "#")
-    is_between = sum(";" in line for line in lines) >= len(lines) / 2
-    return ";" if first.startswith(";") and not is_between else found
+# ------------------------------------------------------------------------------------- a layout
 
 
-def find_layout(source: str, lines: Sequence[Numbered], wanted: TextFormat) -> Layout:
+def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layout:
     """Layout of a table, called ``source`` in messages, from its first lines and what the study gives.
 
     A CurveError where there is no line of names, or are no rows of numbers.
     """
-    if any(len(line) > _LONGEST_LINE for _, line in lines):
+    skipped = wanted.skip_lines or 0
+    lines = lines.filter(lines["line"] > skipped).head(_SNIFFED_LINES)
+    if lines.filter(lines["text"].str.len_bytes() > _LONGEST_LINE).height:
         raise CurveError(
             f"{source}: a line of more than {_LONGEST_LINE} characters; this is no table of numbers"
         )
-    lines = [one for one in lines if one[0] > (wanted.skip_lines or 0)]
-    comment = comment_of([line for _, line in lines], wanted)
-    body = [(n, line) for n, line in lines if not is_passed_over(line, comment)]
-    if not body:
+    comment = _comment_of(lines["text"].to_list()) if wanted.comment is None else wanted.comment
+    body = body_of(lines, comment)
+    if body.is_empty():
         raise CurveError(
-            f"{source}: no names and no rows after line {wanted.skip_lines or 0}; "
-            "lower skip_lines, or export the file again"
+            f"{source}: no names and no rows after line {skipped}; lower skip_lines, or export the file again"
         )
-    delimiter, decimal = _marks(source, [line for _, line in body], wanted)
-    rows = [(n, split(line, delimiter)) for n, line in body]
-    kinds = [[kind_of_cell(cell, decimal) for cell in cells] for _, cells in rows]
-    if rows[1:] and not any(kind in ("number", "date", "list") for row in kinds for kind in row):
+    delimiter, decimal = _marks(source, body.tail(_SAMPLED_LINES), wanted)
+    numbers, rows = body["line"].to_list(), _rows(body, delimiter)
+    kinds = [[kind_of_cell(cell, decimal) for cell in cells] for cells in rows]
+    if rows[1:] and not any(map(_n_values, kinds)):
         # What another file holds does not belong into a message.
         raise CurveError(f"{source}: no cell holds a number, so this is no table of numbers; check the path")
     start = _first_row(kinds)
-    width = max((_filled(cells) for _, cells in rows[start : start + _SAMPLED_ROWS]), default=0)
+    width = max(map(_filled, rows[start : start + _SAMPLED_ROWS]), default=0)
     header, below = _header(rows, kinds, start, wanted)
-    names = _names(body[header][1], delimiter, width) if header is not None else wanted.names or []
+    names = _names(body["text"][header], delimiter, width) if header is not None else wanted.names or []
     if not names:
-        comments = [line for n, line in lines if n < body[min(start, len(body) - 1)][0]]
-        names = _names_in_comment(comments, comment, delimiter, width)
+        above = lines.filter(lines["line"] < numbers[min(start, len(numbers) - 1)])["text"].to_list()
+        names = _names_in_comment(above, comment, delimiter, width)
     if not names:
         raise CurveError(
-            f"{source}: line {rows[start][0]} holds numbers where column names belong; "
+            f"{source}: line {numbers[start]} holds numbers where column names belong; "
             "add a line of names, or give names in the loader's settings"
         )
-    data = rows[below:]
-    if not data:
+    if below == len(rows):
         raise CurveError(f"{source}: a line of names and no data; export the file again")
     if wanted.names is not None and len(names) < width:
         raise CurveError(
-            f"{source}: line {data[0][0]} has {width} cells where names has {len(names)} entries; "
+            f"{source}: line {numbers[below]} has {width} cells where names has {len(names)} entries; "
             "give each column a name"
         )
-    above = rows[below - 1][1] if below else []
-    units = [bare_unit(cell) for cell in above] if _is_units_line(above) and header != below - 1 else []
+    has_units = below > 0 and header != below - 1 and _is_units_line(rows[below - 1])
+    units = map(bare_unit, rows[below - 1] if has_units else ())
     return Layout(
         delimiter=delimiter,
         decimal=decimal,
-        first_line=data[0][0],
-        header_line=0 if header is None else body[header][0],
+        comment=comment,
+        first_line=numbers[below],
+        header_line=0 if header is None else numbers[header],
         names=tuple(names),
         units=(*units, *[""] * len(names))[: len(names)],
-        kinds=_kinds(len(names), [cells for _, cells in data[:_SAMPLED_ROWS]], decimal),
-        comment=comment,
+        kinds=_kinds(len(names), rows[below : below + _SAMPLED_ROWS], decimal),
     )
+
+
+def _comment_of(lines: Sequence[str]) -> str:
+    """What comments begin with: as the first line does where others do not."""
+    first, second = [*filter(None, lines), "", ""][:2]
+    # %time is a name of ROS; "% time", or a second such line, is a comment.
+    found = (
+        m
+        for m in _COMMENTS
+        if first.startswith((f"{m} ", f"{m}\t")) or first[: len(m)] == second[: len(m)] == m
+    )
+    is_between = sum(";" in line for line in lines) >= len(lines) / 2
+    return ";" if first.startswith(";") and not is_between else next(found, "#")
 
 
 def _filled(cells: Sequence[str]) -> int:
@@ -201,33 +234,30 @@ def _filled(cells: Sequence[str]) -> int:
     return max((i for i, cell in enumerate(cells, start=1) if cell), default=0)
 
 
-def _marks(source: str, lines: Sequence[str], wanted: TextFormat) -> tuple[str, Mark]:
+def _marks(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> tuple[str, Mark]:
     """Delimiter and decimal mark under which most lines are rows of numbers of one length."""
     delimiters = [DELIMITERS[wanted.delimiter]] if wanted.delimiter else dict.fromkeys(DELIMITERS.values())
     decimals: list[Mark] = [wanted.decimal] if wanted.decimal else [".", ","]
-    sample = lines[-_SAMPLED_LINES:]
-    has_quotes = any('"' in line for line in sample)  # which tell a decimal comma from one between cells
+    # Quotation marks tell a decimal comma from one between cells.
+    has_quotes = lines["text"].str.contains('"', literal=True).any()
     marks = [(d, m) for d in delimiters for m in decimals if d != m or has_quotes]
     if not marks:
         raise CurveError(f"{source}: delimiter and decimal are both ','; give another delimiter")
-    return max(marks, key=lambda marks: _likelihood(sample, *marks))
+    rows = {delimiter: _rows(lines, delimiter) for delimiter in delimiters}
+    return max(marks, key=lambda mark: _likelihood(rows[mark[0]], *mark))
 
 
-def _likelihood(lines: Sequence[str], delimiter: str, decimal: str) -> tuple[float, float]:
+def _likelihood(rows: Sequence[Sequence[str]], delimiter: str, decimal: str) -> tuple[float, float]:
     """Share of cells that are numbers, of rows that have the usual length, and how many a row has."""
-    rows = [split(line, delimiter) for line in lines]
     lengths = [len(row) for row in rows]
     usual = max(set(lengths), key=lengths.count)
     if usual < 2:
         return 0.0, 0.0
     kinds = [kind_of_cell(cell, decimal) for row in rows if len(row) == usual for cell in row]
-    n_numbers = sum(kind in ("number", "none", "list", "date") for kind in kinds)
+    n_numbers = len(kinds) - kinds.count("text")
     # Blanks are in many names and remarks: of two that fit alike they are the worse.
     share = (0.9 if delimiter == BLANKS else 1.0) * n_numbers / len(kinds) * lengths.count(usual) / len(rows)
     return share, n_numbers / len(rows)
-
-
-_Kinds = Sequence[str]
 
 
 def _n_values(kinds: _Kinds) -> int:
@@ -256,28 +286,24 @@ def _first_row(kinds: Sequence[_Kinds]) -> int:
 
 
 def _header(
-    rows: Sequence[Row], kinds: Sequence[_Kinds], start: int, wanted: TextFormat
+    rows: Sequence[Sequence[str]], kinds: Sequence[_Kinds], start: int, wanted: TextFormat
 ) -> tuple[int | None, int]:
     """Index of the line of names, None where there is none, and the index of the first line of data."""
     if wanted.names is not None or start == 0:
         return None, start
-    fewest = min(2, _filled(rows[start][1])) if start < len(rows) else 1
+    fewest = min(2, _filled(rows[start])) if start < len(rows) else 1
     header = 0 if wanted.skip_lines is not None else start - 1
     # A row that is damaged is no line of names.
     while header > 0 and (_is_damaged(kinds[header]) or _is_under_names(kinds, header)):
         header -= 1
     # Names may be numbers, but not the first of them.
     is_row = _is_damaged(kinds[header]) and kinds[header][:1] != ["text"] and header + 1 < len(rows)
-    if is_row or _filled(rows[header][1]) < fewest:
+    if is_row or _filled(rows[header]) < fewest:
         return None, start
-    above = header - 1
-    is_units = above >= 0 and wanted.skip_lines is None and _is_units_line(rows[header][1])
-    if is_units and not _n_values(kinds[above]) and _filled(rows[above][1]) >= fewest:
-        header = above
-    below = header + 1
-    while below < start and not _n_values(kinds[below]):
-        below += 1
-    return header, below
+    is_units = header > 0 and wanted.skip_lines is None and _is_units_line(rows[header])
+    if is_units and not _n_values(kinds[header - 1]) and _filled(rows[header - 1]) >= fewest:
+        header -= 1
+    return header, next((i for i in range(header + 1, start) if _n_values(kinds[i])), max(start, header + 1))
 
 
 def _is_damaged(kinds: _Kinds) -> bool:
@@ -295,17 +321,17 @@ def _is_under_names(kinds: Sequence[_Kinds], index: int) -> bool:
 def _is_units_line(cells: Sequence[str]) -> bool:
     """Whether most cells of a line are units, as some loggers write them under the names."""
     filled = [cell for cell in cells if bare_unit(cell)]
-    known = [
-        cell for cell in filled if cell in UNITS or (bare_unit(cell) != cell and kind_of(bare_unit(cell)))
-    ]
+    known = [c for c in filled if c in UNITS or (bare_unit(c) != c and kind_of(bare_unit(c)))]
     return 0 < len(filled) <= 2 * len(known) and all(len(cell) <= 12 for cell in filled)
 
 
 def _names(line: str, delimiter: str, width: int) -> list[str]:
     """Names of the columns in a line, each as it stands there; numbered where a cell is empty."""
-    cells = split(line, delimiter)
+    import polars as pl
+
+    (cells,) = _rows(pl.DataFrame({"text": [line]}), delimiter)
     if delimiter == BLANKS and len(cells) != width:
-        apart = re.split(r"\s{2,}|\t", line.strip())
+        apart = re.split(r"\s{2,}|\t", line)
         with_units = re.findall(r"\S+(?:\s+[\[(][^\])]*[\])])?", line)
         cells = next((each for each in (apart, with_units) if len(each) == width), cells)
     n_names = max(_filled(cells), min(len(cells), width))
@@ -314,11 +340,9 @@ def _names(line: str, delimiter: str, width: int) -> list[str]:
 
 def _names_in_comment(lines: Sequence[str], comment: str, delimiter: str, width: int) -> list[str]:
     """Names in the last comment before the rows; none where it holds no name for each column."""
-    comments = [line.strip() for line in lines if comment and line.strip().startswith(comment)]
-    if not comments or not width:
-        return []
-    line = _COMMENT_LABEL.sub("", comments[-1].lstrip(comment).strip(), count=1)
-    for between in (delimiter, *DELIMITERS.values()):
+    comments = [line for line in lines if comment and line.startswith(comment)]
+    line = _COMMENT_LABEL.sub("", comments[-1].lstrip(comment).strip(), count=1) if comments else ""
+    for between in (delimiter, *DELIMITERS.values()) if line and width else ():
         names = _names(line, between, width)
         if len(names) == width and not any(kind_of_cell(name, ".") == "number" for name in names):
             return names
