@@ -40,6 +40,7 @@ from palpate_certainty.error_sources import (
     drift_of,
     error_budget,
     error_sources_of,
+    mesh_errors,
 )
 from palpate_certainty.mesh_error import N_SCATTER, N_SHAPES, SpotMesh, noted_errors
 from palpate_certainty.tables import certainty_result
@@ -141,6 +142,23 @@ def test_force_and_torque_share_the_error_of_an_extrapolation(ended):
         reached = np.maximum.accumulate(np.abs(measured["p1"][name].ordinate))
         size = convergence.scatter * (scale * reached)[inside] / np.sqrt(N_SCATTER)
         np.testing.assert_allclose(common[0], np.sqrt(ASSUMED.mesh_shared) * size, rtol=1e-9)
+
+
+def test_the_scatter_of_a_small_curve_is_of_its_largest_value(ended):
+    study, measured, case, _ = ended()
+    (term,) = case.end.problem.terms
+    nothing = {
+        name: Correction(added=0.0 * y.ordinate, coarse=y.ordinate)
+        for name, y in measured["p1"].curves.items()
+    }
+    terms, residuals = [replace(term, corrections=nothing)], np.empty_like(case.end.best.residuals)
+    for _, name, at, scale in pieces(terms):
+        residuals[at] = -0.6 * (scale * measured["p1"][name].ordinate)[term.counted(name)]
+    meshes = {"p1": SpotMesh(refinement=Refinement(ratio=2.0, at_rim=True))}
+    found = error_budget(study, measured, terms, residuals, {}, meshes)[MESH]
+    errors = np.stack(list(found.values()), axis=1)
+    shown = {row["channel"]: row["shown_by"] for row in mesh_errors(study, terms, residuals, errors)}
+    assert shown == dict.fromkeys(BOTH, "usual scatter")
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """A run refines the meshes that are much of the variance of what it finds, and no others."""
 
+import shutil
 from dataclasses import replace
 
 import pytest
@@ -14,15 +15,18 @@ from palpate.stages import pipeline
 
 @pytest.fixture
 def run(tmp_path, pressed_meshes, notes):
-    """Run a study whose meshes err, with settings of its fit; its folder, and notes on its meshes."""
+    """Run a study of true curves, whose meshes err, with settings of its fit; its folder, and its notes."""
 
     def made(**fit):
+        (tmp_path / "true").mkdir()
+        pressed_meshes(tmp_path / "true", solver={"name": "half_space_on_mesh"})
         study, plugins = pressed_meshes(
             tmp_path,
             solver={"name": "errs_by_the_mesh"},
             fit={"search": "least_squares", **fit},
             budget={"gain": 0.02, "discrepancy": 1e-4},
         )
+        shutil.copy(tmp_path / "true/p1.txt", tmp_path / "p1.txt")
         directory = RunDirectory(tmp_path / "run")
         pipeline.run_study(study, directory.folder, plugins, notes)
         return study, plugins, directory, [text for text in notes.texts if "the mesh is" in text]

@@ -441,14 +441,17 @@ def mesh_errors(
     """
     for term, name, at, scale in pieces(terms):
         channel = channel_of(name)
-        fitted = residuals[at] + (scale * term.measured[channel].ordinate)[term.counted(name)]
-        error = float(np.linalg.norm(errors[at]) / np.linalg.norm(fitted))
+        inside, ordinate = term.counted(name), term.measured[channel].ordinate
+        size = float(np.linalg.norm(residuals[at] + (scale * ordinate)[inside]))
+        error = float(np.linalg.norm(errors[at])) / size
         if is_stated(channel, study.budget.mesh):
             shown_by = "the study"
         elif channel not in term.corrections:
             shown_by = "one mesh"
         else:
-            is_scatter = error**2 < 2.0 * study.mesh_convergence(channel).scatter ** 2
+            reached = np.linalg.norm((scale * np.maximum.accumulate(np.abs(ordinate)))[inside])
+            scatter = study.mesh_convergence(channel).scatter * float(reached) / size
+            is_scatter = error**2 < 2.0 * scatter**2
             shown_by = "usual scatter" if is_scatter else "two meshes"
         yield {"spot": term.spot, "channel": name, "relative_error": error, "shown_by": shown_by}
 
