@@ -13,7 +13,7 @@ PYTEST_SET := -m "not slow and not browser and not packaging"
 PYPROJECTS := pyproject.toml $(addsuffix pyproject.toml,$(PLUGINS) $(EXAMPLE))
 
 .DEFAULT_GOAL := help
-.PHONY: coverage coverage-fe help demo test test-all test-rust test-python dist docs chaos lint lint-python lint-stub lint-rust format hooks relaxation bench bench-core bench-executors bench-fit bench-logs bench-ledger bench-next bench-search bench-solver bench-sparse clean
+.PHONY: coverage coverage-fe help demo test test-all test-rust test-python dist docs pictures chaos lint lint-python lint-stub lint-rust format hooks relaxation bench bench-core bench-executors bench-fit bench-logs bench-ledger bench-next bench-search bench-solver bench-sparse clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -56,6 +56,9 @@ dist: $(VENV)/installed ## wheels and source distributions of every package, in 
 docs: $(VENV)/installed ## the site in target/docs, with a gallery of studies that are run here
 	$(BIN)/python docs/site/gallery.py
 	$(BIN)/mkdocs build --strict --quiet --config-file docs/site/mkdocs.yml
+
+pictures: $(VENV)/installed ## the pictures of the guides, from runs in target/gallery
+	$(BIN)/python docs/site/pictures.py
 
 chaos: $(VENV)/installed ## kill runs 200 times at random and at every write, and count what was lost
 	OMP_NUM_THREADS=1 $(BIN)/python tests/chaos/kills.py --random 200 --workers 20

@@ -107,8 +107,11 @@ def glossary() -> str:
     return "# Glossary\n\n" + "\n".join(_term(name, **entry) for name, entry in terms.items())
 
 
-def _term(name: str, text: str, aliases: Sequence[str] = (), see: Sequence[str] = ()) -> str:
+def _term(
+    name: str, text: str, aliases: Sequence[str] = (), avoid: Sequence[str] = (), see: Sequence[str] = ()
+) -> str:
     also = f"\n\nAlso: {', '.join(aliases)}." if aliases else ""
+    also += f" Not: {', '.join(avoid)}." if avoid else ""
     more = f"\n\nSee {', '.join(f'`{each}`' for each in see)}." if see else ""
     return f"## {name}\n\n{text}{also}{more}\n"
 

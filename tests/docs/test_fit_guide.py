@@ -70,7 +70,7 @@ def test_two_optimisers_find_the_same_parameters(tmp_path: Path, monkeypatch: py
 
 
 def test_the_budget_has_the_keys_of_a_study() -> None:
-    guide = (Path(__file__).parents[2] / "docs" / "identifiability.md").read_text(encoding="utf-8")
+    guide = (Path(__file__).parents[2] / "docs" / "budget.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"^```toml\n(.*?)^```", guide, flags=re.MULTILINE | re.DOTALL)
     copied = BudgetTable.model_validate(tomllib.loads(text)["budget"])
     # What a loader finds stays as it is where the block is copied.

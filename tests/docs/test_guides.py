@@ -57,11 +57,21 @@ def commands_of(guide: Path) -> list[str]:
     return [re.split(r" +#", line)[0].strip() for line in lines]
 
 
+def anchors(text: str) -> set[str]:
+    """Targets of links to the headings of a Markdown text."""
+    headings = re.findall(r"^#+ (.+)$", text, flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
 @pytest.mark.parametrize("guide", GUIDES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_links_lead_somewhere(guide):
-    for target in re.findall(r"\]\(([^)#]+)\)", text_of(guide)):
-        if not target.startswith("https://"):
-            assert (guide.parent / target).exists(), target
+    for target in re.findall(r"\]\(([^)]+)\)", text_of(guide)):
+        path, _, anchor = target.partition("#")
+        if path.startswith("https:"):
+            continue
+        linked = guide.parent / path if path else guide
+        assert linked.exists(), target
+        assert not anchor or anchor in anchors(text_of(linked)), target
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,11 @@
-"""Lines of the guides, and words of the page in the glossary."""
+"""Words of the guides: short sentences, the thing named again, the field's words.
+
+``python tests/docs/test_texts.py`` prints the counts of each guide.
+"""
 
 import re
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -10,8 +14,17 @@ from palpate.stages.identifiability import UNCLEAR, WORDS
 from palpate_report.next_step import CAUSES
 
 ROOT = Path(__file__).parents[2]
-LONGEST = 160
+GUIDES = sorted((ROOT / "docs").glob("*.md"))
 TERMS = tomllib.loads((ROOT / "docs" / "site" / "glossary.toml").read_text(encoding="utf-8"))
+LONGEST_LINE = 160
+LONGEST_SENTENCE = 30
+MOST_WORDS = 1500
+MOST_WORDS_OF_ALL = 26_000
+MOST_PRONOUNS = 10
+MOST_WHAT_CLAUSES = 5
+LEAST_PICTURES = 30
+NOT_YET = {path.stem for path in GUIDES} - {"budget", "estimator", "identifiability"}
+"""Guides that do not keep these limits yet."""
 ON_THE_PAGE = (
     "95 % interval",
     "Fopt",
@@ -31,6 +44,56 @@ ON_THE_PAGE = (
 """Words of heads, captions and rows of the page."""
 
 
+def prose(path: Path) -> str:
+    """Text without blocks of code and comments."""
+    text = re.sub(r"```.*?```|<!--.*?-->", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+    return "\n".join(line for line in text.splitlines() if not line.startswith("    "))
+
+
+def sentences(path: Path) -> Iterator[str]:
+    """Sentences of text, lists and cells; code and links are one word each."""
+    text = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", prose(path))
+    text = re.sub(r"`[^`\n]+`", "code", text)
+    text = re.sub(r"\n(?=\s*(?:[-*#>|]|\d+\.)\s?)", "\n\n", text)
+    for block in re.split(r"\n\s*\n|\|", text):
+        for sentence in re.split(r"(?<=[.?!])[*”\"]*\s+(?=[A-Z*`\[“(c])", " ".join(block.split())):
+            if re.search(r"\w", sentence):
+                yield sentence
+
+
+def count(path: Path) -> dict[str, int]:
+    """Numbers that the rules limit."""
+    found = list(sentences(path))
+    return {
+        "words": len(path.read_text(encoding="utf-8").split()),
+        "that/those of": sum(
+            len(re.findall(r"\b(?:that|those) of\b", each, re.IGNORECASE)) for each in found
+        ),
+        "what-clauses": sum(
+            len(re.findall(r"\bwhat\b(?! to do)", each, re.IGNORECASE)) for each in found if "?" not in each
+        ),
+        "long sentences": len(too_long(path)),
+        "retired words": len(retired(path)),
+        "pictures": len(re.findall(r"!\[[^\]]+\]\([^)]+\)", path.read_text(encoding="utf-8"))),
+    }
+
+
+def too_long(path: Path) -> list[str]:
+    return [
+        each
+        for each in sentences(path)
+        if len(re.findall(r"[\w°%]+(?:[.,'’/·−-]\w+)*", each)) > LONGEST_SENTENCE
+    ]
+
+
+def retired(path: Path) -> list[str]:
+    avoided = [word for term in TERMS.values() for word in term.get("avoid", ())]
+    found = re.findall(
+        rf"\b(?:{'|'.join(map(re.escape, avoided))})\b", " ".join(sentences(path)), re.IGNORECASE
+    )
+    return sorted(set(found))
+
+
 def text_lines(path: Path) -> list[str]:
     """Running text: neither tables, which cannot be broken, nor code."""
     text = re.sub(r"```.*?```", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
@@ -39,11 +102,54 @@ def text_lines(path: Path) -> list[str]:
 
 @pytest.mark.parametrize(
     "path",
-    [*sorted((ROOT / "docs").glob("*.md")), *sorted(ROOT.glob("*.md")), ROOT / "plugins" / "README.md"],
+    [*GUIDES, *sorted(ROOT.glob("*.md")), ROOT / "plugins" / "README.md"],
     ids=lambda path: path.relative_to(ROOT).as_posix(),
 )
 def test_lines_of_text_are_short(path: Path) -> None:
-    assert [line for line in text_lines(path) if len(line) > LONGEST] == []
+    assert [line for line in text_lines(path) if len(line) > LONGEST_LINE] == []
+
+
+@pytest.mark.parametrize(
+    "path", [path for path in GUIDES if path.stem not in NOT_YET], ids=lambda path: path.stem
+)
+def test_a_guide_is_short_and_has_a_picture(path: Path) -> None:
+    assert too_long(path) == []
+    assert retired(path) == []
+    found = count(path)
+    assert found["words"] <= MOST_WORDS
+    assert found["that/those of"] <= 1
+    assert found["what-clauses"] <= 1
+    assert found["pictures"] >= 1
+
+
+def test_the_guides_together_keep_the_limits() -> None:
+    rewritten = [count(path) for path in GUIDES if path.stem not in NOT_YET]
+    assert sum(each["that/those of"] for each in rewritten) <= MOST_PRONOUNS
+    assert sum(each["what-clauses"] for each in rewritten) <= MOST_WHAT_CLAUSES
+    if not NOT_YET:
+        assert sum(each["words"] for each in rewritten) <= MOST_WORDS_OF_ALL
+        assert sum(each["pictures"] for each in rewritten) >= LEAST_PICTURES
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("The error is that of the mesh.", {"that/those of": 1}),
+        ("State what is wrong. What is wrong?", {"what-clauses": 1}),
+        ("word " * 31 + ".", {"long sentences": 1}),
+        ("word " * 20 + ".\n- " + "word " * 20, {"long sentences": 0}),
+        ("A proof of it.", {"retired words": 1}),
+        (
+            "```\nthat of what\n```\n\n    what of that\n\n![a picture](x.png)",
+            {"pictures": 1, "what-clauses": 0},
+        ),
+    ],
+)
+def test_the_counts_are_right(tmp_path: Path, text: str, expected: dict[str, int]) -> None:
+    path = tmp_path / "guide.md"
+    path.write_text(text, encoding="utf-8")
+    found = count(path)
+    assert {key: found[key] for key in expected} == expected
 
 
 def words() -> set[str]:
@@ -60,6 +166,10 @@ def test_words_of_the_page_are_in_the_glossary() -> None:
     assert sorted(wanted - words()) == []
 
 
+def test_no_word_is_both_a_term_and_retired() -> None:
+    assert {word for term in TERMS.values() for word in term.get("avoid", ())} & words() == set()
+
+
 def test_what_the_glossary_names_is_there() -> None:
     for term, entry in TERMS.items():
         for named in entry["see"]:
@@ -67,3 +177,10 @@ def test_what_the_glossary_names_is_there() -> None:
                 assert named.removeprefix("the term ") in TERMS, term
             elif not named.startswith("palpate "):
                 assert (ROOT / named).is_file(), term
+
+
+if __name__ == "__main__":
+    rows = {path.stem: count(path) for path in GUIDES}
+    rows["all"] = {key: sum(row[key] for row in rows.values()) for key in next(iter(rows.values()))}
+    for name, row in rows.items():
+        print(f"{name:16}", *(f"{value:6} {key}" for key, value in row.items()))  # noqa: T201
