@@ -307,6 +307,25 @@ def test_a_unit_that_is_unknown_or_differs_is_a_question(
     assert message in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("channel", "names", "ends"),
+    [
+        ("force_over_time", "Time (min),Load (kgf)", (60.0, 9.80665)),
+        ("lateral_force", "Shift (cm),Load (kN)", (10.0, 1000.0)),
+        ("tilt_moment", "Tilt (rad),Moment (Nm)", (180.0 / np.pi, 1000.0)),
+    ],
+)
+def test_every_known_channel_has_kinds_of_units(
+    file: Path, channel: str, names: str, ends: tuple[float, float]
+) -> None:
+    file.write_text(f"{names}\n0,0\n1,1\n")
+    curve = loader().load(file, channel)[channel]
+    assert (curve.abscissa[-1], curve.ordinate[-1]) == pytest.approx(ends)
+    file.write_text("x (V),y (V)\n0,0\n1,1\n")
+    with pytest.raises(CurveError, match="'V' is a unit of another kind where one of"):
+        loader().load(file, channel)
+
+
 def test_names_encoding_and_other_separators_can_be_set(file: Path) -> None:
     file.write_text("0 0\n1  2\n", encoding="utf-16")
     chosen = {"names": ["x", "y"], "encoding": "utf-16", "delimiter": "blanks"}

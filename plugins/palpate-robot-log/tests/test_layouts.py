@@ -308,7 +308,7 @@ def test_a_binary_wave_of_igor_is_named(tmp_path: Path) -> None:
 )
 def test_the_loader_csv_says_what_a_file_of_columns_is(tmp_path: Path, writer, kind: str) -> None:
     writer(tmp_path / "a.dat", write.press(30))
-    with pytest.raises(CurveError, match=f"is an? {kind} file, and this loader reads text alone; save its"):
+    with pytest.raises(CurveError, match=f"is an? {kind} file, and this loader reads text alone; see"):
         CsvLoader().load(tmp_path / "a.dat")
 
 

@@ -1,14 +1,23 @@
 """Loader of curves in delimited text files."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Protocol, Self
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from palpate.api import Curve, CurveError, ExperimentLoader, FloatArray, IntArray, Response, Settings
+from palpate.api import (
+    EQUILIBRIUM_CHANNELS,
+    Curve,
+    CurveError,
+    ExperimentLoader,
+    FloatArray,
+    IntArray,
+    Response,
+    Settings,
+)
 from palpate.api.files import (
     DELIMITERS,
     Column as TableColumn,
@@ -102,18 +111,29 @@ HOMOGENEOUS = MappingProxyType(
 )
 """Columns of a file with the one channel of a homogeneous test."""
 
-_KINDS: Mapping[str, tuple[Kind, Kind]] = MappingProxyType(
+_UNITS: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
-        "force": ("length", "force"),
-        "torque": ("angle", "moment"),
-        **dict.fromkeys(HOMOGENEOUS, ("ratio", "stress")),
+        **{
+            channel.name: (
+                channel.abscissa_label.rpartition("(")[2].removesuffix(")"),
+                channel.ordinate_label.rpartition("(")[2].removesuffix(")"),
+            )
+            for channel in EQUILIBRIUM_CHANNELS
+        },
+        **dict.fromkeys(HOMOGENEOUS, ("1", "MPa")),
     }
 )
-"""Kinds of abscissa and ordinate by channel."""
 
 
-class CsvSettings(TextFormat):
-    """Settings of :class:`CsvLoader`."""
+def units_of(channel: str) -> tuple[str, str]:
+    """Units of abscissa and ordinate of a channel, also over time; empty for a channel of another plugin."""
+    base = channel.removesuffix("_over_time")
+    along, of = _UNITS.get(base, ("", ""))
+    return (along if base == channel or not of else "s"), of
+
+
+class CurveSettings(Settings):
+    """Columns of curves in a table of any format."""
 
     channels: dict[str, ChannelColumns] = Field(
         default_factory=lambda: dict(FOREARM),
@@ -127,6 +147,44 @@ class CsvSettings(TextFormat):
             if problem := problem_of(channel, columns.strain, columns.stress):
                 raise ValueError(f"channels.{channel}: {problem}")
         return self
+
+
+class CsvSettings(TextFormat, CurveSettings):
+    """Settings of :class:`CsvLoader`."""
+
+
+class Table(Protocol):
+    """Numbers under names, such as a :class:`TextTable`."""
+
+    row_word: ClassVar[str]
+    """How messages call a row: line, or row."""
+
+    @property
+    def path(self) -> Path:
+        """File that it was read from."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns."""
+
+    def read(self, wanted: Sequence[str]) -> tuple[IntArray, Mapping[str, TableColumn]]:
+        """Number of each row, and the wanted columns; a CurveError where they are not there."""
+
+
+def read_curves(table: Table, known: Mapping[str, ChannelColumns], channel: str | None) -> Response:
+    """Curves in a table, by the columns of each channel, or of the only channel of the file.
+
+    Raises
+    ------
+    CurveError
+        With file, row and column.
+    """
+    wanted = known if channel is None else {channel: _columns_of(channel, known, table)}
+    curves = {}
+    for name, columns in wanted.items():
+        rows, read = table.read(list(dict.fromkeys(column.name for column in columns.by_field.values())))
+        curves[name] = _curve(table, name, columns, rows, read)
+    return Response(curves=curves)
 
 
 class CsvLoader(ExperimentLoader[CsvSettings]):
@@ -159,11 +217,7 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
         CurveError
             With file, line and column.
         """
-        table = TextTable(path, self.settings)
-        wanted = self.settings.channels if channel is None else {channel: self._columns_of(channel, table)}
-        names = [column.name for columns in wanted.values() for column in columns.by_field.values()]
-        lines, read = table.read(list(dict.fromkeys(names)))
-        return Response(curves={name: _curve(path, name, each, lines, read) for name, each in wanted.items()})
+        return read_curves(TextTable(path, self.settings), self.settings.channels, channel)
 
     def save(self, path: Path, response: Response, channel: str | None = None) -> None:
         """Write curves in the columns that the settings name.
@@ -209,22 +263,23 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
         lines += [delimiter.join(repr(x).replace(".", decimal) for x in row) for row in rows.iter_rows()]
         path.write_text("\n".join(lines) + "\n", encoding=settings.encoding or "utf-8")
 
-    def _columns_of(self, channel: str, table: TextTable) -> ChannelColumns:
-        """Columns of the one channel of a file: of the settings, of its test, or the only two."""
-        known, names = {**HOMOGENEOUS, **self.settings.channels}, table.names
-        if channel not in known and len(names) != 2:
-            raise CurveError(
-                f"{table.path}: {len(names)} columns ({', '.join(names)}) for channel "
-                f"'{channel}', whose columns are not set; keep two columns, or name them "
-                f"under channels.{channel} in the loader's settings"
-            )
-        return known[channel] if channel in known else _columns(*names)
+
+def _columns_of(channel: str, given: Mapping[str, ChannelColumns], table: Table) -> ChannelColumns:
+    """Columns of the one channel of a file: of the settings, of its test, or the only two."""
+    known, names = {**HOMOGENEOUS, **given}, table.names
+    if channel not in known and len(names) != 2:
+        raise CurveError(
+            f"{table.path}: {len(names)} columns ({', '.join(names)}) for channel "
+            f"'{channel}', whose columns are not set; keep two columns, or name them "
+            f"under channels.{channel} in the loader's settings"
+        )
+    return known[channel] if channel in known else _columns(*names)
 
 
 def _scale(where: str, column: Column, unit: str, channel: str, field: str) -> float:
     """Factor of a column to the channel's unit: as the study gives it, or by the unit that the file gives."""
     known = factors_of(unit) if unit else {}
-    kind = "time" if field == "time_s" else _KINDS.get(channel, (None, None))[field != "abscissa"]
+    kind = "time" if field == "time_s" else kind_of(units_of(channel)[field != "abscissa"])
     if column.scale is None:
         if unit and not known:
             raise CurveError(f"{where}: the file gives the unit '{unit}', which is not known; give scale")
@@ -245,9 +300,10 @@ def _to_channel(kind: Kind, factor: float) -> float:
 
 
 def _curve(
-    path: Path, channel: str, columns: ChannelColumns, lines: IntArray, read: Mapping[str, TableColumn]
+    table: Table, channel: str, columns: ChannelColumns, rows: IntArray, read: Mapping[str, TableColumn]
 ) -> Curve:
     """Curve of a channel: scaled, in stretch and nominal stress, and cut to where its abscissa moves."""
+    path = table.path
     fields = {}
     for field, column in columns.by_field.items():
         where, values = f"{path}: column '{column.name}'", read[column.name].values
@@ -256,7 +312,7 @@ def _curve(
             fields[field] = scale * values + column.offset
         # The square of a larger number is infinite, and scores are sums of squares.
         for row in np.flatnonzero(~(np.abs(fields[field]) <= _LARGEST))[:1]:
-            where = f"{path}: line {lines[row]}, column '{column.name}'"
+            where = f"{path}: {table.row_word} {rows[row]}, column '{column.name}'"
             if np.isnan(values[row]):
                 raise CurveError(f"{where}: no number, the cell is empty or NaN; fill it or remove the row")
             raise CurveError(f"{where}: too large once scaled by {scale}; correct the scale or the row")

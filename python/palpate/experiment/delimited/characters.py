@@ -71,7 +71,10 @@ def decoded(path: Path, given: Encoding | None) -> tuple[str, Encoding]:
         raise CurveError(f"{path}: the file is empty; export it again")
     refuse_binary(path)
     if kind := next((kind for magic, kind in _COLUMNS if raw.startswith(magic)), ""):
-        raise CurveError(f"{path}: is {kind}, and this loader reads text alone; save its columns as CSV")
+        raise CurveError(
+            f"{path}: is {kind}, and this loader reads text alone; see "
+            "'palpate experiment inspect' for the loader that reads it, or save its columns as CSV"
+        )
     marked = given or next((encoding for mark, encoding in _MARKS if raw.startswith(mark)), None)
     guesses: tuple[Encoding, ...] = ("utf-8", *_of_pairs(raw[:100_000]), "cp1252", "latin-1")
     for encoding in (marked,) if marked else guesses:

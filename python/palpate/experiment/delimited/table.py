@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -81,6 +81,8 @@ class TextTable:
     CurveError
         The file cannot be read as text, has no names, or no numbers.
     """
+
+    row_word: ClassVar[str] = "line"
 
     def __init__(self, path: Path, text_format: TextFormat | None = None) -> None:
         import polars as pl

@@ -14,8 +14,9 @@ import numpy as np
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from palpate.api import EQUILIBRIUM_CHANNELS, CurveError, FloatArray
+from palpate.api import CurveError, FloatArray
 from palpate.api.files import Column, InspectedTable, Inspection, factor_to_base, kind_of
+from palpate_indentation.csv_loader import units_of
 from palpate_robot_log.processing.chain import Processed
 from palpate_robot_log.processing.contact import contacts_of
 from palpate_robot_log.processing.cycles import process_cycles
@@ -34,13 +35,6 @@ from palpate_robot_log.reading.vectors import QUANTITIES, Guess
 from palpate_robot_log.recording import Recording, rotated
 
 _MOST_GAPS = 20
-_UNITS = {
-    channel.name: tuple(label.rpartition("(")[2].removesuffix(")") for label in labels)
-    for channel in EQUILIBRIUM_CHANNELS
-    for labels in [(channel.abscissa_label, channel.ordinate_label)]
-}
-"""Units of abscissa and ordinate by channel."""
-
 _LEAST_TURN_DEG = 3.0
 _LEAST_PRESS_MM = 0.3
 _ALONG = 0.8
@@ -134,7 +128,7 @@ def _place(guess: Guess) -> str:
 def _of_curves(path: Path, curves: Proposed) -> tuple[list[str], str]:
     """Findings on processed curves once the loader has read them, and its problem."""
     what = "a homogeneous test" if curves.mode else "processed curves"
-    new, problem = [f"{what} and no log: the loader csv reads them; check names and units"], ""
+    new, problem = [f"{what} and no log: the loader {curves.loader} reads them; check names and units"], ""
     if curves.questions:
         problem = "; ".join(curves.questions)
         return [
@@ -187,7 +181,7 @@ def _curves_in(recording: Recording, proposal: Proposal) -> str:
         f"{name} up to {np.abs(curve.ordinate).max():.4g} {of} over "
         f"{curve.abscissa.min():.4g} to {curve.abscissa.max():.4g} {along}"
         for name, curve in processed.curves.items()
-        for along, of in [_UNITS.get(name, ("", ""))]
+        for along, of in [units_of(name)]
     )
     return f"its curves: {', '.join(peaks)}"
 

@@ -1,4 +1,4 @@
-"""Curves and homogeneous tests that are no log, recognised by their columns and proposed for ``csv``."""
+"""Curves and homogeneous tests that are no log, recognised by their columns and proposed for their loader."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -11,8 +11,9 @@ from pydantic import ValidationError
 
 from palpate.api import FORCE, Curve, CurveError, FloatArray
 from palpate.api.files import Column, toml_value
-from palpate_indentation.csv_loader import FOREARM, HOMOGENEOUS, CsvLoader, CsvSettings
+from palpate_indentation.csv_loader import FOREARM, HOMOGENEOUS, CsvLoader, CsvSettings, units_of
 from palpate_indentation.measures import problem_of
+from palpate_robot_log.columns_loader import ColumnsLoader, ColumnsSettings
 from palpate_robot_log.reading.names import TENSILE, Picked, Test, pick, rivals, test_of, words_of
 from palpate_robot_log.reading.raw import RawLog
 
@@ -28,7 +29,7 @@ _UNIT_OF = {"travel": "mm", "force": "N", "moment": "N·mm", "angle": "degrees",
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proposed:
-    """Columns of each channel as settings of the loader ``csv``; questions where the names leave some open.
+    """Columns of each channel as settings of a loader; questions where the names leave some open.
 
     Parameters
     ----------
@@ -44,6 +45,12 @@ class Proposed:
     questions: tuple[str, ...] = ()
     layout: Mapping[str, object] = field(default_factory=dict)
     file: str = ""
+    is_text: bool = True
+
+    @property
+    def loader(self) -> str:
+        """Name of the loader that reads the file."""
+        return "csv" if self.is_text else "columns"
 
     def settings(self) -> dict[str, Any]:
         """Settings of the loader, without the columns that it looks for by itself."""
@@ -60,7 +67,7 @@ class Proposed:
         """Tables of study.toml, in comments where a question is open."""
         measured = f"measured = {{ {self.mode} = {json.dumps(self.file)} }}"
         lines = [f"# [[spot]] {measured}: the key is the mode of the test"] if self.mode else []
-        lines += ["[experiment]", 'loader = "csv"']
+        lines += ["[experiment]", f'loader = "{self.loader}"']
         settings = self.settings()
         channels = settings.pop("channels", {})
         lines += [f"settings.{key} = {toml_value(value)}" for key, value in settings.items()]
@@ -75,7 +82,12 @@ class Proposed:
     def tried(self, path: Path) -> str:
         """Sentence on the curves that these settings read; a CurveError where they read none."""
         try:
-            loader = CsvLoader(CsvSettings.model_validate(self.settings()))
+            settings = self.settings()
+            loader = (
+                CsvLoader(CsvSettings.model_validate(settings))
+                if self.is_text
+                else ColumnsLoader(ColumnsSettings.model_validate(settings))
+            )
         except ValidationError as error:
             raise CurveError("; ".join(str(one["msg"]) for one in error.errors())) from None
         curves = loader.load(path, self.mode or None).curves
@@ -83,7 +95,7 @@ class Proposed:
 
 
 def _spans(name: str, curve: Curve) -> str:
-    units = {"force": ("mm", "N"), "torque": ("degrees", "N·mm")}.get(name, ("", "MPa"))
+    units = ("" if unit == "1" else unit for unit in units_of(name))
     ends = ((values.min(), values.max()) for values in (curve.abscissa, curve.ordinate))
     along, of = (
         f"{low:.6g} to {high:.6g} {unit}".rstrip() for (low, high), unit in zip(ends, units, strict=True)
@@ -106,6 +118,7 @@ def curves_of(log: RawLog) -> Proposed | None:
         questions=found.questions,
         layout=layout,
         file=Path(log.source).name,
+        is_text=log.row_word == "line",
     )
 
 

@@ -1,0 +1,83 @@
+"""Loader of processed curves in files of columns: MATLAB, HDF5, NumPy, Parquet and TDMS."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar
+
+from pydantic import Field
+
+from palpate.api import CurveError, ExperimentLoader, IntArray, Response
+from palpate.api.files import Column, listed
+from palpate_indentation.csv_loader import CurveSettings, read_curves
+from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log
+
+
+class ColumnsSettings(CurveSettings):
+    """Settings of :class:`ColumnsLoader`."""
+
+    limits: ReadingLimits = Field(
+        default_factory=ReadingLimits, description="Largest file, memory and time of reading."
+    )
+
+
+class ColumnTable:
+    """Columns of every length in a file.
+
+    Parameters
+    ----------
+    limits : ReadingLimits
+        Of size, memory and time.
+
+    Raises
+    ------
+    CurveError
+        The file has no columns of numbers, or cannot be read.
+    """
+
+    row_word: ClassVar[str] = "row"
+
+    def __init__(self, path: Path, limits: ReadingLimits) -> None:
+        self.path = path
+        log = read_log(path, Request(limits=limits))
+        if log.row_word == "line":
+            raise CurveError(f'{path}: the file is delimited text; set loader = "csv"')
+        self._streams = log.streams
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all columns."""
+        return tuple(name for stream in self._streams for name in stream.columns)
+
+    def read(self, wanted: Sequence[str]) -> tuple[IntArray, dict[str, Column]]:
+        """Rows counted from 0, and the wanted columns, which have one length.
+
+        Raises
+        ------
+        CurveError
+            A column is missing, or is not as long as another.
+        """
+        found = [stream for stream in self._streams if {*wanted} <= {*stream.columns}]
+        if len(found) != 1:
+            missing = [name for name in wanted if name not in self.names]
+            problem = f"no column '{missing[0]}'" if missing else f"the columns {listed(wanted)}"
+            which = "" if missing else " are in several groups" if found else " have different lengths"
+            raise CurveError(
+                f"{self.path}: {problem}{which} (columns there: {listed(self.names)}); correct the names "
+                "under channels, or see 'palpate experiment inspect'"
+            )
+        return found[0].rows, {name: found[0].columns[name] for name in wanted}
+
+
+class ColumnsLoader(ExperimentLoader[ColumnsSettings]):
+    """Processed curves in a file of columns.
+
+    Columns, units, strains and stresses have the rules of the loader ``csv``. A vector in a MATLAB
+    structure is named as MATLAB does, ``test.force_N``; a column of a matrix is ``data(:,2)``.
+    """
+
+    name = "columns"
+    summary = "processed curves in MATLAB, HDF5, NumPy, Parquet or TDMS files"
+
+    def load(self, path: Path, channel: str | None = None) -> Response:
+        """Read one file; a CurveError with file, row and column where it cannot be read."""
+        return read_curves(ColumnTable(path, self.settings.limits), self.settings.channels, channel)
