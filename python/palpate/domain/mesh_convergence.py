@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 
+AT_REACH = 0.2
+"""Edge of the finer mesh over the indenter's reach for which a channel's scatter is."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeshConvergence:
@@ -19,7 +22,7 @@ class MeshConvergence:
         Relative error of one mesh with edges of 0.3 indenter radii.
     scatter : float
         Standard deviation of extrapolated curves between independent pairs of meshes, over the largest
-        ordinate reached so far.
+        ordinate reached so far, where edges of the finer mesh are :data:`AT_REACH` of the indenter's reach.
     """
 
     rim_order: float = 1.8
@@ -38,10 +41,17 @@ class Refinement:
         Element size under the indenter, or at the contact's edge, over the finer mesh's; 1: there is none.
     at_rim : bool
         Whether the finer mesh is the first one, refined at the edge of the contact.
+    finer_over_reach : float
+        Element size of the finer mesh there, over the distance from the spot that the indenter touches.
     """
 
     ratio: float = 1.0
     at_rim: bool = False
+    finer_over_reach: float = AT_REACH
+
+    def scatter(self, mesh: MeshConvergence) -> float:
+        """Standard deviation of an extrapolated curve, over its largest ordinate so far."""
+        return mesh.scatter * self.finer_over_reach / AT_REACH
 
     def left_over(self, mesh: MeshConvergence) -> float:
         """Error of the finer mesh over the difference of both meshes (Richardson): 1 / (ratioᵖ − 1).

@@ -158,7 +158,9 @@ def refinement(study: Study, limbs: Mapping[str, Limb]) -> dict[str, Refinement]
         if is_refined := bool(fine_edge_mm(study, spot, limbs[name])):
             near_mm, beyond_mm = _refined_mm(study, name)
         sizes = [contact_edge_mm(limb, near_mm, beyond_mm) for limb in (limbs[name], fine)]
-        found[name] = Refinement(ratio=sizes[0] / sizes[1], at_rim=is_refined and beyond_mm > 0.0)
+        protocol = study.protocol_at(name)
+        at = {"finer_over_reach": sizes[1] / protocol.reach_mm} if isinstance(protocol, Indentation) else {}
+        found[name] = Refinement(ratio=sizes[0] / sizes[1], at_rim=is_refined and beyond_mm > 0.0, **at)
     return found
 
 

@@ -20,9 +20,9 @@ from palpate.mesh.topology import CELLS
 MOST_CELLS = 300_000
 """Elements up to which a mesh is refined: more than a solver can take."""
 
-AUTOMATIC = 0.28
+AUTOMATIC = 0.24
 """Longest edge under an indenter over its reach, at most, where none is named: the torque of the forearm's
-phantom is then within 2 % of its peak along the whole loop, and within 1.3 % once it is extrapolated.
+phantom is then within 1.8 % of its peak along the whole loop, and within 1.0 % once it is extrapolated.
 
 Nor is it longer than the mesh's mean edge: two meshes of nearly one size would not tell the error.
 """

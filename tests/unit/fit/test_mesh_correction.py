@@ -102,6 +102,11 @@ def test_a_force_over_time_converges_as_the_force_does():
     assert Refinement().left_over(TORQUE.mesh) == 0.0
 
 
+def test_what_is_left_of_an_extrapolation_falls_with_the_finer_mesh():
+    sizes = [Refinement(ratio=2.0, finer_over_reach=edge).scatter(TORQUE.mesh) for edge in (0.4, 0.2, 0.1)]
+    assert sizes == pytest.approx([2.0 * TORQUE.mesh.scatter, TORQUE.mesh.scatter, 0.5 * TORQUE.mesh.scatter])
+
+
 def test_a_fit_extrapolates_by_the_sizes_of_its_meshes(fit):
     moved = []
     for ratio in (1.0, 1.5):

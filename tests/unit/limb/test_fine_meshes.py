@@ -134,5 +134,6 @@ def test_a_mesh_is_refined_to_the_size_of_the_contact_where_a_fit_can_use_it(
         assert size_at_contact(study, limbs["p1/fine"]) <= 2.5
         assert refinement(study, limbs)["p1"].ratio > 2.0
         assert refinement(study, limbs)["p1"].at_rim
+        assert 0.1 < refinement(study, limbs)["p1"].finer_over_reach < 0.24
         slopeless = replace(study, solver=type("Slopeless", (Meshed,), {"provides": Provides()})())
         assert load_limbs(slopeless).keys() == {"p1"}

@@ -179,7 +179,8 @@ class Assessment:
         residuals, jacobian, point = _linear(end, again.point if again else None)
         rows, channels = layout_of(end.problem.terms, residuals.size, first.channels if first else ())
         known = self._known(end, residuals, rows, columns)
-        by_mesh = mesh_errors(self.study, end.problem.terms, residuals, known[MESH]) if MESH in known else ()
+        terms = end.problem.terms
+        by_mesh = mesh_errors(self.study, terms, residuals, known[MESH], self.meshes) if MESH in known else ()
         groups = groups_of(rows)
         of_points, points = residuals, rows
         residuals, jacobian = groups @ residuals, groups @ jacobian

@@ -413,7 +413,8 @@ def error_budget(
             added = _added(term.corrections[channel], scale, inside, fitted)
             add(MESH, "extrapolation", at, mesh.of_extrapolation(convergence, added))
             reached = np.maximum.accumulate(np.abs(curve.ordinate))
-            parts = scattered_parts(convergence.scatter * (scale * reached)[inside], along[inside])
+            scatter = mesh.refinement.scatter(convergence)
+            parts = scattered_parts(scatter * (scale * reached)[inside], along[inside])
         elif study.solver.provides.mesh:
             error = mesh.error(channel, convergence, study.budget.mesh) * fitted
             parts = independent_parts(error, along[inside])
@@ -426,7 +427,11 @@ def error_budget(
 
 
 def mesh_errors(
-    study: Study, terms: Sequence[SpotTerm], residuals: FloatArray, errors: FloatArray
+    study: Study,
+    terms: Sequence[SpotTerm],
+    residuals: FloatArray,
+    errors: FloatArray,
+    meshes: Mapping[str, SpotMesh],
 ) -> Iterator[dict[str, Any]]:
     """Relative error of each fitted curve by its mesh, one standard deviation, and what shows it.
 
@@ -438,6 +443,8 @@ def mesh_errors(
         Simulated less measured.
     errors : (n, m) array
         What one standard deviation of each error of the mesh adds to the residuals.
+    meshes : mapping of spot name to SpotMesh
+        Of the spots whose meshes are known.
     """
     for term, name, at, scale in pieces(terms):
         channel = channel_of(name)
@@ -450,7 +457,8 @@ def mesh_errors(
             shown_by = "one mesh"
         else:
             reached = np.linalg.norm((scale * np.maximum.accumulate(np.abs(ordinate)))[inside])
-            scatter = study.mesh_convergence(channel).scatter * float(reached) / size
+            between = meshes.get(term.spot, SpotMesh()).refinement
+            scatter = between.scatter(study.mesh_convergence(channel)) * float(reached) / size
             is_scatter = error**2 < 2.0 * scatter**2
             shown_by = "usual scatter" if is_scatter else "two meshes"
         yield {"spot": term.spot, "channel": name, "relative_error": error, "shown_by": shown_by}
