@@ -23,7 +23,8 @@ MOST_WORDS_OF_ALL = 26_000
 MOST_PRONOUNS = 10
 MOST_WHAT_CLAUSES = 5
 LEAST_PICTURES = 30
-NOT_YET = {path.stem for path in GUIDES} - {"budget", "estimator", "identifiability"}
+REWRITTEN = {"budget", "estimator", "identifiability", "limb", "meshes"}
+NOT_YET = {path.stem for path in GUIDES} - REWRITTEN
 """Guides that do not keep these limits yet."""
 ON_THE_PAGE = (
     "95 % interval",
