@@ -203,7 +203,7 @@ def test_the_limits_in_the_guide_on_curves_are_those_of_the_checks():
         f"{LARGEST_ONSET:.0%} of the depth".replace("%", " %"),
         f"{LARGEST_WORK_BACK:.0%} more returned".replace("%", " %"),
         f"below 1/{1 / SIZES[0]:.0f} or above {SIZES[1]:.0f} times |",
-        f"below 1/{1 / ODD_LEVERS[0]:.0f} or above {ODD_LEVERS[1]:.0f} times that of the indenter",
+        f"below 1/{1 / ODD_LEVERS[0]:.0f} or above {ODD_LEVERS[1]:.0f} times the indenter's",
         f"below 1/{1 / LEVERS[0]:.0f} or above {LEVERS[1]:.0f} times |",
         f"fewer than {LEAST_POINTS}, or a gap above {LARGEST_GAP:.0%} of the branch".replace("%", " %"),
     ):

@@ -1,4 +1,4 @@
-"""The guide on logs is true."""
+"""The guides on logs and loaders are true."""
 
 import re
 import subprocess
@@ -16,7 +16,8 @@ from palpate_robot_log import RobotLogLoader, RobotLogSettings
 from palpate_robot_log.reading.channel_map import LogFiles
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "logs.md").read_text(encoding="utf-8")
-LOADER, CONTRACT = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.DOTALL)
+LOADERS = (Path(__file__).parents[2] / "docs" / "loaders.md").read_text(encoding="utf-8")
+LOADER, CONTRACT = re.findall(r"```python\n(.*?)```", LOADERS, flags=re.DOTALL)
 READING, MACHINE, FILES, SPOTS = map(tomllib.loads, re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL))
 
 

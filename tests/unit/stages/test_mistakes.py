@@ -267,7 +267,7 @@ def test_few_mistakes_pass_and_the_guide_lists_them() -> None:
     silent = [name for name, (_, expected) in every.items() if not expected]
     assert (len(every), len(silent)) == (42, 2)
     guide = (Path(__file__).parents[3] / "docs" / "curves.md").read_text()
-    _, _, listed = guide.partition("## What no check detects")
+    _, _, listed = guide.partition("## Errors that no check finds")
     assert "10 % too large" in listed
     assert "Curves of the wrong spot" in listed
 
