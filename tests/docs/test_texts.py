@@ -30,11 +30,15 @@ REWRITTEN = {
     "estimator",
     "identifiability",
     "indenters",
+    "layers",
     "limb",
     "loaders",
     "logs",
     "meshes",
     "motions",
+    "mri",
+    "paper-study",
+    "real-limb",
 }
 NOT_YET = {path.stem for path in GUIDES} - REWRITTEN
 """Guides that do not keep these limits yet."""
