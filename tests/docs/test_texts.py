@@ -37,8 +37,11 @@ REWRITTEN = {
     "meshes",
     "motions",
     "mri",
+    "next-press",
     "paper-study",
+    "predict",
     "real-limb",
+    "relaxation",
 }
 NOT_YET = {path.stem for path in GUIDES} - REWRITTEN
 """Guides that do not keep these limits yet."""
