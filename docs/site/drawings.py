@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from palpate import Plugins
 from palpate.run.ledger import Ledger
 from palpate_multis import fit as fit_people, read_presses
-from palpate_report.style import LEAST_COLOUR, LINES, MEASURED_COLOUR, sized
+from palpate_report.figures.style import LEAST_COLOUR, LINES, MEASURED_COLOUR, sized
 
 KPA = 1000.0
 GREY = "0.55"

@@ -18,7 +18,7 @@ from matplotlib import rc_context
 from PIL import Image
 
 from palpate_forearm import write_phantom
-from palpate_report.style import STYLE
+from palpate_report.figures.style import STYLE
 
 PICTURES = Path(__file__).parents[1] / "pictures"
 SCALE = 0.5

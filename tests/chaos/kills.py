@@ -45,7 +45,9 @@ from palpate.sampling.samplers import LatinHypercube
 from palpate.stages import core_stages, pipeline
 from palpate.study.reading import Study, StudySpot
 from palpate_indentation import motions  # noqa: F401
-from palpate_report import figures, page, sections  # noqa: F401
+from palpate_report import sections  # noqa: F401
+from palpate_report.figures import drawings  # noqa: F401
+from palpate_report.page import html
 
 tissue = load_file(TISSUE_FILE)
 
@@ -269,7 +271,7 @@ def main() -> int:
     moment, counts = random.Random(asked.seed), Counter()
     os.environ[MARK] = str(os.getpid())
     # What a run imports and compiles before it writes a page is inherited by every fork.
-    page.template(), page.library(), units.convert("1 m", "mm")
+    html.template(), html.library(), units.convert("1 m", "mm")
     # JAX is imported, but computes nothing here: it has no threads that a fork could miss.
     warnings.filterwarnings("ignore", r"os\.fork\(\) was called", RuntimeWarning)
     # A kill leaves what the kernel has taken: no disk has to be waited for.

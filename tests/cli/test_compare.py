@@ -20,7 +20,7 @@ def undrawn(monkeypatch):
             file.touch()
         return files
 
-    monkeypatch.setattr("palpate_report.figures.save", save)
+    monkeypatch.setattr("palpate_report.figures.drawings.save", save)
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def test_a_scenario_without_a_set_ends_with_1_after_the_results(
     call: Call, study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from palpate.stages import core_stages
-    from palpate_report import report_data
+    from palpate_report.data import report_data
 
     missing = {("s1", "pull only"): "unreadable: a turn too many"}
     for module in (core_stages, report_data):

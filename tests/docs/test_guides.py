@@ -35,8 +35,8 @@ from palpate.plugins.registry import add_commands
 from palpate.stages.identifiability import UNCLEAR, WORDS
 from palpate.study.reading import read_study
 from palpate_indentation import CsvLoader, CsvSettings
-from palpate_report.marks import AT_END, REFUSED, TIED, mark_of, verdict_of
-from palpate_report.tables import TITLES
+from palpate_report.data.marks import AT_END, REFUSED, TIED, mark_of, verdict_of
+from palpate_report.data.tables import TITLES
 
 ROOT = Path(__file__).parents[2]
 GUIDES = [

@@ -15,8 +15,8 @@ from palpate.cli.session import Session
 from palpate.study.model import ScenarioTable
 from palpate.testing import bench
 from palpate.testing.studies import StudyRunner
-from palpate_report import report_data
-from palpate_report.report_data import CONTACT
+from palpate_report.data import report_data
+from palpate_report.data.report_data import CONTACT
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "plugins-api.md").read_text(encoding="utf-8")
 PYTHON = re.findall(r"```python\n(.*?)```", GUIDE, flags=re.DOTALL)

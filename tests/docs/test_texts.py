@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from palpate.stages.identifiability import UNCLEAR, WORDS
-from palpate_report.next_step import CAUSES
+from palpate_report.answer.next_step import CAUSES
 
 ROOT = Path(__file__).parents[2]
 GUIDES = sorted((ROOT / "docs").glob("*.md"))

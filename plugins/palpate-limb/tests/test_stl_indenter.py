@@ -15,7 +15,7 @@ from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_limb import stl_indenter
 from palpate_limb.stl_indenter import StlIndenter, StlSettings, rounded_solid
 from palpate_materials.neo_hookean import NeoHookean
-from palpate_report.scene import scene
+from palpate_report.figures.scene import scene
 
 SIDES = (20.0, 12.0, 8.0)
 

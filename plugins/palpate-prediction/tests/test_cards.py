@@ -25,7 +25,7 @@ from palpate_materials.uncoupled import (
 )
 from palpate_prediction.cards.card import CardData
 from palpate_prediction.cards.programs import PROGRAMS, _counting_at, _intervals, joined
-from palpate_report.marks import Headline
+from palpate_report.data.marks import Headline
 
 CASES = {
     "neo_hookean": (NeoHookean(), [0.0735, 0.4434]),

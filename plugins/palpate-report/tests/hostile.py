@@ -5,7 +5,7 @@ from dataclasses import replace
 import polars as pl
 
 from palpate.mesh.specimens import block
-from palpate_report.report_data import ReportData
+from palpate_report.data.report_data import ReportData
 
 ATTACK = '</script><script>window.pwned = 1</script><img src=x onerror="window.pwned = 1"><marquee>'
 SPOTS = {"p1": f"{ATTACK}\u2028{{{{ 7 * 7 }}}}", "p2": "__proto__"}

@@ -10,11 +10,11 @@ from hypothesis import given, strategies as st
 from palpate.api.report import Paragraph
 from palpate.fit.least_squares import LeastSquares
 from palpate.run.result import PosteriorResult
-from palpate_report.contours import FIRST, MOST_LEVELS, along, contours, levels_from, planes_of
-from palpate_report.display_units import in_display_units
-from palpate_report.page_data import page_data
+from palpate_report.data.display_units import in_display_units
+from palpate_report.figures.contours import FIRST, MOST_LEVELS, along, contours, levels_from, planes_of
+from palpate_report.figures.space import parameter_space
+from palpate_report.page.page_data import page_data
 from palpate_report.sections.sweep import Space
-from palpate_report.space import parameter_space
 
 NAMES = ("soft_tissue.stiffness", "soft_tissue.grip")
 

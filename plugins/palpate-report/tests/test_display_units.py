@@ -9,12 +9,12 @@ import pytest
 from palpate import AnisotropicMaterial
 from palpate.domain import ParameterSpace, RegionMaterial, Tie
 from palpate.fit.least_squares import LeastSquares
-from palpate_report.best_sets import initial_moduli
-from palpate_report.display_units import in_display_units, rows_in_display_units
+from palpate_report.answer.best_sets import initial_moduli
+from palpate_report.answer.methods import methods
+from palpate_report.answer.result import make_conclusion
+from palpate_report.data.display_units import in_display_units, rows_in_display_units
+from palpate_report.data.tables import make_tables
 from palpate_report.from_run import write_report
-from palpate_report.methods import methods
-from palpate_report.result import make_conclusion
-from palpate_report.tables import make_tables
 
 STIFFNESS = "soft_tissue.stiffness"
 RELATIVE = ("relative_width", "identifiability", "correlation", "fopt_threshold", "n_as_good")

@@ -9,16 +9,16 @@ from palpate.domain import Relaxation
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.sections import Fold, Table, Word
 from palpate.run.result import CertaintyResult
-from palpate_report.answer import answer, apart_from_joint
-from palpate_report.best_sets import best_sets
-from palpate_report.figures import interval_plot
-from palpate_report.next_step import CAUSES
-from palpate_report.page import laid_out, render
-from palpate_report.panels import COLOURS, budget_bars, colour_of
-from palpate_report.report_warnings import apparent
-from palpate_report.result import Report, make_conclusion
+from palpate_report.answer.best_sets import best_sets
+from palpate_report.answer.card import answer, apart_from_joint
+from palpate_report.answer.next_step import CAUSES
+from palpate_report.answer.result import Report, make_conclusion
+from palpate_report.answer.warnings import apparent
+from palpate_report.data.tables import make_tables, printed
+from palpate_report.figures.drawings import interval_plot
+from palpate_report.figures.panels import COLOURS, budget_bars, colour_of
+from palpate_report.page.html import laid_out, render
 from palpate_report.stage import summary_of
-from palpate_report.tables import make_tables, printed
 
 from .fits import at_end_of_range
 

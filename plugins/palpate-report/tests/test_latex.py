@@ -11,9 +11,9 @@ from hypothesis import given, strategies as st
 
 from palpate.fit.least_squares import LeastSquares
 from palpate.run.result import FitResult
-from palpate_report.paper_tables import materials_of, paper_tables
-from palpate_report.table_files import PREAMBLE, latex, power_of_ten, symbol
-from palpate_report.tables import make_tables
+from palpate_report.answer.paper_tables import materials_of, paper_tables
+from palpate_report.data.table_files import PREAMBLE, latex, power_of_ten, symbol
+from palpate_report.data.tables import make_tables
 
 HOSTILE = r"[50 % of a_b & {c} $x$ #1 ~^ \end{table} | `d` <e> κ ±" + "\n next"
 

@@ -10,7 +10,7 @@ from palpate.domain import Limb, Mesh, Spot
 from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
 from palpate.stages import pipeline
-from palpate_report.limb_view import ViewPart, limb_view, traces
+from palpate_report.figures.limb_view import ViewPart, limb_view, traces
 
 
 def enclosed(parts: list[ViewPart]) -> float:

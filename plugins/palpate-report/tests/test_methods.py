@@ -10,8 +10,8 @@ import pytest
 from palpate.api import Indentation
 from palpate.domain.indenter import Sphere
 from palpate.fit.least_squares import LeastSquares
+from palpate_report.answer.methods import methods, references
 from palpate_report.from_run import write_report
-from palpate_report.methods import methods, references
 
 ROOT = Path(__file__).parents[3]
 

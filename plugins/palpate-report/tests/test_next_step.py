@@ -10,9 +10,9 @@ from palpate.api.fit import ALL_SPOTS
 from palpate.domain.indenter import Sphere
 from palpate.fit.least_squares import LeastSquares
 from palpate.study.model import BudgetTable
-from palpate_report.answer import answer
-from palpate_report.next_step import AFTER_REFUSAL, CAUSES, REMEDIES, SETTINGS, WRITE_UP
-from palpate_report.result import Report, make_conclusion
+from palpate_report.answer.card import answer
+from palpate_report.answer.next_step import AFTER_REFUSAL, CAUSES, REMEDIES, SETTINGS, WRITE_UP
+from palpate_report.answer.result import Report, make_conclusion
 from palpate_report.stage import summary_of
 
 from .fits import at_end_of_range

@@ -7,7 +7,7 @@ import pytest
 
 from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
-from palpate_report.panels import budget_bars, causes, colour_of, limbs, pressed, pressures
+from palpate_report.figures.panels import budget_bars, causes, colour_of, limbs, pressed, pressures
 
 from .dimple import dimple
 

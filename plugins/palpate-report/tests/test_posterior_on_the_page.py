@@ -8,10 +8,10 @@ import pytest
 
 from palpate.fit.least_squares import LeastSquares
 from palpate.run.result import PosteriorResult
-from palpate_report.best_sets import best_sets
-from palpate_report.panels import profiles, sobol_indices
-from palpate_report.report_warnings import report_warnings
-from palpate_report.tables import make_tables
+from palpate_report.answer.best_sets import best_sets
+from palpate_report.answer.warnings import report_warnings
+from palpate_report.data.tables import make_tables
+from palpate_report.figures.panels import profiles, sobol_indices
 
 NAMES = ("soft_tissue.stiffness", "soft_tissue.grip")
 TRUTH = dict(zip(NAMES, (0.45, 22.0), strict=True))

@@ -14,16 +14,16 @@ import pytest
 from palpate.fit.fitted import fitted
 from palpate.fit.least_squares import LeastSquares
 from palpate_prediction.cards.programs import PROGRAMS, cards_of
-from palpate_report import figures
-from palpate_report.best_sets import best_sets
+from palpate_report.answer.best_sets import best_sets
+from palpate_report.answer.headline import NO_PARAMETERS, Verdicts, failure_of, with_verdicts
+from palpate_report.answer.paper_tables import paper_tables
+from palpate_report.answer.result import make_conclusion
 from palpate_report.comparison import write_comparison
+from palpate_report.data.marks import MARKS, explained, mark_of, verdict_of
+from palpate_report.data.tables import make_tables
+from palpate_report.figures import drawings
 from palpate_report.from_run import write_report
-from palpate_report.headline import NO_PARAMETERS, Verdicts, failure_of, with_verdicts
-from palpate_report.marks import MARKS, explained, mark_of, verdict_of
-from palpate_report.page import render
-from palpate_report.paper_tables import paper_tables
-from palpate_report.result import make_conclusion
-from palpate_report.tables import make_tables
+from palpate_report.page.html import render
 
 from .fits import at_end_of_range
 
@@ -44,7 +44,7 @@ def drawn(monkeypatch):
         (folder / "curves.svg").write_text("<svg/>")
         return (folder / "curves.svg",)
 
-    monkeypatch.setattr("palpate_report.figures.write_comparison_figure", save)
+    monkeypatch.setattr("palpate_report.figures.drawings.write_comparison_figure", save)
 
 
 def values_of(data):
@@ -100,7 +100,7 @@ def test_no_output_of_a_refused_run_has_a_bare_value(refused, drawn, tmp_path):
 
 
 def write_report_without_verdicts(data, folder):
-    from palpate_report.table_files import write_tables
+    from palpate_report.data.table_files import write_tables
 
     write_tables(make_tables(data), folder)
     return folder
@@ -190,8 +190,8 @@ def test_a_mark_says_what_may_be_read(word, at_bound, mark):
 
 def test_every_figure_of_a_refused_run_is_stamped(refused, content):
     for data, is_refused in ((refused, True), (content(assessed=False, search=LeastSquares()), False)):
-        made = figures.stamped(data)
-        drawn = {name: draw(made) for name, is_there, draw in figures._drawings(made) if is_there}
+        made = drawings.stamped(data)
+        drawn = {name: draw(made) for name, is_there, draw in drawings._drawings(made) if is_there}
         assert {"intervals", "parameter_space_p1", "response_p1", "generalised"} <= drawn.keys()
         assert ("stress_strain" in drawn) != is_refused
         for name, figure in drawn.items():
@@ -202,7 +202,7 @@ def test_every_figure_of_a_refused_run_is_stamped(refused, content):
 
 def test_a_comparison_names_the_refused_run_on_its_figure(refused, content):
     runs = {"one": refused, "two": content(assessed=False, search=LeastSquares())}
-    figure = figures._curves({name: figures.stamped(data) for name, data in runs.items()})
+    figure = drawings._curves({name: drawings.stamped(data) for name, data in runs.items()})
     (line,) = (line for line in figure.get_suptitle().splitlines() if NO_PARAMETERS in line)
     assert line.startswith("one: ")
 

@@ -20,15 +20,15 @@ from palpate.run.result import FitResult
 from palpate.scoring.scores import score
 from palpate.scoring.selection import select
 from palpate.simulation.jobs import simulate
-from palpate_report import figures
-from palpate_report.contours import paths
-from palpate_report.figures import generalised, interval_plot, nmse_distribution, responses
+from palpate_report.answer.headline import draws_of
+from palpate_report.data.report_data import ReportData
+from palpate_report.data.tables import finding, make_tables
+from palpate_report.figures import drawings
+from palpate_report.figures.contours import paths
+from palpate_report.figures.drawings import generalised, interval_plot, nmse_distribution, responses
+from palpate_report.figures.space import MOST_PAIRS, parameter_space
+from palpate_report.figures.style import STYLE, save
 from palpate_report.from_run import write_report
-from palpate_report.headline import draws_of
-from palpate_report.report_data import ReportData
-from palpate_report.space import MOST_PAIRS, parameter_space
-from palpate_report.style import STYLE, save
-from palpate_report.tables import finding, make_tables
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def outlined(monkeypatch):
             file.write_text("<svg></svg>")
         return files
 
-    monkeypatch.setattr(figures, "save", save)
+    monkeypatch.setattr(drawings, "save", save)
 
 
 def test_table_1_is_the_papers_in_long_form(content):
@@ -168,7 +168,7 @@ def test_figures_are_drawn_alike_twice(content, tmp_path):
 @pytest.mark.slow
 def test_drawing_changes_nobodys_style(content, tmp_path, outlined):
     before = dict(rcParams)
-    files = figures.write_figures(content(), tmp_path)
+    files = drawings.write_figures(content(), tmp_path)
     assert len(files) == 3 * 7
     assert dict(rcParams) == before
 
@@ -374,7 +374,7 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
 
 
 def test_two_regions_keep_their_names(space):
-    from palpate_report.report_data import named_briefly
+    from palpate_report.data.report_data import named_briefly
 
     one = space.parameters
     assert [p.name for p in named_briefly(one)] == ["stiffness", "grip"]

@@ -8,9 +8,9 @@ import pytest
 from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
 from palpate.plugins.sections import Figure, Paragraph, Picture, Section, Table
-from palpate_report.page import render
-from palpate_report.result import make_conclusion
-from palpate_report.tables import make_tables
+from palpate_report.answer.result import make_conclusion
+from palpate_report.data.tables import make_tables
+from palpate_report.page.html import render
 
 from .chromium import COMMAND, Chromium
 from .dimple import dimple

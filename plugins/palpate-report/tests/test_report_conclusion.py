@@ -12,11 +12,11 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
 from palpate.run.result import UNSEEN, UNSETTLED
 from palpate.scoring.selection import by_reason, failures, unranked
-from palpate_report import report_warnings
-from palpate_report.marks import rounded
-from palpate_report.result import make_conclusion
-from palpate_report.style import DOUBLE_MM, SINGLE_MM, STYLE
-from palpate_report.tables import cost_of_one_set, make_tables, weighted_channels
+from palpate_report.answer import warnings
+from palpate_report.answer.result import make_conclusion
+from palpate_report.data.marks import rounded
+from palpate_report.data.tables import cost_of_one_set, make_tables, weighted_channels
+from palpate_report.figures.style import DOUBLE_MM, SINGLE_MM, STYLE
 
 from .fits import at_end_of_range
 
@@ -354,13 +354,13 @@ def test_a_proof_that_failed_is_named(content, passed):
 def test_the_guide_has_the_limits_that_are_applied():
     guide = (Path(__file__).parents[3] / "docs" / "report.md").read_text(encoding="utf-8")
     for wording in (
-        f"R² below {report_warnings.GOOD_R2:g}", f"R² below {report_warnings.NO_FIT_R2:g}",
-        f"fewer than {report_warnings.FEW_SETS} sets per parameter",
-        f"more than 1 in {1 / report_warnings.FAILED_SHARE:g}",
+        f"R² below {warnings.GOOD_R2:g}", f"R² below {warnings.NO_FIT_R2:g}",
+        f"fewer than {warnings.FEW_SETS} sets per parameter",
+        f"more than 1 in {1 / warnings.FAILED_SHARE:g}",
         f"{SINGLE_MM:g} mm wide for one column or {DOUBLE_MM:g} mm for two", f"({STYLE['figure.dpi']} dpi)",
     ):  # fmt: skip
         assert wording in guide
-    assert report_warnings.COSTLY == 3.0
+    assert warnings.COSTLY == 3.0
     assert "Fopt there is three times the minimum, or more" in guide
 
 

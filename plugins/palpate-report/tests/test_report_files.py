@@ -12,10 +12,10 @@ import pytest
 from matplotlib.image import imread
 
 from palpate.fit.least_squares import LeastSquares
-from palpate_report import figures
-from palpate_report.style import DOUBLE_MM, LINES, MEASURED_COLOUR, MM, SINGLE_MM, STYLE, save
-from palpate_report.table_files import latex, markdown, write_tables
-from palpate_report.tables import make_tables, printed
+from palpate_report.data.table_files import latex, markdown, write_tables
+from palpate_report.data.tables import make_tables, printed
+from palpate_report.figures import drawings
+from palpate_report.figures.style import DOUBLE_MM, LINES, MEASURED_COLOUR, MM, SINGLE_MM, STYLE, save
 
 WIDTHS_MM = (SINGLE_MM, DOUBLE_MM)
 
@@ -23,8 +23,8 @@ WIDTHS_MM = (SINGLE_MM, DOUBLE_MM)
 def test_every_figure_is_one_or_two_columns_wide(content):
     made = content()
     for draw in (
-        figures.nmse_distribution, figures.generalised, lambda c: figures.responses(c, "p1"),
-        lambda c: figures.parameter_space(c, "p1"),
+        drawings.nmse_distribution, drawings.generalised, lambda c: drawings.responses(c, "p1"),
+        lambda c: drawings.parameter_space(c, "p1"),
     ):  # fmt: skip
         assert any(draw(made).get_figwidth() == pytest.approx(w * MM) for w in WIDTHS_MM)
 
@@ -33,7 +33,7 @@ def test_every_figure_is_one_or_two_columns_wide(content):
 def saved(content, tmp_path):
     """One figure in its three formats, by suffix."""
     with mpl.rc_context(dict(STYLE)):
-        files = save(figures.responses(content(), "p1"), tmp_path / "one")
+        files = save(drawings.responses(content(), "p1"), tmp_path / "one")
     return {file.suffix: file for file in files}
 
 

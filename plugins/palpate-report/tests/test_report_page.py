@@ -22,14 +22,14 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
 from palpate.plugins.sections import Drawing, Fold, Listing, ReportWarning, Section, Table
 from palpate.run.result import FitResult, PosteriorResult
+from palpate_report.answer.result import make_conclusion
+from palpate_report.data.report_data import contact_along
+from palpate_report.data.tables import TITLES, make_tables
+from palpate_report.figures.limb_view import limb_view
+from palpate_report.figures.scene import scene
 from palpate_report.from_run import write_report
-from palpate_report.limb_view import limb_view
-from palpate_report.page import render
-from palpate_report.page_data import MOST_SETS, page_data
-from palpate_report.report_data import contact_along
-from palpate_report.result import make_conclusion
-from palpate_report.scene import scene
-from palpate_report.tables import TITLES, make_tables
+from palpate_report.page.html import render
+from palpate_report.page.page_data import MOST_SETS, page_data
 
 from .hostile import ATTACK, NAMES, REASON, renamed
 
@@ -383,7 +383,7 @@ def _contrast(one, other):
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_text_has_a_contrast_of_4_5_and_lines_of_3(dark):
-    colours = _colours((Path(palpate_report.__file__).parent / "page.css").read_text(), dark)
+    colours = _colours((Path(palpate_report.__file__).parent / "page" / "page.css").read_text(), dark)
     for paper in ("paper", "panel"):
         for text in ("ink", "soft", "link", "warn", "bad", "good"):
             assert _contrast(colours[text], colours[paper]) >= 4.5, (text, paper)

@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from palpate_report.marks import rounded
+from palpate_report.data.marks import rounded
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ from hypothesis import given, strategies as st
 
 from palpate.errors import PluginError
 from palpate.plugins.sections import Fold, Lines, Section, Table, Word
-from palpate_report.page import template
-from palpate_report.showable import checked
+from palpate_report.data.showable import checked
+from palpate_report.page.html import template
 
 
 class Extra(Section):

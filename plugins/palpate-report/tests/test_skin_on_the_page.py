@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, strategies as st
 
 from palpate.domain import SurfaceStates
-from palpate_report.page import render
-from palpate_report.result import Report, make_conclusion
-from palpate_report.scene import MOST_BYTES, MOST_STATES, deepest, shown_states, skins
+from palpate_report.answer.result import Report, make_conclusion
+from palpate_report.data.tables import make_tables
+from palpate_report.figures.scene import MOST_BYTES, MOST_STATES, deepest, shown_states, skins
+from palpate_report.page.html import render
 from palpate_report.sections.origins import LimbAndDeformation
-from palpate_report.tables import make_tables
 
 from .dimple import dimple
 

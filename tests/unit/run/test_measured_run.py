@@ -17,7 +17,7 @@ from palpate.run.keys import job_key
 from palpate.run.ownership import claim, keep_only
 from palpate.simulation.jobs import jobs
 from palpate.stages import pipeline
-from palpate_report.figures import draw_presses
+from palpate_report.figures.drawings import draw_presses
 
 SMALL = Indentation(
     indenter=Sphere(radius_mm=5.0), path=[(0, 0), (10, 0), (10, -22.5), (10, 22.5), (10, 0)], friction=0.5

@@ -13,10 +13,10 @@ from palpate.simulation import jobs as simulation
 from palpate.stages import pipeline
 from palpate.stages.core_stages import selected
 from palpate_report import from_run
-from palpate_report.figures import nmse_distribution, responses
-from palpate_report.result import make_conclusion
-from palpate_report.space import parameter_space
-from palpate_report.tables import make_tables
+from palpate_report.answer.result import make_conclusion
+from palpate_report.data.tables import make_tables
+from palpate_report.figures.drawings import nmse_distribution, responses
+from palpate_report.figures.space import parameter_space
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from palpate.scoring.scores import check_scorable, score
 from palpate.scoring.selection import objectives
 from palpate.simulation import jobs as simulation
 from palpate.stages import pipeline
-from palpate_report.tables import weighted_channels
+from palpate_report.data.tables import weighted_channels
 
 WHOLE = Scenario(name="I", weights={"force": 1.0, "torque": 1.0})
 MIXED = Scenario(name="mixed", weights={"force": 1.0, "torque/unload": 0.5})

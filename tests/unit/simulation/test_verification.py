@@ -13,9 +13,9 @@ from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
 from palpate.stages import pipeline
 from palpate.stages.core_stages import selected
-from palpate_report.page import render
-from palpate_report.result import make_conclusion
-from palpate_report.tables import make_tables
+from palpate_report.answer.result import make_conclusion
+from palpate_report.data.tables import make_tables
+from palpate_report.page.html import render
 
 MESSAGE = "so it is"
 

@@ -11,7 +11,7 @@ from palpate.plugins.sections import ReportWarning
 from palpate.run.result import FitResult
 from palpate.stages import pipeline
 from palpate.stages.core_stages import selected
-from palpate_report.result import Conclusion, Report
+from palpate_report.answer.result import Conclusion, Report
 
 
 @pytest.fixture

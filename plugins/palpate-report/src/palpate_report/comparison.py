@@ -13,14 +13,15 @@ from palpate.api import FORCE, FloatArray, Indentation, ParameterName
 from palpate.api.files import write_atomically
 from palpate.api.fit import CertaintyResult, channel_of
 from palpate.api.runs import keep_only
-from palpate_report.best_sets import best_sets, leading
-from palpate_report.display_units import in_display_units
-from palpate_report.headline import NO_PARAMETERS, failure_of, headlines, moduli
-from palpate_report.marks import OTHER_RATE, explained, mark_of
-from palpate_report.paper_tables import materials_of, paper_tables
-from palpate_report.report_data import ReportData
-from palpate_report.table_files import write_tables
-from palpate_report.tables import EXACT, weighted_channels
+from palpate_report.answer.best_sets import best_sets, leading
+from palpate_report.answer.curves import for_all_spots, residuals, same_curves
+from palpate_report.answer.headline import NO_PARAMETERS, failure_of, headlines, moduli
+from palpate_report.answer.paper_tables import materials_of, paper_tables
+from palpate_report.data.display_units import in_display_units
+from palpate_report.data.marks import OTHER_RATE, explained, mark_of
+from palpate_report.data.report_data import ReportData
+from palpate_report.data.table_files import write_tables
+from palpate_report.data.tables import EXACT, weighted_channels
 
 MEANINGS = ((2.0, "as good as the best"), (7.0, "less support"), (np.inf, "hardly any support"))
 """What a difference of AICc up to each limit means (Burnham & Anderson, Model Selection, 2002, ch. 2.6)."""
@@ -73,26 +74,6 @@ def comparison_tables(runs: Mapping[str, ReportData]) -> dict[str, pl.DataFrame]
         "criteria": _criteria(runs) if same_curves(runs) else [],
     }
     return {name: pl.DataFrame(rows, infer_schema_length=None) for name, rows in tables.items() if rows}
-
-
-def same_curves(runs: Mapping[str, ReportData]) -> bool:
-    """Whether all runs are fitted to the same measured curves in the same channels."""
-    first, *others = runs.values()
-    return all(
-        data.spots == first.spots
-        and data.generalising.weighed == first.generalising.weighed
-        and all(_is_same(data, first, spot) for spot in first.spots)
-        for data in others
-    )
-
-
-def _is_same(one: ReportData, other: ReportData, spot: str) -> bool:
-    a, b = one.measured[spot].curves, other.measured[spot].curves
-    return a.keys() == b.keys() and all(
-        np.array_equal(a[name].abscissa, b[name].abscissa)
-        and np.array_equal(a[name].ordinate, b[name].ordinate)
-        for name in a
-    )
 
 
 def press_durations_s(data: ReportData) -> list[float]:
@@ -231,8 +212,6 @@ def _residuals(data: ReportData) -> dict[str, list[FloatArray]]:
 
     Of the least Fopt: a criterion is of the largest likelihood.
     """
-    from palpate_report.figures import for_all_spots, residuals
-
     data = replace(data, fit=replace(data.fit, certainty=CertaintyResult()))
     found: dict[str, list[FloatArray]] = {}
     channels = dict.fromkeys(map(channel_of, data.generalising.weighed))
@@ -263,8 +242,8 @@ def _independent(parts: list[FloatArray]) -> float:
 
 def write_comparison(runs: Mapping[str, ReportData], folder: Path) -> dict[str, Any]:
     """Write ``tables/``, ``figures/`` and ``index.html``; return tables, notes and files."""
-    from palpate_report.figures import write_comparison_figure
-    from palpate_report.page import comparison_page
+    from palpate_report.figures.drawings import write_comparison_figure
+    from palpate_report.page.html import comparison_page
 
     tables = comparison_tables(runs)
     notes = list(_notes(tables, runs))

@@ -27,14 +27,14 @@ from palpate.api.runs import (
     read_run,
     score,
 )
-from palpate_report.display_units import in_display_units
-from palpate_report.headline import with_verdicts
-from palpate_report.paper_tables import materials_of, paper_tables
-from palpate_report.report_data import ReportData, by_spot, contact_along
-from palpate_report.result import Report, make_conclusion
-from palpate_report.showable import checked
-from palpate_report.table_files import write_tables
-from palpate_report.tables import make_tables
+from palpate_report.answer.headline import with_verdicts
+from palpate_report.answer.paper_tables import materials_of, paper_tables
+from palpate_report.answer.result import Report, make_conclusion
+from palpate_report.data.display_units import in_display_units
+from palpate_report.data.report_data import ReportData, by_spot, contact_along
+from palpate_report.data.showable import checked
+from palpate_report.data.table_files import write_tables
+from palpate_report.data.tables import make_tables
 
 
 def write_report(data: ReportData, folder: Path) -> Report:
@@ -42,7 +42,7 @@ def write_report(data: ReportData, folder: Path) -> Report:
 
     Files of an earlier report that this one does not have are removed afterwards.
     """
-    from palpate_report.page import write_page
+    from palpate_report.page.html import write_page
 
     data = in_display_units(data)
     tables = with_verdicts(data, make_tables(data))
@@ -63,10 +63,10 @@ def write_report(data: ReportData, folder: Path) -> Report:
 
 
 def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
-    """Draw every figure: see :func:`palpate_report.figures.write_figures`."""
-    from palpate_report import figures
+    """Draw every figure: see :func:`palpate_report.figures.drawings.write_figures`."""
+    from palpate_report.figures import drawings
 
-    return figures.write_figures(data, folder)
+    return drawings.write_figures(data, folder)
 
 
 def report_data(run: Run, *, unfinished: str = "") -> ReportData:

@@ -10,11 +10,11 @@ from palpate.api import Channel, Progress, Response, Run, Stage, Summary
 from palpate.api.cli import Closed, IntervalOutput, Row
 from palpate.api.fit import ALL_SPOTS
 from palpate.api.runs import Files, Study, described
-from palpate_report.display_units import in_display_units
+from palpate_report.answer.result import Report
+from palpate_report.data.display_units import in_display_units
+from palpate_report.data.marks import mark_of
+from palpate_report.data.table_files import shown
 from palpate_report.from_run import report_data, written
-from palpate_report.marks import mark_of
-from palpate_report.result import Report
-from palpate_report.table_files import shown
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -63,9 +63,9 @@ class ReportStage(Stage):
 
     def draw_curves(self, run: Run) -> "Figure":
         """Figure of the measured curves of each spot with those of the fit, for a notebook."""
-        from palpate_report import figures
+        from palpate_report.figures import drawings
 
-        return figures.for_notebook(in_display_units(report_data(run)))
+        return drawings.for_notebook(in_display_units(report_data(run)))
 
     def draw_presses(
         self,
@@ -77,9 +77,9 @@ class ReportStage(Stage):
         folder: Path,
     ) -> tuple[Path, ...]:
         """Draw what was measured at a spot, as in :class:`palpate.plugins.optional.PressDrawer`."""
-        from palpate_report import figures
+        from palpate_report.figures import drawings
 
-        return figures.draw_presses(spot, presses, mean, channels, notice, folder)
+        return drawings.draw_presses(spot, presses, mean, channels, notice, folder)
 
 
 def summary_of(study: Study, report: Report) -> Summary:

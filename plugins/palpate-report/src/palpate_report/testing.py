@@ -33,10 +33,10 @@ from palpate.api.report import (
 )
 from palpate.api.runs import Plugins, RunDirectory, read_run, run_study
 from palpate.testing import ComponentContract, StudyRunner, overridden, plugins_with
+from palpate_report.answer.result import Report
+from palpate_report.data.report_data import ReportData
+from palpate_report.data.showable import checked, figure_data
 from palpate_report.from_run import report_data
-from palpate_report.report_data import ReportData
-from palpate_report.result import Report
-from palpate_report.showable import checked, figure_data
 
 __all__ = ["SectionContract", "SmallRun", "small_run", "small_runs"]
 

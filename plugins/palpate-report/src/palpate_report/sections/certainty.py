@@ -5,11 +5,11 @@ from collections.abc import Iterator
 import polars as pl
 
 from palpate.api.report import Block, Fold, Listing, Paragraph, Section, Table
-from palpate_report.marks import verdict_of
-from palpate_report.report_data import ReportData
-from palpate_report.result import Report
+from palpate_report.answer.result import Report
+from palpate_report.data.marks import verdict_of
+from palpate_report.data.report_data import ReportData
+from palpate_report.data.tables import printed
 from palpate_report.sections.tables import picture, tables
-from palpate_report.tables import printed
 
 
 class Certainty(Section):

@@ -19,14 +19,14 @@ from palpate.api.report import (
     Word,
 )
 from palpate.api.runs import file_name
-from palpate_report.best_sets import Best, initial_moduli
-from palpate_report.headline import MODULI
-from palpate_report.marks import Headline
-from palpate_report.material import material_curves, rows_of
-from palpate_report.report_data import ReportData
-from palpate_report.result import Report
+from palpate_report.answer.best_sets import Best, initial_moduli
+from palpate_report.answer.headline import MODULI
+from palpate_report.answer.result import Report
+from palpate_report.data.marks import Headline
+from palpate_report.data.report_data import ReportData
+from palpate_report.data.tables import TITLES, printed
+from palpate_report.figures.material import material_curves, rows_of
 from palpate_report.sections.tables import picture, tables
-from palpate_report.tables import TITLES, printed
 
 
 class Curves(Section):

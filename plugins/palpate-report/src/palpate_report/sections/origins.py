@@ -17,11 +17,11 @@ from palpate.api.report import (
     Section,
     Table,
 )
-from palpate_report.report_data import ReportData
-from palpate_report.result import Report
-from palpate_report.scene import deepest
+from palpate_report.answer.result import Report
+from palpate_report.data.report_data import ReportData
+from palpate_report.data.table_files import shown
+from palpate_report.figures.scene import deepest
 from palpate_report.sections.tables import picture, tables
-from palpate_report.table_files import shown
 
 
 def _numbers(states: SurfaceStates, factor: float) -> list[float]:

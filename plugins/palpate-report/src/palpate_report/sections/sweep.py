@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from itertools import combinations
 
 from palpate.api.report import Block, Drawing, Paragraph, Section, Table
-from palpate_report.contours import contours
-from palpate_report.report_data import ReportData
-from palpate_report.result import Report
+from palpate_report.answer.result import Report
+from palpate_report.data.report_data import ReportData
+from palpate_report.data.tables import TITLES
+from palpate_report.figures.contours import contours
 from palpate_report.sections.tables import picture, tables
-from palpate_report.tables import TITLES
 
 
 class Space(Section):

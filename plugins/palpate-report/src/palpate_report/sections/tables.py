@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 
 from palpate.api.report import Picture, Table
-from palpate_report.result import Report
-from palpate_report.tables import TITLES, printed
+from palpate_report.answer.result import Report
+from palpate_report.data.tables import TITLES, printed
 
 
 def tables(report: Report, *names: str) -> Iterator[Table]:

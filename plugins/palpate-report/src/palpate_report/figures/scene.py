@@ -19,8 +19,8 @@ from palpate.api import (
     convert,
 )
 from palpate.api.mesh import spot_axes
-from palpate_report.limb_view import ViewPart, limb_view, traces
-from palpate_report.report_data import ReportData
+from palpate_report.data.report_data import ReportData
+from palpate_report.figures.limb_view import ViewPart, limb_view, traces
 
 MOST_BYTES = 300_000
 """Most bytes of displacements and pressures of all spots together: they are a part of one page."""

@@ -15,18 +15,16 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from palpate.api import Channel, Curve, CurveError, FloatArray, Response
-from palpate.api.fit import ALL_SPOTS
+from palpate.api import Channel, Curve, FloatArray, Response
 from palpate.api.runs import file_name, objectives
-from palpate.api.scores import interpolate
-from palpate_report import comparison
-from palpate_report.best_sets import best_sets, leading
-from palpate_report.headline import NO_PARAMETERS, failure_of
-from palpate_report.material import material_curves, stress_strain
-from palpate_report.panels import causes, contact, limbs, pressed, pressures, profiles, sobol_indices
-from palpate_report.report_data import ReportData, label_of
-from palpate_report.space import parameter_space
-from palpate_report.style import (
+from palpate_report.answer.best_sets import best_sets, leading
+from palpate_report.answer.curves import fits_at, for_all_spots, residuals, same_curves
+from palpate_report.answer.headline import NO_PARAMETERS, failure_of
+from palpate_report.data.report_data import ReportData, label_of
+from palpate_report.figures.material import material_curves, stress_strain
+from palpate_report.figures.panels import causes, contact, limbs, pressed, pressures, profiles, sobol_indices
+from palpate_report.figures.space import parameter_space
+from palpate_report.figures.style import (
     DOUBLE_MM,
     LEAST_COLOUR,
     LINES,
@@ -118,45 +116,6 @@ def responses(data: ReportData, spot: str) -> Figure:
     return finished(figure, grid[0], data.stamp)
 
 
-def residuals(measured: Curve, simulated: Curve) -> FloatArray:
-    """Simulated minus measured ordinates (n,) at the measured abscissae, NaN where there are none."""
-    try:
-        values, _ = interpolate(simulated.abscissa, simulated.ordinate, measured.abscissa)
-    except CurveError:
-        return np.full(measured.abscissa.size, np.nan)
-    left: FloatArray = values - measured.ordinate
-    return left
-
-
-def fits_at(data: ReportData, spot: str) -> list[tuple[str, Mapping[str, Curve]]]:
-    """Label and curves at a spot: the best of each scenario, then those for all of several spots."""
-    fits = [fit_of(data, spot, scenario.name) for scenario in data.study.scenarios]
-    return [*fits, for_all_spots(data, spot)] if len(data.spots) > 1 else fits
-
-
-def for_all_spots(data: ReportData, spot: str) -> tuple[str, Mapping[str, Curve]]:
-    """Label and curves at a spot of the joint fit, else of the set for all spots; of one spot, its own."""
-    if len(data.spots) == 1:
-        return fit_of(data, spot, data.generalising.name)
-    joint = data.fit.curves.get((ALL_SPOTS, data.generalising.name, spot))
-    if joint is not None:
-        return f"all spots, scenario {data.generalising.name}, fit", joint.curves
-    for set_id in data.generalisation["set_id"][:1]:
-        response = data.responses.get((spot, set_id))
-        return f"one set for all spots, set {set_id}", response.curves if response else {}
-    return "", {}
-
-
-def fit_of(data: ReportData, spot: str, scenario: str) -> tuple[str, Mapping[str, Curve]]:
-    """Label and curves of a scenario at a spot: the fitted ones, else those of the selected set."""
-    if (fitted := data.fit.curves.get((spot, scenario, spot))) is not None:
-        return f"scenario {scenario}, fit", fitted.curves
-    for set_id in data.selection.filter(spot=spot, scenario=scenario)["set_id"]:
-        if (response := data.responses.get((spot, set_id))) is not None:
-            return f"scenario {scenario}, set {set_id}", response.curves
-    return scenario, {}
-
-
 def _draw_measured(
     axis: Axes, data: ReportData, curve: Curve, label: str = "experiment", colour: str = MEASURED_COLOUR
 ) -> None:
@@ -228,7 +187,7 @@ def _curves(runs: Mapping[str, ReportData]) -> Figure:
     figure = sized(DOUBLE_MM if len(spots) > 1 else SINGLE_MM, 46.0 * len(channels) + 22.0)
     shared: Literal["row", "none"] = "row" if len(runs) == 1 else "none"
     axes = figure.subplots(len(channels), len(spots), squeeze=False, sharex=shared, sharey=shared)
-    same = comparison.same_curves(runs)
+    same = same_curves(runs)
     for k, ((name, data), (colour, dash)) in enumerate(zip(runs.items(), cycle(LINES), strict=False)):
         for (i, channel), (j, spot) in product(enumerate(channels), enumerate(spots)):
             if spot not in data.measured or channel not in data.measured[spot].curves:

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from palpate.api import Indentation
-from palpate_report.marks import Headline
-from palpate_report.report_data import ReportData
-from palpate_report.report_warnings import failed_kinds
+from palpate_report.answer.warnings import failed_kinds
+from palpate_report.data.marks import Headline
+from palpate_report.data.report_data import ReportData
 
 WRITE_UP = "every parameter is identified: write it up (docs/write-it-up.md), with report/methods.md"
 

@@ -3,13 +3,13 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from palpate_report.best_sets import Best, leading
-from palpate_report.headline import r2_by_spot
-from palpate_report.marks import Headline
-from palpate_report.next_step import CAUSES
-from palpate_report.report_data import ReportData
-from palpate_report.report_warnings import GOOD_R2, NO_FIT_R2
-from palpate_report.result import Conclusion
+from palpate_report.answer.best_sets import Best, leading
+from palpate_report.answer.headline import r2_by_spot
+from palpate_report.answer.next_step import CAUSES
+from palpate_report.answer.result import Conclusion
+from palpate_report.answer.warnings import GOOD_R2, NO_FIT_R2
+from palpate_report.data.marks import Headline
+from palpate_report.data.report_data import ReportData
 
 MOST_CAUSES = 2
 

@@ -9,7 +9,7 @@ import polars as pl
 from matplotlib.figure import Figure
 
 from palpate.api import FloatArray, ParameterName
-from palpate_report.report_data import ReportData
+from palpate_report.data.report_data import ReportData
 
 
 def paths(data: ReportData, fit: str, scenario: str, spot: str) -> list[pl.DataFrame]:

@@ -4,10 +4,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from palpate.api import Indentation, convert
-from palpate_report.headline import NO_PARAMETERS
-from palpate_report.marks import Headline, with_minus, with_unit
-from palpate_report.next_step import CAUSES
-from palpate_report.report_data import ReportData
+from palpate_report.answer.headline import NO_PARAMETERS
+from palpate_report.answer.next_step import CAUSES
+from palpate_report.data.marks import Headline, with_minus, with_unit
+from palpate_report.data.report_data import ReportData
 
 _BIBTEX = Path(__file__).parent / "palpate.bib"
 

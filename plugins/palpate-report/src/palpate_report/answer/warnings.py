@@ -18,10 +18,10 @@ from palpate.api.runs import (
     relaxation_of,
     unranked,
 )
-from palpate_report.best_sets import Best
-from palpate_report.marks import with_unit
-from palpate_report.report_data import ReportData
-from palpate_report.tables import cost_of_one_set, finding
+from palpate_report.answer.best_sets import Best
+from palpate_report.data.marks import with_unit
+from palpate_report.data.report_data import ReportData
+from palpate_report.data.tables import cost_of_one_set, finding
 
 GOOD_R2 = 0.95
 """R² in a fitted channel below which a fit is called poor."""

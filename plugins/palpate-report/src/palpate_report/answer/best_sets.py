@@ -10,9 +10,9 @@ import numpy as np
 from palpate.api import FloatArray, IsotropicMaterial, PalpateError, Parameter, ParameterName, convert
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, share_of_range, weighed_phases
 from palpate.api.mechanics import initial_moduli as moduli_of
-from palpate_report.marks import Headline
-from palpate_report.report_data import ReportData
-from palpate_report.tables import weighted_channels
+from palpate_report.data.marks import Headline
+from palpate_report.data.report_data import ReportData
+from palpate_report.data.tables import weighted_channels
 
 EDGE = 0.01
 """Share of a range within which a value is at its end."""

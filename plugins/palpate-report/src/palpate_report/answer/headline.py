@@ -12,10 +12,10 @@ import polars as pl
 
 from palpate.api import ParameterName
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, FitResult
-from palpate_report.best_sets import Best, best_sets, initial_moduli, leading
-from palpate_report.marks import NOT, REFUSED, TIED, Headline, mark_of, rounded, verdict_of, with_unit
-from palpate_report.report_data import ReportData
-from palpate_report.report_warnings import CHECK, NO_FIT_R2, failed_checks
+from palpate_report.answer.best_sets import Best, best_sets, initial_moduli, leading
+from palpate_report.answer.warnings import CHECK, NO_FIT_R2, failed_checks
+from palpate_report.data.marks import NOT, REFUSED, TIED, Headline, mark_of, rounded, verdict_of, with_unit
+from palpate_report.data.report_data import ReportData
 
 NO_PARAMETERS = "No parameters can be read from this run"
 

@@ -9,7 +9,7 @@ import polars as pl
 from palpate.api import Design, ParameterName
 from palpate.api.fit import CertaintyResult, FitResult, PosteriorResult
 from palpate.api.runs import Study, in_units, unit_factors
-from palpate_report.report_data import ReportData
+from palpate_report.data.report_data import ReportData
 
 Frames = TypeVar("Frames", ReportData, FitResult, CertaintyResult, PosteriorResult)
 

@@ -8,9 +8,9 @@ import polars as pl
 from palpate.api import Scenario
 from palpate.api.fit import ALL_SPOTS
 from palpate.api.runs import Completeness, by_reason, failures, unranked
-from palpate_report.display_units import shared_names
-from palpate_report.marks import mark_of
-from palpate_report.report_data import ReportData
+from palpate_report.data.display_units import shared_names
+from palpate_report.data.marks import mark_of
+from palpate_report.data.report_data import ReportData
 
 TITLES: Mapping[str, str] = MappingProxyType(
     {

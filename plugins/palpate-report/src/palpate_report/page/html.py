@@ -1,7 +1,7 @@
 """One page that holds a whole run, and asks no network for anything.
 
-``index.html.jinja`` is its frame: the card, then the sections (:mod:`palpate_report.page`), whose blocks
-``blocks.html.jinja`` shows. What the page's own script draws is in :mod:`palpate_report.page_data`.
+``index.html.jinja`` is its frame: the card, then the sections (:mod:`palpate_report.page.html`), whose blocks
+``blocks.html.jinja`` shows. What the page's own script draws is in :mod:`palpate_report.page.page_data`.
 """
 
 import base64
@@ -33,14 +33,14 @@ from palpate.api.report import (
     heading,
 )
 from palpate.api.runs import answering_for, file_name
-from palpate_report.answer import answer
-from palpate_report.marks import with_minus
-from palpate_report.page_data import page_data
-from palpate_report.report_data import ReportData
-from palpate_report.result import Conclusion, Report, ordered
-from palpate_report.showable import address, checked, figure_data, is_own
-from palpate_report.table_files import shown
-from palpate_report.tables import TITLES
+from palpate_report.answer.card import answer
+from palpate_report.answer.result import Conclusion, Report, ordered
+from palpate_report.data.marks import with_minus
+from palpate_report.data.report_data import ReportData
+from palpate_report.data.showable import address, checked, figure_data, is_own
+from palpate_report.data.table_files import shown
+from palpate_report.data.tables import TITLES
+from palpate_report.page.page_data import page_data
 
 
 @dataclass(frozen=True, slots=True)

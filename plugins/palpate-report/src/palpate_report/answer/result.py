@@ -11,15 +11,15 @@ from palpate.api import ParameterName, PluginError
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, WORDS
 from palpate.api.report import ReportWarning, Section
 from palpate.api.runs import Study, answering_for
-from palpate_report.best_sets import Best, best_sets, leading
-from palpate_report.headline import failure_of, headlines, holds_truth, missed_truth, moduli
-from palpate_report.marks import Headline, with_unit
-from palpate_report.methods import methods
-from palpate_report.next_step import next_step
-from palpate_report.report_data import ReportData, label_of
-from palpate_report.report_warnings import apparent, left_out, report_warnings
-from palpate_report.showable import is_own
-from palpate_report.tables import make_tables
+from palpate_report.answer.best_sets import Best, best_sets, leading
+from palpate_report.answer.headline import failure_of, headlines, holds_truth, missed_truth, moduli
+from palpate_report.answer.methods import methods
+from palpate_report.answer.next_step import next_step
+from palpate_report.answer.warnings import apparent, left_out, report_warnings
+from palpate_report.data.marks import Headline, with_unit
+from palpate_report.data.report_data import ReportData, label_of
+from palpate_report.data.showable import is_own
+from palpate_report.data.tables import make_tables
 
 NOTHING = "no set fits all spots"
 """Conclusion where nothing leads."""

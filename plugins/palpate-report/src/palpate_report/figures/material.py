@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 
 from palpate.api import FloatArray, IsotropicMaterial, RegionMaterial, convert
 from palpate.api.mechanics import nominal_stress
-from palpate_report.best_sets import every_value
-from palpate_report.headline import draws_of
-from palpate_report.report_data import ReportData
-from palpate_report.style import (
+from palpate_report.answer.best_sets import every_value
+from palpate_report.answer.headline import draws_of
+from palpate_report.data.report_data import ReportData
+from palpate_report.figures.style import (
     LEAST_COLOUR,
     LINES,
     MEASURED_COLOUR,

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from palpate.api.fit import ALL_SPOTS
-from palpate_report.best_sets import Best, best_sets
-from palpate_report.headline import MODULI, Verdicts, moduli
-from palpate_report.marks import REFUSED, Headline, explained, mark_of
-from palpate_report.report_data import ReportData
-from palpate_report.table_files import escaped, head, number, power_of_ten, row, tabular
-from palpate_report.tables import weighted_channels
+from palpate_report.answer.best_sets import Best, best_sets
+from palpate_report.answer.headline import MODULI, Verdicts, moduli
+from palpate_report.data.marks import REFUSED, Headline, explained, mark_of
+from palpate_report.data.report_data import ReportData
+from palpate_report.data.table_files import escaped, head, number, power_of_ten, row, tabular
+from palpate_report.data.tables import weighted_channels
 
 
 def materials_of(data: ReportData) -> str:

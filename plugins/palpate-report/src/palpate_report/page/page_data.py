@@ -10,12 +10,12 @@ import polars as pl
 
 from palpate.api import FloatArray, IntArray, Scenario
 from palpate.api.runs import objectives
-from palpate_report.contours import along, contours, paths, reported
-from palpate_report.headline import draws_of
-from palpate_report.report_data import ReportData, label_of
-from palpate_report.scene import scene, skins
-from palpate_report.space import MOST_PAIRS, colours
-from palpate_report.tables import weighted_channels
+from palpate_report.answer.headline import draws_of
+from palpate_report.data.report_data import ReportData, label_of
+from palpate_report.data.tables import weighted_channels
+from palpate_report.figures.contours import along, contours, paths, reported
+from palpate_report.figures.scene import scene, skins
+from palpate_report.figures.space import MOST_PAIRS, colours
 
 MOST_SETS = 1000
 """Most sets that the page shows; of more, those that fit best somewhere."""

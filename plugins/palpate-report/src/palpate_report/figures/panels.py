@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 from palpate.api import Indentation, SurfaceStates, convert
 from palpate.api.fit import RISE
 from palpate.api.mesh import spot_axes
-from palpate_report.limb_view import LOOKS, limb_view
-from palpate_report.next_step import CAUSES
-from palpate_report.report_data import CONTACT, ReportData, label_of
-from palpate_report.scene import coarsened, deepest
-from palpate_report.skin_map import draw_map
-from palpate_report.style import (
+from palpate_report.answer.next_step import CAUSES
+from palpate_report.data.report_data import CONTACT, ReportData, label_of
+from palpate_report.figures.limb_view import LOOKS, limb_view
+from palpate_report.figures.scene import coarsened, deepest
+from palpate_report.figures.skin_map import draw_map
+from palpate_report.figures.style import (
     DOUBLE_MM,
     LEAST_COLOUR,
     LINES,

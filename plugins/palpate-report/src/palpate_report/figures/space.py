@@ -15,10 +15,10 @@ from scipy.spatial import ConvexHull, QhullError
 
 from palpate.api import FloatArray, Parameter
 from palpate.api.runs import objectives
-from palpate_report.contours import contours, paths, reported
-from palpate_report.headline import draws_of
-from palpate_report.report_data import ReportData, label_of
-from palpate_report.style import (
+from palpate_report.answer.headline import draws_of
+from palpate_report.data.report_data import ReportData, label_of
+from palpate_report.figures.contours import contours, paths, reported
+from palpate_report.figures.style import (
     LEAST_COLOUR,
     LINES,
     MEASURED_COLOUR,

@@ -10,8 +10,8 @@ from types import MappingProxyType
 import polars as pl
 
 from palpate.api.files import write_atomically
-from palpate_report.marks import explained, mark_of
-from palpate_report.tables import TITLES, printed
+from palpate_report.data.marks import explained, mark_of
+from palpate_report.data.tables import TITLES, printed
 
 PREAMBLE = r"\usepackage{booktabs,graphicx}"
 """What a document needs for these tables."""

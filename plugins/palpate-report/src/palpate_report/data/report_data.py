@@ -109,9 +109,9 @@ class ReportData:
     identifiability, disagreements : DataFrame
         As in :class:`palpate.run.result.IdentifiabilityResult`.
     convergence : DataFrame
-        As :func:`palpate_report.report_data.by_spot` returns it.
+        As :func:`palpate_report.data.report_data.by_spot` returns it.
     contact : mapping of (spot, set_id) to mapping
-        Contact along the path, as :func:`palpate_report.report_data.contact_along` collects it.
+        Contact along the path, as :func:`palpate_report.data.report_data.contact_along` collects it.
     limbs : mapping of str to Limb
         By spot, and finer meshes by ``SPOT/fine``; empty where there is no mesh.
     manifest : mapping

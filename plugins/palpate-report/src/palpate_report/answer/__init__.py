@@ -1,0 +1,1 @@
+"""Answer of a run: values, warnings, methods and the next step."""

@@ -1,0 +1,1 @@
+"""Figures of a run, as files and as the page draws them."""
