@@ -1,8 +1,8 @@
 """The steps in their order: from a recording to curves, with a record of each."""
 
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -44,62 +44,67 @@ _COMPONENT = {TORQUE.name: TORQUE.name}
 """Part of the wrench whose zero drifts in a channel; the force in the other channels."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Processed:
-    """One press, from its log to its curves; what a step found is None where it is switched off.
+    """One press, from its log to its curves: each step sets what later ones read.
 
-    Parameters
-    ----------
-    curves : mapping of str to Curve
-        ``force`` [N] over depth [mm] of the press; where there are such phases ``torque`` [N·mm] over
-        rotation [degrees] of the twist and ``lateral_force`` [N] over shift [mm] of the slide. All
-        carry standard deviations.
-    signals : mapping of str to Signal
-        The rows that the curves come from.
-    smoothings : mapping of str to sequence of Smoothed
-        How each channel's branches were smoothed.
-    phases : tuple of Phase
-        In order, without gaps.
-    block : int
-        Rows of the log that thinning averaged to one.
-    spiky_rows : array of int
-        Rows in which spikes were replaced.
-    raw : Recording
-        The rows that were used, after the lag was taken out.
-    tared : Recording
-        Without weight, drift and bias.
-    free : (n,) array of row indices
-        In free air.
-    depth_mm : (n,) array
-        Travel from the onset.
-    wrench : SpotWrench
-        In the spot's frame about the contact axis.
-    drift_std_per_s : mapping of str to float
-        Standard deviation of the drift of force [N/s] and torque [N·mm/s].
+    What a step found is None where it is switched off.
     """
 
-    settings: ProcessingSettings
-    curves: Mapping[str, Curve]
-    signals: Mapping[str, Signal]
-    smoothings: Mapping[str, Sequence[Smoothed]]
-    slide: Slide | None
-    phases: tuple[Phase, ...]
-    block: int
-    spiky_rows: IntArray
     raw: Recording
-    tared: Recording
-    free: IntArray
-    motion: ToolMotion
-    depth_mm: FloatArray
-    wrench: SpotWrench
+    """The rows that were used, after the lag was taken out."""
+    block: int
+    """Rows of the log that thinning averaged to one."""
+    spiky_rows: IntArray
+    """Rows in which spikes were replaced."""
+    located: Located
     lag: Lag
-    normal: Normal
-    onset: Onset
-    relaxations: tuple[Relaxation, ...]
+    slide: Slide | None
+    free: IntArray
+    """Rows in free air."""
     tool: ToolLoad | None
     drift: Drift | None
     bias: Bias | None
+    tared: Recording
+    """Without weight, drift and bias."""
+    wrench: SpotWrench
+    """In the spot's frame about the contact axis."""
+    onset: Onset
+    depth_mm: FloatArray
+    """Travel from the onset (n,)."""
+    phases: tuple[Phase, ...]
+    """In order, without gaps."""
+    zero_std: Mapping[str, FloatArray]
+    """Standard deviation of the zero of force [N] and torque [N·mm] (n,)."""
     drift_std_per_s: Mapping[str, float]
+    """Standard deviation of the drift of force [N/s] and torque [N·mm/s]."""
+    signals: Mapping[str, Signal]
+    """The rows that the curves come from."""
+    curves: Mapping[str, Curve]
+    """``force`` [N] over depth [mm]; of a twist ``torque`` [N·mm] over rotation [degrees], of a slide
+    ``lateral_force`` [N] over shift [mm]; all with standard deviations."""
+    smoothings: Mapping[str, list[Smoothed]]
+    """How each channel's branches were smoothed."""
+    relaxations: tuple[Relaxation, ...]
+
+    def __init__(self, recording: Recording, settings: ProcessingSettings) -> None:
+        self.raw, self.settings = recording, settings
+        for step in STEPS:
+            step(self)
+
+    @property
+    def motion(self) -> ToolMotion:
+        """Motion of the tool about the spot."""
+        return self.located.motion
+
+    @property
+    def normal(self) -> Normal:
+        """Outward normal of the spot."""
+        return self.located.normal
+
+    @property
+    def has_moment(self) -> bool:
+        """Whether the log has a moment."""
+        return bool(self.raw.moment_Nmm.any())
 
     def phase(self, name: str) -> Phase:
         """The phase of a name, such as ``press`` or ``twist_1``."""
@@ -190,89 +195,7 @@ def process(recording: Recording, settings: ProcessingSettings | None = None) ->
     CurveError
         The log is no complete press: naming file, rows, time stamps and what to do.
     """
-    settings = settings or ProcessingSettings()
-    used, block = windowed(recording, settings), 1
-    if settings.thinning.enabled:
-        used, block = thinned(used, settings.thinning.max_rows)
-    calm, spikes = without_spikes(used) if settings.spikes.enabled else (used, np.array([], dtype=np.int64))
-    located = locate(calm, settings.normal, slides=settings.slide.enabled)
-    located, lag = aligned(located, settings)
-    raw, motion, normal, slide = located.recording, located.motion, located.normal, None
-    if settings.slide.enabled:
-        slide = find_slide(raw, motion, located.strokes, normal.vector)
-        located = replace(located, strokes=replace(located.strokes, slides=slide.strokes))
-    tared, free, tool, drift, bias = _cleaned(located, settings)
-    # About the tip itself where it leaves the contact axis.
-    spot = motion.origin_mm if slide is None else tared.position_mm
-    wrench = wrench_at_spot(tared, spot, normal.vector, np.array(settings.frame.sensor_to_tip))
-    has_moment = bool(raw.moment_Nmm.any())
-    if has_moment:
-        check_torque(calm, located, wrench, weighed=tool is not None)
-    onset, touch, leave = onset_of(located, settings.onset, wrench.pressing)
-    time, depth = raw.time_s, motion.travel_mm - onset.travel_mm
-    phases = name_phases(time, located.strokes, touch, leave)
-    zero_std, drift_std_per_s = _zero_std(located, free, drift, bias)
-
-    def named(kind: str, among: Sequence[Phase] = phases) -> list[slice]:
-        return [phase.rows(time) for phase in among if phase.name.startswith(kind)]
-
-    found = {
-        "force": Signal(depth, wrench.pressing, named("press")),
-        "torque": Signal(motion.turn_deg, wrench.twisting, named("twist") if has_moment else []),
-    }
-    if slide is not None:
-        lateral_force = -wrench.force_N @ (spot_axes(normal.vector).T @ slide.along)
-        found["lateral_force"] = Signal(slide.shift_mm, lateral_force, named("slide"))
-    if settings.over_time.enabled:  # approach and press come first
-        rows = [*named("press"), *named("dwell", phases[2:3])]
-        found["force_over_time"] = Signal(time - touch.time_s, wrench.pressing, rows)
-    signals = {channel: signal for channel, signal in found.items() if signal.branches}
-    curves = dict[str, Curve]()
-    smoothings: dict[str, list[Smoothed]] = {channel: [] for channel in found}
-    along_std_mm = {FORCE.name: onset.std_mm}
-    for channel, signal in signals.items():
-        zero, shift_std = zero_std[_COMPONENT.get(channel, FORCE.name)], along_std_mm.get(channel)
-        curves[channel], smoothings[channel] = curve_of(channel, time, signal, zero, settings, shift_std)
-    relaxations = [
-        relaxation(phase.name, channel, time[rows], values[rows], drift_std_per_s.get(channel, 0.0))
-        for phase in phases
-        for rows in [phase.rows(time)]
-        if settings.relaxation.enabled and phase.name.startswith("dwell")
-        # Before the twist there is no torque that could relax.
-        for channel, values, can_relax in (
-            (FORCE.name, wrench.pressing, True),
-            (
-                TORQUE.name,
-                wrench.twisting,
-                has_moment and phase.start.time_s > located.strokes.press.stop.time_s,
-            ),
-        )
-        if can_relax
-    ]
-    return Processed(
-        settings=settings,
-        curves=curves,
-        signals=signals,
-        smoothings=smoothings,
-        slide=slide,
-        phases=phases,
-        block=block,
-        spiky_rows=used.rows[spikes],
-        raw=raw,
-        tared=tared,
-        free=free,
-        motion=motion,
-        depth_mm=depth,
-        wrench=wrench,
-        lag=lag,
-        normal=normal,
-        onset=onset,
-        relaxations=tuple(item for item in relaxations if item is not None),
-        tool=tool,
-        drift=drift,
-        bias=bias,
-        drift_std_per_s=drift_std_per_s,
-    )
+    return Processed(recording, settings or ProcessingSettings())
 
 
 def windowed(recording: Recording, settings: ProcessingSettings) -> Recording:
@@ -292,45 +215,144 @@ def windowed(recording: Recording, settings: ProcessingSettings) -> Recording:
     return recording if n_rows == recording.n_rows else recording.part(rows)
 
 
-def _cleaned(
-    located: Located, settings: ProcessingSettings
-) -> tuple[Recording, IntArray, ToolLoad | None, Drift | None, Bias | None]:
-    """Recording without weight, drift and bias, the rows in free air that gave them, and what they were."""
-    recording, weighed = located.recording, settings.gravity.method != "off"
+def _window(press: Processed) -> None:
+    press.raw = windowed(press.raw, press.settings)
+
+
+def _thin(press: Processed) -> None:
+    press.block, thinning = 1, press.settings.thinning
+    if thinning.enabled:
+        press.raw, press.block = thinned(press.raw, thinning.max_rows)
+
+
+def _repair(press: Processed) -> None:
+    press.spiky_rows = press.raw.rows[:0]
+    if press.settings.spikes.enabled:
+        press.raw, spikes = without_spikes(press.raw)
+        press.spiky_rows = press.raw.rows[spikes]
+
+
+def _locate(press: Processed) -> None:
+    settings = press.settings
+    located = locate(press.raw, settings.normal, slides=settings.slide.enabled)
+    press.located, press.lag = aligned(located, settings)
+    press.raw, press.slide = press.located.recording, None
+    if settings.slide.enabled:
+        press.slide = find_slide(press.raw, press.motion, press.located.strokes, press.normal.vector)
+        strokes = replace(press.located.strokes, slides=press.slide.strokes)
+        press.located = replace(press.located, strokes=strokes)
+
+
+def _clean(press: Processed) -> None:
+    """Take weight, drift and bias out, by the rows in free air."""
+    located, settings, recording = press.located, press.settings, press.raw
+    gravity, drifts, biased = settings.gravity, settings.drift.enabled, settings.tare.enabled
+    weighed = gravity.method != "off"
     before, after = free_rows(located, *onset_of(located, settings.onset), any_orientation=weighed)
-    free = np.concatenate([before, after]) if settings.drift.enabled else before
-    if before.size < (FEWEST_FREE_ROWS if settings.drift.enabled or settings.tare.enabled else 1):
+    press.free = np.concatenate([before, after]) if drifts else before
+    if before.size < (FEWEST_FREE_ROWS if drifts or biased else 1):
         raise recording.fault(
             f"{before.size} rows in free air before the press; start the log earlier, so that the sensor's "
             "drift and bias can be determined, or give drift.enabled = false and tare.enabled = false",
             0,
         )
-    tool = tool_of(recording, free, settings.gravity)
-    if tool is not None:
-        recording = without_weight(recording, tool, np.array(settings.gravity.direction))
-    drift = find_drift(recording, before, after) if settings.drift.enabled else None
-    if drift is not None:
-        recording = without_drift(recording, drift)
-    bias = find_bias(recording, free) if settings.tare.enabled else None
-    if bias is not None:
-        recording = recording.less(bias.force_N, bias.moment_Nmm)
-    return recording, free, tool, drift, bias
+    press.tool = tool_of(recording, press.free, gravity)
+    if press.tool is not None:
+        recording = without_weight(recording, press.tool, np.array(gravity.direction))
+    press.drift = find_drift(recording, before, after) if drifts else None
+    if press.drift is not None:
+        recording = without_drift(recording, press.drift)
+    press.bias = find_bias(recording, press.free) if biased else None
+    if press.bias is not None:
+        recording = recording.less(press.bias.force_N, press.bias.moment_Nmm)
+    press.tared = recording
 
 
-def _zero_std(
-    located: Located, free: IntArray, drift: Drift | None, bias: Bias | None
-) -> tuple[dict[str, FloatArray], dict[str, float]]:
-    """Standard deviations of the zero of force and torque (n,), and of their drift [N/s, N·mm/s]."""
-    recording = located.recording
-    orientation = mean_orientation(recording.quaternion[located.contact.rows])
-    normal = rotated(orientation[None, :], located.normal.vector, inverse=True)[0]
+def _turn_into_spot(press: Processed) -> None:
+    # About the tip itself where it leaves the contact axis.
+    spot = press.motion.origin_mm if press.slide is None else press.tared.position_mm
+    tip = np.array(press.settings.frame.sensor_to_tip)
+    press.wrench = wrench_at_spot(press.tared, spot, press.normal.vector, tip)
+    if press.has_moment:
+        check_torque(press.located, press.wrench, weighed=press.tool is not None)
+
+
+def _touch(press: Processed) -> None:
+    press.onset, touch, leave = onset_of(press.located, press.settings.onset, press.wrench.pressing)
+    press.depth_mm = press.motion.travel_mm - press.onset.travel_mm
+    press.phases = name_phases(press.raw.time_s, press.located.strokes, touch, leave)
+
+
+def _weigh_zero(press: Processed) -> None:
+    """Set the standard deviations of the zero and of its drift, along and about the normal."""
+    orientation = mean_orientation(press.raw.quaternion[press.located.contact.rows])
+    normal = rotated(orientation[None, :], press.normal.vector, inverse=True)[0]
+    zero, drift, bias = np.zeros(3), press.drift, press.bias
 
     def along_normal(force: FloatArray, moment: FloatArray) -> dict[str, float]:
         stds = {"force": force, "torque": moment}
         return {channel: float(np.linalg.norm(normal * std)) for channel, std in stds.items()}
 
     rates = {} if drift is None else along_normal(drift.force_std_N_per_s, drift.moment_std_Nmm_per_s)
-    zero = np.zeros(3)
     fixed = along_normal(*((zero, zero) if bias is None else (bias.force_std_N, bias.moment_std_Nmm)))
-    elapsed = np.abs(recording.time_s - recording.time_s[free].mean())
-    return {name: np.hypot(std, elapsed * rates.get(name, 0.0)) for name, std in fixed.items()}, rates
+    elapsed = np.abs(press.raw.time_s - press.raw.time_s[press.free].mean())
+    press.zero_std = {name: np.hypot(std, elapsed * rates.get(name, 0.0)) for name, std in fixed.items()}
+    press.drift_std_per_s = rates
+
+
+def _draw_curves(press: Processed) -> None:
+    """Signals of the channels that the log has, and their curves."""
+    time, wrench, settings = press.raw.time_s, press.wrench, press.settings
+
+    def named(kind: str) -> list[slice]:
+        return [phase.rows(time) for phase in press.phases if phase.name.startswith(kind)]
+
+    found = {
+        "force": Signal(press.depth_mm, wrench.pressing, named("press")),
+        "torque": Signal(press.motion.turn_deg, wrench.twisting, named("twist") if press.has_moment else []),
+    }
+    if (slide := press.slide) is not None:
+        lateral_force = -wrench.force_N @ (spot_axes(press.normal.vector).T @ slide.along)
+        found["lateral_force"] = Signal(slide.shift_mm, lateral_force, named("slide"))
+    if settings.over_time.enabled:  # approach and press come first
+        rest = [phase.rows(time) for phase in press.phases[2:3] if phase.name.startswith("dwell")]
+        since_s = time - press.phase("press").start.time_s
+        found["force_over_time"] = Signal(since_s, wrench.pressing, [*named("press"), *rest])
+    press.signals = {channel: signal for channel, signal in found.items() if signal.branches}
+    curves, smoothings = dict[str, Curve](), {channel: list[Smoothed]() for channel in found}
+    for channel, signal in press.signals.items():
+        zero_std = press.zero_std[_COMPONENT.get(channel, FORCE.name)]
+        shift_std = press.onset.std_mm if channel == FORCE.name else None
+        curves[channel], smoothings[channel] = curve_of(channel, time, signal, zero_std, settings, shift_std)
+    press.curves, press.smoothings = curves, smoothings
+
+
+def _relax(press: Processed) -> None:
+    time, found = press.raw.time_s, list[Relaxation | None]()
+    for phase in press.phases:
+        if not press.settings.relaxation.enabled or not phase.name.startswith("dwell"):
+            continue
+        values = {FORCE.name: press.wrench.pressing}
+        # Before the twist there is no torque that could relax.
+        if press.has_moment and phase.start.time_s > press.located.strokes.press.stop.time_s:
+            values[TORQUE.name] = press.wrench.twisting
+        rows = phase.rows(time)
+        for channel, each in values.items():
+            std_per_s = press.drift_std_per_s.get(channel, 0.0)
+            found.append(relaxation(phase.name, channel, time[rows], each[rows], std_per_s))
+    press.relaxations = tuple(item for item in found if item is not None)
+
+
+STEPS: Sequence[Callable[[Processed], None]] = (
+    _window,
+    _thin,
+    _repair,
+    _locate,
+    _clean,
+    _turn_into_spot,
+    _touch,
+    _weigh_zero,
+    _draw_curves,
+    _relax,
+)
+"""Steps in the order in which they are done."""

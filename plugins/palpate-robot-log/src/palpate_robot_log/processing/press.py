@@ -283,14 +283,13 @@ def _check_turn_axis(recording: Recording, motion: ToolMotion, twists: tuple[Str
         )
 
 
-def check_torque(recording: Recording, located: Located, wrench: SpotWrench, *, weighed: bool) -> None:
+def check_torque(located: Located, wrench: SpotWrench, *, weighed: bool) -> None:
     """Refuse a tared torque that does not resist the rotation, or resists it less than another moment.
 
     Without a twist, one that comes and goes while the logged pose rests. ``weighed`` is whether the
-    tool's weight is out; with it, tangential moments follow the rotation too. ``recording`` is for
-    messages.
+    tool's weight is out; with it, tangential moments follow the rotation too.
     """
-    motion, strokes = located.motion, located.strokes
+    recording, motion, strokes = located.recording, located.motion, located.strokes
     if not strokes.twists:
         end = min([strokes.retract_s(motion.time_s), *(slide.start.time_s for slide in strokes.slides)])
         rows = rows_between(motion.time_s, strokes.press.stop.time_s, end)
