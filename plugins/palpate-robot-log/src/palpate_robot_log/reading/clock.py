@@ -32,7 +32,8 @@ def time_of(stream: Stream) -> Guess | None:
         seconds = stream.column(name).values + 1e-9 * stream.column(stamp + part).values
         steps = np.diff(seconds[np.isfinite(seconds)])
         if steps.size and np.mean(steps > 0.0) >= RISING:
-            return Guess(columns=(name, stamp + part), stream=stream.name, unit="s", score=4.0)
+            entry = {"column": name, "nanoseconds": stamp + part, "unit": "s"}
+            return Guess(entry=entry, stream=stream.name, score=4.0)
     candidates = [
         (_time_score(column), -index, column) for index, column in enumerate(stream.columns.values())
     ]
@@ -41,14 +42,15 @@ def time_of(stream: Stream) -> Guess | None:
         return next(filter(None, (_counter(stream, column) for column in stream.columns.values())), None)
     shown = column.shown_unit
     if kind_of(shown) == "time":
-        return Guess(columns=(column.name,), stream=stream.name, score=score)
+        return Guess(entry={"column": column.name}, stream=stream.name, score=score)
     unit = _likely_clock(column.values[np.isfinite(column.values)])
     checks = [f"the unit of time: {unit} is judged from the length of the log alone"]
     if score < 2.0:
         checks.insert(
             0, f"time: {column.name} is taken for it, as it rises evenly and its name says nothing else"
         )
-    return Guess(columns=(column.name,), stream=stream.name, unit=unit, to_check=tuple(checks), score=score)
+    entry = {"column": column.name, "unit": unit}
+    return Guess(entry=entry, stream=stream.name, to_check=tuple(checks), score=score)
 
 
 def _likely_clock(values: FloatArray) -> str:
@@ -68,7 +70,7 @@ def _counter(stream: Stream, column: Column) -> Guess | None:
     if values.size < 2 or column.shown_unit or np.mean(np.diff(values) == 1.0) < RISING:
         return None
     check = f"{column.name} counts rows and is no time: give the rate at which they were logged"
-    return Guess(columns=(column.name,), stream=stream.name, is_counter=True, to_check=(check,))
+    return Guess(entry={"column": column.name}, stream=stream.name, is_counter=True, to_check=(check,))
 
 
 def _time_score(column: Column) -> float:
@@ -96,6 +98,6 @@ def _time_score(column: Column) -> float:
 def repeats_time(stream: Stream) -> bool:
     """Whether the clock of a stream is coarser than its rows, so that not only a few repeat their time."""
     time = time_of(stream)
-    if time is None or time.is_counter or len(time.columns) > 1:
+    if time is None or time.is_counter or len(time.names) > 1:
         return False
-    return float(np.mean(np.diff(stream.column(time.columns[0]).values) == 0.0)) > _COARSE_CLOCK
+    return float(np.mean(np.diff(stream.column(time.names[0]).values) == 0.0)) > _COARSE_CLOCK

@@ -121,7 +121,7 @@ def _found(log: RawLog, path: Path, proposal: Proposal) -> tuple[Proposal, Propo
 
 
 def _place(guess: Guess) -> str:
-    columns = ", ".join(guess.columns)
+    columns = ", ".join(guess.entry["columns"])
     return f"{columns} of stream '{guess.stream}'" if guess.stream else columns
 
 
@@ -210,7 +210,7 @@ def _read(log: RawLog, proposal: Proposal) -> Recording | str:
     chosen = channel_map(proposal)
     missing = [name for name in ("time", *QUANTITIES) if name not in chosen]
     if missing:
-        counters = [each.columns[0] for each in proposal.time.values() if each.is_counter]
+        counters = [each.names[0] for each in proposal.time.values() if each.is_counter]
         rate = f'; or give time = {{ column = "{counters[0]}", rate = "… Hz" }}' if counters else ""
         return f"not found: {', '.join(missing)}; name their columns{rate}"
     try:
@@ -241,8 +241,8 @@ def _described(stream: Stream, proposal: Proposal) -> dict[str, Any]:
     roles = {name: what for what, guess in guesses.items() for name in guess.names}
     time = proposal.time.get(stream.name)
     counter, time = (time, None) if time and time.is_counter else (None, time)
-    roles |= dict.fromkeys(counter.columns, "counter") if counter else {}
-    roles |= dict.fromkeys(time.columns, "time") if time else {}
+    roles |= dict.fromkeys(counter.names, "counter") if counter else {}
+    roles |= dict.fromkeys(time.names, "time") if time else {}
     return {
         "name": stream.name,
         "n_rows": int(stream.rows.size),
@@ -252,7 +252,7 @@ def _described(stream: Stream, proposal: Proposal) -> dict[str, Any]:
 
 
 def _clock(stream: Stream, guess: Guess) -> dict[str, Any]:
-    column, *parts = map(stream.column, guess.columns)
+    column, *parts = map(stream.column, guess.names)
     unit = guess.unit or column.shown_unit
     seconds = column.values * (factor_to_base(unit, "time", column.name) if unit else 1.0)
     for part in parts:

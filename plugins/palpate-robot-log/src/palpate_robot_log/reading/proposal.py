@@ -24,7 +24,7 @@ from palpate_robot_log.reading.vectors import (
     possible,
 )
 
-NONE = (NO_COLUMN,) * 3
+_NONE = {"columns": [NO_COLUMN] * 3}
 _SHARED_TABLE = 0.2
 _CLEARLY = 1.0
 
@@ -71,10 +71,8 @@ def propose(log: RawLog) -> Proposal:
     if "position" in ranked and "force" not in ranked:
         ranked |= _of_load_cell(log, ranked["position"][0].stream, groups)
     if "force" in ranked and "moment" not in ranked:
-        none = Guess(
-            columns=NONE, stream=ranked["force"][0].stream, to_check=("no moment is found: there is none",)
-        )
-        ranked["moment"] = [none]
+        none = Guess(entry=_NONE, stream=ranked["force"][0].stream)
+        ranked["moment"] = [none.with_check("no moment is found: there is none")]
     force_extent = extent(complete_rows(_columns(log, ranked["force"][0]))) if "force" in ranked else 0.0
     guesses = {name: with_unit(log, name, guesses[0], force_extent) for name, guesses in ranked.items()}
     return Proposal(
@@ -96,7 +94,7 @@ def _ranked(quantity: str, guesses: Iterable[Guess]) -> list[Guess]:
     commanded = [one for one in order if one.is_commanded]
     if commanded and not measured:
         check = f"{quantity}: these columns are commanded, not measured; log the measured ones"
-        order = [replace(one, to_check=(*one.to_check, check)) for one in commanded]
+        order = [one.with_check(check) for one in commanded]
     return order
 
 
@@ -110,11 +108,8 @@ def _of_load_cell(log: RawLog, stream: str, groups: Sequence[Group]) -> dict[str
     places = [NO_COLUMN] * 3
     places["xyz".index(axis)] = cell.column.name
     check = f"the force has one axis, {axis} of the sensor; without a moment a twist gives no torque"
-    to_check = (*cell.remarks, check)
-    return {
-        "force": [Guess(columns=tuple(places), stream=stream, to_check=to_check)],
-        "moment": [Guess(columns=NONE, stream=stream)],
-    }
+    force = Guess(entry={"columns": places}, stream=stream, to_check=cell.remarks)
+    return {"force": [force.with_check(check)], "moment": [Guess(entry=_NONE, stream=stream)]}
 
 
 def machine_of(log: RawLog) -> Proposal | None:
@@ -133,7 +128,7 @@ def machine_of(log: RawLog) -> Proposal | None:
                 log,
                 quantity,
                 Guess(
-                    columns=(NO_COLUMN, NO_COLUMN, "-" * (sense > 0.0) + one.column.name),
+                    entry={"columns": [NO_COLUMN, NO_COLUMN, "-" * (sense > 0.0) + one.column.name]},
                     stream=stream.name,
                     to_check=one.remarks,
                 ),
@@ -141,10 +136,9 @@ def machine_of(log: RawLog) -> Proposal | None:
             )
             for quantity, one, sense in zip(("position", "force"), (travel, force), senses, strict=True)
         }
-        guesses["orientation"] = Guess(
-            columns=(), stream=stream.name, form="fixed", value=(1.0, 0.0, 0.0, 0.0)
-        )
-        guesses["moment"] = Guess(columns=NONE, stream=stream.name)
+        still = {"form": "fixed", "value": [1.0, 0.0, 0.0, 0.0]}
+        guesses["orientation"] = Guess(entry=still, stream=stream.name)
+        guesses["moment"] = Guess(entry=_NONE, stream=stream.name)
         reason = "machine: depth grows as the tool moves while the force does, and the tissue pushes it back"
         return Proposal(
             guesses=guesses,
@@ -177,18 +171,17 @@ def _lacks(log: RawLog, guess: Guess) -> bool:
 
 def with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) -> Guess:
     """Guess with a unit judged by magnitude, where the file shows none."""
-    columns = _columns(log, guess)
-    if guess.form in ("quaternion", "rotation_matrix", "fixed") or guess.unit or not columns:
+    columns, has_unit = _columns(log, guess), quantity != "orientation" or "sequence" in guess.entry
+    has_unit = has_unit or guess.entry.get("form") == "axis_angle"
+    if not has_unit or guess.unit or not columns:
         return guess
     if shown := columns[0].shown_unit:
         known = factor_of(columns[0], KINDS[quantity]) is not None
         check = f"the unit of {quantity}: the file gives '{shown}', no unit of {KINDS[quantity]}; write unit"
-        return guess if known else replace(guess, to_check=(*guess.to_check, check))
-    values = complete_rows(columns)
-    unit = _likely_unit(quantity, values, force_extent)
+        return guess if known else guess.with_check(check)
+    unit = _likely_unit(quantity, complete_rows(columns), force_extent)
     check = f"the unit of {quantity}: {unit} is judged from the size of the numbers alone"
-    also = tuple(replace(one, unit=unit) for one in guess.also)
-    return replace(guess, unit=unit, also=also, to_check=(*guess.to_check, check))
+    return guess.with_check(check, unit=unit)
 
 
 def _columns(log: RawLog, guess: Guess) -> list[Column]:

@@ -14,24 +14,20 @@ def channel_map(proposal: Proposal) -> dict[str, object]:
     chosen: dict[str, object] = {}
     if time is not None and not time.is_counter:
         chosen["time"] = _time_entry(time)
-    for quantity in QUANTITIES:
-        if (guess := proposal.guesses.get(quantity)) is not None:
-            chosen[quantity] = _entry(guess, time, proposal)
+    chosen |= {
+        quantity: _entry(proposal.guesses[quantity], time, proposal)
+        for quantity in QUANTITIES
+        if quantity in proposal.guesses
+    }
     if {"force", "moment"} <= {*chosen}:
         chosen |= {"acts_on": proposal.acts_on, "wrench_frame": proposal.wrench_frame}
-    if proposal.skips_missing:
-        chosen["missing"] = "skip"
-    if proposal.repeats_time:
-        chosen["repeated_time"] = "keep_first"
-    if proposal.files:
-        chosen["clocks"] = proposal.clocks
-    return chosen
+    chosen |= {"missing": "skip"} if proposal.skips_missing else {}
+    chosen |= {"repeated_time": "keep_first"} if proposal.repeats_time else {}
+    return chosen | ({"clocks": proposal.clocks} if proposal.files else {})
 
 
 def _time_entry(time: Guess) -> object:
-    if len(time.columns) > 1:
-        return {"column": time.columns[0], "nanoseconds": time.columns[1], "unit": time.unit}
-    return {"column": time.columns[0], "unit": time.unit} if time.unit else time.columns[0]
+    return time.names[0] if len(time.entry) == 1 else dict(time.entry)
 
 
 def _time(proposal: Proposal) -> Guess | None:
@@ -41,20 +37,10 @@ def _time(proposal: Proposal) -> Guess | None:
 
 
 def _entry(guess: Guess, time: Guess | None, proposal: Proposal) -> dict[str, object]:
-    entry: dict[str, object] = {}
-    if guess.form and guess.form != "quaternion":
-        entry["form"] = guess.form
-    if guess.value:
-        return entry | {"value": list(guess.value)}
-    entry["columns"] = list(guess.columns)
-    if guess.sequence:
-        entry["sequence"] = guess.sequence
-    if guess.unit:
-        entry["unit"] = guess.unit
-    if guess.stream and len(proposal.used_streams()) > 1:
+    entry, own = dict(guess.entry), proposal.time.get(guess.stream)
+    if "columns" in entry and guess.stream and len(proposal.used_streams()) > 1:
         entry["stream"] = guess.stream
-    own = proposal.time.get(guess.stream)
-    if own is not None and not own.is_counter and time is not None and _time_entry(own) != _time_entry(time):
+    if "columns" in entry and own and not own.is_counter and time and own.entry != time.entry:
         entry["time"] = _time_entry(own)
     return entry
 
@@ -62,7 +48,7 @@ def _entry(guess: Guess, time: Guess | None, proposal: Proposal) -> dict[str, ob
 def is_machine(proposal: Proposal) -> bool:
     """Whether a proposal is that of a testing machine, whose tool never turns."""
     orientation = proposal.guesses.get("orientation")
-    return orientation is not None and orientation.form == "fixed"
+    return orientation is not None and orientation.entry.get("form") == "fixed"
 
 
 def study_text(log: RawLog, proposal: Proposal) -> str:
@@ -122,7 +108,7 @@ def _commented(quantity: str, chosen: Mapping[str, object], guess: Guess | None)
         empty = ", ".join(['"…"'] * (4 if quantity == "orientation" else 3))
         form = f"{{ columns = [{empty}] }}" if quantity != "time" else '"…"'
         if guess is not None and guess.is_counter:
-            form = f'{{ column = {toml_value(guess.columns[0])}, rate = "… Hz" }}'
+            form = f'{{ column = {toml_value(guess.names[0])}, rate = "… Hz" }}'
             yield f"# {quantity} = {form}  # {guess.to_check[0]}"
             return
         yield f"# {quantity} = {form}  # no column looks like it: name them"

@@ -1,8 +1,9 @@
 """Vectors among the columns of a log, and the quantities that each may be by its names, units and numbers."""
 
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -114,18 +115,10 @@ class Guess:
 
     Parameters
     ----------
-    columns : tuple of str
-        A minus before a name turns its sign; "0" is no column.
-    form : str
-        Of an orientation; else empty.
-    sequence : str
-        Axes of Euler angles.
-    unit : str
-        Written into the map only where the file shows none.
+    entry : mapping of str to object
+        As in the channel map; a unit only where the file shows none.
     is_in_base : bool
         A wrench whose name states that it is in the base frame.
-    value : tuple of float
-        Quaternion of a fixed orientation.
     is_commanded : bool
         Of columns whose name states that they are not measured.
     is_counter : bool
@@ -136,14 +129,10 @@ class Guess:
         What an orientation of these columns may be instead, the likeliest first.
     """
 
-    columns: tuple[str, ...]
+    entry: Mapping[str, Any]
     stream: str
-    form: str = ""
-    sequence: str = ""
-    unit: str = ""
     is_in_base: bool = False
     is_commanded: bool = False
-    value: tuple[float, ...] = ()
     is_counter: bool = False
     to_check: tuple[str, ...] = ()
     score: float = 0.0
@@ -152,97 +141,43 @@ class Guess:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of its columns in the file."""
-        return tuple(name.removeprefix("-") for name in self.columns if name != NO_COLUMN)
-
-
-def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterable[tuple[str, Guess]]:
-    """Possible meanings of a group, with scores; ``is_turned`` where angles are named as its x, y, z."""
-    n_columns, words = len(group.columns), set(group.words)
-    if words & _OF_MOTION:
-        return
-    if n_columns == 3 and "t" in words and not t_is_moment:  # a tracker's translation, next to a moment M
-        words = words - {"t"} | {"translation"}
-
-    def guess(part: slice | list[int], score: float, *to_check: str) -> Guess:
-        names = tuple(column.name for column in np.array(group.columns, dtype=object)[part])
-        is_in_base = bool(words & _IN_BASE)
-        return Guess(
-            columns=names, stream=group.stream, to_check=to_check, score=score, is_in_base=is_in_base
+        names = self.entry.get(
+            "columns", [self.entry.get(key, NO_COLUMN) for key in ("column", "nanoseconds")]
         )
+        return tuple(name.removeprefix("-") for name in names if name != NO_COLUMN)
 
-    every, first, second = slice(None), slice(0, 3), slice(3, None)
-    if n_columns == 3:
-        unit = group.columns[0].shown_unit
-        for quantity in QUANTITIES:
-            # A place may be a word of any vector: tcp_force, POS_ACT.A.
-            is_another = quantity == "position" and any(WORDS[other] & words for other in QUANTITIES[1:])
-            score = (1.0 if is_another else 2.0) * bool(WORDS[quantity] & words)
-            if unit and kind_of(unit) is not None:
-                is_of = factor_of(group.columns[0], KINDS[quantity]) is not None
-                score = score + 3.0 if is_of else -1.0
-            elif quantity == "position" and is_turned:
-                score = 2.0
-            elif quantity == "position" and not any(WORDS[other] & words for other in QUANTITIES):
-                score = 1.5 if words & MEASURED else 0.5 if words else 1.0
-            if score > 0.0:
-                found = guess(every, score)
-                yield quantity, _of_angles(group, found) if quantity == "orientation" else found
-    elif n_columns == 4 and _is_unit(group.columns):
-        yield "orientation", _of_quaternion(group, guess(every, 4.0))
-    elif n_columns == 6 and words & WRENCH_WORDS:
-        yield "force", guess(first, 2.0, _ORDER.format("force"))
-        yield "moment", guess(second, 2.0, _ORDER.format("moment"))
-    elif n_columns == 6 and words & _POSE_WORDS:
-        yield "position", guess(first, 1.5, _ORDER.format("position"))
-        yield "orientation", _of_angles(group, guess(second, 1.5))
-    elif n_columns == 7 and _is_unit(group.columns[3:]):
-        yield "position", guess(first, 2.0, _ORDER.format("position"))
-        yield "orientation", _of_quaternion(group, guess(second, 4.0))
-    elif n_columns == 9 and _are_turns(complete_rows(group.columns)):
-        yield "orientation", replace(guess(every, 3.0), form="rotation_matrix")
-    elif n_columns == 16:
-        yield from _of_transform(group, guess)
+    @property
+    def unit(self) -> str:
+        """Unit that the map gives; empty where it gives none."""
+        return str(self.entry.get("unit", ""))
+
+    def with_check(self, check: str, **entry: object) -> "Guess":
+        """Guess with one more thing to check, and changes of its entry and of all that it may be instead."""
+        also = tuple(replace(one, entry={**one.entry, **entry}) for one in self.also)
+        return replace(self, entry={**self.entry, **entry}, also=also, to_check=(*self.to_check, check))
 
 
-def _of_angles(group: Group, guess: Guess) -> Guess:
-    """Three angles with the forms that robots log, the likeliest first."""
-    words, shown = set(group.words), group.columns[-1].shown_unit
-    columns = [column for column in group.columns if column.name in guess.columns]
-    largest = np.abs(complete_rows(columns)).max(initial=0.0)
-    is_in_degrees = shown == "deg" or (not kind_of(shown) and largest > 2.0 * np.pi)
-    forms = [("axis_angle", ""), ("euler", "xyz"), ("euler", "XYZ"), ("euler", "ZYX")]
-    if "abc" in words:  # KUKA; Doosan and Stäubli
-        forms = [("euler", "ZYX"), ("euler", "ZYZ"), ("euler", "XYZ")]
-    elif {"euler", "rpy", "wpr"} & words or is_in_degrees:
-        forms = [*forms[1:], forms[0]]
-    unit = "deg" if {"abc", "wpr"} & words and is_in_degrees and not kind_of(shown) else ""
-    return _first_of([replace(guess, form=form, sequence=axes, unit=unit) for form, axes in forms])
+class Part(NamedTuple):
+    """Columns of a group that are one quantity."""
+
+    quantity: str
+    columns: slice
+    score: float
+    form: str = ""
 
 
-def _of_quaternion(group: Group, guess: Guess) -> Guess:
-    """Four numbers with w last, or first where they are only numbered and called q."""
-    names = guess.columns
-    last = replace(guess, form="quaternion")
-    if not group.is_indexed:
-        return last
-    first = replace(last, columns=(*names[1:], names[0]))
-    return _first_of([first, last] if group.words[-1:] == ("q",) else [last, first])
+class Shape(NamedTuple):
+    """Number of columns of a group, words of which it has one, what its numbers are, and its parts."""
+
+    n_columns: int
+    words: frozenset[str]
+    holds: Callable[[Sequence[Column]], bool]
+    parts: tuple[Part, ...]
 
 
-def _of_transform(group: Group, guess: Callable[[list[int], float], Guess]) -> Iterable[tuple[str, Guess]]:
-    """Position and turn of a homogeneous transform (4, 4), by columns as Franka logs it, or by rows."""
-    table, rows = complete_rows(group.columns), np.arange(16).reshape(4, 4)
-    for order in (rows.T, rows):
-        turn = order[:3, :3].ravel()
-        if np.allclose(table[:, order[3]], (0.0, 0.0, 0.0, 1.0)) and _are_turns(table[:, turn]):
-            moves = 1.0 * (extent(table) > 0.0)
-            yield "position", guess(order[:3, 3].tolist(), 3.0 + moves)
-            yield "orientation", replace(guess(turn.tolist(), 4.0 + moves), form="rotation_matrix")
-            return
-
-
-def _first_of(guesses: Sequence[Guess]) -> Guess:
-    return replace(guesses[0], also=tuple(guesses[1:]))
+def _is_unit(columns: Sequence[Column]) -> bool:
+    lengths = np.linalg.norm(complete_rows(columns), axis=1)
+    return lengths.size > 0 and bool(abs(np.median(lengths) - 1.0) < 0.01)
 
 
 def _are_turns(rows: FloatArray) -> bool:
@@ -252,16 +187,125 @@ def _are_turns(rows: FloatArray) -> bool:
     return off.size > 0 and bool(np.median(off) < 0.01)
 
 
+def _is_any(_: Sequence[Column]) -> bool:
+    return True
+
+
+_ALL, _HEAD, _TAIL = slice(None), slice(0, 3), slice(3, None)
+SHAPES = (
+    Shape(4, frozenset(), _is_unit, (Part("orientation", _ALL, 4.0, "quaternion"),)),
+    Shape(6, WRENCH_WORDS, _is_any, (Part("force", _HEAD, 2.0), Part("moment", _TAIL, 2.0))),
+    Shape(6, _POSE_WORDS, _is_any, (Part("position", _HEAD, 1.5), Part("orientation", _TAIL, 1.5, "angles"))),
+    Shape(
+        7,
+        frozenset(),
+        lambda columns: _is_unit(columns[3:]),
+        (Part("position", _HEAD, 2.0), Part("orientation", _TAIL, 4.0, "quaternion")),
+    ),
+    Shape(
+        9,
+        frozenset(),
+        lambda columns: _are_turns(complete_rows(columns)),
+        (Part("orientation", _ALL, 3.0, "rotation_matrix"),),
+    ),
+)
+"""Patterns of vectors that are not three columns; the first that fits counts."""
+
+
+def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterator[tuple[str, Guess]]:
+    """Possible meanings of a group, with scores; ``is_turned`` where angles are named as its x, y, z."""
+    n_columns, words = len(group.columns), {*group.words}
+    if words & _OF_MOTION:
+        return
+    parts: Iterable[Part] = ()
+    if n_columns == 3:
+        if "t" in words and not t_is_moment:  # a tracker's translation, next to a moment M
+            words = words - {"t"} | {"translation"}
+        parts = _of_three(group.columns[0], words, is_turned=is_turned)
+    elif n_columns == 16:
+        yield from _of_transform(group)
+    else:
+        fitting = (each for each in SHAPES if each.n_columns == n_columns)
+        parts = next(
+            (s.parts for s in fitting if (not s.words or s.words & words) and s.holds(group.columns)), ()
+        )
+    for quantity, chosen, score, form in parts:
+        columns = group.columns[chosen]
+        check = (_ORDER.format(quantity),) if n_columns > 4 and not form else ()
+        guesses = [
+            Guess(
+                entry=entry,
+                stream=group.stream,
+                score=score,
+                is_in_base=bool(words & _IN_BASE),
+                to_check=check,
+            )
+            for entry in _entries(group, columns, form)
+        ]
+        yield quantity, replace(guesses[0], also=tuple(guesses[1:]))
+
+
+def _of_three(column: Column, words: Set[str], *, is_turned: bool) -> Iterator[Part]:
+    """Quantities of three columns by their words and the unit of the first, with scores."""
+    unit = column.shown_unit
+    is_other = any(WORDS[other] & words for other in QUANTITIES[1:])
+    for quantity in QUANTITIES:
+        # A place may be a word of any vector: tcp_force, POS_ACT.A.
+        score = (1.0 if quantity == "position" and is_other else 2.0) * bool(WORDS[quantity] & words)
+        if unit and kind_of(unit) is not None:
+            score = score + 3.0 if factor_of(column, KINDS[quantity]) is not None else -1.0
+        elif quantity == "position" and is_turned:
+            score = 2.0
+        elif quantity == "position" and not is_other and not WORDS[quantity] & words:
+            score = 1.5 if words & MEASURED else 0.5 if words else 1.0
+        if score > 0.0:
+            yield Part(quantity, _ALL, score, "angles" if quantity == "orientation" else "")
+
+
+def _entries(group: Group, columns: Sequence[Column], form: str) -> list[dict[str, Any]]:
+    """Entries of the map that columns may be as a form, the likeliest first."""
+    names, words, shown = [column.name for column in columns], {*group.words}, columns[-1].shown_unit
+    if form == "quaternion":  # w is last, or first where they are only numbered and called q
+        orders = [names, [*names[1:], names[0]]] if group.is_indexed else [names]
+        return [{"columns": order} for order in (orders[::-1] if group.words[-1:] == ("q",) else orders)]
+    if form != "angles":
+        return [{"form": form, "columns": names} if form else {"columns": names}]
+    largest = np.abs(complete_rows(columns)).max(initial=0.0)
+    is_in_degrees = shown == "deg" or (not kind_of(shown) and largest > 2.0 * np.pi)
+    axes = ["", "xyz", "XYZ", "ZYX"]  # none: a rotation vector
+    if "abc" in words:  # KUKA; Doosan and Stäubli
+        axes = ["ZYX", "ZYZ", "XYZ"]
+    elif {"euler", "rpy", "wpr"} & words or is_in_degrees:
+        axes = [*axes[1:], ""]
+    unit = {"unit": "deg"} if {"abc", "wpr"} & words and is_in_degrees and not kind_of(shown) else {}
+    return [
+        {"form": "euler", "columns": names, "sequence": each, **unit}
+        if each
+        else {"form": "axis_angle", "columns": names, **unit}
+        for each in axes
+    ]
+
+
+def _of_transform(group: Group) -> Iterator[tuple[str, Guess]]:
+    """Position and turn of a homogeneous transform (4, 4), by columns as Franka logs it, or by rows."""
+    table, rows = complete_rows(group.columns), np.arange(16).reshape(4, 4)
+    names = np.array([column.name for column in group.columns], dtype=object)
+    for order in (rows.T, rows):
+        turn = order[:3, :3].ravel()
+        if np.allclose(table[:, order[3]], (0.0, 0.0, 0.0, 1.0)) and _are_turns(table[:, turn]):
+            moves = 1.0 * (extent(table) > 0.0)
+            place = {"columns": names[order[:3, 3]].tolist()}
+            yield "position", Guess(entry=place, stream=group.stream, score=3.0 + moves)
+            matrix = {"form": "rotation_matrix", "columns": names[turn].tolist()}
+            yield "orientation", Guess(entry=matrix, stream=group.stream, score=4.0 + moves)
+            return
+
+
 def complete_rows(columns: Iterable[Column]) -> FloatArray:
     """Values (n, k) of k columns in the rows where all have one."""
     table = np.column_stack([column.values for column in columns])
     complete: FloatArray = table[np.isfinite(table).all(axis=1)]
     return complete
-
-
-def _is_unit(columns: Iterable[Column]) -> bool:
-    lengths = np.linalg.norm(complete_rows(columns), axis=1)
-    return lengths.size > 0 and bool(abs(np.median(lengths) - 1.0) < 0.01)
 
 
 def extent(values: FloatArray) -> float:
