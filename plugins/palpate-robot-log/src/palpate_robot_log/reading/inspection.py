@@ -6,16 +6,18 @@ other axes or a wrench in another frame do not.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from palpate.api import CurveError, FloatArray
-from palpate.api.files import Column, InspectedTable, Inspection, factor_to_base, kind_of
+from palpate.api.files import InspectedTable, Inspection, factor_to_base, kind_of
 from palpate_indentation.csv_loader import units_of
 from palpate_robot_log.processing.chain import Processed
 from palpate_robot_log.processing.contact import contacts_of
@@ -67,28 +69,24 @@ def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
         if share_clock([(clock["begin_s"], clock["end_s"]) for clock in clocks]):
             proposal = replace(proposal, clocks="common")
     proposal, curves, new, problem = _found(log, path, judged(log, proposal))
-    text = curves.text() if curves else ""
     streams = [_described(stream, proposal) for stream in log.streams]
-    findings = (*log.notes, *(() if text else _gap_findings(log, streams)), *new)
-    tables = () if text else (_streams_table(log, streams),)
-    text = text or study_text(log, proposal)
-    return Inspection(
-        tables=(*tables, _columns_table(streams)),
-        findings=findings,
-        study_text=text,
-        test=curves.mode if curves else "",
-        record={
-            "file": str(path),
-            "wrench_file": wrench and str(wrench),
-            "format": log.format,
-            "layout": dict(log.layout),
-            "streams": streams,
-            "channels": channel_map(proposal),
-            "findings": list(findings),
-            "problem": problem,
-            "study_toml": text,
-        },
-    )
+    columns = _columns_table(streams)
+    tables = (columns,) if curves else (_streams_table(log, streams), columns)
+    findings = [*log.notes, *(() if curves else _gap_findings(log, streams)), *new]
+    text = curves.text() if curves else study_text(log, proposal)
+    record = {
+        "file": str(path),
+        "wrench_file": wrench and str(wrench),
+        "format": log.format,
+        "layout": dict(log.layout),
+        "streams": streams,
+        "channels": channel_map(proposal),
+        "findings": findings,
+        "problem": problem,
+        "study_toml": text,
+    }
+    test = curves.mode if curves else ""
+    return Inspection(tables=tables, findings=(*findings,), study_text=text, test=test, record=record)
 
 
 def _found(log: RawLog, path: Path, proposal: Proposal) -> tuple[Proposal, Proposed | None, list[str], str]:
@@ -97,8 +95,8 @@ def _found(log: RawLog, path: Path, proposal: Proposal) -> tuple[Proposal, Propo
     if "position" not in proposal.guesses and not {"orientation", "force"} <= {*proposal.guesses}:
         curves, machine = curves_of(log), machine_of(log)
         if machine is not None and not (curves and curves.mode):
-            tried, processed = _tried_machine(log, machine)
-            if processed is not None or curves is None or not _begins_in_contact(log, machine):
+            tried, is_press = _tried_machine(log, machine)
+            if is_press or curves is None or not _begins_in_contact(log, machine):
                 curves, proposal = None, tried
         if curves is not None:
             return Proposal(guesses={}, time={}), curves, *_of_curves(path, curves)
@@ -128,35 +126,34 @@ def _place(guess: Guess) -> str:
 def _of_curves(path: Path, curves: Proposed) -> tuple[list[str], str]:
     """Findings on processed curves once the loader has read them, and its problem."""
     what = "a homogeneous test" if curves.mode else "processed curves"
-    new, problem = [f"{what} and no log: the loader {curves.loader} reads them; check names and units"], ""
+    what = f"{what} and no log: the loader {curves.loader} reads them; check names and units"
+    new = [what, *curves.remarks]
     if curves.questions:
-        problem = "; ".join(curves.questions)
-        return [
-            *new,
-            *curves.remarks,
-            *(f"answer first: {question}" for question in curves.questions),
-        ], problem
+        asked = [f"answer first: {question}" for question in curves.questions]
+        return [*new, *asked], "; ".join(curves.questions)
     try:
-        result = f"these tables read the file: {curves.tried(path)}"
+        return [*new, f"these tables read the file: {curves.tried(path)}"], ""
     except CurveError as error:
-        problem = str(error)
-        result = f"with these tables: {problem}"
-    return [*new, *curves.remarks, result], problem
+        return [*new, f"with these tables: {error}"], str(error)
 
 
-def _tried_machine(log: RawLog, machine: Proposal) -> tuple[Proposal, Processed | None]:
-    """A machine's proposal, without the drift where the log ends under load, and its press if it has one."""
+def _last_press(recording: Recording, proposal: Proposal) -> Processed:
+    """Last press of a recording, whose drift is known where the log ends in free air."""
+    settings = ProcessingSettings(drift=Switch(enabled=not proposal.ends_in_contact))
+    return [*process_cycles(recording, settings).processed.values()][-1]
+
+
+def _tried_machine(log: RawLog, machine: Proposal) -> tuple[Proposal, bool]:
+    """A machine's proposal, without the drift where the log ends under load, and whether it has a press."""
     found = _read(log, machine)
-    if isinstance(found, str):
-        return machine, None
     for ends_in_contact in (False, True):
-        settings = ProcessingSettings(drift=Switch(enabled=not ends_in_contact))
-        try:
-            processed = [*process_cycles(found, settings).processed.values()][-1]
-        except CurveError:
-            continue
-        return replace(machine, ends_in_contact=ends_in_contact), processed
-    return machine, None
+        tried = replace(machine, ends_in_contact=ends_in_contact)
+        with suppress(CurveError):
+            if isinstance(found, str):
+                break
+            _last_press(found, tried)
+            return tried, True
+    return machine, False
 
 
 def _begins_in_contact(log: RawLog, machine: Proposal) -> bool:
@@ -172,15 +169,14 @@ def _begins_in_contact(log: RawLog, machine: Proposal) -> bool:
 
 def _curves_in(recording: Recording, proposal: Proposal) -> str:
     """Finding on the curves of a recording, or the reason why it has none yet."""
-    settings = ProcessingSettings(drift=Switch(enabled=not proposal.ends_in_contact))
     try:
-        processed = [*process_cycles(recording, settings).processed.values()][-1]
+        curves = _last_press(recording, proposal).curves
     except CurveError as error:
         return f"no curves yet: {error}"
     peaks = (
         f"{name} up to {np.abs(curve.ordinate).max():.4g} {of} over "
         f"{curve.abscissa.min():.4g} to {curve.abscissa.max():.4g} {along}"
-        for name, curve in processed.curves.items()
+        for name, curve in curves.items()
         for along, of in [units_of(name)]
     )
     return f"its curves: {', '.join(peaks)}"
@@ -237,17 +233,28 @@ def _cycles(recording: Recording) -> list[str]:
 
 def _described(stream: Stream, proposal: Proposal) -> dict[str, Any]:
     """Clock and columns of a stream in plain values."""
-    guesses = {what: guess for what, guess in proposal.guesses.items() if guess.stream == stream.name}
-    roles = {name: what for what, guess in guesses.items() for name in guess.names}
-    time = proposal.time.get(stream.name)
-    counter, time = (time, None) if time and time.is_counter else (None, time)
-    roles |= dict.fromkeys(counter.names, "counter") if counter else {}
-    roles |= dict.fromkeys(time.names, "time") if time else {}
+    guesses = [(what, guess) for what, guess in proposal.guesses.items() if guess.stream == stream.name]
+    if time := proposal.time.get(stream.name):
+        guesses.append(("counter" if time.is_counter else "time", time))
+    roles = {name: what for what, guess in guesses for name in guess.names}
+    finite = stream.frame.select(pl.when(pl.all().is_finite()).then(pl.all()))
+    extremes = zip(finite.min().row(0), finite.max().row(0), finite.null_count().row(0), strict=True)
     return {
         "name": stream.name,
         "n_rows": int(stream.rows.size),
-        "time": time and _clock(stream, time),
-        "columns": [_of_column(column, roles.get(column.name)) for column in stream.columns.values()],
+        "time": None if time is None or time.is_counter else _clock(stream, time),
+        "columns": [
+            {
+                "name": column.name,
+                "unit": column.shown_unit if kind_of(column.shown_unit) or column.unit else "",
+                "least": least,
+                "largest": largest,
+                "n_missing": n_missing,
+                "taken_for": roles.get(column.name),
+                "note": column.note,
+            }
+            for column, (least, largest, n_missing) in zip(stream.columns.values(), extremes, strict=True)
+        ],
     }
 
 
@@ -277,19 +284,6 @@ def _clock(stream: Stream, guess: Guess) -> dict[str, Any]:
     }
 
 
-def _of_column(column: Column, role: str | None) -> dict[str, Any]:
-    there = column.values[np.isfinite(column.values)]
-    return {
-        "name": column.name,
-        "unit": column.shown_unit if kind_of(column.shown_unit) or column.unit else "",
-        "least": float(there.min()) if there.size else None,
-        "largest": float(there.max()) if there.size else None,
-        "n_missing": int(column.values.size - there.size),
-        "taken_for": role,
-        "note": column.note,
-    }
-
-
 def _gap_findings(log: RawLog, streams: Sequence[Mapping[str, Any]]) -> Iterable[str]:
     for stream, described in zip(log.streams, streams, strict=True):
         clock = described["time"]
@@ -314,28 +308,21 @@ def _streams_table(log: RawLog, streams: Sequence[Mapping[str, Any]]) -> Inspect
             gap = f"{max(gap['seconds'] for gap in clock['gaps']):.3f}" if clock["gaps"] else "none"
             shown = (f"{clock['begin_s']:.3f}", f"{clock['end_s']:.3f}", f"{clock['rate_hz']:.4g}", gap)
         rows.append((stream["name"] or "–", str(stream["n_rows"]), *shown))
-    return InspectedTable(
-        title=f"{log.source}: {log.format}",
-        columns=("stream", f"{log.row_word}s", "from [s]", "to [s]", "rate [Hz]", "longest gap [s]"),
-        rows=tuple(rows),
-    )
+    names = ("stream", f"{log.row_word}s", "from [s]", "to [s]", "rate [Hz]", "longest gap [s]")
+    return InspectedTable(title=f"{log.source}: {log.format}", columns=names, rows=tuple(rows))
 
 
 def _columns_table(streams: Sequence[Mapping[str, Any]]) -> InspectedTable:
     rows = []
     for stream in streams:
         for column in stream["columns"]:
-            role = column["taken_for"] or ""
+            role, extremes = column["taken_for"] or "", (column["least"], column["largest"])
             unit = column["unit"] or ("–" if role == "orientation" else "?")
-            extremes = (column["least"], column["largest"])
             numbers = ("–" if number is None else f"{number:.6g}" for number in extremes)
-            missing, name = str(column["n_missing"]), stream["name"] or "–"
-            rows.append((name, column["name"], unit, *numbers, missing, role, column["note"]))
-    return InspectedTable(
-        title="Columns",
-        columns=("stream", "column", "unit", "least", "largest", "missing", "taken for", "note"),
-        rows=tuple(rows),
-    )
+            shown = (column["name"], unit, *numbers, str(column["n_missing"]), role, column["note"])
+            rows.append((stream["name"] or "–", *shown))
+    names = ("stream", "column", "unit", "least", "largest", "missing", "taken for", "note")
+    return InspectedTable(title="Columns", columns=names, rows=tuple(rows))
 
 
 # ------------------------------------------------- readings that agree with the motion
