@@ -1,287 +1,294 @@
-"""Coverage by finite elements, in worlds with independent meshes: ``bench_coverage_fe.py FOLDER``.
+"""Coverage by finite elements, and stated against true mesh errors: ``bench_coverage_fe.py FOLDER``.
 
-Each world is a random Yeoh material of the demo's ranges, pressed at one of the forearm's four spots (with
-``--joint`` at all), with noise, drift, onset, gains, friction and bulk modulus off by what the budget has,
-times ``--errors``. It is measured on a mesh that was made independently of the study's and bisected to 1.3 mm
-at the edge of the contact. The fit has one of two meshes, the demo's or a coarser one of the phantom's own
-surfaces, and its correction by the mesh that palpate refines by itself; or the demo's alone. Prints how often
-95 % intervals hold the truth, how often a check fails, and which.
+Yeoh materials of the ranges of ``forearm-demo``, one of them at half the friction too, at its four spots,
+each on two meshes: the demo's, and one of the exact surfaces that ``palpate limb`` makes with edges of half
+the radius. palpate refines both as a run does. The true curves are those of a third mesh with edges of
+1.0 mm, moved by the difference of the demo's converged data from that mesh at the demo's material.
 
-Finite elements give the curves of a few materials, with slopes on the meshes of the fit. Between these the
-curves are emulated, and so is what the finer meshes add to them. Printed first are the largest errors of a
-material that is left out. What is in FOLDER is not simulated again.
+A world is a material, some spots with one of their meshes each, and errors drawn from the study's budget:
+onset, gains, friction, bulk modulus, and noise of 0.5 % of the peak. ``--errors`` multiplies them, but for
+the noise, and the difference of the true from the corrected curves, the error of mesh, contact and steps.
+Around the true material curves are linear, with the exact slopes of the first mesh: a fit starts there, and
+is palpate's own, with its intervals and its checks. No model error is drawn, although the budget states one.
+
+Printed are the stated and the true error of each mesh; how often joint regions and intervals hold the truth,
+how often a check fails (*flagged*), and which. Simulations take 35 minutes of processor time and are kept in
+FOLDER; worlds take one to three seconds.
 
     python benchmarks/bench_coverage_fe.py FOLDER --n 120 --errors 1 2
 """
 
 import argparse
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from bench_inadequate import REGION, Truth, assessed, held, ready, ready_with_fine, say
+from bench_inadequate import NOISE, REGION, fitted, held, say
 from bench_wrong import is_flagged
+from independent_meshes import other_limb, true_limb
 from scipy.interpolate import CubicSpline
-from scipy.stats import qmc
-from study_mesh_size import RADIUS_MM, exact_segment, meshed
-from study_prediction import SPOTS, accepted, emulator, on_grid
-from study_stated_mesh import TRUE_EDGE_MM
+from study_prediction import SPOTS, accepted, on_grid
 
 from palpate import Curve, Job, Limb, Response, Simulation, Status
-from palpate.domain import Indentation, Refinement
-from palpate.limb.loading import RIM, finer_limb, load_limbs, size_at_contact
-from palpate.mesh.refinement import refined
+from palpate.domain import Indentation
+from palpate.experiment.measured import load_measured
+from palpate.fit.spot_term import pieces
+from palpate.limb.loading import finer_limb, load_limbs, refinement, size_at_contact
 from palpate.plugins.catalogue import Plugins
-from palpate.sampling.drawing import accepted_by_all
-from palpate.simulation.sweep import Simulations
-from palpate.study.model import BudgetTable
+from palpate.study.reading import Study, read_study
+from palpate_certainty.error_sources import MESH, error_budget, error_sources_of
 from palpate_certainty.held_out import held_out, is_apart
 from palpate_certainty.mesh_error import SpotMesh
-from palpate_forearm import Phantom
+from palpate_certainty.tables import Assessed
 
-BUDGET = BudgetTable.model_validate({"onset": "0.05 mm", "zero": 0.003, "friction": 0.1})
-"""The mesh's error is what palpate finds from its finer mesh, or its default; the rest as palpate assumes."""
-N_COARSE, N_FINE, N_DEEPER = {"demo": 16, "other": 8}, {"demo": 8, "other": 6}, 3
-"""Materials with slopes on the meshes of the fit, those on its finer meshes, and those pressed deeper."""
-TRUE_ROWS = {"p1": (0, 2, 3, 4), "p2": (0, 2, 3, 4), "p3": (0, 1, 2, 3), "p4": (0, 1, 2, 3)}
-"""Materials on the meshes of the truth; the fifth of each spot takes more than 600 s."""
+MESHES = ("demo", "other")
+CONVERGED = {"depth_steps": 20, "rotation_step_deg": 2.25}
+"""Load steps of the truth."""
 DEEPER_MM = 0.3
-OTHER_RATIO = 0.5
-"""Edge over radius of the second mesh."""
-MESHES = ("demo", "other", "demo, not corrected")
-AT = {"demo": SPOTS, "other": ("p1",)}
-"""Spots with each mesh."""
+HALF = 0.5
+"""Friction of the last material."""
+READ = 15
+"""Points between two equilibrium states, on cubics, by which a simulated curve is read."""
+MOST_POINTS = 100
+"""More than a measured curve has."""
+RIGID = 4.0 / 3.0
+"""Change by a rigid contact, over the change by twice the penalty: curves are linear in 1/penalty and the
+difference of twice and half the penalty is taken."""
 WIDE = 0.8
 """Width of an interval over the range beyond which it holds a truth of the range by construction."""
 
 
 class Forearm:
-    """The demo's study, and the curves of its spots on all meshes at a few materials."""
+    """Simulations of the demo's forearm, each kept in a folder."""
 
-    def __init__(self, folder: Path, only: Sequence[str]) -> None:
+    def __init__(self, folder: Path) -> None:
         plugins = Plugins.load()
-        self.study = replace(ready("forearm-demo", plugins), budget=BUDGET)
-        self.rows = self._rows()
-        self.limbs = self._limbs(plugins)
-        with Simulations(self.study, folder, self.limbs) as self.simulations:
-            self.channels = {(mesh, spot): self._channels(mesh, spot) for mesh in only for spot in AT[mesh]}
+        study = read_study(Path(plugins.studies["forearm-demo"].directory) / "study.toml", plugins)
+        main = tuple(each for each in study.scenarios if each.name == study.generalise_by)
+        self.study = replace(study, scenarios=main)
+        self.folder = folder
+        self.converged = load_measured(study, study.channels)
+        true = np.array([study.truth[name] for name in study.space.names])
+        rows = accepted(study, 5, np.random.default_rng(7))
+        self.rows = {"base": true, **{f"y{k}": row for k, row in enumerate(rows)}, "half": true}
+        self.friction = {name: HALF if name == "half" else 1.0 for name in self.rows}
+        self._limbs: dict[str, Limb] = {}
+        self._presses: dict[tuple[str, ...], Press] = {}
+        folder.mkdir(parents=True, exist_ok=True)
 
-    def _rows(self) -> np.ndarray:
-        """Materials (n, 3): five at random as ``study_stated_mesh.py`` has them, the rest spread."""
-        parameters = self.study.space.parameters
-        low, high = (np.array([getattr(p, end) for p in parameters]) for end in ("lower", "upper"))
-        spread = low + (high - low) * qmc.LatinHypercube(low.size, rng=1).random(64)
-        spread = spread[accepted_by_all(self.study.filters, self.study.space, spread)]
-        known = accepted(self.study, 5, np.random.default_rng(1))
-        return np.concatenate([known, spread])[: max(N_COARSE.values())]
+    def limb(self, spot: str, mesh: str) -> Limb:
+        """Mesh of a spot: ``demo``, ``other``, either with ``/fine`` as palpate refines it, or ``true``."""
+        if (name := f"{spot} {mesh}") not in self._limbs:
+            if mesh.endswith("/fine"):
+                coarse = self.limb(spot, mesh.removesuffix("/fine"))
+                of = next(each for each in self.study.spots if each.spot.name == spot)
+                limb = finer_limb(self.study, of, {spot: coarse})
+                assert limb is not None
+                self._limbs[name] = limb
+            elif mesh == "demo":
+                self._limbs |= {f"{key} demo": limb for key, limb in load_limbs(self.study).items()}
+            else:
+                self._limbs[name] = true_limb(spot) if mesh == "true" else other_limb(spot)
+        return self._limbs[name]
 
-    def meshes(self, mesh: str, spots: Sequence[str]) -> dict[str, SpotMesh]:
-        """Meshes of a fit as far as their error goes."""
-        found = {}
-        for spot in spots:
-            name = self._name(mesh.partition(",")[0], spot)
-            edge_mm, finer_mm = (
-                size_at_contact(self.study, self.limbs[each]) for each in (name, f"{name}/fine")
-            )
-            ratio = 1.0 if mesh == MESHES[2] else edge_mm / finer_mm
-            between = Refinement(ratio=ratio, at_rim=True)
-            found[spot] = SpotMesh(edge_over_radius=edge_mm / RADIUS_MM, refinement=between)
-        return found
+    def spot_mesh(self, spot: str, mesh: str) -> SpotMesh:
+        """Mesh of a fit as far as its error goes."""
+        coarse, fine = self.limb(spot, mesh), self.limb(spot, f"{mesh}/fine")
+        one = replace(self.study, spots=tuple(s for s in self.study.spots if s.spot.name == spot))
+        (between,) = refinement(one, {spot: coarse, f"{spot}/fine": fine}).values()
+        radius_mm = self.protocol(spot, "base").indenter.radius_mm
+        return SpotMesh(edge_over_radius=size_at_contact(self.study, coarse) / radius_mm, refinement=between)
 
-    @staticmethod
-    def _name(mesh: str, spot: str) -> str:
-        return spot if mesh == MESHES[0] else f"{spot} {mesh}"
-
-    def _limbs(self, plugins: Plugins) -> dict[str, Limb]:
-        """Meshes by name: of the fits, ``/fine`` as palpate refines them, and `` true`` of the truth."""
-        study, phantom = self.study, Phantom()
-        limbs = load_limbs(study)
-        independent = load_limbs(ready_with_fine("robot-log", plugins))
-        for spot in study.spots:
-            name, reach_mm = spot.spot.name, study.protocol_at(spot.spot.name).reach_mm
-            place = next(each for each in phantom.spots if each.name == name)
-            limb, _ = meshed(exact_segment(phantom, place), OTHER_RATIO)
-            fine = finer_limb(study, spot, {name: limb})
-            assert fine is not None
-            other = self._name("other", name)
-            limbs[other], limbs[f"{other}/fine"] = limb, fine
-            truth = independent[f"{name}/fine"]
-            limbs[f"{name} true"] = refined(truth, RIM[1] * reach_mm, TRUE_EDGE_MM, RIM[0] * reach_mm)
-        return limbs
-
-    def _channels(self, mesh: str, spot: str) -> "dict[str, Channel]":
-        """Emulated curves of a spot. The truth is known by what it adds to the demo's finer mesh."""
-        name = self._name(mesh, spot)
-        coarse = self._simulated(name, spot, self.rows[: N_COARSE[mesh]], slopes=True)
-        fine = self._simulated(f"{name}/fine", spot, self.rows[: N_FINE[mesh]])
-        deeper = self._simulated(spot, spot, self.rows[:N_DEEPER], deeper_mm=DEEPER_MM)
-        at = list(TRUE_ROWS[spot])
-        true = self._simulated(f"{spot} true", spot, self.rows[at])
-        under = self._simulated(f"{spot}/fine", spot, self.rows[: N_FINE["demo"]])
-        not_deeper = self._simulated(spot, spot, self.rows[:N_DEEPER])
-        found = {}
-        for channel in coarse[0]:
-            curves = [
-                [each[channel] for each in of] for of in (coarse, fine, under, true, deeper, not_deeper)
-            ]
-            found[channel] = Channel(self, at, *curves)
-        return found
-
-    def _simulated(
-        self, limb: str, spot: str, rows: np.ndarray, *, slopes: bool = False, deeper_mm: float = 0.0
-    ) -> list[Response]:
-        protocol, (region,) = self.study.protocol_at(spot), self.study.space.regions
+    def protocol(self, spot: str, material: str) -> Indentation:
+        """Press and twist of a spot."""
+        protocol = self.study.protocol_at(spot)
         assert isinstance(protocol, Indentation)
-        path = protocol.path.copy()
-        path[path[:, 0] > 0.0, 0] += deeper_mm
-        jobs = [
-            Job(
-                spot=limb,
-                set_id=-1 - number,
+        return replace(protocol, friction=self.friction[material])
+
+    def curves(
+        self, spot: str, mesh: str, material: str, *, deeper_mm: float = 0.0, penalty: float = 1.0
+    ) -> Response:
+        """Curves of a material on a mesh, with slopes on the first mesh of a fit; kept in the folder."""
+        changes = (deeper_mm and f" {deeper_mm:g} mm deeper") or ""
+        changes += (penalty != 1.0 and f" penalty {penalty:g}") or ""
+        file = self.folder / f"{spot} {mesh.replace('/', ' ')} {material}{changes}.npz"
+        if not file.is_file():
+            protocol = self.protocol(spot, material)
+            path = protocol.path.copy()
+            path[path[:, 0] > 0.0, 0] += deeper_mm
+            (region,) = self.study.space.regions
+            job = Job(
+                spot=spot,
+                set_id=-1,
                 materials={REGION: region.material},
-                thetas={REGION: self.study.space.thetas(row)[REGION]},
-                protocol=replace(protocol, path=path) if deeper_mm else protocol,
-                slopes=slopes,
+                thetas={REGION: self.study.space.thetas(self.rows[material])[REGION]},
+                protocol=replace(protocol, path=path, contact_penalty=penalty),
+                slopes=mesh in MESHES and not changes,
             )
-            for number, row in enumerate(rows)
-        ]
-        responses = []
-        for job in jobs:
-            (each,) = self.simulations.of([job])
-            if each.status is not Status.OK or each.response is None:
-                raise SystemExit(f"{limb}: {each.message}")
-            responses.append(each.response)
-        return responses
+            solver, settings = self.study.solver, {"warm_starts": False}
+            settings |= CONVERGED if mesh == "true" else {}
+            solver = type(solver)(solver.settings.model_copy(update=settings))
+            made = solver.simulate(job, self.limb(spot, mesh))
+            if made.status is not Status.OK or made.response is None:
+                raise SystemExit(f"{file.stem}: {made.message}")
+            say(f"{file.stem}: simulated")
+            parts = {
+                f"{name}/{key}": values
+                for name, curve in made.response.curves.items()
+                for key, values in {"x": curve.abscissa, "y": curve.ordinate, **curve.slopes}.items()
+            }
+            np.savez_compressed(file, **parts)
+        with np.load(file) as kept:
+            parts = {tuple(key.split("/")): kept[key] for key in kept.files}
+        curves = {}
+        for channel in dict.fromkeys(name for name, _ in parts):
+            of = {key: values for (name, key), values in parts.items() if name == channel}
+            x, y = of.pop("x"), of.pop("y")
+            curves[channel] = Curve(channel=channel, abscissa=x, ordinate=y, slopes=of)
+        return Response(curves=curves)
+
+    def of(self, material: str, spots: Sequence[str]) -> Study:
+        """The study of some spots, with the friction of a material."""
+        kept = tuple(each for each in self.study.spots if each.spot.name in spots)
+        return replace(self.study, spots=kept, protocol=self.protocol(spots[0], material))
+
+    def press(self, *case: str) -> "Press":
+        """Curves of a spot on a mesh at a material."""
+        if case not in self._presses:
+            self._presses[case] = Press(self, *case)
+        return self._presses[case]
 
 
-class Channel:
-    """A curve of a spot over materials: on a mesh of the fit, its finer mesh, and that of the truth."""
+class Press:
+    """One spot on one mesh: its curves, and the truth at the measured points, around a material."""
 
-    def __init__(
-        self,
-        forearm: Forearm,
-        at: Sequence[int],
-        coarse: Sequence[Curve],
-        fine: Sequence[Curve],
-        under: Sequence[Curve],
-        true: Sequence[Curve],
-        deeper: Sequence[Curve],
-        not_deeper: Sequence[Curve],
-    ) -> None:
-        study, rows = forearm.study, forearm.rows[: len(coarse)]
-        self.names = [*study.space.names, f"{REGION}.kappa", "friction"]
-        self.x, self.is_force = coarse[0].abscissa, coarse[0].channel == "force"
-        values = self._on_grid(coarse)
-        slopes = np.stack(
-            [self._on_grid([replace(c, ordinate=c.slopes[n]) for c in coarse]) for n in self.names]
-        )
-        self.value = emulator(study, rows, values, np.moveaxis(slopes[:3], 0, 2))
-        self.others = [emulator(study, rows, each) for each in slopes[3:]]
-        peaks = np.abs(values).max(axis=1, keepdims=True)
-        added = (self._on_grid(fine) - values[: len(fine)]) / peaks[: len(fine)]
-        self.added = emulator(study, rows[: len(fine)], added)
-        finest = self._on_grid(under)[list(at)]
-        beyond = (self._on_grid(true) - finest) / np.abs(finest).max(axis=1, keepdims=True)
-        self.beyond = beyond.mean(axis=0)
-        self.from_under = emulator(
-            study, rows[: len(under)], (self._on_grid(under) - values[: len(under)]) / peaks[: len(under)]
-        )
-        shallow = self._on_grid(not_deeper)
-        more = (self._on_grid(deeper) - shallow) / np.abs(shallow).max(axis=1, keepdims=True) / DEEPER_MM
-        self.deeper = more.mean(axis=0)
-        self.errors = {
-            "value": np.abs(self.value.left_out / peaks).max(),
-            "finer": np.abs(self.added.left_out).max(),
-            "truth": np.abs(beyond - self.beyond).max() * len(at) / (len(at) - 1),
-            "a mm deeper": np.abs(more - self.deeper).max() * len(more) / (len(more) - 1),
+    def __init__(self, forearm: Forearm, spot: str, mesh: str, material: str) -> None:
+        of = partial(forearm.curves, spot, mesh, material)
+        self.spot = spot
+        self.mesh, self.row = forearm.spot_mesh(spot, mesh), forearm.rows[material]
+        self.protocol = forearm.protocol(spot, material)
+        self.bulk = float(forearm.study.space.thetas(self.row)[REGION][-1])
+        self.coarse, self.fine = of(), forearm.curves(spot, f"{mesh}/fine", material)
+        self.deeper = self._change(of(deeper_mm=DEEPER_MM), self.coarse, DEEPER_MM)
+        self.stiffer = self._change(of(penalty=2.0), of(penalty=0.5), 2.0)
+        left_over = forearm.study.left_over(self.mesh.refinement)
+        true, at_base = (forearm.curves(spot, "true", each) for each in (material, "base"))
+        self.true, self.corrected = {}, {}
+        for name, data in forearm.converged[spot].curves.items():
+            x, peak = data.abscissa, np.abs(data.ordinate).max()
+            y, base, coarse, fine = (read(of, name, x) for of in (true, at_base, self.coarse, self.fine))
+            self.true[name] = replace(data, ordinate=y + np.abs(y).max() / peak * (data.ordinate - base))
+            self.corrected[name] = fine + left_over[name] * (fine - coarse)
+
+    def _change(self, one: Response, other: Response, by: float) -> dict[str, np.ndarray]:
+        """Change of the curves at their points for each unit of a cause."""
+        return {
+            name: (on_grid(one[name], curve.abscissa) - on_grid(other[name], curve.abscissa)) / by
+            for name, curve in self.coarse.curves.items()
         }
 
-    def _on_grid(self, curves: Sequence[Curve]) -> np.ndarray:
-        return np.stack([on_grid(curve, self.x) for curve in curves])
+    def response(self, job: Job) -> Response:
+        """Curves of a job, on the first mesh with slopes, or on the finer one."""
+        theta, protocol, curves = job.thetas[REGION], job.protocol, {}
+        assert isinstance(protocol, Indentation)
+        by_mm = float(protocol.path[:, 0].max() - self.protocol.path[:, 0].max())
+        changes = [
+            *(theta[:-1] - self.row),
+            theta[-1] - self.bulk,
+            protocol.friction - self.protocol.friction,
+        ]
+        for name, curve in self.coarse.curves.items():
+            y = curve.ordinate + np.array(changes) @ np.stack(list(curve.slopes.values()))
+            y = y + np.log2(protocol.contact_penalty) * self.stiffer[name]
+            if name == "force":
+                x = curve.abscissa * (1.0 + by_mm / curve.abscissa[-1])
+                every = CubicSpline(curve.abscissa, [y, *curve.slopes.values()], axis=1)(x)
+            else:
+                x, every = curve.abscissa, [y + by_mm * self.deeper[name], *curve.slopes.values()]
+            slopes = dict(zip(curve.slopes, every[1:], strict=True))
+            if job.mesh:
+                fine = on_grid(self.fine[name], curve.abscissa) - curve.ordinate
+                size = np.linalg.norm(every[0]) / np.linalg.norm(curve.ordinate)
+                every, slopes = [every[0] + size * fine], {}
+            curves[name] = Curve(channel=name, abscissa=x, ordinate=every[0], slopes=slopes)
+        return Response(curves=curves)
 
-    def curve(self, name: str, row: np.ndarray, changes: np.ndarray, by_mm: float, mesh: str) -> Curve:
-        """The curve at a material, with changes of bulk modulus and friction, so much deeper, on a mesh."""
-        others = np.stack([each(row[None])[0] for each in self.others])
-        steps = 1e-4 * np.abs(row)
-        rows = row + np.concatenate([np.zeros((1, 3)), np.diag(steps), -np.diag(steps)])
-        values = self.value(rows) + changes @ others
-        if mesh:
-            added = (self.added if mesh == "fine" else self.from_under)(rows)
-            values = values + np.abs(values).max(axis=1, keepdims=True) * added
-        y, *ends = values
-        slopes = np.concatenate([(np.array(ends[:3]) - ends[3:]) / (2.0 * steps[:, None]), others])
-        peak = np.abs(y).max()
-        if mesh == "true":
-            y = y + np.abs(y).max() * self.beyond
-        x = self.x
-        if self.is_force:
-            x = x * (1.0 + by_mm / x[-1])
-            y, *slopes = CubicSpline(self.x, np.vstack([y, slopes]), axis=1)(x)
-        else:
-            y = y + peak * by_mm * self.deeper
-        return Curve(channel=name, abscissa=x, ordinate=y, slopes=dict(zip(self.names, slopes, strict=True)))
+    def measured(self, errors: Mapping[tuple[str, str], float], times: float, noise: np.ndarray) -> Response:
+        """Measured curves with errors by cause, and the error of the mesh ``times`` as large as it is."""
+        curves, onset_mm = {}, errors["onset", self.spot]
+        for (name, true), white in zip(self.true.items(), noise, strict=True):
+            x, own = true.abscissa, self.coarse[name].densified(READ)
+            bulk, friction = (
+                on_grid(replace(own, ordinate=own.slopes[key]), x) for key in (f"{REGION}.kappa", "friction")
+            )
+            y = self.corrected[name] + times * (true.ordinate - self.corrected[name])
+            y = y + self.bulk * errors["fixed", f"{REGION}.kappa"] * bulk + errors["friction", ""] * friction
+            if name == "force":
+                y = CubicSpline(x, y)(x + onset_mm)
+            else:
+                deeper = replace(self.coarse[name], ordinate=self.deeper[name], slopes={})
+                y = y + onset_mm * on_grid(deeper.densified(READ), x)
+            y = (1.0 + errors["gain", name]) * y + NOISE * np.abs(y).max() * white[: y.size]
+            curves[name] = replace(true, ordinate=y).cut(slice(1, None))
+        return Response(curves=curves)
 
 
-@dataclass
+def read(response: Response, channel: str, x: np.ndarray) -> np.ndarray:
+    """Ordinates of a simulated curve at measured points, as palpate reads it."""
+    return on_grid(response[channel].densified(READ), x)
+
+
 class Emulated:
-    """Answers jobs on one of the meshes as ``Simulations`` does."""
+    """Answers jobs as ``Simulations`` does, by the presses of a world."""
 
-    forearm: Forearm
-    mesh: str
-    known: dict = field(default_factory=dict)
-    limbs: dict = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        finer = () if self.mesh == MESHES[2] else [f"{spot}/fine" for spot in SPOTS]
-        self.limbs = dict.fromkeys([*SPOTS, *finer])
+    def __init__(self, presses: Mapping[str, Press]) -> None:
+        self.presses, self.known = presses, {}
+        self.limbs = dict.fromkeys([*presses, *(f"{spot}/fine" for spot in presses)])
 
     def of(self, jobs: Sequence[Job]) -> list[Simulation]:
         """Simulations of jobs, in their order."""
-        return [Simulation(job=job, status=Status.OK, response=self._response(job)) for job in jobs]
-
-    def _response(self, job: Job) -> Response:
-        spot, _, mesh = job.spot.partition(" ")
-        study, theta = self.forearm.study, job.thetas[REGION]
-        usual = study.protocol_at(spot)
-        by_mm = float(job.protocol.path[:, 0].max() - usual.path[:, 0].max())
-        bulk = study.space.thetas(theta[:3])[REGION][3]
-        changes = np.array([theta[3] - bulk, job.protocol.friction - usual.friction])
-        channels = self.forearm.channels[self.mesh.partition(",")[0], spot]
-        return Response(
-            curves={n: c.curve(n, theta[:3], changes, by_mm, mesh or job.mesh) for n, c in channels.items()}
-        )
+        found = [self.presses[job.spot].response(job) for job in jobs]
+        return [
+            Simulation(job=job, status=Status.OK, response=each)
+            for job, each in zip(jobs, found, strict=True)
+        ]
 
 
-# ----------------------------------------------------------------------------- worlds
+def assessed(
+    forearm: Forearm, material: str, meshes: Mapping[str, str], seed: int, times: float
+) -> tuple[Study, Assessed]:
+    """Measure the spots of a world, fit, and assess the fit."""
+    rng = np.random.default_rng([seed, 5])
+    presses = {spot: forearm.press(spot, mesh, material) for spot, mesh in meshes.items()}
+    study = forearm.of(material, list(meshes))
+    clean = {spot: forearm.converged[spot] for spot in meshes}
+    errors = {
+        (each.kind, each.of): times * each.sd * rng.normal()
+        for each in error_sources_of(study, clean, study.space.names)
+    }
+    measured = {
+        spot: press.measured(errors, times, rng.normal(size=(2, MOST_POINTS)))
+        for spot, press in presses.items()
+    }
+    start = dict(zip(study.space.names, forearm.rows[material].tolist(), strict=True))
+    of_spots = {spot: press.mesh for spot, press in presses.items()}
+    return study, fitted(study, measured, Emulated(presses), of_spots, start)
 
 
-def world(emulated: Emulated, spots: Sequence[str], seed: int, times: float) -> dict:
+def world(forearm: Forearm, material: str, meshes: Mapping[str, str], seed: int, times: float) -> dict:
     """One world: which intervals hold the truth, which are wide, and which checks fail."""
-    forearm = emulated.forearm
-    study = replace(
-        forearm.study, spots=tuple(spot for spot in forearm.study.spots if spot.spot.name in spots)
-    )
-    (row,) = accepted(study, 1, np.random.default_rng([seed, 5]))
-    truth = Truth(
-        title=f"{seed}",
-        limbs={spot: f"{spot} true" for spot in spots},
-        materials={REGION: study.space.regions[0].material},
-        thetas=study.space.thetas(row),
-        row=row,
-    )
-    meshes = forearm.meshes(emulated.mesh, spots)
-    found = assessed(study, truth, emulated, seed, times=times, meshes=meshes)
+    _, found = assessed(forearm, material, meshes, seed, times)
     low, high = found.density.interval(found.point)
     result = {
-        "holds": held(truth, found),
+        "holds": held(forearm.rows[material], found),
         "wide": np.append(high - low > WIDE, False),
         "failed": [check.name for check in found.checks if check.is_failed],
         "apart": is_apart(held_out(found)),
-        "width": high - low,
     }
-    return result | {"flagged": is_flagged(result, len(spots))}
+    return result | {"flagged": is_flagged(result, len(meshes))}
 
 
 def row_of(title: str, found: Sequence[dict]) -> str:
@@ -301,32 +308,75 @@ def row_of(title: str, found: Sequence[dict]) -> str:
     return f"| {' | '.join([title, str(len(found)), *cells, *ends])} |"
 
 
+def mesh_errors(
+    forearm: Forearm, spot: str, mesh: str, material: str
+) -> dict[str, tuple[float, float, float, float]]:
+    """Error of each curve by the mesh, against a rigid contact: in proportion to the curve, and one standard
+    deviation of that as the budget states it; then norms of the whole error and of the stated one."""
+    press = forearm.press(spot, mesh, material)
+    study, found = assessed(forearm, material, {spot: mesh}, 0, 0.0)
+    terms, residuals = found.end.problem.terms, found.end.at_end().residuals
+    clean = {spot: forearm.converged[spot]}
+    known = error_budget(study, clean, terms, residuals, {}, {spot: press.mesh})[MESH]
+    rows = {}
+    for term, name, at, scale in pieces(terms):
+        true, inside = press.true[name], term.counted(name)
+        stiffer = replace(press.coarse[name], ordinate=press.stiffer[name], slopes={}).densified(READ)
+        error = press.corrected[name] + RIGID * on_grid(stiffer, true.abscissa) - true.ordinate
+        y, error = ((scale * each[1:])[inside] for each in (true.ordinate, error))
+        columns = np.stack([each[at] for each in known.values()], axis=1)
+        shares = np.append(error @ y, np.linalg.norm(y @ columns)) / (y @ y)
+        norms = np.linalg.norm(error), np.linalg.norm(columns)
+        rows[name] = (*shares, *(each / np.linalg.norm(y) for each in norms))
+    return rows
+
+
+def print_mesh_errors(forearm: Forearm, cases: Sequence[tuple[str, str, str]]) -> None:
+    """Print a row for each curve, and how often the true error is within twice the stated one."""
+    say("| spot, mesh, material | channel | error % | stated sd | over sd | norm % | stated | over |")
+    say(f"|{'---|' * 8}")
+    found = []
+    for case in cases:
+        for name, row in mesh_errors(forearm, *case).items():
+            error, sd, norm, of_norm = 100.0 * np.array(row)
+            found.append((name, error / sd, norm / of_norm))
+            sizes = f"{error:+.2f} | {sd:.2f} | {error / sd:+.1f} | {norm:.2f} | {of_norm:.2f}"
+            say(f"| {', '.join(case)} | {name} | {sizes} | {norm / of_norm:.1f} |")
+    for channel in dict.fromkeys(name for name, *_ in found):
+        shares, norms = (np.array([each[k] for each in found if each[0] == channel]) for k in (1, 2))
+        say(
+            f"{channel}: of {shares.size} {(np.abs(shares) <= 2.0).sum()} within twice the stated in "
+            f"proportion ({(shares > 0.0).sum()} too large), {(norms <= 2.0).sum()} as a whole; root "
+            f"mean squares {np.sqrt(np.mean(shares**2)):.2f} and {np.sqrt(np.mean(norms**2)):.2f}"
+        )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="keeps what is simulated")
     parser.add_argument("--n", type=int, default=120, help="worlds of each size of the errors")
     parser.add_argument("--errors", type=float, nargs="*", default=[1.0, 2.0], help="over the budget's")
-    parser.add_argument("--meshes", nargs="*", choices=MESHES, default=list(MESHES))
-    parser.add_argument("--joint", action="store_true", help="all spots in each world")
+    parser.add_argument("--spots", nargs="*", choices=SPOTS, default=list(SPOTS))
+    parser.add_argument("--materials", nargs="*", help="some of base, y0 to y4, half; default: all")
+    parser.add_argument("--first", type=int, default=0, help="number of the first world")
     chosen = parser.parse_args()
-    forearm = Forearm(chosen.folder, list(dict.fromkeys(mesh.partition(",")[0] for mesh in chosen.meshes)))
-    for key, channels in forearm.channels.items():
-        for name, channel in channels.items():
-            errors = ", ".join(f"{what} {100.0 * error:.2f}" for what, error in channel.errors.items())
-            say(f"{', '.join(key)}, {name}: % of the peak where a material is left out: {errors}")
+    forearm = Forearm(chosen.folder)
+    materials = chosen.materials or list(forearm.rows)
+    print_mesh_errors(forearm, [(s, m, of) for s in chosen.spots for m in MESHES for of in materials])
     heads = [*forearm.study.space.names, "joint region", "flagged", "holds or flagged", "joint by the noise"]
-    say(f"\n| mesh, errors over the budget's | worlds | {' | '.join(heads)} | checks |\n|{'---|' * 10}")
+    say(f"\n| spots, errors over the budget's | worlds | {' | '.join(heads)} | checks |\n|{'---|' * 10}")
+    sizes = [n for n in (1, 2, 4) if n <= len(chosen.spots)]
     for times in chosen.errors:
-        every = []
-        for number, mesh in enumerate(chosen.meshes):
-            emulated, found = Emulated(forearm, mesh), []
-            for seed in range(number, chosen.n, len(chosen.meshes)):
-                at = AT[mesh.partition(",")[0]]
-                spots = at if chosen.joint else (at[seed // len(chosen.meshes) % len(at)],)
-                found.append(world(emulated, spots, seed, times))
-            say(row_of(f"{mesh}, {times:g}", found))
-            every += found
-        say(row_of(f"all, {times:g}", every))
+        found: dict[int, list[dict]] = {n: [] for n in sizes}
+        for seed in range(chosen.first, chosen.first + chosen.n):
+            rng, n = np.random.default_rng([seed, 7]), sizes[seed % len(sizes)]
+            spots = sorted(rng.choice(chosen.spots, n, replace=False).tolist())
+            meshes = {spot: MESHES[rng.integers(len(MESHES))] for spot in spots}
+            material = materials[rng.integers(len(materials))]
+            found[n].append(world(forearm, material, meshes, seed, times))
+        for n, of_n in found.items():
+            say(row_of(f"{n}, {times:g}", of_n))
+        say(row_of(f"all, {times:g}", [each for of_n in found.values() for each in of_n]))
 
 
 if __name__ == "__main__":

@@ -70,9 +70,9 @@ ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_
 WANTED_MANY, WANTED_EXTRA, WANTED_EXPONENT = 6.0, 0.25, 1.35
 
 
-def forearm(study: str, package: str = "palpate_forearm") -> str:
+def forearm(study: str) -> str:
     """A mesh file that palpate carries."""
-    return str(Path(str(files(package))) / "studies" / study / "meshes" / "p2.vtu")
+    return str(Path(str(files("palpate_forearm"))) / "studies" / study / "meshes" / "p2.vtu")
 
 
 def load(mesh: str) -> Any:
@@ -460,8 +460,7 @@ def main() -> None:
     forearms = forearms or {f"forearm, {study}": forearm(study) for study in FOREARMS}
     blocks = {} if given.mesh else {f"block, {a} × {d}": f"block:{a}:{d}" for a, d in BLOCKS}
     if given.sizes or everything:
-        finer = forearm("robot-log", "palpate_robot_log")
-        larger = {} if given.mesh else {"forearm, robot-log": finer, "forearm, refined": REFINED}
+        larger = {} if given.mesh else {"forearm, refined": REFINED}
         sizes(blocks | forearms | larger, given.before)
     if given.slopes or everything:
         slopes_cost(forearms, given.before)

@@ -13,12 +13,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from study_stated_mesh import TRUE_EDGE_MM
+from independent_meshes import true_limb
 
 from palpate import Limb, Plugins
 from palpate.domain import FloatArray
-from palpate.limb.loading import RIM, load_limbs
-from palpate.mesh.refinement import refined
+from palpate.limb.loading import load_limbs
 from palpate.simulation.synthesis import synthesise
 from palpate.study.reading import read_study
 from palpate_forearm import Phantom
@@ -51,7 +50,6 @@ def main() -> None:
     folder = Path(plugins.studies[NAME].directory)
     into = parser.parse_args().into or folder
     coarse = load_limbs(read_study(Path(plugins.studies["forearm-demo"].directory), plugins))["p1"]
-    fine = load_limbs(read_study(Path(plugins.studies["robot-log"].directory), plugins))["p1/fine"]
     for path in (into / "meshes", into / "measured"):
         path.mkdir(parents=True, exist_ok=True)
     write_limb(into / "meshes" / "p1.vtu", with_axis(coarse, "p1"))
@@ -60,9 +58,7 @@ def main() -> None:
         text = (folder / "study.toml").read_text().replace('name = "jax"', f'name = "jax"\n{STEPS}')
         (truth / "study.toml").write_text(text + '\n[fit]\nfine_edge = "0 mm"\n')
         (truth / "meshes").mkdir()
-        reach_mm = read_study(folder, plugins, need_measured=False).protocol_at("p1-along").reach_mm
-        fine = refined(fine, RIM[1] * reach_mm, TRUE_EDGE_MM, RIM[0] * reach_mm)
-        write_limb(truth / "meshes" / "p1.vtu", with_axis(fine, "p1"))
+        write_limb(truth / "meshes" / "p1.vtu", with_axis(fine := true_limb("p1"), "p1"))
         study = read_study(truth, plugins, need_measured=False)
         made = synthesise(study, plugins.channels, noise=NOISE, seed=SEED)
         for file in made.files:

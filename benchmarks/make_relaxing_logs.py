@@ -13,14 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
+from independent_meshes import true_limb
 from scipy.interpolate import PchipInterpolator
 from simulated_robot import CLEARANCE_MM, RATE_HZ, write_rows
-from study_stated_mesh import TRUE_EDGE_MM
 
 from palpate import Job, Limb, Plugins, Status
 from palpate.domain import FloatArray, Indentation
-from palpate.limb.loading import RIM, load_limbs
-from palpate.mesh.refinement import refined
 from palpate.study.reading import Study, read_study
 from palpate_materials.relaxation import FORCE_OVER_TIME, TORQUE_OVER_TIME
 
@@ -107,10 +105,8 @@ def main() -> None:
     into = parser.parse_args().into
     plugins = Plugins.load()
     study = read_study(Path(plugins.studies[NAME].directory), plugins, need_measured=False)
-    independent = load_limbs(read_study(Path(plugins.studies["robot-log"].directory), plugins))
     for spot, seed in SEEDS.items():
-        reach_mm = study.protocol_at(spot).reach_mm
-        limb = refined(independent[f"{spot}/fine"], RIM[1] * reach_mm, TRUE_EDGE_MM, RIM[0] * reach_mm)
+        limb = true_limb(spot)
         protocol, states = simulated(study, spot, limb)
         (file,) = (each for one in study.spots for each in one.files if one.spot.name == spot)
         log_of(into / file.name if into else file, protocol, states, seed)

@@ -44,11 +44,11 @@ def exact_segment(phantom: Phantom, spot: Spot) -> Segment:
     return cut(scan, surfaces, spot, limb_axis(scan))
 
 
-def plan(ratio: float, kind: str = "tet10") -> MeshPlan:
+def plan(ratio: float) -> MeshPlan:
     """How a mesh with edges of this share of the radius is made."""
     share = ratio / DEFAULT
     size = SizeField(fine_mm=ratio * RADIUS_MM, coarse_mm=2.4 * share * RADIUS_MM, radius_mm=1.2 * RADIUS_MM)
-    return MeshPlan(size=size, tolerance_mm=0.4 * share**2, kind="tet4" if kind == "tet4" else "tet10")
+    return MeshPlan(size=size, tolerance_mm=0.4 * share**2)
 
 
 def meshed(segment: Segment, ratio: float) -> tuple[Limb, Quality]:

@@ -21,7 +21,8 @@ from types import SimpleNamespace
 
 import bench_next as sessions
 import numpy as np
-from bench_inadequate import NOISE, REGION, dense, ready, ready_with_fine, say
+from bench_inadequate import NOISE, REGION, dense, ready, say
+from independent_meshes import true_limb
 from study_prediction import BUDGET, N_COARSE, N_FINE, RELATIVE, SPOTS, Channel, accepted, emulator
 
 from palpate import Curve, Job, Response, Simulation, Status
@@ -44,9 +45,8 @@ class Phantom:
     def __init__(self, folder: Path) -> None:
         plugins = Plugins.load()
         self.study = replace(ready("forearm-demo", plugins), budget=BUDGET, executor=Processes())
-        finer = load_limbs(ready_with_fine("robot-log", plugins))
         limbs = load_limbs(self.study)
-        limbs |= {f"{spot} true": finer[f"{spot}/fine"] for spot in SPOTS}
+        limbs |= {f"{spot} true": true_limb(spot) for spot in SPOTS}
         self.rows = accepted(self.study, N_COARSE, np.random.default_rng(0))
         where = Path(str(plugins.studies["forearm-demo"].directory))
         tool = read_tool(where / "plate.toml", self.study, plugins)

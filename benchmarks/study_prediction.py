@@ -21,7 +21,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from bench_inadequate import REGION, Truth, assessed, ready, ready_with_fine, say
+from bench_inadequate import REGION, Truth, assessed, ready, say
+from independent_meshes import true_limb
 
 from palpate import Curve, Job, Limb, Response, Simulation, Status
 from palpate.domain import Indentation, Refinement
@@ -47,8 +48,8 @@ TOOLS = {"plate": 5.0, "cuff": 3.0}
 N_COARSE, N_FINE = 8, 3
 """Materials that are simulated on the meshes of the fit, and those of them on the finer ones."""
 BUDGET = BudgetTable.model_validate({"onset": "0 mm", "zero": 0.003, "mesh": 0.03, "friction": 0.1})
-"""The mesh's error as far as force goes: that of the torque is 4.5 to 8.4 % on these meshes against one with
-edges of 1.3 mm. The rest as palpate assumes."""
+"""The mesh's error as far as force goes: that of the torque is 5 to 10 % on these meshes. The rest as palpate
+assumes."""
 RELATIVE = 0.1
 """Standard deviation of friction and of the bulk modulus, over their values."""
 TRUE_EDGE_MM, TRUE_REACH_MM = 5.0, 25.0
@@ -72,11 +73,10 @@ class Phantom:
         where = Path(str(plugins.studies["forearm-demo"].directory))
         self.tools = {name: read_tool(where / f"{name}.toml", self.study, plugins) for name in TOOLS}
         self.limbs: dict[str, Limb] = load_limbs(self.study)
-        finer = load_limbs(ready_with_fine("robot-log", plugins))
-        self.limbs |= {f"{spot} true": finer[f"{spot}/fine"] for spot in SPOTS}
+        self.limbs |= {f"{spot} true": true_limb(spot) for spot in SPOTS}
         for name, tool in self.tools.items():
             self.limbs[f"{name} fine"] = refined_limbs(tool.study(self.study), tool)[AT]
-        self.limbs["tool true"] = refined(finer[f"{AT}/fine"], TRUE_REACH_MM, TRUE_EDGE_MM)
+        self.limbs["tool true"] = refined(self.limbs[f"{AT} true"], TRUE_REACH_MM, TRUE_EDGE_MM)
         self.rows = accepted(self.study, N_COARSE, np.random.default_rng(0))
         self.simulations = Simulations(self.study, folder, self.limbs)
 
