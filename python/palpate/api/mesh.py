@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     )
     from palpate.limb.supports import (
         Support as Support,
-        held_nodes as held_nodes,
-        unused_supports as unused_supports,
+        fixed_nodes as fixed_nodes,
     )
     from palpate.mesh.refinement import (
         automatic_edge_mm as automatic_edge_mm,

@@ -1,11 +1,13 @@
 """Supports of a mesh file: which nodes its conditions hold, and which of them hold a node in part."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from palpate.domain import BoolArray, IntArray
+from palpate.errors import MeshError
 
 AXES = "xyz"
 
@@ -37,14 +39,49 @@ class FixedNodes:
     warnings: tuple[str, ...] = ()
 
 
-def held_nodes(supports: Sequence[Support], in_limb: BoolArray) -> FixedNodes:
-    """Nodes of a limb that its file holds in x, y and z, by one condition or by several.
+def fixed_nodes(
+    path: Path,
+    supports: Sequence[Support],
+    in_limb: BoolArray,
+    named: IntArray | None,
+    *,
+    setting: str,
+    there: Iterable[str],
+    unused: Iterable[str] = (),
+) -> FixedNodes:
+    """Nodes of a limb that are held: as a setting names them, or all that its file holds in x, y and z.
 
     Parameters
     ----------
+    path : Path
+        Of the mesh file.
     in_limb : (n_nodes,) boolean array
         Nodes of the file that belong to the limb.
+    named : (n,) integer array, optional
+        Nodes of the setting; None where it names none.
+    setting : str
+        How messages call the setting.
+    there : iterable of str
+        Names in the file that the setting may have.
+    unused : iterable of str
+        Warnings of what else may hold nodes in the file.
+
+    Raises
+    ------
+    MeshError
+        Nothing is named, and no condition of the file holds a node.
     """
+    if named is not None:
+        free = in_limb.copy()
+        free[named] = False
+        left_out = (
+            f"the file holds {np.count_nonzero(free[each.nodes])} more nodes by {each.name}"
+            f"{_in_part(each.axes)}, which {setting} does not name, so these nodes are free; "
+            "name them there too"
+            for each in supports
+            if free[each.nodes].any()
+        )
+        return FixedNodes(nodes=named, warnings=tuple(left_out))
     held = _held(supports, in_limb)
     fixed = np.flatnonzero(held.all(axis=1))
     by = ", ".join(
@@ -53,31 +90,21 @@ def held_nodes(supports: Sequence[Support], in_limb: BoolArray) -> FixedNodes:
         if in_limb[support.nodes].any()
     )
     partly: BoolArray = np.asarray(held.any(axis=1) & ~held.all(axis=1))
-    return FixedNodes(
-        nodes=fixed,
-        remarks=(f"the file fixes {fixed.size} nodes of the limb ({by})",) if by else (),
-        warnings=tuple(
-            f"{np.count_nonzero(partly[each.nodes])} nodes are held in {_listed(each.axes)} alone by "
-            f"{each.name}; palpate fixes a node in x, y and z or not at all, so these nodes are free; fix "
-            "them in all three in the file, or name their set in the setting for fixed nodes"
-            for each in supports
-            if partly[each.nodes].any() and each.axes
-        ),
-    )
-
-
-def unused_supports(
-    supports: Sequence[Support], in_limb: BoolArray, fixed: IntArray, setting: str
-) -> tuple[str, ...]:
-    """Warnings of conditions of the file that hold nodes which a setting does not fix."""
-    free = in_limb.copy()
-    free[fixed] = False
-    return tuple(
-        f"the file holds {np.count_nonzero(free[each.nodes])} more nodes by {each.name}"
-        f"{_in_part(each.axes)}, which {setting} does not name, so these nodes are free; name them there too"
+    warnings = tuple(
+        f"{np.count_nonzero(partly[each.nodes])} nodes are held in {_listed(each.axes)} alone by "
+        f"{each.name}; palpate fixes a node in x, y and z or not at all, so these nodes are free; fix "
+        "them in all three in the file, or name their set in the setting for fixed nodes"
         for each in supports
-        if free[each.nodes].any()
+        if partly[each.nodes].any() and each.axes
     )
+    if not fixed.size:
+        raise MeshError(
+            f"{path}: no condition of the file holds nodes of the limb in x, y and z "
+            f"({'; '.join((*unused, *warnings)) or 'there are none'}); name what is held in {setting} "
+            f"(there: {', '.join(there) or 'none'})"
+        )
+    remark = f"the file fixes {fixed.size} nodes of the limb ({by})"
+    return FixedNodes(nodes=fixed, remarks=(remark,), warnings=warnings)
 
 
 def _held(supports: Sequence[Support], in_limb: BoolArray) -> BoolArray:

@@ -7,18 +7,17 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from palpate.api import BoolArray, IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
+from palpate.api import IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
 from palpate.api.files import InspectedTable, Inspection
 from palpate.api.mesh import (
     CELLS,
     curved,
     cut,
+    fixed_nodes,
     guessed_unit,
-    held_nodes,
     inspected,
     likely_sets,
     region_name,
-    unused_supports,
 )
 from palpate_febio.deck_reader import OTHER_SOLIDS, Deck, read_deck
 
@@ -113,8 +112,18 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
             ids.setdefault(kind, []).append(np.full(n_cells, region))
         if made:
             cells["tet4"] = [number[made.tets]]
-        fixed, remarks, warnings = self._fixed(path, deck, number >= 0)
-        sets = {"fixed": fixed, "contact": self._contact(path, deck, fixed)}
+        named = [_nodes(path, deck, name) for name in _names(self.settings.fixed)]
+        fixed = fixed_nodes(
+            path,
+            deck.supports,
+            number >= 0,
+            np.unique(np.concatenate(named)) if named else None,
+            setting="the setting fixed",
+            there=_there(deck),
+            unused=deck.warnings,
+        )
+        remarks = fixed.remarks
+        sets = {"fixed": fixed.nodes, "contact": self._contact(path, deck, fixed.nodes)}
         mesh = Mesh(
             points_mm=deck.points[used] * convert(f"1 {self.settings.unit}", "mm"),
             cells={kind: np.concatenate(blocks) for kind, blocks in cells.items()},
@@ -129,7 +138,9 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
                     mesh, number[made.ends], made.middles * convert(f"1 {self.settings.unit}", "mm")
                 )
         left_out = (f"the rigid part '{part}' is left out" for part in deck.rigid)
-        return Limb(spot=spot, mesh=mesh, remarks=(*left_out, *remarks), warnings=(*deck.warnings, *warnings))
+        return Limb(
+            spot=spot, mesh=mesh, remarks=(*left_out, *remarks), warnings=(*deck.warnings, *fixed.warnings)
+        )
 
     def _regions(self, path: Path, deck: Deck) -> Mapping[str, str]:
         """Region of each part."""
@@ -148,22 +159,6 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
                 )
             found[part.name] = region
         return found
-
-    def _fixed(
-        self, path: Path, deck: Deck, in_limb: BoolArray
-    ) -> tuple[IntArray, tuple[str, ...], tuple[str, ...]]:
-        """Nodes that are held still, remarks and warnings."""
-        if names := _names(self.settings.fixed):
-            nodes = np.unique(np.concatenate([_nodes(path, deck, name) for name in names]))
-            return nodes, (), unused_supports(deck.supports, in_limb, nodes, "the setting fixed")
-        held = held_nodes(deck.supports, in_limb)
-        if not held.nodes.size:
-            raise MeshError(
-                f"{path}: no condition of the deck holds nodes of the limb in x, y and z "
-                f"({'; '.join((*deck.warnings, *held.warnings)) or 'there are none'}). Name what is held in "
-                f"the setting fixed (there: {_there(deck)})"
-            )
-        return held.nodes, held.remarks, held.warnings
 
     def _contact(self, path: Path, deck: Deck, fixed: IntArray) -> IntArray:
         names = _names(self.settings.contact)
@@ -194,10 +189,10 @@ def _nodes(path: Path, deck: Deck, name: str) -> IntArray:
                 raise MeshError(f"{path}: '{name}' is empty; name another set, or fill this one")
             return found
     raise MeshError(
-        f"{path}: no node set, surface or rigid part '{name}' (there: {_there(deck)}); name one of them in "
-        "the settings fixed and contact"
+        f"{path}: no node set, surface or rigid part '{name}' (there: {', '.join(_there(deck)) or 'none'}); "
+        "name one of them in the settings fixed and contact"
     )
 
 
-def _there(deck: Deck) -> str:
-    return ", ".join([*deck.node_sets, *deck.surfaces, *deck.rigid]) or "none"
+def _there(deck: Deck) -> list[str]:
+    return [*deck.node_sets, *deck.surfaces, *deck.rigid]

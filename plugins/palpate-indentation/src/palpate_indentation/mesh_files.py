@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 from palpate.api import MeshError
 from palpate.api.files import ProcessLimits, run_function
 from palpate_indentation.abaqus_files import read_abaqus
+from palpate_indentation.ansys_files import read_ansys
+from palpate_indentation.gmsh_files import read_gmsh
 from palpate_indentation.mesh_content import MeshFile
 from palpate_indentation.vtk_files import read_legacy_vtk, read_vtu
 
@@ -30,12 +32,18 @@ MOST_MEMORY_MB = 4_000.0
 LONGEST_S = 60.0
 
 
-READERS: Mapping[str, Callable[[Path], MeshFile]] = MappingProxyType(
-    {".inp": read_abaqus, ".vtu": read_vtu, ".vtk": read_legacy_vtk}
+READERS: Mapping[str, Callable[[Path], MeshFile | None]] = MappingProxyType(
+    {
+        ".inp": read_abaqus,
+        ".cdb": read_ansys,
+        ".msh": read_gmsh,
+        ".vtu": read_vtu,
+        ".vtk": read_legacy_vtk,
+    }
 )
-"""Readers of palpate, by suffix; meshio reads the other formats."""
+"""Readers of palpate, by suffix; meshio reads other formats, and files that such a reader leaves to it."""
 SUFFIXES = frozenset(
-    {*READERS, ".msh", ".xdmf", ".xmf", ".mesh", ".meshb", ".med", ".cgns", ".e", ".exo", ".ex2", ".h5m"}
+    {*READERS, ".xdmf", ".xmf", ".mesh", ".meshb", ".med", ".cgns", ".e", ".exo", ".ex2", ".h5m"}
     | {".bdf", ".nas", ".fem", ".mdpa", ".avs", ".f3grid", ".su2", ".vol", ".ele", ".ugrid", ".tec"}
 )
 """Formats that are read: by palpate's readers, and those with volume elements of meshio."""
@@ -76,7 +84,8 @@ def read_here(path: Path) -> MeshFile:
     _refuse_outside(path)
     if (reader := READERS.get(path.suffix.lower())) is not None:
         try:
-            return reader(path)
+            if (content := reader(path)) is not None:
+                return content
         except UNREADABLE as error:
             raise MeshError(
                 f"{path}: cannot be read; the file is broken or cut off; export it again, as .vtu for example"
@@ -109,11 +118,6 @@ def _why_unreadable(path: Path, reason: str) -> str:
     if suffix not in meshio.extension_to_filetypes:
         known = ", ".join(sorted(SUFFIXES))
         return f"{path}: '{suffix}' is no format of a mesh that is read; save it as one of {known}"
-    if suffix == ".msh" and "$Entities" in path.read_text(encoding="latin-1")[:1_000_000]:
-        return (
-            f"{path}: cannot be read; some elements of Gmsh's file may be in no physical group; save it with "
-            "Mesh.SaveAll = 0, or in version 2.2"
-        )
     missing = re.search(r"h5py|netCDF4", reason)
     if missing:
         return f"{path}: cannot be read without {missing[0]}; pip install {missing[0]}"

@@ -11,7 +11,7 @@ from pydantic import Field, field_validator
 
 from palpate.api import IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
 from palpate.api.files import Inspection
-from palpate.api.mesh import CELLS, SOLIDS, curved, cut, held_nodes, unused_supports
+from palpate.api.mesh import CELLS, SOLIDS, curved, cut, fixed_nodes
 from palpate_indentation.mesh_content import MeshFile
 from palpate_indentation.mesh_files import SUFFIXES, read_mesh_file
 from palpate_indentation.mesh_inspection import inspect_mesh
@@ -129,7 +129,19 @@ class MeshioSource(LimbSource[MeshioSettings]):
                 continue  # the file itself holds nodes
             choices = choice if isinstance(choice, list) else [choice]
             sets[name] = chosen(path, content, points, choices)
-        remarks, warnings = _supported(path, content, cells, sets)
+        in_limb = np.zeros(len(points), dtype=np.bool_)
+        in_limb[np.concatenate([of_kind.ravel() for of_kind in cells.values()])] = True
+        fixed = fixed_nodes(
+            path,
+            content.supports,
+            in_limb,
+            sets.get("fixed"),
+            setting="`fixed` under node_sets",
+            there=_names(content),
+            unused=content.warnings,
+        )
+        sets["fixed"] = fixed.nodes
+        remarks = fixed.remarks
         mesh = Mesh(
             points_mm=points,
             cells=cells,
@@ -149,32 +161,12 @@ class MeshioSource(LimbSource[MeshioSettings]):
             spot=spot,
             mesh=mesh,
             remarks=(*content.remarks, *remarks),
-            warnings=(*content.warnings, *warnings),
+            warnings=(*content.warnings, *fixed.warnings),
         )
 
 
 def _names(content: MeshFile) -> list[str]:
     return [*content.point_data, *content.point_sets, *content.cell_sets]
-
-
-def _supported(
-    path: Path, content: MeshFile, cells: Mapping[str, IntArray], sets: dict[str, IntArray]
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Add the nodes that the file holds if the settings name none; remarks and warnings of supports."""
-    in_limb = np.zeros(len(content.points), dtype=np.bool_)
-    for of_kind in cells.values():
-        in_limb[of_kind[(of_kind >= 0) & (of_kind < len(in_limb))]] = True
-    if "fixed" in sets:
-        return (), unused_supports(content.supports, in_limb, sets["fixed"], "`fixed` under node_sets")
-    held = held_nodes(content.supports, in_limb)
-    if not held.nodes.size:
-        raise MeshError(
-            f"{path}: no condition of the file holds nodes of the limb in x, y and z "
-            f"({'; '.join(held.warnings) or 'there are none'}); name what is held as `fixed` under node_sets "
-            f"(there: {', '.join(_names(content)) or 'none'})"
-        )
-    sets["fixed"] = held.nodes
-    return held.remarks, held.warnings
 
 
 def _points_mm(path: Path, content: MeshFile, unit: str) -> NDArray[np.float64]:
