@@ -107,3 +107,17 @@ def test_the_list_of_commands_imports_nothing_heavy():
 def test_the_version_that_a_text_names_is_the_one_that_exists(file):
     text = (Path(__file__).parents[2] / file).read_text(encoding="utf-8")
     assert set(re.findall(r"palpate_api = \((\d+), (\d+)\)", text)) == {tuple(map(str, api.API_VERSION))}
+
+
+def test_a_card_and_the_answer_of_a_run_need_no_plotting_library():
+    code = (
+        "import importlib, pkgutil, sys, palpate_prediction.cards.programs, palpate_report.from_run\n"
+        "from palpate.plugins.catalogue import Plugins; Plugins.load()\n"
+        "from palpate_report import answer, data, sections\n"
+        "for wing in (answer, data, sections):\n"
+        "    for module in pkgutil.iter_modules(wing.__path__, wing.__name__ + '.'):\n"
+        "        importlib.import_module(module.name)\n"
+        "print(*{'matplotlib', 'plotly'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""

@@ -10,7 +10,7 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.mechanics.homogeneous import MODES
 from palpate_report.answer.best_sets import initial_moduli
 from palpate_report.answer.headline import draws_of
-from palpate_report.figures.material import PATHS, material_curves
+from palpate_report.answer.material import PATHS, material_curves
 from palpate_report.sections.fits import MaterialItself
 from palpate_report.testing import small_runs
 

@@ -182,9 +182,9 @@ class Section(Component[SettingsT]):
 
         Parameters
         ----------
-        data : palpate_report.data.report_data.ReportData
+        data : palpate_report.api.ReportData
             What the stages have left, in the study's units.
-        report : palpate_report.answer.result.Report
+        report : palpate_report.api.Report
             Tables, conclusion and files that were made of it.
         """
 

@@ -13,7 +13,7 @@ import numpy as np
 import polars as pl
 
 from palpate.api import FloatArray, PalpateError
-from palpate_certainty.emulator import GaussianProcess
+from palpate_certainty.api import GaussianProcess
 from palpate_multis.layered_block import LENGTH_MM
 
 LENGTHS = {8.0: (3.0503, 0.49985, 0.9283, 1.7705, 1.2425), 15.0: (3.6134, 0.47404, 0.9180, 1.7721, 1.2369)}

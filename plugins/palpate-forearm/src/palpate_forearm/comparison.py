@@ -13,7 +13,7 @@ import polars as pl
 from palpate.api.runs import RunResult
 from palpate_forearm.paper_tables import SETS_KEPT, side_by_side
 from palpate_forearm.reproduction import ReproductionResult
-from palpate_report.data.table_files import markdown
+from palpate_report.api import markdown
 
 TITLES = {
     "sets": "Sets and simulations",

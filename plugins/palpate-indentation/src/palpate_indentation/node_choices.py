@@ -79,7 +79,7 @@ def _in_plane(path: Path, points_mm: FloatArray, plane: InPlane) -> IntArray:
 
 def _near(path: Path, points_mm: FloatArray, choice: NearSurface) -> IntArray:
     try:
-        from palpate_limb.surfaces import read_surface
+        from palpate_limb.api import read_surface
     except ImportError as error:
         raise MeshError(
             f"{path}: nodes near '{choice.surface}' need palpate-limb; pip install palpate-limb"

@@ -155,7 +155,7 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
 
     from palpate_planning.candidates import PRESSURE, is_repeat
     from palpate_planning.tables import not_narrowed, proposal_tables, shown_intervals, shown_ranking
-    from palpate_report.data.display_units import rows_in_display_units
+    from palpate_report.api import rows_in_display_units
 
     tables = proposal_tables(found)
     if found.failed_checks:

@@ -15,9 +15,7 @@ from palpate.api import Limb
 from palpate.api.mesh import spot_axes
 from palpate_planning.candidates import described
 from palpate_planning.plan import ALL, PREDICTION, WORST, ExpectedEffect, Proposal
-from palpate_report.figures.limb_view import limb_view
-from palpate_report.figures.scene import coarsened
-from palpate_report.figures.style import DOUBLE_MM, STYLE, save, sized
+from palpate_report.api import DOUBLE_MM, STYLE, coarsened, limb_view, save, sized
 
 MOST_SHOWN, MOST_SPOTS = 6, 3
 """Candidates of a spot, the best first, and spots in a row."""

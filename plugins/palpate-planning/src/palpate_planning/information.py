@@ -15,9 +15,7 @@ from scipy.linalg import solve_triangular
 
 from palpate.api import Curve, FloatArray
 from palpate.api.fit import Correction, SpotTerm
-from palpate_certainty.error_sources import MESH
-from palpate_certainty.laplace import FLAT_SD, scores_of
-from palpate_certainty.noise_model import COMMON, ResidualLayout, matern, path_of
+from palpate_certainty.api import COMMON, FLAT_SD, MESH, ResidualLayout, matern, path_of, scores_of
 
 SPACING = 0.1
 """Distance, in correlation lengths, of the places on a path between which a discrepancy is interpolated."""

@@ -22,11 +22,10 @@ from palpate.api import (
 )
 from palpate.api.fit import LEVEL, Parametrisation, SpotInputs, pieces
 from palpate.api.runs import Study, Tool
-from palpate_certainty.laplace import N_DRAWS, RANGE_SD, Density, Laplace
+from palpate_certainty.api import N_DRAWS, RANGE_SD, Density, Laplace
 from palpate_planning.information import ExpectedError, FisherInformation
 from palpate_planning.presses import DesignProblem, SimulatedPress, job_of, observed, point_in, slopes_of
-from palpate_prediction.predict import refined_limbs
-from palpate_prediction.summary import is_by_force
+from palpate_prediction.api import is_by_force, refined_limbs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

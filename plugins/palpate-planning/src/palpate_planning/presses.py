@@ -36,20 +36,23 @@ from palpate.api.fit import (
     fine_run,
 )
 from palpate.api.runs import Study, finer_limb, load_limbs
-from palpate_certainty.anatomy import OF_LIMB
-from palpate_certainty.error_sources import (
+from palpate_certainty.api import (
     MESH,
+    OF_LIMB,
     Columns,
     ErrorSource,
+    Laplace,
+    SpotMesh,
     columns_of,
     error_budget,
     error_sources_of,
+    grouped,
+    groups_of,
+    layout_of,
     n_differences,
+    path_of,
+    spot_meshes,
 )
-from palpate_certainty.laplace import Laplace
-from palpate_certainty.mesh_error import SpotMesh
-from palpate_certainty.noise_model import grouped, groups_of, layout_of, path_of
-from palpate_certainty.stages import spot_meshes
 from palpate_planning.candidates import CandidatePress
 from palpate_planning.information import (
     ErrorSizes,

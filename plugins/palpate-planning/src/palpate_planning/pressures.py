@@ -6,7 +6,7 @@ from dataclasses import replace
 from palpate.api import FORCE, FloatArray, Simulation, Status
 from palpate_planning.candidates import PRESSURE
 from palpate_planning.presses import DesignProblem, SimulatedPress, bare_problem, job_of
-from palpate_prediction.summary import contact_of
+from palpate_prediction.api import contact_of
 
 
 def with_pressures(

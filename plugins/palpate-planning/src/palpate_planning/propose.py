@@ -21,11 +21,7 @@ from palpate.api.runs import (
     load_limbs,
     locked_run,
 )
-from palpate_certainty.error_sources import Columns
-from palpate_certainty.laplace import Laplace
-from palpate_certainty.mesh_error import SpotMesh
-from palpate_certainty.stages import joint_assessed
-from palpate_certainty.tables import Assessed, density_of
+from palpate_certainty.api import Assessed, Columns, Laplace, SpotMesh, density_of, joint_assessed
 from palpate_planning.candidates import (
     PRESSURE,
     USUAL_PLACES,

@@ -13,7 +13,7 @@ from palpate.api.experiment import POSE
 from palpate.api.fit import ALL_SPOTS
 from palpate_planning.candidates import CandidatePress, described
 from palpate_planning.plan import ExpectedEffect, Proposal
-from palpate_report.data.report_data import brief_names
+from palpate_report.api import brief_names
 
 WIDTH, MESH_BIAS, PEAK = "width_", "mesh_bias_", "peak_"
 """How columns of a ranking begin, before the parameter and the channel."""

@@ -12,8 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from palpate.api import Channel
 from palpate_prediction.predict import Prediction, SpotPrediction
-from palpate_report.figures.skin_map import draw_map
-from palpate_report.figures.style import DOUBLE_MM, LINES, STYLE, save, sized
+from palpate_report.api import DOUBLE_MM, LINES, STYLE, draw_map, save, sized
 
 ROW_MM = 48.0
 KPA = 1e3

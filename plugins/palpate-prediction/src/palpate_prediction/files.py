@@ -45,7 +45,7 @@ def write_prediction(
 ) -> tuple[Path, ...]:
     """Write everything into a folder; the page comes last, as ``index.html``."""
     from palpate_prediction.figure import draw
-    from palpate_report.page.html import comparison_page
+    from palpate_report.api import comparison_page
 
     tables = {"summary": prediction.summary, "strains": prediction.strains, "states": prediction.states}
     files = []

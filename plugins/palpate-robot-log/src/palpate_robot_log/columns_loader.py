@@ -8,7 +8,7 @@ from pydantic import Field
 
 from palpate.api import CurveError, ExperimentLoader, IntArray, Response
 from palpate.api.files import Column, listed
-from palpate_indentation.csv_loader import CurveSettings, read_curves
+from palpate_indentation.api import CurveSettings, read_curves
 from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log
 
 

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from palpate.api import FORCE, FloatArray, IntArray
-from palpate_report.figures.style import STYLE
+from palpate_report.api import STYLE
 from palpate_robot_log.processing.chain import Processed
 from palpate_robot_log.processing.cycles import Cycles
 from palpate_robot_log.recording import Recording

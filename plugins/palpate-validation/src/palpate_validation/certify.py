@@ -16,7 +16,7 @@ from palpate.api.runs import FIRST_PARTY, answering_for
 if TYPE_CHECKING:
     from palpate.api import Limb, Solver
     from palpate.api.runs import Plugins
-    from palpate_febio.solver import FebioSolver
+    from palpate_febio.api import FebioSolver
     from palpate_validation.comparison import SolverComparison
 
 
@@ -84,7 +84,7 @@ def certify(
 
 def _verify_sets(session: Session, study: Path, run: Path | None, *, as_json: bool) -> None:
     """Show FEBio's checks of the torque of each selected set, and its difference from the run."""
-    from palpate_febio.steps import verified_sets
+    from palpate_febio.api import verified_sets
 
     checked, rows = session.study(study), []
     for row in verified_sets(checked, run_folder(checked, run)):
@@ -155,7 +155,7 @@ def _contenders(plugins: Plugins, asked: Sequence[str]) -> tuple[list[str], Any,
 
 def _installed_febio(required: bool) -> tuple[FebioSolver | None, list[str]]:
     """FEBio, or None and what is missing; an error if it is required."""
-    from palpate_febio.solver import FebioSolver
+    from palpate_febio.api import FebioSolver
 
     febio = FebioSolver()
     try:
@@ -168,7 +168,7 @@ def _installed_febio(required: bool) -> tuple[FebioSolver | None, list[str]]:
 
 
 def _is_febio(solver: type[Solver]) -> bool:
-    from palpate_febio.solver import FebioSolver
+    from palpate_febio.api import FebioSolver
 
     return issubclass(solver, FebioSolver)
 
@@ -205,7 +205,7 @@ def _rows(
     febio: Any,  # noqa: ANN401
 ) -> Iterator[Any]:
     from palpate.api.mesh import block
-    from palpate_febio.conventions import probe_theta
+    from palpate_febio.api import probe_theta
     from palpate_validation.pairwise import twist_rows
     from palpate_validation.recorded import NAMES, RECORDED_VALUES, block_rows, one_element
 

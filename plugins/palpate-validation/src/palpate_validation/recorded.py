@@ -16,8 +16,7 @@ import numpy as np
 
 from palpate.api import FloatArray, Limb, Material, PalpateError, mechanics
 from palpate.api.mesh import block
-from palpate_febio.conventions import COMPONENTS, TOLERANCE
-from palpate_febio.solver import FebioSolver
+from palpate_febio.api import COMPONENTS, TOLERANCE, FebioSolver
 from palpate_validation.comparison import COUPLED, ENERGIES, RECORDED, Case, Contender, Row, compared
 
 

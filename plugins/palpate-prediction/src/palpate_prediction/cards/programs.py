@@ -39,10 +39,7 @@ from palpate_prediction.cards.card import (
     head,
     ranges_of,
 )
-from palpate_report.answer.best_sets import best_sets
-from palpate_report.answer.headline import failure_of, headlines
-from palpate_report.data.marks import TIED, Headline
-from palpate_report.from_run import report_data
+from palpate_report.api import TIED, Headline, best_sets, failure_of, headlines, report_data
 
 STRESS = (
     "stress: Cauchy, sigma_a = lambda_a/J dW/dlambda_a; J = lambda1 lambda2 lambda3, "

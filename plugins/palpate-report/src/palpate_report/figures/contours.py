@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from matplotlib.figure import Figure
 
 from palpate.api import FloatArray, ParameterName
 from palpate_report.data.report_data import ReportData
@@ -94,6 +93,8 @@ def planes_of(data: ReportData, scenario: str) -> pl.DataFrame:
 
 def contours(data: ReportData, scenario: str, parameter: str, other: str) -> list[Contour]:
     """Contour lines over two parameters, which are x and y; none where most of the plane is unknown."""
+    from matplotlib.figure import Figure
+
     planes = planes_of(data, scenario)
     if planes.is_empty():
         return []

@@ -20,8 +20,9 @@ from palpate.api.runs import file_name, objectives
 from palpate_report.answer.best_sets import best_sets, leading
 from palpate_report.answer.curves import fits_at, for_all_spots, residuals, same_curves
 from palpate_report.answer.headline import NO_PARAMETERS, failure_of
+from palpate_report.answer.material import material_curves
 from palpate_report.data.report_data import ReportData, label_of
-from palpate_report.figures.material import material_curves, stress_strain
+from palpate_report.figures.material import stress_strain
 from palpate_report.figures.panels import causes, contact, limbs, pressed, pressures, profiles, sobol_indices
 from palpate_report.figures.space import parameter_space
 from palpate_report.figures.style import (

@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from palpate.api import (
     FloatArray,
@@ -142,6 +141,8 @@ def _indenter(protocol: Protocol | None) -> Indenter | None:
 
 def _moved(limb: Limb, points: FloatArray, pose: FloatArray) -> list[list[float]]:
     """Coordinates of points (n, 3) of the indenter at rest, in a pose (6,) of equilibrium states."""
+    from scipy.spatial.transform import Rotation
+
     depth, shift_x, shift_y, *tilt, turn = pose.tolist()
     rotation = Rotation.from_rotvec([*tilt, 0.0], degrees=True)
     rotation *= Rotation.from_rotvec([0.0, 0.0, turn], degrees=True)

@@ -21,11 +21,11 @@ from palpate.api.report import (
 from palpate.api.runs import file_name
 from palpate_report.answer.best_sets import Best, initial_moduli
 from palpate_report.answer.headline import MODULI
+from palpate_report.answer.material import material_curves, rows_of
 from palpate_report.answer.result import Report
 from palpate_report.data.marks import Headline
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import TITLES, printed
-from palpate_report.figures.material import material_curves, rows_of
 from palpate_report.sections.tables import picture, tables
 
 

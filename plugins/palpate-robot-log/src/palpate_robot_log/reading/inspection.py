@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate.api import CurveError, FloatArray
 from palpate.api.files import InspectedTable, Inspection, factor_to_base, kind_of
-from palpate_indentation.csv_loader import units_of
+from palpate_indentation.api import units_of
 from palpate_robot_log.processing.chain import Processed
 from palpate_robot_log.processing.contact import contacts_of
 from palpate_robot_log.processing.cycles import process_cycles

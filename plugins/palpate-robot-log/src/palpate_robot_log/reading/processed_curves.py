@@ -11,8 +11,7 @@ from pydantic import ValidationError
 
 from palpate.api import FORCE, Curve, CurveError, FloatArray
 from palpate.api.files import Column, toml_value
-from palpate_indentation.csv_loader import FOREARM, HOMOGENEOUS, CsvLoader, CsvSettings, units_of
-from palpate_indentation.measures import problem_of
+from palpate_indentation.api import FOREARM, HOMOGENEOUS, CsvLoader, CsvSettings, problem_of, units_of
 from palpate_robot_log.columns_loader import ColumnsLoader, ColumnsSettings
 from palpate_robot_log.reading.names import TENSILE, Picked, Test, pick, rivals, test_of, words_of
 from palpate_robot_log.reading.raw import RawLog

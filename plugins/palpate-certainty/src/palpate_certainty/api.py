@@ -1,0 +1,42 @@
+"""Names that other plugins may import of palpate-certainty; each is imported when it is first used."""
+
+from typing import TYPE_CHECKING
+
+from palpate.api import deferred
+
+if TYPE_CHECKING:
+    from palpate_certainty.anatomy import OF_LIMB as OF_LIMB
+    from palpate_certainty.emulator import GaussianProcess as GaussianProcess
+    from palpate_certainty.error_sources import (
+        MESH as MESH,
+        RELATIVE as RELATIVE,
+        Columns as Columns,
+        ErrorSource as ErrorSource,
+        columns_of as columns_of,
+        error_budget as error_budget,
+        error_sources_of as error_sources_of,
+        n_differences as n_differences,
+    )
+    from palpate_certainty.laplace import (
+        FLAT_SD as FLAT_SD,
+        N_DRAWS as N_DRAWS,
+        RANGE_SD as RANGE_SD,
+        Density as Density,
+        Laplace as Laplace,
+        scores_of as scores_of,
+    )
+    from palpate_certainty.mesh_error import SpotMesh as SpotMesh, usual_error as usual_error
+    from palpate_certainty.noise_model import (
+        COMMON as COMMON,
+        ResidualLayout as ResidualLayout,
+        grouped as grouped,
+        groups_of as groups_of,
+        layout_of as layout_of,
+        matern as matern,
+        path_of as path_of,
+    )
+    from palpate_certainty.stages import joint_assessed as joint_assessed, spot_meshes as spot_meshes
+    from palpate_certainty.tables import Assessed as Assessed, density_of as density_of
+
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)

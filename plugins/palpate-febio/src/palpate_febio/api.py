@@ -1,0 +1,17 @@
+"""Names that other plugins may import of palpate-febio; each is imported when it is first used."""
+
+from typing import TYPE_CHECKING
+
+from palpate.api import deferred
+
+if TYPE_CHECKING:
+    from palpate_febio.conventions import (
+        COMPONENTS as COMPONENTS,
+        TOLERANCE as TOLERANCE,
+        probe_theta as probe_theta,
+    )
+    from palpate_febio.solver import FebioSolver as FebioSolver
+    from palpate_febio.steps import verified_sets as verified_sets
+
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)

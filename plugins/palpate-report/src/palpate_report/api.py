@@ -1,0 +1,35 @@
+"""Names that other plugins may import of palpate-report; each is imported when it is first used."""
+
+from typing import TYPE_CHECKING
+
+from palpate.api import deferred
+
+if TYPE_CHECKING:
+    from palpate_report.answer.best_sets import best_sets as best_sets
+    from palpate_report.answer.headline import failure_of as failure_of, headlines as headlines
+    from palpate_report.answer.result import Report as Report
+    from palpate_report.data.display_units import rows_in_display_units as rows_in_display_units
+    from palpate_report.data.marks import (
+        TIED as TIED,
+        Headline as Headline,
+        explained as explained,
+        mark_of as mark_of,
+        with_unit as with_unit,
+    )
+    from palpate_report.data.report_data import ReportData as ReportData, brief_names as brief_names
+    from palpate_report.data.table_files import markdown as markdown
+    from palpate_report.figures.limb_view import limb_view as limb_view
+    from palpate_report.figures.scene import coarsened as coarsened
+    from palpate_report.figures.skin_map import draw_map as draw_map
+    from palpate_report.figures.style import (
+        DOUBLE_MM as DOUBLE_MM,
+        LINES as LINES,
+        STYLE as STYLE,
+        save as save,
+        sized as sized,
+    )
+    from palpate_report.from_run import report_data as report_data
+    from palpate_report.page.html import comparison_page as comparison_page
+
+if not TYPE_CHECKING:
+    __getattr__ = deferred(__name__)
