@@ -142,8 +142,8 @@ def test_every_cause_in_words_is_answered(fitted):
 
 def test_a_mesh_that_leads_is_refined_by_the_setting_that_is_missing(fitted):
     first = because(pressed(fitted, fine_runs=0), "mesh")
-    assert said(first).endswith('; set `fine_runs = 1` and `fine_edge = "2.5 mm"` in `[fit]`')
-    for edge_mm, then in ((2.0, "1.4 mm"), (None, "1.8 mm")):
+    assert said(first).endswith('; set `fine_runs = 1` and `fine_edge = "1.8 mm"` in `[fit]`')
+    for edge_mm, then in ((2.0, "1.4 mm"), (None, "1.3 mm")):
         spots = tuple(replace(spot, fine_edge_mm=edge_mm) for spot in fitted.study.spots)
         finer = because(pressed(fitted, spots=spots, fine_runs=1), "mesh")
         assert said(finer).endswith(f'; set `fine_edge = "{then}"` in `[fit]`')
@@ -158,9 +158,7 @@ def test_a_mesh_that_a_run_refines_by_itself_may_have_more_nodes_or_errs_as_mesh
     table = pl.DataFrame([row]).with_columns(shown_by=pl.lit("usual scatter"))
     certainty = replace(data.fit.certainty, mesh_errors=table)
     scattered = replace(refined, fit=replace(refined.fit, certainty=certainty))
-    assert said(scattered).endswith(
-        "; finer meshes do not help further: state the error of your meshes as `[budget] mesh`"
-    )
+    assert '; set `fine_edge = "1.3 mm"` in `[fit]`, or press deeper or elsewhere (' in said(scattered)
 
 
 def test_the_error_of_the_meshes_has_a_line_with_the_interval_that_it_decides_most(fitted):

@@ -71,8 +71,8 @@ UNUSUAL = 0.05
 FINER = 0.7
 """Edge of the next finer mesh over that of the last one."""
 
-EDGE_IN_RADII = 1.0 / 3.0
-"""Edge of the first finer mesh over the indenter's radius."""
+EDGE_IN_RADII = 0.24
+"""Edge of the first finer mesh over the indenter's radius, as a run refines by itself."""
 
 
 def next_step(data: ReportData, estimates: Sequence[Headline], *, is_refused: bool) -> str:
@@ -121,7 +121,7 @@ def _narrower(data: ReportData, worst: Headline) -> str:
         smaller = "" if _shows_misfit(data) else "state a smaller one if you know better, or "
         remedy = f"{smaller}{_more(data, worst)}"
     elif cause == "mesh":
-        remedy = _finer(data)
+        remedy = f"{_finer(data)}, or {_more(data, worst)}" if _is_scatter(data) else _finer(data)
     of = f"{CAUSES.get(cause, cause)}{_basis(data, cause)}"
     return f"{worst.parameter} is limited by {of}: {share} of its variance; {remedy}"
 
@@ -154,13 +154,17 @@ def _more(data: ReportData, worst: Headline) -> str:
     return f"press deeper or elsewhere (`palpate next RUN --for {worst.name}` ranks presses)"
 
 
+def _is_scatter(data: ReportData) -> bool:
+    """Whether a run that refines by itself would stop: the rest falls with the edge alone, and slowly."""
+    shown = data.fit.certainty.mesh_errors
+    return bool(shown.height) and set(shown["shown_by"]) == {"usual scatter"}
+
+
 def _finer(data: ReportData) -> str:
     """Setting of finer meshes that correct the fit."""
     study = data.study
-    shown = data.fit.certainty.mesh_errors
-    if shown.height and set(shown["shown_by"]) == {"usual scatter"}:
-        return "finer meshes do not help further: state the error of your meshes as `[budget] mesh`"
-    if data.fit.mesh.height and all(spot.fine_edge_mm is None for spot in study.spots):
+    by_itself = all(spot.fine_edge_mm is None for spot in study.spots)
+    if data.fit.mesh.height and by_itself and not _is_scatter(data):
         return f"raise `fine_nodes` ({study.fine_nodes:,}) in `[fit]`"
     if any(spot.fine_mesh for spot in study.spots) or not isinstance(study.protocol, Indentation):
         return "give finer meshes as `fine_mesh`"
