@@ -498,3 +498,27 @@ def test_chains_of_transforms_multiply(seed: int, n_moving: int) -> None:
             at = min(row, len(place) - 1)
             point = place[at] + turn[at].apply(point)
         np.testing.assert_allclose(longest.frame.select(PLACE).to_numpy()[row], point, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("line", "depth", "unit"),
+    [
+        ("Y_Unit_Label\tmm\tNewtons", "Depth", "mm"),
+        ("Y_Unit_Label\tVolts\tNewtons", "Depth", "Volts"),
+        ("Y_Unit_Label\tVolts\tNewtons", "Depth (mm)", "mm"),
+        ("Units\tmm\tN", "Depth", "mm"),
+    ],
+)
+def test_a_line_of_units_above_the_names_counts_where_a_name_has_none(
+    line: str, depth: str, unit: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "log.lvm"
+    rows = [
+        f"{0.1 * k:.1f}\t{d:.6g}\t{f:.6g}" for k, (d, f) in enumerate(zip(DEPTH_MM, FORCE_N, strict=True))
+    ]
+    head = ["LabVIEW Measurement", "Channels\t2", line, f"X_Value\t{depth}\tForce"]
+    path.write_text("\n".join([*head, *rows]) + "\n")
+    _, columns = TextTable(path).read()
+    assert [column.shown_unit for column in columns.values()][1] == unit
+    assert factor_to_base(columns["Force"].shown_unit, "force", "") == 1.0
+    assert columns["X_Value"].shown_unit == ""

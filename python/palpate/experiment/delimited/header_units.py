@@ -115,7 +115,8 @@ def factors_of(unit: str) -> MappingProxyType[Kind, float]:
     spelt = spelt.replace("²", "2").replace("³", "3").replace("⋅", "*").replace("·", "*").replace("×", "*")
     spelt = _POWER.sub(r"**\1", _NEWTON.sub(r"\1*\2", _PRODUCT.sub("*", spelt)))
     if not units.is_unit(spelt):
-        spelt = _OTHER_CASE.get(spelt.lower(), spelt)
+        is_word = len(spelt) > 3 and spelt.istitle() and units.is_unit(spelt.lower())  # Newtons
+        spelt = spelt.lower() if is_word else _OTHER_CASE.get(spelt.lower(), spelt)
     found: dict[Kind, float] = {}
     for kind, base, factor in _MEASURES:
         try:

@@ -11,7 +11,7 @@ from pydantic import Field
 from palpate.domain.component import Settings
 from palpate.errors import CurveError
 from palpate.experiment.delimited.characters import Encoding
-from palpate.experiment.delimited.header_units import UNITS, bare_unit, kind_of
+from palpate.experiment.delimited.header_units import UNITS, bare_unit, kind_of, unit_in
 
 if TYPE_CHECKING:
     import polars as pl
@@ -33,6 +33,8 @@ _DATE = (
 _LIST = re.compile(r"[\[(]\s*([^\[\]()]*?)\s*[\])]")
 _LIST_WITH_COMMAS = r'(^|,)\s*(\[[^\]"]*,[^\]"]*\])'
 _COMMENTS = ("#", "%", "//", "!")
+_UNIT_LABELS = frozenset(("y_unit_label", "unit", "units", "einheit", "einheiten"))
+"""First cells, in small letters, of a line above the names that holds the units of the columns below it."""
 _COMMENT_LABEL = re.compile(r"(columns?|fields?|names?|spalten)\s*[:=]\s*", re.IGNORECASE)
 _SNIFFED_LINES, _SAMPLED_LINES, _SAMPLED_ROWS, _LONGEST_LINE = 400, 60, 20, 100_000
 
@@ -202,8 +204,14 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
             f"{source}: line {numbers[below]} has {width} cells where names has {len(names)} entries; "
             "give each column a name"
         )
-    has_units = below > 0 and header != below - 1 and _is_units_line(rows[below - 1])
-    units = map(bare_unit, rows[below - 1] if has_units else ())
+    labelled = [row for row in rows[: header or 0] if row[0].lower() in _UNIT_LABELS]
+    if below > 0 and header != below - 1 and _is_units_line(rows[below - 1]):
+        units = [bare_unit(cell) for cell in rows[below - 1]]
+    else:  # a name's own unit counts first: LabVIEW labels what nobody has set with volts
+        given = zip(names, labelled[-1], strict=False) if labelled else ()
+        units = [
+            "" if i == 0 or unit_in(name)[1] else bare_unit(cell) for i, (name, cell) in enumerate(given)
+        ]
     return Layout(
         delimiter=delimiter,
         decimal=decimal,

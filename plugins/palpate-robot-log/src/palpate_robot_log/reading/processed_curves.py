@@ -2,17 +2,17 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
 
-from palpate.api import FORCE, Curve, CurveError, FloatArray
+from palpate.api import FORCE, Curve, CurveError, ExperimentLoader, FloatArray
 from palpate.api.files import Column, toml_value
-from palpate_indentation.api import FOREARM, HOMOGENEOUS, CsvLoader, CsvSettings, problem_of, units_of
-from palpate_robot_log.columns_loader import ColumnsLoader, ColumnsSettings
+from palpate_indentation.api import FOREARM, HOMOGENEOUS, CsvLoader, problem_of, units_of
+from palpate_robot_log.columns_loader import ColumnsLoader
 from palpate_robot_log.reading.names import TENSILE, Picked, Test, pick, rivals, test_of, words_of
 from palpate_robot_log.reading.raw import RawLog
 
@@ -80,24 +80,19 @@ class Proposed:
 
     def tried(self, path: Path) -> str:
         """Sentence on the curves that these settings read; a CurveError where they read none."""
+        loader: type[ExperimentLoader[Any]] = CsvLoader if self.is_text else ColumnsLoader
+        settings = self.settings()
         try:
-            settings = self.settings()
-            loader = (
-                CsvLoader(CsvSettings.model_validate(settings))
-                if self.is_text
-                else ColumnsLoader(ColumnsSettings.model_validate(settings))
-            )
+            curves = loader(loader.Settings.model_validate(settings)).load(path, self.mode or None).curves
         except ValidationError as error:
             raise CurveError("; ".join(str(one["msg"]) for one in error.errors())) from None
-        curves = loader.load(path, self.mode or None).curves
         return "; ".join(_spans(name, curve) for name, curve in curves.items())
 
 
 def _spans(name: str, curve: Curve) -> str:
-    units = ("" if unit == "1" else unit for unit in units_of(name))
-    ends = ((values.min(), values.max()) for values in (curve.abscissa, curve.ordinate))
     along, of = (
-        f"{low:.6g} to {high:.6g} {unit}".rstrip() for (low, high), unit in zip(ends, units, strict=True)
+        f"{values.min():.6g} to {values.max():.6g} {'' if unit == '1' else unit}".rstrip()
+        for values, unit in zip((curve.abscissa, curve.ordinate), units_of(name), strict=True)
     )
     return f"{name} {of} over {along} in {curve.abscissa.size} rows"
 
@@ -110,15 +105,7 @@ def curves_of(log: RawLog) -> Proposed | None:
         return None
     # The loader finds the separator by itself.
     layout = {key: value for key, value in log.layout.items() if key != "delimiter" and value != "."}
-    return Proposed(
-        channels=found.channels,
-        mode=found.mode,
-        remarks=found.remarks,
-        questions=found.questions,
-        layout=layout,
-        file=Path(log.source).name,
-        is_text=log.row_word == "line",
-    )
+    return replace(found, layout=layout, file=Path(log.source).name, is_text=log.row_word == "line")
 
 
 # ------------------------------------------------------------------------ a press
@@ -251,16 +238,9 @@ def _homogeneous(columns: Sequence[Column]) -> Proposed | None:
     if problem := problem_of(test.mode, strain, kind):
         questions.append(f"{along.column.name}, {stress.column.name}: {problem}")
     converted = [
-        *(
-            [f"{along.column.name}: {_STRAIN_WORDS[test.strain]} is converted to stretch"]
-            if test.strain
-            else []
-        ),
-        *(
-            [f"{stress.column.name}: {_STRESS_WORDS[test.stress]} is converted to nominal"]
-            if test.stress
-            else []
-        ),
+        f"{one.column.name}: {_MEASURES[measure]} is converted to {to}"
+        for one, measure, to in ((along, test.strain, "stretch"), (stress, test.stress, "nominal"))
+        if measure
     ]
     return Proposed(
         channels={test.mode: columns_of},
@@ -270,8 +250,12 @@ def _homogeneous(columns: Sequence[Column]) -> Proposed | None:
     )
 
 
-_STRAIN_WORDS = {"log": "logarithmic strain", "green": "Green-Lagrange strain"}
-_STRESS_WORDS = {"true": "true stress", "pk2": "second Piola-Kirchhoff stress"}
+_MEASURES = {
+    "log": "logarithmic strain",
+    "green": "Green-Lagrange strain",
+    "true": "true stress",
+    "pk2": "second Piola-Kirchhoff stress",
+}
 
 
 def _signs(
