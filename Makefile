@@ -85,8 +85,8 @@ format: $(VENV)/installed ## rewrite the sources in the project's format
 	$(BIN)/ruff format .
 	cargo fmt
 
-hooks: $(VENV)/installed ## write the reference of hooks into plugins/README.md
-	$(BIN)/python docs/site/hook_reference.py plugins/README.md
+hooks: $(VENV)/installed ## write the reference for plugins
+	$(BIN)/python docs/site/hook_reference.py
 
 bench: $(VENV)/installed ## timings, each with a peer of the same run
 	$(BIN)/python benchmarks/bench_scoring.py

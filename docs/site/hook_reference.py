@@ -1,6 +1,6 @@
-"""The reference of hooks in ``plugins/README.md``, from the hooks and interfaces themselves.
+"""The reference for plugins, ``plugins/reference.md``, from hooks, interfaces and values themselves.
 
-``python docs/site/hook_reference.py plugins/README.md`` writes it between its two marks.
+``python docs/site/hook_reference.py`` writes it between its two marks.
 """
 
 import dataclasses
@@ -16,6 +16,9 @@ from types import MappingProxyType
 from typing import Any
 
 import palpate.api
+from palpate import api
+from palpate.api import experiment, fit
+from palpate.cli.session import Session
 from palpate.domain.component import Component
 from palpate.errors import PluginError
 from palpate.plugins import hookspecs
@@ -23,6 +26,15 @@ from palpate.plugins.interfaces import ExperimentLoader, Solver
 from palpate.plugins.optional import CurveWriter, FileInspector, LoadingDrawer, Verifier
 from palpate.plugins.registry import KINDS
 from palpate.plugins.scaffold import KITS
+from palpate_report.api import ReportData
+
+FILE = Path(__file__).parents[2] / "plugins" / "reference.md"
+VALUES: tuple[type[Any], ...] = (
+    *(api.Job, api.Indentation, api.HomogeneousTests, api.Limb, api.Spot, api.Mesh, api.Simulation),
+    *(api.Response, api.Curve, api.Relaxation, api.Channel, experiment.EquilibriumStates, api.Provides),
+    *(fit.SearchSpace, fit.Trial, fit.Evaluation, ReportData),
+)
+"""Values that plugins receive, in the order of a run."""
 
 BEGIN = "<!-- hooks: written by make hooks -->"
 END = "<!-- end of hooks -->"
@@ -40,7 +52,9 @@ def reference() -> str:
     """Describe every hook, in pipeline order: what it returns, what to subclass, what tests it."""
     specs = {name: spec for name, spec in vars(hookspecs).items() if hasattr(spec, "palpate_spec")}
     kinds = {kind.hook: key for key, kind in KINDS.items()}
-    return "\n".join(line for name, spec in specs.items() for line in _hook(name, spec, kinds.get(name)))
+    hooks = (line for name, spec in specs.items() for line in _hook(name, spec, kinds.get(name)))
+    fields = (line for value in VALUES for line in _value(value))
+    return "\n".join(["## Hooks", "", *hooks, "## Values", "", *fields, "## Session", "", *_session()])
 
 
 def written(text: str, where: str) -> str:
@@ -98,7 +112,7 @@ def _component(base: type[Component]) -> Iterator[str]:
     for name, kind in (each for cls in classes for each in inspect.get_annotations(cls).items()):
         shown = kind if isinstance(kind, str) else inspect.formatannotation(kind)
         shown = re.sub(r"(typing\.)?ClassVar\[(.*)\]", r"\2", shown)
-        yield f"| {'may set' if hasattr(base, name) else 'set'} | `{name}` | `{_short(shown)}` |"
+        yield f"| {'may set' if hasattr(base, name) else 'set'} | `{name}` | `{_cell(shown)}` |"
     for cls in (*classes, *OPTIONAL.get(base, ())):
         yield from _methods(cls, "may override" if cls in classes else f"may add, as a `{cls.__name__}`")
 
@@ -129,11 +143,56 @@ def _fields(base: type) -> Iterator[str]:
     for field in dataclasses.fields(base):
         kind = field.type if isinstance(field.type, str) else inspect.formatannotation(field.type)
         needed = "" if field.default is dataclasses.MISSING else ", optional"
-        yield f"| `{field.name}` | `{_short(kind)}`{needed} |"
+        yield f"| `{field.name}` | `{_cell(kind)}`{needed} |"
+
+
+def _value(base: type[Any]) -> Iterator[str]:
+    """List the fields of a value with their meaning."""
+    described = _described(base)
+    yield f"### `{base.__name__}`"
+    yield ""
+    yield from textwrap.wrap(_plain(inspect.getdoc(base) or "").split("\n\n")[0], WIDTH)
+    yield ""
+    yield f"| `{base.__name__}` | |"
+    yield "|---|---|"
+    for field in dataclasses.fields(base):
+        kind = field.type if isinstance(field.type, str) else inspect.formatannotation(field.type)
+        meaning = described.get(field.name, "")
+        yield f"| `{field.name}` | `{_cell(kind)}`{': ' if meaning else ''}{meaning} |"
+    yield ""
+
+
+def _described(base: type[Any]) -> dict[str, str]:
+    """Meaning of the parameters that a NumPy docstring lists."""
+    section = re.search(r"Parameters\n-+\n(.*?)(?:\n\n|\Z)", inspect.getdoc(base) or "", flags=re.DOTALL)
+    entries = re.findall(
+        r"^(\w[\w, ]*) : [^\n]*\n((?: +[^\n]*\n?)+)", section[1] if section else "", flags=re.MULTILINE
+    )
+    return {name: _plain(" ".join(text.split())) for names, text in entries for name in names.split(", ")}
+
+
+def _session() -> Iterator[str]:
+    """List the methods of a session of a command."""
+    yield "| `Session` | |"
+    yield "|---|---|"
+    for name, member in vars(Session).items():
+        if not name.startswith("_") and (inspect.isfunction(member) or isinstance(member, property)):
+            yield f"| `{name}` | {_plain((inspect.getdoc(member) or '').split(chr(10))[0])} |"
+    yield ""
+
+
+def _cell(kind: str) -> str:
+    """Type as a cell of a table has it."""
+    return _short(kind).replace("|", "\\|")
+
+
+def _array(match: re.Match[str]) -> str:
+    return f"{match[1].capitalize()}Array"
 
 
 def _short(text: str) -> str:
     """Leave the modules out of the names of types."""
+    text = re.sub(r"numpy\.ndarray\[.*?numpy\.dtype\[numpy\.(?:\w*?)(float|int|bool)\w*\]\]", _array, text)
     return re.sub(r"\b(?:palpate|collections|numpy|typer)(?:\.\w+)*\.(?=[A-Z])", "", text).replace("'", "")
 
 
@@ -144,8 +203,8 @@ def _plain(docstring: str) -> str:
 
 
 def main(arguments: list[str]) -> None:
-    """Write the reference into each of the files."""
-    for path in map(Path, arguments):
+    """Write the reference into each of the files, or into its own."""
+    for path in map(Path, arguments or [FILE]):
         path.write_text(written(path.read_text(encoding="utf-8"), str(path)), encoding="utf-8")
 
 

@@ -28,6 +28,7 @@ def texts() -> tuple[str, ...]:
     """Paths of the repository's Markdown that the site shows."""
     folders = ("plugins", "plugins/*", "examples/*")
     patterns = ("README.md", "C*.md", "docs/*.md", *(f"{folder}/README.md" for folder in folders))
+    patterns += ("plugins/reference.md",)
     return tuple(path.relative_to(ROOT).as_posix() for each in patterns for path in sorted(ROOT.glob(each)))
 
 

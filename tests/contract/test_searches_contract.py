@@ -14,7 +14,7 @@ from palpate.plugins.registry import load_file
 from palpate.plugins.search import Evaluation, asking
 from palpate.testing.fits import SearchContract
 
-GUIDE = Path(__file__).parents[2] / "docs" / "plugins-api.md"
+GUIDE = Path(__file__).parents[2] / "docs" / "plugins-fit.md"
 IMPORTS = """
 import numpy as np
 from palpate.api.fit import Search
@@ -35,7 +35,7 @@ class TestDE(SearchContract):
 
 
 class TestNelderMead(SearchContract):
-    """The optimiser with a callback of docs/plugins-api.md."""
+    """The optimiser with a callback of docs/plugins-fit.md."""
 
     @pytest.fixture
     def search(self, tmp_path):

@@ -1,4 +1,4 @@
-"""plugins/README.md is true of hooks, contracts and plugins."""
+"""plugins/README.md and plugins/reference.md are true of hooks, contracts and plugins."""
 
 import re
 from pathlib import Path
@@ -15,14 +15,15 @@ from palpate.plugins.scaffold import KITS
 
 FOLDER = Path(__file__).parents[2] / "plugins"
 README = (FOLDER / "README.md").read_text(encoding="utf-8")
+REFERENCE = (FOLDER / "reference.md").read_text(encoding="utf-8")
 
 
 def test_the_reference_is_current(tmp_path: Path) -> None:
-    assert written(README, "README.md") == README, "run `make hooks`"
-    stale = tmp_path / "README.md"
-    stale.write_text(README.replace("### `palpate_materials`", "### `palpate_stuff`"))
+    assert written(REFERENCE, "reference.md") == REFERENCE, "run `make hooks`"
+    stale = tmp_path / "reference.md"
+    stale.write_text(REFERENCE.replace("### `palpate_materials`", "### `palpate_stuff`"))
     main([str(stale)])
-    assert stale.read_text() == README
+    assert stale.read_text() == REFERENCE
 
 
 def test_it_lists_every_hook_in_pipeline_order_with_what_to_define() -> None:

@@ -40,6 +40,8 @@ REWRITTEN = {
     "mri",
     "next-press",
     "paper-study",
+    "plugins-api",
+    "plugins-fit",
     "predict",
     "real-limb",
     "relaxation",
