@@ -41,7 +41,7 @@ _TWISTS = ("#D9F0E3", "#BFE3CF")
 
 def draw_recording(recording: Recording, folder: Path) -> Path:
     """Draw ``1_as_read.png``: position, turn, force and moment over time, in the frames of the log."""
-    with _figure(recording, "as read", 4) as (figure, axes):
+    with _over_time(recording, "as read", 4, folder / "1_as_read.png") as axes:
         time = recording.time_s
         _components(axes[0], time, recording.position_mm - recording.position_mm[0])
         axes[0].set_ylabel("travel from\nthe first row [mm]")
@@ -53,7 +53,7 @@ def draw_recording(recording: Recording, folder: Path) -> Path:
         _components(axes[3], time, recording.moment_Nmm)
         axes[3].set_ylabel("moment [N·mm]\n(sensor)")
         _legend_above(axes[0])
-    return _save(figure, folder / "1_as_read.png")
+    return folder / "1_as_read.png"
 
 
 def draw_processed(processed: Processed, folder: Path) -> tuple[Path, ...]:
@@ -71,7 +71,8 @@ def _draw_tared(processed: Processed, folder: Path) -> Path:
     raw, tared = processed.raw, processed.tared
     found = {"weight": processed.tool, "drift": processed.drift, "bias": processed.bias}
     taken = [name for name, value in found.items() if value is not None]
-    with _figure(raw, f"without {', '.join(taken) or 'any correction'}", 4) as (figure, axes):
+    path, what = folder / "2_tared.png", f"without {', '.join(taken) or 'any correction'}"
+    with _over_time(raw, what, 4, path) as axes:
         free = np.zeros(raw.n_rows, dtype=bool)
         free[processed.free] = True
         for k, (quantity, unit) in enumerate((("force_N", "N"), ("moment_Nmm", "N·mm"))):
@@ -92,7 +93,7 @@ def _draw_tared(processed: Processed, folder: Path) -> Path:
                 )
         _legend_above(axes[0])
         axes[0].set_title("pale: as read; grey: free air", loc="left", fontsize=8)
-    return _save(figure, folder / "2_tared.png")
+    return path
 
 
 def _draw_phases(processed: Processed, folder: Path) -> Path:
@@ -103,7 +104,8 @@ def _draw_phases(processed: Processed, folder: Path) -> Path:
         (processed.wrench.pressing, "normal force [N]"),
         (processed.wrench.twisting, "torque [N·mm]"),
     )
-    with _figure(processed.raw, "phases, in the frame of the spot", len(signals)) as (figure, axes):
+    path, what = folder / "3_phases.png", "phases, in the frame of the spot"
+    with _over_time(processed.raw, what, len(signals), path) as axes:
         for axis, (values, label) in zip(axes, signals, strict=True):
             for phase in processed.phases:
                 kind, _, number = phase.name.partition("_")
@@ -128,7 +130,7 @@ def _draw_phases(processed: Processed, folder: Path) -> Path:
                 xycoords=("data", "axes fraction"),
                 ha="center", fontsize=7, color=_FOUND, rotation=90,
             )  # fmt: skip
-    return _save(figure, folder / "3_phases.png")
+    return path
 
 
 def _draw_onset(processed: Processed, folder: Path) -> Path:
@@ -138,9 +140,8 @@ def _draw_onset(processed: Processed, folder: Path) -> Path:
     way = time <= press.stop.time_s
     near = np.abs(depth) < 0.25 * float(depth.max())
     std = processed.onset.std_mm
-    with _styled():
-        figure = Figure(figsize=(5.2, 3.8))
-        axis = figure.subplots()
+    path = folder / "4_onset.png"
+    with _figure(processed.raw, "first contact", path) as ((axis,),):
         axis.plot(depth[near & ~way], force[near & ~way], ".", color="0.8", markersize=2, label="way out")
         axis.plot(depth[near & way], force[near & way], ".", color="0.45", markersize=2, label="way in")
         curve = processed.curves["force"]
@@ -151,8 +152,7 @@ def _draw_onset(processed: Processed, folder: Path) -> Path:
         axis.set_xlabel("depth [mm]")
         axis.set_ylabel("normal force [N]")
         axis.legend(loc="upper left")
-        figure.suptitle(f"{Path(processed.raw.source).name}: first contact", fontsize=10)
-    return _save(figure, folder / "4_onset.png")
+    return path
 
 
 def _draw_curves(processed: Processed, folder: Path) -> Path:
@@ -163,10 +163,9 @@ def _draw_curves(processed: Processed, folder: Path) -> Path:
         "lateral_force": ("shift [mm]", "lateral force [N]"),
         "force_over_time": ("time [s]", "normal force [N]"),
     }
-    curves = processed.curves
-    with _styled():
-        figure = Figure(figsize=(4.6 * len(curves), 5.6))
-        panels = figure.subplots(2, len(curves), squeeze=False, sharex="col", height_ratios=(2.0, 1.0))
+    curves, path = processed.curves, folder / "5_curves.png"
+    grid = {"nrows": 2, "ncols": len(curves), "sharex": "col", "height_ratios": (2.0, 1.0)}
+    with _figure(processed.raw, "curves", path, (4.6 * len(curves), 5.6), **grid) as panels:
         for (above, below), (name, curve) in zip(panels.T, curves.items(), strict=True):
             x_label, y_label = labels[name]
             signal = processed.signals[name]
@@ -194,15 +193,13 @@ def _draw_curves(processed: Processed, folder: Path) -> Path:
             above.legend(loc="upper left", markerscale=3.0)
             # Above the panel: the residuals fill all of it.
             _legend_above(below, fontsize=7, markerscale=4.0)
-        figure.suptitle(f"{Path(processed.raw.source).name}: curves", fontsize=10)
-    return _save(figure, folder / "5_curves.png")
+    return path
 
 
 def draw_cycles(cycles: Cycles, folder: Path) -> Path:
     """Draw ``6_cycles.png``: force over depth of each cycle of a log."""
-    with _styled():
-        figure = Figure(figsize=(5.2, 3.8))
-        axis = figure.subplots()
+    path, raw = folder / "6_cycles.png", next(iter(cycles.processed.values())).raw
+    with _figure(raw, "cycles", path) as ((axis,),):
         shades = np.linspace(0.75, 0.0, len(cycles.processed))
         for shade, (number, processed) in zip(shades, cycles.processed.items(), strict=True):
             curve = processed.curves["force"]
@@ -213,33 +210,38 @@ def draw_cycles(cycles: Cycles, folder: Path) -> Path:
         axis.set_xlabel("depth [mm]")
         axis.set_ylabel("normal force [N]")
         axis.legend(loc="upper left", title="force since the one before\n(thick: counts)")
-        source = next(iter(cycles.processed.values())).raw.source
-        figure.suptitle(f"{Path(source).name}: cycles", fontsize=10)
-    return _save(figure, folder / "6_cycles.png")
+    return path
 
 
 @contextmanager
-def _styled() -> Iterator[None]:
-    """Use palpate's style, and leave everybody else's as it is."""
+def _figure(
+    recording: Recording,
+    what: str,
+    path: Path,
+    size: tuple[float, float] = (5.2, 3.8),
+    **grid: Any,  # noqa: ANN401 - as subplots takes
+) -> Iterator[Any]:
+    """Panels (n, k) of a figure in palpate's style, which is written in the end."""
     with mpl.rc_context(cast("Any", {**STYLE, **_ON_SCREEN})):
-        yield
+        figure = Figure(figsize=size)
+        yield figure.subplots(squeeze=False, **grid)
+        figure.suptitle(f"{Path(recording.source).name}: {what}", fontsize=10)
+        _save(figure, path)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    FigureCanvasAgg(figure).print_figure(path, dpi=130)
 
 
 @contextmanager
-def _figure(recording: Recording, what: str, n_panels: int) -> Iterator[tuple[Figure, Sequence[Axes]]]:
+def _over_time(recording: Recording, what: str, n_panels: int, path: Path) -> Iterator[Sequence[Axes]]:
     """Panels over one axis of time."""
-    with _styled():
-        figure = Figure(figsize=(9.0, 1.6 * n_panels + 0.6))
-        axes = list(figure.subplots(n_panels, 1, sharex=True, squeeze=False)[:, 0])
-        yield figure, axes
+    size = (9.0, 1.6 * n_panels + 0.6)
+    with _figure(recording, what, path, size, nrows=n_panels, sharex=True) as panels:
+        axes = list(panels[:, 0])
+        yield axes
         axes[-1].set_xlabel("time [s]")
         axes[-1].set_xlim(recording.time_s[0], recording.time_s[-1])
-        figure.suptitle(f"{Path(recording.source).name}: {what}", fontsize=10)
-
-
-def _save(figure: Figure, path: Path) -> Path:
-    FigureCanvasAgg(figure).print_figure(path, dpi=130)
-    return path
 
 
 def _components(axis: Axes, time: FloatArray, values: FloatArray) -> None:

@@ -19,35 +19,16 @@ _MAD_TO_STD = 1.4826
 class Recording:
     """Pose and wrench over time, all at the same instants, read-only; checked where they are read.
 
-    Parameters
-    ----------
-    source : str
-        The file, for messages.
-    time_s : (n,) array
-        Strictly increasing.
-    position_mm : (n, 3) array
-        Tool tip in the base frame.
-    quaternion : (n, 4) array
-        From the tool (and sensor) frame to the base frame, of length 1.
-    force_N : (n, 3) array
-        Tissue on tool, in the sensor frame.
-    moment_Nmm : (n, 3) array
-        About the sensor's origin, in the sensor frame.
-    rows : (n,) array of int
-        Line, row or message number in the file, for messages.
-    row_word : str
-        What messages call them.
-    acts_on, wrench_frame : str
-        Of the wrench in the log, as the channel map has them, for messages.
+    The file, what its rows are called, and the side and frame that the wrench had in it are for messages.
     """
 
     source: str
-    time_s: FloatArray
-    position_mm: FloatArray
-    quaternion: FloatArray
-    force_N: FloatArray
-    moment_Nmm: FloatArray
-    rows: IntArray
+    time_s: FloatArray  # (n,), strictly increasing
+    position_mm: FloatArray  # (n, 3), tool tip in the base frame
+    quaternion: FloatArray  # (n, 4), from the tool (and sensor) frame to the base frame, of length 1
+    force_N: FloatArray  # (n, 3), tissue on tool, in the sensor frame
+    moment_Nmm: FloatArray  # (n, 3), about the sensor's origin, in the sensor frame
+    rows: IntArray  # (n,), line, row or message number in the file
     row_word: str = "row"
     acts_on: str = "tool"
     wrench_frame: str = "sensor"

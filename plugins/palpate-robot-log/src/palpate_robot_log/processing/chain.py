@@ -50,40 +50,26 @@ class Processed:
     What a step found is None where it is switched off.
     """
 
-    raw: Recording
-    """The rows that were used, after the lag was taken out."""
-    block: int
-    """Rows of the log that thinning averaged to one."""
-    spiky_rows: IntArray
-    """Rows in which spikes were replaced."""
+    raw: Recording  # the rows that were used, after the lag was taken out
+    block: int  # rows of the log that thinning averaged to one
+    spiky_rows: IntArray  # rows in which spikes were replaced
     located: Located
     lag: Lag
     slide: Slide | None
-    free: IntArray
-    """Rows in free air."""
+    free: IntArray  # rows in free air
     tool: ToolLoad | None
     drift: Drift | None
     bias: Bias | None
-    tared: Recording
-    """Without weight, drift and bias."""
-    wrench: SpotWrench
-    """In the spot's frame about the contact axis."""
+    tared: Recording  # without weight, drift and bias
+    wrench: SpotWrench  # in the spot's frame about the contact axis
     onset: Onset
-    depth_mm: FloatArray
-    """Travel from the onset (n,)."""
-    phases: tuple[Phase, ...]
-    """In order, without gaps."""
-    zero_std: Mapping[str, FloatArray]
-    """Standard deviation of the zero of force [N] and torque [N·mm] (n,)."""
-    drift_std_per_s: Mapping[str, float]
-    """Standard deviation of the drift of force [N/s] and torque [N·mm/s]."""
-    signals: Mapping[str, Signal]
-    """The rows that the curves come from."""
-    curves: Mapping[str, Curve]
-    """``force`` [N] over depth [mm]; of a twist ``torque`` [N·mm] over rotation [degrees], of a slide
-    ``lateral_force`` [N] over shift [mm]; all with standard deviations."""
-    smoothings: Mapping[str, list[Smoothed]]
-    """How each channel's branches were smoothed."""
+    depth_mm: FloatArray  # (n,), travel from the onset
+    phases: tuple[Phase, ...]  # in order, without gaps
+    zero_std: Mapping[str, FloatArray]  # (n,), standard deviation of the zero of force [N], torque [N·mm]
+    drift_std_per_s: Mapping[str, float]  # standard deviation of the drift of force [N/s], torque [N·mm/s]
+    signals: Mapping[str, Signal]  # the rows that the curves come from
+    curves: Mapping[str, Curve]  # force [N] over depth [mm], torque [N·mm] over rotation [degrees], and so on
+    smoothings: Mapping[str, list[Smoothed]]  # of each channel's branches
     relaxations: tuple[Relaxation, ...]
 
     def __init__(self, recording: Recording, settings: ProcessingSettings) -> None:

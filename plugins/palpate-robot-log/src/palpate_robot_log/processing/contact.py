@@ -13,7 +13,6 @@ from scipy.ndimage import median_filter, uniform_filter1d
 
 from palpate.api import FloatArray
 from palpate_robot_log.processing.change_points import ChangePoint, Design, profile
-from palpate_robot_log.processing.zero import check_zero, is_back
 from palpate_robot_log.recording import (
     Recording,
     angle_between_deg,
@@ -28,6 +27,11 @@ from palpate_robot_log.recording import (
 SHARE = 0.05  # share of the largest change of force beyond which a row counts as pressing
 NOISE_MULTIPLE = 12.0  # a change of force below this multiple of its noise is no contact
 EXPONENT_STD = 0.075  # of the contact law: so far from it are limbs in finite elements near first contact
+LARGEST_JUMP_SHARE = 0.3  # share of the largest change of force by which no contact jumps
+_SAME_SHARE = 0.3
+_STILL_MM = 0.03
+_BACK_SHARE = 0.05
+_WINDOW = 5
 _PRESS_SHARE = 0.2
 _DRIFT_SHARE = 0.15
 _CALM_SHARE = 0.005
@@ -82,9 +86,9 @@ def contacts_of(recording: Recording) -> tuple[ContactRows, ...]:
     # In free air the sensor shows a line where the log ends there too, else what it shows at its start.
     start, end = np.median(force[:n_ends], axis=0), np.median(force[-n_ends:], axis=0)
     farthest = float(np.linalg.norm(force - start, axis=1).max())
-    check_zero(track, force)
+    _check_zero(track, force)
     rest = start[None, :]
-    if float(np.linalg.norm(end - start)) <= _DRIFT_SHARE * farthest or is_back(track):
+    if float(np.linalg.norm(end - start)) <= _DRIFT_SHARE * farthest or _is_back(track):
         rest = start + np.linspace(0.0, 1.0, track.n_rows)[:, None] * (end - start)
     change = median_filter(np.linalg.norm(force - rest, axis=1), size=5, mode="nearest")
     noise = float(np.linalg.norm([noise_std(column) for column in track.force_N.T]))
@@ -118,6 +122,48 @@ def contacts_of(recording: Recording) -> tuple[ContactRows, ...]:
         )
         for first, last in runs
     )
+
+
+def _check_zero(track: Recording, force_N: FloatArray) -> None:
+    """Refuse a log whose force (n, 3) in the base frame jumps between two rows while the tip rests."""
+    n_rows = track.n_rows
+    if n_rows < 4 * _WINDOW:
+        return
+    level = median_filter(force_N, size=(_WINDOW, 1), mode="nearest")
+    half, before = _WINDOW // 2, np.arange(_WINDOW - 1, n_rows - _WINDOW)
+    jumps = np.linalg.norm(level[before + half + 1] - level[before - half], axis=1)
+    moved_mm = track.position_mm[before + _WINDOW] - track.position_mm[before - _WINDOW + 1]
+    # A jump to another level, within one step.
+    jumps = np.minimum(jumps, np.linalg.norm(force_N[before + 1] - force_N[before], axis=1))
+    at = int(np.argmax(jumps * (np.linalg.norm(moved_mm, axis=1) < _STILL_MM)))
+    row, jump_N = int(before[at]), float(jumps[at])
+    n_ends = max(n_rows // 50, _WINDOW)
+    begin, end = (np.median(part, axis=0) for part in (force_N[:n_ends], force_N[-n_ends:]))
+    noise_N = float(np.linalg.norm([noise_std(column) for column in force_N.T]))
+    least_N = max(
+        LARGEST_JUMP_SHARE * float(np.linalg.norm(force_N - begin, axis=1).max()), NOISE_MULTIPLE * noise_N
+    )
+    if jump_N < least_N:
+        return
+    off, off_N = "", float(np.linalg.norm(end - begin))
+    if _is_back(track):
+        if abs(off_N - jump_N) > _SAME_SHARE * jump_N:
+            return
+        off = f", and is {off_N:.3g} N off when the tool is back at its height"
+    raise track.fault(
+        f"the force jumps by {jump_N:.3g} N while the tip rests{off}: the sensor was zeroed in contact; "
+        "zero it in free air, and log the press again",
+        row + 1,
+    )
+
+
+def _is_back(track: Recording) -> bool:
+    """Whether the tool ends where it began, so that the sensor shows the same if its zero is the same."""
+    position = track.position_mm
+    n_ends = max(track.n_rows // 50, 3)
+    begin, end = position[:n_ends].mean(axis=0), position[-n_ends:].mean(axis=0)
+    farthest = float(np.linalg.norm(position - begin, axis=1).max())
+    return float(np.linalg.norm(end - begin)) <= _BACK_SHARE * farthest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -173,26 +219,14 @@ def described(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToolMotion:
-    """Motion of the tool about a spot; arrays of shape (n,).
-
-    Parameters
-    ----------
-    travel_mm : array
-        Along the inward normal, from the first row that clearly presses.
-    lateral_mm : array
-        Distance from the line along the normal through that row's position.
-    turn_deg, tilt_deg : array
-        Turn about the outward normal since the press began, and what is left of the rotation.
-    origin_mm : (3,) array
-        Tool tip at ``travel_mm`` 0, in the base frame.
-    """
+    """Motion of the tool about a spot; arrays of shape (n,)."""
 
     time_s: FloatArray
-    travel_mm: FloatArray
-    lateral_mm: FloatArray
-    turn_deg: FloatArray
-    tilt_deg: FloatArray
-    origin_mm: FloatArray
+    travel_mm: FloatArray  # along the inward normal, from the first row that clearly presses
+    lateral_mm: FloatArray  # distance from the line along the normal through that row's position
+    turn_deg: FloatArray  # about the outward normal since the press began
+    tilt_deg: FloatArray  # what is left of the rotation
+    origin_mm: FloatArray  # (3,), tool tip at travel 0, in the base frame
 
 
 def motion_about(recording: Recording, contact: ContactRows, normal: FloatArray) -> ToolMotion:

@@ -170,18 +170,10 @@ def name_phases(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Slide:
-    """A slide to and fro on one line.
+    """A slide to and fro on one line."""
 
-    Parameters
-    ----------
-    along : (3,) array
-        Unit direction of its first stroke in the base frame, tangential.
-    shift_mm : (n,) array
-        Shift along it since the press ended.
-    """
-
-    along: FloatArray
-    shift_mm: FloatArray
+    along: FloatArray  # (3,), unit direction of its first stroke in the base frame, tangential
+    shift_mm: FloatArray  # (n,), along it since the press ended
     strokes: tuple[Stroke, ...]
 
 

@@ -29,9 +29,16 @@ from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles
 from palpate_robot_log.reading.checks import longest_step_s
 from palpate_robot_log.reading.formats import Request, read_log
 from palpate_robot_log.reading.processed_curves import Proposed, curves_of
-from palpate_robot_log.reading.proposal import Proposal, machine_of, propose, with_unit
+from palpate_robot_log.reading.proposal import (
+    Proposal,
+    channel_map,
+    is_machine,
+    machine_of,
+    propose,
+    study_text,
+    with_unit,
+)
 from palpate_robot_log.reading.raw import RawLog, Stream
-from palpate_robot_log.reading.study_text import channel_map, is_machine, study_text
 from palpate_robot_log.reading.two_files import read_both, share_clock
 from palpate_robot_log.reading.vectors import QUANTITIES, Guess
 from palpate_robot_log.recording import Recording, rotated

@@ -37,23 +37,11 @@ def or_damaged(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stream:
-    """Frame of columns with common rows.
+    """Frame of columns with common rows, and what the file or a person should know of some of them."""
 
-    Parameters
-    ----------
-    name : str
-        Topic of a bag; empty for the one table of a file.
-    frame : polars.DataFrame
-        Doubles; a value that is missing is NaN.
-    rows : (n,) array of int
-        Line of a text file, message of a bag, else the row counted from 0.
-    units, notes : mapping of str to str
-        Unit that the file gives, and what a person should know, of the columns that have one.
-    """
-
-    name: str
-    frame: "pl.DataFrame"
-    rows: IntArray
+    name: str  # topic of a bag; empty for the one table of a file
+    frame: "pl.DataFrame"  # doubles; a value that is missing is NaN
+    rows: IntArray  # (n,), line of a text file, message of a bag, else the row counted from 0
     units: Mapping[str, str]
     notes: Mapping[str, str]
 
@@ -89,28 +77,16 @@ class Stream:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RawLog:
-    """Everything read from one file.
+    """Everything read from one file."""
 
-    Parameters
-    ----------
-    source : str
-        The file, for messages.
-    format : str
-        Its format in words.
-    row_word : str
-        What its rows are called in messages: line, row or message.
-    notes : tuple of str
-        What was passed over, and why.
-    layout : mapping of str to str
-        How the file was understood, in the words of the loader's settings.
-    """
-
-    source: str
-    format: str
-    row_word: str
+    source: str  # the file, for messages
+    format: str  # in words
+    row_word: str  # what its rows are called in messages: line, row or message
     streams: tuple[Stream, ...]
-    notes: tuple[str, ...] = ()
-    layout: Mapping[str, object] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()  # what was passed over, and why
+    layout: Mapping[str, object] = field(
+        default_factory=dict
+    )  # of the text, as the loader's settings have it
 
     def stream(self, name: str) -> Stream:
         """Stream by its name; a name that is not there is a CurveError."""
@@ -155,36 +131,16 @@ class RawLog:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Series:
-    """Values of one quantity over their own time, in the recording's units.
-
-    Parameters
-    ----------
-    log : RawLog
-        Where they come from, for messages.
-    what : str
-        position, orientation, force or moment.
-    names : tuple of str
-        Columns, as the channel map has them.
-    stream : str
-        Of the columns.
-    time_s : (n,) array
-        One array of all series that share a column of time.
-    values : (n, k) array
-        A column for each name.
-    rows : (n,) array of int
-        As in the stream.
-    units : tuple of str
-        Unit of time and of the values in the file.
-    """
+    """Values of one quantity over their own time, in the recording's units."""
 
     log: RawLog
-    what: str
-    names: tuple[str, ...]
+    what: str  # position, orientation, force or moment
+    names: tuple[str, ...]  # columns, as the channel map has them
     stream: str
-    time_s: FloatArray
-    values: FloatArray
-    rows: IntArray
-    units: tuple[str, str]
+    time_s: FloatArray  # (n,), one array of all series that share a column of time
+    values: FloatArray  # (n, k), a column for each name
+    rows: IntArray  # (n,), as in the stream
+    units: tuple[str, str]  # of time and of the values in the file
 
     def at(self, index: int) -> str:
         """Row and time stamp, for messages."""

@@ -48,16 +48,12 @@ _ORDER = "the order of the columns of {}: x, y, z by their numbers is assumed"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Group:
-    """Columns of one vector, in the order x, y, z, w, or by their index.
-
-    ``words`` are what their names share, in small letters; ``is_indexed`` ones are distinguished by
-    numbers, so that what each is has to be guessed.
-    """
+    """Columns of one vector, in the order x, y, z, w, or by their index."""
 
     stream: str
-    words: tuple[str, ...]
+    words: tuple[str, ...]  # that their names share, in small letters
     columns: tuple[Column, ...]
-    is_indexed: bool
+    is_indexed: bool  # distinguished by numbers, so that what each is has to be guessed
 
 
 def groups_of(stream: Stream) -> list[Group]:
@@ -83,7 +79,7 @@ def groups_of(stream: Stream) -> list[Group]:
         if columns and "w" not in members and not is_indexed:
             # The scalar of a quaternion may have another mark: Q0, qs.
             scalars = [one for k in (0, 1) if (one := found.get((k, True, words), {}).get("0"))]
-            columns += [one for one in scalars[:1] if _is_unit([*columns, one])]
+            columns += [one for one in scalars[:1] if _is_unit(complete_rows([*columns, one]))]
         if columns:
             taken |= {column.name for column in columns}
             groups.append(
@@ -111,32 +107,16 @@ def _splits(words: tuple[str, ...]) -> Iterator[tuple[int, tuple[str, ...], str]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Guess:
-    """Entry of the map for one quantity.
+    """Entry of the map for one quantity, and what is not sure about it."""
 
-    Parameters
-    ----------
-    entry : mapping of str to object
-        As in the channel map; a unit only where the file shows none.
-    is_in_base : bool
-        A wrench whose name states that it is in the base frame.
-    is_commanded : bool
-        Of columns whose name states that they are not measured.
-    is_counter : bool
-        Of a column that counts rows, whose rate has to be given.
-    to_check : tuple of str
-        What a person has to decide.
-    also : tuple of Guess
-        What an orientation of these columns may be instead, the likeliest first.
-    """
-
-    entry: Mapping[str, Any]
+    entry: Mapping[str, Any]  # as in the channel map; a unit only where the file shows none
     stream: str
-    is_in_base: bool = False
-    is_commanded: bool = False
-    is_counter: bool = False
-    to_check: tuple[str, ...] = ()
+    is_in_base: bool = False  # a wrench whose name states that it is in the base frame
+    is_commanded: bool = False  # the name states that the columns are not measured
+    is_counter: bool = False  # counts rows, whose rate has to be given
+    to_check: tuple[str, ...] = ()  # what a person has to decide
     score: float = 0.0
-    also: tuple["Guess", ...] = ()
+    also: tuple["Guess", ...] = ()  # what an orientation may be instead, the likeliest first
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -167,16 +147,22 @@ class Part(NamedTuple):
 
 
 class Shape(NamedTuple):
-    """Number of columns of a group, words of which it has one, what its numbers are, and its parts."""
+    """Number of columns of a group, words of which it has one, the test of its last part, and its parts."""
 
     n_columns: int
     words: frozenset[str]
-    holds: Callable[[Sequence[Column]], bool]
+    holds: Callable[[FloatArray], bool] | None
     parts: tuple[Part, ...]
 
+    def fits(self, group: "Group") -> bool:
+        """Whether a group has this shape."""
+        if self.n_columns != len(group.columns) or not (self.words & {*group.words} or not self.words):
+            return False
+        return self.holds is None or self.holds(complete_rows(group.columns[self.parts[-1].columns]))
 
-def _is_unit(columns: Sequence[Column]) -> bool:
-    lengths = np.linalg.norm(complete_rows(columns), axis=1)
+
+def _is_unit(rows: FloatArray) -> bool:
+    lengths = np.linalg.norm(rows, axis=1)
     return lengths.size > 0 and bool(abs(np.median(lengths) - 1.0) < 0.01)
 
 
@@ -187,27 +173,14 @@ def _are_turns(rows: FloatArray) -> bool:
     return off.size > 0 and bool(np.median(off) < 0.01)
 
 
-def _is_any(_: Sequence[Column]) -> bool:
-    return True
-
-
 _ALL, _HEAD, _TAIL = slice(None), slice(0, 3), slice(3, None)
+_ANY = frozenset[str]()
 SHAPES = (
-    Shape(4, frozenset(), _is_unit, (Part("orientation", _ALL, 4.0, "quaternion"),)),
-    Shape(6, WRENCH_WORDS, _is_any, (Part("force", _HEAD, 2.0), Part("moment", _TAIL, 2.0))),
-    Shape(6, _POSE_WORDS, _is_any, (Part("position", _HEAD, 1.5), Part("orientation", _TAIL, 1.5, "angles"))),
-    Shape(
-        7,
-        frozenset(),
-        lambda columns: _is_unit(columns[3:]),
-        (Part("position", _HEAD, 2.0), Part("orientation", _TAIL, 4.0, "quaternion")),
-    ),
-    Shape(
-        9,
-        frozenset(),
-        lambda columns: _are_turns(complete_rows(columns)),
-        (Part("orientation", _ALL, 3.0, "rotation_matrix"),),
-    ),
+    Shape(4, _ANY, _is_unit, (Part("orientation", _ALL, 4.0, "quaternion"),)),
+    Shape(6, WRENCH_WORDS, None, (Part("force", _HEAD, 2.0), Part("moment", _TAIL, 2.0))),
+    Shape(6, _POSE_WORDS, None, (Part("position", _HEAD, 1.5), Part("orientation", _TAIL, 1.5, "angles"))),
+    Shape(7, _ANY, _is_unit, (Part("position", _HEAD, 2.0), Part("orientation", _TAIL, 4.0, "quaternion"))),
+    Shape(9, _ANY, _are_turns, (Part("orientation", _ALL, 3.0, "rotation_matrix"),)),
 )
 """Patterns of vectors that are not three columns; the first that fits counts."""
 
@@ -225,10 +198,7 @@ def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterator[tu
     elif n_columns == 16:
         yield from _of_transform(group)
     else:
-        fitting = (each for each in SHAPES if each.n_columns == n_columns)
-        parts = next(
-            (s.parts for s in fitting if (not s.words or s.words & words) and s.holds(group.columns)), ()
-        )
+        parts = next((shape.parts for shape in SHAPES if shape.fits(group)), ())
     for quantity, chosen, score, form in parts:
         columns = group.columns[chosen]
         check = (_ORDER.format(quantity),) if n_columns > 4 and not form else ()
