@@ -204,7 +204,7 @@ def _plain(docstring: str) -> str:
 
 def main(arguments: list[str]) -> None:
     """Write the reference into each of the files, or into its own."""
-    for path in map(Path, arguments or [FILE]):
+    for path in map(Path, arguments or [str(FILE)]):
         path.write_text(written(path.read_text(encoding="utf-8"), str(path)), encoding="utf-8")
 
 

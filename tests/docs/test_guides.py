@@ -153,6 +153,28 @@ def test_the_first_study_runs_from_log_to_report(tmp_path, monkeypatch, capsys):
     assert list(Path("runs/arm/measured/plots").rglob("5_curves*"))
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("one_figure")
+def test_the_tutorial_runs_as_printed(tmp_path, monkeypatch, capsys):
+    """Every command and the study are as in the text; only steps and meshes are coarser."""
+    guide = ROOT / "docs" / "tutorial.md"
+    (study,) = re.findall(r"```toml\n(.*?)```", text_of(guide), flags=re.DOTALL)
+    steps = 'name = "jax"\nsettings = { depth_steps = 4, rotation_step_deg = 11.25 }'
+    study = study.replace('search = "least_squares"', "fine_runs = 0").replace('name = "jax"', steps)
+    monkeypatch.chdir(tmp_path)
+    for line in commands_of(guide):
+        assert call(line) == 0, (line, capsys.readouterr().err)
+        if "--measured" in line:
+            Path("arm/study.toml").write_text(f'{study}\n[executor]\nname = "in_process"\n', encoding="utf-8")
+    for written in re.findall(r"`(?:runs/arm/)?(report/(?!figures)[\w/.]+)`", text_of(guide)):
+        assert (tmp_path / "runs" / "arm" / written).is_file(), written
+
+
+def test_every_ready_study_has_its_expected_answer():
+    listed = set(re.findall(r"^\| \[([\w-]+)\]", text_of(ROOT / "docs" / "studies.md"), flags=re.MULTILINE))
+    assert listed == set(Plugins.load().studies)
+
+
 @pytest.fixture
 def nothing_timed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the simulation that `palpate check` times; the first study's guide has one."""

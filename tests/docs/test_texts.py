@@ -23,35 +23,6 @@ MOST_WORDS_OF_ALL = 26_000
 MOST_PRONOUNS = 10
 MOST_WHAT_CLAUSES = 5
 LEAST_PICTURES = 30
-REWRITTEN = {
-    "before-you-press",
-    "budget",
-    "curves",
-    "estimator",
-    "fit",
-    "identifiability",
-    "indenters",
-    "layers",
-    "limb",
-    "loaders",
-    "logs",
-    "meshes",
-    "motions",
-    "mri",
-    "next-press",
-    "paper-study",
-    "plugins-api",
-    "plugins-fit",
-    "predict",
-    "real-limb",
-    "relaxation",
-    "report",
-    "runs",
-    "troubleshooting",
-    "write-it-up",
-}
-NOT_YET = {path.stem for path in GUIDES} - REWRITTEN
-"""Guides that do not keep these limits yet."""
 ON_THE_PAGE = (
     "95 % interval",
     "Fopt",
@@ -136,9 +107,7 @@ def test_lines_of_text_are_short(path: Path) -> None:
     assert [line for line in text_lines(path) if len(line) > LONGEST_LINE] == []
 
 
-@pytest.mark.parametrize(
-    "path", [path for path in GUIDES if path.stem not in NOT_YET], ids=lambda path: path.stem
-)
+@pytest.mark.parametrize("path", GUIDES, ids=lambda path: path.stem)
 def test_a_guide_is_short_and_has_a_picture(path: Path) -> None:
     assert too_long(path) == []
     assert retired(path) == []
@@ -150,12 +119,11 @@ def test_a_guide_is_short_and_has_a_picture(path: Path) -> None:
 
 
 def test_the_guides_together_keep_the_limits() -> None:
-    rewritten = [count(path) for path in GUIDES if path.stem not in NOT_YET]
-    assert sum(each["that/those of"] for each in rewritten) <= MOST_PRONOUNS
-    assert sum(each["what-clauses"] for each in rewritten) <= MOST_WHAT_CLAUSES
-    if not NOT_YET:
-        assert sum(each["words"] for each in rewritten) <= MOST_WORDS_OF_ALL
-        assert sum(each["pictures"] for each in rewritten) >= LEAST_PICTURES
+    found = [count(path) for path in GUIDES]
+    assert sum(each["that/those of"] for each in found) <= MOST_PRONOUNS
+    assert sum(each["what-clauses"] for each in found) <= MOST_WHAT_CLAUSES
+    assert sum(each["words"] for each in found) <= MOST_WORDS_OF_ALL
+    assert sum(each["pictures"] for each in found) >= LEAST_PICTURES
 
 
 @pytest.mark.parametrize(
