@@ -38,6 +38,7 @@ from palpate.experiment.measured import load_measured
 from palpate.fit.spot_term import pieces
 from palpate.limb.loading import finer_limb, load_limbs, refinement, size_at_contact
 from palpate.plugins.catalogue import Plugins
+from palpate.stages.identifiability import Adequacy
 from palpate.study.reading import Study, read_study
 from palpate_certainty.error_sources import MESH, error_budget, error_sources_of
 from palpate_certainty.held_out import held_out, is_apart
@@ -285,7 +286,7 @@ def world(forearm: Forearm, material: str, meshes: Mapping[str, str], seed: int,
     result = {
         "holds": held(forearm.rows[material], found),
         "wide": np.append(high - low > WIDE, False),
-        "failed": [check.name for check in found.checks if check.is_failed],
+        "failed": [check.name for check in found.checks if check.verdict is not Adequacy.DESCRIBES],
         "apart": is_apart(held_out(found)),
     }
     return result | {"flagged": is_flagged(result, len(meshes))}

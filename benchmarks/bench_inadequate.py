@@ -30,6 +30,7 @@ from palpate.mesh.spot_frame import in_spot_frame
 from palpate.plugins.catalogue import Plugins
 from palpate.sampling.drawing import accepted_by_all
 from palpate.simulation.sweep import Simulations
+from palpate.stages.identifiability import Adequacy
 from palpate.study.model import BudgetTable
 from palpate.study.reading import Study, read_study
 from palpate_certainty.assessment import Assessment
@@ -241,7 +242,7 @@ def row_of(truth: Truth, found: Assessed) -> str:
     """One line of the table."""
     sizes = [f"{100.0 * m.share:.1f}, {100.0 * m.unexplained:.1f}" for m in found.misfits.values()]
     by_name = {check.name: check.probability for check in found.checks if check.channel < 0}
-    failed = dict.fromkeys(check.name for check in found.checks if check.is_failed)
+    failed = dict.fromkeys(check.name for check in found.checks if check.verdict is not Adequacy.DESCRIBES)
     others = [f"{name} {p:.1g}" for name, p in by_name.items()]
     cells = [truth.title, *sizes, ", ".join(others), ", ".join(failed) or "–"]
     if truth.row is not None:

@@ -35,7 +35,7 @@ from palpate.plugins.registry import add_commands
 from palpate.stages.identifiability import UNCLEAR, WORDS
 from palpate.study.reading import read_study
 from palpate_indentation import CsvLoader, CsvSettings
-from palpate_report.data.marks import AT_END, REFUSED, TIED, mark_of, verdict_of
+from palpate_report.data.marks import AT_END, EFFECTIVE, REFUSED, TIED, mark_of, verdict_of
 from palpate_report.data.tables import TITLES
 
 ROOT = Path(__file__).parents[2]
@@ -250,9 +250,16 @@ def test_the_words_of_the_guide_are_those_of_the_report():
 
 def test_the_guide_on_papers_has_every_verdict_with_its_mark_and_names_what_is_written():
     text = text_of(ROOT / "docs" / "write-it-up.md")
-    rows = re.findall(r"^\| ([\w ]+) \| ([†‡]?) ?\| ", text, flags=re.MULTILINE)
+    rows = re.findall(r"^\| ([\w ]+) \| ([†‡¶]?) ?\| ", text, flags=re.MULTILINE)
     verdicts = {verdict: mark for verdict, mark in rows if verdict != "verdict"}
-    assert set(verdicts) == {*(verdict_of(word) for _, word in WORDS), UNCLEAR, REFUSED, AT_END, TIED}
+    assert set(verdicts) == {
+        *(verdict_of(word) for _, word in WORDS),
+        UNCLEAR,
+        REFUSED,
+        EFFECTIVE,
+        AT_END,
+        TIED,
+    }
     assert verdicts == {verdict: mark_of(verdict) for verdict in verdicts}
     tables = {name.removesuffix(".tex") for name in re.findall(r"`(?:tables/)?(\w+\.tex)`", text)}
     papers = {name for name in tables if name.startswith("paper_")}

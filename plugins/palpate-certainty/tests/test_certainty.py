@@ -314,7 +314,7 @@ def test_tables_have_a_row_of_each_parameter_with_its_causes(assessed):
         assert of_it["share"].sum() == pytest.approx(1.0)
         assert {"noise", "model", "gain", "onset", "tissue.kappa"} <= set(of_it["cause"])
     assert found.parameter_combinations.height == 2
-    assert not found.adequacy["failed"].any()
+    assert set(found.adequacy["verdict"]) == {"describes"}
     assert set(found.adequacy["check"]) == {"discrepancy", "spots", "ranges"}
 
 
@@ -344,13 +344,20 @@ def test_most_likely_values_have_the_intervals_and_draws_of_their_own(ended):
     assert bands_from == found.draws.select(names).to_dicts()
 
 
-def test_another_material_does_not_describe_the_data(ended):
+@pytest.mark.parametrize("is_far", [False, True])
+def test_another_material_approximates_the_data_or_does_not_describe_them(ended, monkeypatch, is_far):
+    if is_far:
+        monkeypatch.setattr("palpate_certainty.adequacy.MOST_DIFFERENCE", 0.01)
     study, measured, case, _ = ended(NeoHookean(), ("E", "nu"), truth=np.array([0.08, 7.5]))
     found = Assessment(study=study, measured=measured).run([case])
-    failed = found.adequacy.filter("failed")
+    failed = found.adequacy.filter(pl.col("verdict") != "describes")
     assert "discrepancy" in failed["check"].to_list()
     assert "more than the 2 % that the budget allows" in failed["message"][0]
-    assert set(found.intervals["identifiability"]) == {"unclear"}
+    assert set(failed["verdict"]) == {"does not describe" if is_far else "approximates"}
+    assert ("unclear" in set(found.intervals["identifiability"])) == is_far
+    row = found.adequacy.filter(check="discrepancy", channel="force").row(0, named=True)
+    assert 0.01 < row["difference"] < 0.2
+    assert 0.9 < row["r2"] < 1.0
 
 
 def test_a_tissue_that_relaxes_fails_the_check_and_its_words_are_unclear(ended):
@@ -361,13 +368,13 @@ def test_a_tissue_that_relaxes_fails_the_check_and_its_words_are_unclear(ended):
     rested = {"p1": replace(measured["p1"], relaxations=[rest])}
     found = Assessment(study=study, measured=rested).run([case])
     row = found.adequacy.filter(check="relaxation").row(0, named=True)
-    assert row["failed"]
+    assert row["verdict"] == "does not describe"
     assert row["message"].endswith("% in 1 s; these are apparent moduli of this rate")
     assert set(found.intervals["identifiability"]) == {"unclear"}
     calm = {"p1": replace(measured["p1"], relaxations=[replace(rest, fall=0.01)])}
     found = Assessment(study=study, measured=calm).run([case])
     row = found.adequacy.filter(check="relaxation").row(0, named=True)
-    assert (row["failed"], row["message"]) == (False, "")
+    assert (row["verdict"], row["message"]) == ("describes", "")
     assert "unclear" not in set(found.intervals["identifiability"])
 
 

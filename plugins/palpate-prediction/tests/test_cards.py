@@ -12,6 +12,7 @@ import pytest
 
 from palpate import mechanics
 from palpate.api import relaxing
+from palpate.api.fit import Adequacy
 from palpate.errors import MaterialError
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import (
@@ -25,6 +26,7 @@ from palpate_materials.uncoupled import (
 )
 from palpate_prediction.cards.card import CardData
 from palpate_prediction.cards.programs import PROGRAMS, _counting_at, _intervals, joined
+from palpate_report.answer.model_verdict import ModelVerdict
 from palpate_report.data.marks import Headline
 
 CASES = {
@@ -217,7 +219,8 @@ def test_every_card_gives_the_verdict(program):
     card = PROGRAMS[program](data("yeoh2", verdicts=verdicts))
     assert "c1 well, c2 not identified, end of range (WARNING: not all are results)" in card
     assert "WARNING" not in PROGRAMS[program](data("yeoh2"))
-    card = PROGRAMS[program](data("yeoh2", failure="No parameters can be read: R² 0.1"))
+    refused = ModelVerdict(verdict=Adequacy.FAILS, sentence="No parameters can be read: R² 0.1")
+    card = PROGRAMS[program](data("yeoh2", model=refused))
     assert "WARNING: No parameters can be read: R2 0.1" in card
 
 

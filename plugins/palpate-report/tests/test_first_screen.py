@@ -33,7 +33,7 @@ def fitted(content):
 def passed(data):
     """The same fit, its model taken to describe the data."""
     certainty = data.fit.certainty
-    fine = certainty.adequacy.with_columns(failed=pl.lit(value=False), message=pl.lit(""))
+    fine = certainty.adequacy.with_columns(verdict=pl.lit("describes"), message=pl.lit(""))
     known = certainty.intervals.with_columns(identifiability=pl.lit("well"))
     return replace(data, fit=replace(data.fit, certainty=replace(certainty, adequacy=fine, intervals=known)))
 
@@ -184,7 +184,9 @@ def test_a_model_that_relaxes_in_all_that_is_weighed_has_no_apparent_moduli(fitt
 def test_the_failed_check_of_a_tissue_that_relaxed_takes_no_parameters_away(fitted):
     data = relaxing(passed(fitted), 0.12)
     certainty = data.fit.certainty
-    row = certainty.adequacy.head(1).with_columns(check=pl.lit("relaxation"), failed=pl.lit(value=True))
+    row = certainty.adequacy.head(1).with_columns(
+        check=pl.lit("relaxation"), verdict=pl.lit("does not describe")
+    )
     checks = pl.concat([certainty.adequacy, row])
     words = certainty.intervals.with_columns(identifiability=pl.lit("unclear"))
     changed = replace(certainty, adequacy=checks, intervals=words)

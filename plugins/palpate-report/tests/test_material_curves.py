@@ -6,11 +6,13 @@ import numpy as np
 import polars as pl
 import pytest
 
+from palpate.api.fit import Adequacy
 from palpate.fit.least_squares import LeastSquares
 from palpate.mechanics.homogeneous import MODES
 from palpate_report.answer.best_sets import initial_moduli
 from palpate_report.answer.headline import draws_of
 from palpate_report.answer.material import PATHS, material_curves
+from palpate_report.answer.model_verdict import ModelVerdict
 from palpate_report.sections.fits import MaterialItself
 from palpate_report.testing import small_runs
 
@@ -64,5 +66,7 @@ def test_without_draws_there_is_no_band_and_without_a_fit_no_curve(fitted):
 def test_no_stress_is_shown_of_a_material_that_does_not_fit(fitted):
     data, report = small_runs()["a fit alone"]
     assert len(list(MaterialItself().blocks(data, report))) == 2
-    conclusion = replace(report.conclusion, failure="No parameters")
+    conclusion = replace(
+        report.conclusion, model=ModelVerdict(verdict=Adequacy.FAILS, sentence="No parameters")
+    )
     assert not list(MaterialItself().blocks(data, replace(report, conclusion=conclusion)))

@@ -35,7 +35,7 @@ def with_words(data, words):
         upper=pl.when(is_worst).then(pl.col("value") * 1.9).otherwise(pl.col("value") * 1.1),
         identifiability=pl.col("parameter").replace(words),
     )
-    fine = certainty.adequacy.with_columns(failed=pl.lit(value=False), message=pl.lit(""))
+    fine = certainty.adequacy.with_columns(verdict=pl.lit("describes"), message=pl.lit(""))
     changed = replace(certainty, intervals=known, adequacy=fine)
     return replace(data, fit=replace(data.fit, certainty=changed))
 
@@ -72,7 +72,8 @@ def budgeted(data, **keys):
 def checked(data, probability, failed=()):
     """The data of a fit whose curves miss so probably, and which has failed some checks."""
     about = {"fit": ALL_SPOTS, "scenario": "I", "channel": "force", "probability": probability}
-    rows = [about | {"check": name, "failed": name in failed, "message": f"{name} is bad"} for name in CHECKS]
+    words = {name: "does not describe" if name in failed else "describes" for name in CHECKS}
+    rows = [about | {"check": k, "verdict": words[k], "message": f"{k} is bad"} for k in CHECKS]
     certainty = replace(data.fit.certainty, adequacy=pl.DataFrame(rows))
     return replace(data, fit=replace(data.fit, certainty=certainty))
 

@@ -11,19 +11,22 @@ from dataclasses import replace
 import polars as pl
 import pytest
 
+from palpate.api.fit import Adequacy
 from palpate.fit.fitted import fitted
 from palpate.fit.least_squares import LeastSquares
 from palpate_prediction.cards.programs import PROGRAMS, cards_of
 from palpate_report.answer.best_sets import best_sets
-from palpate_report.answer.headline import NO_PARAMETERS, Verdicts, failure_of, with_verdicts
+from palpate_report.answer.headline import Verdicts, with_verdicts
+from palpate_report.answer.model_verdict import NO_PARAMETERS, model_verdict
 from palpate_report.answer.paper_tables import paper_tables
 from palpate_report.answer.result import make_conclusion
 from palpate_report.comparison import write_comparison
-from palpate_report.data.marks import MARKS, explained, mark_of, verdict_of
+from palpate_report.data.marks import MARKS, explained, mark_of, verdict_of, with_minus
 from palpate_report.data.tables import make_tables
 from palpate_report.figures import drawings
 from palpate_report.from_run import write_report
 from palpate_report.page.html import render
+from palpate_report.stage import summary_of
 
 from .fits import at_end_of_range
 
@@ -78,7 +81,7 @@ def bare(folder, values):
 
 
 def test_no_output_of_a_refused_run_has_a_bare_value(refused, drawn, tmp_path):
-    assert failure_of(refused, tuple(best_sets(refused))).startswith(NO_PARAMETERS)
+    assert model_verdict(refused, tuple(best_sets(refused))).failure.startswith(NO_PARAMETERS)
     values = list(values_of(refused))
     report = write_report(refused, tmp_path / "report")
     made = write_comparison({"one": refused, "two": refused}, tmp_path / "comparison")
@@ -136,7 +139,7 @@ def sound(data):
     certainty = data.fit.certainty
     words = pl.Series(["well", "poorly", "not", "unclear"] * certainty.intervals.height)
     known = certainty.intervals.with_columns(identifiability=words.head(certainty.intervals.height))
-    fine = certainty.adequacy.with_columns(failed=pl.lit(value=False), message=pl.lit(""))
+    fine = certainty.adequacy.with_columns(verdict=pl.lit("describes"), message=pl.lit(""))
     found = replace(certainty, intervals=known, adequacy=fine)
     return at_end_of_range(replace(data, fit=replace(data.fit, certainty=found)), "soft_tissue.grip")
 
@@ -184,7 +187,7 @@ def test_a_set_outside_of_the_interval_has_not_its_word(content):
 )  # fmt: skip
 def test_a_mark_says_what_may_be_read(word, at_bound, mark):
     assert mark_of(verdict_of(word, at_bound=at_bound)) == mark
-    assert mark_of(verdict_of(word, is_refused=True)) == "†"
+    assert mark_of(verdict_of(word, model=Adequacy.FAILS)) == "†"
     assert [each in explained([mark]) for each in MARKS] == [each in mark for each in MARKS]
 
 
@@ -215,3 +218,35 @@ def test_the_first_screen_of_a_refused_run_shows_curves_and_no_interval(refused,
         first = page[: page.index('id="section-')]
         embedded = {n for n, svg in pictures.items() if base64.b64encode(svg).decode() in first}
         assert embedded == (shown or {"intervals", "stress_strain"})
+
+
+def test_every_output_of_an_approximation_has_its_sentence_and_its_words(
+    refused, drawn, plugins, monkeypatch, tmp_path
+):
+    """Page, terminal, JSON, tables, LaTeX, comparison and card have one verdict."""
+    data = sound(refused)
+    rows = data.fit.certainty.adequacy.with_columns(
+        verdict=pl.when(check="discrepancy").then(pl.lit("approximates")).otherwise(pl.lit("describes"))
+    )
+    data = replace(data, fit=replace(data.fit, certainty=replace(data.fit.certainty, adequacy=rows)))
+    model = model_verdict(data, tuple(best_sets(data)))
+    assert model.verdict is Adequacy.APPROXIMATES
+    assert re.match(r"Effective parameters: Spongy describes these curves to within [\d.]+ %", model.sentence)
+    report = write_report(data, tmp_path / "report")
+    summary = summary_of(data.study, report)
+    assert summary.values["model"] == {"verdict": "approximates", "sentence": model.sentence}
+    assert report.conclusion.headline.startswith(model.sentence)
+    words = {each.name: each.verdict for each in report.conclusion.estimates}
+    assert all("effective" in word.split(", ") for word in words.values())
+    own = report.tables["intervals"].filter(fit="all spots", scenario=data.generalising.name)
+    assert dict(own.select("parameter", "verdict").rows()) == words
+    shown = with_minus(model.sentence)
+    assert shown in (tmp_path / "report" / "index.html").read_text()
+    assert r"$^{" in (tex := (tmp_path / "report" / "tables" / "paper_table1.tex").read_text())
+    assert f"% WARNING: spongy: {model.sentence}" in tex
+    made = write_comparison({"one": data, "two": data}, tmp_path / "comparison")
+    assert f"one: {model.sentence}" in made["notes"]
+    monkeypatch.setattr("palpate_prediction.cards.programs.report_data", lambda run: run.data)
+    (card,) = cards_of(Read(data))
+    assert card.verdict.startswith(model.sentence.replace("°", "?"))
+    assert {words[f"soft_tissue.{name}"] for name in card.verdicts} == set(card.verdicts.values())

@@ -416,14 +416,15 @@ def test_without_a_known_answer_nothing_is_said_of_it(content):
 
 def described(made):
     """The data of a fit whose model describes them."""
-    checks = made.fit.certainty.adequacy.with_columns(failed=pl.lit(value=False))
+    checks = made.fit.certainty.adequacy.with_columns(verdict=pl.lit("describes"))
     return replace(made, fit=replace(made.fit, certainty=replace(made.fit.certainty, adequacy=checks)))
 
 
 def test_what_other_scenarios_have_is_a_note(content):
     made = content(search=LeastSquares())
     checks = made.fit.certainty.adequacy.with_columns(
-        failed=pl.col("scenario") == "II", message=pl.lit("bad")
+        verdict=pl.when(scenario="II").then(pl.lit("does not describe")).otherwise(pl.lit("describes")),
+        message=pl.lit("bad"),
     )
     found = conclusion(
         replace(made, fit=replace(made.fit, certainty=replace(made.fit.certainty, adequacy=checks)))

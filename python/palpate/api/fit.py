@@ -90,8 +90,10 @@ if TYPE_CHECKING:
     from palpate.stages.identifiability import (
         UNCLEAR as UNCLEAR,
         WORDS as WORDS,
+        Adequacy as Adequacy,
         share_of_range as share_of_range,
         word_of as word_of,
+        worst_of as worst_of,
     )
 
 if not TYPE_CHECKING:

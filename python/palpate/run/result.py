@@ -101,7 +101,9 @@ class CertaintyResult:
         ``c1 · m1^0.3``), relative_width of its 95 % interval, identifiability.
     adequacy : DataFrame
         One row per fit, scenario, check and channel: check, channel (null for all), probability of
-        residuals like these under a good model, failed, and message: what is wrong, empty where nothing is.
+        residuals like these under a good model; verdict, "describes", "approximates" or "does not describe";
+        difference from the channel at most, over its peak, and the least r2 of a spot, both at the values of
+        ``intervals`` (null for all); and message: what is wrong, empty where nothing is.
     mesh_errors : DataFrame
         One row per fit, scenario, spot and fitted curve: relative_error of the curve by its mesh (one
         standard deviation over the curve, both as root of the mean square), and shown_by: "two meshes",

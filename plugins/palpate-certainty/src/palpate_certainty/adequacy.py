@@ -1,12 +1,13 @@
-"""Whether the model describes the data at all: only then do intervals mean anything."""
+"""Verdict on a model by its residuals: it describes the data, approximates them, or does neither."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2, norm
 
 from palpate.api import FloatArray
+from palpate.api.fit import Adequacy, SpotTerm, channel_of, pieces
 from palpate_certainty.noise_model import ResidualLayout
 
 RARE = 1e-3
@@ -14,6 +15,12 @@ RARE = 1e-3
 
 ALLOWED = 4.0
 """Difference of a model that does not describe the data, over the standard deviation of a good one's."""
+
+MOST_DIFFERENCE = 0.2
+"""Largest difference, over the peak, of a model that approximates a channel …"""
+
+LEAST_R2 = 0.9
+"""… and its least R² there."""
 
 OF_NOISE = 3.0
 """Standard deviations of the noise that a difference may have of it."""
@@ -30,8 +37,9 @@ class Check:
         Number of the channel; negative for all.
     probability : float
         Of residuals as unlike those of a good model as these, or more.
-    is_failed : bool
-        Whether the model does not describe the data.
+    verdict : Adequacy
+    closeness : Closeness, optional
+        Of the model to the channel.
     message : str
         What is wrong, where that is not in the residuals.
     """
@@ -39,8 +47,30 @@ class Check:
     name: str
     channel: int
     probability: float
-    is_failed: bool
+    verdict: Adequacy
+    closeness: "Closeness | None" = None
     message: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Closeness:
+    """Closeness of curves at the most likely values to a measured channel.
+
+    Parameters
+    ----------
+    difference : float
+        Largest difference over the peak of its curve.
+    r2 : float
+        Least R² of a spot.
+    """
+
+    difference: float
+    r2: float
+
+    @property
+    def is_close(self) -> bool:
+        """True if a model that is no closer still approximates the channel."""
+        return self.difference <= MOST_DIFFERENCE and self.r2 >= LEAST_R2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,6 +145,28 @@ def misfits(
     return found
 
 
+def closeness_of(
+    residuals: FloatArray, terms: Sequence[SpotTerm], channels: Sequence[str]
+) -> dict[int, Closeness]:
+    """Closeness to each of the channels by its number; ``residuals`` (n,) are those of the terms."""
+    squares: dict[tuple[int, str], FloatArray] = {}
+    differences: dict[int, float] = {}
+    for term, name, at, scale in pieces(terms):
+        number, inside = channels.index(channel_of(name)), term.counted(name)
+        curve = term.measured[channel_of(name)]
+        sizes = scale * np.abs(curve.ordinate).max()
+        here = float(np.max(np.abs(residuals[at] / sizes[inside]), initial=0.0))
+        differences[number] = max(differences.get(number, 0.0), here)
+        spread = (scale * (curve.ordinate - curve.ordinate[inside].mean()))[inside]
+        both = np.array([(residuals[at] ** 2).sum(), (spread**2).sum()])
+        squares[number, term.spot] = squares.get((number, term.spot), 0.0) + both
+    r2 = {key: 1.0 - float(left / spread) if spread else 0.0 for key, (left, spread) in squares.items()}
+    return {
+        number: Closeness(difference=size, r2=min(value for (of, _), value in r2.items() if of == number))
+        for number, size in differences.items()
+    }
+
+
 def _noise(along: FloatArray) -> float:
     """Standard deviation of the noise of values (n,) along a curve, from point to point."""
     if along.size < 3:
@@ -129,6 +181,7 @@ def checks(
     rows: ResidualLayout,
     found: Mapping[int, Misfit],
     expected: Mapping[int, float],
+    close: Mapping[int, Closeness],
     in_ranges: float,
 ) -> Iterator[Check]:
     """Check the residuals of a fit.
@@ -143,17 +196,29 @@ def checks(
     found : mapping of channel number to Misfit
     expected : mapping of channel number to float
         Discrepancy of a good model, over the peak.
+    close : mapping of channel number to Closeness
     in_ranges : float
         Probability of a fit that, without its bounds, would end as far outside of the ranges.
     """
     for channel, misfit in found.items():
         over = misfit.unexplained / expected[channel]
         p = 2.0 * float(norm.sf(over))
-        yield Check(name="discrepancy", channel=channel, probability=p, is_failed=over > ALLOWED)
+        worse = Adequacy.APPROXIMATES if close[channel].is_close else Adequacy.FAILS
+        yield Check(
+            name="discrepancy",
+            channel=channel,
+            probability=p,
+            verdict=worse if over > ALLOWED else Adequacy.DESCRIBES,
+            closeness=close[channel],
+        )
     if np.unique(rows.spot[rows.spot >= 0]).size > 1:
         p = _spots(residuals, jacobian, covariance, rows)
-        yield Check(name="spots", channel=-1, probability=p, is_failed=p < RARE)
-    yield Check(name="ranges", channel=-1, probability=in_ranges, is_failed=in_ranges < RARE)
+        yield Check(name="spots", channel=-1, probability=p, verdict=_if_usual(p))
+    yield Check(name="ranges", channel=-1, probability=in_ranges, verdict=_if_usual(in_ranges))
+
+
+def _if_usual(probability: float) -> Adequacy:
+    return Adequacy.FAILS if probability < RARE else Adequacy.DESCRIBES
 
 
 def _spots(

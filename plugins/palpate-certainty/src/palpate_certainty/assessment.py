@@ -21,9 +21,9 @@ from palpate.api import (
     Simulation,
 )
 from palpate.api.executors import StoppedError
-from palpate.api.fit import Case, CertaintyResult, Fit, Trial, channel_of
+from palpate.api.fit import Adequacy, Case, CertaintyResult, Fit, Trial, channel_of
 from palpate.api.runs import Study, relaxation_of
-from palpate_certainty.adequacy import Check, checks, misfits
+from palpate_certainty.adequacy import Check, checks, closeness_of, misfits
 from palpate_certainty.error_sources import (
     MESH,
     Columns,
@@ -182,7 +182,7 @@ class Assessment:
         terms = end.problem.terms
         by_mesh = mesh_errors(self.study, terms, residuals, known[MESH], self.meshes) if MESH in known else ()
         groups = groups_of(rows)
-        of_points, points = residuals, rows
+        of_points, slopes_of_points, points = residuals, jacobian, rows
         residuals, jacobian = groups @ residuals, groups @ jacobian
         known = {name: groups @ part for name, part in known.items()}
         rows = grouped(rows, groups)
@@ -211,7 +211,9 @@ class Assessment:
         of_all, in_range = weighed(), weighed(range_sd=FLAT_SD)
         density = density_of(of_all, end.problem)
         point = most_likely(of_all, density, end.problem)
-        made = checks(residuals, jacobian, stated, rows, missed, model.expected, of_all.in_ranges)
+        there = of_points + slopes_of_points @ (point - model.point)
+        close = closeness_of(there, end.problem.terms, channels)
+        made = checks(residuals, jacobian, stated, rows, missed, model.expected, close, of_all.in_ranges)
         found = Assessed(
             case=case,
             end=end,
@@ -281,7 +283,7 @@ class Assessment:
                 name="relaxation",
                 channel=-1,
                 probability=found.probability,
-                is_failed=found.is_beyond,
+                verdict=Adequacy.FAILS if found.is_beyond else Adequacy.DESCRIBES,
                 message=found.sentence,
             )
 

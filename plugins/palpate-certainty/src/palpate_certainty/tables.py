@@ -13,6 +13,7 @@ from palpate.api.fit import (
     INCLUDED,
     LEVEL,
     UNCLEAR,
+    Adequacy,
     Case,
     CertaintyResult,
     Fit,
@@ -20,6 +21,7 @@ from palpate.api.fit import (
     SpotTerm,
     pieces,
     word_of,
+    worst_of,
 )
 from palpate.api.runs import Study
 from palpate_certainty.adequacy import ALLOWED, Check, Misfit
@@ -175,6 +177,11 @@ class Assessed:
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     @property
+    def verdict(self) -> Adequacy:
+        """Verdict on the model: the worst of its checks."""
+        return worst_of(check.verdict for check in self.checks)
+
+    @property
     def noise_only(self) -> Laplace:
         """Density by the noise alone."""
         return self.laplace.by(NOISE, PRIORS, RANGE)
@@ -232,7 +239,7 @@ def _about(each: Assessed) -> dict[str, Any]:
 
 def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
     box = each.end.problem.box
-    failed = bool(each.left_out) or any(check.is_failed for check in each.checks)
+    failed = bool(each.left_out) or each.verdict is Adequacy.FAILS
     ends = [
         box.lower + (box.upper - box.lower) * end
         for of in (each.density, each.noise_only.within())
@@ -305,8 +312,10 @@ def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
             "check": check.name,
             "channel": channel,
             "probability": check.probability,
-            "failed": check.is_failed,
-            "message": said[check.name] if check.is_failed else "",
+            "verdict": check.verdict.value,
+            "difference": None if check.closeness is None else check.closeness.difference,
+            "r2": None if check.closeness is None else check.closeness.r2,
+            "message": "" if check.verdict is Adequacy.DESCRIBES else said[check.name],
         }
 
 

@@ -10,7 +10,7 @@ from scipy.stats import qmc
 
 from palpate.api import SILENT, FloatArray, Limb, Parameter, Progress, Response, Scenario, StudyError
 from palpate.api.experiment import abscissae_of
-from palpate.api.fit import Evaluation, Problem, Simulate, term_of
+from palpate.api.fit import Adequacy, Evaluation, Problem, Simulate, term_of
 from palpate.api.runs import (
     Part,
     Plugins,
@@ -213,7 +213,7 @@ class PlanningStage:
         self.progress.begin("fit again", 0)
         so_far, points = presses_so_far(design, self._points(options.n_points or MOST_POINTS))
         found = choose_presses(design, so_far, presses, points, options, limits)
-        failed_checks = tuple(check.name for check in self.assessed.checks if check.is_failed)
+        failed_checks = tuple(check.name for check in self.assessed.checks if check.verdict is Adequacy.FAILS)
         return replace(found, failed_checks=failed_checks, check=self._worst_spot() if failed_checks else "")
 
     def design(self) -> DesignProblem:

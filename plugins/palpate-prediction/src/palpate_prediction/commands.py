@@ -86,7 +86,7 @@ def card(
     if not wanted:
         known = ", ".join(data.region for data in found)
         raise StudyError(f"--region {region}: not in the study; name one of {known}")
-    if not anyway and (failure := next((data.failure for data in wanted if data.failure), "")):
+    if not anyway and (failure := next((data.model.failure for data in wanted if data.model.failure), "")):
         raise StudyError(f"{folder}: {failure} To write its card nevertheless, add --anyway.")
     cards = {data.region: PROGRAMS[program](data) for data in wanted}
     text = joined(program, cards)

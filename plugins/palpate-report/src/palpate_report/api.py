@@ -6,7 +6,11 @@ from palpate.api import deferred
 
 if TYPE_CHECKING:
     from palpate_report.answer.best_sets import best_sets as best_sets
-    from palpate_report.answer.headline import failure_of as failure_of, headlines as headlines
+    from palpate_report.answer.headline import headlines as headlines
+    from palpate_report.answer.model_verdict import (
+        ModelVerdict as ModelVerdict,
+        model_verdict as model_verdict,
+    )
     from palpate_report.answer.result import Report as Report
     from palpate_report.data.display_units import rows_in_display_units as rows_in_display_units
     from palpate_report.data.marks import (

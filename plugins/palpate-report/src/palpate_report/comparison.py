@@ -15,7 +15,8 @@ from palpate.api.fit import CertaintyResult, channel_of
 from palpate.api.runs import keep_only
 from palpate_report.answer.best_sets import best_sets, leading
 from palpate_report.answer.curves import for_all_spots, residuals, same_curves
-from palpate_report.answer.headline import NO_PARAMETERS, failure_of, headlines, moduli
+from palpate_report.answer.headline import headlines, moduli
+from palpate_report.answer.model_verdict import NO_PARAMETERS, model_verdict
 from palpate_report.answer.paper_tables import materials_of, paper_tables
 from palpate_report.data.display_units import in_display_units
 from palpate_report.data.marks import OTHER_RATE, explained, mark_of
@@ -127,7 +128,7 @@ def _parameters(run: str, data: ReportData, of_moduli: str = "") -> Iterator[dic
     bests = tuple(best_sets(data))
     found, best = headlines(data, bests), leading(data, bests)
     if best is not None:
-        found += moduli(data, best, is_refused=bool(failure_of(data, bests)))
+        found += moduli(data, best, model=model_verdict(data, bests).verdict)
     kinds = {name: parameter.kind for name, parameter in data.searched.items()}
     for each in found:
         lower, upper = (each.lower, each.upper) if each.level else (None, None)
@@ -185,8 +186,8 @@ def _criteria(runs: Mapping[str, ReportData]) -> list[dict[str, Any]]:
 def _notes(tables: Mapping[str, pl.DataFrame], runs: Mapping[str, ReportData]) -> Iterator[str]:
     """Notes that a reader of the tables must know: refused runs first."""
     for name, data in runs.items():
-        if failure := failure_of(data, tuple(best_sets(data))):
-            yield f"{name}: {failure}"
+        if sentence := model_verdict(data, tuple(best_sets(data))).sentence:
+            yield f"{name}: {sentence}"
     if sentence := other_rates(runs)[1]:
         yield sentence
     if sentence := explained(map(mark_of, tables["parameters"]["verdict"])):

@@ -99,6 +99,7 @@ def summary_of(study: Study, report: Report) -> Summary:
         },
         values={
             "conclusion": conclusion.sentences,
+            "model": {"verdict": conclusion.model.verdict.value, "sentence": conclusion.model.sentence},
             "intervals": [
                 {name: getattr(each, name) for name in OF_INTERVALS} for each in conclusion.estimates
             ],

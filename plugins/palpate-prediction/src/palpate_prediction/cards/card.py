@@ -8,7 +8,7 @@ import numpy as np
 
 from palpate.api import FloatArray, Material, MaterialError, Parameter, RelaxingMaterial
 from palpate.api.mechanics import EnergyForm, StandardMaterial
-from palpate_report.api import explained, mark_of, with_unit
+from palpate_report.api import ModelVerdict, explained, mark_of, with_unit
 
 DENSITY_T_PER_MM3 = 1e-9
 """Density of water, for programs that ask for one; nothing of it is fitted."""
@@ -36,8 +36,8 @@ class CardData:
         Where its value is from: ``fitted``, ``selected`` from a sweep, ``fixed`` or ``tied``.
     verdicts : mapping of parameter to str
         What may be read of its value, where that was searched.
-    failure : str
-        Why no parameters can be read from the run; empty where they can.
+    model : ModelVerdict
+        On the fit of the run.
     reached : mapping of channel to (abscissa, lower, upper)
         Ends of the measured curves, where the experiment is on a homogeneous specimen.
     number : int
@@ -54,7 +54,7 @@ class CardData:
     strain: Mapping[str, float]
     origins: Mapping[str, str]
     verdicts: Mapping[str, str]
-    failure: str = ""
+    model: ModelVerdict = field(default_factory=ModelVerdict)
     reached: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
     number: int = 1
     record_s: float = 0.0
@@ -62,13 +62,14 @@ class CardData:
     @property
     def verdict(self) -> str:
         """Verdict on each parameter in one sentence, or why none can be read; in ASCII."""
-        if self.failure:
-            text = f"WARNING: {self.failure}"
+        if self.model.failure:
+            text = f"WARNING: {self.model.failure}"
         else:
             known = (f"{name} {verdict}" for name, verdict in self.verdicts.items())
             marks = explained(map(mark_of, self.verdicts.values()))
             text = ", ".join(known) or "nothing was searched"
             text += " (WARNING: not all are results)" if marks else ""
+            text = " ".join(filter(None, (self.model.approximation, text)))
         return text.replace("R²", "R2").encode("ascii", "replace").decode()
 
     @property
@@ -112,7 +113,7 @@ def ranges_of(strains: Sequence[Mapping[str, Any]]) -> dict[str, float]:
 def head(data: CardData, form: EnergyForm | None = None) -> Iterator[str]:
     """Lines that introduce a card: verdict, units, values with intervals, moduli and range."""
     yield f"palpate: {data.title}"
-    yield data.verdict if data.failure else f"verdict: {data.verdict}"
+    yield data.verdict if data.model.failure else f"verdict: {data.verdict}"
     yield "units: mm, N, MPa, tonne, s"
     for parameter, value in zip(data.material.parameters, data.theta.tolist(), strict=True):
         shown = with_unit(f"{value:.6g}", parameter.unit)

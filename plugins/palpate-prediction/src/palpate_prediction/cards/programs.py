@@ -39,7 +39,7 @@ from palpate_prediction.cards.card import (
     head,
     ranges_of,
 )
-from palpate_report.api import TIED, Headline, best_sets, failure_of, headlines, report_data
+from palpate_report.api import TIED, Headline, best_sets, headlines, model_verdict, report_data
 
 STRESS = (
     "stress: Cauchy, sigma_a = lambda_a/J dW/dlambda_a; J = lambda1 lambda2 lambda3, "
@@ -298,7 +298,7 @@ def cards_of(run: Run) -> Iterator[CardData]:
     data = report_data(run)
     bests = tuple(best_sets(data))
     study, found = run.study, run.fitted()
-    failure = failure_of(data, bests)
+    model = model_verdict(data, bests)
     known = _counting_at(found.spots[0], study.space.states, headlines(data, bests))
     strains = run.strains().values()
     inputs = inputs_at(study, found.spots[0], found.values, run.measured)
@@ -318,7 +318,7 @@ def cards_of(run: Run) -> Iterator[CardData]:
             strain=ranges_of([strain[region.region] for strain in strains if region.region in strain]),
             origins={p: "fixed" if p in region.fixed else TIED if p in region.tied else source for p in full},
             verdicts={p: each.verdict for p, each in searched.items() if each},
-            failure=failure,
+            model=model,
             reached=_reached(run),
             number=number,
             record_s=study.record_s,

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from palpate_report.answer.best_sets import Best, leading
-from palpate_report.answer.headline import r2_by_spot
+from palpate_report.answer.model_verdict import r2_by_spot
 from palpate_report.answer.next_step import CAUSES
 from palpate_report.answer.result import Conclusion
 from palpate_report.answer.warnings import GOOD_R2, NO_FIT_R2

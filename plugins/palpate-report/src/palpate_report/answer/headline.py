@@ -11,13 +11,12 @@ from dataclasses import replace
 import polars as pl
 
 from palpate.api import ParameterName
-from palpate.api.fit import ALL_SPOTS, UNCLEAR, FitResult
+from palpate.api.fit import ALL_SPOTS, UNCLEAR, Adequacy, FitResult, worst_of
 from palpate_report.answer.best_sets import Best, best_sets, initial_moduli, leading
-from palpate_report.answer.warnings import CHECK, NO_FIT_R2, failed_checks
+from palpate_report.answer.model_verdict import model_verdict
+from palpate_report.answer.warnings import NO_FIT_R2, failed_checks
 from palpate_report.data.marks import NOT, REFUSED, TIED, Headline, mark_of, rounded, verdict_of, with_unit
 from palpate_report.data.report_data import ReportData
-
-NO_PARAMETERS = "No parameters can be read from this run"
 
 MODULI = ("initial shear modulus", "Young's modulus")
 
@@ -27,7 +26,7 @@ MODULI = ("initial shear modulus", "Young's modulus")
 
 def headlines(data: ReportData, bests: Sequence[Best]) -> list[Headline]:
     """Parameters of what leads, with the intervals of the fit where it has them, else of the sweep."""
-    best, is_refused = leading(data, bests), bool(failure_of(data, bests))
+    best, model = leading(data, bests), model_verdict(data, bests).verdict
     at_bound = {each.name: each.at_bound for each in best.values} if best else {}
     rows = data.leading_rows(data.fit.certainty.intervals)
     found = [
@@ -36,7 +35,7 @@ def headlines(data: ReportData, bests: Sequence[Best]) -> list[Headline]:
             name=row["parameter"],
             level=0.95,
             at_bound=at_bound.get(ParameterName.parse(row["parameter"]).shared, False),
-            is_refused=is_refused,
+            model=model,
             **{key: row[key] for key in ("unit", "value", "lower", "upper", "identifiability")},
         )
         for row in rows.iter_rows(named=True)
@@ -44,7 +43,7 @@ def headlines(data: ReportData, bests: Sequence[Best]) -> list[Headline]:
     if found:
         return found
     if best is not None:
-        return [replace(each, is_refused=is_refused) for each in best.values]
+        return [replace(each, model=model) for each in best.values]
     chosen = next(data.generalisation.iter_rows(named=True), {})
     swept = {row["parameter"]: row for row in data.identified(together=True).iter_rows(named=True)}
     return [
@@ -56,7 +55,7 @@ def headlines(data: ReportData, bests: Sequence[Best]) -> list[Headline]:
             lower=swept.get(name, {}).get("lower"),
             upper=swept.get(name, {}).get("upper"),
             identifiability=swept.get(name, {}).get("identifiability", UNCLEAR),
-            is_refused=is_refused,
+            model=model,
         )
         for name, parameter in data.searched.items()
     ]
@@ -90,7 +89,7 @@ def _holds(value: Headline, truth: float) -> bool:
     return value.lower <= truth <= value.upper
 
 
-def moduli(data: ReportData, best: Best, *, is_refused: bool = False) -> Iterator[Headline]:
+def moduli(data: ReportData, best: Best, *, model: Adequacy = Adequacy.DESCRIBES) -> Iterator[Headline]:
     """Initial shear modulus and Young's modulus of each region of a best set.
 
     One that a single parameter changes has the interval and the word of that.
@@ -123,43 +122,11 @@ def moduli(data: ReportData, best: Best, *, is_refused: bool = False) -> Iterato
                 identifiability=of_one.identifiability if of_one else "",
                 level=0.95 if of_one else None,
                 at_bound=of_one.at_bound if of_one else False,
-                is_refused=is_refused,
+                model=model,
             )
 
 
 # ----------------------------------------------------------------------- verdicts
-
-
-def failure_of(data: ReportData, bests: Sequence[Best]) -> str:
-    """Reason why no parameters can be read from a run, and what to check; empty where they can."""
-    wrong = [
-        f"{name} at {spot} (R² {r2:.3g})" for name, spot, r2 in r2_by_spot(data, bests) if r2 < NO_FIT_R2
-    ]
-    if wrong:
-        more = f" and {len(wrong) - 4} more" if len(wrong) > 4 else ""
-        why = f"the best set does not fit {', '.join(wrong[:4])}{more}"
-        return f"{NO_PARAMETERS}: {why}. {CHECK}"
-    main = (data.together, data.generalising.name)
-    found = {
-        message: remedy for fit, scenario, message, remedy in failed_checks(data) if (fit, scenario) == main
-    }
-    remedies = " ".join(dict.fromkeys(found.values()))
-    return f"{NO_PARAMETERS}: {'; '.join(found)}. {remedies}" if found else ""
-
-
-def r2_by_spot(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, str, float]]:
-    """R² of what leads in each fitted channel: its name, the spot, and R²."""
-    joint = data.fit.joint(data.generalising.name)
-    if len(data.spots) > 1:
-        of_all = data.generalisation if joint.is_empty() else joint
-        rows = [(row["spot"], row) for row in of_all.iter_rows(named=True)]
-    else:
-        own = (best for best in bests if best.scenario == data.generalising.name)
-        rows = [(best.spot, {f"r2_{name}": r2 for name, r2 in best.r2.items()}) for best in own]
-    for spot, row in rows:
-        for name in data.generalising.weighed:
-            if (r2 := row.get(f"r2_{name}")) is not None:
-                yield name, spot, r2
 
 
 class Verdicts:
@@ -167,20 +134,23 @@ class Verdicts:
 
     Attributes
     ----------
-    failure : str
-        As :func:`failure_of` returns it.
+    model : ModelVerdict
+        Of what leads.
     of_fit, of_sweep : mapping of (spot, scenario) to Best
-    refused : set of (fit, scenario)
-        Fits that do not describe their curves.
+    of_models : mapping of (fit, scenario) to Adequacy
+        Verdicts on fits that do not describe their curves within the budget.
     """
 
     def __init__(self, data: ReportData) -> None:
         bests = tuple(best_sets(data))
         swept = tuple(best_sets(replace(data, fit=FitResult()))) if not data.fit.table.is_empty() else bests
-        self.data, self.failure = data, failure_of(data, bests)
+        self.data, self.model = data, model_verdict(data, bests)
         self.of_fit = {(b.spot, b.scenario): b for b in bests if b.found == "fit"}
         self.of_sweep = {(b.spot, b.scenario): b for b in swept}
-        self.refused = {(fit, scenario) for fit, scenario, *_ in failed_checks(data)}
+        self.of_models: dict[tuple[str, str], Adequacy] = {}
+        for each in failed_checks(data):
+            at = (each.fit, each.scenario)
+            self.of_models[at] = worst_of([each.verdict, self.of_models.get(at, each.verdict)])
 
     def at(self, spot: str, scenario: str, name: str, *, is_fit: bool, word: str | None = None) -> str:
         """Verdict on a parameter (full name) by what was found at a spot.
@@ -191,7 +161,8 @@ class Verdicts:
             Its identifiability where the best sets do not have it.
         """
         best = (self.of_fit if is_fit else self.of_sweep).get((spot, scenario))
-        if self.failure or self._is_refused(best, spot, scenario, is_fit=is_fit):
+        model = self.model_at(spot, scenario, is_fit=is_fit)
+        if model is Adequacy.FAILS:
             return REFUSED
         head = ParameterName.parse(name).shared
         if head in self.data.study.space.ties and head not in self.data.searched:
@@ -199,15 +170,18 @@ class Verdicts:
         value = next((each for each in best.values if each.name == head), None) if best else None
         if word is None:
             word = value.identifiability if value else UNCLEAR
-        return verdict_of(word, at_bound=value is not None and value.at_bound)
+        return verdict_of(word, at_bound=value is not None and value.at_bound, model=model)
 
-    def _is_refused(self, best: Best | None, spot: str, scenario: str, *, is_fit: bool) -> bool:
-        if is_fit and (spot, scenario) in self.refused:
-            return True
+    def model_at(self, spot: str, scenario: str, *, is_fit: bool) -> Adequacy:
+        """Verdict on the model of what was found at a spot; one that leads and fails takes all away."""
+        best = (self.of_fit if is_fit else self.of_sweep).get((spot, scenario))
         fitted = self.data.scenario(scenario).weighed
-        return best is not None and any(
-            r2 is not None and r2 < NO_FIT_R2 for name, r2 in best.r2.items() if name in fitted
-        )
+        if self.model.failure or (
+            best is not None
+            and any(r2 is not None and r2 < NO_FIT_R2 for name, r2 in best.r2.items() if name in fitted)
+        ):
+            return Adequacy.FAILS
+        return self.of_models.get((spot, scenario), Adequacy.DESCRIBES) if is_fit else Adequacy.DESCRIBES
 
 
 OF_FITS = ("table1_fit", "fit_mesh", "intervals", "posterior", "profile_ends", "fit")
@@ -249,7 +223,7 @@ def _verdict(verdicts: Verdicts, table: str, row: Mapping[str, object]) -> str:
             is_fit=is_fit,
             word=None if word is None else str(word),
         )
-    if verdicts.failure:
+    if verdicts.model.failure:
         return REFUSED
     found = {p.name: verdicts.at(spot, scenario, name, is_fit=is_fit) for name, p in data.searched.items()}
     return "; ".join(f"{name} {verdict}" for name, verdict in found.items() if mark_of(verdict))

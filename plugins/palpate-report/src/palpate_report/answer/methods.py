@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from palpate.api import Indentation, convert
-from palpate_report.answer.headline import NO_PARAMETERS
+from palpate_report.answer.model_verdict import NO_PARAMETERS
 from palpate_report.answer.next_step import CAUSES
 from palpate_report.data.marks import Headline, with_minus, with_unit
 from palpate_report.data.report_data import ReportData

@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from palpate.api import Indentation
-from palpate_report.answer.warnings import failed_kinds
+from palpate.api.fit import Adequacy
+from palpate_report.answer.warnings import failed_checks
 from palpate_report.data.marks import Headline
 from palpate_report.data.report_data import ReportData
 
@@ -75,22 +76,26 @@ EDGE_IN_RADII = 0.24
 """Edge of the first finer mesh over the indenter's radius, as a run refines by itself."""
 
 
-def next_step(data: ReportData, estimates: Sequence[Headline], *, is_refused: bool) -> str:
+def next_step(data: ReportData, estimates: Sequence[Headline], *, model: Adequacy) -> str:
     """Advice that narrows the widest interval, or that there is nothing left to do; one line.
 
     Parameters
     ----------
     estimates : sequence of Headline
         Parameters of what leads.
-    is_refused : bool
-        No parameters can be read from the run.
+    model : Adequacy
+        Verdict on the model of what leads.
     """
     if data.unfinished:
         return "finish the run: `palpate run RUN`"
-    if is_refused:
-        return AFTER_REFUSAL[next(failed_kinds(data), "")]
+    if model is Adequacy.FAILS:
+        main = (data.together, data.generalising.name)
+        failed = (each for each in failed_checks(data) if each.verdict is model)
+        return AFTER_REFUSAL[next((e.kind for e in failed if (e.fit, e.scenario) == main), "")]
     if at_end := ", ".join(p.parameter for p in estimates if p.at_bound and p.identifiability != "not"):
         return f"widen the range of {at_end} and run again; what is simulated is kept"
+    if model is Adequacy.APPROXIMATES:
+        return OTHER_MATERIAL
     open_ones = [each for each in estimates if each.identifiability != "well"]
     if not open_ones:
         return WRITE_UP if estimates else ""

@@ -5,10 +5,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from palpate.api.fit import ALL_SPOTS
+from palpate.api.fit import ALL_SPOTS, worst_of
 from palpate_report.answer.best_sets import Best, best_sets
 from palpate_report.answer.headline import MODULI, Verdicts, moduli
-from palpate_report.data.marks import REFUSED, Headline, explained, mark_of
+from palpate_report.data.marks import Headline, explained, mark_of
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.table_files import escaped, head, number, power_of_ten, row, tabular
 from palpate_report.data.tables import weighted_channels
@@ -61,14 +61,11 @@ class _Block:
         for at, best in self.found.items():
             is_fit, row = best.found == "fit", {}
             for value in best.values:
-                is_refused = self.verdicts.at(*at, value.name, is_fit=is_fit) == REFUSED
                 shown = value if value.level else replace(value, lower=None, upper=None)
-                row[value.name] = replace(shown, is_refused=is_refused)
-            refused = any(each.is_refused for each in row.values())
+                row[value.name] = replace(shown, model=self.verdicts.model_at(*at, is_fit=is_fit))
+            model = worst_of(each.model for each in row.values())
             shear = (
-                each
-                for each in moduli(self.data, best, is_refused=refused)
-                if each.parameter.startswith(MODULI[0])
+                each for each in moduli(self.data, best, model=model) if each.parameter.startswith(MODULI[0])
             )
             cells[at] = row | dict(zip(best.moduli, shear, strict=True))
         return cells
@@ -224,7 +221,8 @@ def _title(block: _Block, n_columns: int) -> tuple[str, str]:
 
 def _failures(blocks: Sequence[_Block]) -> list[str]:
     """Reasons why no parameters can be read from some of the runs."""
-    return [f"{block.title}: {block.verdicts.failure}" for block in blocks if block.verdicts.failure]
+    sentences = ((block.title, block.verdicts.model.sentence) for block in blocks)
+    return [f"{title}: {sentence}" for title, sentence in sentences if sentence]
 
 
 def _curves(blocks: Sequence[_Block]) -> str:

@@ -12,8 +12,9 @@ from palpate.api.fit import ALL_SPOTS, UNCLEAR, WORDS
 from palpate.api.report import ReportWarning, Section
 from palpate.api.runs import Study, answering_for
 from palpate_report.answer.best_sets import Best, best_sets, leading
-from palpate_report.answer.headline import failure_of, headlines, holds_truth, missed_truth, moduli
+from palpate_report.answer.headline import headlines, holds_truth, missed_truth, moduli
 from palpate_report.answer.methods import methods
+from palpate_report.answer.model_verdict import ModelVerdict, model_verdict
 from palpate_report.answer.next_step import next_step
 from palpate_report.answer.warnings import apparent, left_out, report_warnings
 from palpate_report.data.marks import Headline, with_unit
@@ -94,8 +95,8 @@ class Conclusion:
         What to do next; empty where there is nothing to say.
     methods : str
         Paragraph on the methods for a paper, with references, as Markdown.
-    failure : str
-        Why no parameters can be read from the run, and what to check; empty where they can.
+    model : ModelVerdict
+        On the model of what leads.
     without_result : mapping of (spot, scenario) to str
         Why no set could be selected there.
     """
@@ -117,8 +118,13 @@ class Conclusion:
     of_stages: Mapping[str, str] = field(default_factory=dict)
     next_step: str = ""
     methods: str = ""
-    failure: str = ""
+    model: ModelVerdict = field(default_factory=ModelVerdict)
     without_result: Mapping[tuple[str, str], str] = field(default_factory=dict)
+
+    @property
+    def failure(self) -> str:
+        """Reason why no parameters can be read from the run, and what to check; empty where they can."""
+        return self.model.failure
 
     def lines(self, study: Study) -> dict[str, str]:
         """Lines with which a run ends, by their label."""
@@ -148,7 +154,8 @@ class Conclusion:
 def make_conclusion(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Conclusion:
     """Sum up a run, from what its stages have left."""
     bests = tuple(best_sets(data))
-    no_fit, (about, values, quality) = failure_of(data, bests), _lead(data, bests)
+    model, (about, values, quality) = model_verdict(data, bests), _lead(data, bests)
+    no_fit, close = model.failure, f"{model.approximation} " if model.approximation else ""
     best, found = leading(data, bests), headlines(data, bests)
     estimates, missing = () if no_fit else tuple(found), tuple(_not_included(data))
     missed = missed_truth(data, estimates)
@@ -156,10 +163,10 @@ def make_conclusion(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Con
     return Conclusion(
         parameters=tuple(map(label_of, data.searched.values())),
         bests=bests,
-        headline=no_fit or (f"{about}: {quality}" if about else ""),
+        headline=no_fit or (f"{close}{about}: {quality}" if about else ""),
         estimates=estimates,
         moduli=() if no_fit or best is None else tuple(moduli(data, best)),
-        lead=no_fit or (f"{about}: {', '.join(values)}; {quality}." if about else ""),
+        lead=no_fit or (f"{close}{about}: {', '.join(values)}; {quality}." if about else ""),
         identifiability=() if no_fit else tuple(_identified(data, found)),
         spent=_spent(data),
         warnings=tuple(each for each in warned if not each.is_note),
@@ -170,8 +177,8 @@ def make_conclusion(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Con
         known="every interval holds the true value" if holds_truth(data, estimates) else "",
         mesh="" if no_fit else _mesh(data),
         of_stages={word: text for _, each in data.summaries.values() for word, text in each.labelled.items()},
-        next_step=next_step(data, found, is_refused=bool(no_fit)),
-        failure=no_fit,
+        next_step=next_step(data, found, model=model.verdict),
+        model=model,
         without_result=data.without_result,
     )
 

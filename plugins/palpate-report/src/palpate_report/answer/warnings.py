@@ -1,12 +1,11 @@
 """Warnings that limit the result of a run, and why."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import polars as pl
 
-from palpate.api.fit import UNCLEAR, UNSEEN, UNSETTLED
+from palpate.api.fit import UNCLEAR, UNSEEN, UNSETTLED, Adequacy
 from palpate.api.report import ReportWarning
 from palpate.api.runs import (
     REMEDY,
@@ -164,27 +163,38 @@ def _some(texts: Sequence[str], most: int = 4) -> str:
     return "; ".join(texts[:most]) + more
 
 
-def failed_checks(data: ReportData) -> Iterator[tuple[str, str, str, str]]:
-    """Fit, scenario, what is wrong and what to do of each fit whose model does not describe the data."""
-    for row, kind in _failed(data):
-        yield row["fit"], row["scenario"], row["message"], INADEQUATE[kind]
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FailedCheck:
+    """A check that the model of a fit has failed; its kind is a key of :data:`INADEQUATE`."""
+
+    fit: str
+    scenario: str
+    kind: str
+    verdict: Adequacy
+    message: str
+
+    @property
+    def remedy(self) -> str:
+        """Sentence on what to do."""
+        return INADEQUATE[self.kind]
 
 
-def failed_kinds(data: ReportData) -> Iterator[str]:
-    """Kinds of the checks that the fit that leads has failed, as :data:`INADEQUATE` names them."""
-    main = (data.together, data.generalising.name)
-    return (kind for row, kind in _failed(data) if (row["fit"], row["scenario"]) == main)
-
-
-def _failed(data: ReportData) -> Iterator[tuple[dict[str, Any], str]]:
+def failed_checks(data: ReportData) -> Iterator[FailedCheck]:
+    """Checks of all fits whose model does not describe the data within the budget."""
     checks = data.fit.certainty.adequacy
     if checks.is_empty():
         return
     # Apparent moduli are still a result; what else fails takes it away.
-    failed = checks.filter(pl.col("failed") & (pl.col("check") != "relaxation"))
-    for row in failed.iter_rows(named=True):
+    failed = (pl.col("verdict") != Adequacy.DESCRIBES.value) & (pl.col("check") != "relaxation")
+    for row in checks.filter(failed).iter_rows(named=True):
         kind = row["check"] if row["check"] in INADEQUATE else "discrepancy"
-        yield row, "specimen" if kind == "discrepancy" and data.study.protocol is None else kind
+        yield FailedCheck(
+            fit=row["fit"],
+            scenario=row["scenario"],
+            kind="specimen" if kind == "discrepancy" and data.study.protocol is None else kind,
+            verdict=Adequacy(row["verdict"]),
+            message=row["message"],
+        )
 
 
 def left_out(data: ReportData) -> dict[str, str]:
@@ -203,11 +213,12 @@ def apparent(data: ReportData) -> str:
 
 
 def _about_adequacy(data: ReportData) -> Iterator[ReportWarning]:
-    by_remedy: dict[str, list[tuple[str, str]]] = {}
-    for fit, scenario, message, remedy in failed_checks(data):
-        by_remedy.setdefault(remedy, []).append((scenario, f"{fit}, scenario {scenario}: {message}"))
-    for remedy, found in by_remedy.items():
-        yield from _by_scenario(data, "The model does not describe the data", found, remedy)
+    by_remedy: dict[tuple[Adequacy, str], list[tuple[str, str]]] = {}
+    for each in failed_checks(data):
+        text = f"{each.fit}, scenario {each.scenario}: {each.message}"
+        by_remedy.setdefault((each.verdict, each.remedy), []).append((each.scenario, text))
+    for (verdict, remedy), found in by_remedy.items():
+        yield from _by_scenario(data, f"The model {verdict} the data", found, remedy)
 
 
 def _about_missing(data: ReportData) -> Iterator[ReportWarning]:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from palpate.api.fit import UNCLEAR
+from palpate.api.fit import UNCLEAR, Adequacy
 
 MOST_DECIMALS = 6
 
@@ -35,6 +35,7 @@ def rounded(value: float, lower: float | None = None, upper: float | None = None
 
 
 REFUSED, AT_END, TIED, NOT = "refused", "end of range", "tied", "not identified"
+EFFECTIVE = "effective"
 OTHER_RATE = "other rate"
 """Words of a verdict besides those of :data:`palpate.stages.identifiability.WORDS`."""
 
@@ -45,15 +46,20 @@ MARKS: Mapping[str, tuple[tuple[str, ...], str]] = MappingProxyType(
             "poorly or not identified, unclear, or refused: not a result",
         ),
         "‡": ((AT_END,), "at an end of the range that was searched"),
+        "¶": ((EFFECTIVE,), "effective: of a law that approximates these curves, and for their range alone"),
         "§": ((OTHER_RATE,), "of other rates: moduli that are not comparable"),
     }
 )
 """The words that each mark is put at, and what it means."""
 
 
-def verdict_of(word: str, *, at_bound: bool = False, is_refused: bool = False) -> str:
-    """Verdict on a value whose identifiability has this word."""
-    words = (REFUSED if is_refused else NOT if word == "not" else word, AT_END if at_bound else "")
+def verdict_of(word: str, *, at_bound: bool = False, model: Adequacy = Adequacy.DESCRIBES) -> str:
+    """Verdict on a value whose identifiability has this word, by a model with this verdict."""
+    words = (
+        REFUSED if model is Adequacy.FAILS else NOT if word == "not" else word,
+        AT_END if at_bound else "",
+        EFFECTIVE if model is Adequacy.APPROXIMATES else "",
+    )
     return ", ".join(each for each in words if each)
 
 
@@ -87,8 +93,10 @@ class Headline:
         Word of :mod:`palpate.stages.identifiability`; empty where none is known.
     level : float or None
         0.95 where the interval is that of a fit; None where it is what fits about as well in the sweep.
-    at_bound, is_refused : bool
-        The value is at an end of its range; no parameters can be read from its run.
+    at_bound : bool
+        The value is at an end of its range.
+    model : Adequacy
+        Verdict on the model of its fit.
     """
 
     parameter: str
@@ -101,12 +109,12 @@ class Headline:
     identifiability: str = ""
     level: float | None = None
     at_bound: bool = False
-    is_refused: bool = False
+    model: Adequacy = Adequacy.DESCRIBES
 
     @property
     def verdict(self) -> str:
         """Verdict on the value, in words; empty where nothing is known."""
-        return verdict_of(self.identifiability, at_bound=self.at_bound, is_refused=self.is_refused)
+        return verdict_of(self.identifiability, at_bound=self.at_bound, model=self.model)
 
     @property
     def is_in_interval(self) -> bool:

@@ -6,7 +6,7 @@ from types import MappingProxyType
 import polars as pl
 
 from palpate.api import Scenario
-from palpate.api.fit import ALL_SPOTS
+from palpate.api.fit import ALL_SPOTS, Adequacy
 from palpate.api.runs import Completeness, by_reason, failures, unranked
 from palpate_report.data.display_units import shared_names
 from palpate_report.data.marks import mark_of
@@ -123,7 +123,7 @@ def _with_simulated(table: pl.DataFrame, found: Completeness) -> pl.DataFrame:
 def inadequate(data: ReportData) -> pl.DataFrame:
     """Checks of the fits that failed."""
     checks = data.fit.certainty.adequacy
-    return checks if checks.is_empty() else checks.filter("failed").drop("failed")
+    return checks if checks.is_empty() else checks.filter(pl.col("verdict") != Adequacy.DESCRIBES.value)
 
 
 def coefficients(data: ReportData, best: pl.DataFrame) -> pl.DataFrame:

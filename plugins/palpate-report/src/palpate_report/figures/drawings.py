@@ -19,8 +19,8 @@ from palpate.api import Channel, Curve, FloatArray, Response
 from palpate.api.runs import file_name, objectives
 from palpate_report.answer.best_sets import best_sets, leading
 from palpate_report.answer.curves import fits_at, for_all_spots, residuals, same_curves
-from palpate_report.answer.headline import NO_PARAMETERS, failure_of
 from palpate_report.answer.material import material_curves
+from palpate_report.answer.model_verdict import NO_PARAMETERS, model_verdict
 from palpate_report.data.report_data import ReportData, label_of
 from palpate_report.figures.material import stress_strain
 from palpate_report.figures.panels import causes, contact, limbs, pressed, pressures, profiles, sobol_indices
@@ -56,8 +56,8 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
 
 def stamped(data: ReportData) -> ReportData:
     """Data whose figures state that no parameters can be read from them, where that is so."""
-    is_refused = bool(failure_of(data, tuple(best_sets(data))))
-    return replace(data, refusal=f"{NO_PARAMETERS}: not a result" if is_refused else "")
+    refusal = f"{NO_PARAMETERS}: not a result" if model_verdict(data, tuple(best_sets(data))).failure else ""
+    return replace(data, refusal=refusal)
 
 
 def _drawings(data: ReportData) -> Iterator[tuple[str, bool, Callable[[ReportData], Figure]]]:

@@ -155,7 +155,7 @@ def _cell(value: Headline, report: Report) -> Lines:
     if value.interval:
         lines += [f"optimum {value.optimum:.4g}"] if value.optimum is not None else []
         lines.append(value.interval)
-    verdict = replace(value, is_refused=bool(report.conclusion.failure)).verdict
+    verdict = replace(value, model=report.conclusion.model.verdict).verdict
     return Lines([*lines, *map(Word, verdict.split(", "))])
 
 

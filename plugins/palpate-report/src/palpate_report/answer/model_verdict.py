@@ -1,0 +1,99 @@
+"""Verdict on the model of a run, made once: a tissue's parameters, effective ones, or none."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from palpate.api.fit import Adequacy, channel_of, worst_of
+from palpate_report.answer.best_sets import Best
+from palpate_report.answer.warnings import CHECK, NO_FIT_R2, failed_checks
+from palpate_report.data.marks import rounded
+from palpate_report.data.report_data import ReportData
+
+NO_PARAMETERS = "No parameters can be read from this run"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ModelVerdict:
+    """Verdict on the model of what leads.
+
+    Parameters
+    ----------
+    verdict : Adequacy
+    sentence : str
+        Reason and remedy, or how close an approximation is and over which range; empty where the model
+        describes the curves.
+    """
+
+    verdict: Adequacy = Adequacy.DESCRIBES
+    sentence: str = ""
+
+    @property
+    def failure(self) -> str:
+        """Sentence on a model without parameters; empty where there are some."""
+        return self.sentence if self.verdict is Adequacy.FAILS else ""
+
+    @property
+    def approximation(self) -> str:
+        """Sentence on effective parameters; empty where they are others, or none."""
+        return self.sentence if self.verdict is Adequacy.APPROXIMATES else ""
+
+
+def model_verdict(data: ReportData, bests: Sequence[Best]) -> ModelVerdict:
+    """Verdict on the model of the fit that leads, or of the set for all spots."""
+    wrong = [
+        f"{name} at {spot} (R² {r2:.3g})" for name, spot, r2 in r2_by_spot(data, bests) if r2 < NO_FIT_R2
+    ]
+    if wrong:
+        more = f" and {len(wrong) - 4} more" if len(wrong) > 4 else ""
+        why = f"the best set does not fit {', '.join(wrong[:4])}{more}"
+        return ModelVerdict(verdict=Adequacy.FAILS, sentence=f"{NO_PARAMETERS}: {why}. {CHECK}")
+    main = (data.together, data.generalising.name)
+    found = [each for each in failed_checks(data) if (each.fit, each.scenario) == main]
+    verdict = worst_of(each.verdict for each in found)
+    if verdict is Adequacy.APPROXIMATES:
+        return ModelVerdict(verdict=verdict, sentence=_approximation(data))
+    failed = [each for each in found if each.verdict is Adequacy.FAILS]
+    remedies = " ".join(dict.fromkeys(each.remedy for each in failed))
+    reasons = "; ".join(dict.fromkeys(each.message for each in failed))
+    return ModelVerdict(verdict=verdict, sentence=f"{NO_PARAMETERS}: {reasons}. {remedies}" if failed else "")
+
+
+def _approximation(data: ReportData) -> str:
+    """Sentence on the largest difference from the curves of what leads, and their range."""
+    space, checks = data.study.space, data.leading_rows(data.fit.certainty.adequacy)
+    names = dict.fromkeys(r.material.name for r in space.regions if space.columns_of(r.region))
+    law = " and ".join(names).replace("_", "-")
+    difference = f"{100.0 * float(checks['difference'].max()):.2g}"  # type: ignore[arg-type]
+    return (
+        f"Effective parameters: {law[:1].upper()}{law[1:]} describe{'s' if len(names) == 1 else ''} these "
+        f"curves to within {difference} % of their peak, for {' and '.join(_ranges(data))}."
+    )
+
+
+def _ranges(data: ReportData) -> Iterator[str]:
+    """Each abscissa of the fitted curves with the ends that were measured."""
+    ends: dict[str, list[float]] = {}
+    for response in data.measured.values():
+        for name in dict.fromkeys(map(channel_of, data.generalising.weighed)):
+            if name in response:
+                path = response[name].abscissa
+                ends.setdefault(data.channels[name].abscissa_label, []).extend([path.min(), path.max()])
+    for label, values in ends.items():
+        quantity, _, unit = label.removesuffix(")").partition(" (")
+        lower, upper = (rounded(end) for end in (min(values), max(values)))
+        yield f"{quantity} {lower} to {upper}{f' {unit}' if unit else ''}"
+
+
+def r2_by_spot(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, str, float]]:
+    """R² of what leads in each fitted channel: its name, the spot, and R²."""
+    joint = data.fit.joint(data.generalising.name)
+    if len(data.spots) > 1:
+        of_all = data.generalisation if joint.is_empty() else joint
+        rows = [(row["spot"], row) for row in of_all.iter_rows(named=True)]
+    else:
+        own = (best for best in bests if best.scenario == data.generalising.name)
+        rows = [(best.spot, {f"r2_{name}": r2 for name, r2 in best.r2.items()}) for best in own]
+    for spot, row in rows:
+        for name in data.generalising.weighed:
+            if (r2 := row.get(f"r2_{name}")) is not None:
+                yield name, spot, r2
