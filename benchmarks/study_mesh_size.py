@@ -1,12 +1,12 @@
 """How force and torque of forearm spots depend on the mesh: ``python benchmarks/study_mesh_size.py``.
 
 The phantom's spots, Yeoh's material, a sphere of 7.5 mm, 10 mm deep, twisted by ±22.5°. All lengths
-of a mesh are in proportion to the edge under the sphere: far edges, and how far flat faces may leave
+of a mesh are in proportion to the edge at the contact's edge: far edges, and how far flat faces may leave
 the surfaces goes with its square. Richardson's extrapolation fits y(h) = y₀ + c hᵖ. Every mesh is
 made again, so a value has an error of chance too: ``--again N`` moves the spot by a tenth of a mm
 along the limb N times and prints the spread.
 
-    python benchmarks/study_mesh_size.py --spot p2 --sizes 0.4 0.3 0.225
+    python benchmarks/study_mesh_size.py --spot p2 --sizes 0.24 0.18 0.135
 """
 
 import argparse
@@ -21,7 +21,7 @@ from palpate.domain import Indentation, Job, Limb, Response, Spot
 from palpate.domain.indenter import Sphere
 from palpate_forearm import Phantom
 from palpate_jax.solver import JaxSettings, JaxSolver
-from palpate_limb.meshing import SizeField
+from palpate_limb.options import DEFAULT_SIZE, ScanOptions
 from palpate_limb.quality import Quality, assess
 from palpate_limb.segment import Segment, cut, limb_axis
 from palpate_limb.surfaces import Surface
@@ -29,8 +29,6 @@ from palpate_limb.volume import MeshPlan, mesh_segment, moved_to_contact
 from palpate_materials.uncoupled import Yeoh
 
 RADIUS_MM = 7.5
-DEFAULT = 0.3
-"""Edge under the sphere over its radius, of the mesh that all lengths of the others are in proportion to."""
 THETA = np.array([0.0141, -0.0011, 1.05e-4, 0.8])
 PATH = np.array([(0.0, 0.0), (10.0, 0.0), (10.0, -22.5), (10.0, 22.5), (10.0, 0.0)])
 
@@ -45,10 +43,10 @@ def exact_segment(phantom: Phantom, spot: Spot) -> Segment:
 
 
 def plan(ratio: float) -> MeshPlan:
-    """How a mesh with edges of this share of the radius is made."""
-    share = ratio / DEFAULT
-    size = SizeField(fine_mm=ratio * RADIUS_MM, coarse_mm=2.4 * share * RADIUS_MM, radius_mm=1.2 * RADIUS_MM)
-    return MeshPlan(size=size, tolerance_mm=0.4 * share**2)
+    """Plan of a mesh with edges of this share of the radius at the edge of the contact."""
+    made, share = ScanOptions(size=f"{ratio * RADIUS_MM} mm").mesh, ratio / DEFAULT_SIZE
+    size = replace(made.size, coarse_mm=share * made.size.coarse_mm)
+    return replace(made, size=size, tolerance_mm=share**2 * made.tolerance_mm)
 
 
 def meshed(segment: Segment, ratio: float) -> tuple[Limb, Quality]:
@@ -118,7 +116,7 @@ def main() -> None:
     """Print a row for each size, and the extrapolated values."""
     asked = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     asked.add_argument("--spot", default="p2")
-    asked.add_argument("--sizes", type=float, nargs="+", default=[0.4, 0.3, 0.225])
+    asked.add_argument("--sizes", type=float, nargs="+", default=[0.24, 0.18, 0.135])
     asked.add_argument("--again", type=int, default=0)
     options = asked.parse_args()
     phantom = Phantom()
@@ -136,7 +134,7 @@ def main() -> None:
         sys.stdout.write(f"{name}: {limit:.4f} at h = 0 (order {order:.2f}); rows are off by {errors}\n")
     for k in range(options.again):
         moved = replace(spot, position_mm=spot.position_mm + np.array([0.1 * (k + 1), 0.0, 0.0]))
-        row(exact_segment(phantom, moved), DEFAULT)
+        row(exact_segment(phantom, moved), DEFAULT_SIZE)
 
 
 if __name__ == "__main__":

@@ -21,9 +21,8 @@ from study_mesh_size import PATH, RADIUS_MM, THETA, extrapolated, peaks, plan
 from palpate.domain import Indentation, Job, Limb, Refinement, Response
 from palpate.domain.channels import PRESS_AND_TWIST
 from palpate.domain.indenter import Sphere
-from palpate.limb.loading import RIM
 from palpate.mesh.refinement import refined
-from palpate.mesh.spot_frame import NEAR, contact_edge_mm
+from palpate.mesh.spot_frame import NEAR, RIM, contact_edge_mm
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_limb.from_scan import ReadScan, sound_mesh
 from palpate_limb.options import ScanOptions

@@ -11,12 +11,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from study_mesh_size import DEFAULT, RADIUS_MM, exact_segment, meshed, peaks, pressed
+from study_mesh_size import RADIUS_MM, exact_segment, meshed, peaks, pressed
 
 from palpate.cli.app import main as palpate
 from palpate.domain import Response, Spot
 from palpate_forearm import Phantom, write_phantom
 from palpate_indentation import MeshioSettings, MeshioSource
+from palpate_limb.options import DEFAULT_SIZE
 
 
 def scale(measured: Response, simulated: Response) -> float:
@@ -33,12 +34,12 @@ def main(folder: Path, names: list[str]) -> None:
     phantom = Phantom()
     write_phantom(folder)
     bones = [word for bone in phantom.bones for word in ("--bones", str(folder / f"{bone.name}.stl"))]
-    (folder / "limb.toml").write_text(f'radius = "{RADIUS_MM} mm"\nsize = "{DEFAULT * RADIUS_MM} mm"\n')
+    (folder / "limb.toml").write_text(f'radius = "{RADIUS_MM} mm"\nsize = "{DEFAULT_SIZE * RADIUS_MM} mm"\n')
     options = ["--options", str(folder / "limb.toml")]
     if palpate(["limb", str(folder / "scan.ply"), *bones, *options, "--into", str(folder / "meshes")]):
         raise SystemExit("palpate limb failed")
     for spot in (s for s in phantom.spots if s.name in names):
-        direct = pressed(meshed(exact_segment(phantom, spot), DEFAULT)[0])
+        direct = pressed(meshed(exact_segment(phantom, spot), DEFAULT_SIZE)[0])
         source = MeshioSource(MeshioSettings())
         scanned = pressed(source.load(folder / "meshes" / f"{spot.name}.vtu", Spot(name=spot.name)))
         shares = [100.0 * (b / a - 1.0) for a, b in zip(peaks(direct), peaks(scanned), strict=True)]

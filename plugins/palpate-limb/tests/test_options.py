@@ -14,7 +14,10 @@ from palpate_limb.options import BoneFile, ScanOptions
 def test_without_a_file_the_options_are_those_of_the_guide() -> None:
     options = read_options(None, ScanOptions, {})
     assert options.length_mm == pytest.approx(80.0)
-    assert (options.mesh.size.fine_mm, options.mesh.size.coarse_mm) == pytest.approx((2.1, 18.0))
+    assert (options.mesh.size.fine_mm, options.mesh.size.coarse_mm) == pytest.approx((1.35, 18.0))
+    assert (options.mesh.size.inner_mm, options.mesh.size.radius_mm) == pytest.approx((5.5, 8.5), abs=0.003)
+    shallow = options.model_copy(update={"depth": 2.7}).mesh.size
+    assert (shallow.inner_mm, shallow.radius_mm) == pytest.approx((3.3, 5.1), abs=0.003), "Hertz: 0.6 radii"
     assert options.mesh.core == "soft_tissue"
     assert list(options.mark) == ["p1", "p2", "p3", "p4"]
     assert (options.mark_radii, options.smoothing, options.into) == ([1.2, 10.0], 20, Path("meshes"))

@@ -15,13 +15,14 @@ from palpate.domain import Limb, Mesh, Spot
 from palpate.errors import MeshError, PluginError
 from palpate.limb.checks import check_fine, check_limb
 from palpate.mesh.specimens import block
+from palpate.mesh.spot_frame import contact_edge_mm
 from palpate.mesh.topology import outer_faces
 from palpate_forearm import CrossSection, InkMark, Phantom, PhantomBone, Scanner, write_phantom
 from palpate_indentation import MeshioSettings, MeshioSource
 from palpate_limb import from_scan
 from palpate_limb.from_scan import layers_at_bone, sound_mesh
 from palpate_limb.layers import below_skin, extruded
-from palpate_limb.meshing import SizeField, run_ftetwild
+from palpate_limb.meshing import GROWTH, MIDDLE, SKIN_FALLS, SizeField, run_ftetwild
 from palpate_limb.options import ScanOptions
 from palpate_limb.quality import assess, cell_volumes, check_quality, dihedral_angles_deg, scaled_jacobians
 from palpate_limb.segment import Segment, core_of, cut, gap_of_bones
@@ -65,9 +66,16 @@ def below() -> Surface:
     return below_skin(segment(), 2.5)
 
 
-def test_the_size_field_is_fine_within_its_radius_and_grows() -> None:
-    sizes = SIZE.at(np.array([[0.0, 0, 0], [6, 0, 0], [11, 0, 0], [99, 0, 0]]))
-    np.testing.assert_allclose(sizes, [4.0, 4.0, 8.0, 14.0])
+def test_the_size_field_is_fine_on_its_ring_and_grows_away_from_it() -> None:
+    falls, places = SKIN_FALLS * SIZE.radius_mm, [[0.0, 0, 0], [6, 0, 0], [0, 11, 0], [99, 0, 0]]
+    of_disc = SIZE.at(np.array([*places, [0.0, 0, -falls], [0, 0, -falls - 5.0]]))
+    np.testing.assert_allclose(of_disc, [4.0, 4.0, 4.0 + 5.0 * GROWTH, 14.0, 4.0, 4.0 + 5.0 * GROWTH])
+    ring = replace(SIZE, inner_mm=4.0)
+    middle, inside, on_ring, beyond = ring.at(np.array([places[0], [3.5, 0, 0], [0, -5.0, 0], places[2]]))
+    assert (middle, inside) == pytest.approx((4.0 * MIDDLE, 4.0 + 0.5 * GROWTH))
+    assert (on_ring, beyond) == pytest.approx((4.0, 4.0 + 5.0 * GROWTH))
+    (below_layers,) = replace(ring, deep_mm=7.0).at(np.array([[5.0, 0, -7.0 - falls]]))
+    assert below_layers == 4.0, "as fine as above"
     points, cells, values = SIZE.background(np.full(3, -10.0), np.full(3, 10.0))
     corners = points[cells]
     volumes = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
@@ -162,6 +170,20 @@ def test_a_layer_that_reaches_a_bone_is_meshed_with_it() -> None:
     core = core_of(segment(), below_skin(segment(), deep)).tissue.volume_mm3
     assert volumes.sum() == pytest.approx(segment().tissue.volume_mm3, rel=0.02)
     assert volumes[1] == pytest.approx(core, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_mesh_is_graded_towards_the_edge_of_the_contact() -> None:
+    plan = with_layers('length = "40 mm"\nsize = "1.1 mm"').mesh
+    limb = mesh_segment(segment(), plan)
+    on_ring, whole = (
+        contact_edge_mm(limb, plan.size.radius_mm, beyond) for beyond in (plan.size.inner_mm, 0.0)
+    )
+    middle = contact_edge_mm(limb, 0.5 * plan.size.inner_mm)
+    assert on_ring == pytest.approx(1.1, rel=0.12)
+    assert on_ring < whole < middle < 1.2 * MIDDLE * on_ring
+    even = mesh_segment(segment(), replace(plan, size=replace(plan.size, inner_mm=0.0)))
+    assert limb.mesh.n_nodes < 0.9 * even.mesh.n_nodes
 
 
 @pytest.mark.slow

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     )
     from palpate.mesh.spot_frame import (
         NEAR as NEAR,
+        RIM as RIM,
         SpotWrench as SpotWrench,
         contact_edge_mm as contact_edge_mm,
         in_spot_frame as in_spot_frame,

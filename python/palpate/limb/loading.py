@@ -17,13 +17,10 @@ from palpate.limb.mesh_joints import holes
 from palpate.limb.outer_surface import partly_fixed
 from palpate.limb.tidying import tidied
 from palpate.mesh.refinement import automatic_edge_mm, refined
-from palpate.mesh.spot_frame import NEAR, contact_edge_mm, spot_axes
+from palpate.mesh.spot_frame import NEAR, RIM, contact_edge_mm, spot_axes
 from palpate.plugins.guard import answering_for
 from palpate.study.reading import Study, StudySpot
 from palpate.study.spots import mesh_note
-
-RIM = (0.733, 1.133)
-"""Distances from the spot between which a press is refined, over the reach of its deepest contact."""
 
 
 def load_limbs(study: Study, *, to_show: bool = False) -> dict[str, Limb]:

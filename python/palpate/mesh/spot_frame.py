@@ -21,6 +21,8 @@ from palpate.mesh.topology import CELLS, outer_faces
 
 NEAR = 1.2
 """Distance from the spot up to which edges count, over the indenter's radius."""
+RIM = (0.733, 1.133)
+"""Distances from the spot between which the edge of the contact is, over the reach of its deepest contact."""
 
 
 def contact_edge_mm(limb: Limb, near_mm: float, beyond_mm: float = 0.0) -> float:

@@ -3,9 +3,8 @@
 from dataclasses import replace
 
 from palpate.api import PRESS_AND_TWIST, Curve, LimbSource, Response, Solver, hookimpl
-from palpate.limb.loading import RIM
 from palpate.mesh.specimens.blocks import block
-from palpate.mesh.spot_frame import contact_edge_mm
+from palpate.mesh.spot_frame import RIM, contact_edge_mm
 from palpate.testing.bench import HalfSpaceOnMesh
 
 ERROR = {"force": 0.02, "torque": 3.5}

@@ -21,26 +21,27 @@ ARROW = {"arrowstyle": "-|>", "color": "black", "lw": 1.6}
 BONE = (0.93, 0.91, 0.84)
 REGIONS = ("#c98276", "#e8c39e", "#d9a5a0", "#b7c4a1", "#9fb6c8")
 
-# ``benchmarks/study_mesh_size.py`` presses and twists the phantom's spot p2 on meshes of several sizes, and
-# ``study_real_mesh.py`` spots of real limbs. Both extrapolate y(h) = y₀ + c hᵖ to h = 0.
-RATIOS = (0.233, 0.301, 0.409)
+# The phantom's spots p1 and p2 on graded meshes of several sizes against converged curves, and spots of real
+# limbs on evenly fine ones (``benchmarks/study_real_mesh.py``): y(h) = y₀ + c hᵖ, extrapolated to h = 0, and
+# to the shortest edges by the same power.
+RATIOS = (0.169, 0.233, 0.301, 0.409)
 """Mean edge under the sphere over its radius, of the meshes studied."""
 FORCE = (
-    (0.0042, 0.0075, 0.0158),  # phantom
-    (0.004, 0.007, 0.013),  # forearm
-    (0.0057, 0.0102, 0.0181),  # residual limb: two meshes, order 2
+    (0.0047, 0.0088, 0.0124, 0.0220),  # phantom
+    (0.002, 0.004, 0.007, 0.013),  # forearm
+    (0.0030, 0.0057, 0.0102, 0.0181),  # residual limb: two meshes, order 2
 )
 """Largest force over its limit, less one; a row for each limb."""
 TORQUE = (
-    (0.0144, 0.0255, 0.0641),  # phantom
-    (0.050, 0.066, 0.082),  # forearm: order 1, since none is seen
-    (0.0374, 0.0665, 0.1183),  # residual limb: two meshes, order 2
+    (0.018, 0.0324, 0.0453, 0.0770),  # phantom: largest error along the loop over its peak
+    (0.036, 0.050, 0.066, 0.082),  # forearm: order 1, since none is seen
+    (0.0197, 0.0374, 0.0665, 0.1183),  # residual limb: two meshes, order 2
 )
 """Half the width of the torque's loop over its limit, less one."""
 MEASURED_ON = (
     "the largest of three limbs, one spot each: forearm phantom, real forearm, residual limb; Yeoh's "
     "material, sphere of 7.5 mm pressed 10 mm deep and twisted by 22.5 degrees both ways, friction 1. At "
-    "edges of 0.3 radii the torque of real limbs is off by 4 to 7 %, that of the phantom by 3 %"
+    "edges of 0.3 radii the torque of real limbs is off by 4 to 7 %, that of the phantom by 5 %"
 )
 
 
@@ -85,7 +86,7 @@ def note(path: Path, options: ScanOptions, scan: ReadScan, made: ScannedLimb) ->
         "bones_to_scan": scan.placement.motion.tolist(),
         "bones_residual_mm": scan.placement.residual_mm,
         "quality": asdict(made.quality),
-        "mesh_error": mesh_error(made.quality.contact_edge_mm, options.radius),
+        "mesh_error": mesh_error(made.quality.contact_edge_mm, options.reach_mm),
     }
 
 

@@ -32,6 +32,12 @@ N_PASSES = 2
 """Mmg is asked for sizes at nodes, so its second pass knows them better than the first."""
 RIDGE_DEG = 40.0
 """Faces that meet at a larger angle meet in an edge that stays."""
+GROWTH = 0.7
+"""By how much longer an edge may be for each mm from the contact's edge."""
+MIDDLE = 1.5
+"""Longest edge under the indenter over that at the edge of its contact."""
+SKIN_FALLS = 0.17
+"""Distance by which a limb's skin falls from the spot to the contact's edge, over that between the two."""
 _SIX_TETS = np.array([[0, 1, 2, 6], [0, 2, 3, 6], [0, 3, 7, 6], [0, 7, 4, 6], [0, 4, 5, 6], [0, 5, 1, 6]])
 _SIX_TETS.setflags(write=False)
 _HEX = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]])
@@ -40,20 +46,29 @@ _HEX.setflags(write=False)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SizeField:
-    """Edge length h(r) = min(fine + growth · max(0, r − radius), coarse), with r from the spot.
+    """Edge length wanted at a point: ``fine_mm`` where the edge of the contact moves, and longer elsewhere.
 
-    Edges are ``fine_mm`` long as far as ``radius_mm``, and grow by ``growth`` for each mm further out.
+    The torque's error by the mesh comes from the edge of the contact, so edges are ``fine_mm`` long on the
+    ring of the skin between ``inner_mm`` and ``radius_mm`` from the spot's normal. Away from it they grow by
+    ``growth`` for each mm, but within the ring they are at most :data:`MIDDLE` times as long; ``coarse_mm``
+    is the longest. As far as ``deep_mm`` below the skin sizes are those of the skin, for layers.
     """
 
     fine_mm: float
     coarse_mm: float
     radius_mm: float
-    growth: float = 0.8
+    inner_mm: float = 0.0
+    growth: float = GROWTH
+    deep_mm: float = 0.0
 
     def at(self, points_mm: FloatArray) -> FloatArray:
         """Edge length [mm] wanted at points (n, 3) in the spot's frame."""
-        away = np.linalg.norm(points_mm, axis=1) - self.radius_mm
-        size: FloatArray = np.minimum(self.fine_mm + self.growth * np.maximum(away, 0.0), self.coarse_mm)
+        from_normal = np.hypot(points_mm[:, 0], points_mm[:, 1])
+        beyond = np.maximum(from_normal - self.radius_mm, 0.0)
+        below = np.maximum(-points_mm[:, 2] - self.deep_mm - SKIN_FALLS * self.radius_mm, 0.0)
+        of_ring = self.growth * np.hypot(np.maximum(beyond, self.inner_mm - from_normal), below)
+        of_disc = (MIDDLE - 1.0) * self.fine_mm + self.growth * np.hypot(beyond, below)
+        size: FloatArray = np.minimum(self.fine_mm + np.minimum(of_ring, of_disc), self.coarse_mm)
         return size
 
     def background(

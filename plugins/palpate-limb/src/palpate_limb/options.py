@@ -16,8 +16,8 @@ from pydantic import (
     field_validator,
 )
 
-from palpate.api import MeshError, Quantity, Settings
-from palpate.api.mesh import NEAR
+from palpate.api import MeshError, Quantity, Settings, Sphere
+from palpate.api.mesh import RIM
 from palpate_limb.layers import layer_order
 from palpate_limb.marks import Colour
 from palpate_limb.meshing import SizeField
@@ -25,8 +25,10 @@ from palpate_limb.places import Place, place_of
 from palpate_limb.surfaces import mm_per_unit
 from palpate_limb.volume import FLATTEST, TISSUE, MeshPlan
 
-DEFAULT_SIZE = 0.28
-"""Edge length under the indenter over its radius; ``mesh_error`` has what it costs."""
+DEFAULT_SIZE = 0.18
+"""Edge length at the edge of the contact over the indenter's radius; ``mesh_error`` has its error."""
+TOLERANCE_MM, LAYERED_TOLERANCE_MM = 0.6, 0.4
+"""Distance between a mesh and the surfaces before it is bent onto them; thin layers need a smaller one."""
 DEFAULT_LENGTH = 80.0 / 7.5
 """Length of a segment over the indenter's radius; docs/limb.md has what it costs."""
 
@@ -127,8 +129,9 @@ class ScanOptions(Settings, strict=True):
     smoothing: int = Field(default=20, ge=0, le=200)  # rounds of Taubin's filter; spots are found without
     stump: bool = False  # the limb ends in skin
     radius: Length = 7.5  # of the sphere
+    depth: Length | None = None  # of the deepest press; the radius
     length: Length | None = None  # of a segment
-    size: Length | None = None  # edge under the sphere
+    size: Length | None = None  # edge at the edge of the contact
     fine: bool = False  # finer meshes too
     layer: dict[Name, Length] = Field(default={})  # thickness, from the outside in
     layer_at: dict[Name, dict[Name, Length]] = Field(default={})  # where a spot has its own
@@ -163,6 +166,11 @@ class ScanOptions(Settings, strict=True):
         return self.length or DEFAULT_LENGTH * self.radius
 
     @property
+    def reach_mm(self) -> float:
+        """Radius of the deepest contact."""
+        return Sphere(radius_mm=self.radius).reach_mm(self.depth or self.radius)
+
+    @property
     def places(self) -> dict[str, Place]:
         """Place of each spot that is not marked by ink."""
         return {name: place_of(text) for name, text in self.spot.items()}
@@ -174,14 +182,18 @@ class ScanOptions(Settings, strict=True):
 
     @property
     def mesh(self) -> MeshPlan:
-        """Plan of a mesh without layers of its own: fine under the indenter, coarse away from it."""
+        """Plan of a mesh without layers of its own: fine at the contact's edge, coarse away from it."""
         fine = self.size or DEFAULT_SIZE * self.radius
         return MeshPlan(
             size=SizeField(
-                fine_mm=fine, coarse_mm=max(2.4 * self.radius, fine), radius_mm=NEAR * self.radius
+                fine_mm=fine,
+                coarse_mm=max(2.4 * self.radius, fine),
+                radius_mm=RIM[1] * self.reach_mm,
+                inner_mm=RIM[0] * self.reach_mm,
             ),
             layers_mm={name: self.layer[name] for name in self.layers if name in self.layer},
             core=self.core,
+            tolerance_mm=LAYERED_TOLERANCE_MM if self.layers else TOLERANCE_MM,
         )
 
     def mesh_at(self, spot: str) -> MeshPlan:

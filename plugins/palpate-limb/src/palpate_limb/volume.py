@@ -72,6 +72,7 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
     flat = bool(interfaces) and gap_of_bones(segment) > sum(plan.layers_mm.values()) + LEAST_CORE_MM
     if flat:  # the core meshed alone, and the layers extruded from it to the skin
         core, alone = core_of(segment, interfaces[[*interfaces][-1]]), replace(plan, layers_mm=NO_LAYERS)
+        alone = replace(alone, size=replace(plan.size, deep_mm=depths[-1]))
         points, tets, _, boundary = _filled(core, {}, alone)
         points, tets, regions, boundary = extruded(points, tets, boundary, segment.skin, depths)
         tets = _positive(points, tets)
