@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from palpate.domain import FloatArray
 from palpate.errors import CurveError
 from palpate_robot_log import RobotLogLoader
+from palpate_robot_log.reading.assembly import clock_offset_s
 from palpate_robot_log.reading.channel_map import LogFiles
 from palpate_robot_log.reading.inspection import inspect_log
 from palpate_robot_log.reading.raw import RawLog, Series
-from palpate_robot_log.reading.two_files import clock_offset_s
 from palpate_robot_log.robot_log import RobotLogSettings
 
 from . import log_writers as write

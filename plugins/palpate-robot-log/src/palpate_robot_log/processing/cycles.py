@@ -27,21 +27,14 @@ _WORK_POINTS = 201
 class Cycles:
     """Cycles of a log by number, from 1.
 
-    Parameters
-    ----------
-    processed : mapping of int to Processed
-        Those that could be processed.
-    counted : tuple of int
-        Those that count.
-    table : list of dict
-        A row for each cycle of a log of several, of plain values: ``cycle``, ``counts``, ``start_s``,
-        ``stop_s``, ``depth_mm``; ``force_N`` and ``work_Nmm`` of the press at ``at_depth_mm``, which all
-        cycles reach; ``peaks`` by channel; by channel ``changes`` of that force and of the other peaks, a
-        ``share`` since the cycle before with its ``std``, and the share ``since_first``; and the ``problem``
-        of a cycle that does not count and cannot be processed.
+    The table has a row for each of several, of plain values: ``cycle``, ``counts``, ``start_s``, ``stop_s``,
+    ``depth_mm``; ``force_N`` and ``work_Nmm`` of the press at ``at_depth_mm``, which all cycles reach;
+    ``peaks`` by channel; by channel ``changes`` of that force and of the other peaks, a ``share`` since the
+    cycle before with its ``std``, and the share ``since_first``; and the ``problem`` of a cycle that does not
+    count and cannot be processed.
     """
 
-    processed: Mapping[int, Processed]
+    processed: Mapping[int, Processed]  # that could be processed
     counted: tuple[int, ...]
     table: list[dict[str, Any]] = field(default_factory=list)
 

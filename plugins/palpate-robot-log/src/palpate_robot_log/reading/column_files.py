@@ -207,21 +207,11 @@ def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> RawLog:
             f"{path}: {frame.height} rows and {numbers.width} columns of numbers; export the log again"
         )
     others = [f"{name} ({dtype})" for name, dtype in schema.items() if name not in names]
-    stamps = [name for name in names if isinstance(schema[name], pl.Datetime | pl.Duration)]
-    stream = Stream(
-        name="",
-        frame=numbers.with_columns(pl.all().fill_null(float("nan"))),
-        rows=np.arange(numbers.height),
-        units=dict.fromkeys(stamps, "s"),
-        notes={},
-    )
-    return RawLog(
-        source=str(path),
-        format="Parquet",
-        row_word="row",
-        streams=(stream,),
-        notes=(f"columns passed over: {listed(others)}",) if others and wanted is None else (),
-    )
+    units = {name: "s" for name in names if isinstance(schema[name], pl.Datetime | pl.Duration)}
+    whole, rows = numbers.with_columns(pl.all().fill_null(float("nan"))), np.arange(numbers.height)
+    stream = Stream(name="", frame=whole, rows=rows, units=units, notes={})
+    notes = (f"columns passed over: {listed(others)}",) if others and wanted is None else ()
+    return RawLog(source=str(path), format="Parquet", row_word="row", streams=(stream,), notes=notes)
 
 
 def _is_numeric(dtype: "pl.DataType") -> bool:

@@ -24,7 +24,7 @@ from palpate_robot_log.processing.contact import contacts_of
 from palpate_robot_log.processing.cycles import process_cycles
 from palpate_robot_log.processing.press import LARGEST_TURN_AXIS_ANGLE_DEG
 from palpate_robot_log.processing.settings import ProcessingSettings, Switch
-from palpate_robot_log.reading.assembly import assemble
+from palpate_robot_log.reading.assembly import assemble, read_both, share_clock
 from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles
 from palpate_robot_log.reading.checks import longest_step_s
 from palpate_robot_log.reading.formats import Request, read_log
@@ -39,7 +39,6 @@ from palpate_robot_log.reading.proposal import (
     with_unit,
 )
 from palpate_robot_log.reading.raw import RawLog, Stream
-from palpate_robot_log.reading.two_files import read_both, share_clock
 from palpate_robot_log.reading.vectors import QUANTITIES, Guess
 from palpate_robot_log.recording import Recording, rotated
 

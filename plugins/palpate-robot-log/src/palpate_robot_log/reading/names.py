@@ -135,11 +135,8 @@ class Picked(NamedTuple):
 
 def pick(columns: Sequence[Column], role: str) -> Picked | None:
     """Plainest column of a role, or the only one with its unit; None where none is, or several are alike."""
-    ranked = sorted(
-        (rank, column.name, column) for column in columns if (rank := _rank(column, ROLES[role])) is not None
-    )
+    ranked, kind = _ranked(columns, role), ROLES[role].kind
     if not ranked:
-        kind = ROLES[role].kind
         alone = [
             c for c in columns if factor_of(c, kind) is not None and not _is_other(words_of(c.name), role)
         ]
@@ -155,17 +152,25 @@ def pick(columns: Sequence[Column], role: str) -> Picked | None:
         remarks.append(f"{column.name} is taken for the {role}, and not {', '.join(o[1] for o in others)}")
     if best[1]:
         remarks.append(f"{column.name} is commanded, not measured; use the measured {role}")
-    return Picked(column, factor_of(column, ROLES[role].kind), tuple(remarks))
+    return Picked(column, factor_of(column, kind), tuple(remarks))
 
 
 def rivals(columns: Sequence[Column], role: str) -> tuple[str, ...]:
     """Names of the columns that are as likely for a role; empty where one is the likeliest, or none is."""
-    ranks = {c.name: rank for c in columns if (rank := _rank(c, ROLES[role])) is not None}
-    best = [name for name, rank in ranks.items() if rank == min(ranks.values())]
+    ranked = _ranked(columns, role)
+    best = [name for rank, name, _ in ranked if rank == ranked[0][0]]
     return tuple(best) if len(best) > 1 else ()
 
 
-def _rank(column: Column, role: Role) -> tuple[bool, bool, int, int, int] | None:
+_Rank = tuple[bool, bool, int, int, int]
+
+
+def _ranked(columns: Sequence[Column], role: str) -> list[tuple[_Rank, str, Column]]:
+    ranks = ((_rank(column, ROLES[role]), column.name, column) for column in columns)
+    return sorted((rank, name, column) for rank, name, column in ranks if rank is not None)
+
+
+def _rank(column: Column, role: Role) -> _Rank | None:
     """Order of a column for a role, the least is the likeliest; None where it cannot be of the role."""
     words, shown = words_of(column.name), column.shown_unit
     found = [role.words.index(word) for word in map(_simple, words) if word in role.words]
