@@ -132,7 +132,7 @@ def distributions() -> dict[str, tuple[str, str]]:
 def _no_file(cls: Code) -> PluginError:
     kind = "class" if isinstance(cls, type) else "function"
     return PluginError(
-        f"{kind} {cls.__qualname__} ({cls.__module__}) is defined in no file, so that its results could not "
-        "be distinguished from those of another version of it; put it in a Python file (--plugin FILE), "
+        f"{kind} {cls.__qualname__} ({cls.__module__}) is in no file, so that results of two versions "
+        "could not be distinguished; put it in a Python file (--plugin FILE), "
         "or override fingerprint()"
     )

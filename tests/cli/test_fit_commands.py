@@ -231,7 +231,7 @@ def with_plugin(without_sweep):
         ({"asks": "yield 'middle'"}, "search", "raised AttributeError"),
         ({"searches": "return self.gone"}, "parametrisation", "raised AttributeError"),
         ({"searches": "return space.parameters * 2"}, "parametrisation", "rubber.a, rubber.k twice"),
-        ({"gives": "return self.gone"}, "parametrisation", "what it gives spot 's1': 'bare'"),
+        ({"gives": "return self.gone"}, "parametrisation", "its inputs at spot 's1': 'bare'"),
         ({"gives": "return None"}, "parametrisation", "it gave None, not SpotInputs"),
     ],
 )

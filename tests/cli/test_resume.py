@@ -150,7 +150,7 @@ def test_more_sets_keep_those_that_are_done(call, study, ran):
     assert pl.read_parquet(ran / "design.parquet").equals(even_more.head(30))
     again = call("run", "runs/toy", "--json", "--trust-plugins", plugin=None)
     assert again.json["n_sets"] == 30
-    assert "runs/toy is finished: what is unchanged is kept, fit and report are made again" in again.err
+    assert "runs/toy is complete: simulations are reused, fit and report made again" in again.err
     refused = call("run", "runs/toy", "--sets", "10", "--study", study)
     assert refused.code == 0  # a run is never made smaller
 

@@ -307,7 +307,7 @@ def test_what_fits_no_convention_is_refused_with_the_figures(fake):
         solver.check(job_of(), LIMB)
     simulation = solver.simulate(job_of(), LIMB)
     assert simulation.status is Status.CRASHED
-    assert "fits no convention" in simulation.message
+    assert "fits no known convention" in simulation.message
 
 
 class Silicone(Ogden):

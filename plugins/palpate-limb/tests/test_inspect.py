@@ -78,7 +78,7 @@ def test_a_limb_in_metres_elsewhere_has_unit_and_spot(session: Session, tmp_path
 
 def test_what_is_missing_is_a_finding(session: Session) -> None:
     found = look_into_mesh(MESHES / "plane_misses_nodes_of_a_cut.vtu", session)
-    assert "no set of nodes has the name of a support; name what is held as `fixed`" in found.findings
+    assert "no set of nodes has the name of a support; name held nodes as `fixed`" in found.findings
     assert any(finding.startswith("these tables do not read it yet") for finding in found.findings)
     assert found.limb is None
 
@@ -129,7 +129,7 @@ def test_a_mesh_that_cannot_be_read_leaves_the_ready_table_with_a_note(
     (tmp_path / "m.feb").write_text("<nothing/>")
     own = ["--measured", str(tmp_path / "press.csv"), "--mesh", str(tmp_path / "m.feb")]
     assert main(["init", str(tmp_path / "own"), *own]) == 0
-    assert "[limb] is that of the ready study" in capsys.readouterr().err.replace("\n", " ")
+    assert "[limb] is from the ready study" in capsys.readouterr().err.replace("\n", " ")
 
 
 def test_no_source_reads_the_file(session: Session, tmp_path: Path) -> None:

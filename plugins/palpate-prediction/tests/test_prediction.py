@@ -170,7 +170,7 @@ def test_a_tool_is_predicted_with_its_band_and_what_extrapolates(fitted, plugins
     assert found.fitted.source == "fit"
     texts = notes(found, "SIMULATED curves.")
     assert texts[0] == "SIMULATED curves."
-    assert "Solved bands at p2 are those of 5 draws, each simulated." in texts
+    assert "Solved bands at p2 hold 5 draws, each simulated." in texts
     assert any("at p1: normal force 3 %, peak pressure 3 %" in text for text in texts)
     assert any(text.endswith("no mesh was refined under the tool.") for text in texts)
 
@@ -233,7 +233,7 @@ def test_draws_that_fail_are_counted_and_reported(fitted, plugins, tmp_path, mon
     n_ended = found.spots["p1"].n_ended
     assert 0 < n_ended < found.spots["p1"].n_asked == 6
     assert (
-        f"Solved bands at p1 are those of {n_ended} draws, each simulated; {6 - n_ended} of 6 failed and are "
+        f"Solved bands at p1 hold {n_ended} draws, each simulated; {6 - n_ended} of 6 failed and are "
         "not in them." in notes(found, "")
     )
 

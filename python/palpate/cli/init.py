@@ -113,7 +113,7 @@ def init(
     if measured:
         own, kept = ("test", "ranges") if test else ("presses and meshes", "protocol and ranges")
         session.say(f"{folder / 'study.toml'}: your {own}, everything else from {name}")
-        session.note(f"check it by eye: {kept} are those of {name}, and units may be guesses")
+        session.note(f"edit before you run: {kept} are copied from {name} and are not yours; check the units")
     else:
         session.say(f"{name} copied to {folder}")
         command = studies[name].first_command
@@ -205,7 +205,7 @@ def _look(session: Session, mesh: Path) -> "Inspection | None":
     try:
         return look_into_mesh(mesh, session)
     except MeshError as error:
-        session.stderr.print(f"{error}; [limb] is that of the ready study", markup=False)
+        session.stderr.print(f"{error}; [limb] is from the ready study", markup=False)
         return None
 
 

@@ -125,7 +125,7 @@ Trust: TypeAlias = Annotated[
     typer.Option(
         "--trust",
         metavar="KIND:NAME",
-        help="Accept results of earlier code of material:NAME or solver:NAME as those of its code now.",
+        help="Accept results of earlier code of material:NAME or solver:NAME as results of the present code.",
         show_default=False,
     ),
 ]

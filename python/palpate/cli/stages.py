@@ -24,7 +24,7 @@ GENERATED = {
     "select": "Choose the best set by scenario and over all spots.",
     "verify": "Verify the selected sets, such as with halved steps.",
     "fit": "Search the parameters for which the curves fit best.",
-    "surface": "Simulate the skin under the press with what was found; one simulation per spot.",
+    "surface": "Simulate the skin under the press with the fitted parameters; one simulation per spot.",
 }
 """Help of the core's stages, whose command needs nothing of theirs: importing them takes long."""
 

@@ -213,7 +213,7 @@ class Curve:
             bad, rule = bad | (values < 0.0), "a standard deviation is finite and not negative"
         elif name == "time_s":
             bad = bad | (np.diff(values, prepend=-np.inf) < 0.0)
-            rule = "a time is finite and never before that of the point before it"
+            rule = "a time is finite and never before the previous one"
         if bad.any():
             row = int(bad.argmax())
             raise CurveError(f"curve '{self.channel}': {name}[{row}] is {values[row]}; {rule}")

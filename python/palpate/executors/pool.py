@@ -287,7 +287,7 @@ class Pool:
             raise PluginError(
                 f"{self._n_failed_starts} worker processes in a row ended before they were ready (the last: "
                 f"{worker.how_it_ended()}); check that the plugins import in a fresh Python, and that there "
-                "is memory for executor.n_workers of them; what is finished is kept"
+                "is memory for executor.n_workers of them; finished simulations are kept"
             )
         self._ends |= dict.fromkeys(suspects, worker.how_it_ended())
         if not had_begun:

@@ -150,7 +150,7 @@ def check_gaps(curve: Curve) -> None:
             raise CurveError(
                 f"channel '{curve.channel}' has no point between {x[worst]:.4g} and {x[worst + 1]:.4g}, "
                 f"more than half of its way from {x[0]:.4g} to {x[-1]:.4g} ({x.size} points); "
-                "measure what is between"
+                "measure the part between"
             )
 
 

@@ -41,11 +41,11 @@ def cycle_warnings(study: Study, measured: Mapping[str, Response]) -> tuple[str,
                 found.append(
                     f"{where}: {' and '.join(changed)} from the cycle before to cycle "
                     f"{row['cycle']} of {len(rows)}, so the tissue may not be preconditioned; press more "
-                    "cycles before what counts"
+                    "cycles before the one that counts"
                 )
         if relaxes:
             found.append(
-                f"{where}: the fit takes the tissue as at rest before {which}; what has not recovered since "
-                "the cycles before is not in the model; rest longer between them"
+                f"{where}: the fit takes the tissue as at rest before {which}; the model "
+                "leaves out the recovery since the cycles before; rest longer between them"
             )
     return tuple(found)

@@ -124,7 +124,7 @@ def _sign(curve: Curve, channel: Channel) -> Iterator[str]:
         raise CurveError(
             f"channel '{curve.channel}': {what}; subtract the bias of the load cell, or check the columns"
         )
-    yield f"{what}; subtract the bias of the load cell, or leave out what is measured of a slack specimen"
+    yield f"{what}; subtract the bias of the load cell, or leave out the rows of the slack specimen"
 
 
 def _start(curve: Curve, channel: Channel, stresses: FloatArray) -> Iterator[str]:
@@ -163,8 +163,9 @@ def _size(curve: Curve, channel: Channel, path: IntArray, stresses: FloatArray) 
         if times >= ODD_STRESS[0]:
             return
     text = (
-        f"{_at(curve, channel, int(path[at]))}, {times:.3g} times what the ranges of the study give "
-        f"{'at most' if times > 1.0 else 'at least'} ({factor:.3g} MPa from the first point); check the unit "
+        f"{_at(curve, channel, int(path[at]))}, {times:.3g} times "
+        f"the {'largest' if times > 1.0 else 'least'} stress that the ranges of the study give "
+        f"({factor:.3g} MPa from the first point); check the unit "
         f"of the stress ({_set(curve, 'ordinate', 'scale = 0.001')} for kPa), of the ranges in "
         "[region], and this row"
     )

@@ -82,7 +82,7 @@ def _values(
     study: Study, by_spot: Mapping[str, Mapping[str, Any]], spots: Sequence[str]
 ) -> Iterator[tuple[str, float]]:
     is_fit = any("fit" in row for row in by_spot.values())
-    with answering_for(study.parametrisation, "asking what it searches"):
+    with answering_for(study.parametrisation, "asking for its parameters"):
         searched = study.parametrisation.parameters(study.space, spots)
     for text in [p.name for p in searched] if is_fit else study.space.names:
         name = ParameterName.parse(text)
@@ -100,7 +100,7 @@ def inputs_at(
     if not {ParameterName.parse(p.name).shared for p in searched} <= at.keys():
         row = np.array([at[name] for name in study.space.names])
         return SpotInputs(thetas=study.space.thetas(row), protocol=protocol)
-    with answering_for(study.parametrisation, f"what it gives spot '{spot}'"):
+    with answering_for(study.parametrisation, f"its inputs at spot '{spot}'"):
         return study.parametrisation.inputs(study.space, spot, protocol, values)
 
 

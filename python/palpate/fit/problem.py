@@ -102,7 +102,7 @@ class Problem:
     ) -> None:
         self.study, self.terms, self.noise, self.fine = study, tuple(terms), noise, fine
         self.simulate, self.parametrisation = simulate, parametrisation
-        with answering_for(parametrisation, "asking what it searches"):
+        with answering_for(parametrisation, "asking for its parameters"):
             self.parameters: tuple[Parameter, ...] = parametrisation.parameters(
                 study.space, [term.spot for term in terms]
             )
@@ -314,7 +314,7 @@ class Problem:
     def inputs_at(self, term: SpotTerm, values: FloatArray) -> SpotInputs:
         """Inputs of the simulation at a spot at values (n_parameters,)."""
         named = dict(zip(self.names, values.tolist(), strict=True))
-        with answering_for(self.parametrisation, f"what it gives spot '{term.spot}'"):
+        with answering_for(self.parametrisation, f"its inputs at spot '{term.spot}'"):
             found = self.parametrisation.inputs(self.study.space, term.spot, term.protocol, named)
             if not isinstance(found, SpotInputs):
                 raise TypeError(f"it gave {found!r:.100}, not SpotInputs")

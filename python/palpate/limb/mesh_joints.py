@@ -69,7 +69,7 @@ def _check_one_part(limb: Limb) -> None:
     inside = [mesh.cell_regions[kind][part[cells[:, 0]] == part[other]] for kind, cells in mesh.cells.items()]
     names = [mesh.regions[i] for i in np.unique(np.concatenate(inside))]
     raise MeshError(
-        f"mesh: {n_parts} separate parts; that of node {other} near {_mm(mesh.points_mm[other])} (region "
+        f"mesh: {n_parts} separate parts; the part of node {other} near {_mm(mesh.points_mm[other])} (region "
         f"{', '.join(names)}) shares no node with the part under spot '{limb.spot.name}'; merge their nodes, "
         "or remove it"
     )

@@ -100,7 +100,7 @@ def fixed_nodes(
     if not fixed.size:
         raise MeshError(
             f"{path}: no condition of the file holds nodes of the limb in x, y and z "
-            f"({'; '.join((*unused, *warnings)) or 'there are none'}); name what is held in {setting} "
+            f"({'; '.join((*unused, *warnings)) or 'there are none'}); name held nodes in {setting} "
             f"(there: {', '.join(there) or 'none'})"
         )
     remark = f"the file fixes {fixed.size} nodes of the limb ({by})"

@@ -147,5 +147,5 @@ def provided_by_default(solver: "type[Solver[Any]]") -> Provides | None:
         return declared
     if any(field.is_required() for field in solver.Settings.model_fields.values()):
         return None
-    with answering_for(solver, "asking what it provides"):
+    with answering_for(solver, "asking for its abilities"):
         return solver().provides

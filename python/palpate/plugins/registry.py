@@ -44,7 +44,7 @@ GROUP = "palpate"
 ``palpate.materials`` and so on, one group for each of ``KINDS``, hold single components.
 """
 
-MORE = "pip install 'palpate[standard]' brings those of palpate"
+MORE = "pip install 'palpate[standard]' brings palpate's own plugins"
 """Where commands and components that are missing may come from."""
 
 

@@ -176,7 +176,7 @@ class Nmse(Score[NmseSettings]):
     """
 
     name = "nmse"
-    summary = "squared error over that of a normaliser of the measured curve"
+    summary = "squared error over the squared normaliser of the measured curve"
     linear = True
 
     def weights(self, measured: Curve) -> FloatArray:

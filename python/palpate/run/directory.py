@@ -193,7 +193,7 @@ class RunDirectory:
         except (OSError, ValueError, RecursionError) as error:
             raise StudyError(
                 f"{path}: damaged ({error}); restore a copy, or delete it: "
-                f"`palpate run STUDY --out {self.folder}` writes it again and keeps what is simulated"
+                f"`palpate run STUDY --out {self.folder}` writes it again and keeps the simulations"
             ) from error
 
     # ------------------------------------------------------------------ the stages

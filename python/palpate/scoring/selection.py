@@ -232,5 +232,5 @@ def _why_nothing(scores: pl.DataFrame) -> str:
     status, message, n, example, remedy = reasons.row(0)
     return (
         f"none of {n_simulations} simulations can be ranked; most frequent reason ({n}, first {example}): "
-        f"{status}: {message or 'no message'}; what to try: {remedy}"
+        f"{status}: {message or 'no message'}; remedy: {remedy}"
     )

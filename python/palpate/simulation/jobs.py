@@ -124,7 +124,7 @@ def check_jobs(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) ->
 def _check_searched(study: Study) -> None:
     """Refuse to search what the solver does not use, nor what is tied to it: every value would fit."""
     place = study.place("fit", "parametrisation")
-    with answering_for(study.parametrisation, f"{place}: asking what it searches"):
+    with answering_for(study.parametrisation, f"{place}: asking for its parameters"):
         names = [p.name for p in study.parametrisation.parameters(study.space, study.spot_names)]
     if twice := {name for name in names if names.count(name) > 1}:
         raise PluginError(
@@ -133,7 +133,7 @@ def _check_searched(study: Study) -> None:
         )
     used: set[str] = set()
     for region in study.space.regions:
-        with answering_for(study.solver, f"naming what it ignores of '{region.material.name}'"):
+        with answering_for(study.solver, f"naming ignored parameters of '{region.material.name}'"):
             ignored = study.solver.ignored(region.material)
         seen = (full for name, full in region.full_names.items() if name not in ignored)
         used |= {root for name in seen for root in study.space.roots(name)}

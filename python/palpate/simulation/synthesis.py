@@ -358,7 +358,7 @@ def _save(loader: ExperimentLoader, path: Path, response: Response, channel: str
         found = loader.load(path, channel)
     if set(found) != set(response) or not all(_same(found[c], response[c]) for c in response):
         raise CurveError(
-            f"{path}: loader '{loader.name}' does not read back what it wrote (channels "
+            f"{path}: loader '{loader.name}' does not read its own file (channels "
             f"{', '.join(found)} of {', '.join(response)}); check the columns and scales in its settings"
         )
 

@@ -294,7 +294,7 @@ class SearchForBest(OfEveryRun):
 class Surface(CoreStage):
     """The skin under the fitted press."""
 
-    name, summary = "surface", "Simulate the skin under the press with what was found."
+    name, summary = "surface", "Simulate the skin under the press with the fitted parameters."
     needs = ("select", "fit")
     tables = MappingProxyType({"surface": "Simulation that has the states of the skin, by spot."})
 

@@ -148,7 +148,7 @@ def run_study(
     directory, before = RunDirectory(run_folder), RunDirectory(forked_from or run_folder)
     directory.refuse_other(study, adopt=adopt)
     if directory.result():
-        progress.note(f"{run_folder} is finished: what is unchanged is kept, fit and report are made again")
+        progress.note(f"{run_folder} is complete: simulations are reused, fit and report made again")
     progress.begin("check", 1)
     run = read_run(study, directory, plugins, progress, is_copy=False)
     stages, wanted = run.stages, list(stages_of_run(study, run.stages))
@@ -165,9 +165,7 @@ def run_study(
                 ledger.copy_to(run_folder)
         directory.initialise(study, plugins.channels, simulating=True, fit_start=fit_start)
         if n_kept := inputs.design.n_kept:
-            progress.note(
-                f"the first {n_kept} sets of the design are those of an earlier one with wider ranges"
-            )
+            progress.note(f"the first {n_kept} sets of the design are from an earlier one with wider ranges")
         with replace(run, study=study, fresh=inputs, check_lock=check_lock) as run:
             for i, stage in enumerate(wanted):
                 if stage.comes_last:

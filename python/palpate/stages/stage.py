@@ -318,7 +318,7 @@ class Run:
 
     def made_from(self, stage: "Stage") -> dict[str, str]:
         """Fingerprints of all that decides the result of a stage, by what messages call it."""
-        with answering_for(stage, "asking what decides its result"):
+        with answering_for(stage, "asking for its inputs"):
             values = stage.decides(self.study)
         found = {what: "" if value is None else fingerprint(value) for what, value in values.items()}
         found |= {f"results of `palpate {need}`": self._fingerprint(need) for need in stage.needs}
@@ -369,8 +369,8 @@ class Run:
         n_scored = self.table("scores").select("spot", "set_id").n_unique()
         if n_found < n_scored:
             raise StudyError(
-                f"{self.directory.folder}: {n_scored - n_found} of {n_scored} scored simulations are not "
-                "those of the present study: a mesh, a material, the solver, its settings or a version has "
+                f"{self.directory.folder}: {n_scored - n_found} of {n_scored} scored simulations do not "
+                "belong to the present study: a mesh, a material, the solver, its settings or a version has "
                 "changed since; run `palpate run` again; add `--fork FOLDER` to keep this run"
             )
 

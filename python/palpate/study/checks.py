@@ -32,7 +32,7 @@ def setting_warnings(study: Study) -> Iterator[str]:
                 )
             if protocol.friction > MOST_FRICTION:
                 yield (
-                    f"spot '{spot}': friction {protocol.friction:g} is far above what was measured on skin "
+                    f"spot '{spot}': friction {protocol.friction:g} is far above measured friction of skin "
                     "and rubber; check friction in [protocol]"
                 )
     every = study.parametrisation.parameters(study.space, study.spot_names[:1])

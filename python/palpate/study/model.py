@@ -142,7 +142,7 @@ class SpotTable(Table):
     )
     settings: dict[str, Any] = Field(
         default={},
-        description="Settings of the loader for this spot's files, in addition to those of [experiment].",
+        description="Settings of the loader for this spot's files, in addition to [experiment].",
     )
 
 
@@ -240,7 +240,7 @@ class RegionTable(Table):
         'that relaxes with it: relaxed_10s of "10 s".',
     )
     relaxing_stress: Literal["all", "isochoric"] = Field(
-        default="all", description="Stress that relaxes: all of it, or that of the shape at constant volume."
+        default="all", description="Stress that relaxes: all, or only for a change of shape."
     )
     parameters: dict[
         str,
@@ -279,7 +279,7 @@ class SamplingTable(Table):
         ge=0,
         le=1_000 * MOST_SETS,
         description="Most sets to draw for n_sets accepted ones; as many as n_sets: draw once and keep "
-        "what passes the filters; 0: 64 for each.",
+        "the sets that pass the filters; 0: 64 for each.",
     )
     seed: int = Field(default=1, ge=0, description="Seed of the draw.")
     settings: dict[str, Any] = Field(default={}, description="Settings of the sampler.")
@@ -323,7 +323,7 @@ class ScoringTable(OpenTable):
     score: str = Field(default="nmse", description="Name of a score.")
     rank_partial: bool = Field(
         default=False,
-        description="Rank also what a simulation that diverged had reached, where that covers enough of "
+        description="Rank a diverged simulation too, by its partial curves, where these cover enough of "
         "the measured curve; its scores and selected sets say so.",
     )
     minimum_coverage: float = Field(
@@ -420,7 +420,7 @@ class BudgetTable(Table):
         default=None,
         ge=0.0,
         lt=1.0,
-        description="Of what a channel drifts by along its curve, over its largest ordinate; if left out, as "
+        description="Drift of a channel along its curve, over its largest ordinate; if left out, as "
         "the loader has found, else none.",
     )
     mesh: Shares = Field(

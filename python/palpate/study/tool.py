@@ -29,7 +29,7 @@ class ToolSpotTable(Table):
     """Place of the tool besides the spots of the run."""
 
     name: Name = Field(description="Name of the spot; one of the run's may get another mesh.")
-    mesh: str | None = Field(default=None, description="Mesh of the limb; default: that of the run.")
+    mesh: str | None = Field(default=None, description="Mesh of the limb; default: as in the run.")
     position: list[Length] | None = Field(
         default=None, min_length=3, max_length=3, description="Where the tool first touches."
     )
@@ -42,7 +42,7 @@ class ToolTable(Table):
     """A tool file."""
 
     protocol: ProtocolTable = Field(description="Tool, motion and friction, as in a study.")
-    spots: list[Name] = Field(default=[], description="Spots of the run; default: all, or those of [[spot]].")
+    spots: list[Name] = Field(default=[], description="Spots of the run; default: all, or [[spot]].")
     spot: list[ToolSpotTable] = Field(default=[], description="Spots with another mesh or place.")
     fine_edge: Literal["auto"] | Annotated[Length, Field(ge=0.0)] = Field(
         default="auto",

@@ -88,7 +88,7 @@ def test_ranges_that_miss_the_curve_a_little_pass():
 )
 def test_a_stress_that_the_ranges_cannot_give_is_named(times, refused):
     y = times * yeoh("uniaxial", PULL, MIDDLE)
-    message = "times what the ranges of the study give"
+    message = "stress that the ranges of the study give"
     if refused:
         with pytest.raises(CurveError, match=message):
             warnings("uniaxial", PULL, y)

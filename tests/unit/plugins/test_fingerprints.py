@@ -113,12 +113,12 @@ def test_a_one_file_plugin_counts_by_the_content_that_was_imported(tmp_path, key
 def test_a_class_without_a_file_needs_a_fingerprint(tmp_path, key, monkeypatch):
     typed = {}
     exec(MATERIAL.format(imports="", factor=1.0), typed)
-    with pytest.raises(PluginError, match=r"class Fat .* is defined in no file.*--plugin FILE"):
+    with pytest.raises(PluginError, match=r"class Fat .* is in no file.*--plugin FILE"):
         key(typed["Fat"]())
     notebook = {"__name__": "__main__"}
     exec(MATERIAL.format(imports="", factor=1.0), notebook)
     monkeypatch.setattr(sys, "ps1", ">>> ", raising=False)
-    with pytest.raises(PluginError, match="is defined in no file"):
+    with pytest.raises(PluginError, match="is in no file"):
         key(notebook["Fat"]())
     typed["Fat"].fingerprint = lambda self: "1"
     pinned = key(typed["Fat"]())

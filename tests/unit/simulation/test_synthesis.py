@@ -266,7 +266,7 @@ class Forgetful(Pairs):
 def test_a_file_that_is_not_read_back_is_removed_with_those_before_it(
     planned: Planned, plugins: Plugins, tmp_path: Path
 ) -> None:
-    with pytest.raises(CurveError, match=r"p1.csv: loader 'pairs' does not read back what it wrote"):
+    with pytest.raises(CurveError, match=r"p1.csv: loader 'pairs' does not read its own file"):
         synthesise(planned(loader=Forgetful()), plugins.channels)
     assert list((tmp_path / "planned").iterdir()) == []
 
@@ -290,7 +290,7 @@ def csv(**channels: tuple[str, ...]) -> ExperimentLoader:
         (csv(force=("x", "y"), torque=("x", "z")), r"planned/p1.csv: two curves need one column \(x, "),
         (csv(force=("x", "y", "t"), torque=("a", "b")), r"p1.csv: channel 'force' has no time; remove"),
         (csv(force=("x", "y")), r"p1.csv: the curves are force, torque, .* name columns for force"),
-        (Always(), r"planned/p1.csv: loader 'pairs' does not read back what it wrote"),
+        (Always(), r"planned/p1.csv: loader 'pairs' does not read its own file"),
     ],
 )
 def test_files_that_cannot_be_written_are_refused_before_the_simulation(

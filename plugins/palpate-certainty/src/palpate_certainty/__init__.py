@@ -25,7 +25,7 @@ def palpate_commands() -> "list[Command]":
     from palpate.api.cli import STAGES, Command, examples, stage_command
 
     does = {
-        "intervals": "Find how certain the fitted parameters are, and what from.",
+        "intervals": "Compute 95 % intervals of the fitted parameters and their error sources.",
         "validate": "Predict each press, or each channel of one press, from the others, and compare.",
         "certainty": "Draw the posteriors of the joint fits; simulates some more sets.",
         "identifiability": "Find how well the curves of the sweep identify each parameter.",

@@ -37,7 +37,7 @@ ASSESSED = "assessed"
 class Intervals(Stage):
     """Intervals of the fit."""
 
-    name, summary = "intervals", "Find how certain the fitted parameters are, and what from."
+    name, summary = "intervals", "Compute 95 % intervals of the fitted parameters and their error sources."
     needs = ("fit",)
     is_on_page = True
     may_fail = False

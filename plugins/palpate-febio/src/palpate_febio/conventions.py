@@ -157,7 +157,7 @@ def fit(material: Material, sent: FloatArray, stress: FloatArray) -> Fit:
     if not deviations[best] < TOLERANCE:
         figures = ", ".join(f"{name} {value:.2e}" for name, value in deviations.items())
         raise MaterialError(
-            f"material '{material.name}': what this FEBio computes fits no convention that it knows (largest "
+            f"material '{material.name}': the stress of this FEBio fits no known convention (largest "
             f"deviation of the stress: {figures}; {TOLERANCE:g} would fit); add the convention to the "
             "material, or use another solver"
         )

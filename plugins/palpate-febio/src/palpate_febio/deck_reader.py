@@ -222,7 +222,7 @@ class _Reader:
                 shell = "shells" if kind in SHELLS else f"of type {kind}"
                 raise self.refused(
                     f"elements '{name}' are {shell}; palpate simulates {', '.join(CELLS)}. Mesh the limb "
-                    "with those, or name what is no limb in the setting leave_out"
+                    "with these, or name other parts in the setting leave_out"
                 )
             cells = [self.nodes(e, self.integers(e, e.text)) for e in block.findall("elem")]
             n_nodes = SOLIDS[OTHER_SOLIDS[kind]][1] if kind in OTHER_SOLIDS else CELLS[kind].n_nodes

@@ -44,7 +44,7 @@ _REASONS: tuple[tuple[re.Pattern[str], str, str], ...] = tuple(
         (
             r"(?:fatal error|xml error|syntax error|unmatched|failed (?:opening|reading))[^\n]*",
             "deck not read",
-            "the deck is not what this FEBio can read: compare its version with the deck's",
+            "this FEBio cannot read the deck: compare its version with the deck's",
         ),
         (
             r"(?:license|licence)[^\n]*",
@@ -139,7 +139,7 @@ def last_reason(text: str) -> Reason | None:
         return min(found, key=lambda row: row[:3])[3]
     errors = [body for kind, body in _boxes(text) if kind == "ERROR"]
     if errors:
-        return Reason("error", errors[-1][:200], "FEBio's own words say what it is about")
+        return Reason("error", errors[-1][:200], "read FEBio's own words for the cause")
     return None
 
 

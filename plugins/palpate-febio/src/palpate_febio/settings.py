@@ -62,8 +62,8 @@ class FebioSettings(Settings):
         0.1,
         gt=0.0,
         lt=1.0,
-        description="relative change of the contact tractions at which augmentation ends; what is left is "
-        "forgotten in the next step, and verification shows it",
+        description="relative change of the contact tractions at which augmentation ends; the rest is "
+        "lost in the next step, and verification shows it",
     )
     gap_tolerance_mm: float = Field(
         0.01,

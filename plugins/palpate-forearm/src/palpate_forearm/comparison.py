@@ -152,6 +152,6 @@ def _law(results: Mapping[str, RunResult]) -> dict[str, str]:
     return {
         "where": "a check that table 2 passes",
         "paper": "I is at least II and III together in 12 of 12 rows",
-        "found": "it has to be: II and III are each the least error of one channel, I that of both at once",
+        "found": "it has to be: II and III minimise one channel each, I both at once",
         "here": "holds in every row" if not broken else f"BROKEN for {', '.join(broken)}",
     }

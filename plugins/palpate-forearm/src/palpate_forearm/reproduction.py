@@ -214,7 +214,7 @@ def run(
             announce(f"{material}: {error}")
         except StoppedError as error:
             raise StoppedError(
-                f"stopped in {material}; what is simulated is kept, and `palpate reproduce "
+                f"stopped in {material}; simulations are kept, and `palpate reproduce "
                 f"{shlex.quote(str(reproduction.folder))}` goes on"
             ) from error
     if not results:

@@ -188,7 +188,7 @@ class Model:
             raise self.refused(
                 keyword,
                 f"elements of type {kind or 'unknown'} are not understood; mesh the limb with C3D4, C3D10 or "
-                "C3D8, and delete what is no limb",
+                "C3D8, and delete other elements",
             )
         if kind.startswith("R3D"):  # a rigid surface, whose sets may name nodes of the limb
             self.left_out[kind] = self.left_out.get(kind, 0) + len(keyword.rows)

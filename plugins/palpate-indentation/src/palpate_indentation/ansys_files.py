@@ -202,7 +202,7 @@ class _Archive:
         if moves or not nodes:
             what = f"moves {len(nodes)} nodes" if nodes else f"names '{where}', which no component is"
             self.warnings.append(
-                f"D,{where},{axis} in line {self._line} {what} and is not used; name what is held as `fixed`"
+                f"D,{where},{axis} in line {self._line} {what} and is not used; name held nodes as `fixed`"
             )
             return
         self.held.setdefault((where if named or where == "ALL" else "", AXES[axis]), []).extend(nodes)

@@ -15,7 +15,7 @@ from palpate.api.mechanics import Array
 Length = Annotated[float, Quantity("mm")]
 Angle = Annotated[float, Quantity("deg")]
 
-TURN = "Angle about the normal from the x axis of the spot's frame to that of the tool."
+TURN = "Angle about the normal from the x axis of the spot's frame to the x axis of the tool."
 
 
 class PunchSettings(Settings):

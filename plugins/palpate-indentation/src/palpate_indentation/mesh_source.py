@@ -66,7 +66,7 @@ class MeshioSettings(Settings):
         if len(set(map(type, every))) > 1:
             raise ValueError("regions by number and by group; name all of them in one way")
         if not all(regions[name] != [] for name in regions):
-            raise ValueError("a region of no number or group; name what it is made of, or leave it out")
+            raise ValueError("a region of no number or group; name its numbers or groups, or leave it out")
         return regions
 
 

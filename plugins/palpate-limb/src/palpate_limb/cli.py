@@ -35,7 +35,7 @@ def scan(
         typer.Option(
             metavar="[NAMES=]FILE",
             help="Model of a bone, or of several: tibia,fibula=bones.stl names them in the file's order. The "
-            "scan's own file: what is in its skin. Repeat for more.",
+            "scan's own file: all parts inside its skin. Repeat for more.",
         ),
     ] = None,
     spot: Annotated[

@@ -41,7 +41,7 @@ TORQUE = (
 MEASURED_ON = (
     "the largest of three limbs, one spot each: forearm phantom, real forearm, residual limb; Yeoh's "
     "material, sphere of 7.5 mm pressed 10 mm deep and twisted by 22.5 degrees both ways, friction 1. At "
-    "edges of 0.3 radii the torque of real limbs is off by 4 to 7 %, that of the phantom by 5 %"
+    "edges of 0.3 radii the torque of real limbs is off by 4 to 7 %, the phantom's by 5 %"
 )
 
 

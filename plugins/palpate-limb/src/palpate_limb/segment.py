@@ -167,8 +167,8 @@ def _tissue(
     lost = 1.0 - tissue.volume_mm3 / (limb.volume() - taken.volume())
     if abs(lost) > MOST_LOST:
         raise MeshError(
-            f"spot '{spot}': {100.0 * lost:.3g} % of what the skin less the bones leaves does not "
-            "hang together with the spot; check the axis, where the bones lie, and that they do not touch"
+            f"spot '{spot}': {100.0 * lost:.3g} % of the tissue between skin and bones is not "
+            "connected with the spot; check the axis, where the bones lie, and that they do not touch"
         )
     if lost > LEAST_SHARE:
         remarks.append(f"left out {100.0 * lost:.2g} % of the tissue, shut in between bones")

@@ -185,12 +185,12 @@ class StlSettings(Settings):
 
     file: InputFile = Field(
         description="Closed surface of the tool (.stl, .ply, .obj, .glb, .off), relative to the study file; "
-        "its z axis points away from the limb; its x and y are those of the tool, with the spot at 0, 0."
+        "its z axis points away from the limb; the tool's x and y are kept, with the spot at 0, 0."
     )
     unit: str = Field(default="mm", description="Unit of the file's coordinates.")
     edge: Annotated[float, Quantity("mm")] = Field(
         gt=0.0,
-        description="Radius by which edges are rounded; less than that of every rounding in the file.",
+        description="Radius by which edges are rounded; less than every rounding in the file.",
     )
     turn: Annotated[float, Quantity("deg")] = Field(
         default=0.0,

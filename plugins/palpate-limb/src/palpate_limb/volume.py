@@ -50,7 +50,7 @@ class MeshPlan:
     def __post_init__(self) -> None:
         if any(not thickness > 0.0 for thickness in self.layers_mm.values()) or self.core in self.layers_mm:
             raise MeshError(
-                f"layers {dict(self.layers_mm)}: give thicknesses > 0 mm; what is below them is '{self.core}'"
+                f"layers {dict(self.layers_mm)}: give thicknesses > 0 mm; below them is '{self.core}'"
             )
 
     @property

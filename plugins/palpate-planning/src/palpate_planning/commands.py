@@ -214,7 +214,7 @@ def extend(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FOLDER", help="Run directory; default: that of RUN with the press."),
+        typer.Option("--out", metavar="FOLDER", help="Run directory; default: RUN and the press."),
     ] = None,
     trust_plugins: TrustPlugins = False,
     tables: Tables = False,

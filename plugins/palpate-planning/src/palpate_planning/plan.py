@@ -89,8 +89,8 @@ def check_tool(design: DesignProblem, tool: Tool) -> None:
     materials = {name.shared for name in map(ParameterName.parse, design.problem.names) if name.spot}
     if own := sorted(materials & set(design.study.space.names)):
         raise StudyError(
-            f"{', '.join(own)} is fitted for each spot by itself, so presses do not share what a tool at "
-            "another place feels; fit one value for all spots, or name another goal"
+            f"{', '.join(own)} is fitted for each spot by itself, so presses tell nothing of a tool at "
+            "another place; fit one value for all spots, or name another goal"
         )
 
 

@@ -85,7 +85,7 @@ def check_shared(values: Mapping[str, float], space: ParameterSpace, spot: str) 
         )
     if factors := [name for name in values if name.startswith(f"{STIFFNESS}.")]:
         raise StudyError(
-            f"spot '{spot}': moduli are those of the first state times {', '.join(factors)}, fitted "
+            f"spot '{spot}': moduli are the first state's times {', '.join(factors)}, fitted "
             "at other spots; predict a spot of the fit"
         )
 

@@ -102,23 +102,22 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
         lines.append(_in_time(float(tool.protocol.time_s[-1]), prediction.record_s))
     if prediction.n_draws and any(each.bands for each in prediction.spots.values()):
         lines.append(
-            f"Linear bands hold 90 % of {prediction.n_draws} draws of the fitted values, by the slopes of "
-            "one simulation, with the friction of the tool; pressures and shear are taken to change like the "
-            "force, the contact not at all."
+            f"90 % bands: {prediction.n_draws} draws of the fitted values, linearised around one "
+            "simulation, with the friction of the tool. Assumed: pressure and shear scale with force; the "
+            "contact area is fixed."
         )
         lines += [
             f"Errors of the mesh at {spot}: {_errors(each)}." for spot, each in prediction.spots.items()
         ]
         lines += [
-            f"warning: at {spot} these errors are what [budget] states, and under another tool than the "
-            f"experiment's they may be far larger: {each.mesh_unknown}."
+            f"warning: at {spot} these errors come from [budget] alone, and may be far larger under another "
+            f"tool: {each.mesh_unknown}."
             for spot, each in prediction.spots.items()
             if each.mesh_unknown
         ]
         if any(each.by_force for each in prediction.spots.values()):
             lines.append(
-                "By force, a stiffer tissue is taken to have what this one has under less force; areas, mean "
-                "pressure and shear have no linear band then."
+                "The tool is force-controlled, so no bands are given for areas, mean pressure and shear."
             )
     elif not prediction.n_draws:
         lines.append("The run has no intervals, so nothing is known of how certain this is.")
@@ -149,7 +148,7 @@ def _solved(spot: str, each: SpotPrediction) -> str:
     n_failed = each.n_asked - each.n_ended
     if not each.n_ended:
         return f"Solved bands at {spot}: none, since all {each.n_asked} simulated draws failed."
-    text = f"Solved bands at {spot} are those of {each.n_ended} draws, each simulated"
+    text = f"Solved bands at {spot} hold {each.n_ended} draws, each simulated"
     if each.drawn_as_is:
         text += " on the mesh as it is and changed as much as the refined one changes the fitted values"
     return text + (f"; {n_failed} of {each.n_asked} failed and are not in them." if n_failed else ".")
@@ -161,7 +160,7 @@ def beyond(strains: pl.DataFrame) -> str:
         return "The solver reports no strains: it is not known whether the prediction extrapolates."
     rows = strains.filter(pl.col("beyond")).to_dicts()
     if not rows:
-        return "The tissue is nowhere deformed beyond what the experiment reached."
+        return "The tissue is nowhere deformed beyond the strains of the experiment."
     texts = (
         f"{row['region']} at {row['spot']}: {row['strain']} {row['prediction']:.3g} against "
         f"{row['experiment']:.3g}, from depth {row['from_depth_mm']:.3g} mm"

@@ -120,7 +120,7 @@ def head(data: CardData, form: EnergyForm | None = None) -> Iterator[str]:
         about = [_interval(data, parameter), data.verdicts.get(parameter.name, "")]
         known = f" ({'; '.join(each for each in about if each)})" if any(about) else ""
         yield f"{data.origins[parameter.name]}: {parameter.name} = {shown}{known}"
-    yield f"not fitted: density {DENSITY_T_PER_MM3:g} t/mm3, that of water"
+    yield f"not fitted: density {DENSITY_T_PER_MM3:g} t/mm3, as of water"
     if form is not None:
         yield (
             f"initial moduli: shear {form.shear_MPa:.6g} MPa, bulk {form.bulk_MPa:.6g} MPa, "
@@ -141,7 +141,7 @@ def _relaxation(data: CardData, form: EnergyForm | None) -> Iterator[str]:
         bulk = form.bulk_MPa * (1.0 if of_shape else left)
         yield f"long-term moduli: shear {form.shear_MPa * left:.6g} MPa, bulk {bulk:.6g} MPa"
     if untold := [f"{tau:g} s" for tau in shares if 0.0 < data.record_s < tau]:
-        yield f"not determined by a record of {data.record_s:.3g} s: what relaxes with {', '.join(untold)}"
+        yield f"not determined by a record of {data.record_s:.3g} s: relaxation with {', '.join(untold)}"
     which = "stress of the shape at constant volume" if of_shape else "stress"
     yield (
         f"in palpate the second Piola-Kirchhoff {which} relaxes; a program where another stress does differs "

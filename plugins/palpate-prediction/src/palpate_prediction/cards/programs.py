@@ -119,8 +119,8 @@ def _febio_relaxation(data: CardData, form: EnergyForm) -> tuple[str, list[str]]
         )
     if form.volume == "coupled" and of_shape:
         raise MaterialError(
-            f"material '{name}' cannot be written for febio: there the whole stress of an energy that "
-            "couples shape and volume relaxes, and here that of the shape alone; fit it with "
+            f"material '{name}' cannot be written for febio: FEBio relaxes the whole stress of an energy "
+            "that couples shape and volume, and this fit the shape alone; fit it with "
             'relaxing_stress = "all"'
         )
     terms = "G(t) = G (1 + sum g_i exp(-t/t_i)), with the long-term G of the elastic material below"

@@ -123,7 +123,7 @@ def _search(data: ReportData) -> Iterator[str]:
     (row,) = data.leading_rows(data.fit.ends).to_dicts()
     mean = "Mean Fopt over the spots" if len(data.spots) > 1 else "Fopt"
     if data.leading_rows(data.fit.certainty.intervals).is_empty():
-        yield f"The reported values are those of the least Fopt. {mean} is {row['fopt']:.3g}."
+        yield f"The reported values have the least Fopt. {mean} is {row['fopt']:.3g}."
         return
     yield (
         "One step of an efficient estimator led from the least Fopt to the reported values. Within a curve "

@@ -93,7 +93,7 @@ def next_step(data: ReportData, estimates: Sequence[Headline], *, model: Adequac
         failed = (each for each in failed_checks(data) if each.verdict is model)
         return AFTER_REFUSAL[next((e.kind for e in failed if (e.fit, e.scenario) == main), "")]
     if at_end := ", ".join(p.parameter for p in estimates if p.at_bound and p.identifiability != "not"):
-        return f"widen the range of {at_end} and run again; what is simulated is kept"
+        return f"widen the range of {at_end} and run again; simulations are kept"
     if model is Adequacy.APPROXIMATES:
         return OTHER_MATERIAL
     open_ones = [each for each in estimates if each.identifiability != "well"]

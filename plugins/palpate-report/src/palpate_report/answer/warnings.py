@@ -38,9 +38,9 @@ CHECK = (
 """What to do about a set that does not fit."""
 
 INADEQUATE = {
-    "discrepancy": "Look at what the curves miss, then check depth offset, friction, bias and mesh; else the "
+    "discrepancy": "Look at the residuals, then check depth offset, friction, bias and mesh; else the "
     "material law does not describe the tissue.",
-    "specimen": "Look at what the curves miss: this material law does not describe them within the budget.",
+    "specimen": "Look at the residuals: this material law does not describe them within the budget.",
     "spots": "Check position, normal and mesh of the spot that differs; where the tissue differs, search its "
     'parameters with `by = "spot"`.',
     "ranges": "Widen the ranges, if the material law allows it; else it does not describe the tissue.",
@@ -97,16 +97,16 @@ def report_warnings(
         data,
         "{n} of the best fits {is} poor",
         poor,
-        "The material may not be what was stretched."
+        "This material law may be wrong for this specimen."
         if data.study.protocol is None
-        else "The material, the mesh or the contact may not be what was pressed.",
+        else "The material law, the mesh or the contact may be wrong for this press.",
     )
     yield from _about_fits(data)
     yield from _by_scenario(
         data,
         "A best set is of a simulation that did not finish",
         [(best.scenario, best.where) for best in bests if "unfinished" in best.found],
-        "It is ranked by what its curves had reached.",
+        "It is ranked by its partial curves.",
     )
     yield from _about_one_set(data)
     yield from _about_failures(data)
@@ -392,7 +392,7 @@ def _about_posterior(data: ReportData) -> Iterator[ReportWarning]:
             f"{row['autocorrelation']:.3g} steps"
             for row in worst.filter(~pl.col("converged")).iter_rows(named=True)
         ),
-        "Do not read its means and intervals as results; fix what the curves do not decide, or narrow its "
+        "Do not read its means and intervals as results; fix an undecided parameter, or narrow its "
         "range, and run palpate certainty again.",
     )
 

@@ -30,7 +30,7 @@ TITLES: Mapping[str, str] = MappingProxyType(
         "parameter_combinations": "Combinations of parameters, the best known first",
         "posterior": "Posterior of the joint fits, by an emulator",
         "profile_ends": "Ends of the profiles, by the emulator and by the solver",
-        "volumes": "Volume of the posteriors, over that of the box",
+        "volumes": "Volume of the posterior relative to the search ranges",
         "emulator": "Errors of the emulated curves, over the measured peak",
         "inadequate": "Where the model does not describe the data",
         "distance_to_truth": "Distance to the known answer",

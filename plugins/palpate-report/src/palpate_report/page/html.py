@@ -108,7 +108,7 @@ def _leading_pictures(data: ReportData, conclusion: Conclusion) -> Mapping[str, 
     if not conclusion.failure:
         return LEADING_PICTURES
     name = "generalised" if len(data.spots) > 1 else f"response_{file_name(data.spots[0])}"
-    return {name: "Measured curves and those of the refused fit"}
+    return {name: "Measured curves, and the refused fit"}
 
 
 def write_page(

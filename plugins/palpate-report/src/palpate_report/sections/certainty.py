@@ -23,8 +23,8 @@ class Certainty(Section):
         if "intervals" not in report.tables:
             return
         yield Paragraph(
-            "A 95 % interval holds the true value in 95 of 100 experiments, if what may be wrong is as "
-            "large as the study's error budget states. Shares of its causes:"
+            "If the error budget is right, 95 of 100 such intervals contain the true value. "
+            "Contribution of each error source:"
         )
         yield from picture(report, "causes", "What widens each interval; the shares are in the table below")
         yield from tables(report, "inadequate")

@@ -33,7 +33,7 @@ class Curves(Section):
     """Small multiples of all spots."""
 
     name, title, entry = "curves", "Measured and simulated curves", "Curves"
-    summary = "measured and simulated curves of all spots, and what the fits miss"
+    summary = "measured and simulated curves of all spots, and the residuals"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show curves with what they miss below."""
@@ -56,7 +56,7 @@ class Warnings(Section):
     """All that limits the result."""
 
     name, title = "warnings", "Warnings"
-    summary = "what limits the result, the most severe first"
+    summary = "limits of the result, the most severe first"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """List the first warnings in the open, then the others and the notes."""
@@ -163,7 +163,7 @@ def _below(bests: Sequence[Best]) -> str:
     """Blocks below the values."""
     if any(value.level for best in bests for value in best.values):
         return "its 95 % interval"
-    return "the fitted optimum, and what fits about as well as that"
+    return "the fitted optimum, and the range that fits about as well"
 
 
 def _leading(data: ReportData, report: Report, bests: Sequence[Best]) -> Table:

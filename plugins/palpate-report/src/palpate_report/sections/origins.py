@@ -117,8 +117,8 @@ def _deformed(data: ReportData) -> Iterator[Block]:
     if not any(states.depth_mm.size for states in found.values()):
         return
     yield Paragraph(
-        "The skin at equilibrium states of the press, simulated once more at each spot with what was "
-        "found for all of them. Move the slider along the path."
+        "The skin under the indenter, simulated with the joint fit. "
+        "Move the slider from first contact to the end of the path."
     )
     yield Drawing("skin")
     unit = data.modulus_unit

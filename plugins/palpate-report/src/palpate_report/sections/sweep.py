@@ -63,7 +63,7 @@ class OtherChannels(Section):
     """Channels that a fit leaves out."""
 
     name, title = "channels", "Across channels"
-    summary = "what a fit to some channels misses in the others"
+    summary = "how well a fit to one curve predicts the other"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show what each fit misses."""
@@ -75,7 +75,7 @@ class Generalisation(Section):
     """One set for all spots."""
 
     name, title = "generalisation", "Generalisation"
-    summary = "the set of the sweep for all spots, and what it costs at each"
+    summary = "the set of the sweep for all spots, and its loss of fit at each"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show the set and its cost."""

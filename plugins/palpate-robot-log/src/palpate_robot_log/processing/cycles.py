@@ -78,7 +78,7 @@ def process_cycles(
         return Cycles(processed={1: process(parts[0], settings)}, counted=(1,))
     if settings.onset.time is not None:
         raise recording.fault(
-            f"onset.time is that of one first contact, and the log has {n} cycles; give window.start and "
+            f"onset.time is for one first contact, and the log has {n} cycles; give window.start and "
             "window.stop of one of them"
         )
     counted = (cycle,) if isinstance(cycle, int) else (n,) if cycle == "last" else tuple(range(1, n + 1))

@@ -303,7 +303,7 @@ def check_torque(located: Located, wrench: SpotWrench, *, weighed: bool) -> None
         if there_and_back > max(LEAST_TORQUE_NMM, _REST_PARTS * 3.0 * noise):
             raise recording.fault(
                 f"the torque goes up and down by {there_and_back:.3g} N·mm while the tool rests in its "
-                "logged pose: the orientation is stuck or not that of the tool; check channels.orientation",
+                "logged pose: the orientation is stuck, or not the tool's; check channels.orientation",
                 rows.start,
             )
         return
@@ -330,7 +330,7 @@ def check_torque(located: Located, wrench: SpotWrench, *, weighed: bool) -> None
         raise recording.fault(
             f"the torque about the normal answers the rotation by {answers[2]:.3g} N·mm (correlation "
             f"{likeness:.2f}), tangential moments by {others:.3g} N·mm: axes of the moment are swapped, "
-            "or the tool's weight is not that of gravity; check the order of the moment's columns",
+            "or gravity has another weight of the tool; check the order of the moment's columns",
             rows.start,
         )
 

@@ -158,7 +158,7 @@ class Plausible(Settings):
         default=(0.05, 2000.0), description="Least and largest range of the force over the log."
     )
     lever: tuple[Length, Length] = Field(
-        default=(0.02, 1500.0), description="Range of the moment over that of the force, least and largest."
+        default=(0.02, 1500.0), description="Least and largest range of moment over force."
     )
     small_angles: bool = Field(
         default=False, description="Angles in degrees are all below 2π and are degrees all the same."
@@ -176,7 +176,7 @@ class ChannelMap(Settings):
     force: Vector = Field(description="Force on the sensor.")
     moment: Vector = Field(description="Moment about the sensor's origin.")
     acts_on: Literal["tool", "tissue"] = Field(
-        default="tool", description="Whether the wrench is that of the tissue on the tool, or its reaction."
+        default="tool", description="Whether the tissue's wrench on the tool was logged, or its reaction."
     )
     wrench_frame: Literal["sensor", "base"] = Field(
         default="sensor", description="Frame in which the wrench is written."
@@ -201,7 +201,7 @@ class ChannelMap(Settings):
         default="wrench", description="Whose time stamps are kept when the two have their own."
     )
     header_units: bool = Field(
-        default=True, description="Believe units that the file shows; false: only those of this map."
+        default=True, description="Believe units that the file shows; false: only the units of this map."
     )
     missing: Literal["refuse", "skip"] = Field(
         default="refuse", description="Rows without a value: an error, or passed over and interpolated."

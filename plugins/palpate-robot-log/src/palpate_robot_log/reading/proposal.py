@@ -252,7 +252,7 @@ def study_text(log: RawLog, proposal: Proposal) -> str:
     if log.layout:
         lines += ["[experiment.settings.text]", *_pairs(log.layout), ""]
     if proposal.files:
-        lines += ["[experiment.settings.files]  # {} is what the names of each press have alike"]
+        lines += ["[experiment.settings.files]  # {} stands for the part that both names of a press share"]
         lines += [*_pairs(proposal.files), ""]
     lines.append("[experiment.settings.channels]")
     chosen = channel_map(proposal)
