@@ -39,8 +39,8 @@ def both(content):
 def test_every_value_is_a_thousand_times_that_in_mpa_and_no_judgement_changes(both):
     made, shown = both
     one, other = (make_conclusion(each, make_tables(each)) for each in both)
-    assert one.parameters == ("stiffness [MPa]", "grip [MPa]")
-    assert other.parameters == ("stiffness [kPa]", "grip [MPa]")
+    assert one.parameters == ("stiffness (MPa)", "grip (MPa)")
+    assert other.parameters == ("stiffness (kPa)", "grip (MPa)")
     for a, b in zip(one.bests, other.bests, strict=True):
         assert b.values[0].value == pytest.approx(1000.0 * a.values[0].value)
         if a.values[0].lower is None:
@@ -133,7 +133,7 @@ def test_the_written_report_is_in_them(undrawn, both, tmp_path):
     made, _ = both
     report = write_report(made, tmp_path)
     assert "kPa" in report.conclusion.lead
-    assert "stiffness [kPa]" in (tmp_path / "index.html").read_text()
+    assert "stiffness (kPa)" in (tmp_path / "index.html").read_text()
 
 
 def test_rows_of_a_table_are_in_them(both):

@@ -11,6 +11,7 @@ from palpate.plugins.sections import Fold, Table, Word
 from palpate.run.result import CertaintyResult
 from palpate_report.answer.best_sets import best_sets
 from palpate_report.answer.card import answer, apart_from_joint
+from palpate_report.answer.law import typeset
 from palpate_report.answer.next_step import CAUSES
 from palpate_report.answer.result import Report, make_conclusion
 from palpate_report.answer.warnings import apparent
@@ -71,7 +72,7 @@ def test_the_card_has_intervals_moduli_and_causes_of_the_fit_that_leads(fitted):
     rows = data.fit.certainty.intervals.filter(fit="all spots", scenario="I").rows(named=True)
     assert found.is_sure
     assert [line.label for line in found.lines] == [
-        "stiffness [MPa]", "grip [MPa]", "initial shear modulus [MPa]", "Young's modulus [MPa]",
+        "stiffness (MPa)", "grip (MPa)", "initial shear modulus (MPa)", "Young's modulus (MPa)",
     ]  # fmt: skip
     for line, row in zip(found.lines, rows, strict=False):
         assert (line.lower, line.value, line.upper) == (row["lower"], row["value"], row["upper"])
@@ -106,14 +107,60 @@ def test_a_spot_apart_from_the_joint_fit_is_named(fitted):
         assert ("p2 (grip)" if apart else "none differs") in spots
 
 
+def test_the_card_answers_in_one_sentence(fitted):
+    data = passed(fitted)
+    shear = card(data).lines[2]
+    percent = 50.0 * (shear.upper - shear.lower) / shear.value
+    assert card(data).title == (
+        f"One Spongy material for all 2 spots: initial shear modulus {shear.text} MPa ± {percent:.0f} %"
+    )
+    words = (
+        pl.when(pl.col("parameter") == "soft_tissue.grip").then(pl.lit("not")).otherwise("identifiability")
+    )
+    rows = data.fit.certainty.intervals.with_columns(identifiability=words)
+    certainty = replace(data.fit.certainty, intervals=rows)
+    unknown = replace(data, fit=replace(data.fit, certainty=certainty))
+    assert card(unknown).title.endswith("; grip is not identified by these presses")
+    tables = make_tables(unknown)
+    assert '<tr class="unknown"><th scope="row">grip' in render(
+        unknown, tables, make_conclusion(unknown, tables), []
+    )
+
+
+@pytest.mark.parametrize("end", ["lower", "upper"])
+def test_an_interval_that_the_search_range_cuts_is_marked(fitted, end):
+    data = passed(fitted)
+    assert card(data).cut == {}
+    bound = getattr(data.searched["soft_tissue.grip"], end)
+    is_grip = pl.col("parameter") == "soft_tissue.grip"
+    cut = pl.when(is_grip).then(bound).otherwise(end).alias(end)
+    rows = data.fit.certainty.intervals.with_columns(cut)
+    certainty = replace(data.fit.certainty, intervals=rows)
+    found = card(replace(data, fit=replace(data.fit, certainty=certainty)))
+    assert found.cut == {"grip": f"{end} end cut by the search range"}
+
+
+@pytest.mark.parametrize(
+    ("formula", "html"),
+    [
+        ("Ψ = Σ_k c_k (Ĩ1 − 3)^k", "Ψ = Σ<sub>k</sub> c<sub>k</sub> (Ĩ<sub>1</sub> − 3)<sup>k</sup>"),
+        ("λ̃1^m_k + κ/2 (ln J)²", "λ̃<sub>1</sub><sup>m<sub>k</sub></sup> + κ/2 (ln J)²"),
+        ("μ / (2 b) (exp(b x) − 1) < 3", "μ / (2 b) (exp(b x) − 1) &lt; 3"),
+    ],
+)
+def test_a_formula_has_raised_powers_and_lowered_indices(formula, html):
+    assert str(typeset(formula)) == html
+
+
 def test_the_chart_says_why_values_are_not_those_of_the_least_fopt(fitted):
     data = passed(fitted)
     tables = make_tables(data)
     said = "These are the most likely values under the error budget."
-    assert said in render(data, tables, make_conclusion(data, tables), [])
+    pictures = {"intervals": b"<svg/>"}
+    assert said in render(data, tables, make_conclusion(data, tables), [], pictures)
     bare = replace(data, fit=replace(data.fit, certainty=CertaintyResult()))
-    conclusion, drawn = make_conclusion(bare, make_tables(bare)), {"intervals": b"<svg/>"}
-    page = render(bare, make_tables(bare), conclusion, [], drawn)
+    conclusion = make_conclusion(bare, make_tables(bare))
+    page = render(bare, make_tables(bare), conclusion, [], pictures)
     assert said not in page
     assert "what fits about as well, not a 95 % interval" in page
 

@@ -57,7 +57,7 @@ def test_profiles_and_shares_along_the_path_come_with_a_posterior(fitted):
     tops = [area.get_paths()[0].vertices[:, 1].max() for area in axes[0].collections]
     assert tops == pytest.approx([70.0, 70.0])
     drawn = profiles(more).axes
-    assert [axis.get_xlabel() for axis in drawn] == ["stiffness [MPa]", "grip [MPa]"]
+    assert [axis.get_xlabel() for axis in drawn] == ["stiffness (MPa)", "grip (MPa)"]
     assert drawn[0].lines[0].get_ydata().tolist() == [0.0, 1.0, 4.0, 9.0]
 
 

@@ -105,9 +105,7 @@ def test_print_is_on_white_and_has_heads_of_whole_words(browser, page, dark):
     sections = (
         "[...document.querySelectorAll('main > section')].filter(e => e.checkVisibility()).map(e => e.id)"
     )
-    assert {"conclusion", "section-curves", "section-values", "section-warnings"} <= set(
-        browser.value(sections)
-    )
+    assert {"conclusion", "section-curves", "section-values"} <= set(browser.value(sections))
     assert "section-provenance" not in browser.value(sections)
     assert browser.value("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
     heads = "[...document.querySelectorAll('thead th')]"
@@ -243,7 +241,13 @@ KEYS = (
 def test_the_legend_of_the_planes_names_what_is_drawn_in_its_colours(browser, page):
     unfolded(browser, page(search=LeastSquares()))
     texts = [text for _, text in browser.value(KEYS)]
-    for part in ("set, coloured", "× set of Fopt above", "★", "end of the fit to all spots", "the fit to p1"):
+    for part in (
+        "set, coloured",
+        "× set of Fopt above",
+        "★",
+        "path of the fit to all spots",
+        "path of the fit to p1",
+    ):
         assert sum(part in text for text in texts) == 1, part
     for scenario in (0, 1):
         choose(browser, "scenario", scenario)

@@ -41,7 +41,7 @@ def about(content, words):
 def test_the_best_of_each_spot_and_scenario_with_what_fits_as_well(content):
     made = content()
     found = conclusion(made)
-    assert found.parameters == ("stiffness [MPa]", "grip [MPa]")
+    assert found.parameters == ("stiffness (MPa)", "grip (MPa)")
     assert [(b.spot, b.scenario, b.fitted_to) for b in found.bests[:2]] == [
         ("p1", "I", "force + torque"), ("p1", "II", "torque"),
     ]  # fmt: skip

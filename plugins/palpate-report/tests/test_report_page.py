@@ -172,7 +172,20 @@ def test_headings_go_down_one_by_one_and_every_table_and_control_has_a_name(page
     )
 
 
-def test_every_table_of_a_full_run_is_on_the_page(content):
+AS_FILES = {
+    "table1_fit",
+    "table1_coefficients",
+    "table2_fit",
+    "fit",
+    "intervals",
+    "parameter_combinations",
+    "budget",
+    "distance_to_truth",
+}
+"""Tables that the page names as files: its own table of values has what leads of them."""
+
+
+def test_every_table_of_a_full_run_is_on_the_page_or_named_as_a_file(content):
     made = content(search=LeastSquares(), truth={"soft_tissue.stiffness": 0.4})
     verification = pl.DataFrame({"spot": ["p1"], "set_id": [3], "passed": [True], "message": [""]})
     failed = made.scores.with_columns(nmse=pl.when(pl.col("set_id") > 1).then("nmse"))
@@ -189,13 +202,15 @@ def test_every_table_of_a_full_run_is_on_the_page(content):
     made = replace(made, posterior=posterior)
     tables = make_tables(made)
     assert set(tables) == set(TITLES) - {"convergence", "parameters", "errors", "criteria"}
-    captions = [
-        text
-        for tag, _, text in Page(render(made, tables, make_conclusion(made, tables), [])).elements
-        if tag == "caption"
-    ]
+    conclusion = make_conclusion(made, tables)
+    shown_page = Page(render(made, tables, conclusion, []))
+    captions = [text for tag, _, text in shown_page.elements if tag == "caption"]
     shown = {"identifiability": "Intervals in scenario I"}
-    assert {shown.get(name, TITLES[name]) for name in (*tables, "convergence")} <= set(captions)
+    every = {name: shown.get(name, TITLES[name]) for name in (*tables, "convergence")}
+    missing = {name for name, caption in every.items() if caption not in captions}
+    assert missing <= AS_FILES
+    text = " ".join(text for *_, text in shown_page.elements)
+    assert [name for name in missing if f"tables/{name}.csv" not in text] == []
 
 
 def test_the_page_leads_with_the_joint_fit_and_its_spots_beside_it(content):
@@ -210,7 +225,7 @@ def test_the_page_leads_with_the_joint_fit_and_its_spots_beside_it(content):
     rows = [text for _, a, text in shown.all("th") if a.get("scope") == "row"]
     rows = rows[4:]
     assert rows[:9] == [
-        "stiffness [MPa]", "grip [MPa]", "initial shear modulus [MPa]", "Young's modulus [MPa]",
+        "stiffness (MPa)", "grip (MPa)", "initial shear modulus (MPa)", "Young's modulus (MPa)",
         "Fopt (all spots: mean)", "least Fopt of the search (all spots: mean)",
         "R² force (all spots: least)", "R² torque (all spots: least)", "found",
     ]  # fmt: skip

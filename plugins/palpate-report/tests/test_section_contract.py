@@ -20,7 +20,8 @@ class TestTheCore(SectionContract):
             "generalisation",
             "pictures",
             "deformed",
-        ):  # of several spots, of plots, of skin
+            "warnings",
+        ):  # of several spots, of plots, of skin, of more than the first screen shows
             super().test_shows_blocks_of_every_run(section, runs)
 
 

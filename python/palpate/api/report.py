@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from palpate.plugins.sections import (
         Block as Block,
         Cell as Cell,
+        Choice as Choice,
         Drawing as Drawing,
         Figure as Figure,
         Fold as Fold,

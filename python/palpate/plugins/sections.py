@@ -136,13 +136,24 @@ class Fold:
 
 
 @dataclass(frozen=True, slots=True)
+class Choice:
+    """A menu, such as one of scenarios: the page shows the blocks of the chosen option, the first at first.
+
+    Paper shows every option.
+    """
+
+    label: str
+    options: Sequence[Fold]
+
+
+@dataclass(frozen=True, slots=True)
 class Drawing:
     """Drawing by a script of the page, with its controls: of the page's own sections alone."""
 
     name: str
 
 
-Block = Paragraph | Heading | Listing | Table | Figure | Picture | Fold | Drawing
+Block = Paragraph | Heading | Listing | Table | Figure | Picture | Fold | Choice | Drawing
 """What a section may consist of."""
 
 
@@ -188,6 +199,10 @@ class Section(Component[SettingsT]):
             Tables, conclusion and files that were made of it.
         """
 
+    def result(self, data: Any, report: Any) -> str:  # noqa: ANN401 - of palpate-report
+        """One line that the heading carries: what the section found, such as "widest for c3"."""
+        return ""
+
     def is_open(self, data: Any, report: Any) -> bool:  # noqa: ANN401 - of palpate-report
         """Whether it is unfolded when the page opens."""
         return False
@@ -199,7 +214,7 @@ class Section(Component[SettingsT]):
 
 _MEASURES = {"nmse": "NMSE", "r2": "R²", "fopt": "Fopt"}
 
-_SUFFIXES = {"_s": " [s]", "_percent": " [%]"}
+_SUFFIXES = {"_s": " (s)", "_percent": " (%)"}
 
 
 def heading(column: str) -> str:

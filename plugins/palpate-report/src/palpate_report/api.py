@@ -7,6 +7,7 @@ from palpate.api import deferred
 if TYPE_CHECKING:
     from palpate_report.answer.best_sets import best_sets as best_sets
     from palpate_report.answer.headline import headlines as headlines
+    from palpate_report.answer.law import formula_of as formula_of, paragraphs_of as paragraphs_of
     from palpate_report.answer.model_verdict import (
         ModelVerdict as ModelVerdict,
         model_verdict as model_verdict,

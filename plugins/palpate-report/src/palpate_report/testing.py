@@ -21,6 +21,7 @@ import palpate_report
 from palpate.api import Component
 from palpate.api.report import (
     Block,
+    Choice,
     Figure,
     Fold,
     Heading,
@@ -128,6 +129,7 @@ class SectionContract(ComponentContract):
         for name, run in runs.items():
             shown[name] = checked(section, section.blocks(*run))
             assert isinstance(section.is_open(*run), bool)
+            assert isinstance(section.result(*run), str)
         assert any(shown.values()), (
             f"section '{section.name}' shows nothing of any run; override the fixture 'runs' with one of "
             "which it does"
@@ -182,6 +184,8 @@ def _every(blocks: Iterable[Block]) -> Iterator[Block]:
         yield block
         if isinstance(block, Fold):
             yield from _every(block.blocks)
+        if isinstance(block, Choice):
+            yield from _every(block.options)
 
 
 def _bytes(drawn: Figure | Picture) -> bytes:
@@ -191,8 +195,9 @@ def _bytes(drawn: Figure | Picture) -> bytes:
 def _content(blocks: Iterable[Block]) -> list[str]:
     """Content that blocks show, to compare."""
     return [
-        repr(_bytes(each) if isinstance(each, (Figure, Picture)) else "" if isinstance(each, Fold) else each)
+        repr(_bytes(each) if isinstance(each, (Figure, Picture)) else each)
         for each in _every(blocks)
+        if not isinstance(each, (Fold, Choice))
     ]
 
 

@@ -19,7 +19,6 @@ ansys       moduli at once, G(t) = G0 (1 − Σ α_i + Σ α_i e^(−t/τ_i)); S
 ==========  ========================================================================================
 """
 
-import inspect
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -39,7 +38,16 @@ from palpate_prediction.cards.card import (
     head,
     ranges_of,
 )
-from palpate_report.api import TIED, Headline, best_sets, headlines, model_verdict, report_data
+from palpate_report.api import (
+    TIED,
+    Headline,
+    best_sets,
+    formula_of,
+    headlines,
+    model_verdict,
+    paragraphs_of,
+    report_data,
+)
 
 STRESS = (
     "stress: Cauchy, sigma_a = lambda_a/J dW/dlambda_a; J = lambda1 lambda2 lambda3, "
@@ -261,7 +269,7 @@ def as_json(data: CardData) -> str:
         "region": data.region,
         "material": data.material.name,
         "settings": data.material.settings.model_dump(mode="json"),
-        "energy": _formula(type(data.material).__doc__ or ""),
+        "energy": formula_of(data.material) or paragraphs_of(data.material)[0],
         "stress": "Cauchy: sigma_a = lambda_a/J dW/dlambda_a",
         "units": "mm, N, MPa",
         "parameters": parameters,
@@ -271,12 +279,6 @@ def as_json(data: CardData) -> str:
         "ends_of_experiment": dict(data.reached) or None,
     }
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _formula(text: str) -> str:
-    """The paragraph of a material's docstring that has its energy; the first where none has."""
-    paragraphs = [" ".join(part.split()) for part in inspect.cleandoc(text).split("\n\n")]
-    return next((part for part in paragraphs if part.startswith(("Ψ =", "W ="))), paragraphs[0])
 
 
 def joined(program: str, cards: Mapping[str, str]) -> str:

@@ -1,64 +1,142 @@
 """The first card of the page: what was found, how sure it is, and what it rests on."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from palpate.api import ParameterName
+from palpate.api.report import ReportWarning
 from palpate_report.answer.best_sets import Best, leading
+from palpate_report.answer.headline import MODULI
+from palpate_report.answer.law import laws_of
 from palpate_report.answer.model_verdict import r2_by_spot
 from palpate_report.answer.next_step import CAUSES
 from palpate_report.answer.result import Conclusion
 from palpate_report.answer.warnings import GOOD_R2, NO_FIT_R2
-from palpate_report.data.marks import Headline
+from palpate_report.data.marks import Headline, with_unit
 from palpate_report.data.report_data import ReportData
 
 MOST_CAUSES = 2
 
+IN_THE_OPEN = 3
+"""Warnings on the first screen."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SummaryCard:
-    """The card: title, what it is of, values, facts by name, and whether intervals are of 95 %."""
+    """The first card of the page.
+
+    Parameters
+    ----------
+    title : str
+        The answer in one sentence, or that there are no parameters.
+    about : str
+        Curves that were fitted, and where the search began.
+    laws : mapping of name to str
+        Formula of each searched law.
+    lines : tuple of Headline
+        Values of what leads.
+    cut : mapping of parameter to str
+        End of its interval that is an end of the search range.
+    warnings : tuple of ReportWarning
+        The most severe ones.
+    is_sure : bool
+        Intervals are of 95 %.
+    """
 
     title: str
     about: str
+    laws: Mapping[str, str]
     lines: tuple[Headline, ...]
+    cut: Mapping[str, str]
+    warnings: tuple[ReportWarning, ...]
     facts: tuple[tuple[str, str], ...]
     is_sure: bool
 
 
 def answer(data: ReportData, conclusion: Conclusion) -> SummaryCard:
     """Sum up what leads: the joint fit, the set for all spots, or the best set of the only spot."""
-    n_spots = len(data.spots)
-    material = " and ".join(
-        dict.fromkeys(
-            r.material.name for r in data.study.space.regions if data.study.space.columns_of(r.region)
-        )
-    )
-    where = f"all {n_spots} spots" if n_spots > 1 else f"spot {data.spots[0]}"
     fitted = f"fitted to {' + '.join(data.generalising.weighed)} (scenario {data.generalising.name})"
     start = "the sweep" if data.design.n_sets else "the middle of the ranges"
     by = f"Searched from {start}" if data.is_fitted else "Best set of the sweep"
     facts = {
-        "Next": conclusion.next_step,
-        "Fit": "; ".join(_quality(data, conclusion)),
+        **conclusion.of_stages,
+        "Fit": quality(data, conclusion),
         "Spots": _spots(data, conclusion),
-        "Certainty": "" if conclusion.failure else _causes(data),
+        "Certainty": "" if conclusion.failure else causes(data),
         "NOT included": ", ".join(conclusion.not_included),
         "Known": conclusion.known,
         "Rests on": conclusion.spent
         or f"{sum(data.completeness.simulated.values())} simulations of the sweep.",
     }
     return SummaryCard(
-        title="No parameters from this run"
-        if conclusion.failure
-        else f"{material.capitalize()}, one for {where}",
+        title="No parameters from this run" if conclusion.failure else sentence(data, conclusion),
         about=f"{by}, {fitted}",
+        laws=laws_of(data),
+        cut={} if conclusion.failure else cut_ends(data, conclusion.estimates),
+        warnings=conclusion.warnings[:IN_THE_OPEN],
         lines=(*conclusion.estimates, *conclusion.moduli),
         facts=tuple((name, text) for name, text in facts.items() if text),
         is_sure=any(value.level for each in conclusion.bests for value in each.values),
     )
 
 
-def _quality(data: ReportData, conclusion: Conclusion) -> Iterator[str]:
+def sentence(data: ReportData, conclusion: Conclusion) -> str:
+    """The answer in one sentence: material, moduli and the parameters that are not identified."""
+    space, n_spots = data.study.space, len(data.spots)
+    laws = dict.fromkeys(r.material.name for r in space.regions if space.columns_of(r.region))
+    material = " and ".join(name.replace("_", "-").title() for name in laws)
+    of = f"One {material} material for all {n_spots} spots" if n_spots > 1 else f"{material} material"
+    where = "" if n_spots > 1 else f" at spot {data.spots[0]}"
+    shear = [each for each in conclusion.moduli if each.parameter.startswith(MODULI[0])]
+    values = shear or [each for each in conclusion.estimates if each.identifiability in ("well", "roughly")]
+    found = ", ".join(
+        f"{'effective ' if 'effective' in each.verdict else ''}{each.parameter} {_with_error(each)}"
+        for each in values
+        if each.value is not None
+    )
+    unknown = [each.parameter for each in conclusion.estimates if each.identifiability == "not"]
+    what = "tests" if data.study.protocol is None else "presses"
+    verb = "is" if len(unknown) == 1 else "are"
+    lost = f"{' and '.join(unknown)} {verb} not identified by these {what}" if unknown else ""
+    return f"{of}{where}: {'; '.join(filter(None, (found, lost)))}".rstrip(": ")
+
+
+def _with_error(value: Headline) -> str:
+    """Value with half the width of its 95 % interval in percent, where it has one."""
+    text = with_unit(value.text, value.unit)
+    if value.lower is None or value.upper is None or not value.level or not value.value:
+        return text
+    percent = 50.0 * (value.upper - value.lower) / abs(value.value)
+    return f"{text} ± {percent:.0f} %" if percent >= 1.0 else f"{text} ± {percent:.1g} %"
+
+
+CUT = 1e-3
+"""Share of the search range within which an end of an interval is an end of the range."""
+
+
+def cut_ends(data: ReportData, estimates: Sequence[Headline]) -> dict[str, str]:
+    """Text on each interval that an end of the search range cuts off, by parameter."""
+    found = {}
+    for each in estimates:
+        searched = data.searched.get(ParameterName.parse(each.name).shared) if each.name else None
+        if searched is None or each.lower is None or each.upper is None:
+            continue
+        close = CUT * (searched.upper - searched.lower)
+        ends = {
+            "lower": abs(each.lower - searched.lower) <= close,
+            "upper": abs(each.upper - searched.upper) <= close,
+        }
+        if cut := [name for name, is_cut in ends.items() if is_cut]:
+            found[each.parameter] = f"{' and '.join(cut)} end cut by the search range"
+    return found
+
+
+def quality(data: ReportData, conclusion: Conclusion) -> str:
+    """R² of each fitted channel, the least of all spots, with a word for it."""
+    return "; ".join(_qualities(data, conclusion))
+
+
+def _qualities(data: ReportData, conclusion: Conclusion) -> Iterator[str]:
     rows = list(r2_by_spot(data, conclusion.bests))
     for channel in dict.fromkeys(name for name, _, _ in rows):
         r2, spot = min((r2, spot) for name, spot, r2 in rows if name == channel)
@@ -96,7 +174,7 @@ def apart_from_joint(data: ReportData, bests: Sequence[Best]) -> dict[str, list[
     return found
 
 
-def _causes(data: ReportData) -> str:
+def causes(data: ReportData) -> str:
     """Causes that the widest interval is mostly due to."""
     certainty = data.fit.certainty
     rows, budget = data.leading_rows(certainty.intervals), data.leading_rows(certainty.budget)
@@ -104,9 +182,9 @@ def _causes(data: ReportData) -> str:
         return ""
     name = rows.sort("relative_width", descending=True)["parameter"][0]
     known = budget.filter(parameter=name).drop_nulls("share")
-    causes = known.sort("share", descending=True).head(MOST_CAUSES)
+    most = known.sort("share", descending=True).head(MOST_CAUSES)
     shares = " and ".join(
         f"{CAUSES.get(row['cause'], row['cause'])} ({100.0 * row['share']:.0f} %)"
-        for row in causes.iter_rows(named=True)
+        for row in most.iter_rows(named=True)
     )
     return f"widest for {data.brief_name(name)}, mostly by {shares}"

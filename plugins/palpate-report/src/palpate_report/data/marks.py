@@ -126,7 +126,7 @@ class Headline:
     @property
     def label(self) -> str:
         """Name with its unit."""
-        return self.parameter if self.unit in ("", "1") else f"{self.parameter} [{self.unit}]"
+        return self.parameter if self.unit in ("", "1") else f"{self.parameter} ({self.unit})"
 
     @property
     def text(self) -> str:

@@ -279,4 +279,4 @@ def named_briefly(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
 
 def label_of(parameter: Parameter) -> str:
     """Name of a parameter with its unit."""
-    return parameter.name if parameter.unit in ("", "1") else f"{parameter.name} [{parameter.unit}]"
+    return parameter.name if parameter.unit in ("", "1") else f"{parameter.name} ({parameter.unit})"

@@ -11,6 +11,7 @@ import numpy as np
 from palpate.api import Component, PluginError
 from palpate.api.report import (
     Block,
+    Choice,
     Drawing,
     Figure,
     Fold,
@@ -48,8 +49,9 @@ def _checked(section: Component[Any], block: Block) -> Block:
                 "give a palpate.api.Figure"
             )
         case Fold():
-            # A generator would be used up by the first who looks.
-            return replace(block, blocks=checked(section, block.blocks))
+            return _fold(section, block)
+        case Choice():
+            return replace(block, options=tuple(_fold(section, option) for option in block.options))
         case Table():
             return _table(section, block)
         case Listing():
@@ -63,6 +65,11 @@ def _checked(section: Component[Any], block: Block) -> Block:
                 f"section '{section.name}' has {block!r}, which is no block; see palpate.api.Section"
             )
     return block
+
+
+def _fold(section: Component[Any], fold: Fold) -> Fold:
+    # A generator would be used up by the first who looks.
+    return replace(fold, blocks=checked(section, fold.blocks))
 
 
 def _table(section: Component[Any], table: Table) -> Table:

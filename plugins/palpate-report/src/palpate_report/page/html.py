@@ -19,12 +19,13 @@ from types import MappingProxyType
 
 import jinja2
 import polars as pl
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from palpate.api import PluginError, Summary
 from palpate.api.files import write_atomically
 from palpate.api.report import (
     Block,
+    Choice,
     Figure,
     Fold,
     Paragraph,
@@ -34,6 +35,7 @@ from palpate.api.report import (
 )
 from palpate.api.runs import answering_for, file_name
 from palpate_report.answer.card import answer
+from palpate_report.answer.law import typeset
 from palpate_report.answer.result import Conclusion, Report, ordered
 from palpate_report.data.marks import with_minus
 from palpate_report.data.report_data import ReportData
@@ -50,6 +52,7 @@ class RenderedSection:
     name: str
     title: str
     entry: str
+    result: str
     is_open: bool
     blocks: tuple[Block, ...]
 
@@ -67,11 +70,12 @@ def laid_out(data: ReportData, report: Report) -> list[RenderedSection]:
             with nullcontext() if is_own(section) else answering_for(section, "laying out the report"):
                 made = section()
                 is_open, blocks = made.is_open(data, report), checked(made, made.blocks(data, report))
+                result = made.result(data, report)
         except PluginError as error:
-            is_open, blocks = False, (Paragraph(f"This section could not be made: {error}."),)
+            result, is_open, blocks = "", False, (Paragraph(f"This section could not be made: {error}."),)
         if blocks:
             entry = section.entry or section.title
-            found.append(RenderedSection(section.name, section.title, entry, is_open, blocks))
+            found.append(RenderedSection(section.name, section.title, entry, result, is_open, blocks))
     place = next((i for i, each in enumerate(found) if each.name == "provenance"), len(found))
     found[place:place] = [_of_stage(name, *made) for name, made in data.summaries.items()]
     return found
@@ -81,9 +85,9 @@ def _of_stage(name: str, does: str, summary: Summary) -> RenderedSection:
     """Section of a plugin's stage: what it does, its lines and its tables."""
     title = name.replace("_", " ").capitalize()
     tables = (Table.of(caption, frame) for caption, frame in summary.tables.items())
-    return RenderedSection(
-        name, title, title, False, (*map(Paragraph, (does, *summary.lines)), *summary.figures, *tables)
-    )
+    result = "; ".join(summary.labelled.values()) or next(iter(summary.lines), "")
+    blocks: tuple[Block, ...] = (*map(Paragraph, (does, *summary.lines)), *summary.figures, *tables)
+    return RenderedSection(name, title, title, result, False, blocks)
 
 
 def _figures(blocks: Iterable[Block]) -> Iterator[Figure]:
@@ -92,21 +96,29 @@ def _figures(blocks: Iterable[Block]) -> Iterator[Figure]:
             yield block
         elif isinstance(block, Fold):
             yield from _figures(block.blocks)
+        elif isinstance(block, Choice):
+            yield from _figures(block.options)
 
 
 _FOLDER = Path(__file__).parent
 
 LEADING_PICTURES = {
+    "limbs": "The limb with its bones and the indenter at each spot",
     "intervals": "Every parameter by spot and scenario, with its interval; the numbers are under Values",
-    "stress_strain": "Stress over stretch of the fitted material, with its 95 % band",
 }
 """Figures of the first screen, next to the card."""
+
+WITHOUT_LIMB = {
+    "stress_strain": "Stress over stretch of the fitted material, with its 95 % band",
+    "intervals": LEADING_PICTURES["intervals"],
+}
+"""Figures of the first screen of a test on a specimen."""
 
 
 def _leading_pictures(data: ReportData, conclusion: Conclusion) -> Mapping[str, str]:
     """Figures of the first screen with their labels; a refused run shows no interval, but what it misses."""
     if not conclusion.failure:
-        return LEADING_PICTURES
+        return LEADING_PICTURES if data.limbs else WITHOUT_LIMB
     name = "generalised" if len(data.spots) > 1 else f"response_{file_name(data.spots[0])}"
     return {name: "Measured curves, and the refused fit"}
 
@@ -215,6 +227,8 @@ def template(name: str = "index.html.jinja") -> jinja2.Template:
         "heading": heading,
         "address": address,
         "width": _width,
+        "typeset": typeset,
+        "code": _code,
     }
     environment.filters |= filters | {"kind": _kind, "grouped": _grouped}
     return environment.get_template(name)
@@ -254,6 +268,16 @@ def _width(picture: Picture) -> str:
     """Width of an SVG on the page, in CSS; empty of a picture in pixels."""
     found = re.search(rb'<svg[^>]* width="([\d.]+)pt"', picture.content[:2000])
     return f"{ENLARGED * float(found[1]):.0f}pt" if found else ""
+
+
+def _code(text: str) -> Markup:
+    """Text whose commands and settings, in backticks, are set as code."""
+    parts = str(text).split("`")
+    # An odd number of backticks leaves the last one as it is.
+    if len(parts) % 2 == 0:
+        parts[-2:] = [f"{parts[-2]}`{parts[-1]}"]
+    code = Markup("<code>{}</code>")
+    return Markup("").join(code.format(part) if k % 2 else escape(part) for k, part in enumerate(parts))
 
 
 def _grouped(blocks: Sequence[Block]) -> Iterator[tuple[str, list[Block]]]:

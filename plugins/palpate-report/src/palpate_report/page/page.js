@@ -370,6 +370,12 @@
       drawAll();
     }));
     skin.listen();
+    document.querySelectorAll("[data-choice]").forEach((menu) => {
+      const options = menu.closest(".choice").querySelectorAll(":scope > div");
+      const show = () => options.forEach((option, k) => option.classList.toggle("unchosen", k !== Number(menu.value)));
+      menu.addEventListener("change", show);
+      show();
+    });
     document.querySelectorAll("[data-copy]").forEach((b) => b.addEventListener("click", () => {
       const of = b.closest("details"), rows = [...of.querySelectorAll(":scope > .wide tr")];
       const text = of.querySelector(":scope > .copied");

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import polars as pl
 
 from palpate.api.report import Block, Fold, Listing, Paragraph, Section, Table
+from palpate_report.answer.card import causes
 from palpate_report.answer.result import Report
 from palpate_report.data.marks import verdict_of
 from palpate_report.data.report_data import ReportData
@@ -28,8 +29,10 @@ class Certainty(Section):
         )
         yield from picture(report, "causes", "What widens each interval; the shares are in the table below")
         yield from tables(report, "inadequate")
-        every = tables(report, "intervals", "parameter_combinations", "budget")
-        yield Fold("Every interval, combinations that are known better, and every cause", list(every))
+        yield Paragraph(
+            "Intervals, combinations of parameters that are known better, and causes of every fit: "
+            "tables/intervals.csv, tables/parameter_combinations.csv and tables/budget.csv."
+        )
         if "posterior" in report.tables:
             found = tables(report, "posterior", "profile_ends", "volumes", "emulator")
             if not data.posterior.sobol_indices.is_empty():
@@ -44,9 +47,9 @@ class Certainty(Section):
                 [*picture(report, "profiles", label), *found],
             )
 
-    def is_open(self, data: ReportData, report: Report) -> bool:
-        """True where there are few parameters."""
-        return data.leading_rows(data.fit.certainty.intervals).height < 6
+    def result(self, data: ReportData, report: Report) -> str:
+        """The widest interval and its largest causes."""
+        return "" if report.conclusion.failure else causes(data)
 
 
 class Identifiability(Section):

@@ -8,8 +8,8 @@ from palpate.api.fit import ALL_SPOTS
 from palpate.api.report import (
     Block,
     Cell,
+    Choice,
     Fold,
-    Heading,
     Lines,
     Listing,
     Paragraph,
@@ -20,13 +20,14 @@ from palpate.api.report import (
 )
 from palpate.api.runs import file_name
 from palpate_report.answer.best_sets import Best, initial_moduli
+from palpate_report.answer.card import IN_THE_OPEN, quality
 from palpate_report.answer.headline import MODULI
 from palpate_report.answer.material import material_curves, rows_of
 from palpate_report.answer.result import Report
-from palpate_report.data.marks import Headline
+from palpate_report.data.marks import Headline, with_unit
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import TITLES, printed
-from palpate_report.sections.tables import picture, tables
+from palpate_report.sections.tables import picture
 
 
 class Curves(Section):
@@ -41,11 +42,21 @@ class Curves(Section):
             "Lower panels: residuals, simulated − measured. The shaded band is one standard deviation of "
             "the measured presses to each side, where there is one."
         )
-        for spot in data.spots:
-            if len(data.spots) > 1:
-                yield Heading(f"Spot {spot}")
-            label = f"Measured and simulated curves at {spot}; the errors are in the tables below"
-            yield from picture(report, f"response_{file_name(spot)}", label)
+        label = "Measured and simulated curves at {}; the errors are under Values"
+        every = {
+            spot: list(picture(report, f"response_{file_name(spot)}", label.format(spot)))
+            for spot in data.spots
+        }
+        if len(every) == 1 or not any(every.values()):
+            yield from (block for blocks in every.values() for block in blocks)
+            return
+        of_all = list(picture(report, "generalised", label.format("every spot, with the joint fit")))
+        options = {"all spots": of_all, **every}
+        yield Choice("Spot", [Fold(spot, blocks) for spot, blocks in options.items() if blocks])
+
+    def result(self, data: ReportData, report: Report) -> str:
+        """R² of each fitted channel."""
+        return quality(data, report.conclusion)
 
     def is_open(self, data: ReportData, report: Report) -> bool:
         """Always."""
@@ -59,22 +70,18 @@ class Warnings(Section):
     summary = "limits of the result, the most severe first"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
-        """List the first warnings in the open, then the others and the notes."""
+        """List the warnings that the first screen has no room for, and the notes on other scenarios."""
         warnings, notes = report.conclusion.warnings, report.conclusion.notes
-        if warnings:
-            yield _listing(warnings[:IN_THE_OPEN])
         if more := warnings[IN_THE_OPEN:]:
-            yield Fold(f"{len(more)} more", [_listing(more)])
+            yield _listing(more)
         if notes:
             yield Fold(f"Notes on scenarios that are not reported ({len(notes)})", [_listing(notes)])
 
-    def is_open(self, data: ReportData, report: Report) -> bool:
-        """Always."""
-        return True
-
-
-IN_THE_OPEN = 3
-"""Warnings that are not folded."""
+    def result(self, data: ReportData, report: Report) -> str:
+        """Number of warnings and of notes."""
+        conclusion = report.conclusion
+        counts = {"warning": len(conclusion.warnings), "note": len(conclusion.notes)}
+        return ", ".join(f"{n} {word}{'s' if n > 1 else ''}" for word, n in counts.items() if n)
 
 
 def _listing(warnings: Sequence[ReportWarning]) -> Listing:
@@ -92,15 +99,25 @@ class Values(Section):
         conclusion = report.conclusion
         if conclusion.lead and not conclusion.failure:
             yield Paragraph(conclusion.lead)
-        leading = [best for best in conclusion.bests if best.scenario == data.generalising.name]
-        if any(best.found == "fit" for best in leading):
-            yield _leading(data, report, leading)
-            yield Paragraph(conclusion.spent)
-            yield Fold("Every scenario", [_every(data, report)])
-        else:
-            yield _every(data, report)
+        names = [data.generalising.name, *(s.name for s in data.study.scenarios)]
+        every = {name: [best for best in conclusion.bests if best.scenario == name] for name in names}
+        options = [
+            Fold(f"{name}: {bests[0].fitted_to}", [_by_spot(data, report, bests)])
+            for name, bests in every.items()
+            if bests
+        ]
+        if len(options) == 1:
+            yield from options[0].blocks
+        elif options:
+            yield Choice("Scenario", options)
         if "distance_to_truth" in report.tables:
-            yield Fold("Distance to the known answer", list(tables(report, "distance_to_truth")))
+            yield Paragraph("Distance of every fit to the known answer: tables/distance_to_truth.csv.")
+
+    def result(self, data: ReportData, report: Report) -> str:
+        """Moduli of what leads."""
+        return "; ".join(
+            f"{each.parameter} {with_unit(each.text, each.unit)}" for each in report.conclusion.moduli
+        )
 
 
 class Fits(Section):
@@ -120,8 +137,11 @@ class Fits(Section):
             )
             rows = report.tables["fit_mesh"].filter(scenario=data.generalising.name)
             yield Table.of(TITLES["fit_mesh"], printed("fit_mesh", rows))
-        yield from tables(report, "table2_fit")
-        yield Fold("Every fit", list(tables(report, "fit")))
+        yield Paragraph("Errors of each fit, and why it ended: tables/table2_fit.csv and tables/fit.csv.")
+
+    def result(self, data: ReportData, report: Report) -> str:
+        """Number of simulations."""
+        return report.conclusion.spent.removesuffix(".")
 
 
 class MaterialItself(Section):
@@ -138,12 +158,15 @@ class MaterialItself(Section):
         if not curves:
             return
         yield Paragraph(
-            "Nominal stress of the fitted law at constant volume, drawn at the top of the page. The band "
+            "Nominal stress of the fitted law at constant volume. The band "
             "holds 95 % of the draws of the joint fit. Where the tissue was stretched less, the law alone "
             "decides."
         )
+        yield from picture(
+            report, "stress_strain", "Stress over stretch of the fitted material, with its 95 % band"
+        )
         rows = [row for each in curves for row in rows_of(each, data.together)]
-        heads = ["region", "stress", "at", f"value [{data.modulus_unit}]", "lower", "upper"]
+        heads = ["region", "stress", "at", f"value ({data.modulus_unit})", "lower", "upper"]
         yield Table(f"Nominal stress of the fit to {data.together}", heads, rows)
 
 
@@ -166,8 +189,8 @@ def _below(bests: Sequence[Best]) -> str:
     return "the fitted optimum, and the range that fits about as well"
 
 
-def _leading(data: ReportData, report: Report, bests: Sequence[Best]) -> Table:
-    """Show the joint fit with the spots next to it."""
+def _by_spot(data: ReportData, report: Report, bests: Sequence[Best]) -> Table:
+    """Values of one scenario, parameter by spot; the joint fit comes first."""
     truth = data.study.truth
     known: list[Cell] = [None] if truth else []
     rows: list[list[Cell]] = []
@@ -182,8 +205,7 @@ def _leading(data: ReportData, report: Report, bests: Sequence[Best]) -> Table:
         rows.append([f"R² {channel}{least}", *(best.r2[channel] for best in bests), *known])
     rows.append(["found", *(best.found for best in bests), *([""] if truth else [])])
     return Table(
-        f"The fit to {bests[0].fitted_to} (scenario {data.generalising.name}); below each value "
-        f"{_below(bests)}",
+        f"The fit to {bests[0].fitted_to} (scenario {bests[0].scenario}); below each value {_below(bests)}",
         ["parameter", *(best.spot for best in bests), *(["known answer"] if truth else [])],
         rows,
     )
@@ -198,35 +220,4 @@ def _moduli(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, list
         of = f" of {region}" if len(data.study.space.regions) > 1 else ""
         for i, name in enumerate(MODULI):
             values = [column[region][i] if region in column else None for column in columns]
-            yield f"{name}{of} [{data.modulus_unit}]", values
-
-
-def _every(data: ReportData, report: Report) -> Table:
-    conclusion, channels = report.conclusion, data.measured_channels
-    return Table(
-        f"Best values by spot and scenario; below each {_below(conclusion.bests)}",
-        [
-            "spot",
-            "scenario",
-            *conclusion.parameters,
-            "Fopt",
-            *(f"R² {c}" for c in channels),
-            "fitted to",
-            "found",
-        ],
-        [
-            [
-                best.spot,
-                best.scenario,
-                *(_cell(value, report) for value in best.values),
-                best.fopt,
-                *(best.r2[channel] for channel in channels),
-                best.fitted_to,
-                best.found,
-            ]
-            for best in conclusion.bests
-        ],
-        strong=frozenset(
-            k for k, best in enumerate(conclusion.bests) if best.scenario == data.generalising.name
-        ),
-    )
+            yield f"{name}{of} ({data.modulus_unit})", values

@@ -21,7 +21,7 @@ from palpate_report.answer.result import Report
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.table_files import shown
 from palpate_report.figures.scene import deepest
-from palpate_report.sections.tables import picture, tables
+from palpate_report.sections.tables import picture
 
 
 def _numbers(states: SurfaceStates, factor: float) -> list[float]:
@@ -110,6 +110,12 @@ class LimbAndDeformation(Section):
             yield Paragraph(f"Of the set that scenario {data.generalising.name} selected at each spot.")
             yield from picture(report, "contact", "Contact at each step of the path, by spot")
 
+    def result(self, data: ReportData, report: Report) -> str:
+        """Largest contact pressure of the press."""
+        factor = 1.0 / convert(f"1 {data.modulus_unit}", "MPa")
+        peaks = [_numbers(states, factor)[3] for states in data.surfaces.values() if states.depth_mm.size]
+        return f"largest contact pressure {max(peaks):.3g} {data.modulus_unit}" if peaks else ""
+
 
 def _deformed(data: ReportData) -> Iterator[Block]:
     """Skin along the path with what was found, and the numbers of its deepest state."""
@@ -122,10 +128,10 @@ def _deformed(data: ReportData) -> Iterator[Block]:
     )
     yield Drawing("skin")
     unit = data.modulus_unit
-    heads = ["spot", "depth [mm]", "rotation [°]", "largest displacement [mm]"]
+    heads = ["spot", "depth (mm)", "rotation (°)", "largest displacement (mm)"]
     yield Table(
         "The first state at the greatest depth",
-        [*heads, f"largest pressure [{unit}]", "contact area [mm²]"],
+        [*heads, f"largest pressure ({unit})", "contact area (mm²)"],
         [
             [spot, *_numbers(states, 1.0 / convert(f"1 {unit}", "MPa"))]
             for spot, states in found.items()
@@ -145,6 +151,10 @@ class Cite(Section):
         yield Paragraph("The settings of this run as text; it is in methods.md, too.")
         yield Drawing("methods")
 
+    def result(self, data: ReportData, report: Report) -> str:
+        """Contents."""
+        return "a paragraph for a paper, and references"
+
 
 class Provenance(Section):
     """Section on what every number depended on."""
@@ -155,8 +165,10 @@ class Provenance(Section):
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show the manifest."""
         yield Paragraph("What every number of this page depended on.")
-        if found := list(tables(report, "table1_fit", "table1_coefficients")):
-            yield Fold("Coefficients, each in its convention", found)
+        found = [name for name in ("table1_fit", "table1_coefficients") if name in report.tables]
+        if found:
+            files = " and ".join(f"tables/{name}.csv" for name in found)
+            yield Paragraph(f"Coefficients, each in its convention: {files}.")
         for name, comparison in data.comparisons.items():
             yield from _comparison(name, comparison if isinstance(comparison, Mapping) else {})
         deep = {key: value for key, value in data.manifest.items() if isinstance(value, (Mapping, list))}
@@ -164,6 +176,12 @@ class Provenance(Section):
         rows = [leaf for group, value in (("study", single), *deep.items()) for leaf in _leaves(value, group)]
         yield Drawing("copy")
         yield Table("Everything that decides the numbers", ["what", "value"], rows)
+
+    def result(self, data: ReportData, report: Report) -> str:
+        """Versions of palpate and of the solver."""
+        versions = data.manifest.get("versions", {})
+        found = {"palpate": versions.get("palpate"), "solver": data.study.solver.name}
+        return ", ".join(f"{name} {shown(value)}" for name, value in found.items() if value)
 
 
 def _comparison(name: str, found: Mapping[str, Any]) -> Iterator[Block]:

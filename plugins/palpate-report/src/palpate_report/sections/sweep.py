@@ -41,6 +41,10 @@ class Space(Section):
             )
         yield Drawing("space")
 
+    def result(self, data: ReportData, report: Report) -> str:
+        """Number of sets, or that only the search was simulated."""
+        return f"{data.design.n_sets} sets" if data.design.n_sets else "paths of the searches"
+
 
 class Distribution(Section):
     """Fopt of every set."""
