@@ -226,6 +226,46 @@ def write_transforms(path: Path, frames: Mapping[str, list[tuple[str, str]]]) ->
     return path
 
 
+def write_chain(path: Path, time_s: FloatArray, frames: Mapping[Any, Any], wrench: FloatArray) -> Path:
+    """Wrench on ``/ft`` and one message of transforms a row; one rotation alone is of a static transform."""
+    from rosbags.rosbag2 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types, kinds = store.types, ("tf2_msgs/msg/TFMessage", "geometry_msgs/msg/WrenchStamped")
+
+    def made(kind: str, *values: Any) -> Any:
+        return types[f"geometry_msgs/msg/{kind}"](*(float(v) if isinstance(v, float) else v for v in values))
+
+    def header(row: int, frame: str) -> Any:
+        seconds, part = divmod(START_NS + round(time_s[row] * 1e9), 10**9)
+        return types["std_msgs/msg/Header"](types["builtin_interfaces/msg/Time"](seconds, part), frame)
+
+    def transforms(row: int, pairs: list[Any]) -> Any:
+        found = []
+        for parent, child in pairs:
+            place, turn = frames[parent, child]
+            q = turn.as_quat() if turn.single else turn[row].as_quat()
+            pose = made("Transform", made("Vector3", *place[row]), made("Quaternion", *q))
+            found.append(made("TransformStamped", header(row, parent), child, pose))
+        return types[kinds[0]](found)
+
+    moving = [pair for pair, (_, turn) in frames.items() if not turn.single]
+    with Writer(path, version=9) as writer:
+        topics = {"/tf_static": kinds[0], "/tf": kinds[0], "/ft": kinds[1]}
+        links = {topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in topics.items()}
+        for row in range(time_s.size):
+            push, twist = (made("Vector3", *part) for part in (wrench[row, :3], wrench[row, 3:]))
+            messages = {"/tf": transforms(row, moving)}
+            messages["/ft"] = made("WrenchStamped", header(row, "tool0"), made("Wrench", push, twist))
+            if row == 0:
+                messages["/tf_static"] = transforms(0, [pair for pair in frames if pair not in moving])
+            for topic, message in messages.items():
+                at_ns = START_NS + round(time_s[row] * 1e9)
+                writer.write(links[topic], at_ns, store.serialize_cdr(message, topics[topic]))
+    return path
+
+
 # ------------------------------------------------------------------ large files
 
 

@@ -214,6 +214,24 @@ def test_the_proposed_table_reads_the_log_as_it_is(
         assert abs(curve.abscissa.max() - expected.abscissa.max()) < 0.02 * np.ptp(expected.abscissa)
 
 
+def test_the_pose_of_the_tool_is_a_chain_of_transforms(reference: Any, tmp_path: Path) -> None:
+    """An arm that moves, a flange on it, and a tool on the flange: their product is the pose of the log."""
+    pytest.importorskip("rosbags")
+    time, place, pose, force, moment = log()
+    still = (np.tile([0.0, 0.0, 0.05], (time.size, 1)), Rotation.from_euler("xyz", [90, 0, 30], degrees=True))
+    swing = Rotation.from_rotvec(np.outer(0.3 * np.sin(time / 7.0), [0.0, 0.0, 1.0]))
+    arm = (0.1 * np.column_stack([np.cos(time / 9.0), np.sin(time / 9.0), np.zeros(time.size)]), swing)
+    turn = swing.inv() * pose * still[1].inv()
+    flange = (swing.inv().apply(place - arm[0]) - turn.apply(still[0]), turn)
+    frames = {("base", "arm"): arm, ("arm", "flange"): flange, ("flange", "tool0"): still}
+    path = write.write_chain(tmp_path / "bag", time, frames, np.column_stack([force, moment]))
+    found = inspect_log(path)
+    assert found.record["channels"]["position"]["stream"] == "/tf base>tool0"
+    for channel, curve in curves_of(path, found.study_text).items():
+        span = np.ptp(reference[channel].ordinate)
+        assert abs(np.ptp(curve.ordinate) - span) < 0.01 * span, channel
+
+
 # --------------------------------------------------------------------------- two files
 
 
