@@ -194,6 +194,28 @@ def test_an_unstable_material_diverges_with_its_partial_curve(solver):
     assert 0.0 < simulation.response["force"].abscissa[-1] < 6.0
 
 
+def test_a_path_that_takes_too_many_iterations_is_given_up():
+    """A law that collapses halves its steps; the limit of iterations ends the path, and says so."""
+    limb = block("hex8", n_across=4, n_down=2, width_mm=24.0, height_mm=10.0)
+    path = [(0.0, 0.0), (6.0, 0.0)]
+    job, sound = make_job([0.0141, -0.006, 1e-6, 0.4], path=path), make_job(path=path)
+    usual = JaxSolver(JaxSettings()).simulate(sound, limb).diagnostics
+    n_states = len(usual["depth_mm"])
+    assert usual["n_iterations"] < 0.4 * JaxSettings().step_iterations * n_states, (
+        "a usual path is far from it"
+    )
+    for each in (2, 5):
+        given_up = JaxSolver(JaxSettings(step_iterations=each)).simulate(job, limb)
+        assert given_up.status is Status.DIVERGED
+        assert given_up.diagnostics["n_iterations"] == each * n_states
+        assert given_up.message.startswith(
+            f"given up after {each * n_states} Newton iterations, {each} for each load step "
+            "(setting step_iterations), beyond depth"
+        )
+        assert given_up.message.endswith("a stability filter drops such sets")
+        assert 0.0 < given_up.response["force"].abscissa[-1] < 6.0
+
+
 @pytest.mark.slow
 def test_tissue_that_loses_contact_slides_on():
     """Stable materials whose contact finds no balance near the last one reach the end of the path.

@@ -20,6 +20,9 @@ from palpate_jax.sensitivity import Sensitivity, Slopes
 
 SMALLEST_CUT = 1.0 / 32.0
 
+STEP_ITERATIONS = 20
+"""Newton iterations for each load step, on average over a path, after which a path is given up."""
+
 GOOD_GUESS = 0.03
 """Imbalance below which an initial guess serves without the linear prediction, which costs an iteration."""
 
@@ -96,6 +99,8 @@ class LoadStepping:
         Follows every equilibrium state, also between points.
     keeps_stresses : bool
         Whether load steps have the history of what relaxes, which takes much memory.
+    step_iterations : int
+        Newton iterations for each load step of the path, on average; a path that takes more is given up.
     """
 
     def __init__(
@@ -107,6 +112,7 @@ class LoadStepping:
         initial_guess: InitialGuess | None = None,
         sensitivity: Sensitivity | None = None,
         keeps_stresses: bool = False,
+        step_iterations: int = STEP_ITERATIONS,
     ) -> None:
         self._model = model
         self._values = thetas
@@ -116,6 +122,8 @@ class LoadStepping:
         self._initial_guess = initial_guess
         self._sensitivity = sensitivity
         self._keeps_stresses = keeps_stresses
+        self._step_iterations = step_iterations
+        self._most_iterations = 0  # of the path
         self._control: LoadControl | None = None
         self._settled = False  # whether the last tangent is of an iteration that ended in balance
         self.linear = model.linear
@@ -131,6 +139,7 @@ class LoadStepping:
         state = _State(REST, self._model.rest(), nothing, nothing, np.zeros(6), stresses)
         if schedule.has_loads:
             self._control = LoadControl(self._model, self._values, self._law, self._tolerance, schedule.steps)
+        self._most_iterations = self._step_iterations * len(schedule.targets)
         for k, target in enumerate(schedule.targets):
             # Where a load moves the indenter the first trial's position is not that of the guesses.
             guessed = None if target.has_loads else self._initial_guess
@@ -152,6 +161,11 @@ class LoadStepping:
         if self._sensitivity is not None:
             self._sensitivity.start()
         while done < 1.0:
+            if self.n_iterations >= self._most_iterations:
+                return (
+                    f"given up after {self.n_iterations} Newton iterations, {self._step_iterations} for each "
+                    "load step (setting step_iterations),"
+                )
             share = min(share, 1.0 - done)
             last = done + share >= 1.0 - 1e-12
             part = 1.0 if last else done + share
@@ -223,7 +237,8 @@ class LoadStepping:
             position = aim.position
             load = self._load(state, position)
             start = self._start(state, load, position, guesses)
-            balance = equilibrium(self._model, self._thetas, load, start, self._tolerance)
+            left = self._most_iterations - self.n_iterations
+            balance = equilibrium(self._model, self._thetas, load, start, self._tolerance, left)
         self.n_iterations += balance.n_iterations
         self.n_held += balance.held
         self._settled = not balance.reason and balance.n_iterations > 0

@@ -62,7 +62,12 @@ class Balance:
 # A trial of the line search may have forces of an exponential beyond 1e154, whose norm is infinite.
 @np.errstate(over="ignore")
 def equilibrium(
-    model: Model, thetas: Mapping[str, FloatArray], load: ContactState, start: Start, tolerance: float
+    model: Model,
+    thetas: Mapping[str, FloatArray],
+    load: ContactState,
+    start: Start,
+    tolerance: float,
+    most_iterations: int | None = None,
 ) -> Balance:
     """Displacements at which internal and contact forces balance.
 
@@ -75,14 +80,17 @@ def equilibrium(
     ----------
     tolerance : float
         Imbalance relative to the forces.
+    most_iterations : int, optional
+        Iterations in all, by default as many as the updates take.
     """
-    failed = _newton(model, thetas, load, start, tolerance)
+    failed = _newton(model, thetas, load, start, tolerance, most_iterations)
     if not failed.reason or not load.law.friction > 0.0:
         return failed
     displacements, n_iterations = failed.displacements, failed.n_iterations
     for _ in range(MOST_RENEWALS):
         held = model.contact.held(displacements, load)
-        balance = _newton(model, thetas, held, Start(displacements), tolerance)
+        left = None if most_iterations is None else most_iterations - n_iterations
+        balance = _newton(model, thetas, held, Start(displacements), tolerance, left)
         n_iterations += balance.n_iterations
         if balance.reason:
             break
@@ -93,11 +101,17 @@ def equilibrium(
 
 
 def _newton(
-    model: Model, thetas: Mapping[str, FloatArray], load: ContactState, start: Start, tolerance: float
+    model: Model,
+    thetas: Mapping[str, FloatArray],
+    load: ContactState,
+    start: Start,
+    tolerance: float,
+    most_iterations: int | None,
 ) -> Balance:
+    most = MOST_ITERATIONS if most_iterations is None else min(MOST_ITERATIONS, most_iterations)
     displacements = start.displacements
     residual = start.residual or model.forces(displacements, thetas).residual(load)
-    for iteration in range(MOST_ITERATIONS):
+    for iteration in range(most):
         if not np.isfinite(residual.free).all() or residual.least_jacobian <= 0.0:
             return Balance(displacements, iteration, "inverted element")
         if residual.relative <= tolerance:
@@ -118,8 +132,8 @@ def _newton(
             return Balance(displacements, iteration, "no step reduces the imbalance or an element inverts")
         displacements, residual = moved
     if residual.relative <= tolerance:
-        return Balance(displacements, MOST_ITERATIONS, "")
-    return Balance(displacements, MOST_ITERATIONS, f"no balance after {MOST_ITERATIONS} iterations")
+        return Balance(displacements, most, "")
+    return Balance(displacements, most, f"no balance after {most} iterations")
 
 
 def _forcing(relative: float, tolerance: float) -> float:

@@ -35,7 +35,7 @@ from palpate.api.runs import job_key
 from palpate_jax.contact import ContactLaw
 from palpate_jax.footprint import check_footprint, check_touch
 from palpate_jax.initial_guess import InitialGuess, WarmStart, WarmStarts, WarmStartStates
-from palpate_jax.load_stepping import LoadStep, LoadStepping, Stop, explained
+from palpate_jax.load_stepping import STEP_ITERATIONS, LoadStep, LoadStepping, Stop, explained
 from palpate_jax.model import Model
 from palpate_jax.schedule import REST, Schedule, schedule
 from palpate_jax.sensitivity import Sensitivity
@@ -68,6 +68,12 @@ class JaxSettings(Settings):
         gt=0.0,
         lt=1e-2,
         description="imbalance, relative to the forces, at which a state counts as balanced",
+    )
+    step_iterations: int = Field(
+        STEP_ITERATIONS,
+        ge=1,
+        description="Newton iterations for each load step, on average over the path; a path that halves its "
+        "steps until it needs more is given up, and its simulation counts as diverged",
     )
     penalty: float = Field(
         1500.0,
@@ -299,7 +305,14 @@ class JaxSolver(Solver[JaxSettings]):
         sensitivity = Sensitivity(model, prepared.materials, thetas, law, tolerance) if job.slopes else None
         fields = self.settings.fields
         stepping = LoadStepping(
-            model, thetas, law, tolerance, initial_guess, sensitivity, keeps_stresses=fields != "none"
+            model,
+            thetas,
+            law,
+            tolerance,
+            initial_guess,
+            sensitivity,
+            keeps_stresses=fields != "none",
+            step_iterations=self.settings.step_iterations,
         )
         reached: list[LoadStep] = []
         for state in stepping.along(self._schedule(protocol, prepared)):
