@@ -3,6 +3,7 @@
 ``python tests/docs/test_texts.py`` prints the counts of each guide.
 """
 
+import ast
 import re
 import tomllib
 from collections.abc import Iterator
@@ -54,7 +55,9 @@ def sentences(path: Path) -> Iterator[str]:
     text = re.sub(r"`[^`\n]+`", "code", text)
     text = re.sub(r"\n(?=\s*(?:[-*#>|]|\d+\.)\s?)", "\n\n", text)
     for block in re.split(r"\n\s*\n|\|", text):
-        for sentence in re.split(r"(?<=[.?!])[*”\"]*\s+(?=[A-Z*`\[“(]|code|palpate)", " ".join(block.split())):
+        for sentence in re.split(
+            r"(?<=[.?!])[*”\"]*\s+(?=[A-Z*`\[“(]|code|palpate)", " ".join(block.split())
+        ):
             if re.search(r"\w", sentence):
                 yield sentence
 
@@ -166,6 +169,31 @@ def test_words_of_the_page_are_in_the_glossary() -> None:
     assert [word for word in ON_THE_PAGE if word not in page] == [], "no longer on the page"
     wanted = {*ON_THE_PAGE, *(word for _, word in WORDS), UNCLEAR, *CAUSES.values()}
     assert sorted(wanted - words()) == []
+
+
+def messages(source: str) -> Iterator[str]:
+    """Strings of a program that are no docstrings; a value in one is …."""
+    nodes = list(ast.walk(ast.parse(source)))
+    joined = [node for node in nodes if isinstance(node, ast.JoinedStr)]
+    seen = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    seen |= {id(part) for node in joined for part in node.values}
+    for node in joined:
+        yield "".join(str(part.value) if isinstance(part, ast.Constant) else "…" for part in node.values)
+    for node in nodes:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in seen:
+            yield node.value
+
+
+def test_messages_name_the_thing_again() -> None:
+    files = (file for of in ("python/palpate", "plugins/*/src") for file in ROOT.glob(f"{of}/**/*.py"))
+    found = [
+        f"{file.relative_to(ROOT)}: {text}"
+        for file in files
+        if "testing" not in file.parts and file.stem != "testing"
+        for text in messages(file.read_text(encoding="utf-8"))
+        if " " in text and re.search(r"\b(?:that|those) of\b|\bwhat\b(?! to do)", text)
+    ]
+    assert found == []
 
 
 def test_no_word_is_both_a_term_and_retired() -> None:
