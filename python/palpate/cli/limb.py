@@ -90,7 +90,7 @@ def look_into_mesh(file: Path, session: Session) -> "Inspection":
 
 
 def show_remarks(session: Session, limbs: "Mapping[str, Limb]") -> None:
-    """Print on stderr what was read, left out and changed of each spot's mesh."""
+    """Print remarks on each spot's mesh on stderr."""
     for spot, limb in limbs.items():
         for text in limb.remarks if spot == limb.spot.name else ():
             session.stderr.print(f"spot '{spot}': {text}", markup=False)

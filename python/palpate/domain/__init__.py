@@ -147,9 +147,9 @@ class Limb:
     Parameters
     ----------
     remarks : tuple of str
-        Sentences on what was read, left out or changed.
+        Sentences on parts that were read, left out or changed.
     warnings : tuple of str
-        Sentences on what may be wrong with the limb.
+        Sentences on possible mistakes of the limb.
     """
 
     spot: Spot

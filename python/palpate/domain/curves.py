@@ -397,7 +397,7 @@ class Response:
     Parameters
     ----------
     relaxations : sequence of Relaxation, optional
-        Of a measured response: what a loader has found in the rests of its presses.
+        Falls of channels in the rests of measured presses.
     record : mapping, optional
         How the curves were obtained, as numbers, text, lists and tables. The manifest
         of a run keeps it for each file of a loader. A loader's ``warnings``, a list of

@@ -1,4 +1,4 @@
-"""Fitted values of a run, for all spots together, and what they mean at each spot."""
+"""Fitted values of a run, for all spots together, and their meaning at each spot."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

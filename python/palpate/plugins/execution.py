@@ -78,7 +78,7 @@ class Executor(Component[SettingsT]):
         """
 
     def close(self) -> None:
-        """End what is kept from one batch for the next, such as worker processes.
+        """End resources that batches share, such as worker processes.
 
         Called once a command ends, also by an error; a later batch starts it again.
         """

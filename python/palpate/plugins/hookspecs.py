@@ -61,8 +61,8 @@ def palpate_experiment_loaders() -> "Iterable[type[ExperimentLoader]]":  # type:
 def palpate_limb_sources() -> "Iterable[type[LimbSource]]":  # type: ignore[empty-body]
     """Makers of meshes with regions.
 
-    A study names one under ``[limb]``; its ``load`` is called once for each spot, and what it
-    returns is checked (elements, regions, what is held fixed) before the first simulation.
+    A study names one under ``[limb]``; its ``load`` is called once for each spot. The limb is
+    checked (elements, regions, fixed nodes) before the first simulation.
     """
 
 
@@ -141,10 +141,10 @@ def palpate_executors() -> "Iterable[type[Executor]]":  # type: ignore[empty-bod
 
 @hookspec
 def palpate_parametrisations() -> "Iterable[type[Parametrisation]]":  # type: ignore[empty-body]
-    """Parametrisations: names that a fit searches, and what they mean at each spot.
+    """Parametrisations: names that a fit searches, and their meaning at each spot.
 
     A study names one under ``[fit]``; without a name it is the searched parameters of the materials
-    and what ``[fit.searched]`` adds.
+    and the names of ``[fit.searched]``.
     """
 
 
@@ -153,7 +153,7 @@ def palpate_searches() -> "Iterable[type[Search]]":  # type: ignore[empty-body]
     """Ways to find the parameters for which curves fit best.
 
     A study names one under ``[fit]``. It asks for points of the unit box and is given their
-    residuals; what it asks for is simulated where the study runs, and kept.
+    residuals; these points are simulated where the study runs, and kept.
     """
 
 
@@ -171,7 +171,7 @@ def palpate_stages() -> "Iterable[type[Component]]":  # type: ignore[empty-body]
 
     Each is a command; ``palpate run`` includes those that a study asks for with ``[stages.NAME]``, each after
     the stages that it needs. The core's come through this hook too. A plugin whose ``palpate_commands``
-    has commands of their own lists those of its stages there, with ``palpate.api.cli.stage_command``.
+    has commands of their own lists its stages' commands there, with ``palpate.api.cli.stage_command``.
     """
 
 
@@ -187,7 +187,7 @@ def palpate_sections() -> "Iterable[type[Section]]":  # type: ignore[empty-body]
 
 @hookspec
 def palpate_commands() -> "Iterable[Command]":  # type: ignore[empty-body]
-    """Commands of their own, or of a stage, with the type of what they print with ``--json``.
+    """Commands of their own, or of a stage, with the type of their ``--json`` output.
 
     A ``palpate.api.cli.Command`` is a Typer command with its place. Stages that take commands are
     ``palpate experiment`` and ``palpate limb``; a command of theirs that names suffixes is also called by a

@@ -154,14 +154,14 @@ class Solver(Component[SettingsT]):
         return 0
 
     def version(self) -> str:
-        """Version of what computes the numbers, part of each simulation's key: by itself that of the code.
+        """Version of the program that computes the numbers, part of each simulation's key.
 
         Override it to add a program or a library whose version changes the numbers.
         """
         return self.fingerprint()
 
     def check(self, job: Job, limb: Limb | None) -> None:
-        """Refuse, before the first step, what cannot be simulated.
+        """Refuse a job that cannot be simulated, before the first step.
 
         Raises
         ------

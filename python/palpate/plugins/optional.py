@@ -94,7 +94,7 @@ class LoadingDrawer(Protocol):
     """A loader that does so much to a file that a person should look at it."""
 
     def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
-        """Draw what :meth:`load` does to a file, for a person to look at.
+        """Draw how :meth:`load` processes a file.
 
         Pictures that can be drawn are worth having even of a file that cannot be loaded: draw
         those before raising what :meth:`load` raises.

@@ -63,7 +63,7 @@ class Evaluation:
     ----------
     point : (n_parameters,) array
     objective : float
-        Σ r²: Fopt and what the priors add; infinite where the trial failed.
+        Σ r²: Fopt and the priors; infinite where the trial failed.
     fopt : float
         Without the priors.
     residuals : (n_points,) array or None

@@ -186,7 +186,7 @@ class Section(Component[SettingsT]):
 
     @abstractmethod
     def blocks(self, data: Any, report: Any) -> Iterable[Block]:  # noqa: ANN401 - of palpate-report
-        """Lay out what a run has found; nothing where there is nothing to show.
+        """Blocks of the results of a run; none where there is nothing to show.
 
         Called each time that a report is written, also while the run goes on: what has not been found yet is
         empty. It simulates nothing and writes nothing.

@@ -94,7 +94,7 @@ def middle_jobs(study: Study, measured: Mapping[str, Response]) -> list[Job]:
 
 
 def check_jobs(study: Study, to_do: Sequence[Job], limbs: Mapping[str, Limb]) -> None:
-    """Refuse, before the first simulation, what cannot be simulated.
+    """Refuse a job that cannot be simulated, before the first simulation.
 
     Every set is checked against the physical ranges of its material; the solver checks
     the first set of each spot.

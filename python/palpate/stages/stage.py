@@ -110,7 +110,7 @@ class Stage(Component[SettingsT]):
         return {}
 
     def decides(self, study: Study) -> Mapping[str, object]:
-        """Plain values of a study that decide the result, by what messages call them.
+        """Plain values of a study that decide the result, by their names in messages.
 
         What the needed stages have found counts anyway, and the settings and code of a plugin's stage do.
         A value None is not compared.
@@ -119,7 +119,7 @@ class Stage(Component[SettingsT]):
 
     @abstractmethod
     def run(self, inputs: "Run", progress: Progress) -> Files:
-        """Tables by name, made from those of the needed stages.
+        """Tables by name, made from tables of the needed stages.
 
         Parameters
         ----------

@@ -157,7 +157,7 @@ class JaxSolver(Solver[JaxSettings]):
         return max(n for n in (0, *GROUPS) if n <= number) if self.settings.warm_starts else 0
 
     def check(self, job: Job, limb: Limb | None) -> None:
-        """Refuse what cannot be simulated, before the first step.
+        """Refuse a job that cannot be simulated, before the first step.
 
         Raises
         ------

@@ -127,7 +127,7 @@ class Prediction:
 
 
 def predict(stored: Run, tool: Tool, n_solved: int = 0) -> Prediction:
-    """Simulate a tool with what a run has found; the caller holds the lock on the folder.
+    """Simulate a tool with the fitted material of a run; the caller holds the lock on the folder.
 
     Parameters
     ----------

@@ -121,7 +121,7 @@ class ReportData:
     comparisons : mapping of file name to its content
         What ``palpate certify`` has written to the run directory.
     factors : mapping of full parameter name to number
-        From the material's unit to that of the values here, where they are not the same.
+        Factors from the material's unit to the unit of the values here, where they differ.
     pictures : mapping of spot name to sequence of Path
         Pictures that there are of its mesh, and of how its presses were processed, in that order.
     sections : mapping of name to type of Section
@@ -135,9 +135,9 @@ class ReportData:
     refusal : str
         Sentence on every figure of a run without parameters.
     surfaces : mapping of spot name to SurfaceStates
-        Skin under the press with what was found; empty where it was not simulated.
+        Skin under the press with the fitted parameters; empty where it was not simulated.
     summaries : mapping of stage to (str, Summary)
-        What each stage of a plugin does, and what it has found.
+        Purpose and summary of each stage of a plugin.
     """
 
     study: Study
