@@ -103,7 +103,9 @@ def test_channels_of_two_lengths_are_in_one_file(tmp_path: Path) -> None:
     mixed = ColumnsSettings.model_validate(
         {"channels": {"force": {"abscissa": "depth_mm", "ordinate": "torque_Nmm"}}}
     )
-    with pytest.raises(CurveError, match="the columns depth_mm, torque_Nmm have different lengths"):
+    with pytest.raises(
+        CurveError, match=r"depth_mm, torque_Nmm are in different streams \(41 rows, 17 rows\)"
+    ):
         ColumnsLoader(mixed).load(tmp_path / "a.mat")
 
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 from pydantic import Field
 
 from palpate.api import CurveError, ExperimentLoader, IntArray, Response
-from palpate.api.files import Column, listed
+from palpate.api.files import Column
 from palpate_indentation.api import CurveSettings, read_curves
 from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log
 
@@ -37,35 +37,19 @@ class ColumnTable:
     row_word: ClassVar[str] = "row"
 
     def __init__(self, path: Path, limits: ReadingLimits) -> None:
-        self.path = path
-        log = read_log(path, Request(limits=limits))
-        if log.row_word == "line":
+        self.path, self._log = path, read_log(path, Request(limits=limits))
+        if self._log.row_word == "line":
             raise CurveError(f'{path}: the file is delimited text; set loader = "csv"')
-        self._streams = log.streams
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all columns."""
-        return tuple(name for stream in self._streams for name in stream.columns)
+        return tuple(name for stream in self._log.streams for name in stream.frame.columns)
 
     def read(self, wanted: Sequence[str]) -> tuple[IntArray, dict[str, Column]]:
-        """Rows counted from 0, and the wanted columns, which have one length.
-
-        Raises
-        ------
-        CurveError
-            A column is missing, or is not as long as another.
-        """
-        found = [stream for stream in self._streams if {*wanted} <= {*stream.columns}]
-        if len(found) != 1:
-            missing = [name for name in wanted if name not in self.names]
-            problem = f"no column '{missing[0]}'" if missing else f"the columns {listed(wanted)}"
-            which = "" if missing else " are in several groups" if found else " have different lengths"
-            raise CurveError(
-                f"{self.path}: {problem}{which} (columns there: {listed(self.names)}); correct the names "
-                "under channels, or see 'palpate experiment inspect'"
-            )
-        return found[0].rows, {name: found[0].columns[name] for name in wanted}
+        """Rows counted from 0, and the wanted columns; a CurveError where they are not of one stream."""
+        stream = self._log.stream_of(wanted, choose="save one of them in a file of its own")
+        return stream.rows, {name: stream.column(name) for name in wanted}
 
 
 class ColumnsLoader(ExperimentLoader[ColumnsSettings]):

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.api import CurveError, FloatArray
-from palpate.api.files import Column, close_to, listed, unit_in
-from palpate_robot_log.reading.raw import RawLog, Stream, or_damaged
+from palpate.api.files import Column, listed, unit_in
+from palpate_robot_log.reading.raw import RawLog, Stream, check_columns, or_damaged
 
 if TYPE_CHECKING:
     import polars as pl
@@ -188,12 +188,8 @@ def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> RawLog:
         names = [name for name, dtype in schema.items() if _is_numeric(dtype)]
         if wanted is not None:
             held = {name if name in schema else name.split("[", 1)[0]: name for name in wanted}
-            for own, name in held.items():
-                if own not in schema:
-                    raise CurveError(
-                        f"{path}: no column '{name}'{close_to(name, schema)} (columns there: "
-                        f"{listed(schema)}); correct the channel map, or see 'palpate experiment inspect'"
-                    )
+            check_columns(path, [name for own, name in held.items() if own not in schema], schema)
+            for own in held:
                 if own not in names:
                     raise CurveError(
                         f"{path}: column '{own}' holds {schema[own]} and no numbers; choose another"

@@ -35,6 +35,17 @@ def or_damaged(
         raise CurveError(f"{path}: {what} ({reason}); {advice}") from None
 
 
+def check_columns(source: object, wanted: Iterable[str], known: Iterable[str]) -> None:
+    """Refuse a column that a file, called ``source`` in messages, does not have."""
+    names = list(known)
+    for name in wanted:
+        if name not in names:
+            raise CurveError(
+                f"{source}: no column '{name}'{close_to(name, names)} (columns there: {listed(names)}); "
+                "correct the name under channels, or see 'palpate experiment inspect'"
+            )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stream:
     """Frame of columns with common rows, and what the file or a person should know of some of them."""
@@ -103,30 +114,23 @@ class RawLog:
         its = self.stream(stream)
         return [its.column(name) for name in names]
 
-    def stream_of(self, columns: Iterable[str], stream: str | None = None) -> Stream:
+    def stream_of(
+        self,
+        columns: Iterable[str],
+        stream: str | None = None,
+        choose: str = "choose one with stream in the channel map",
+    ) -> Stream:
         """The one stream that has all these columns; a CurveError where none has them, or several do."""
         wanted = dict.fromkeys(columns)
         among = self.streams if stream is None else (self.stream(stream),)
+        check_columns(self.source, wanted, [name for one in among for name in one.frame.columns])
         found = [one for one in among if {*wanted} <= {*one.frame.columns}]
         if len(found) == 1:
             return found[0]
-        if found:
-            names = listed(one.name for one in found)
-            raise CurveError(
-                f"{self.source}: the columns {listed(wanted)} are in several streams ({names}); "
-                "choose one with stream in the channel map"
-            )
-        known = [name for one in among for name in one.frame.columns]
-        missing = [name for name in wanted if name not in known]
-        if not missing:
-            raise CurveError(
-                f"{self.source}: no one stream has all of {listed(wanted)}; "
-                "take the columns of one vector from one stream"
-            )
-        raise CurveError(
-            f"{self.source}: no column '{missing[0]}'{close_to(missing[0], known)} "
-            f"(columns there: {listed(known)}); correct the channel map, or see 'palpate experiment inspect'"
-        )
+        parts = found or [one for one in among if {*wanted} & {*one.frame.columns}]
+        problem = f"the columns {listed(wanted)} are in {'several' if found else 'different'} streams"
+        remedy = choose if found else "take columns of one stream"
+        raise CurveError(f"{self.source}: {problem} ({listed(one.name for one in parts)}); {remedy}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
