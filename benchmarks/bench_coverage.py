@@ -41,7 +41,6 @@ from palpate.plugins.registry import load_file
 from palpate.stages.identifiability import Adequacy
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.assumptions import ASSUMED
-from palpate_certainty.error_sources import ONSET_MM, RELATIVE
 from palpate_certainty.held_out import held_out, is_apart
 from palpate_certainty.mesh_error import SpotMesh, scattered_parts
 from palpate_certainty.noise_model import path_of
@@ -189,7 +188,7 @@ def measured_at(
     times: float = 1.0,
     has_shape: bool = False,
     true: "Callable[[LayeredSettings], Layered]" = Layered,
-    friction_sd: float = RELATIVE,
+    friction_sd: float = ASSUMED.relative,
 ) -> Response:
     """What is measured of a material, with everything wrong that the budget has, or ``times`` as much.
 
@@ -200,7 +199,7 @@ def measured_at(
     """
     of_all = shared or rng
     budget = study.budget
-    onset = times * rng.normal() * ONSET_MM
+    onset = times * rng.normal() * ASSUMED.onset_mm
     path = study.protocol.path.copy()
     path[path[:, 0] > 0.0, 0] += onset
     friction = max(study.protocol.friction + times * friction_sd * of_all.normal(), LEAST_FRICTION)
@@ -209,7 +208,9 @@ def measured_at(
     thetas = {
         region: theta
         * [
-            1.0 if p.name in {s.name for s in r.searched} else 1.0 + times * RELATIVE * of_all.normal()
+            1.0
+            if p.name in {s.name for s in r.searched}
+            else 1.0 + times * ASSUMED.relative * of_all.normal()
             for p in r.material.parameters
         ]
         for r, (region, theta) in zip(regions, study.space.thetas(row).items(), strict=True)

@@ -32,7 +32,6 @@ from palpate.study.reading import StudySpot
 from palpate.study.tool import Tool
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.assumptions import ASSUMED
-from palpate_certainty.error_sources import ONSET_MM, RELATIVE
 from palpate_certainty.mesh_error import independent_parts
 from palpate_certainty.noise_model import path_of
 from palpate_planning.candidates import CandidatePress
@@ -117,13 +116,13 @@ class World:
         (self.row,) = strips.pressed.truths(self.study, 1, seed)
         budget, rng = self.study.budget, self.rng
         self.gain = {name: 1.0 + budget.gain * rng.normal() for name in ("force", "torque")}
-        self.friction = 1.0 + RELATIVE * rng.normal()
-        self.kappa = 1.0 + RELATIVE * rng.normal()
+        self.friction = 1.0 + ASSUMED.relative * rng.normal()
+        self.kappa = 1.0 + ASSUMED.relative * rng.normal()
         self.shapes = {}
 
     def press(self, spot: str, protocol: Indentation) -> Response:
         """Measure a press."""
-        onset = ONSET_MM * self.rng.normal()
+        onset = ASSUMED.onset_mm * self.rng.normal()
         path = protocol.path.copy()
         path[path[:, 0] > 0.0, 0] += onset
         thetas = self.study.space.thetas(self.row)

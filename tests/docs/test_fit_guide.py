@@ -10,7 +10,7 @@ from palpate.cli.app import main
 from palpate.plugins.catalogue import Plugins
 from palpate.run.ledger import Ledger
 from palpate.study.model import BudgetTable, FitTable, RegionTable, SamplingTable, SpotTable
-from palpate_certainty.error_sources import ONSET_MM
+from palpate_certainty.assumptions import ASSUMED
 
 GUIDE = (Path(__file__).parents[2] / "docs" / "fit.md").read_text(encoding="utf-8")
 PLUGINS = Plugins.load(entry_points=False)
@@ -84,6 +84,6 @@ def test_the_budget_has_the_keys_of_a_study() -> None:
     }
     given = BudgetTable.model_validate(tomllib.loads(re.sub("^# ", "", text, flags=re.MULTILINE))["budget"])
     assert given.model_fields_set == set(BudgetTable.model_fields)
-    assert (given.onset, given.zero) == (ONSET_MM, 0.0)
+    assert (given.onset, given.zero) == (ASSUMED.onset_mm, 0.0)
     shown = copied.model_copy(update={"friction": None, "parameters": {}})
     assert shown == BudgetTable()

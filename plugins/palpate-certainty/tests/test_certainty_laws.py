@@ -11,7 +11,6 @@ from palpate_certainty.adequacy import Closeness, checks, misfits
 from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.laplace import Laplace, laplace, scores_of
 from palpate_certainty.noise_model import (
-    COMMON,
     ResidualLayout,
     error_scale,
     estimate,
@@ -443,4 +442,4 @@ def test_two_sites_do_not_tell_what_they_have_in_common():
     rows, jacobian = press(n_spots=2, n=12)
     residuals = fitted(np.random.default_rng(6).normal(size=len(rows.spot)), jacobian)
     known, free = np.zeros((len(residuals), 1)), null_space(jacobian.T)
-    assert estimate(residuals, free, known, rows, expected=EXPECTED).common == COMMON
+    assert estimate(residuals, free, known, rows, expected=EXPECTED).common == ASSUMED.common

@@ -17,13 +17,10 @@ from scipy.spatial import KDTree
 from palpate.api import FloatArray, IntArray, Limb, Mesh
 from palpate.api.mesh import CELLS, outer_faces, spot_axes
 from palpate.api.runs import Study, mesh_note
+from palpate_certainty.assumptions import ASSUMED
 
 N_NEAR = 30
 """Nodes of the skin by which the surface at a spot is known."""
-
-POSITION_MM, BONE_MM = 1.0, 1.0
-"""Standard deviations of a spot's position along the skin, and of the depth of the bones, where data are
-measured and the study gives none."""
 
 OF_LIMB = ("position", "bone", "layers")
 """Kinds of causes that change the limb."""
@@ -33,7 +30,7 @@ def noted_position_mm(study: Study, spot: str) -> float:
     """Standard deviation of a spot's position: as the note of its mesh has it, else the usual one."""
     mesh = next((each.mesh for each in study.spots if each.spot.name == spot), None)
     noted = (mesh_note(mesh) or {}).get("std_across_mm") if mesh is not None else None
-    return float(noted) if isinstance(noted, float | int) and noted > 0.0 else POSITION_MM
+    return float(noted) if isinstance(noted, float | int) and noted > 0.0 else ASSUMED.position_mm
 
 
 def changed_limb(limb: Limb, kind: str, of: str, by: float) -> Limb:

@@ -6,10 +6,10 @@ from palpate.api import deferred
 
 if TYPE_CHECKING:
     from palpate_certainty.anatomy import OF_LIMB as OF_LIMB
+    from palpate_certainty.assumptions import ASSUMED as ASSUMED
     from palpate_certainty.emulator import GaussianProcess as GaussianProcess
     from palpate_certainty.error_sources import (
         MESH as MESH,
-        RELATIVE as RELATIVE,
         Columns as Columns,
         ErrorSource as ErrorSource,
         columns_of as columns_of,
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     )
     from palpate_certainty.mesh_error import SpotMesh as SpotMesh, usual_error as usual_error
     from palpate_certainty.noise_model import (
-        COMMON as COMMON,
         ResidualLayout as ResidualLayout,
         grouped as grouped,
         groups_of as groups_of,

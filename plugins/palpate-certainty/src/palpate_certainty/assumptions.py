@@ -7,10 +7,20 @@ from dataclasses import dataclass
 class Assumptions:
     """Numbers of the error budget that no study states, chosen on worlds other than those that test them.
 
-    ``benchmarks/README.md`` ("Coverage", "Error by the mesh") has the evidence.
+    The first five are usual errors of an experiment, where neither the study nor its files state them. The
+    others are shapes of errors, with evidence in ``benchmarks/README.md`` ("Coverage").
 
     Parameters
     ----------
+    onset_mm : float
+        Standard deviation of the onset of contact.
+    position_mm, bone_mm : float
+        Standard deviations of a spot's position along the skin, and of the depth of the bones.
+    relative : float
+        Standard deviation of friction and of fixed and tied parameters, over their values, and of a layer,
+        over its thickness. A fixed parameter goes no farther than its physical range.
+    skin_friction : float
+        Standard deviation of a friction coefficient on skin, over its value: person and humidity change it.
     extrapolation : float
         Standard deviation of an extrapolation by two meshes, over its change of the finer mesh's curve. All
         curves of all spots share one amplitude: their meshes are made alike.
@@ -20,14 +30,28 @@ class Assumptions:
         Part of these errors that varies along the path, over the part in proportion to the curve.
     unseen_length : float
         Correlation length, in ranges of the abscissa, of a model error that the residuals do not show.
+    common : float
+        Share of a discrepancy's variance that all spots have in common, where too few of them tell.
+    discrepancy_lengths : tuple of float
+        Correlation lengths of the discrepancy that are tried, in ranges of the abscissa.
+    longest_noise : float
+        Longest correlation of noise, in ranges of the abscissa: what is longer is discrepancy.
     scale_freedom : float
         Degrees of freedom of the inverse-gamma prior on the scale of all stated errors, which is 1.
     """
 
+    onset_mm: float = 0.05
+    position_mm: float = 1.0
+    bone_mm: float = 1.0
+    relative: float = 0.1
+    skin_friction: float = 0.3
     extrapolation: float = 0.5
     mesh_shared: float = 0.8
     mesh_along: float = 0.5
     unseen_length: float = 0.25
+    common: float = 0.5
+    discrepancy_lengths: tuple[float, ...] = (0.15, 0.35, 0.8)
+    longest_noise: float = 0.1
     scale_freedom: float = 5.0
 
 

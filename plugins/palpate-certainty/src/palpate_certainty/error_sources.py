@@ -36,21 +36,10 @@ from palpate.api.fit import (
     pieces,
 )
 from palpate.api.runs import Study, check_limb
-from palpate_certainty.anatomy import BONE_MM, OF_LIMB, change_of, changed_limb, noted_position_mm
+from palpate_certainty.anatomy import OF_LIMB, change_of, changed_limb, noted_position_mm
 from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.mesh_error import SpotMesh, independent_parts, is_stated, scattered_parts
 from palpate_certainty.noise_model import path_of
-
-ONSET_MM = 0.05
-"""Standard deviation of the onset of contact where neither the study nor the loader gives one."""
-
-RELATIVE = 0.1
-"""That of friction and of fixed and tied parameters, over their values, where the study gives none.
-
-That of a fixed one goes no farther than its physical range; that of a layer is of its thickness."""
-
-OF_FRICTION = 0.3
-"""That of a measured friction coefficient, over its value: it differs by person and humidity."""
 
 CONTACT = "contact"
 """Penetration of the tissue by the indenter, as a cause that all curves share.
@@ -141,7 +130,7 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[ErrorSou
             yield ErrorSource(kind="onset", of=spot, sd=onset, spots=(spot,))
             for axis in "xy":
                 yield ErrorSource(kind="tilt", of=f"{spot} {axis}", sd=budget.tilt, spots=(spot,))
-        usual = (RELATIVE if study.data == "simulated" else OF_FRICTION) * protocol.friction
+        usual = (ASSUMED.relative if study.data == "simulated" else ASSUMED.skin_friction) * protocol.friction
         sd = usual if budget.friction is None else budget.friction
         yield ErrorSource(kind="friction", of="", sd=sd)
         yield ErrorSource(kind="indenter", of="", sd=budget.radius)
@@ -153,7 +142,7 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[ErrorSou
         room = region.room
         for parameter in region.material.parameters:
             if (name := region.name_of(parameter.name)) not in searched:
-                possible = min(RELATIVE, room.get(parameter.name, np.inf))
+                possible = min(ASSUMED.relative, room.get(parameter.name, np.inf))
                 yield ErrorSource(kind="fixed", of=name, sd=budget.parameters.get(name, possible))
 
 
@@ -172,16 +161,16 @@ def _of_anatomy(study: Study, spots: Iterable[str]) -> Iterator[ErrorSource]:
         sd = usual if budget.position is None else budget.position
         for axis in "xy":
             yield ErrorSource(kind="position", of=f"{site} {axis}", sd=sd, spots=there)
-    usual = 0.0 if is_known else BONE_MM
+    usual = 0.0 if is_known else ASSUMED.bone_mm
     yield ErrorSource(kind="bone", of="", sd=usual if budget.bone is None else budget.bone)
     for region in study.space.regions if len(study.space.regions) > 1 else ():
-        sd = budget.layers.get(region.region, budget.layers.get("", 0.0 if is_known else RELATIVE))
+        sd = budget.layers.get(region.region, budget.layers.get("", 0.0 if is_known else ASSUMED.relative))
         yield ErrorSource(kind="layers", of=region.region, sd=sd)
 
 
 def _onset_mm(response: Response) -> float:
     """Standard deviation of the onset, as the loader found it in the files of a spot."""
-    return _found(response, lambda uncertainty: uncertainty["depth_mm"], ONSET_MM)
+    return _found(response, lambda uncertainty: uncertainty["depth_mm"], ASSUMED.onset_mm)
 
 
 def drift_of(study: Study, response: Response, channel: str) -> float:

@@ -19,17 +19,11 @@ from palpate.api import BoolArray, FloatArray, IntArray
 from palpate.api.fit import SpotTerm, channel_of, pieces
 from palpate_certainty.assumptions import ASSUMED
 
-COMMON = 0.5
-"""Share of a discrepancy's variance that all spots have in common, where too few of them tell."""
-
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Shares among which that is averaged: of a wrong law it is 1, of wrong anatomy 0."""
 
 ENOUGH_SITES = 3
 """Places that tell what they have in common."""
-
-LONGEST_NOISE = 0.1
-"""Longest correlation of noise, in ranges of the abscissa."""
 
 MOST_ROWS = 64
 """Points of a curve; more are averaged with their neighbours."""
@@ -84,14 +78,14 @@ class ResidualLayout:
         """
         inside = self.channel == channel
         spacing = np.ptp(self.path[inside]) / np.ptp(self.point[inside])
-        length = min(points, LONGEST_NOISE / spacing)
+        length = min(points, ASSUMED.longest_noise / spacing)
         apart = np.abs(self.point[:, None] - self.point)
         along = matern(apart / length) if length > 0.0 else (apart == 0.0).astype(np.float64)
         same = (self.spot[:, None] == self.spot) * self._both(channel)
         covariance: FloatArray = same * along * np.outer(self.scale, self.scale)
         return covariance
 
-    def discrepancy(self, channel: int, length: float, common: float = COMMON) -> FloatArray:
+    def discrepancy(self, channel: int, length: float, common: float = ASSUMED.common) -> FloatArray:
         """Covariance (n, n) of a discrepancy of size 1 over the largest ordinate in a channel.
 
         All sites have the share ``common`` of its variance in common.
@@ -176,10 +170,7 @@ def grouped(rows: ResidualLayout, groups: FloatArray) -> ResidualLayout:
 POINTS = (0.0, 1.0, 2.0, 4.0)
 """Correlation lengths of the noise that are tried, in measured points."""
 
-LENGTHS = (0.15, 0.35, 0.8)
-"""Correlation lengths of the discrepancy that are tried, in ranges of the abscissa."""
-
-PAIRS = tuple(product(POINTS, LENGTHS))
+PAIRS = tuple(product(POINTS, ASSUMED.discrepancy_lengths))
 
 LEAST = 0.02
 """Probability below which a pair of lengths is left out."""
@@ -212,7 +203,7 @@ class NoiseModel:
 
     of_lengths: Mapping[tuple[float, float], tuple[Mapping[int, float], Mapping[int, float]]]
     correlations: Mapping[tuple[float, float], float]
-    common: float = COMMON
+    common: float = ASSUMED.common
 
     @property
     def noise(self) -> dict[int, float]:
@@ -293,7 +284,7 @@ def estimate(
         modes = list(_modes(residuals, free, known, rows, expected, pairs, share))
         return modes, _probabilities(modes)
 
-    modes, weights = tried(lengths, COMMON if common is None else common)
+    modes, weights = tried(lengths, ASSUMED.common if common is None else common)
     n_sites = np.unique(rows.site[rows.channel >= 0]).size
     if common is None and n_sites >= ENOUGH_SITES:
         best = [modes[int(np.argmax(weights))].lengths]
@@ -315,7 +306,7 @@ def estimate(
     return NoiseModel(
         of_lengths=of_lengths,
         correlations={lengths: weight / sum(likely.values()) for lengths, weight in likely.items()},
-        common=COMMON if common is None else common,
+        common=ASSUMED.common if common is None else common,
     )
 
 

@@ -15,7 +15,7 @@ from scipy.linalg import solve_triangular
 
 from palpate.api import Curve, FloatArray
 from palpate.api.fit import Correction, SpotTerm
-from palpate_certainty.api import COMMON, FLAT_SD, MESH, ResidualLayout, matern, path_of, scores_of
+from palpate_certainty.api import ASSUMED, FLAT_SD, MESH, ResidualLayout, matern, path_of, scores_of
 
 SPACING = 0.1
 """Distance, in correlation lengths, of the places on a path between which a discrepancy is interpolated."""
@@ -48,7 +48,7 @@ class ErrorSizes:
     correlations: Mapping[tuple[float, float], float] = field(default_factory=lambda: {(0.0, 0.35): 1.0})
     lengths: Mapping[str, Mapping[float, float]] = field(default_factory=dict)
     usual: Callable[[str], float] = lambda _: 0.005
-    common: float = COMMON
+    common: float = ASSUMED.common
 
     def marginal(self, i: int) -> dict[float, float]:
         """Probability of each correlation length: of noise (0) or of the discrepancy (1)."""

@@ -26,7 +26,7 @@ from palpate.api import (
 from palpate.api.fit import Fitted, SpotInputs, at_spot, inputs_at, job_of, relaxing_space, relaxing_thetas
 from palpate.api.mesh import automatic_edge_mm, contact_edge_mm, refined
 from palpate.api.runs import Plugins, RunDirectory, Simulations, Study, Tool, check_jobs, load_limbs, read_run
-from palpate_certainty.api import RELATIVE, usual_error
+from palpate_certainty.api import ASSUMED, usual_error
 from palpate_prediction.bands import Thetas, check_shared, draws_of, ends, exceedances, frame_rows, linear
 from palpate_prediction.summary import (
     QUANTITIES,
@@ -234,7 +234,7 @@ class _Plan:
             self.tool.protocol.friction,
         )
         if sd is None or not isinstance(protocol, Indentation) or not protocol.friction:
-            return RELATIVE * friction
+            return ASSUMED.relative * friction
         return sd / protocol.friction * friction
 
     def refinement(self, limbs: Mapping[str, Limb], depth_mm: float) -> float:
