@@ -33,7 +33,26 @@ _MEASURES: tuple[tuple[Kind, str, float], ...] = (
 )
 """Kinds, a unit that measures each, and its factor to the kind's base: a load in kg is its weight."""
 
-UNITS = frozenset(
+_EASTERN = {
+    "秒": "s",
+    "毫秒": "ms",
+    "毫米": "mm",
+    "微米": "um",
+    "ミリ": "mm",
+    "牛": "N",
+    "牛顿": "N",
+    "千牛": "kN",
+    "ニュートン": "N",
+    "度": "deg",
+    "克": "g",
+    "公斤": "kg",
+    "兆帕": "MPa",
+    "千帕": "kPa",
+    "帕": "Pa",
+}
+"""Units in Chinese and Japanese."""
+
+UNITS = frozenset(_EASTERN) | frozenset(
     unit.replace("~", " ")
     for unit in re.split(
         r"\s+",
@@ -57,11 +76,12 @@ _SPELT = {
     "kp": "kgf",
     "pct": "percent",
     "kgs": "kg",
-    "gr": "?",
     "grf": "gf",
+    "gr": "?",
     "a.u.": "?",
     "au": "?",
     "px": "?",
+    **_EASTERN,
 }
 _OTHER_CASE = {
     unit.lower(): unit for unit in ("kN", "kg", "kgf", "gf", "lbf", "lb", "psi", "kPa", "MPa", "mm", "deg")

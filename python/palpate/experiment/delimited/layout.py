@@ -36,6 +36,8 @@ _COMMENTS = ("#", "%", "//", "!")
 _UNIT_LABELS = frozenset(("y_unit_label", "unit", "units", "einheit", "einheiten"))
 """First cells, in small letters, of a line above the names that holds the units of the columns below it."""
 _COMMENT_LABEL = re.compile(r"(columns?|fields?|names?|spalten)\s*[:=]\s*", re.IGNORECASE)
+_WHOLE = ("date", "list", "quantity")
+"""Kinds that every cell of a column has."""
 _SNIFFED_LINES, _SAMPLED_LINES, _SAMPLED_ROWS, _LONGEST_LINE = 400, 60, 20, 100_000
 
 Mark = Literal[".", ","]
@@ -67,7 +69,8 @@ class Layout:
     """Layout of one table: its marks, the lines of its first row and of its names, and its columns.
 
     ``delimiter`` is one character, or ``BLANKS``; ``header_line`` is 0 where the names are in a comment or
-    in the settings; ``kinds`` are ``number``, ``date``, ``list`` or ``text``, by the first rows.
+    in the settings; ``kinds`` are ``number``, ``quantity``, ``date``, ``list`` or ``text``, by the first
+    rows.
     """
 
     delimiter: str
@@ -152,11 +155,17 @@ def numbers_in(cell: str) -> int:
     return len(parts) if len(parts) > 1 and all(re.fullmatch(NUMBERS["."], part) for part in parts) else 0
 
 
+def unit_of_cell(cell: str, decimal: str) -> str:
+    """Unit behind the number of a cell, such as "0.5 sec"; empty where there is none that is known."""
+    found = re.fullmatch(rf"{NUMBERS[decimal]}\s*([^\W\d_][^\d_]*|[°%])", cell)
+    return found[found.re.groups] if found and kind_of(found[found.re.groups]) else ""
+
+
 def kind_of_cell(cell: str, decimal: str) -> str:
-    """``number``, ``date``, ``list``, ``text``, or ``none`` for a cell without a value."""
+    """``number``, ``quantity``, ``date``, ``list``, ``text``, or ``none`` for a cell without a value."""
     patterns = {"number": NUMBERS[decimal], "none": NO_VALUE, "date": _DATE}
     found = next((kind for kind, pattern in patterns.items() if re.fullmatch(pattern, cell)), "")
-    return found or ("list" if numbers_in(cell) else "text")
+    return found or ("list" if numbers_in(cell) else "quantity" if unit_of_cell(cell, decimal) else "text")
 
 
 # ------------------------------------------------------------------------------------- a layout
@@ -212,6 +221,10 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
         units = [
             "" if i == 0 or unit_in(name)[1] else bare_unit(cell) for i, (name, cell) in enumerate(given)
         ]
+    kinds_of = _kinds(len(names), rows[below : below + _SAMPLED_ROWS], decimal)
+    units = [*units, *[""] * len(names)][: len(names)]
+    for index in (k for k, kind in enumerate(kinds_of) if kind == "quantity"):
+        units[index] = unit_of_cell(rows[below][index], decimal)
     return Layout(
         delimiter=delimiter,
         decimal=decimal,
@@ -219,8 +232,8 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
         first_line=numbers[below],
         header_line=0 if header is None else numbers[header],
         names=tuple(names),
-        units=(*units, *[""] * len(names))[: len(names)],
-        kinds=_kinds(len(names), rows[below : below + _SAMPLED_ROWS], decimal),
+        units=tuple(units),
+        kinds=kinds_of,
     )
 
 
@@ -362,7 +375,7 @@ def _kinds(n_columns: int, rows: Sequence[Sequence[str]], decimal: str) -> tuple
     found = []
     for index in range(n_columns):
         kinds = [kind_of_cell(row[index], decimal) for row in rows if index < len(row) and row[index]]
-        whole = next((kind for kind in ("date", "list") if kinds and kinds.count(kind) == len(kinds)), "")
+        whole = next((kind for kind in _WHOLE if kinds and kinds.count(kind) == len(kinds)), "")
         n_numbers = kinds.count("number") + kinds.count("none")
         found.append(whole or ("number" if 2 * n_numbers >= len(kinds) else "text"))
     return tuple(found)

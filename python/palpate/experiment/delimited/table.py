@@ -171,6 +171,8 @@ class TextTable:
         columns, first_bad = {}, []
         for name, (index, place) in chosen.items():
             kind, text = self.layout.kinds[index], cells[str(index)]
+            if kind == "quantity":
+                text = text.str.strip_chars().str.strip_suffix(self.layout.units[index])
             values, bad = _seconds(text) if kind == "date" else _numbers(text, self.layout.decimal, place)
             note = ""
             if n_bad := int(bad.sum()):

@@ -47,6 +47,7 @@ _LEAST_TURN_DEG = 3.0
 _LEAST_PRESS_MM = 0.3
 _ALONG = 0.8
 _RISEN = 0.05
+_OUT_OF_PHASE = 0.3
 _EARLY = 0.35
 
 
@@ -339,9 +340,11 @@ class _Motion:
     """Press and twist of a recording by one reading, and its push as written and in the base frame.
 
     ``tilt_deg`` is between twist and press, NaN where the tool hardly turns. Pushes are cosines to the press.
+    ``is_against`` where the moment turns the tool on, as of an orientation of the other sense.
     """
 
     tilt_deg: float
+    is_against: bool
     push_as_written: float
     push_turned: float
 
@@ -356,10 +359,10 @@ def judged(log: RawLog, proposal: Proposal) -> Proposal:
     first = proposal.guesses["orientation"]
     readings = [replace(first, also=()), *first.also]
     motions = [_motion(log, _with_orientation(proposal, one)) for one in readings]
-    tilts = {k: motion.tilt_deg for k, motion in enumerate(motions) if motion is not None}
-    fitting = [k for k, tilt_deg in tilts.items() if tilt_deg <= LARGEST_TURN_AXIS_ANGLE_DEG]
+    known = {k: motion for k, motion in enumerate(motions) if motion is not None}
+    fitting = [k for k, motion in known.items() if motion.tilt_deg <= LARGEST_TURN_AXIS_ANGLE_DEG]
     # Of two that fit alike the likelier one is taken.
-    best = min(fitting, key=lambda k: (round(tilts[k] / 5.0), k), default=0)
+    best = min(fitting, key=lambda k: (round(known[k].tilt_deg / 5.0), known[k].is_against, k), default=0)
     others = tuple(one for k, one in enumerate(readings) if k != best)
     reason = "the order and the axes of the orientation: those are taken about which the tool twists"
     if first.also and not fitting:
@@ -408,9 +411,21 @@ def _motion(log: RawLog, proposal: Proposal) -> _Motion | None:
     turned = rotated(recording.quaternion[[loaded]], force)[0]
     return _Motion(
         tilt_deg=_tilt_deg(recording, loaded, press),
+        is_against=_is_against(recording, loaded, press, float(turned @ press)),
         push_as_written=float(force @ press),
         push_turned=float(turned @ press),
     )
+
+
+def _is_against(recording: Recording, loaded: int, press: FloatArray, push: float) -> bool:
+    """Whether the moment of a wrench in the sensor's frame turns the tool on."""
+    pose = Rotation.from_quat(recording.quaternion[loaded:])
+    turn = (pose * pose[0].inv()).as_rotvec() @ press
+    moment = rotated(recording.quaternion[loaded:], recording.moment_Nmm[loaded:]) @ press
+    if abs(push) < _ALONG or np.ptp(turn) < np.radians(_LEAST_TURN_DEG) or not np.ptp(moment):
+        return False
+    # The tissue's push on the tool is against the press, and its moment against the turn.
+    return bool(np.sign(push) * np.corrcoef(turn, moment)[0, 1] < -_OUT_OF_PHASE)
 
 
 def _tilt_deg(recording: Recording, loaded: int, press: FloatArray) -> float:

@@ -6,16 +6,38 @@ A word is looked up without accents and in small letters; German compounds are k
 import re
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from palpate.api.files import Column, Kind, factors_of, kind_of, unit_in
 
-_WORD = re.compile(r"[A-ZÀ-Þ]+(?![a-zß-ÿ])|[A-ZÀ-Þ]?[a-zß-ÿ]+|\d+")
+_WORD = re.compile(r"[A-ZÀ-Þ]+(?![a-zß-ÿ])|[A-ZÀ-Þ]?[a-zß-ÿ]+|\d+|[\u3040-\u30ff\u4e00-\u9fff]+")
 _COMPOUND = ("kraft", "weg", "zeit", "dehnung", "spannung", "tiefe", "winkel", "moment")
 """Ends of German compounds, which are read as these words."""
+_EASTERN: Mapping[str, str] = {
+    word: meaning
+    for meaning, words in {
+        "time": "時間 时间",
+        "displacement": "ストローク 変位 位移 行程 移動量",
+        "depth": "深さ 深度",
+        "deformation": "変形 变形",
+        "force": "試験力 试验力 荷重 载荷 负荷 力",
+        "angle": "角度 回転角",
+        "torque": "トルク 扭矩",
+        "strain": "ひずみ 歪み 应变",
+        "stress": "応力 应力",
+        "compression": "圧縮 压缩",
+        "tensile": "引張 拉伸",
+        "shear": "せん断 剪切",
+        "true": "真",
+        "nominal": "公称 工程",
+    }.items()
+    for word in words.split()
+}
+"""Words of Japanese and Chinese names, which have no blanks between them: 応力 is a stress and no 力."""
+_EASTERN_WORD = re.compile("|".join(sorted(_EASTERN, key=len, reverse=True)))
 
 
 class Role(NamedTuple):
@@ -102,7 +124,8 @@ def words_of(name: str) -> tuple[str, ...]:
     >>> words_of("actual_TCP_force_0"), words_of("wrench.force.x"), words_of("Fx [N]")
     (('actual', 'tcp', 'force', '0'), ('wrench', 'force', 'x'), ('fx',))
     """
-    return tuple(_plain(word) for word in _WORD.findall(unit_in(name)[0]))
+    words = (_EASTERN_WORD.findall(word) or [word] for word in _WORD.findall(unit_in(name)[0]))
+    return tuple(_EASTERN.get(word, _plain(word)) for word in chain.from_iterable(words))
 
 
 def _plain(word: str) -> str:

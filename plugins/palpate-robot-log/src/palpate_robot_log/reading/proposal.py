@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from palpate.api.files import Column, toml_value
 from palpate_robot_log.reading.channel_map import NO_COLUMN
 from palpate_robot_log.reading.clock import repeats_time, time_of
 from palpate_robot_log.reading.names import COMMANDED, factor_of, pick, words_of
-from palpate_robot_log.reading.raw import RawLog
+from palpate_robot_log.reading.raw import RawLog, Stream
 from palpate_robot_log.reading.vectors import (
     KINDS,
     QUANTITIES,
@@ -25,6 +26,8 @@ from palpate_robot_log.reading.vectors import (
 )
 
 _NONE = {"columns": [NO_COLUMN] * 3}
+_DOWN: Mapping[str, Any] = {"form": "fixed", "value": [1.0, 0.0, 0.0, 0.0]}
+"""Entry of an orientation that never turns, and whose axis points down."""
 _SHARED_TABLE = 0.2
 _CLEARLY = 1.0
 
@@ -122,7 +125,10 @@ def machine_of(log: RawLog) -> Proposal | None:
         travel, force, time = pick(columns, "travel"), pick(columns, "force"), time_of(stream)
         if travel is None or force is None or time is None:
             continue
+        twist = _twist_of(log, stream, columns)
         senses = _senses(travel.column.values, force.column.values)
+        # The axis of a tool that only presses points down, and of one that turns about it up.
+        senses = (senses[0], -senses[1] if twist else senses[1])
         guesses = {
             quantity: with_unit(
                 log,
@@ -136,9 +142,10 @@ def machine_of(log: RawLog) -> Proposal | None:
             )
             for quantity, one, sense in zip(("position", "force"), (travel, force), senses, strict=True)
         }
-        still = {"form": "fixed", "value": [1.0, 0.0, 0.0, 0.0]}
-        guesses["orientation"] = Guess(entry=still, stream=stream.name)
-        guesses["moment"] = Guess(entry=_NONE, stream=stream.name)
+        guesses |= twist or {
+            "orientation": Guess(entry=_DOWN, stream=stream.name),
+            "moment": Guess(entry=_NONE, stream=stream.name),
+        }
         reason = "machine: depth grows as the tool moves while the force does, and the tissue pushes it back"
         return Proposal(
             guesses=guesses,
@@ -147,6 +154,22 @@ def machine_of(log: RawLog) -> Proposal | None:
             wrench_reason=reason,
         )
     return None
+
+
+def _twist_of(log: RawLog, stream: Stream, columns: Sequence[Column]) -> dict[str, Guess]:
+    """Turn of a machine about its axis, and the moment of the tissue against it; empty without either."""
+    angle, moment = pick(columns, "angle"), pick(columns, "moment")
+    if angle is None or moment is None or not np.ptp(angle.column.values) > 0.0:
+        return {}
+    known = np.isfinite(angle.column.values) & np.isfinite(moment.column.values)
+    sense = np.corrcoef(angle.column.values[known], moment.column.values[known])[0, 1]
+    turn = {"form": "axis_angle", "columns": [NO_COLUMN, NO_COLUMN, angle.column.name]}
+    torque = [NO_COLUMN, NO_COLUMN, "-" * bool(sense > 0.0) + moment.column.name]
+    found = {
+        "orientation": Guess(entry=turn, stream=stream.name, to_check=angle.remarks),
+        "moment": Guess(entry={"columns": torque}, stream=stream.name, to_check=moment.remarks),
+    }
+    return {quantity: with_unit(log, quantity, guess, 0.0) for quantity, guess in found.items()}
 
 
 def _senses(travel: FloatArray, force: FloatArray) -> tuple[float, float]:
@@ -241,9 +264,9 @@ def _entry(guess: Guess, time: Guess | None, proposal: Proposal) -> dict[str, ob
 
 
 def is_machine(proposal: Proposal) -> bool:
-    """Whether a proposal is that of a testing machine, whose tool never turns."""
+    """Whether a proposal is that of a testing machine, whose tool moves along an axis and turns about it."""
     orientation = proposal.guesses.get("orientation")
-    return orientation is not None and orientation.entry.get("form") == "fixed"
+    return orientation is not None and len(orientation.names) < 3
 
 
 def study_text(log: RawLog, proposal: Proposal) -> str:

@@ -24,7 +24,7 @@ _ANGLES = ("abc", "wpr")
 WORDS: Mapping[str, frozenset[str]] = {
     "position": frozenset(("p", "pos", "position", "translation", "tcp", "tip", "tool", "point", "lage")),
     "orientation": frozenset(
-        ("q", "o", "quat", "quaternion", "orientation", "rotation", "rot", "r", "euler", *_ANGLES)
+        ("q", "o", "quat", "quaternion", "orientation", "rotation", "rot", "r", "euler", "theta", *_ANGLES)
     ),
     "force": frozenset(("f", "force", "forces", "kraft")),
     "moment": frozenset(("t", "torque", "torques", "moment", "moments", "m", "tau", "drehmoment")),

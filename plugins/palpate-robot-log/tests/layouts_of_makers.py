@@ -1,0 +1,218 @@
+# ruff: noqa: E501 - a line of a layout is a line here
+"""Files in the layouts of makers' programs, with the curve or the press that each of them holds.
+
+Every text is written here after manuals and public files of the makers, with numbers of a known curve:
+41 rows of 0.4 N/mm^1.5 up to 8 mm, or a linear stress of 60 kPa, or the press of ``known_presses``.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from palpate.domain import FloatArray
+
+from .known_presses import press
+
+DEPTH = 0.2 * np.arange(41)
+FORCE = 0.4 * DEPTH**1.5
+SECONDS = DEPTH / 0.5
+STRAIN = np.linspace(0.0, 0.2, 41)
+STRESS_KPA = 60.0 * STRAIN
+
+
+class Layout(NamedTuple):
+    """Bytes of a file, its ending, and what is in it: ``press``, ``curve``, a mode of a test, or a question."""
+
+    content: bytes
+    ending: str
+    holds: str
+
+
+def rows(*columns: FloatArray, between: str = ",", form: str = "{:.6g}", decimal: str = ".") -> list[str]:
+    return [
+        between.join(form.format(value).replace(".", decimal) for value in row)
+        for row in np.column_stack(columns).tolist()
+    ]
+
+
+def made(
+    lines: Sequence[str], holds: str, ending: str = "csv", encoding: str = "utf-8", end: str = "\r\n"
+) -> Layout:
+    return Layout((end.join(lines) + end).encode(encoding), ending, holds)
+
+
+def _curves() -> Mapping[str, Callable[[], Layout]]:
+    quoted = '"{:.4f}"'
+    return {
+        "Instron Bluehill Universal": lambda: made(
+            ["Results Table 1", ",Maximum Force,Extension at Maximum", ",(N),(mm)", "1,9.0510,8.0000", "",
+             "Raw Data", "Time,Extension,Load", "(s),(mm),(N)", *rows(SECONDS, DEPTH, FORCE, form=quoted)], "curve"),
+        "Instron Bluehill 3": lambda: made(
+            ['"Specimen 1 to 1"', '"","Start Date","14.03.2030"', "", '"Time (sec)","Compressive extension (mm)","Compressive load (N)"',
+             *rows(SECONDS, DEPTH, FORCE, form=quoted)], "curve"),
+        "Instron, kilonewtons": lambda: made(
+            ['"Time (sec)","Displacement (mm)","Force (kN)"', *rows(SECONDS, DEPTH, FORCE / 1e3, form='"{:.7f}"')], "curve"),
+        "Zwick testXpert II": lambda: made(
+            ["Prüfprotokoll", "Kunde\tLabor", "", "Prüfzeit\tStandardweg\tStandardkraft", "s\tmm\tN",
+             *rows(SECONDS, DEPTH, FORCE, between="\t", decimal=",")], "curve", "txt", "cp1252"),
+        "Zwick testXpert III": lambda: made(
+            ['"Specimen 1"', '"Test time";"Standard travel";"Standard force"', '"s";"mm";"N"',
+             *rows(SECONDS, DEPTH, FORCE, between=";")], "curve"),
+        "Zwick, strain": lambda: made(
+            ["Dehnung;Spannung", "%;MPa", *rows(100.0 * STRAIN, STRESS_KPA / 1e3, between=";", decimal=",")], "uniaxial", encoding="cp1252"),
+        "Shimadzu Trapezium X": lambda: made(
+            ['"試験名","圧縮"', '"1 _ 1","",""', '"時間","試験力","ストローク"', '"秒","N","mm"',
+             *rows(SECONDS, FORCE, DEPTH)], "curve", encoding="shift_jis"),
+        "Shimadzu Trapezium, English": lambda: made(
+            ['"Name","1 _ 1",""', '"Time","Force","Stroke"', '"sec","N","mm"', *rows(SECONDS, FORCE, DEPTH)], "curve"),
+        "Shimadzu Trapezium 2": lambda: made(
+            ["Key Word,,Product Name,", "Test Type,Compression,Speed,30 mm/min", "Time(sec),Stroke(mm),Force(N)",
+             *rows(SECONDS, DEPTH, FORCE)], "curve"),
+        "Mach-1": lambda: made(
+            ["<Mach-1 File>", "<INFO>", "Time:\t12:00:01", "Date:\t3/14/2030", "<END INFO>", "<DATA>",
+             "Time, s\tPosition (z), mm\tFz, N", *rows(SECONDS, DEPTH, FORCE, between="\t"), "<END DATA>"], "curve", "txt"),
+        "TA.XT Exponent": lambda: made(
+            ["Force\tDistance\tTime", "g\tmm\tsec", *rows(FORCE / 9.80665e-3, DEPTH, SECONDS, between="\t")], "curve", "tab"),
+        "TA.XT Connect": lambda: made(
+            ["Test 1,,", "Force (kg),Distance (mm),Time (sec)", *rows(FORCE / 9.80665, DEPTH, SECONDS)], "curve"),
+        "MTS TestSuite": lambda: made(
+            ["MTS793|MPT|ENU|1|2|.|/|:|1|0|0|A", "Data Header:\tSpecimen 3", "Data Acquisition: Timed\t\tTime:\t1.5\tSec", "",
+             "Axial Displacement\tAxial Force\tRunning Time", "mm\tN\tSec", *rows(DEPTH, FORCE, SECONDS, between="\t")], "curve", "txt"),
+        "MTS TestWorks": lambda: made(
+            ["Crosshead (mm) \tLoad (N) \tTime (sec) ", *rows(DEPTH, FORCE, SECONDS, between="\t")], "curve", "txt"),
+        "CellScale UniVert": lambda: made(
+            ["Cycle,Time_S,Size_um,Displacement_um,Force_mN",
+             *[f"1-Compress,{line}" for line in rows(SECONDS, 12000.0 - 1e3 * DEPTH, 1e3 * DEPTH, 1e3 * FORCE)]], "curve"),
+        "Bose ElectroForce WinTest": lambda: made(
+            ["WinTest Data", "Scan Points\t41", "Elapsed Time\tDisp\tLoad", "Sec\tmm\tN",
+             *rows(SECONDS, DEPTH, FORCE, between="\t")], "curve", "txt"),
+        "TA ElectroForce": lambda: made(
+            ['"Points","Elapsed Time ","Disp ","Load "', '"","(Sec) ","(mm) ","(N) "',
+             *[f"{i},{line}" for i, line in enumerate(rows(SECONDS, DEPTH, FORCE), 1)]], "curve"),
+        "LabVIEW lvm": lambda: made(
+            ["LabVIEW Measurement", "Writer_Version\t2", "Separator\tTab", "Decimal_Separator\t.", "***End_of_Header***\t", "",
+             "Channels\t2\t\t", "Y_Unit_Label\tMillimeters\tNewtons\t", "X0\t0.0\t0.0\t", "Delta_X\t0.4\t0.4\t",
+             "***End_of_Header***\t\t\t", "X_Value\tPosition\tForce\tComment",
+             *[f"{line}\t" for line in rows(SECONDS, DEPTH, FORCE, between="\t")]], "curve", "lvm"),
+        "Mark-10 MESUR": lambda: made(
+            ["Reading,Load [N],Travel [mm],Time [sec]", *[f"{i},{line}" for i, line in enumerate(rows(FORCE, DEPTH, SECONDS), 1)]], "curve"),
+        "Admet MTESTQuattro": lambda: made(
+            ["Position (in),Load (lbF),Time (sec)", *rows(DEPTH / 25.4, FORCE / 4.4482216152605, SECONDS)], "curve"),
+        "Brookfield CT3": lambda: made(
+            ["Time (s);Distance (mm);Load (g)", *rows(SECONDS, DEPTH, FORCE / 9.80665e-3, between=";")], "curve"),
+        "Lloyd NEXYGEN": lambda: made(
+            ["Load (N)\tMachine Extension (mm)", *rows(FORCE, DEPTH, between="\t")], "curve", "txt"),
+        "Optics11 Piuma": lambda: made(
+            ["Date\t14/03/2030", "Tip radius (um)\t50.0", "k (N/m)\t0.5", "", "Time (s)\tLoad (uN)\tIndentation (nm)\tCantilever (nm)\tPiezo (nm)",
+             *rows(SECONDS, FORCE, 1e3 * DEPTH, 2.0 * FORCE, 1e3 * DEPTH + 2.0 * FORCE, between="\t")], "micro", "txt"),
+        "Chinese machine": lambda: made(
+            ["时间(s),位移(mm),力(N)", *rows(SECONDS, DEPTH, FORCE)], "curve", encoding="gb18030"),
+        "Chinese machine, words for units": lambda: made(
+            ["时间,位移,试验力", "秒,毫米,牛顿", *rows(SECONDS, DEPTH, FORCE)], "curve", encoding="gb18030"),
+        "French machine": lambda: made(
+            ["Temps (s);Déplacement (mm);Effort (N)", *rows(SECONDS, DEPTH, FORCE, between=";", decimal=",")], "curve", encoding="latin-1"),
+        "Italian machine": lambda: made(
+            ["Tempo [s];Spostamento [mm];Carico [N]", *rows(SECONDS, DEPTH, FORCE, between=";", decimal=",")], "curve"),
+        "MATLAB timetable": lambda: made(
+            ["Time,Depth_mm,Force_N", *[f"{t:g} sec,{d:g},{f:g}" for t, d, f in zip(SECONDS, DEPTH, FORCE, strict=True)]], "curve"),
+        "GOM Correlate": lambda: made(
+            ["Stage;Strain (Eng) [%];Stress (Eng) [MPa]", *[f"{i};{line}" for i, line in enumerate(rows(100.0 * STRAIN, STRESS_KPA / 1e3, between=";"))]], "uniaxial"),
+        "TRIOS rheometer": lambda: made(
+            ["Filename\tgel.tri", "[step]", "Shear strain\tShear stress", "%\tPa", *rows(100.0 * STRAIN, 1e3 * STRESS_KPA, between="\t")], "simple_shear", "txt"),
+        "Compression plates": lambda: made(
+            ["Compressive strain (mm/mm),Compressive stress (kPa)", *rows(STRAIN, STRESS_KPA)], "compression"),
+        "Arduino and HX711": lambda: made(
+            ["millis,steps,weight_g", *rows(1e3 * SECONDS, 200.0 * DEPTH, FORCE / 9.80665e-3)], "question"),
+        "strain gauge in volts": lambda: made(
+            ["Time (s),Position (mm),Load cell (V)", *rows(SECONDS, DEPTH, 0.1 * FORCE)], "question"),
+        "specimen by force alone": lambda: made(
+            ["Time (s),Tensile extension (mm),Load (N)", *rows(SECONDS, DEPTH, FORCE)], "question"),
+        "stress of an unknown measure": lambda: made(
+            ["Almansi strain,Stress (kPa)", *rows(STRAIN, STRESS_KPA)], "question"),
+    }  # fmt: skip
+
+
+def _presses() -> Mapping[str, Callable[[], Layout]]:
+    p = press(twist=True, retract=True)
+    q, t = p.pose.as_quat(), p.time_s
+    tip, m = p.tip_mm, 1e-3 * p.tip_mm
+    f, moment = p.force_N, p.moment_Nm
+    zyx = p.pose.as_euler("ZYX", degrees=True)
+    rotvec, matrix = p.pose.as_rotvec(), p.pose.as_matrix()
+    xyz = p.pose.as_euler("xyz", degrees=True)
+    transform = np.zeros((t.size, 4, 4))
+    transform[:, :3, :3], transform[:, :3, 3], transform[:, 3, 3] = matrix, m, 1.0
+    base_f, base_m = p.pose.apply(f), p.pose.apply(moment)
+    w_first = q[:, [3, 0, 1, 2]]
+    digits = "{:.13g}"
+
+    def named(
+        names: str, *values: FloatArray, between: str = ",", head: Sequence[str] = (), **more: str
+    ) -> Layout:
+        lines = [*head, names, *rows(*values, between=between, form=digits)]
+        return made(lines, "press", **more)
+
+    return {
+        "UR and OnRobot HEX": lambda: named(
+            "t(s),X(m),Y(m),Z(m),RX(rad),RY(rad),RZ(rad),Fx(N),Fy(N),Fz(N),Tx(Nm),Ty(Nm),Tz(Nm)", t, m, rotvec, f, moment),
+        "UR RTDE recorder": lambda: named(
+            " ".join(["timestamp", *(f"actual_TCP_pose_{i}" for i in range(6)), *(f"actual_TCP_force_{i}" for i in range(6)),
+                      *(f"target_TCP_pose_{i}" for i in range(6))]), t, m, rotvec, base_f, base_m, m, rotvec, between=" "),
+        "Bota and ROS pose": lambda: named(
+            "timestamp,position_x,position_y,position_z,orientation_x,orientation_y,orientation_z,orientation_w,"
+            "force_x,force_y,force_z,torque_x,torque_y,torque_z", t, m, q, f, moment),
+        "KUKA iiwa recorder": lambda: named(
+            "Time,X,Y,Z,A,B,C,Force_X,Force_Y,Force_Z,Torque_X,Torque_Y,Torque_Z", t, tip, zyx, f, moment),
+        "KUKA FRI in radians": lambda: named(
+            "time_ms X_mm Y_mm Z_mm A_rad B_rad C_rad Fx_N Fy_N Fz_N Mx_Nm My_Nm Mz_Nm", 1e3 * t, tip, np.radians(zyx), f, moment, between=" "),
+        "Franka, vectors by index": lambda: named(
+            ",".join(["time", *(f"O_T_EE[{i}]" for i in range(16)), *(f"O_F_ext_hat_K[{i}]" for i in range(6)),
+                      *(f"tau_J[{i}]" for i in range(7))]),
+            t, transform.transpose(0, 2, 1).reshape(-1, 16), -base_f, -base_m, np.tile(np.arange(7.0), (t.size, 1))),
+        "ABB EGM": lambda: named(
+            "Time[ms];X[mm];Y[mm];Z[mm];q1;q2;q3;q4;Fx[N];Fy[N];Fz[N];Mx[Nm];My[Nm];Mz[Nm]", 1e3 * t, tip, w_first, f, moment, between=";"),
+        "PlotJuggler": lambda: named(
+            "__time,/tcp/pose/position/x,/tcp/pose/position/y,/tcp/pose/position/z,/tcp/pose/orientation/x,/tcp/pose/orientation/y,"
+            "/tcp/pose/orientation/z,/tcp/pose/orientation/w,/ft/wrench/force/x,/ft/wrench/force/y,/ft/wrench/force/z,"
+            "/ft/wrench/torque/x,/ft/wrench/torque/y,/ft/wrench/torque/z", np.round(1.9e9 + t, 3), m, q, f, moment),
+        "rostopic echo -p": lambda: named(
+            "%time,field.pose.position.x,field.pose.position.y,field.pose.position.z,field.pose.orientation.x,field.pose.orientation.y,"
+            "field.pose.orientation.z,field.pose.orientation.w,field.wrench.force.x,field.wrench.force.y,field.wrench.force.z,"
+            "field.wrench.torque.x,field.wrench.torque.y,field.wrench.torque.z", np.round(1e9 * t), m, q, f, moment),
+        "MATLAB timetable of vectors": lambda: Layout(
+            ("\n".join(["Time,pos_1,pos_2,pos_3,quat_1,quat_2,quat_3,quat_4,F_1,F_2,F_3,M_1,M_2,M_3",
+                        *[f"{a:g} sec,{line}" for a, line in zip(t, rows(m, w_first, f, moment, form=digits), strict=True)]]) + "\n").encode(),
+            "csv", "press"),
+        "Fanuc": lambda: named(
+            "Time(sec),X(mm),Y(mm),Z(mm),W(deg),P(deg),R(deg),FX(N),FY(N),FZ(N),MX(Nm),MY(Nm),MZ(Nm)", t, tip, xyz, f, moment),
+        "Staubli": lambda: named(
+            "time(ms);x(mm);y(mm);z(mm);rx(deg);ry(deg);rz(deg);Fx(N);Fy(N);Fz(N);Mx(Nm);My(Nm);Mz(Nm)",
+            1e3 * t, tip, p.pose.as_euler("XYZ", degrees=True), f, moment, between=";"),
+        "Kinova Kortex": lambda: named(
+            "time,tool_pose_x,tool_pose_y,tool_pose_z,tool_pose_theta_x,tool_pose_theta_y,tool_pose_theta_z,"
+            "tool_external_wrench_force_x,tool_external_wrench_force_y,tool_external_wrench_force_z,"
+            "tool_external_wrench_torque_x,tool_external_wrench_torque_y,tool_external_wrench_torque_z", t, m, xyz, f, moment),
+        "xArm": lambda: named(
+            "timestamp,x,y,z,roll,pitch,yaw,ft_ext_fx,ft_ext_fy,ft_ext_fz,ft_ext_tx,ft_ext_ty,ft_ext_tz", t, tip, xyz, f, moment),
+        "Flexiv": lambda: named(
+            ",".join(["time_s", *(f"tcp_pose_{i}" for i in range(7)), *(f"ext_wrench_in_tcp_{i}" for i in range(6))]), t, m, w_first, f, moment),
+        "ATI in newton millimetres": lambda: named(
+            "Time (s)\tPx (mm)\tPy (mm)\tPz (mm)\tq0\tqx\tqy\tqz\tFx (N)\tFy (N)\tFz (N)\tTx (N-mm)\tTy (N-mm)\tTz (N-mm)",
+            t, tip, w_first, f, 1e3 * moment, between="\t", ending="tsv"),
+        "Doosan": lambda: named(
+            "time_s,posx_x_mm,posx_y_mm,posx_z_mm,posx_a_deg,posx_b_deg,posx_c_deg,tool_fx_N,tool_fy_N,tool_fz_N,tool_mx_Nm,tool_my_Nm,tool_mz_Nm",
+            t, tip, p.pose.as_euler("ZYZ", degrees=True), f, moment),
+        "sensor in counts": lambda: named(
+            "t_s,x_mm,y_mm,z_mm,qx,qy,qz,qw,Fx (counts),Fy (counts),Fz (counts),Tx (counts),Ty (counts),Tz (counts)",
+            t, tip, q, 1e5 * f, 1e5 * moment)._replace(holds="question"),
+        "machine that presses and turns": lambda: named(
+            "Time (s),Crosshead (mm),Load (N),Rotation (deg),Torque (N·mm)",
+            t, 203.0 - tip[:, 2:], -f[:, 2:], np.unwrap(zyx[:, :1], axis=0, period=360.0), 1e3 * moment[:, 2:]),
+        "machine with six axes": lambda: named(
+            "Time (s);Z (mm);Angle (deg);Fx (N);Fy (N);Fz (N);Mx (Nmm);My (Nmm);Mz (Nmm)",
+            t, tip[:, 2:], np.unwrap(zyx[:, :1], axis=0, period=360.0), f, 1e3 * moment, between=";"),
+    }  # fmt: skip
+
+
+LAYOUTS = {**_curves(), **_presses()}
