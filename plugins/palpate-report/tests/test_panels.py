@@ -2,12 +2,15 @@
 
 from dataclasses import replace
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 
 from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
+from palpate_report.figures.drawings import generalised
 from palpate_report.figures.panels import budget_bars, causes, colour_of, limbs, pressed, pressures
+from palpate_report.figures.style import STYLE, symbol
 
 from .dimple import dimple
 
@@ -53,3 +56,18 @@ def test_a_limb_is_drawn_with_its_normal_upwards(content):
     assert [axis.get_title() for axis in figure.axes] == ["spot p1", "spot p2"]
     low, high = figure.axes[0].get_zlim()
     assert low < 0.0 < high
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [("c1", "c₁"), ("c12 (kPa)", "c₁₂ (kPa)"), ("μ", "μ"), ("k1@p2", "k₁@p2"), ("x.c1", "x.c1")],
+)
+def test_the_number_of_a_symbol_is_lowered(name, shown):
+    assert symbol(name) == shown
+
+
+def test_panels_have_letters_and_no_grid(content):
+    with mpl.rc_context(dict(STYLE)):
+        axes = generalised(content()).axes
+        assert [axis.get_title(loc="left") for axis in axes] == ["a", "b", "c", "d"]
+        assert not any(line.get_visible() for axis in axes for line in axis.get_xgridlines())

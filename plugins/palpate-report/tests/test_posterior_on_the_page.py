@@ -53,7 +53,7 @@ def test_profiles_and_shares_along_the_path_come_with_a_posterior(fitted):
     )
     more = replace(fitted, posterior=PosteriorResult(profiles=rises, sobol_indices=shares))
     axes = sobol_indices(more).axes
-    assert [axis.get_ylabel() for axis in axes] == [f"share at {spot} [%]" for spot in fitted.spots]
+    assert [axis.get_ylabel() for axis in axes] == [f"share at {spot} (%)" for spot in fitted.spots]
     tops = [area.get_paths()[0].vertices[:, 1].max() for area in axes[0].collections]
     assert tops == pytest.approx([70.0, 70.0])
     drawn = profiles(more).axes

@@ -40,7 +40,9 @@ def saved(content, tmp_path):
 def test_a_saved_figure_has_its_width_and_holds_its_fonts(saved):
     svg = ElementTree.parse(saved[".svg"]).getroot()
     assert float(svg.get("width").removesuffix("pt")) == pytest.approx(DOUBLE_MM * 72 / 25.4, abs=0.01)
-    assert not list(svg.iter("{http://www.w3.org/2000/svg}text")), "letters are outlines"
+    texts = list(svg.iter("{http://www.w3.org/2000/svg}text"))
+    assert {"a", "b", "residual", "10"} <= {text.text for text in texts}, "letters stay text"
+    assert all("Arial" in text.get("style") and "Helvetica" in text.get("style") for text in texts)
     assert imread(saved[".png"]).shape[1] == pytest.approx(DOUBLE_MM * 300 / 25.4, abs=1)
     pdf = saved[".pdf"].read_bytes()
     assert b"/FontFile2" in pdf

@@ -104,7 +104,7 @@ def test_the_force_over_time_has_a_panel_of_press_and_rest(figures, tmp_path):
     settings = ProcessingSettings(over_time={"enabled": True})
     draw_processed(process(recording(), settings), tmp_path)
     labels = [axis.get_xlabel() for axis in figures["5_curves.png"].axes]
-    assert labels.count("time [s]") == 1
+    assert labels.count("time (s)") == 1
 
 
 def test_steps_that_were_left_out_are_not_claimed(figures, tmp_path):

@@ -44,14 +44,14 @@ def draw_recording(recording: Recording, folder: Path) -> Path:
     with _over_time(recording, "as read", 4, folder / "1_as_read.png") as axes:
         time = recording.time_s
         _components(axes[0], time, recording.position_mm - recording.position_mm[0])
-        axes[0].set_ylabel("travel from\nthe first row [mm]")
+        axes[0].set_ylabel("travel from\nthe first row (mm)")
         orientation = Rotation.from_quat(np.array(recording.quaternion))
         _components(axes[1], time, (orientation[0].inv() * orientation).as_rotvec(degrees=True))
-        axes[1].set_ylabel("turn from\nthe first row [°]")
+        axes[1].set_ylabel("turn from\nthe first row (°)")
         _components(axes[2], time, recording.force_N)
-        axes[2].set_ylabel("force [N]\n(sensor)")
+        axes[2].set_ylabel("force (N)\n(sensor)")
         _components(axes[3], time, recording.moment_Nmm)
-        axes[3].set_ylabel("moment [N·mm]\n(sensor)")
+        axes[3].set_ylabel("moment (N·mm)\n(sensor)")
         _legend_above(axes[0])
     return folder / "1_as_read.png"
 
@@ -99,10 +99,10 @@ def _draw_tared(processed: Processed, folder: Path) -> Path:
 def _draw_phases(processed: Processed, folder: Path) -> Path:
     time = processed.motion.time_s
     signals = (
-        (processed.depth_mm, "depth [mm]"),
-        (processed.motion.turn_deg, "rotation [°]"),
-        (processed.wrench.pressing, "normal force [N]"),
-        (processed.wrench.twisting, "torque [N·mm]"),
+        (processed.depth_mm, "depth (mm)"),
+        (processed.motion.turn_deg, "rotation (°)"),
+        (processed.wrench.pressing, "normal force (N)"),
+        (processed.wrench.twisting, "torque (N·mm)"),
     )
     path, what = folder / "3_phases.png", "phases, in the frame of the spot"
     with _over_time(processed.raw, what, len(signals), path) as axes:
@@ -149,8 +149,8 @@ def _draw_onset(processed: Processed, folder: Path) -> Path:
         axis.plot(curve.abscissa[kept], curve.ordinate[kept], color=_MEASURED, label="curve")
         axis.axvline(0.0, color=_FOUND, label=f"first contact ± {std:.3f} mm")
         axis.axvspan(-std, std, color=_FOUND, alpha=0.2, linewidth=0)
-        axis.set_xlabel("depth [mm]")
-        axis.set_ylabel("normal force [N]")
+        axis.set_xlabel("depth (mm)")
+        axis.set_ylabel("normal force (N)")
         axis.legend(loc="upper left")
     return path
 
@@ -158,10 +158,10 @@ def _draw_onset(processed: Processed, folder: Path) -> Path:
 def _draw_curves(processed: Processed, folder: Path) -> Path:
     """Each curve on the rows of the log, and below it what smoothing left of them."""
     labels = {
-        "force": ("depth [mm]", "normal force [N]"),
-        "torque": ("rotation [°]", "torque [N·mm]"),
-        "lateral_force": ("shift [mm]", "lateral force [N]"),
-        "force_over_time": ("time [s]", "normal force [N]"),
+        "force": ("depth (mm)", "normal force (N)"),
+        "torque": ("rotation (°)", "torque (N·mm)"),
+        "lateral_force": ("shift (mm)", "lateral force (N)"),
+        "force_over_time": ("time (s)", "normal force (N)"),
     }
     curves, path = processed.curves, folder / "5_curves.png"
     grid = {"nrows": 2, "ncols": len(curves), "sharex": "col", "height_ratios": (2.0, 1.0)}
@@ -188,7 +188,7 @@ def _draw_curves(processed: Processed, folder: Path) -> Path:
             above.plot(curve.abscissa, curve.ordinate, color=_MEASURED, linewidth=1.0, label="curve")
             below.axhline(0.0, color=_MEASURED, linewidth=0.8)
             above.set_ylabel(y_label)
-            below.set_ylabel(f"residual {y_label[y_label.index('[') :]}")
+            below.set_ylabel(f"residual {y_label[y_label.index('(') :]}")
             below.set_xlabel(x_label)
             above.legend(loc="upper left", markerscale=3.0)
             # Above the panel: the residuals fill all of it.
@@ -207,8 +207,8 @@ def draw_cycles(cycles: Cycles, folder: Path) -> Path:
             label = f"cycle {number}" + (f", {100.0 * found['share']:+.1f} %" if found else "")
             width = 2.2 if number in cycles.counted else 1.0
             axis.plot(curve.abscissa, curve.ordinate, color=str(shade), linewidth=width, label=label)
-        axis.set_xlabel("depth [mm]")
-        axis.set_ylabel("normal force [N]")
+        axis.set_xlabel("depth (mm)")
+        axis.set_ylabel("normal force (N)")
         axis.legend(loc="upper left", title="force since the one before\n(thick: counts)")
     return path
 
@@ -240,7 +240,7 @@ def _over_time(recording: Recording, what: str, n_panels: int, path: Path) -> It
     with _figure(recording, what, path, size, nrows=n_panels, sharex=True) as panels:
         axes = list(panels[:, 0])
         yield axes
-        axes[-1].set_xlabel("time [s]")
+        axes[-1].set_xlabel("time (s)")
         axes[-1].set_xlim(recording.time_s[0], recording.time_s[-1])
 
 

@@ -12,7 +12,7 @@ from palpate_report.answer.model_verdict import r2_by_spot
 from palpate_report.answer.next_step import CAUSES
 from palpate_report.answer.result import Conclusion
 from palpate_report.answer.warnings import GOOD_R2, NO_FIT_R2
-from palpate_report.data.marks import Headline, with_unit
+from palpate_report.data.marks import EFFECTIVE, Headline, with_unit
 from palpate_report.data.report_data import ReportData
 
 MOST_CAUSES = 2
@@ -89,10 +89,9 @@ def sentence(data: ReportData, conclusion: Conclusion) -> str:
     where = "" if n_spots > 1 else f" at spot {data.spots[0]}"
     shear = [each for each in conclusion.moduli if each.parameter.startswith(MODULI[0])]
     values = shear or [each for each in conclusion.estimates if each.identifiability in ("well", "roughly")]
+    kind = f"{EFFECTIVE} " if conclusion.model.approximation else ""
     found = ", ".join(
-        f"{'effective ' if 'effective' in each.verdict else ''}{each.parameter} {_with_error(each)}"
-        for each in values
-        if each.value is not None
+        f"{kind}{each.parameter} {_with_error(each)}" for each in values if each.value is not None
     )
     unknown = [each.parameter for each in conclusion.estimates if each.identifiability == "not"]
     what = "tests" if data.study.protocol is None else "presses"

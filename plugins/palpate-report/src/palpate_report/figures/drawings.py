@@ -21,7 +21,7 @@ from palpate_report.answer.best_sets import best_sets, leading
 from palpate_report.answer.curves import fits_at, for_all_spots, residuals, same_curves
 from palpate_report.answer.material import material_curves
 from palpate_report.answer.model_verdict import NO_PARAMETERS, model_verdict
-from palpate_report.data.report_data import ReportData, label_of
+from palpate_report.data.report_data import ReportData
 from palpate_report.figures.material import stress_strain
 from palpate_report.figures.panels import causes, contact, limbs, pressed, pressures, profiles, sobol_indices
 from palpate_report.figures.space import parameter_space
@@ -33,6 +33,7 @@ from palpate_report.figures.style import (
     SINGLE_MM,
     STYLE,
     Dash,
+    axis_label,
     finished,
     save,
     set_log,
@@ -111,7 +112,8 @@ def responses(data: ReportData, spot: str) -> Figure:
         axis.set_xlabel("")
         below.axhline(0.0, color="0.4", linewidth=0.6)
         below.set(
-            xlabel=data.channels[channel].abscissa_label, ylabel=f"residual{_unit(data.channels[channel])}"
+            xlabel=data.channels[channel].abscissa_label,
+            ylabel=f"residual\n{_unit(data.channels[channel]).strip()}".rstrip(),
         )
     figure.align_ylabels()
     return finished(figure, grid[0], data.stamp)
@@ -255,9 +257,9 @@ def interval_plot(data: ReportData) -> Figure:
             set_log(axis, "x")
         else:
             axis.locator_params(axis="x", nbins=4)
-        axis.set_xlabel(label_of(parameter))
+        axis.set_xlabel(axis_label(parameter))
     axes[0].set_yticks(range(len(spots)), spots)
-    axes[0].invert_yaxis()
+    axes[0].set_ylim(len(spots) - 0.5, -0.5)
     return finished(figure, axes, data.stamp)
 
 

@@ -15,7 +15,7 @@ def stress_strain(data: ReportData) -> Figure:
     for axis, each in zip(axes, curves, strict=True):
         _draw(axis, each, data.together)
         of = f" of {each.region}" if len(data.study.space.regions) > 1 else ""
-        axis.set(xlabel=each.path.axis, ylabel=f"nominal {each.path.label}{of} [{data.modulus_unit}]")
+        axis.set(xlabel=each.path.axis, ylabel=f"nominal {each.path.label}{of} ({data.modulus_unit})")
     return finished(figure, axes, data.stamp)
 
 

@@ -12,7 +12,7 @@ from palpate.api import Indentation, SurfaceStates, convert
 from palpate.api.fit import RISE
 from palpate.api.mesh import spot_axes
 from palpate_report.answer.next_step import CAUSES
-from palpate_report.data.report_data import CONTACT, ReportData, label_of
+from palpate_report.data.report_data import CONTACT, ReportData
 from palpate_report.figures.limb_view import LOOKS, limb_view
 from palpate_report.figures.scene import coarsened, deepest
 from palpate_report.figures.skin_map import draw_map
@@ -20,9 +20,11 @@ from palpate_report.figures.style import (
     DOUBLE_MM,
     LEAST_COLOUR,
     LINES,
+    axis_label,
     finished,
     panels,
     sized,
+    symbol,
 )
 
 N_COLUMNS = 3
@@ -78,9 +80,9 @@ def causes(data: ReportData) -> Figure:
         for cause, share in parts:
             axis.barh(place, share, 0.6, left, color=colour_of(cause), label=cause)
             left += share
-    axis.set_yticks(range(len(bars)), [name for name, _ in bars])
+    axis.set_yticks(range(len(bars)), [symbol(name) for name, _ in bars])
     axis.invert_yaxis()
-    axis.set(xlabel="share of the variance [%]", xlim=(0.0, 100.0))
+    axis.set(xlabel="share of the variance (%)", xlim=(0.0, 100.0))
     return finished(figure, [axis], data.stamp)
 
 
@@ -107,7 +109,7 @@ def pressures(data: ReportData) -> Figure:
         maps.append(draw_map(axis, states, deepest(states), values[spot], most))
         axis.set_title(f"spot {spot}")
     if drawn := [each for each in maps if each is not None]:
-        figure.colorbar(drawn[0], ax=list(axes), label=f"contact pressure [{data.modulus_unit}]", shrink=0.8)
+        figure.colorbar(drawn[0], ax=list(axes), label=f"contact pressure ({data.modulus_unit})", shrink=0.8)
     return finished(figure, [], data.stamp)
 
 
@@ -144,7 +146,7 @@ def profiles(data: ReportData) -> Figure:
         axis.axhline(RISE, color="0.5", linestyle=":", linewidth=0.8, label="95 %")
         if name in truth:
             axis.axvline(truth[name], color=LEAST_COLOUR, linewidth=0.8, label="known answer")
-        axis.set(xlabel=label_of(data.searched[name]), ylabel="rise of −2 log density")
+        axis.set(xlabel=axis_label(data.searched[name]), ylabel="rise of −2 log density")
     return finished(figure, axes, data.stamp)
 
 
@@ -167,7 +169,7 @@ def sobol_indices(data: ReportData) -> Figure:
                 labels=[data.searched[name].name for name in names],
                 colors=[LINES[i % len(LINES)][0] for i in range(len(names))],
             )
-            axis.set(xlabel=f"point of the {channel}", ylabel=f"share at {spot} [%]", ylim=(0.0, 100.0))
+            axis.set(xlabel=f"point of the {channel}", ylabel=f"share at {spot} (%)", ylim=(0.0, 100.0))
     return finished(figure, axes.flat, data.stamp)
 
 

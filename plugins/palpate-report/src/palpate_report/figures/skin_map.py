@@ -47,6 +47,6 @@ def draw_map(axis: Axes, states: SurfaceStates, at: int, values: FloatArray, mos
     grid = Triangulation(place[:, 0], place[:, 1], shown)
     levels = MaxNLocator(N_LEVELS).tick_values(0.0, most)
     drawn = axis.tricontourf(grid, values, levels=levels, cmap="viridis")
-    axis.set(aspect="equal", xlim=(-x, x), ylim=(-y, y), xlabel="x [mm]", ylabel="y [mm]")
+    axis.set(aspect="equal", xlim=(-x, x), ylim=(-y, y), xlabel="x (mm)", ylabel="y (mm)")
     axis.grid(visible=False)
     return drawn

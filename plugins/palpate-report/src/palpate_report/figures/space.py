@@ -16,14 +16,16 @@ from scipy.spatial import ConvexHull, QhullError
 from palpate.api import FloatArray, Parameter
 from palpate.api.runs import objectives
 from palpate_report.answer.headline import draws_of
-from palpate_report.data.report_data import ReportData, label_of
+from palpate_report.data.report_data import ReportData
 from palpate_report.figures.contours import contours, paths, reported
 from palpate_report.figures.style import (
     LEAST_COLOUR,
     LINES,
     MEASURED_COLOUR,
     PlainNumbers,
+    axis_label,
     finished,
+    lettered,
     panels,
     set_log,
 )
@@ -79,12 +81,13 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
             _draw_region(draws, axis, names, f"95 % region of {data.together}, as the intervals")
             _scatter(axis, (values[:, i], values[:, j]), fopt)
             _draw_paths(data, spot, axis, names)
-            axis.set_xlabel(label_of(parameters[i]))
-            axis.set_ylabel(label_of(parameters[j]))
+            axis.set_xlabel(axis_label(parameters[i]))
+            axis.set_ylabel(axis_label(parameters[j]))
             _draw_truth(data, axis, names)
             _set_scales(axis, (parameters[i], parameters[j]))
     if n > 1 and np.isfinite(fopt).any():
         _colour_bar(figure, flat, data, fopt)
+    lettered(flat)
     return finished(figure, flat[-1:], data.stamp)
 
 
@@ -120,7 +123,7 @@ def _draw_one_parameter(axis: Axes, values: FloatArray, fopt: FloatArray, parame
         axis.scatter(
             [values[least]], [fopt[least]], marker="*", s=70, color=LEAST_COLOUR, label=f"least: set {least}"
         )
-    axis.set(xlabel=label_of(parameter), ylabel="Fopt (NMSE)")
+    axis.set(xlabel=axis_label(parameter), ylabel="Fopt (NMSE)")
     _set_scales(axis, [parameter])
     set_log(axis, "y")
 
@@ -137,7 +140,7 @@ def _draw_space(
     for set_label, parameter in zip(
         (axis.set_xlabel, axis.set_ylabel, axis.set_zlabel), parameters, strict=True
     ):
-        set_label(label_of(parameter), fontsize=5.5)
+        set_label(axis_label(parameter), fontsize=5.5)
     axis.tick_params(labelsize=5, pad=-3)
     axis.locator_params(nbins=4)
     axis.set_box_aspect(None, zoom=0.78)

@@ -1,7 +1,9 @@
 """Style of every figure for print: sizes in mm, type, colours for all kinds of colour vision, files."""
 
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from string import ascii_lowercase
 from types import MappingProxyType
 from typing import Any
 
@@ -12,6 +14,9 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
+
+from palpate.api import Parameter
+from palpate_report.data.report_data import label_of
 
 SINGLE_MM = 85.0
 """Width of one column of a journal's page."""
@@ -26,8 +31,9 @@ STYLE: Mapping[str, Any] = MappingProxyType(
     {
         "figure.dpi": 300,
         "figure.constrained_layout.use": True,
-        # Matplotlib's own, so that a figure is the same on every machine.
-        "font.family": "DejaVu Sans",
+        # The first that the machine has; Liberation Sans has the widths of Arial.
+        "font.family": "sans-serif",
+        "font.sans-serif": ("Arial", "Helvetica", "Liberation Sans", "DejaVu Sans"),
         "font.size": 7.0,
         "axes.titlesize": 7.0,
         "axes.labelsize": 7.0,
@@ -36,9 +42,8 @@ STYLE: Mapping[str, Any] = MappingProxyType(
         "axes.spines.top": False,
         "axes.spines.right": False,
         "axes.linewidth": 0.6,
-        "axes.grid": True,
-        "grid.color": "0.9",
-        "grid.linewidth": 0.5,
+        "axes.grid": False,
+        "axes.titlelocation": "center",
         "axes.axisbelow": True,
         # No offset or power of ten next to an axis, where it collides with the label.
         "axes.formatter.limits": (-6, 6),
@@ -48,8 +53,8 @@ STYLE: Mapping[str, Any] = MappingProxyType(
         "legend.fontsize": 6.5,
         "lines.linewidth": 1.1,
         "svg.hashsalt": "palpate",
-        # Outlines in SVG, embedded TrueType in PDF: neither asks the reader's machine for a font.
-        "svg.fonttype": "path",
+        # Text stays text, which a journal edits: in SVG by the names of the fonts, in PDF as TrueType.
+        "svg.fonttype": "none",
         "pdf.fonttype": 42,
     }
 )
@@ -122,13 +127,34 @@ def set_log(axis: Axes, *names: str) -> None:
         one.set_minor_formatter(PlainNumbers())
 
 
+INDICES = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+
+
+def symbol(name: str) -> str:
+    """Name of a parameter as figures print it: ``c1`` with its number lowered."""
+    return re.sub(r"(?<=^[^\W\d_])\d+", lambda found: found[0].translate(INDICES), name)
+
+
+def axis_label(parameter: Parameter) -> str:
+    """Label of an axis of a parameter: symbol and unit."""
+    return symbol(label_of(parameter))
+
+
+def lettered(axes: Iterable[Axes]) -> None:
+    """Letter panels from ``a`` on, where there are several."""
+    every = list(axes)
+    for axis, letter in zip(every, ascii_lowercase if len(every) > 1 else "", strict=False):
+        axis.set_title(letter, loc="left", fontweight="bold", fontsize=8.0)
+
+
 def finished(figure: Figure, axes: Iterable[Axes], notice: str) -> Figure:
     """Figure with one legend of all that these axes show below it, each label once, and a notice above.
 
     The notice is that on the data, such as that they are simulated.
     """
-    labelled: dict[str, Any] = {}
-    for axis in axes:
+    shown, labelled = [axis for axis in axes if axis.axison or axis.has_data()], dict[str, Any]()
+    lettered(shown)
+    for axis in shown:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             labelled.setdefault(label, handle)
     if labelled:

@@ -313,7 +313,7 @@
       if (t.type === "scatter3d" && t.mode === "lines") t.line = Object.assign({ width: 6 }, t.line, { color: colour("ink") });
     });
     const side = (title) => axis(title, { backgroundcolor: "rgba(0,0,0,0)" });
-    const shape = { scene: { aspectmode: "data", camera: camera(), xaxis: side("x [mm]"), yaxis: side("y [mm]"), zaxis: side("z [mm]") },
+    const shape = { scene: { aspectmode: "data", camera: camera(), xaxis: side("x (mm)"), yaxis: side("y (mm)"), zaxis: side("z (mm)") },
       showlegend: true, legend: { orientation: "h", y: -0.02 }, margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: state.spot };
     draw("scene", traces, layout(shape));
   }
