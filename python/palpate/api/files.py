@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         write_atomically as write_atomically,
     )
     from palpate.toml_text import (
+        toml_document as toml_document,
         toml_value as toml_value,
     )
 

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
         stress_and_tangent as stress_and_tangent,
     )
     from palpate.mechanics.homogeneous import (
+        MODES as MODES,
         nominal_stress as nominal_stress,
     )
     from palpate.plugins.energy_form import (

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     )
     from palpate.plugins.optional import (
         LoadingDrawer as LoadingDrawer,
+        RangeProposer as RangeProposer,
         Verifier as Verifier,
     )
     from palpate.plugins.provides import (
@@ -113,7 +114,10 @@ if TYPE_CHECKING:
     )
     from palpate.stages.pipeline import (
         RunResult as RunResult,
+        check_study as check_study,
         locked_run as locked_run,
+        parts_of as parts_of,
+        run_stage as run_stage,
         run_study as run_study,
     )
     from palpate.stages.stage import (

@@ -150,6 +150,22 @@ class PressDrawer(Protocol):
 
 
 @runtime_checkable
+class RangeProposer(Protocol):
+    """A material whose ranges follow from the deformation of a homogeneous test."""
+
+    def proposed_ranges(self, shear_MPa: float, invariant: float) -> Mapping[str, tuple[float, float]]:
+        """Ranges by parameter, in the material's units; those of the volume are left out.
+
+        Parameters
+        ----------
+        shear_MPa : float
+            Initial shear modulus, about.
+        invariant : float
+            Largest I1 - 3 of the test, greater than zero.
+        """
+
+
+@runtime_checkable
 class Verifier(Protocol):
     """A solver whose answer may be wrong and look right, and that can find out."""
 

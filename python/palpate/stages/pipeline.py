@@ -116,6 +116,7 @@ def run_study(
     confirm: Callable[[Changed], None] = lambda changed: None,
     adopt: bool = False,
     fit_start: Mapping[str, float] | None = None,
+    without: Collection[str] = (),
 ) -> RunResult:
     """Results of a whole study, from measured curves to identified parameters.
 
@@ -136,6 +137,8 @@ def run_study(
         Whether the run of another study file may be continued with this one.
     fit_start : mapping of parameter name to value, optional
         Where the joint fit starts first; the run directory keeps it.
+    without : collection of str
+        Stages that are left out, such as ``report``.
 
     Raises
     ------
@@ -151,7 +154,8 @@ def run_study(
         progress.note(f"{run_folder} is complete: simulations are reused, fit and report made again")
     progress.begin("check", 1)
     run = read_run(study, directory, plugins, progress, is_copy=False)
-    stages, wanted = run.stages, list(stages_of_run(study, run.stages))
+    stages = run.stages
+    wanted = [stage for stage in stages_of_run(study, stages) if stage.name not in without]
     made_from = run.made_from(stages["experiment"])  # before the files are read: a later change is noticed
     inputs = check_study(study, plugins, before)
     progress.step()

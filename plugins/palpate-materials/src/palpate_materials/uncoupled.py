@@ -2,6 +2,7 @@
 
 import sys
 from abc import abstractmethod
+from collections.abc import Mapping
 from math import comb
 
 import numpy as np
@@ -31,6 +32,11 @@ class Uncoupled(IsotropicMaterial[SettingsT]):
         log_J = log_volume_ratio(stretches)
         isochoric = stretches * xp.exp(log_J / -3.0)[..., None]
         return self.isochoric_energy(isochoric, theta[:-1]) + 0.5 * theta[-1] * log_J**2
+
+
+def around(modulus_MPa: float) -> tuple[float, float]:
+    """Range of a modulus that is about so large: from a quarter to three times."""
+    return 0.25 * modulus_MPa, 3.0 * modulus_MPa
 
 
 # Sums of three terms in place of sums over an axis: XLA compiles these into one loop with all around them.
@@ -141,6 +147,12 @@ class Yeoh(Uncoupled[YeohSettings]):
         """Declare the energy for other programs: powers of Ĩ1 − 3."""
         return EnergyForm(powers=tuple(map(float, theta[:-1])), bulk_MPa=float(theta[-1]))
 
+    def proposed_ranges(self, shear_MPa: float, invariant: float) -> Mapping[str, tuple[float, float]]:
+        """Ranges in which no term exceeds twice the first at the largest invariant."""
+        first, n_terms = 0.5 * shear_MPa, self.settings.terms
+        most = {f"c{k}": 2.0 * first / invariant ** (k - 1) for k in range(2, n_terms + 1)}
+        return {"c1": around(first)} | {name: (-value, value) for name, value in most.items()}
+
 
 def yeoh_coefficients(n_terms: int) -> tuple[Parameter, ...]:
     """Parameters c1, c2, … of a series of powers of Ĩ1 − 3; the ranges are the paper's."""
@@ -212,6 +224,16 @@ class Ogden(Uncoupled[OgdenSettings]):
         terms = tuple((float(c), float(m)) for c, m in zip(theta[:-1:2], theta[1:-1:2], strict=True))
         return EnergyForm(stretches=terms, bulk_MPa=float(theta[-1]))
 
+    def proposed_ranges(self, shear_MPa: float, invariant: float) -> Mapping[str, tuple[float, float]]:
+        """Positive coefficients, each up to all of the shear modulus; any exponents after the first.
+
+        A positive coefficient of each term is Ogden's condition for a stable material.
+        """
+        n_terms = self.settings.terms
+        least = 0.1 if n_terms == 1 else 1e-4
+        found = {f"c{k}": (2.0 * least * shear_MPa, 6.0 * shear_MPa) for k in range(1, n_terms + 1)}
+        return found | {"m1": (0.5, 8.0)} | {f"m{k}": (-6.0, 8.0) for k in range(2, n_terms + 1)}
+
     def check(self, theta: FloatArray) -> None:
         """Refuse values outside their physical range, and an exponent of zero."""
         super().check(theta)
@@ -250,6 +272,10 @@ class MooneyRivlin(Uncoupled):
         first, second = first_invariant(stretches), first_invariant(1.0 / stretches)
         return theta[0] * (first - 3.0) + theta[1] * (second - 3.0)
 
+    def proposed_ranges(self, shear_MPa: float, invariant: float) -> Mapping[str, tuple[float, float]]:
+        """Either coefficient up to the shear modulus and more."""
+        return {"c10": around(0.5 * shear_MPa), "c01": (0.0, shear_MPa)}
+
 
 class Demiray(Uncoupled):
     """Demiray (1972), the isotropic exponential of the Fung and Holzapfel family, uncoupled.
@@ -278,6 +304,10 @@ class Demiray(Uncoupled):
         xp = stretches.__array_namespace__()
         mu, b = theta[0], theta[1]
         return 0.5 * mu / b * xp.expm1(b * (first_invariant(stretches) - 3.0))
+
+    def proposed_ranges(self, shear_MPa: float, invariant: float) -> Mapping[str, tuple[float, float]]:
+        """Exponents up to 5 at the largest invariant."""
+        return {"mu": around(shear_MPa), "b": (0.01 / invariant, 5.0 / invariant)}
 
 
 class VerondaWestmann(Uncoupled):
@@ -308,6 +338,11 @@ class VerondaWestmann(Uncoupled):
         c1, c2 = theta[0], theta[1]
         first, second = first_invariant(stretches), first_invariant(1.0 / stretches)
         return c1 * xp.expm1(c2 * (first - 3.0)) - 0.5 * c1 * c2 * (second - 3.0)
+
+    def proposed_ranges(self, shear_MPa: float, invariant: float) -> Mapping[str, tuple[float, float]]:
+        """Exponents up to 5 at the largest invariant, and scales that have the shear modulus."""
+        lower, upper = 0.05 / invariant, 5.0 / invariant
+        return {"c1": (0.25 * shear_MPa / upper, 3.0 * shear_MPa / lower), "c2": (lower, upper)}
 
 
 class Gent(Uncoupled):
@@ -342,6 +377,10 @@ class Gent(Uncoupled):
     def in_reach(self, stretches: Array, theta: Array) -> Array:
         """Mask (...,) of isochoric stretches (..., 3) whose Ĩ1 − 3 is below the limit."""
         return (first_invariant(stretches) - 3.0 < theta[1]) | (theta[1] < 0.0)
+
+    def proposed_ranges(self, shear_MPa: float, invariant: float) -> Mapping[str, tuple[float, float]]:
+        """Limits above the largest invariant, where the energy ends."""
+        return {"mu": around(shear_MPa), "Jm": (1.02 * invariant, 30.0 * invariant)}
 
     def energy_form(self, theta: FloatArray) -> EnergyForm:
         """Declare the energy for other programs."""
@@ -381,6 +420,11 @@ class ArrudaBoyce(Uncoupled):
     def isochoric_energy(self, stretches: Array, theta: Array) -> Array:
         """Polynomial of Ĩ1 − 3 [MPa], which keeps its digits at rest."""
         return power_series(_chain_coefficients(theta[0], theta[1]), first_invariant(stretches) - 3.0, 5)
+
+    def proposed_ranges(self, shear_MPa: float, invariant: float) -> Mapping[str, tuple[float, float]]:
+        """Chains from half as long as the largest stretch of a chain asks for, I1 / 3 links."""
+        links = (invariant + 3.0) / 3.0
+        return {"mu": around(shear_MPa), "N": (0.5 * links, 30.0 * links)}
 
     def energy_form(self, theta: FloatArray) -> EnergyForm:
         """Declare the energy for other programs: powers of Ĩ1 − 3."""

@@ -1,7 +1,7 @@
 """``palpate report`` and ``palpate compare``: tables and figures of one run, or of several."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -59,18 +59,58 @@ def compare(
     context: typer.Context,
     runs: Annotated[
         list[Path],
-        typer.Argument(metavar="RUN RUN…", help="Run directories, or studies for their newest runs."),
+        typer.Argument(metavar="RUN RUN…|STUDY", help="Run directories, or studies for their newest runs."),
     ],
     into: Annotated[
         Path, typer.Option("--into", metavar="FOLDER", help="Where the page, tables and figure go.")
     ] = Path("comparison"),
+    materials: Annotated[
+        str | None,
+        typer.Option(
+            "--materials",
+            metavar="all|LAW,…",
+            help="Fit these laws to the curves of one study, such as yeoh,gent,ogden-2.",
+        ),
+    ] = None,
+    region: Annotated[
+        str | None, typer.Option("--region", help="Region whose law is compared, where there are several.")
+    ] = None,
     trust_plugins: TrustPlugins = False,
     as_json: AsJson = False,
 ) -> None:
-    """Compare materials or limbs: parameters, intervals, curves, information criteria."""
+    """Compare materials or limbs: parameters, intervals, curves, information criteria.
+
+    With --materials the laws are fitted first, each by a study next to the given one, and ranked by AICc and
+    by the error of held-out curves.
+    """
+    session = Session.of(context)
+    if materials is not None:
+        from palpate_report.law_comparison import compare_laws
+
+        if len(runs) != 1:
+            raise StudyError("--materials compares laws of one study; name one")
+        with StageProgress(session) as progress:
+            made = compare_laws(session, runs[0], materials, region, into, progress)
+    else:
+        made = _compared(session, runs, into, trust_plugins=trust_plugins)
+    if as_json:
+        tables = {name: table.to_dicts() for name, table in made["tables"].items()}
+        session.json({**made, "tables": tables})
+        return
+    for name, table in made["tables"].items():
+        session.frame(name.capitalize(), table)
+    conclusion = made["notes"][0] if materials is not None else ""
+    for note in filter(lambda note: note != conclusion, made["notes"]):
+        session.paragraph(note)
+    if conclusion:
+        session.paragraph(conclusion)
+    session.say(f"Page: {(into / 'index.html').resolve().as_uri()}")
+
+
+def _compared(session: Session, runs: list[Path], into: Path, *, trust_plugins: bool) -> dict[str, Any]:
+    """Comparison of finished runs."""
     from palpate_report import comparison, from_run
 
-    session = Session.of(context)
     folders = list(dict.fromkeys(find_run(run) for run in runs))
     if len(folders) < 2:
         raise StudyError("one run is nothing to compare; name two or more: palpate compare RUN RUN")
@@ -79,13 +119,4 @@ def compare(
         for folder in folders:
             own, study = study_of_run(session, folder, trust=trust_plugins)
             found[folder] = from_run.read_results(study, folder, own.plugins, progress)
-    made = comparison.write_comparison(comparison.named(found), into)
-    if as_json:
-        tables = {name: table.to_dicts() for name, table in made["tables"].items()}
-        session.json({**made, "tables": tables})
-        return
-    for name, table in made["tables"].items():
-        session.frame(name.capitalize(), table)
-    for note in made["notes"]:
-        session.paragraph(note)
-    session.say(f"Page: {(into / 'index.html').resolve().as_uri()}")
+    return comparison.write_comparison(comparison.named(found), into)

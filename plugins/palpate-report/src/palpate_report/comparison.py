@@ -241,13 +241,21 @@ def _independent(parts: list[FloatArray]) -> float:
 # ------------------------------------------------------------------------- files
 
 
-def write_comparison(runs: Mapping[str, ReportData], folder: Path) -> dict[str, Any]:
-    """Write ``tables/``, ``figures/`` and ``index.html``; return tables, notes and files."""
+def write_comparison(
+    runs: Mapping[str, ReportData],
+    folder: Path,
+    first: Mapping[str, pl.DataFrame] | None = None,
+    conclusion: str = "",
+) -> dict[str, Any]:
+    """Write ``tables/``, ``figures/`` and ``index.html``; return tables, notes and files.
+
+    Tables that come ``first`` and a conclusion are those of laws that were fitted for the comparison.
+    """
     from palpate_report.figures.drawings import write_comparison_figure
     from palpate_report.page.html import comparison_page
 
-    tables = comparison_tables(runs)
-    notes = list(_notes(tables, runs))
+    tables = dict(first or {}) | comparison_tables(runs)
+    notes = [*filter(None, [conclusion]), *_notes(tables, runs)]
     failures = [note for note in notes if NO_PARAMETERS in note]
     figures = write_comparison_figure(runs, folder / "figures")
     files = (*write_tables(tables, folder / "tables", paper_tables(runs), failures), *figures)
