@@ -45,6 +45,17 @@ def test_a_section_that_the_guide_links_exists(target: str) -> None:
     assert not anchor or anchor in anchors(linked.read_text(encoding="utf-8"))
 
 
+def test_sections_that_sources_name_exist() -> None:
+    sources = [*(ROOT / "python").rglob("*.py"), *(ROOT / "plugins").glob("*/src/**/*.py")]
+    named = {
+        section: path.name
+        for path in sources
+        for section in re.findall(r"benchmarks/README\.md#([\w-]+)", path.read_text(encoding="utf-8"))
+    }
+    assert named
+    assert named.keys() <= anchors(README), named
+
+
 @pytest.mark.parametrize("guide", GUIDES, ids=lambda path: path.relative_to(ROOT).as_posix())
 def test_benchmarks_that_other_guides_name_exist(guide: Path) -> None:
     text = guide.read_text(encoding="utf-8")
