@@ -7,10 +7,16 @@ import ast
 import re
 import tomllib
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.main import get_command
 
+from palpate.cli.app import build_app
+from palpate.cli.stages import add_stage
+from palpate.plugins.registry import add_commands
 from palpate.stages.identifiability import UNCLEAR, WORDS
 from palpate_report.answer.next_step import CAUSES
 
@@ -194,6 +200,22 @@ def test_messages_name_the_thing_again() -> None:
         if " " in text and re.search(r"\b(?:that|those) of\b|\bwhat\b(?! to do)", text)
     ]
     assert found == []
+
+
+def help_texts(command: Any, path: str = "palpate") -> Iterator[str]:
+    """Help of a command, of its options and of its own commands."""
+    for text in (command.help, command.epilog, *(getattr(each, "help", "") for each in command.params)):
+        yield f"{path}: {text or ''}"
+    for name, below in getattr(command, "commands", {}).items():
+        yield from help_texts(below, f"{path} {name}")
+
+
+def test_help_names_the_thing_again() -> None:
+    app = build_app()
+    add_commands(app, add_stage=partial(add_stage, app, "Stages"))
+    found = list(help_texts(get_command(app)))
+    assert len(found) > 100
+    assert [text for text in found if re.search(r"\b(?:that|those) of\b|\bwhat\b(?! to do)", text)] == []
 
 
 def test_no_word_is_both_a_term_and_retired() -> None:

@@ -29,7 +29,7 @@ def experiment(
     trust_plugins: TrustPlugins = False,
     as_json: AsJson = False,
 ) -> None:
-    """Read the measured curves of a study; `palpate experiment inspect FILE` shows what a log holds."""
+    """Read the measured curves of a study; `palpate experiment inspect FILE` shows a log's columns."""
     from palpate.run.directory import RunDirectory
     from palpate.stages import pipeline
     from palpate.stages.stage import read_run
@@ -161,7 +161,7 @@ def inspect(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show what a file holds, and the tables of study.toml that would read it."""
+    """Show the columns of a file, and the tables of study.toml that would read it."""
     session = Session.of(context)
     found = look_into(file, other, session, loader)
     if as_json:

@@ -41,7 +41,7 @@ def plugins(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show what plugins provide, and which are broken and why; exit 2 where a --plugin FILE is broken."""
+    """Show the components of all plugins, and why a plugin is broken; exit 2 if a --plugin FILE is."""
     from palpate.plugins.registry import KINDS
 
     session = Session.of(context)
@@ -168,7 +168,7 @@ def new_plugin(
     ] = Path(),
     as_json: AsJson = False,
 ) -> None:
-    """Make a plugin of KIND that works: code, tests that pass at once, and what to change."""
+    """Make a plugin of KIND that works: code, tests that pass at once, and notes on changes."""
     from palpate.plugins import scaffold as plugin_kit
 
     session = Session.of(context)

@@ -48,9 +48,9 @@ def run(
     tables: Tables = False,
     as_json: AsJson = False,
 ) -> None:
-    """Run every stage of a study, or continue a run; what is already simulated is not simulated again.
+    """Run every stage of a study, or continue a run; finished simulations are reused.
 
-    The tables of a run that was stopped and continued equal those of an uninterrupted one.
+    A run that was stopped and continued has the same tables as an uninterrupted one.
     """
     from palpate.run.ownership import is_run
 

@@ -12,7 +12,7 @@ def schema(
     context: typer.Context,
     command: Annotated[str | None, typer.Argument(metavar="COMMAND", help="Name of a command.")] = None,
 ) -> None:
-    """Print the JSON schema of what a command prints with --json; without COMMAND, list the commands."""
+    """Print the JSON schema of a command's --json output; without COMMAND, list the commands."""
     from palpate.cli.output import OUTPUTS, VERSION, schema
     from palpate.plugins.registry import suggestion
 

@@ -27,7 +27,7 @@ def status(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show how far a run is and why simulations failed; of a finished run, what it found."""
+    """Show the progress of a run and the reasons of failures; of a finished run, its result."""
     from palpate.stages.status import status as read
 
     session = Session.of(context)

@@ -39,7 +39,7 @@ def predict_press(
 ) -> None:
     """Predict presses of an ultrasound probe, by layered finite elements fitted to living limbs.
 
-    A press outside of what was simulated has the status "outside", with its reason, and no prediction.
+    A press outside of the simulated thicknesses has the status "outside", with its reason, and no prediction.
     """
     from palpate_multis.population import fit, fit_own, with_sites
     from palpate_multis.presses import read_presses

@@ -43,7 +43,7 @@ def reproduce(
     """Repeat the paper's study on a simulated phantom: three materials, four spots, three scenarios.
 
     Without --sets an existing reproduction continues with its sets, and a new one draws the paper's 250.
-    Called again with more sets it keeps what is simulated.
+    Called again with more sets it keeps the simulations.
     """
     from palpate_forearm.reproduction import prepare
 

@@ -87,7 +87,7 @@ def inspect(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Mesh or deck, such as .vtu, .inp or .feb.")],
     as_json: AsJson = False,
 ) -> None:
-    """Show what a mesh or deck holds, the tables of study.toml that read it, and a picture next to it."""
+    """Show regions and sets of a mesh or deck, the tables of study.toml that read it, and a picture."""
     from palpate.api.cli import look_into_mesh
     from palpate_limb.mesh_picture import draw_limb
 

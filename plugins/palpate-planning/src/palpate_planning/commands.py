@@ -94,10 +94,10 @@ def next_(  # named apart from the builtin
     trust_plugins: TrustPlugins = False,
     as_json: AsJson = False,
 ) -> None:
-    """Rank presses by the error that a run would have after each, or a study without a fit.
+    """Rank possible next presses by the error expected after making them.
 
-    The error is that of the intervals with the bias of the meshes. Without a fit it is over the ranges of the
-    study, and nothing needs to be measured.
+    The error has the variance of the intervals and the bias of the meshes. For a study without a fit it is
+    expected over the ranges, and nothing needs to be measured.
     """
     from palpate.api.runs import RunDirectory, load_limbs, read_options, read_tool
     from palpate_planning.candidates import Allowed

@@ -23,7 +23,7 @@ def predict(
     trust_plugins: TrustPlugins = False,
     as_json: AsJson = False,
 ) -> None:
-    """Predict force, moment, pressure and shear under another tool, with a band and what extrapolates."""
+    """Predict force, moment, pressure and shear under another tool, with bands."""
     from palpate.api.runs import RunDirectory, read_tool
     from palpate_prediction.files import notes, write_prediction
     from palpate_prediction.predict import run_prediction
