@@ -4,6 +4,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
+import meshio
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
@@ -16,6 +17,7 @@ from palpate.limb.tidying import tidied
 from palpate.mesh.specimens import block
 from palpate.mesh.splitting import SOLIDS
 from palpate_indentation import MeshioSettings, MeshioSource
+from palpate_indentation.mesh_files import read_here
 
 pytestmark = pytest.mark.usefixtures("meshes_here")
 
@@ -90,8 +92,8 @@ def test_quadratic_hexahedra_and_wedges_are_cut_and_stay_whole(tmp_path: Path) -
     hexes = made.cells["hex8"]
     wedges = np.concatenate([hexes[:, [0, 1, 2, 4, 5, 6]], hexes[:, [0, 2, 3, 4, 6, 7]]])
     kinds = (("C3D20R", hexes, "hexahedron20"), ("C3D15", wedges, "wedge15"), ("C3D6", wedges, "wedge"))
-    for kind, cells, meshio in kinds:
-        edges = np.array(SOLIDS[meshio][0].edges)[: (0 if kind == "C3D6" else None)]
+    for kind, cells, shape in kinds:
+        edges = np.array(SOLIDS[shape][0].edges)[: (0 if kind == "C3D6" else None)]
         ends = np.sort(cells[:, edges], axis=2).reshape(-1, 2)
         unique, inverse = np.unique(ends, axis=0, return_inverse=True)
         middles = made.points_mm[unique].mean(axis=1) if len(unique) else np.empty((0, 3))
@@ -113,6 +115,21 @@ def test_quadratic_hexahedra_and_wedges_are_cut_and_stay_whole(tmp_path: Path) -
         assert set(held.tolist()) <= set(limb.mesh.node_sets["fixed"].tolist())
         assert not list(partly_fixed(limb.mesh))
         assert any("are cut into" in remark for remark in limb.remarks)
+
+
+def test_exodus_counts_upright_edges_before_the_upper_end(tmp_path: Path) -> None:
+    pytest.importorskip("netCDF4")
+    made = block("hex8", width_mm=40.0, height_mm=20.0, n_across=4, n_down=2).mesh
+    solid, cells = SOLIDS["hexahedron20"][0], made.cells["hex8"]
+    edges = [*solid.edges[:4], *solid.edges[8:], *solid.edges[4:8]]
+    ends = np.sort(cells[:, np.array(edges)], axis=2).reshape(-1, 2)
+    unique, inverse = np.unique(ends, axis=0, return_inverse=True)
+    points = np.vstack([made.points_mm, made.points_mm[unique].mean(axis=1)])
+    whole = np.hstack([cells, len(made.points_mm) + inverse.reshape(len(cells), -1)])
+    meshio.Mesh(points, [("hexahedron20", whole)]).write(tmp_path / "m.e")
+    ((_, read),) = read_here(tmp_path / "m.e").blocks
+    middles = points[read[:, np.array(solid.edges)]].mean(axis=2)
+    np.testing.assert_allclose(points[read[:, solid.n_corners :]], middles, atol=1e-12)
 
 
 # ------------------------------------------------------------------ Abaqus

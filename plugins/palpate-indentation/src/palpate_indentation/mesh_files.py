@@ -51,6 +51,10 @@ UNREADABLE = (ValueError, LookupError, ArithmeticError, TypeError, AttributeErro
 """Errors of a reader on a broken file."""
 
 
+_OF_EXODUS = (*range(12), *range(16, 20), *range(12, 16))
+"""Nodes of Exodus' quadratic hexahedron in meshio's order: Exodus has upright edges before upper ones."""
+
+
 def read_mesh_file(path: Path) -> MeshFile:
     """Read any format of meshio, in a subprocess with limits of memory and time.
 
@@ -102,7 +106,7 @@ def read_here(path: Path) -> MeshFile:
         raise MeshError(_why_unreadable(path, complaints.getvalue() or str(error))) from error
     return MeshFile(
         points=np.asarray(mesh.points, dtype=np.float64),
-        blocks=tuple((str(block.type), _integers(path, block.data)) for block in mesh.cells),
+        blocks=tuple((str(block.type), _cells(path, str(block.type), block.data)) for block in mesh.cells),
         point_data={str(k): np.asarray(v) for k, v in mesh.point_data.items()},
         cell_data={str(k): tuple(np.asarray(v) for v in blocks) for k, blocks in mesh.cell_data.items()},
         point_sets={str(k): np.asarray(v, dtype=np.int64) for k, v in mesh.point_sets.items()},
@@ -239,6 +243,13 @@ def _data_files(path: Path) -> Iterator[str]:
             elif element.get("Format") == "Binary":
                 yield text
             element.clear()
+
+
+def _cells(path: Path, kind: str, given: object) -> NDArray[np.int64]:
+    """Nodes of elements in meshio's order, which its reader of Exodus leaves as they are in the file."""
+    cells = _integers(path, given)
+    is_exodus = path.suffix.lower() in (".e", ".exo", ".ex2")
+    return cells[:, _OF_EXODUS] if is_exodus and kind == "hexahedron20" else cells
 
 
 def _integers(path: Path, cells: object) -> NDArray[np.int64]:
