@@ -143,8 +143,9 @@ if __name__ == "__main__":
     parser.add_argument("--first", type=int, default=0, help="the first of the interpolated limbs to mesh")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--skin", type=float, default=0.0, help="thickness of a skin layer [mm]")
+    parser.add_argument("--fat", type=float, default=0.0, help="thickness of a layer of fat below it [mm]")
     given = parser.parse_args()
-    layers = {"skin": given.skin} if given.skin else {}
+    layers = {name: mm for name, mm in (("skin", given.skin), ("fat", given.fat)) if mm}
     if given.interpolated:
         interpolated(given.anatomy, given.interpolated, given.seed, layers, given.first)
     else:

@@ -162,6 +162,31 @@ def test_extruded_layers_fill_what_is_between_core_and_skin(depths: tuple[float,
     np.testing.assert_allclose(points[boundary["skin"], 2], 3.0)
 
 
+def test_a_thick_layer_has_several_elements_through_it() -> None:
+    core = block("tet4", n_across=6, n_down=2).mesh
+    tets, points = core.cells["tet4"], core.points_mm
+    faces = outer_faces("tet4", tets)
+    top = (points[faces, 2] == 0.0).all(axis=1)
+    square = np.array([[-40.0, -40, 20], [40, -40, 20], [40, 40, 20], [-40, 40, 20]])
+    skin = Surface(name="plane", points_mm=square, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    sides = {"skin": faces[top], "cut": faces[~top]}
+
+    def made(highest_mm: float) -> tuple[float, int]:
+        now, cells, layers, boundary = extruded(points, tets, sides, skin, (2.0, 20.0), highest_mm)
+        volumes = np.bincount(layers, np.abs(np.linalg.det(now[cells[:, 1:]] - now[cells[:, :1]])) / 6.0)
+        np.testing.assert_allclose(volumes, 36.0**2 * np.array([2.0, 18.0, 18.0]))
+        outer = {tuple(sorted(face)) for face in np.concatenate(list(boundary.values())).tolist()}
+        assert outer == {tuple(sorted(face)) for face in outer_faces("tet4", cells).tolist()}, "no crack"
+        a, b, c, d = np.moveaxis(now[cells], 1, 0)
+        negative = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0.0
+        cells = np.where(negative[:, None], cells[:, [0, 2, 1, 3]], cells)
+        return float(scaled_jacobians(now, cells[layers == 1]).min()), int((layers == 1).sum())
+
+    (one, n_one), (several, n_several) = made(np.inf), made(6.0)
+    assert n_several == 3 * n_one
+    assert several > 2.0 * one, "no slivers"
+
+
 @pytest.mark.slow
 def test_a_layer_that_reaches_a_bone_is_meshed_with_it() -> None:
     deep = gap_of_bones(segment()) + 2.0

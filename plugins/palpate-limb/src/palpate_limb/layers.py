@@ -2,8 +2,8 @@
 
 The surface at depth h is the level h of the distance from the skin, so that it neither folds over itself in
 a hollow nor repeats the scan's noise. A layer far thinner than the elements away from the indenter has flat
-elements there, in place of many small ones: one through its thickness everywhere, by prisms that are split
-into three tetrahedra each.
+elements there, in place of many small ones: prisms that are split into three tetrahedra each. One is through
+its thickness, or several where one would be much higher than the edges under the indenter, a sliver.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from palpate.api import FloatArray, IntArray, MeshError
+from palpate.api import BoolArray, FloatArray, IntArray, MeshError
 from palpate_limb.segment import Segment
 from palpate_limb.surfaces import Surface, outwards, solid, surface_of
 
@@ -61,6 +61,7 @@ def below_skin(segment: Segment, depth_mm: float, spacing_mm: float = 1.2) -> Su
 
     The distance is taken on a grid of ``spacing_mm``. A MeshError where nothing is left so deep.
     """
+    from scipy.ndimage import distance_transform_edt
     from scipy.spatial import cKDTree
     from skimage.measure import marching_cubes
     from trimesh.remesh import subdivide_to_size
@@ -79,16 +80,22 @@ def below_skin(segment: Segment, depth_mm: float, spacing_mm: float = 1.2) -> Su
     axes = [origin[i] + spacing_mm * np.arange(counts[i]) for i in range(3)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     sides = np.abs(segment.skin.points_mm @ segment.axis) < half + 3.0 * depth_mm + 10.0
-    # So dense that the nearest sample is as good as the nearest point of a triangle.
+    # So dense that the nearest sample is as good as the nearest point of a triangle, s²/8d farther at most.
     samples, _ = subdivide_to_size(  # type: ignore[no-untyped-call]
         segment.skin.points_mm,
         segment.skin.faces[sides[segment.skin.faces].any(axis=1)],
-        max_edge=0.5 * spacing_mm,
+        max_edge=spacing_mm * max(0.5, float(np.sqrt(depth_mm / 8.0))),
         max_iter=12,
     )
-    distance, _ = cKDTree(samples).query(grid, distance_upper_bound=depth_mm + 3.0 * spacing_mm)
-    distance = np.minimum(distance, depth_mm + 3.0 * spacing_mm)
-    depth = np.where(segment.skin.contains(grid), distance, -distance)
+    # The distance between voxels is off by less than two spacings: it finds where the level may be.
+    free = np.ones(counts, dtype=np.bool_)
+    voxels = np.round((samples - origin) / spacing_mm).astype(int)
+    free[tuple(voxels[((voxels >= 0) & (voxels < counts)).all(axis=1)].T)] = False
+    distance = spacing_mm * distance_transform_edt(free).ravel()
+    near = np.abs(distance - depth_mm) < 4.0 * spacing_mm
+    distance[near] = cKDTree(samples).query(grid[near])[0]
+    inside = _inside(segment.skin, grid.reshape(*counts, 3), distance.reshape(counts) > 3.0 * spacing_mm)
+    depth = np.where(inside.ravel(), distance, -distance)
     # A lid past either cut, so that the level is a closed surface.
     depth = np.minimum(depth, depth_mm + half - np.abs(grid @ segment.axis)).reshape(counts)
     if depth.max() <= depth_mm:
@@ -102,19 +109,42 @@ def below_skin(segment: Segment, depth_mm: float, spacing_mm: float = 1.2) -> Su
     return outwards(surface)
 
 
+def _inside(skin: Surface, grid: FloatArray, away: BoolArray) -> BoolArray:
+    """Mask (l, m, n) of the points (l, m, n, 3) of a grid that are inside of the skin.
+
+    No face lies between neighbours that are both ``away`` from the skin by more than their spacing, so one
+    point answers for all that hang together: rays for each of them would take most of the time.
+    """
+    from scipy.ndimage import label
+
+    parts, n_parts = label(away)
+    inside = np.zeros(away.shape, dtype=np.bool_)
+    inside[~away] = skin.contains(grid[~away])
+    _, first = np.unique(parts, return_index=True)
+    at = first[-n_parts:] if n_parts else first[:0]
+    inside[away] = skin.contains(grid.reshape(-1, 3)[at])[parts[away] - 1]
+    return inside
+
+
 def extruded(
     points: FloatArray,
     tets: IntArray,
     boundary: Mapping[str, IntArray],
     skin: Surface,
     depths_mm: Sequence[float],
+    highest_mm: float = np.inf,
 ) -> tuple[FloatArray, IntArray, IntArray, dict[str, IntArray]]:
     """Layers added to the mesh of the core: points (n', 3), tetrahedra (m', 4), their layers (m',), boundary.
 
     The core has ``points`` (n, 3), ``tets`` (m, 4) and a ``boundary`` of triangles (k, 3): outwards ``skin``,
     to which layers are added as far as the limb's ``skin``, ``cut`` and bones. ``depths_mm`` are those of the
-    lower surface of each layer, from the outside in.
+    lower surface of each layer, from the outside in; a layer has several elements through its thickness where
+    one would be higher than ``highest_mm``.
     """
+    n_each = [int(np.ceil(thickness / highest_mm)) or 1 for thickness in np.diff([0.0, *depths_mm])]
+    layer_of = np.repeat(np.arange(len(n_each)), n_each)
+    rows = np.cumsum([0, *n_each])
+    depths_mm = np.interp(np.arange(rows[-1] + 1), rows, [0.0, *depths_mm])[1:].tolist()
     faces, n_layers = boundary["skin"], len(depths_mm)
     nodes, local = np.unique(faces, return_inverse=True)
     bottom = points[nodes]
@@ -131,11 +161,11 @@ def extruded(
         "skin": ids[0][local.reshape(-1, 3)],
         "cut": np.concatenate([boundary["cut"], *sides]),
     }
-    regions = [np.full(len(prism), i) for i, prism in enumerate(prisms)]
+    regions = [np.full(len(prism), i) for i, prism in zip(layer_of, prisms, strict=True)]
     return (
         np.concatenate([points, *levels]),
         np.concatenate([tets, *prisms]),
-        np.concatenate([np.full(len(tets), n_layers), *regions]),
+        np.concatenate([np.full(len(tets), len(n_each)), *regions]),
         found,
     )
 

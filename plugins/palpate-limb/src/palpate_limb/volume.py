@@ -26,6 +26,8 @@ FINER = 0.6
 """Edges of a finer mesh over those of the first: about three times as many nodes."""
 FLATTEST = 2.5
 """Edges over a layer's thickness, at most, under the indenter and in layers that reach a bone."""
+HIGHEST = 1.6
+"""Height of an element of a layer over its edge under the indenter, at most: higher ones are slivers."""
 LEAST_BENT = 0.05
 """Scaled Jacobian below which an element is not bent further."""
 LEAST_CORE_MM = 0.5
@@ -74,7 +76,9 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
         core, alone = core_of(segment, interfaces[[*interfaces][-1]]), replace(plan, layers_mm=NO_LAYERS)
         alone = replace(alone, size=replace(plan.size, deep_mm=depths[-1]))
         points, tets, _, boundary = _filled(core, {}, alone)
-        points, tets, regions, boundary = extruded(points, tets, boundary, segment.skin, depths)
+        points, tets, regions, boundary = extruded(
+            points, tets, boundary, segment.skin, depths, HIGHEST * plan.size.fine_mm
+        )
         tets = _positive(points, tets)
     else:
         points, tets, regions, boundary = _filled(segment, interfaces, plan)
@@ -256,14 +260,16 @@ def curved(
     of radius ρ by l²/8ρ. Both errors go, except where moving a node would fold an element.
 
     ``cells`` are (m, 10). ``on`` has the nodes on ``skin``, ``cut`` and bones, ``inner`` nodes
-    and lower surface of each layer, and ``between`` nodes of edges from one surface to another, which belong
-    half-way.
+    and lower surface of each layer, and ``between`` nodes of edges within a layer, which belong as deep in it
+    as the ends of their edge are on average.
     """
     surfaces = {"skin": segment.skin, **{bone.name: bone for bone in segment.bones}}
     places = [(on[name], surface) for name, surface in surfaces.items() if name in on]
     places += list(inner.values())
     half, corner = 0.5 * segment.length_mm, np.zeros(len(points), dtype=np.bool_)
     corner[cells[:, :4]] = True
+    ends = np.zeros((len(points), 2), dtype=np.int64)  # of the edge that a midside node is on
+    ends[cells[:, 4:]] = cells[:, np.array(CELLS["tet10"].edges)]
 
     def targets(points: FloatArray, allowed: BoolArray) -> FloatArray:
         """Places of the nodes that may move, on their surfaces."""
@@ -274,7 +280,10 @@ def curved(
                 target[chosen], _ = surface.nearest(target[chosen])
             for nodes, upper, lower in between:  # midside nodes alone
                 chosen = nodes[allowed[nodes] & ~corner[nodes]]
-                target[chosen] = 0.5 * (upper.nearest(target[chosen])[0] + lower.nearest(target[chosen])[0])
+                above, below = (each.nearest(points[ends[chosen].ravel()])[1] for each in (upper, lower))
+                share = (above / (above + below)).reshape(-1, 2).mean(axis=1)[:, None]
+                onto = [each.nearest(target[chosen])[0] for each in (upper, lower)]
+                target[chosen] = (1.0 - share) * onto[0] + share * onto[1]
             chosen = np.unique(on["cut"][allowed[on["cut"]]])
             along = target[chosen] @ segment.axis
             target[chosen] += (np.sign(along) * half - along)[:, None] * segment.axis
