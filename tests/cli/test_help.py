@@ -98,6 +98,7 @@ def test_commands_are_under_headings_in_the_order_of_a_study(capsys):
         ("palpate rep", 1, "reproduce"),
         ("palpate plugins mat", 2, "materials"),
         ("palpate run arm --go", 3, "--go-on"),
+        ("palpate card runs/arm --for fe", 4, "febio"),
     ],
 )
 def test_the_shell_completes(words, number, offered, capsys, monkeypatch):

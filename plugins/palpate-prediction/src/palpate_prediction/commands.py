@@ -54,11 +54,20 @@ def predict(
     session.labelled("Page", files[-1].resolve().as_uri())
 
 
+def _programs(incomplete: str) -> list[str]:
+    from palpate_prediction.cards.programs import PROGRAMS
+
+    return [program for program in PROGRAMS if program.startswith(incomplete)]
+
+
 def card(
     context: typer.Context,
     run: RunPath = None,
     program: Annotated[
-        str, typer.Option("--for", metavar="PROGRAM", help="febio, abaqus, ansys or json.")
+        str,
+        typer.Option(
+            "--for", metavar="PROGRAM", help="febio, abaqus, ansys or json.", autocompletion=_programs
+        ),
     ] = "json",
     region: Annotated[
         str | None, typer.Option("--region", help="One region of several.", show_default=False)
