@@ -535,15 +535,19 @@ def test_study_keeps_what_was_written_by_hand(run):
     assert with_presses(inline, [press("p2")]).count("name") == 2
 
 
-def test_first_presses_are_planned_over_the_ranges(run, tmp_path):
+def test_first_presses_are_planned_over_the_ranges(run, tmp_path, notes):
     study, _, plugins = run
     unmeasured = read_study(study.file, plugins, need_measured=False)
     found = propose(
         unmeasured,
         tmp_path / "plan",
         plugins,
-        options=PlanOptions(allowed=ALLOWED, n_points=4, n_presses=2),
+        notes,
+        PlanOptions(allowed=ALLOWED, n_points=4, n_presses=2),
     )
+    (announced,) = (text for text in notes.texts if text.startswith("about"))
+    n_each = 4 * (1 if study.solver.provides.slopes else 1 + 2 * len(found.expected.before))
+    assert announced == f"about {n_each * len(found.steps[0].ranked)} simulations (--quick is shorter)"
     shares = np.sqrt(np.diag(found.expected.before))
     assert shares == pytest.approx(RANGE_SD, rel=0.1)  # nothing is known but the ranges
     assert found.steps[0].chosen.press.press.keys["twist"]  # one press of force alone cannot tell both

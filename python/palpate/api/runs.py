@@ -94,8 +94,10 @@ if TYPE_CHECKING:
         objectives as objectives,
         unranked as unranked,
     )
+    from palpate.simulation.cost import n_workers as n_workers
     from palpate.simulation.forecast import (
         FINE as FINE,
+        Forecast as Forecast,
         Part as Part,
         work_of as work_of,
     )

@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from palpate.api import Progress, Run, about
-from palpate.api.runs import FINE, Ledger, work_of
+from palpate.api import Limb, Progress, Run, about
+from palpate.api.runs import FINE, Forecast, Ledger, Part, Study, n_workers, work_of
 from palpate_planning.candidates import CandidatePress
 
 MOST_POINTS = 6
@@ -65,13 +65,26 @@ def simulations_of(
     return counts
 
 
+def forecast_first(
+    study: Study, limbs: Mapping[str, Limb], presses: Sequence[CandidatePress], n_points: int
+) -> Forecast:
+    """Forecast of a plan before any press: every press at each point, with slopes or by differences."""
+    n_searched = len(study.parametrisation.parameters(study.space, study.spot_names))
+    counts = Counter[str]()
+    for press in presses:
+        counts[press.spot] += n_points * (1 if study.solver.provides.slopes else 1 + 2 * n_searched)
+    forecast = Forecast(n_workers=n_workers(study))
+    forecast.expect([Part(stage="next", counts=counts)], limbs)
+    return forecast
+
+
 def _work(run: Run, counts: Mapping[str, int]) -> float:
     return sum(n * work_of(name, run.limbs) for name, n in counts.items())
 
 
-def say_time(run: Run, progress: Progress, *, is_quick: bool, is_chosen: bool) -> None:
+def say_time(forecast: Forecast, progress: Progress, *, is_quick: bool, is_chosen: bool) -> None:
     """Report how long a plan takes, and what would make it shorter."""
-    seconds, n = run.forecast.seconds_left, run.forecast.n_left
+    seconds, n = forecast.seconds_left, forecast.n_left
     how = "quick: error sources and finer meshes as at the press so far" if is_quick else "--quick is shorter"
     if is_quick and not is_chosen:
         how += "; --points 6 simulates them"

@@ -32,7 +32,7 @@ from palpate_planning.candidates import (
     limited_curves,
     limits_of,
 )
-from palpate_planning.effort import MOST_POINTS, effort, say_time, simulations_of
+from palpate_planning.effort import MOST_POINTS, effort, forecast_first, say_time, simulations_of
 from palpate_planning.information import ErrorSizes, FisherInformation
 from palpate_planning.plan import (
     ALL,
@@ -150,7 +150,7 @@ def propose(
             )
             counts = simulations_of(run, presses, n_points, is_quick=is_quick)
             run.forecast.expect([Part(stage="next", counts=counts)], run.simulations.limbs)
-            say_time(run, progress, is_quick=is_quick, is_chosen=options.is_quick)
+            say_time(run.forecast, progress, is_quick=is_quick, is_chosen=options.is_quick)
             if len(presses) < n_allowed:
                 progress.note(f"{len(presses)} of {n_allowed} presses, which take no longer than the run did")
             found = stage.run(presses, replace(options, n_points=n_points, is_quick=False), limits)
@@ -161,7 +161,10 @@ def propose(
     n_points = options.n_points or (1 if options.is_quick else MOST_POINTS)
     with directory.locked(study, plugins.channels) as check_lock:
         directory.initialise(study, plugins.channels, simulating=True)
-        with Simulations(study, run_folder, {**limbs, **tool, **finer}, progress, check_lock) as simulations:
+        every = {**limbs, **tool, **finer}
+        forecast = forecast_first(study, every, presses, n_points)
+        say_time(forecast, progress, is_quick=options.is_quick, is_chosen=options.is_quick)
+        with Simulations(study, run_folder, every, progress, check_lock, forecast) as simulations:
             design, points = before_any_press(
                 study, study.generalising, simulations.of, abscissae_of(plugins.channels), n_points
             )
