@@ -174,10 +174,8 @@ def _wide(rows):
 def test_where_the_model_fails_a_banner_takes_the_place_of_parameters(fitted):
     tables = make_tables(fitted)
     conclusion = make_conclusion(fitted, tables)
-    assert conclusion.failure.startswith(
-        "No parameters can be read from this run: the force differs from the model"
-    )
-    assert conclusion.warnings[0].what == "The model does not describe the data"
+    assert conclusion.failure.startswith("No parameters can be read from this run: ")
+    assert conclusion.warnings[0].what.startswith("The model ")
     page = render(fitted, tables, conclusion, [])
     assert f'<p class="banner" role="alert">{conclusion.failure[:60]}' in page
     assert 'class="answer"' not in page

@@ -91,6 +91,13 @@ class IntervalOutput(Closed):
     level: Number
 
 
+class ModelOutput(Closed):
+    """Verdict on whether the material law describes the curves, and a sentence on it."""
+
+    verdict: str
+    sentence: str
+
+
 class RunOutput(Closed):
     """Result of a run; optional keys are of its report, the most severe of ``warnings`` first.
 
@@ -107,6 +114,7 @@ class RunOutput(Closed):
     fit: list[Row]
     verification: list[Row]
     conclusion: NotRequired[list[str]]
+    model: NotRequired[ModelOutput]
     intervals: NotRequired[list[IntervalOutput]]
     warnings: NotRequired[list[str]]
     next: NotRequired[str]
