@@ -21,7 +21,7 @@ from palpate_forearm import CrossSection, InkMark, Phantom, PhantomBone, Scanner
 from palpate_indentation import MeshioSettings, MeshioSource
 from palpate_limb import from_scan
 from palpate_limb.from_scan import layers_at_bone, sound_mesh
-from palpate_limb.layers import below_skin, extruded
+from palpate_limb.layers import _inside, below_skin, extruded
 from palpate_limb.meshing import GROWTH, MIDDLE, SKIN_FALLS, SizeField, run_ftetwild
 from palpate_limb.options import ScanOptions
 from palpate_limb.quality import assess, cell_volumes, check_quality, dihedral_angles_deg, scaled_jacobians
@@ -160,6 +160,20 @@ def test_extruded_layers_fill_what_is_between_core_and_skin(depths: tuple[float,
     made = {tuple(sorted(face)) for face in np.concatenate(list(boundary.values())).tolist()}
     assert made == {tuple(sorted(face)) for face in outer_faces("tet4", tets).tolist()}, "no crack"
     np.testing.assert_allclose(points[boundary["skin"], 2], 3.0)
+
+
+def test_points_of_a_grid_that_hang_together_around_an_end_have_rays_of_their_own() -> None:
+    skin = segment().skin
+    axes = (
+        np.linspace(low, high, 15)
+        for low, high in zip(skin.points_mm.min(0), skin.points_mm.max(0), strict=True)
+    )
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    true = skin.contains(grid.reshape(-1, 3)).reshape(grid.shape[:3])
+    everywhere = np.ones(true.shape, dtype=np.bool_)  # one part, on both sides of the skin
+    near = skin.nearest(grid.reshape(-1, 3))[1].reshape(true.shape) < 8.0
+    for away in (everywhere, ~near):
+        np.testing.assert_array_equal(_inside(skin, grid, away), true)
 
 
 def test_a_thick_layer_has_several_elements_through_it() -> None:

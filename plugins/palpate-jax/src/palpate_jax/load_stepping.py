@@ -23,6 +23,9 @@ SMALLEST_CUT = 1.0 / 32.0
 STEP_ITERATIONS = 20
 """Newton iterations for each load step, on average over a path, after which a path is given up."""
 
+LEAST_STEPS = 10
+"""Load steps that count at least: a path of few large steps may halve each of them."""
+
 GOOD_GUESS = 0.03
 """Imbalance below which an initial guess serves without the linear prediction, which costs an iteration."""
 
@@ -139,7 +142,7 @@ class LoadStepping:
         state = _State(REST, self._model.rest(), nothing, nothing, np.zeros(6), stresses)
         if schedule.has_loads:
             self._control = LoadControl(self._model, self._values, self._law, self._tolerance, schedule.steps)
-        self._most_iterations = self._step_iterations * len(schedule.targets)
+        self._most_iterations = self._step_iterations * max(len(schedule.targets), LEAST_STEPS)
         for k, target in enumerate(schedule.targets):
             # Where a load moves the indenter the first trial's position is not that of the guesses.
             guessed = None if target.has_loads else self._initial_guess

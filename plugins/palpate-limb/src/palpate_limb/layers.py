@@ -17,6 +17,8 @@ from palpate_limb.segment import Segment
 from palpate_limb.surfaces import Surface, outwards, solid, surface_of
 
 OUTERMOST = "skin"
+N_RAYS = 50
+"""Points of a part of a grid, about, that decide whether it is inside."""
 
 
 def layer_order(together: Iterable[Sequence[str]]) -> tuple[str, ...]:
@@ -112,17 +114,21 @@ def below_skin(segment: Segment, depth_mm: float, spacing_mm: float = 1.2) -> Su
 def _inside(skin: Surface, grid: FloatArray, away: BoolArray) -> BoolArray:
     """Mask (l, m, n) of the points (l, m, n, 3) of a grid that are inside of the skin.
 
-    No face lies between neighbours that are both ``away`` from the skin by more than their spacing, so one
-    point answers for all that hang together: rays for each of them would take most of the time.
+    No face lies between neighbours that are both ``away`` from the skin by more than their spacing, so some
+    points answer for all that hang together: rays for each of them would take most of the time. Where those
+    points disagree, at the end of a scan for example, each of all has its own ray.
     """
     from scipy.ndimage import label
 
     parts, n_parts = label(away)
     inside = np.zeros(away.shape, dtype=np.bool_)
     inside[~away] = skin.contains(grid[~away])
-    _, first = np.unique(parts, return_index=True)
-    at = first[-n_parts:] if n_parts else first[:0]
-    inside[away] = skin.contains(grid.reshape(-1, 3)[at])[parts[away] - 1]
+    for number in range(1, n_parts + 1):
+        part = parts == number
+        points = grid[part]
+        some = points[:: max(1, len(points) // N_RAYS)]  # one ray may meet an edge
+        share = skin.contains(some).mean()
+        inside[part] = share > 0.5 if abs(share - 0.5) > 0.4 else skin.contains(points)
     return inside
 
 
