@@ -7,8 +7,9 @@ from scipy.linalg import null_space
 from scipy.stats import binom, chi2, t as student
 
 from palpate.api.fit import Adequacy
-from palpate_certainty.adequacy import Closeness, checks, misfits
+from palpate_certainty.adequacy import Closeness, checks, misfits, probability_of_alike
 from palpate_certainty.assumptions import ASSUMED
+from palpate_certainty.between_spots import SPOTS, UNUSUAL, differences, same_spot
 from palpate_certainty.laplace import Laplace, laplace, scores_of
 from palpate_certainty.noise_model import (
     ResidualLayout,
@@ -315,17 +316,13 @@ def check(errors, rows, jacobian):
     residuals = fitted(errors, jacobian)
     known = np.zeros((len(residuals), 1))
     found = estimate(residuals, null_space(jacobian.T), known, rows, expected=EXPECTED)
-    covariance = sum(found.covariances(rows))
     return {
         each.name
         for each in checks(
-            residuals,
-            jacobian,
-            covariance,
-            rows,
             missed(residuals, rows, jacobian, found),
             EXPECTED,
             dict.fromkeys(EXPECTED, Closeness(difference=0.1, r2=0.99)),
+            None,
             1.0,
         )
         if each.verdict is not Adequacy.DESCRIBES
@@ -389,7 +386,32 @@ def test_spots_of_different_tissue_are_seen():
     rng = np.random.default_rng(6)
     errors = drawn(rng, errors_of(rows, 0.003, 0.002))
     errors += jacobian @ [0.15, 0.0, 0.0] * np.where(rows.spot == 0, 1.0, -1.0)
-    assert check(errors, rows, jacobian)
+    residuals = fitted(errors, jacobian)
+    found = estimate(
+        residuals, null_space(jacobian.T), np.zeros((len(residuals), 1)), rows, expected=EXPECTED
+    )
+    assert probability_of_alike(residuals, jacobian, sum(found.covariances(rows)), rows) < UNUSUAL
+
+
+@pytest.mark.parametrize(("n_spots", "worlds"), [(5, 40)])
+def test_the_mean_and_the_spread_of_spots_that_differ_are_in_their_intervals(n_spots, worlds):
+    """Worlds with known errors, in which parameters differ by 10 % of their ranges."""
+    rows, jacobian = press(n_spots=n_spots, n=12)
+    rng, sd, covariance = np.random.default_rng(7), 0.1, errors_of(rows, 0.003, 0.005)
+    scores, errors = scores_of(jacobian, rows.curve), {"errors": np.linalg.cholesky(covariance)}
+    held, spread = [], []
+    for _ in range(worlds):
+        own = sd * rng.normal(size=(n_spots, 3))
+        residuals = drawn(rng, covariance) + (jacobian * own[rows.spot]).sum(axis=1)
+        found = differences(residuals, jacobian, errors, rows)
+        causes = {**errors, SPOTS: found.columns(jacobian, rows)}
+        mean = laplace(np.zeros(3), residuals, jacobian, causes, scores, together=same_spot(scores, rows))
+        most = student.ppf(0.975, found.freedom_with(mean.shares[SPOTS], 1e9))
+        held += (np.abs(mean.centre) < most * mean.sd).tolist()
+        spread += ((found.ends[:, 0] <= sd) & (sd <= found.ends[:, 1])).tolist()
+        assert ((found.ends[:, 0] <= found.sd) & (found.sd <= found.ends[:, 1])).all()
+    assert 0.88 < np.mean(held) <= 1.0
+    assert 0.88 < np.mean(spread) <= 1.0
 
 
 def test_averaged_neighbours_keep_size_and_place():

@@ -21,7 +21,7 @@ from palpate_report.figures.panels import COLOURS, budget_bars, colour_of
 from palpate_report.page.html import laid_out, render
 from palpate_report.stage import summary_of
 
-from .fits import at_end_of_range
+from .fits import at_end_of_range, refused
 
 TRUTH = {"soft_tissue.stiffness": 0.45, "soft_tissue.grip": 22.0}
 
@@ -36,7 +36,16 @@ def passed(data):
     certainty = data.fit.certainty
     fine = certainty.adequacy.with_columns(verdict=pl.lit("describes"), message=pl.lit(""))
     known = certainty.intervals.with_columns(identifiability=pl.lit("well"))
-    return replace(data, fit=replace(data.fit, certainty=replace(certainty, adequacy=fine, intervals=known)))
+    found = replace(certainty, adequacy=fine, intervals=known, between_spots=pl.DataFrame())
+    return replace(data, fit=replace(data.fit, certainty=found))
+
+
+def test_spots_that_differ_have_a_mean_and_a_standard_deviation(fitted):
+    (spots,) = (text for name, text in card(fitted).facts if name == "Spots")
+    rows = fitted.leading_rows(fitted.fit.certainty.between_spots)
+    assert rows["parameter"].to_list() == list(TRUTH)
+    assert "they differ, mean ± sd between spots (95 % interval of the sd): stiffness " in spots
+    assert make_conclusion(fitted, {}).lines(fitted.study)["Spots"] in spots
 
 
 def card(data):
@@ -172,6 +181,7 @@ def _wide(rows):
 
 @pytest.mark.slow
 def test_where_the_model_fails_a_banner_takes_the_place_of_parameters(fitted):
+    fitted = refused(fitted)
     tables = make_tables(fitted)
     conclusion = make_conclusion(fitted, tables)
     assert conclusion.failure.startswith("No parameters can be read from this run: ")
@@ -258,7 +268,7 @@ def test_one_set_of_words_is_on_the_page_of_a_fit(fitted):
     conclusion = make_conclusion(data, tables)
     row = data.fit.certainty.intervals.row(0, named=True)
     assert conclusion.identifiability[0] == (
-        f"stiffness: {row['value']:.3f} MPa, 95 % interval {row['lower']:.3f} to {row['upper']:.3f} MPa; "
+        f"stiffness: {row['value']:.2f} MPa, 95 % interval {row['lower']:.2f} to {row['upper']:.2f} MPa; "
         "well identifiable."
     )
     (sweep,) = (made for made in laid_out(data, Report(tables=tables, files=(), conclusion=conclusion))

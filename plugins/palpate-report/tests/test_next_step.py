@@ -18,7 +18,7 @@ from palpate_report.data.marks import with_minus
 from palpate_report.page.html import render
 from palpate_report.stage import summary_of
 
-from .fits import at_end_of_range
+from .fits import at_end_of_range, refused
 
 WORST, OTHER = "soft_tissue.grip", "soft_tissue.stiffness"
 
@@ -81,7 +81,7 @@ def checked(data, probability, failed=()):
     return replace(data, fit=replace(data.fit, certainty=certainty))
 
 
-CHECKS = ("discrepancy", "spots", "ranges")
+CHECKS = ("discrepancy", "ranges")
 
 
 @pytest.mark.parametrize("cause", sorted(REMEDIES))
@@ -208,9 +208,9 @@ def test_a_range_that_ends_too_early_comes_before_every_cause(fitted):
 
 
 def test_without_a_result_it_says_what_is_missing(content, fitted):
-    refused = content(search=LeastSquares())
-    assert make_conclusion(refused, {}).failure
-    assert said(refused) in AFTER_REFUSAL.values()
+    data = refused(content(search=LeastSquares()))
+    assert make_conclusion(data, {}).failure
+    assert said(data) in AFTER_REFUSAL.values()
     assert "palpate run" in said(replace(fitted, unfinished="2 of 3"))
     assert "search with a fit" in said(content())
 

@@ -28,14 +28,14 @@ from palpate_report.from_run import write_report
 from palpate_report.page.html import render
 from palpate_report.stage import summary_of
 
-from .fits import at_end_of_range
+from .fits import at_end_of_range, refused as as_refused
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 @pytest.fixture
 def refused(content):
-    return content(search=LeastSquares())
+    return as_refused(content(search=LeastSquares()))
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ def bare(folder, values):
         if path.suffix == ".csv":
             for row in csv.DictReader(io.StringIO(path.read_text())):
                 named = {"parameter", "verdict"} & row.keys() or re.search("tissue", " ".join(row))
-                for other in ("sd", "share"):  # of a cause, and no value
+                for other in ("sd", "share", "difference", "r2", "probability"):  # no value
                     row.pop(other, None)
                 if named and has_a_value(" ".join(row.values()), values) and "refused" not in row.values():
                     yield path.name, row

@@ -18,7 +18,7 @@ from palpate_report.data.marks import rounded
 from palpate_report.data.tables import cost_of_one_set, make_tables, weighted_channels
 from palpate_report.figures.style import DOUBLE_MM, SINGLE_MM, STYLE
 
-from .fits import at_end_of_range
+from .fits import at_end_of_range, refused
 
 
 def conclusion(content):
@@ -96,7 +96,7 @@ def test_a_fit_of_some_spots_alone_stands_beside_sets_of_the_sweep(content):
 
 
 def test_a_fit_that_ends_at_a_bound_or_is_not_settled_is_named(content):
-    made = content(search=LeastSquares())
+    made = refused(content(search=LeastSquares()))
 
     def ended(**columns):
         table = made.fit.table.with_columns(**{name: pl.lit(value) for name, value in columns.items()})

@@ -11,7 +11,7 @@
     scores.parquet  selection.parquet  generalisation.parquet
     fit.parquet  fit_trace.parquet  fit_mesh.parquet  fine_meshes.parquet  fit_curves.parquet
     intervals.parquet  budget.parquet  parameter_combinations.parquet  adequacy.parquet  draws.parquet
-    mesh_errors.parquet
+    mesh_errors.parquet  between_spots.parquet  spot_draws.parquet
     profile_planes.parquet  posterior.parquet  posterior_draws.parquet  profiles.parquet
     profile_ends.parquet  sobol_indices.parquet  volumes.parquet  emulator.parquet  posterior_planes.parquet
     identifiability.parquet  disagreements.parquet

@@ -112,6 +112,12 @@ class CertaintyResult:
     draws : DataFrame
         One row per draw from the density of each fit, cut off at the ranges and the filters: fit, scenario
         and what was searched.
+    between_spots : DataFrame
+        Of fits whose spots differ by more than their errors, one row per parameter that the spots share: fit,
+        scenario, parameter, unit, value (the mean), sd between spots, lower and upper (95 % interval of sd)
+        and n_spots.
+    spot_draws : DataFrame
+        As ``draws``, of the parameters of a new spot; empty where the spots do not differ.
     profile_planes : DataFrame
         Fopt of the joint fits by emulated curves, the other parameters fitted again, over the planes of two
         parameters and along each: fit, scenario, parameter, other (null along one), value, other_value, fopt
@@ -129,6 +135,8 @@ class CertaintyResult:
     adequacy: pl.DataFrame = field(default_factory=pl.DataFrame)
     mesh_errors: pl.DataFrame = field(default_factory=pl.DataFrame)
     draws: pl.DataFrame = field(default_factory=pl.DataFrame)
+    between_spots: pl.DataFrame = field(default_factory=pl.DataFrame)
+    spot_draws: pl.DataFrame = field(default_factory=pl.DataFrame)
     profile_planes: pl.DataFrame = field(default_factory=pl.DataFrame)
     reported: pl.DataFrame = field(default_factory=pl.DataFrame)
     reported_curves: pl.DataFrame = field(default_factory=pl.DataFrame)

@@ -69,7 +69,7 @@ def test_a_run_finds_the_tissue_and_reports_it(make_study, plugins, tmp_path):
         # Nine are of the fits at their reported values.
         assert spent + 4 + 9 == len(ledger.seconds()) - 60
     assert set(result.report.tables) == {
-        "intervals", "budget", "parameter_combinations", "inadequate",
+        "intervals", "budget", "parameter_combinations", "between_spots",
         "table1_fit", "table2_fit", "table1_coefficients", "table2_nmse", "unfitted_channels",
         "cross_channel", "generalised", "fit",
         "distance_to_truth", "identifiability", "cost_of_one_set",

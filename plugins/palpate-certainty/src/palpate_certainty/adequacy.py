@@ -175,28 +175,22 @@ def _noise(along: FloatArray) -> float:
 
 
 def checks(
-    residuals: FloatArray,
-    jacobian: FloatArray,
-    covariance: FloatArray,
-    rows: ResidualLayout,
     found: Mapping[int, Misfit],
     expected: Mapping[int, float],
     close: Mapping[int, Closeness],
+    alike: float | None,
     in_ranges: float,
 ) -> Iterator[Check]:
     """Check the residuals of a fit.
 
     Parameters
     ----------
-    residuals : (n,) array
-    jacobian : (n, n_parameters) array
-    covariance : (n, n) array
-        Of the residuals, as the budget and the estimated noise and discrepancy have them.
-    rows : ResidualLayout
     found : mapping of channel number to Misfit
     expected : mapping of channel number to float
         Discrepancy of a good model, over the peak.
     close : mapping of channel number to Closeness
+    alike : float, optional
+        Probability of spots that differ so much by errors alone; they may, and it takes nothing away.
     in_ranges : float
         Probability of a fit that, without its bounds, would end as far outside of the ranges.
     """
@@ -211,17 +205,13 @@ def checks(
             verdict=worse if over > ALLOWED else Adequacy.DESCRIBES,
             closeness=close[channel],
         )
-    if np.unique(rows.spot[rows.spot >= 0]).size > 1:
-        p = _spots(residuals, jacobian, covariance, rows)
-        yield Check(name="spots", channel=-1, probability=p, verdict=_if_usual(p))
-    yield Check(name="ranges", channel=-1, probability=in_ranges, verdict=_if_usual(in_ranges))
+    if alike is not None:
+        yield Check(name="spots", channel=-1, probability=alike, verdict=Adequacy.DESCRIBES)
+    verdict = Adequacy.FAILS if in_ranges < RARE else Adequacy.DESCRIBES
+    yield Check(name="ranges", channel=-1, probability=in_ranges, verdict=verdict)
 
 
-def _if_usual(probability: float) -> Adequacy:
-    return Adequacy.FAILS if probability < RARE else Adequacy.DESCRIBES
-
-
-def _spots(
+def probability_of_alike(
     residuals: FloatArray, jacobian: FloatArray, covariance: FloatArray, rows: ResidualLayout
 ) -> float:
     """Probability of spots that ask for parameters so far from the joint ones (χ² of their scores)."""

@@ -1,7 +1,7 @@
 """The certainty of a study's fits: intervals, their causes, and whether the model describes the data."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from types import MappingProxyType
 
@@ -23,7 +23,16 @@ from palpate.api import (
 from palpate.api.executors import StoppedError
 from palpate.api.fit import Adequacy, Case, CertaintyResult, Fit, Trial, channel_of
 from palpate.api.runs import Study, relaxation_of
-from palpate_certainty.adequacy import Check, checks, closeness_of, misfits
+from palpate_certainty.adequacy import Check, checks, closeness_of, misfits, probability_of_alike
+from palpate_certainty.between_spots import (
+    SPOTS,
+    UNUSUAL,
+    SpotDifferences,
+    by_spot,
+    differences,
+    same_spot,
+    shared_parameters,
+)
 from palpate_certainty.error_sources import (
     MESH,
     Columns,
@@ -33,7 +42,7 @@ from palpate_certainty.error_sources import (
     error_sources_of,
     mesh_errors,
 )
-from palpate_certainty.laplace import FLAT_SD, laplace, scores_of, whitening
+from palpate_certainty.laplace import FLAT_SD, laplace, root_of, scores_of, whitening
 from palpate_certainty.mesh_error import SpotMesh, is_stated
 from palpate_certainty.noise_model import (
     ErrorScale,
@@ -55,6 +64,7 @@ from palpate_certainty.tables import (
     certainty_result,
     density_of,
     most_likely,
+    scaled,
 )
 
 NONE: Mapping[ErrorSource, str] = MappingProxyType({})
@@ -198,22 +208,28 @@ class Assessment:
         if residuals.size <= point.size:
             raise PalpateError(f"{residuals.size} measured points for {point.size} parameters; fix some")
         free = null_space(jacobian.T)
-        every = np.concatenate(list(known.values()), axis=1)
-        errors, noise, discrepancy, scale = _errors(residuals, free, every, rows, model.expected, first)
+        found_errors, between, alike = _with_spots(model, free, first)
+        errors, noise, discrepancy, scale = found_errors
+        known = scaled(known, scale) | ({} if between is None else {SPOTS: between.columns(jacobian, rows)})
+        every = np.concatenate([*model.known.values(), *(known[n] for n in (SPOTS,) if n in known)], axis=1)
         rest = noise + discrepancy
         stated = every @ every.T + rest
         missed = again.misfits if again else misfits(of_points, free, stated, every, points, groups)
-        known = {name: part if name == PRIORS else scale.factor * part for name, part in known.items()}
         covariance = np.sum([rest, *map(_gram, known.values())], axis=0)
-        causes = {**known, NOISE: _root(noise), DISCREPANCY: _root(discrepancy)}
+        causes = {**known, NOISE: root_of(noise), DISCREPANCY: root_of(discrepancy)}
         scores = scores_of(jacobian, rows.curve)
         weighed = partial(laplace, point, residuals, jacobian, causes, scores, freedom=scale.freedom)
+        if between is not None:
+            weighed = partial(weighed, together=same_spot(scores, rows))
         of_all, in_range = weighed(), weighed(range_sd=FLAT_SD)
+        if between is not None:
+            freedom = between.freedom_with(of_all.shares[SPOTS], scale.freedom)
+            of_all, in_range = (replace(each, freedom=freedom) for each in (of_all, in_range))
         density = density_of(of_all, end.problem)
         point = most_likely(of_all, density, end.problem)
         there = of_points + slopes_of_points @ (point - model.point)
         close = closeness_of(there, end.problem.terms, channels)
-        made = checks(residuals, jacobian, stated, rows, missed, model.expected, close, of_all.in_ranges)
+        made = checks(missed, model.expected, close, alike, of_all.in_ranges)
         found = Assessed(
             case=case,
             end=end,
@@ -226,6 +242,7 @@ class Assessment:
             model=model,
             errors=errors,
             scale=scale,
+            between=between,
             misfits=missed,
             checks=(*made, *self._relaxation(case)),
             channels=channels,
@@ -300,6 +317,28 @@ class Assessment:
         return known | {PRIORS: np.diag(np.where(rows.channel < 0, end.problem.noise, 0.0))}
 
 
+def _with_spots(
+    model: LinearModel, free: FloatArray, first: Assessed | None
+) -> tuple[tuple[NoiseModel, FloatArray, FloatArray, ErrorScale], SpotDifferences | None, float | None]:
+    """Errors of a fit, the differences between its spots, and the probability of spots that are alike.
+
+    The errors are those of each spot with parameters of its own, where the spots differ by more than errors.
+    """
+    residuals, jacobian, rows = model.residuals, model.jacobian, model.rows
+    every = np.concatenate(list(model.known.values()), axis=1)
+    errors = _errors(residuals, free, every, rows, model.expected, first)
+    if not shared_parameters(jacobian, rows).size:
+        return errors, None, None
+    alike = probability_of_alike(residuals, jacobian, every @ every.T + errors[1] + errors[2], rows)
+    if alike >= UNUSUAL:
+        return errors, None, alike
+    if first is None or first.between is None:
+        errors = _errors(residuals, null_space(by_spot(jacobian, rows).T), every, rows, model.expected, None)
+    _, noise, discrepancy, scale = errors
+    causes = scaled(model.known, scale) | {NOISE: root_of(noise), DISCREPANCY: root_of(discrepancy)}
+    return errors, differences(residuals, jacobian, causes, rows), alike
+
+
 def _errors(
     residuals: FloatArray,
     free: FloatArray,
@@ -345,9 +384,3 @@ def _linear(fit: Fit, at: FloatArray | None) -> tuple[FloatArray, FloatArray, Fl
     assert found.jacobian is not None
     shares = (box.values(found.point) - box.lower) / width
     return found.residuals, found.jacobian * width / box.rates(found.point), shares
-
-
-def _root(covariance: FloatArray) -> FloatArray:
-    values, vectors = np.linalg.eigh(covariance)
-    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))
-    return root

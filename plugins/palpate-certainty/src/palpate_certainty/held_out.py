@@ -6,6 +6,7 @@ estimated again without it. The band is what the errors of the parameters and of
 curves. Nothing is simulated.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,17 @@ from scipy.linalg import null_space
 from scipy.stats import f as f_distribution
 
 from palpate.api import BoolArray, FloatArray
-from palpate_certainty.laplace import FLAT_SD, scores_of
+from palpate_certainty.between_spots import (
+    SPOTS,
+    SpotDifferences,
+    by_spot,
+    differences,
+    same_spot,
+    shared_parameters,
+)
+from palpate_certainty.laplace import FLAT_SD, root_of, scores_of
 from palpate_certainty.noise_model import ErrorScale, NoiseModel, error_scale, estimate
-from palpate_certainty.tables import PRIORS, Assessed
+from palpate_certainty.tables import DISCREPANCY, NOISE, Assessed, scaled
 
 BAND = 0.9
 """Probability that a curve is inside of its band."""
@@ -83,11 +92,16 @@ def _predicted(assessed: Assessed, out: BoolArray) -> tuple[FloatArray, FloatArr
     residuals, jacobian = model.residuals[kept], model.jacobian[kept]
     errors, scale = _errors_without(assessed, kept)
     noise, discrepancy = errors.covariances(model.rows)
-    factors = [part if name == PRIORS else scale.factor * part for name, part in model.known.items()]
-    covariance = noise + discrepancy + sum(factor @ factor.T for factor in factors)
+    factors = scaled(model.known, scale)
+    if (between := _between_without(assessed, kept, factors, noise, discrepancy)) is not None:
+        factors[SPOTS] = between.columns(model.jacobian, model.rows)
+    covariance = noise + discrepancy + sum(factor @ factor.T for factor in factors.values())
     scores = scores_of(jacobian, model.rows.curve[kept])
     slopes = scores.T @ jacobian
-    gain = np.linalg.solve(scores.T @ covariance[np.ix_(kept, kept)] @ scores, slopes)
+    of_scores = scores.T @ covariance[np.ix_(kept, kept)] @ scores
+    if between is not None:
+        of_scores *= same_spot(scores, model.rows.only(kept))
+    gain = np.linalg.solve(of_scores, slopes)
     prior = np.eye(jacobian.shape[1]) / FLAT_SD**2
     of_point = np.linalg.inv(slopes.T @ gain + prior)
     through = of_point @ gain.T @ scores.T
@@ -97,7 +111,30 @@ def _predicted(assessed: Assessed, out: BoolArray) -> tuple[FloatArray, FloatArr
     both = np.zeros((int(out.sum()), out.size))
     both[:, out], both[:, kept] = np.eye(int(out.sum())), -there @ through
     unknown = there @ of_point @ prior @ of_point @ there.T
-    return model.residuals[out] + there @ moved, both @ covariance @ both.T + unknown, scale.freedom
+    predicted = both @ covariance @ both.T + unknown
+    freedom = scale.freedom
+    if between is not None:
+        by_spots = float(np.sum((both @ factors[SPOTS]) ** 2) / np.trace(predicted))
+        freedom = between.freedom_with(np.array([by_spots]), scale.freedom)
+    return model.residuals[out] + there @ moved, predicted, freedom
+
+
+def _between_without(
+    assessed: Assessed,
+    kept: BoolArray,
+    causes: Mapping[str, FloatArray],
+    noise: FloatArray,
+    discrepancy: FloatArray,
+) -> SpotDifferences | None:
+    """Differences between the spots that are kept; by all spots where one alone is."""
+    model = assessed.model
+    rows, jacobian = model.rows.only(kept), model.jacobian[kept]
+    if assessed.between is None or not shared_parameters(jacobian, rows).size:
+        return assessed.between
+    parts = {name: part[kept] for name, part in causes.items()}
+    for name, part in ((NOISE, noise), (DISCREPANCY, discrepancy)):
+        parts[name] = root_of(part[np.ix_(kept, kept)])
+    return differences(model.residuals[kept], jacobian, parts, rows)
 
 
 def _errors_without(assessed: Assessed, kept: BoolArray) -> tuple[NoiseModel, ErrorScale]:
@@ -109,7 +146,10 @@ def _errors_without(assessed: Assessed, kept: BoolArray) -> tuple[NoiseModel, Er
     rows = model.rows.only(kept)
     if set(rows.channels) != set(model.rows.channels) or rows.spot.size <= model.point.size:
         return assessed.errors, assessed.scale
-    residuals, free = model.residuals[kept], null_space(model.jacobian[kept].T)
+    slopes = model.jacobian[kept]
+    if assessed.between is not None:
+        slopes = by_spot(slopes, rows)
+    residuals, free = model.residuals[kept], null_space(slopes.T)
     known = np.concatenate(list(model.known.values()), axis=1)[kept]
     errors = estimate(
         residuals,

@@ -184,6 +184,7 @@ def laplace(
     *,
     range_sd: float = RANGE_SD,
     freedom: float = np.inf,
+    together: FloatArray | None = None,
 ) -> Laplace:
     """Density around the most likely values, and the part of each cause in its covariance.
 
@@ -202,15 +203,19 @@ def laplace(
         Standard deviation of each parameter before any curve; infinite for none.
     freedom : float
         Degrees of freedom of the errors' scale.
+    together : (k, k) array, optional
+        1 for scores that are weighed by their common errors, else 0; by default all are.
     """
     parts = {name: _gram(scores.T @ factor) for name, factor in causes.items()}
     slopes = scores.T @ jacobian
-    gain = np.linalg.solve(np.sum(list(parts.values()), axis=0), slopes)
+    total = np.sum(list(parts.values()), axis=0)
+    gain = np.linalg.solve(total if together is None else total * together, slopes)
     prior = np.eye(jacobian.shape[1]) / range_sd**2
-    covariance: FloatArray = np.linalg.inv(slopes.T @ gain + prior).astype(np.float64)
-    through = covariance @ gain.T
+    of_weights: FloatArray = np.linalg.inv(slopes.T @ gain + prior).astype(np.float64)
+    through = of_weights @ gain.T
     made = {name: through @ part @ through.T for name, part in parts.items()}
-    made[RANGE] = covariance @ prior @ covariance
+    made[RANGE] = of_weights @ prior @ of_weights
+    covariance = of_weights if together is None else np.sum(list(made.values()), axis=0)
     centre = point - through @ (scores.T @ residuals)
     symmetric = (covariance + covariance.T) / 2.0
     return Laplace(centre=centre, covariance=symmetric, parts=made, freedom=freedom)
@@ -252,6 +257,13 @@ def _quantiles(values: FloatArray, weights: FloatArray, at: list[float]) -> Floa
     middles = cumulative - weights[order] / 2.0
     quantiles: FloatArray = np.interp(np.array(at) * cumulative[-1], middles, values[order])
     return quantiles
+
+
+def root_of(covariance: FloatArray) -> FloatArray:
+    """Factor F (n, n) of a covariance F Fᵀ, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    root: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
 
 
 def whitening(scores: FloatArray, covariance: FloatArray, groups: FloatArray) -> FloatArray:

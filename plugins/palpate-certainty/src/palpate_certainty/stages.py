@@ -50,6 +50,8 @@ class Intervals(Stage):
             "adequacy": "Checks of whether the model describes the data.",
             "mesh_errors": "Error of each fitted curve by its mesh, over the curve.",
             "draws": "Draws from the density of each fit.",
+            "between_spots": "Standard deviation of each parameter between spots that differ.",
+            "spot_draws": "Draws from the density of a new spot's parameters.",
             "profile_planes": "Fopt over the planes of two parameters.",
             "reported": "Fopt, NMSE and R² of each fit at its reported values.",
             "reported_curves": "Curves of each fit at its reported values.",

@@ -25,6 +25,7 @@ from palpate.api.fit import (
 )
 from palpate.api.runs import Study
 from palpate_certainty.adequacy import ALLOWED, Check, Misfit
+from palpate_certainty.between_spots import SpotDifferences
 from palpate_certainty.error_sources import MESH
 from palpate_certainty.laplace import RANGE, Density, Laplace
 from palpate_certainty.noise_model import ErrorScale, NoiseModel, ResidualLayout
@@ -146,6 +147,8 @@ class Assessed:
     errors : NoiseModel
     scale : ErrorScale
         Of the known causes.
+    between : SpotDifferences, optional
+        Of spots that differ by more than their errors.
     misfits : mapping of channel number to Misfit
     checks : tuple of Check
     channels : tuple of str
@@ -174,6 +177,7 @@ class Assessed:
     channels: tuple[str, ...]
     mesh_errors: tuple[dict[str, Any], ...] = ()
     has_usual_mesh_error: bool = False
+    between: SpotDifferences | None = None
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -185,6 +189,11 @@ class Assessed:
     def noise_only(self) -> Laplace:
         """Density by the noise alone."""
         return self.laplace.by(NOISE, PRIORS, RANGE)
+
+
+def scaled(known: Mapping[str, FloatArray], scale: ErrorScale) -> dict[str, FloatArray]:
+    """Known causes at the scale of the errors; priors have their own."""
+    return {name: part if name == PRIORS else scale.factor * part for name, part in known.items()}
 
 
 def density_of(found: Laplace, problem: Problem) -> Density:
@@ -225,6 +234,8 @@ def certainty_result(assessed: Sequence[Assessed], study: Study) -> CertaintyRes
         adequacy=_frame(row for each in assessed for row in _adequacy(each, study)),
         mesh_errors=_frame(_about(each) | row for each in assessed for row in each.mesh_errors),
         draws=_frame(row for each in assessed for row in _draws(each)),
+        between_spots=_frame(row for each in assessed for row in _between_spots(each)),
+        spot_draws=_frame(row for each in assessed for row in _spot_draws(each)),
     )
 
 
@@ -299,12 +310,42 @@ def _draws(each: Assessed) -> Iterator[dict[str, Any]]:
         yield _about(each) | dict(zip(box.names, values.tolist(), strict=True))
 
 
+def _between_spots(each: Assessed) -> Iterator[dict[str, Any]]:
+    box, found = each.end.problem.box, each.between
+    if found is None:
+        return
+    width = box.upper - box.lower
+    for k, i in enumerate(found.shared.tolist()):
+        lower, upper = (float(end * width[i]) for end in found.ends[k])
+        yield _about(each) | {
+            "parameter": box.parameters[i].name,
+            "unit": box.parameters[i].unit,
+            "value": float(each.values[i]),
+            "sd": float(found.sd[k] * width[i]),
+            "lower": lower,
+            "upper": upper,
+            "n_spots": len(found.own),
+        }
+
+
+def _spot_draws(each: Assessed) -> Iterator[dict[str, Any]]:
+    """Draws from the density of a new spot's parameters, within the ranges."""
+    box, found = each.end.problem.box, each.between
+    if found is None:
+        return
+    rng = np.random.default_rng(0)
+    for shares in each.density.draws(N_DRAWS):
+        there = shares.copy()
+        there[found.shared] += found.sd * rng.standard_t(found.freedom, found.sd.size)
+        values = box.lower + (box.upper - box.lower) * there.clip(0.0, 1.0)
+        yield _about(each) | dict(zip(box.names, values.tolist(), strict=True))
+
+
 def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
     for check in each.checks:
         channel = each.channels[check.channel] if check.channel >= 0 else None
         said = {
             "discrepancy": "" if channel is None else _missed(each, check.channel, study),
-            "spots": "the spots disagree on the parameters by more than their intervals",
             "ranges": "the curves ask for parameters outside of their ranges",
             "relaxation": check.message,
         }
@@ -315,7 +356,7 @@ def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
             "verdict": check.verdict.value,
             "difference": None if check.closeness is None else check.closeness.difference,
             "r2": None if check.closeness is None else check.closeness.r2,
-            "message": "" if check.verdict is Adequacy.DESCRIBES else said[check.name],
+            "message": "" if check.verdict is Adequacy.DESCRIBES else said.get(check.name, ""),
         }
 
 

@@ -21,8 +21,8 @@ Thetas = Mapping[str, FloatArray]
 
 
 def draws_of(found: Fitted, fit: FitResult, posterior: PosteriorResult) -> list[dict[str, float]]:
-    """Values of what was searched, draw by draw: of the posterior, else of the fit's own density."""
-    for table in (posterior.posterior_draws, fit.certainty.draws):
+    """Draws of what was searched: of a new spot if the spots differ, of the posterior, or of the fit."""
+    for table in (fit.certainty.spot_draws, posterior.posterior_draws, fit.certainty.draws):
         if table.is_empty() or found.source != "fit":
             continue
         own = table.filter(fit=found.fit, scenario=found.scenario)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from palpate.api import ParameterName
 from palpate.api.report import ReportWarning
 from palpate_report.answer.best_sets import Best, leading
-from palpate_report.answer.headline import MODULI
+from palpate_report.answer.headline import MODULI, between_spots
 from palpate_report.answer.law import laws_of
 from palpate_report.answer.model_verdict import r2_by_spot
 from palpate_report.answer.next_step import CAUSES
@@ -149,6 +149,8 @@ def _spots(data: ReportData, conclusion: Conclusion) -> str:
     used = f"{len(data.spots)} used ({', '.join(data.spots[:6])}{', …' if len(data.spots) > 6 else ''})"
     if len(data.spots) == 1 or not data.is_fitted:
         return used
+    if differing := between_spots(data):
+        return f"{used}; {differing}"
     if found := apart_from_joint(data, conclusion.bests):
         apart = "; ".join(f"{spot} ({', '.join(names)})" for spot, names in found.items())
         return f"{used}; intervals apart from the joint fit's: {apart}"

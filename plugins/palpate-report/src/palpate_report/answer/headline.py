@@ -126,6 +126,20 @@ def moduli(data: ReportData, best: Best, *, model: Adequacy = Adequacy.DESCRIBES
             )
 
 
+def between_spots(data: ReportData) -> str:
+    """Sentence on spots that differ: mean ± standard deviation of each parameter; empty where none do."""
+    rows = data.leading_rows(data.fit.certainty.between_spots).to_dicts()
+    found = []
+    for row in rows:
+        mean, sd = (rounded(row[key], 0.0, row["sd"]) for key in ("value", "sd"))
+        ends = f"{rounded(row['lower'])} to {rounded(row['upper'])}"
+        name = data.brief_name(row["parameter"])
+        found.append(f"{name} {with_unit(f'{mean} ± {sd}', row['unit'])} ({ends})")
+    return (
+        f"they differ, mean ± sd between spots (95 % interval of the sd): {'; '.join(found)}" if found else ""
+    )
+
+
 # ----------------------------------------------------------------------- verdicts
 
 
@@ -184,7 +198,7 @@ class Verdicts:
         return self.of_models.get((spot, scenario), Adequacy.DESCRIBES) if is_fit else Adequacy.DESCRIBES
 
 
-OF_FITS = ("table1_fit", "fit_mesh", "intervals", "posterior", "profile_ends", "fit")
+OF_FITS = ("table1_fit", "fit_mesh", "intervals", "between_spots", "posterior", "profile_ends", "fit")
 """Tables of parameters whose values are of fits."""
 
 OF_SETS = ("table1_coefficients", "identifiability", "distance_to_truth", "generalised")

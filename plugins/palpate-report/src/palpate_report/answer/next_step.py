@@ -25,6 +25,7 @@ CAUSES: Mapping[str, str] = MappingProxyType(
         "friction": "friction",
         "tilt": "tilt",
         "position": "position of the spots",
+        "spots": "differences between the spots",
         "bone": "depth of the bone",
         "layers": "thickness of the layers",
     }
@@ -45,6 +46,7 @@ REMEDIES: Mapping[str, str] = MappingProxyType(
         "onset": "sample more densely at first contact, and state the remaining error",
         "indenter": "measure the radius, and state its error",
         "friction": "measure the friction, and state its error",
+        "spots": "measure more spots",
         "tilt": "align the tool with the normal, and state the remaining tilt",
         "position": "locate the spots on the scan better, and state the remaining error",
         "bone": "image the bone at the spots, and state the remaining error",
@@ -59,7 +61,6 @@ AFTER_REFUSAL: Mapping[str, str] = MappingProxyType(
     {
         "specimen": OTHER_MATERIAL,
         "discrepancy": f"check first contact, friction and sensor by the residuals; else {OTHER_MATERIAL}",
-        "spots": 'check mesh and position of the spot that differs; else search with `by = "spot"`',
         "ranges": "widen the ranges, and run again",
         "": "check units, signs and columns of the measured curves, and run again",
     }

@@ -12,7 +12,7 @@ from palpate.api.fit import ALL_SPOTS, UNCLEAR, WORDS
 from palpate.api.report import ReportWarning, Section
 from palpate.api.runs import Study, answering_for
 from palpate_report.answer.best_sets import Best, best_sets, leading
-from palpate_report.answer.headline import headlines, holds_truth, missed_truth, moduli
+from palpate_report.answer.headline import between_spots, headlines, holds_truth, missed_truth, moduli
 from palpate_report.answer.methods import methods
 from palpate_report.answer.model_verdict import ModelVerdict, model_verdict
 from palpate_report.answer.next_step import next_step
@@ -89,6 +89,8 @@ class Conclusion:
         That every interval holds the true value of simulated data; empty where this is not so or unknown.
     mesh : str
         What the meshes may be wrong by, and the largest share of that in an interval; empty without them.
+    between_spots : str
+        How the spots differ; empty where they do not.
     of_stages : mapping of word to str
         What stages of plugins have found, each under its word.
     next_step : str
@@ -115,6 +117,7 @@ class Conclusion:
     not_included: tuple[str, ...] = ()
     known: str = ""
     mesh: str = ""
+    between_spots: str = ""
     of_stages: Mapping[str, str] = field(default_factory=dict)
     next_step: str = ""
     methods: str = ""
@@ -136,6 +139,7 @@ class Conclusion:
         return {
             "Conclusion": f"{study.name} ({data}): {self.headline or NOTHING}",
             **({"Mesh": self.mesh} if self.mesh else {}),
+            **({"Spots": self.between_spots} if self.between_spots else {}),
             "Parameters": f"{found}{missing}" if found else "none, for the reason above",
             **({"Known": self.known} if self.known else {}),
             **self.of_stages,
@@ -176,6 +180,7 @@ def make_conclusion(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Con
         methods=methods(data, estimates, missing),
         known="every interval holds the true value" if holds_truth(data, estimates) else "",
         mesh="" if no_fit else _mesh(data),
+        between_spots="" if no_fit else between_spots(data),
         of_stages={word: text for _, each in data.summaries.values() for word, text in each.labelled.items()},
         next_step=next_step(data, found, model=model.verdict),
         model=model,

@@ -41,8 +41,6 @@ INADEQUATE = {
     "discrepancy": "Look at the residuals, then check depth offset, friction, bias and mesh; else the "
     "material law does not describe the tissue.",
     "specimen": "Look at the residuals: this material law does not describe them within the budget.",
-    "spots": "Check position, normal and mesh of the spot that differs; where the tissue differs, search its "
-    'parameters with `by = "spot"`.',
     "ranges": "Widen the ranges, if the material law allows it; else it does not describe the tissue.",
 }
 """What to do about a fit whose model does not describe the data, by check."""

@@ -29,6 +29,7 @@ class Certainty(Section):
         )
         yield from picture(report, "causes", "What widens each interval; the shares are in the table below")
         yield from tables(report, "inadequate")
+        yield from tables(report, "between_spots")
         yield Paragraph(
             "Intervals, combinations of parameters that are known better, and causes of every fit: "
             "tables/intervals.csv, tables/parameter_combinations.csv and tables/budget.csv."

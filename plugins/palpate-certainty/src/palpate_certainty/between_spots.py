@@ -1,0 +1,154 @@
+"""Differences between spots: a random effect of each parameter that the spots share.
+
+Each spot has parameters of its own, spread around their mean. Their standard deviations are those that make
+the spots' own values most likely (restricted likelihood), and their intervals come from the Q-profile
+(Viechtbauer, Statistics in Medicine 26, 2007). In the residuals the differences are one more error source.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq, minimize
+from scipy.stats import chi2
+
+from palpate.api import BoolArray, FloatArray, IntArray
+from palpate.api.fit import LEVEL
+from palpate_certainty.laplace import laplace, scores_of
+from palpate_certainty.noise_model import ResidualLayout
+
+SPOTS = "spots"
+"""Error source of the differences between spots."""
+
+UNUSUAL = 0.05
+"""Probability of spots that differ so much, under which they have parameters of their own."""
+
+LEAST_SD, MOST_SD = 1e-5, 3.0
+"""Ends of the standard deviations, in ranges, among which the most likely is sought."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SpotDifferences:
+    """Standard deviations of parameters between spots, in ranges.
+
+    Parameters
+    ----------
+    shared : (n,) integer array
+        Numbers of the parameters that at least two spots have in common.
+    own : (n_spots, n) array
+        Value of each spot by its own curves, less that of the joint fit.
+    sd : (n,) array
+    ends : (n, 2) array
+        95 % intervals of ``sd``.
+    """
+
+    shared: IntArray
+    own: FloatArray
+    sd: FloatArray
+    ends: FloatArray
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of the variances."""
+        return len(self.own) - 1.0
+
+    def columns(self, jacobian: FloatArray, rows: ResidualLayout) -> FloatArray:
+        """Change of the residuals (n, m) by one standard deviation of each parameter at each spot."""
+        return np.concatenate(
+            [jacobian[:, self.shared] * self.sd * inside[:, None] for inside in _spots(rows)], axis=1
+        )
+
+    def freedom_with(self, share: FloatArray, others: float) -> float:
+        """Least degrees of freedom of variances of this ``share``, the rest with others (Satterthwaite)."""
+        inverse = share**2 / self.freedom + (1.0 - share) ** 2 / others
+        return float(1.0 / np.max(inverse))
+
+
+def shared_parameters(jacobian: FloatArray, rows: ResidualLayout) -> IntArray:
+    """Numbers of the parameters that change the curves of two spots or more."""
+    seen = np.array([np.any(jacobian[inside] != 0.0, axis=0) for inside in _spots(rows)])
+    return np.flatnonzero(seen.sum(axis=0) > 1)
+
+
+def by_spot(jacobian: FloatArray, rows: ResidualLayout) -> FloatArray:
+    """Slopes (n, m) where each spot has shared parameters of its own; the other parameters come last."""
+    shared = shared_parameters(jacobian, rows)
+    others = np.delete(jacobian, shared, axis=1)
+    return np.concatenate([*(jacobian[:, shared] * i[:, None] for i in _spots(rows)), others], axis=1)
+
+
+def _spots(rows: ResidualLayout) -> list[BoolArray]:
+    return [rows.spot == spot for spot in np.unique(rows.spot[rows.channel >= 0])]
+
+
+def same_spot(scores: FloatArray, rows: ResidualLayout) -> FloatArray:
+    """1 for pairs of scores (n, k) of one spot, else 0.
+
+    Where spots differ, each is weighed by its own errors: else slightly unequal effects of a common error
+    would be told from the differences, and the mean would leave the values that it is of.
+    """
+    spot = rows.spot[np.argmax(np.abs(scores), axis=0)]
+    together: FloatArray = (spot[:, None] == spot).astype(np.float64)
+    return together
+
+
+def differences(
+    residuals: FloatArray, jacobian: FloatArray, causes: Mapping[str, FloatArray], rows: ResidualLayout
+) -> SpotDifferences:
+    """Estimate the differences between spots; at least two spots share a parameter.
+
+    Parameters
+    ----------
+    residuals : (n,) array
+    jacobian : (n, n_parameters) array
+        Of the residuals, per range.
+    causes : mapping of name to (n, m) array
+        As :func:`palpate_certainty.laplace.laplace` takes them, without differences between spots.
+    """
+    shared, slopes = shared_parameters(jacobian, rows), by_spot(jacobian, rows)
+    n, n_spots = len(shared), len(_spots(rows))
+    found = laplace(np.zeros(slopes.shape[1]), residuals, slopes, causes, scores_of(slopes, rows.curve))
+    own, covariance = found.centre[: n * n_spots], found.covariance[: n * n_spots, : n * n_spots]
+    sd = _most_likely(own, covariance, n)
+    ends = np.array([_q_profile(own[k::n], covariance[k::n, k::n]) for k in range(n)])
+    ends = np.stack([np.minimum(ends[:, 0], sd), np.maximum(ends[:, 1], sd)], axis=1)
+    return SpotDifferences(shared=shared, own=own.reshape(n_spots, n), sd=sd, ends=ends)
+
+
+def _most_likely(own: FloatArray, covariance: FloatArray, n: int) -> FloatArray:
+    """Standard deviations (n,) of the largest restricted likelihood."""
+    n_spots = own.size // n
+    mean = np.tile(np.eye(n), (n_spots, 1))
+
+    def loss(logs: FloatArray) -> float:
+        whole = covariance + np.diag(np.tile(np.exp(2.0 * logs), n_spots))
+        inverse = np.linalg.inv(whole)
+        of_mean = mean.T @ inverse @ mean
+        left = own - mean @ np.linalg.solve(of_mean, mean.T @ inverse @ own)
+        return float(np.linalg.slogdet(whole)[1] + np.linalg.slogdet(of_mean)[1] + left @ inverse @ left)
+
+    bounds = [(np.log(LEAST_SD), np.log(MOST_SD))] * n
+    spread = np.log(np.clip(own.reshape(n_spots, n).std(axis=0, ddof=1), LEAST_SD, MOST_SD))
+    tried = [minimize(loss, start, method="L-BFGS-B", bounds=bounds) for start in (spread, spread - 2.0)]
+    sd: FloatArray = np.exp(min(tried, key=lambda each: float(each.fun)).x)
+    return sd
+
+
+def _q_profile(own: FloatArray, covariance: FloatArray) -> tuple[float, float]:
+    """Ends of the 95 % interval of the standard deviation of values (n_spots,) with a covariance."""
+
+    def square(sd: float) -> float:
+        inverse = np.linalg.inv(covariance + sd**2 * np.eye(own.size))
+        left = own - np.sum(inverse @ own) / np.sum(inverse)
+        return float(left @ inverse @ left)
+
+    def at(probability: float) -> float:
+        aim = float(chi2.ppf(probability, own.size - 1))
+        if square(0.0) <= aim:
+            return 0.0
+        most = MOST_SD
+        while square(most) > aim:
+            most *= 2.0
+        return float(brentq(lambda sd: square(sd) - aim, 0.0, most))
+
+    return at(0.5 + LEVEL / 2.0), at(0.5 - LEVEL / 2.0)
