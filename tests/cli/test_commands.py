@@ -382,7 +382,17 @@ def test_init_writes_a_study_of_own_presses(call: Call) -> None:
     study, ready = read_study("arm"), read_study("try")
     assert (study.name, study.data, study.spot_names) == ("arm", "measured", ("p1",))
     assert study.protocol.columns["depth_mm"].tolist() == ready.protocol.columns["depth_mm"].tolist()
-    assert [p.name for p in study.space.parameters] == [f"soft_tissue.c{k}" for k in (1, 2, 3)]
+    assert study.protocol.columns["rotation_deg"].tolist() == ready.protocol.columns["rotation_deg"].tolist()
+    (modulus,) = study.space.parameters
+    assert (modulus.name, set(study.space.ties)) == (
+        "soft_tissue.c1",
+        {f"soft_tissue.{name}" for name in ("c2", "c3", "kappa")},
+    )
+    assert modulus.lower < ready.truth["soft_tissue.c1"] < modulus.upper
+    text = Path("arm/study.toml").read_text(encoding="utf-8")
+    assert re.findall(r"^(\w+) = .*# CHANGE THIS", text, flags=re.MULTILINE) == [
+        *("indenter", "friction", "material", "c2", "c3", "kappa", "friction"),
+    ]
     assert not study.truth
     *_, friction = study.parametrisation.parameters(study.space, study.spot_names)
     assert (friction.name, friction.prior.value, friction.prior.sd) == ("friction", 0.7, 0.3)
@@ -399,6 +409,27 @@ def test_init_writes_a_study_of_own_presses(call: Call) -> None:
         refused = call("init", *arguments, plugin=None)
         assert (refused.code, reason in refused.err) == (2, True)
     assert not Path("leg").exists()
+
+
+@pytest.mark.parametrize("factor", [0.1, 7.0])
+def test_the_range_of_own_presses_follows_their_force(call: Call, factor: float) -> None:
+    """A tissue outside all ranges of the ready study is inside those of the own one."""
+    call("init", "try", plugin=None)
+    head, *rows = Path("try/measured/p1.csv").read_text(encoding="utf-8").splitlines()
+    ends = []
+    for scale in (1.0, factor):
+        lines = [",".join(_scaled(head, row, scale)) for row in rows]
+        Path("own.csv").write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
+        files = ("--measured", "own.csv", "--mesh", "try/meshes/p1.vtu")
+        assert call("init", f"own{scale}", *files, plugin=None).code == 0
+        (modulus,) = read_study(f"own{scale}").space.parameters
+        ends.append((modulus.lower, modulus.upper))
+    assert ends[1] == pytest.approx([factor * end for end in ends[0]], rel=0.01)
+
+
+def _scaled(head: str, row: str, factor: float) -> list[str]:
+    values = zip(head.split(","), row.split(","), strict=True)
+    return [f"{factor * float(v)}" if v and name.startswith(("force", "torque")) else v for name, v in values]
 
 
 @pytest.mark.parametrize(

@@ -103,6 +103,12 @@ def init(
         check_new(folder)
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "study.toml").write_text(text, encoding="utf-8")
+        kept = "ranges" if test else "protocol and ranges"
+        if not test:
+            from palpate.cli.half_space import with_own_ranges
+
+            if with_own_ranges(folder / "study.toml", session.plugins, name):
+                kept = "lines marked CHANGE THIS"
     else:
         copy_study(ready, folder)
         name_study(folder)
@@ -111,7 +117,7 @@ def init(
         return
     command = "check {folder}"
     if measured:
-        own, kept = ("test", "ranges") if test else ("presses and meshes", "protocol and ranges")
+        own = "test" if test else "presses and meshes"
         session.say(f"{folder / 'study.toml'}: your {own}, everything else from {name}")
         session.note(f"edit before you run: {kept} are copied from {name} and are not yours; check the units")
     else:

@@ -1,0 +1,119 @@
+"""Ranges of a study of own presses, around a half-space estimate of the measured force."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from palpate.domain import FloatArray, Indentation, Response
+from palpate.domain.channels import FORCE, TORQUE
+from palpate.domain.material import IsotropicMaterial, Material
+from palpate.errors import PalpateError
+from palpate.experiment.curve_checks import hertz_N
+from palpate.experiment.measured import load_measured
+from palpate.plugins.catalogue import Plugins
+from palpate.study.reading import Study, read_study
+from palpate.toml_text import toml_value
+from palpate.units import convert
+
+WIDE = 4.0
+"""Range of the searched modulus, over its estimate: a thin layer on bone is several times stiffer."""
+
+MOST_TURNS = 6
+"""Turns of a twist above which the curve is no motion that can be copied."""
+
+MOTION = "   # as your curves have it"
+MARK, HALF_SPACE = "   # CHANGE THIS: ", "   # around a half-space estimate of your force"
+
+
+def with_own_ranges(file: Path, plugins: Plugins, ready: str) -> bool:
+    """Write depth, twist and ranges of a study by its measured curves; False where they cannot be read.
+
+    The modulus of the first region is searched, others keep their ratio to it, and shape parameters stay in
+    the middle of their ranges. What is copied from the ready study has a mark.
+    """
+    text, borrowed = file.read_text(encoding="utf-8"), f"{MARK}copied from {ready}"
+    try:
+        study = read_study(file, plugins)
+        measured = next(iter(load_measured(study, plugins.channels).values()))
+        text = _with_motion(text, measured)
+        file.write_text(text, encoding="utf-8")
+        tables = dict(_tables(read_study(file, plugins), measured))
+    except (PalpateError, StopIteration):
+        tables = {}
+    for region, table in tables.items():
+        head = rf"^\[region\.{re.escape(region)}\.parameters\]\n(?:(?!\[).*\n?)*"
+        text = re.sub(head, lambda _, table=table: table, text, flags=re.MULTILINE)  # type: ignore[misc]
+    file.write_text(_marked(text, borrowed), encoding="utf-8")
+    return bool(tables)
+
+
+def _with_motion(text: str, measured: Response) -> str:
+    """Depth and twist of the protocol as the curves have them."""
+    own = {}
+    if FORCE.name in measured:
+        own["depth"] = f'"{measured[FORCE.name].abscissa.max():.4g} mm"'
+    if TORQUE.name in measured:
+        curve = measured[TORQUE.name]
+        turns = [round(float(curve.abscissa[stop - 1]), 2) for _, stop in curve.branches]
+        if len(turns) <= MOST_TURNS:
+            own["twist"] = toml_value([f"{turn:g} deg" for turn in turns])
+    lines = {name: f"{name} = {value}{MOTION}" for name, value in own.items()}
+
+    def table(found: re.Match[str]) -> str:
+        return re.sub(r"^(depth|twist) = .*$", lambda m: lines.get(m[1], m[0]), found[0], flags=re.MULTILINE)
+
+    return re.sub(r"^\[protocol\]\n(?:(?!\[).*\n?)*", table, text, flags=re.MULTILINE)
+
+
+def _tables(study: Study, measured: Response) -> Iterator[tuple[str, str]]:
+    """Text of the parameters of each region, its name first; nothing without an estimate."""
+    space, protocol, unit = study.space, study.protocol, study.modulus_unit
+    first = next((p for p in space.parameters if p.kind == "modulus"), None)
+    if not isinstance(protocol, Indentation) or FORCE.name not in measured or first is None:
+        return
+    middle = np.array([0.5 * (p.lower + p.upper) for p in space.parameters])
+    thetas, every = space.thetas(middle), space.complete(dict(zip(space.names, middle, strict=True)))
+    of_first = next(r for r in space.regions if first.name in r.full_names.values())
+    young = _young_MPa(of_first.material, thetas[of_first.region])
+    force = float(np.abs(measured[FORCE.name].ordinate).max())
+    estimate = every[first.name] * force / hertz_N(young, protocol) if young > 0.0 else 0.0
+    if not (np.isfinite(estimate) and estimate > 0.0):
+        return
+    for region in space.regions:
+        lines = [f"[region.{region.region}.parameters]"]
+        for p in region.material.parameters:
+            name, value = region.name_of(p.name), every[region.name_of(p.name)]
+            entry, source = f"{value:.4g}", first.name if region is not of_first else first.name.split(".")[1]
+            if name == first.name:
+                lower, upper = (
+                    f"{convert(f'{estimate * by} {p.unit}', unit):.3g} {unit}" for by in (1.0 / WIDE, WIDE)
+                )
+                entry = f'{{ lower = "{lower}", upper = "{upper}", scale = "log" }}{HALF_SPACE}'
+            elif p.kind == "modulus":
+                entry = f'"{value / every[first.name]:.4g} * {source}"'
+            elif p.unit:
+                entry = f'"{value:.4g} {p.unit}"'
+            lines.append(f"{p.name} = {entry}")
+        yield region.region, "\n".join(lines) + "\n\n"
+
+
+def _young_MPa(material: Material, theta: FloatArray) -> float:  # noqa: N802 -- the unit
+    """Initial Young's modulus by the energy of a small isochoric pull; 0 of a material with directions."""
+    if not isinstance(material, IsotropicMaterial):
+        return 0.0
+    strain = 1e-3
+    energy = material.energy(np.exp(strain * np.array([1.0, -0.5, -0.5])), theta)
+    return 2.0 * float(np.asarray(energy)) / strain**2
+
+
+def _marked(text: str, mark: str) -> str:
+    """Text with a mark on each line that is copied, in the tables of the motion and the materials."""
+    lines, table = [], ""
+    for line in text.splitlines():
+        table = line.strip("[]") if line.startswith("[") else table
+        is_copied = table.split(".")[0] in ("protocol", "region") or table == "fit.searched"
+        is_value = re.match(r"\w[\w.-]* = .*[^\[{,]$", line) is not None
+        lines.append(line + mark if is_copied and is_value and "#" not in line else line)
+    return "\n".join(lines) + "\n"
