@@ -581,5 +581,5 @@ def test_a_spot_that_the_fit_leaves_out_has_the_values_of_its_state():
     plan = _Plan(stored=stored, pressed=None, tool=None, found=found, spot="p3", channels=())
     thetas = plan.thetas({f"{name}@rest": 0.01, f"{name}@tense": 0.03})
     assert thetas["muscle"][0] == pytest.approx(space.thetas(np.array([0.03]))["muscle"][0])
-    with pytest.raises(StudyError, match=r"first state times stiffness.muscle@tense"):
+    with pytest.raises(StudyError, match=r"first state's times stiffness.muscle@tense"):
         plan.thetas({name: 0.01, "stiffness.muscle@tense": 3.0})

@@ -96,7 +96,7 @@ def test_no_page_is_made_of_simulations_of_another_study(make_study, plugins, ti
     study = make_study()
     pipeline.run_study(study, tmp_path / "run", plugins)
     other = replace(study, solver=tissue.Analytic(tissue.AnalyticSettings(offset=0.1)))
-    with pytest.raises(StudyError, match=r"24 of 24 scored simulations are not those .* `palpate run`"):
+    with pytest.raises(StudyError, match=r"24 of 24 scored simulations do not belong .* `palpate run`"):
         from_run.report(other, tmp_path / "run", plugins)
     assert from_run.report(study, tmp_path / "run", plugins).files
 
