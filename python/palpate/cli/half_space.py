@@ -10,7 +10,7 @@ from palpate.domain import FloatArray, Indentation, Response
 from palpate.domain.channels import FORCE, TORQUE
 from palpate.domain.material import IsotropicMaterial, Material
 from palpate.errors import PalpateError
-from palpate.experiment.curve_checks import hertz_N
+from palpate.experiment.curve_checks import hertz_N, secant_young_MPa
 from palpate.experiment.measured import load_measured
 from palpate.plugins.catalogue import Plugins
 from palpate.study.reading import Study, read_study
@@ -100,12 +100,10 @@ def _tables(study: Study, measured: Response) -> Iterator[tuple[str, str]]:
 
 
 def _young_MPa(material: Material, theta: FloatArray) -> float:  # noqa: N802 -- the unit
-    """Initial Young's modulus by the energy of a small isochoric pull; 0 of a material with directions."""
+    """Initial Young's modulus; 0 of a material with directions."""
     if not isinstance(material, IsotropicMaterial):
         return 0.0
-    strain = 1e-3
-    energy = material.energy(np.exp(strain * np.array([1.0, -0.5, -0.5])), theta)
-    return 2.0 * float(np.asarray(energy)) / strain**2
+    return float(secant_young_MPa(material, theta, np.array([1e-3]))[0])
 
 
 def _marked(text: str, mark: str) -> str:

@@ -318,15 +318,21 @@ def _young_ends(space: ParameterSpace, region: RegionMaterial) -> tuple[float, f
     material, thetas = region.material, thetas_of_ranges(space, region)
     if not thetas or not isinstance(material, IsotropicMaterial):
         return None
-    # An isochoric pull by the logarithmic strain e stores E e²/2.
-    stretches = np.exp(np.stack([_STRAINS, -_STRAINS / 2.0, -_STRAINS / 2.0], axis=-1))
     with answering_for(material, "energy at the ends of the ranges"), np.errstate(all="ignore"):
-        energies = [np.asarray(material.energy(stretches, theta)) for theta in thetas]
-    moduli = 2.0 * np.stack(energies) / _STRAINS**2
+        moduli = np.stack([secant_young_MPa(material, theta, _STRAINS) for theta in thetas])
     initial = moduli[:, np.abs(_STRAINS) < 0.1]
     if not np.isfinite(moduli).all() or not (initial > 0.0).any():
         return None
     return float(initial[initial > 0.0].min()), float(moduli.max())
+
+
+def secant_young_MPa(  # noqa: N802 -- the unit
+    material: IsotropicMaterial, theta: FloatArray, strains: FloatArray
+) -> FloatArray:
+    """Secant Young's moduli (n,) [MPa]: an isochoric pull by the logarithmic strain e stores E e²/2."""
+    stretches = np.exp(np.stack([strains, -strains / 2.0, -strains / 2.0], axis=-1))
+    moduli: FloatArray = 2.0 * np.asarray(material.energy(stretches, theta)) / strains**2
+    return moduli
 
 
 def thetas_of_ranges(space: ParameterSpace, region: RegionMaterial, n_levels: int = 2) -> list[FloatArray]:
