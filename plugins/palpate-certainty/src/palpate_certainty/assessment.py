@@ -42,7 +42,7 @@ from palpate_certainty.error_sources import (
     error_sources_of,
     mesh_errors,
 )
-from palpate_certainty.laplace import FLAT_SD, laplace, root_of, scores_of, whitening
+from palpate_certainty.laplace import FLAT_SD, laplace, scores_of, whitening
 from palpate_certainty.mesh_error import SpotMesh, is_stated
 from palpate_certainty.noise_model import (
     ErrorScale,
@@ -56,8 +56,6 @@ from palpate_certainty.noise_model import (
 )
 from palpate_certainty.profiles import planes_of_fits
 from palpate_certainty.tables import (
-    DISCREPANCY,
-    NOISE,
     PRIORS,
     Assessed,
     LinearModel,
@@ -65,6 +63,7 @@ from palpate_certainty.tables import (
     density_of,
     most_likely,
     scaled,
+    with_rest,
 )
 
 NONE: Mapping[ErrorSource, str] = MappingProxyType({})
@@ -210,13 +209,14 @@ class Assessment:
         free = null_space(jacobian.T)
         found_errors, between, alike = _with_spots(model, free, first)
         errors, noise, discrepancy, scale = found_errors
-        known = scaled(known, scale) | ({} if between is None else {SPOTS: between.columns(jacobian, rows)})
-        every = np.concatenate([*model.known.values(), *(known[n] for n in (SPOTS,) if n in known)], axis=1)
+        of_spots = {} if between is None else {SPOTS: between.columns(jacobian, rows)}
+        known = scaled(known, scale) | of_spots
+        every = np.concatenate([*model.known.values(), *of_spots.values()], axis=1)
         rest = noise + discrepancy
         stated = every @ every.T + rest
         missed = again.misfits if again else misfits(of_points, free, stated, every, points, groups)
         covariance = np.sum([rest, *map(_gram, known.values())], axis=0)
-        causes = {**known, NOISE: root_of(noise), DISCREPANCY: root_of(discrepancy)}
+        causes = with_rest(known, noise, discrepancy)
         scores = scores_of(jacobian, rows.curve)
         weighed = partial(laplace, point, residuals, jacobian, causes, scores, freedom=scale.freedom)
         if between is not None:
@@ -335,7 +335,7 @@ def _with_spots(
     if first is None or first.between is None:
         errors = _errors(residuals, null_space(by_spot(jacobian, rows).T), every, rows, model.expected, None)
     _, noise, discrepancy, scale = errors
-    causes = scaled(model.known, scale) | {NOISE: root_of(noise), DISCREPANCY: root_of(discrepancy)}
+    causes = with_rest(scaled(model.known, scale), noise, discrepancy)
     return errors, differences(residuals, jacobian, causes, rows), alike
 
 

@@ -23,9 +23,9 @@ from palpate_certainty.between_spots import (
     same_spot,
     shared_parameters,
 )
-from palpate_certainty.laplace import FLAT_SD, root_of, scores_of
+from palpate_certainty.laplace import FLAT_SD, scores_of
 from palpate_certainty.noise_model import ErrorScale, NoiseModel, error_scale, estimate
-from palpate_certainty.tables import DISCREPANCY, NOISE, Assessed, scaled
+from palpate_certainty.tables import Assessed, scaled, with_rest
 
 BAND = 0.9
 """Probability that a curve is inside of its band."""
@@ -131,9 +131,8 @@ def _between_without(
     rows, jacobian = model.rows.only(kept), model.jacobian[kept]
     if assessed.between is None or not shared_parameters(jacobian, rows).size:
         return assessed.between
-    parts = {name: part[kept] for name, part in causes.items()}
-    for name, part in ((NOISE, noise), (DISCREPANCY, discrepancy)):
-        parts[name] = root_of(part[np.ix_(kept, kept)])
+    inside, of_kept = np.ix_(kept, kept), {name: part[kept] for name, part in causes.items()}
+    parts = with_rest(of_kept, noise[inside], discrepancy[inside])
     return differences(model.residuals[kept], jacobian, parts, rows)
 
 

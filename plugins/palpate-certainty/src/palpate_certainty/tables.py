@@ -27,7 +27,7 @@ from palpate.api.runs import Study
 from palpate_certainty.adequacy import ALLOWED, Check, Misfit
 from palpate_certainty.between_spots import SpotDifferences
 from palpate_certainty.error_sources import MESH
-from palpate_certainty.laplace import RANGE, Density, Laplace
+from palpate_certainty.laplace import RANGE, Density, Laplace, root_of
 from palpate_certainty.noise_model import ErrorScale, NoiseModel, ResidualLayout
 
 NOISE, DISCREPANCY, PRIORS = "noise", "model", "priors"
@@ -194,6 +194,13 @@ class Assessed:
 def scaled(known: Mapping[str, FloatArray], scale: ErrorScale) -> dict[str, FloatArray]:
     """Known causes at the scale of the errors; priors have their own."""
     return {name: part if name == PRIORS else scale.factor * part for name, part in known.items()}
+
+
+def with_rest(
+    known: Mapping[str, FloatArray], noise: FloatArray, discrepancy: FloatArray
+) -> dict[str, FloatArray]:
+    """Known causes, and factors of the covariances (n, n) of noise and discrepancy."""
+    return {**known, NOISE: root_of(noise), DISCREPANCY: root_of(discrepancy)}
 
 
 def density_of(found: Laplace, problem: Problem) -> Density:
