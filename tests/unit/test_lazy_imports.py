@@ -103,6 +103,22 @@ def test_the_list_of_commands_imports_nothing_heavy():
     assert done.stderr.strip() == ""
 
 
+@pytest.mark.parametrize("command", ["init", "plugins", "doctor", "schema"])
+def test_lists_of_what_plugins_provide_import_no_numerical_or_plotting_library(command, tmp_path):
+    """SciPy's own ``import scipy`` is light; its sub-packages are not."""
+    code = (
+        f"import sys; from palpate.cli.app import main; main(['{command}'])\n"
+        "heavy = {'jax', 'matplotlib', 'plotly', 'jinja2', 'meshio', 'trimesh', 'dask', 'h5py'}\n"
+        "heavy |= {'scipy.' + part for part in ('linalg', 'ndimage', 'optimize', 'signal', 'sparse', "
+        "'spatial', 'special', 'stats')}\n"
+        "print('heavy:', *heavy & set(sys.modules), file=sys.stderr)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    assert "heavy:\n" in done.stderr
+
+
 @pytest.mark.parametrize("file", ["python/palpate/api/__init__.py", "plugins/README.md", "CHANGELOG.md"])
 def test_the_version_that_a_text_names_is_the_one_that_exists(file):
     text = (Path(__file__).parents[2] / file).read_text(encoding="utf-8")

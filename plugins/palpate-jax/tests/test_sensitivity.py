@@ -10,7 +10,8 @@ from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
 from palpate_jax import load_stepping, sparse
 from palpate_jax.newton import Balance, equilibrium
-from palpate_jax.solver import BETWEEN, JaxSettings, JaxSolver
+from palpate_jax.path_simulation import BETWEEN
+from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Ogden, Yeoh
 

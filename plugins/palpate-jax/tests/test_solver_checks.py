@@ -33,25 +33,25 @@ def test_a_sound_job_passes(kind):
 def test_limbs_stay_prepared():
     """A copy of a limb, as it comes from another process, finds what was prepared for an earlier job."""
     solver, limbs = JaxSolver(), [block(n_across=n, n_down=1) for n in (2, 4)]
-    prepared = [solver._prepared(limb, JOB.materials) for limb in limbs]
+    prepared = [solver._paths._prepared(limb, JOB.materials) for limb in limbs]
     for limb, expected in zip(limbs, prepared, strict=True):
         copy = replace(limb, mesh=replace(limb.mesh, points_mm=limb.mesh.points_mm.copy()))
-        assert solver._prepared(copy, {"soft_tissue": Yeoh()}) is expected
+        assert solver._paths._prepared(copy, {"soft_tissue": Yeoh()}) is expected
     moved = replace(limbs[0], mesh=replace(limbs[0].mesh, points_mm=1.5 * limbs[0].mesh.points_mm))
-    assert solver._prepared(moved, JOB.materials) not in prepared
+    assert solver._paths._prepared(moved, JOB.materials) not in prepared
 
 
 def test_limbs_used_last_stay_as_far_as_there_is_room(monkeypatch):
     solver, limbs = JaxSolver(), [block(n_across=n, n_down=1) for n in (2, 3, 4)]
-    small, middle, large = (solver._prepared(limb, JOB.materials) for limb in limbs)
-    assert solver._prepared(limbs[0], JOB.materials) is small
+    small, middle, large = (solver._paths._prepared(limb, JOB.materials) for limb in limbs)
+    assert solver._paths._prepared(limbs[0], JOB.materials) is small
     room = limbs[0].mesh.n_nodes + limbs[1].mesh.n_nodes
-    monkeypatch.setattr("palpate_jax.solver.NODES_KEPT", room)
-    assert solver._prepared(limbs[1], JOB.materials) is middle
-    assert solver._prepared(limbs[0], JOB.materials) is small
-    assert solver._prepared(limbs[1], JOB.materials) is middle
-    assert solver._prepared(limbs[2], JOB.materials) is not large
-    assert solver._prepared(limbs[0], JOB.materials) is not small
+    monkeypatch.setattr("palpate_jax.path_simulation.NODES_KEPT", room)
+    assert solver._paths._prepared(limbs[1], JOB.materials) is middle
+    assert solver._paths._prepared(limbs[0], JOB.materials) is small
+    assert solver._paths._prepared(limbs[1], JOB.materials) is middle
+    assert solver._paths._prepared(limbs[2], JOB.materials) is not large
+    assert solver._paths._prepared(limbs[0], JOB.materials) is not small
 
 
 @pytest.mark.parametrize(("offset", "word"), [(2.0, "off"), (-2.0, "inside")])

@@ -10,8 +10,9 @@ import pytest
 from palpate.domain import Indentation, Job, Status
 from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
-from palpate_jax import solver as solver_module
+from palpate_jax import path_simulation, solver as solver_module
 from palpate_jax.initial_guess import InitialGuess, WarmStartStates
+from palpate_jax.path_simulation import PathSimulations
 from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.uncoupled import Yeoh
 
@@ -82,14 +83,14 @@ def test_a_start_from_warm_starts_saves_effort_and_changes_no_result(limb):
 
 @pytest.mark.slow
 def test_warm_starts_that_are_simulated_first_count_in_the_seconds(limb, monkeypatch):
-    clock, walk = [0.0], JaxSolver._walk
+    clock, walk = [0.0], PathSimulations._walk
 
     def walked(self, *given):
         clock[0] += 1.0
         return walk(self, *given)
 
-    monkeypatch.setattr(JaxSolver, "_walk", walked)
-    monkeypatch.setattr(solver_module.time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(PathSimulations, "_walk", walked)
+    monkeypatch.setattr(path_simulation.time, "perf_counter", lambda: clock[0])
     used = JaxSolver(SETTINGS)
     assert used.simulate(job_of(3), limb).seconds == 4.0  # three warm starts and itself
     assert used.simulate(job_of(4), limb).seconds == 1.0

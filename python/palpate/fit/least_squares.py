@@ -3,9 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from pydantic import Field
-from scipy.optimize import lsq_linear
-from scipy.stats import qmc
 
 from palpate.domain import BoolArray, FloatArray
 from palpate.domain.component import Settings
@@ -105,7 +104,9 @@ class _Model:
         free = upper > lower
         bent = np.zeros(n)
         if free.any():
-            found = lsq_linear(r[:, free], target, bounds=(lower[free], upper[free]), method="bvls")
+            found = scipy.optimize.lsq_linear(
+                r[:, free], target, bounds=(lower[free], upper[free]), method="bvls"
+            )
             bent[free] = np.clip(found.x, lower[free], upper[free])
         gain = float(self._gains(bent[None])[0])
         if not self._accepts(bent[None])[0]:
@@ -114,7 +115,7 @@ class _Model:
 
     def _accepted(self, axes: FloatArray, lower: FloatArray, upper: FloatArray) -> tuple[FloatArray, float]:
         """Step that gains most of many that filters accept, along axes that are as long as they matter."""
-        spread = 2.0 * qmc.Sobol(len(axes), scramble=False).random(256) - 1.0
+        spread = 2.0 * scipy.stats.qmc.Sobol(len(axes), scramble=False).random(256) - 1.0
         best, gain = np.zeros(len(axes)), 0.0
         for width in 0.5 ** np.arange(8):
             steps = np.clip(best + width * spread @ axes.T, lower, upper)

@@ -1,8 +1,8 @@
 """Searches that use no slopes: the best set of the sweep as it is, and one that covers the whole box."""
 
 import numpy as np
+import scipy
 from pydantic import Field
-from scipy.stats import qmc
 
 from palpate.domain.component import Settings
 from palpate.plugins.search import Asking, Search, SearchSpace, Trial
@@ -42,7 +42,7 @@ class DifferentialEvolution(Search[DifferentialEvolutionSettings]):
         rng = np.random.default_rng(space.seed)
         n = space.start.size
         size = max(5, self.settings.population * n)
-        points = qmc.LatinHypercube(n, rng=rng).random(size)
+        points = scipy.stats.qmc.LatinHypercube(n, rng=rng).random(size)
         points[0] = space.start
         found = yield [Trial(point=point) for point in points]
         objectives = np.array([each.objective for each in found])

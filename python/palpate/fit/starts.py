@@ -2,7 +2,7 @@
 
 import numpy as np
 import polars as pl
-from scipy.stats import qmc
+import scipy
 
 from palpate.domain import Design, FloatArray, ParameterName, channel_of
 from palpate.fit.box import Box
@@ -53,7 +53,7 @@ def accepted_start(problem: Problem, start: FloatArray) -> FloatArray:
     of_materials = {p.name for p in problem.study.space.parameters}
     moved = np.array([ParameterName.parse(name).shared in of_materials for name in problem.names])
     points = np.tile(start, (1024, 1))
-    points[:, moved] = qmc.Sobol(int(moved.sum()), scramble=False).random(1024)
+    points[:, moved] = scipy.stats.qmc.Sobol(int(moved.sum()), scramble=False).random(1024)
     accepted = points[problem.accepts(points)]
     if not len(accepted):
         return start

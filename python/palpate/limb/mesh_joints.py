@@ -3,9 +3,7 @@
 from collections.abc import Iterable
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+import scipy
 
 from palpate.domain import FloatArray, IntArray, Limb, Mesh
 from palpate.errors import MeshError
@@ -43,7 +41,7 @@ def _check_listed_once(kind: str, nodes: IntArray, centres: FloatArray) -> None:
 
 def _check_doubled_nodes(limb: Limb) -> None:
     points = limb.mesh.points_mm
-    pairs = cKDTree(points).query_pairs(
+    pairs = scipy.spatial.cKDTree(points).query_pairs(
         SAME_PLACE * float(np.ptp(points, axis=0).max()), output_type="ndarray"
     )
     if not len(pairs):
@@ -81,8 +79,8 @@ def _connected(n_nodes: int, groups: Iterable[IntArray]) -> tuple[int, IntArray]
         for nodes in groups
     ]
     first, other = np.concatenate(pairs, axis=1)
-    links = coo_array((np.ones(first.size), (first, other)), shape=(n_nodes, n_nodes))
-    n_parts, part = connected_components(links, directed=False)
+    links = scipy.sparse.coo_array((np.ones(first.size), (first, other)), shape=(n_nodes, n_nodes))
+    n_parts, part = scipy.sparse.csgraph.connected_components(links, directed=False)
     return int(n_parts), np.asarray(part, dtype=np.int64)
 
 

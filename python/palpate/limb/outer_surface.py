@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+import scipy
 
 from palpate.domain import BoolArray, FloatArray, IntArray, Mesh
 from palpate.mesh.topology import CELLS, outer_faces, triangles_of
@@ -100,8 +99,8 @@ def _sides(mesh: Mesh) -> Iterator[IntArray]:
     pairs = np.stack([edge_owner[first[joined]], edge_owner[second[joined]]])
     smooth = (normals[pairs[0]] * normals[pairs[1]]).sum(axis=1) > np.cos(np.deg2rad(SHARP_DEG))
     n = len(normals)
-    links = coo_array((np.ones(np.count_nonzero(smooth)), tuple(pairs[:, smooth])), shape=(n, n))
-    side = connected_components(links, directed=False)[1][owner]
+    links = scipy.sparse.coo_array((np.ones(np.count_nonzero(smooth)), tuple(pairs[:, smooth])), shape=(n, n))
+    side = scipy.sparse.csgraph.connected_components(links, directed=False)[1][owner]
     listed = np.unique(np.stack([nodes, side]), axis=1)
     once = np.bincount(listed[0], minlength=mesh.n_nodes)[listed[0]] == 1
     listed = listed[:, once]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 
 import numpy as np
-from scipy.spatial import cKDTree
+import scipy
 
 from palpate.domain import BoolArray, FloatArray, IntArray, Limb, Mesh
 from palpate.errors import MeshError
@@ -173,7 +173,9 @@ def _too_long(
     share = np.clip(((spot_mm - first) * along).sum(axis=1) / squares, 0.0, 1.0)
     away = ((first + share[:, None] * along - spot_mm) ** 2).sum(axis=1)
     wanted: BoolArray = (squares > edge_mm**2) & (away <= near_mm**2)
-    depths = np.asarray(cKDTree(now.points[now.in_sets[:, contact]]).query(now.points[ends[wanted]])[0])
+    depths = np.asarray(
+        scipy.spatial.cKDTree(now.points[now.in_sets[:, contact]]).query(now.points[ends[wanted]])[0]
+    )
     reached = np.linalg.norm(now.points[ends[wanted]] - spot_mm, axis=2).max(axis=1)
     away = np.maximum(depths.min(axis=1), beyond_mm - reached)
     wanted[wanted] = squares[wanted] > (edge_mm + GROWTH * away) ** 2

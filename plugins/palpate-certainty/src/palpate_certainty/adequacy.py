@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, norm
+import scipy
 
 from palpate.api import FloatArray
 from palpate.api.fit import Adequacy, SpotTerm, channel_of, pieces
@@ -196,7 +196,7 @@ def checks(
     """
     for channel, misfit in found.items():
         over = misfit.unexplained / expected[channel]
-        p = 2.0 * float(norm.sf(over))
+        p = 2.0 * float(scipy.stats.norm.sf(over))
         worse = Adequacy.APPROXIMATES if close[channel].is_close else Adequacy.FAILS
         yield Check(
             name="discrepancy",
@@ -228,4 +228,4 @@ def probability_of_alike(
         return 1.0
     seen = axes.T @ residuals
     square = float(seen @ np.linalg.solve(axes.T @ covariance @ axes, seen))
-    return float(chi2.sf(square, axes.shape[1]))
+    return float(scipy.stats.chi2.sf(square, axes.shape[1]))

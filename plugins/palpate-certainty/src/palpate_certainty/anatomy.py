@@ -10,9 +10,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from scipy.sparse import coo_array, diags_array
-from scipy.sparse.linalg import spsolve
-from scipy.spatial import KDTree
+import scipy
 
 from palpate.api import FloatArray, IntArray, Limb, Mesh
 from palpate.api.mesh import CELLS, outer_faces, spot_axes
@@ -125,7 +123,7 @@ def layer_displacements(limb: Limb, region: str) -> FloatArray:
     if not top.size or not bottom.size:
         return np.zeros_like(mesh.points_mm)
     normals = _normals(mesh, [region], top)
-    _, nearest = KDTree(mesh.points_mm[top]).query(mesh.points_mm[bottom])
+    _, nearest = scipy.spatial.KDTree(mesh.points_mm[top]).query(mesh.points_mm[bottom])
     away = mesh.points_mm[bottom] - mesh.points_mm[top[nearest]]
     # Along the normal alone: the nearest node is not straight above.
     thickness_mm = np.sum(away * normals[nearest], axis=1, keepdims=True)
@@ -194,11 +192,13 @@ def _with_the_rest(mesh: Mesh, moved: IntArray, by_mm: FloatArray) -> FloatArray
     if free.size:
         weights = 1.0 / np.linalg.norm(np.diff(mesh.points_mm[edges], axis=1)[:, 0], axis=1)
         i, j = edges.T
-        coupling = coo_array((weights, (i, j)), shape=(mesh.n_nodes, mesh.n_nodes)).tocsr()
+        coupling = scipy.sparse.coo_array((weights, (i, j)), shape=(mesh.n_nodes, mesh.n_nodes)).tocsr()
         coupling = coupling + coupling.T
-        laplacian = (diags_array(coupling.sum(axis=1)) - coupling).tocsr()[free]
+        laplacian = (scipy.sparse.diags_array(coupling.sum(axis=1)) - coupling).tocsr()[free]
         ends = np.flatnonzero(known)
-        found[free] = spsolve(laplacian[:, free].tocsc(), -(laplacian[:, ends] @ found[ends])).reshape(-1, 3)
+        found[free] = scipy.sparse.linalg.spsolve(
+            laplacian[:, free].tocsc(), -(laplacian[:, ends] @ found[ends])
+        ).reshape(-1, 3)
     if middles.size:
         middle, a, b = middles.T
         found[middle] = 0.5 * (found[a] + found[b])

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 import polars as pl
-from scipy.linalg import null_space
+import scipy
 
 from palpate.api import (
     SILENT,
@@ -206,7 +206,7 @@ class Assessment:
         )
         if residuals.size <= point.size:
             raise PalpateError(f"{residuals.size} measured points for {point.size} parameters; fix some")
-        free = null_space(jacobian.T)
+        free = scipy.linalg.null_space(jacobian.T)
         found_errors, between, alike = _with_spots(model, free, first)
         errors, noise, discrepancy, scale = found_errors
         of_spots = {} if between is None else {SPOTS: between.columns(jacobian, rows)}
@@ -333,7 +333,9 @@ def _with_spots(
     if alike >= UNUSUAL:
         return errors, None, alike
     if first is None or first.between is None:
-        errors = _errors(residuals, null_space(by_spot(jacobian, rows).T), every, rows, model.expected, None)
+        errors = _errors(
+            residuals, scipy.linalg.null_space(by_spot(jacobian, rows).T), every, rows, model.expected, None
+        )
     _, noise, discrepancy, scale = errors
     causes = with_rest(scaled(model.known, scale), noise, discrepancy)
     return errors, differences(residuals, jacobian, causes, rows), alike

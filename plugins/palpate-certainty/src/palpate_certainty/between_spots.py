@@ -9,8 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq, minimize
-from scipy.stats import chi2
+import scipy
 
 from palpate.api import BoolArray, FloatArray, IntArray
 from palpate.api.fit import LEVEL
@@ -129,7 +128,10 @@ def _most_likely(own: FloatArray, covariance: FloatArray, n: int) -> FloatArray:
 
     bounds = [(np.log(LEAST_SD), np.log(MOST_SD))] * n
     spread = np.log(np.clip(own.reshape(n_spots, n).std(axis=0, ddof=1), LEAST_SD, MOST_SD))
-    tried = [minimize(loss, start, method="L-BFGS-B", bounds=bounds) for start in (spread, spread - 2.0)]
+    tried = [
+        scipy.optimize.minimize(loss, start, method="L-BFGS-B", bounds=bounds)
+        for start in (spread, spread - 2.0)
+    ]
     sd: FloatArray = np.exp(min(tried, key=lambda each: float(each.fun)).x)
     return sd
 
@@ -143,12 +145,12 @@ def _q_profile(own: FloatArray, covariance: FloatArray) -> tuple[float, float]:
         return float(left @ inverse @ left)
 
     def at(probability: float) -> float:
-        aim = float(chi2.ppf(probability, own.size - 1))
+        aim = float(scipy.stats.chi2.ppf(probability, own.size - 1))
         if square(0.0) <= aim:
             return 0.0
         most = MOST_SD
         while square(most) > aim:
             most *= 2.0
-        return float(brentq(lambda sd: square(sd) - aim, 0.0, most))
+        return float(scipy.optimize.brentq(lambda sd: square(sd) - aim, 0.0, most))
 
     return at(0.5 + LEVEL / 2.0), at(0.5 - LEVEL / 2.0)

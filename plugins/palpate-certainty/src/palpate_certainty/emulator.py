@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize
+import scipy
 
 from palpate.api import BoolArray, FloatArray, IntArray, Parameter
 
@@ -110,17 +109,19 @@ class GaussianProcess:
         def loss(logs: FloatArray) -> float:
             covariance = free.T @ self._covariance(np.exp(logs[:d]), float(np.exp(logs[d]))) @ free
             try:
-                factor = cho_factor(covariance, lower=True)
+                factor = scipy.linalg.cho_factor(covariance, lower=True)
             except np.linalg.LinAlgError:
                 return 1e10
-            variances = (rest * cho_solve(factor, rest)).sum(axis=0) + least
+            variances = (rest * scipy.linalg.cho_solve(factor, rest)).sum(axis=0) + least
             determinant = 2.0 * np.log(np.diag(factor[0])).sum()
             return float(len(rest) * np.log(variances).sum() + rest.shape[1] * determinant)
 
         logs = np.append(np.zeros(d), np.log(1e-8))
         if np.linalg.norm(rest) > EXACT * np.linalg.norm(observed):
             bounds = [tuple(np.log(LENGTHS))] * d + [tuple(np.log(NUGGETS))]
-            logs = minimize(loss, logs, method="L-BFGS-B", bounds=bounds, options={"maxiter": 30}).x
+            logs = scipy.optimize.minimize(
+                loss, logs, method="L-BFGS-B", bounds=bounds, options={"maxiter": 30}
+            ).x
         return np.exp(logs[:d]), float(np.exp(logs[d]))
 
     def _left_out(self, projected: FloatArray, weighted: FloatArray, n: int, d: int) -> FloatArray:

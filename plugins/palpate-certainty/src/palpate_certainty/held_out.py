@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from scipy.linalg import null_space
-from scipy.stats import f as f_distribution
+import scipy
 
 from palpate.api import BoolArray, FloatArray
 from palpate_certainty.between_spots import (
@@ -74,10 +73,10 @@ def _compared(
     mean, spread = float(np.trace(covariance)), float((covariance**2).sum())
     freedom = mean**2 / spread
     square = float(share @ share)
-    probability = float(f_distribution.sf(square / mean, freedom, scale_freedom))
+    probability = float(scipy.stats.f.sf(square / mean, freedom, scale_freedom))
     return {
         "difference": float(np.sqrt(square / n_points)),
-        "band": float(np.sqrt(mean * f_distribution.ppf(BAND, freedom, scale_freedom) / n_points)),
+        "band": float(np.sqrt(mean * scipy.stats.f.ppf(BAND, freedom, scale_freedom) / n_points)),
         "probability": probability,
         "inside": probability >= 1.0 - BAND,
     }
@@ -148,7 +147,7 @@ def _errors_without(assessed: Assessed, kept: BoolArray) -> tuple[NoiseModel, Er
     slopes = model.jacobian[kept]
     if assessed.between is not None:
         slopes = by_spot(slopes, rows)
-    residuals, free = model.residuals[kept], null_space(slopes.T)
+    residuals, free = model.residuals[kept], scipy.linalg.null_space(slopes.T)
     known = np.concatenate(list(model.known.values()), axis=1)[kept]
     errors = estimate(
         residuals,

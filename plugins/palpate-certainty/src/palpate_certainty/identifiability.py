@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from scipy.optimize import brentq, lsq_linear
+import scipy
 
 from palpate.api import BoolArray, Design, FloatArray, IntArray, Parameter, Response, Scenario
 from palpate.api.fit import (
@@ -164,7 +164,7 @@ def _least_in_box(matrix: FloatArray, offset: FloatArray) -> FloatArray:
     if n == 0:
         return np.zeros(0)
     weak = 1e-8 * max(float(np.linalg.norm(matrix)), 1e-150)
-    found = lsq_linear(
+    found = scipy.optimize.lsq_linear(
         np.concatenate([matrix, weak * np.eye(n)]),
         np.concatenate([-offset, np.full(n, 0.5 * weak)]),
         bounds=(0.0, 1.0),
@@ -179,7 +179,7 @@ def _end(excess: Callable[[float], float], inside: float, bound: float) -> float
         return bound
     if excess(inside) >= 0.0:
         return inside
-    return float(brentq(excess, inside, bound, xtol=1e-6))
+    return float(scipy.optimize.brentq(excess, inside, bound, xtol=1e-6))
 
 
 @dataclass(frozen=True, kw_only=True)

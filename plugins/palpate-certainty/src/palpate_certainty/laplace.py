@@ -12,10 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import null_space, solve_triangular
-from scipy.optimize import OptimizeResult, lsq_linear
-from scipy.special import ndtr, ndtri
-from scipy.stats import chi2, f as f_distribution, qmc
+import scipy
 
 from palpate.api import FloatArray, IntArray, PalpateError
 from palpate.api.fit import LEVEL
@@ -85,8 +82,8 @@ class Laplace:
         """Probability of a centre as far outside of the ranges as this one, or farther."""
         size, square = self.centre.size, 2.0 * self._nearest.cost
         if np.isinf(self.freedom):
-            return float(chi2.sf(square, size))
-        return float(f_distribution.sf(square / size, size, self.freedom))
+            return float(scipy.stats.chi2.sf(square, size))
+        return float(scipy.stats.f.sf(square / size, size, self.freedom))
 
     @property
     def most_likely(self) -> FloatArray:
@@ -95,9 +92,9 @@ class Laplace:
         return likely
 
     @property
-    def _nearest(self) -> OptimizeResult:
+    def _nearest(self) -> "scipy.optimize.OptimizeResult":
         whiten = np.linalg.inv(np.linalg.cholesky(self.covariance))
-        return lsq_linear(whiten, whiten @ self.centre, bounds=(0.0, 1.0))
+        return scipy.optimize.lsq_linear(whiten, whiten @ self.centre, bounds=(0.0, 1.0))
 
     def within(self, prior: Callable[[FloatArray], FloatArray] | None = None) -> "Density":
         """Cut off what is outside the box; a prior weighs points (n, n_parameters), unless all by 0."""
@@ -233,18 +230,18 @@ def _in_box(centre: FloatArray, root: FloatArray, freedom: float) -> tuple[Float
     given those before it; the weight is the product of the probabilities.
     """
     is_normal = np.isinf(freedom)
-    even = qmc.Sobol(centre.size + (not is_normal), rng=0).random(N_DRAWS)
+    even = scipy.stats.qmc.Sobol(centre.size + (not is_normal), rng=0).random(N_DRAWS)
     normal, logs = np.zeros((N_DRAWS, centre.size)), np.zeros(N_DRAWS)
     scale = np.ones(N_DRAWS)
     if not is_normal:
-        scale = np.sqrt(freedom / chi2.ppf(np.clip(even[:, -1], 1e-9, 1.0 - 1e-9), freedom))
+        scale = np.sqrt(freedom / scipy.stats.chi2.ppf(np.clip(even[:, -1], 1e-9, 1.0 - 1e-9), freedom))
     for i in range(centre.size):
         mean, size = centre[i] + scale * (normal[:, :i] @ root[i, :i]), scale * root[i, i]
         low, high = -mean / size, (1.0 - mean) / size
         flip = low > 0.0  # where a tail is exact
         low, high = np.where(flip, -high, low), np.where(flip, -low, high)
-        below, above = ndtr(low), ndtr(high)
-        drawn = ndtri(np.clip(below + even[:, i] * (above - below), 1e-300, 1.0 - 1e-16))
+        below, above = scipy.special.ndtr(low), scipy.special.ndtr(high)
+        drawn = scipy.special.ndtri(np.clip(below + even[:, i] * (above - below), 1e-300, 1.0 - 1e-16))
         normal[:, i] = np.where(flip, -1.0, 1.0) * np.clip(drawn, low, high)
         logs += np.log(np.maximum(above - below, 1e-300))
     points = np.clip(centre + scale[:, None] * (normal @ root.T), 0.0, 1.0)
@@ -278,8 +275,8 @@ def whitening(scores: FloatArray, covariance: FloatArray, groups: FloatArray) ->
         Of the averages ``groups`` (m, n) of the residuals, as the scores are.
     """
     white = [
-        solve_triangular(_root(part.T @ covariance @ part), part.T, lower=True)
-        for part in (scores, null_space(scores.T))
+        scipy.linalg.solve_triangular(_root(part.T @ covariance @ part), part.T, lower=True)
+        for part in (scores, scipy.linalg.null_space(scores.T))
     ]
     found: FloatArray = np.concatenate(white) @ groups
     return found

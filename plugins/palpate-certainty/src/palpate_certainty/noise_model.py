@@ -11,9 +11,7 @@ from dataclasses import dataclass, fields, replace
 from itertools import product
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dposv, dpotri
-from scipy.optimize import minimize
+import scipy
 
 from palpate.api import BoolArray, FloatArray, IntArray
 from palpate.api.fit import SpotTerm, channel_of, pieces
@@ -351,9 +349,11 @@ def error_scale(residuals: FloatArray, free: FloatArray, known: FloatArray, rest
         Covariance by noise and discrepancy.
     """
     root = np.linalg.cholesky(free.T @ rest @ free)
-    axes, sizes, _ = np.linalg.svd(solve_triangular(root, free.T @ known, lower=True), full_matrices=False)
+    axes, sizes, _ = np.linalg.svd(
+        scipy.linalg.solve_triangular(root, free.T @ known, lower=True), full_matrices=False
+    )
     seen = sizes > 1.0
-    along = axes[:, seen].T @ solve_triangular(root, free.T @ residuals, lower=True)
+    along = axes[:, seen].T @ scipy.linalg.solve_triangular(root, free.T @ residuals, lower=True)
     square = float((along**2 / (1.0 + sizes[seen] ** 2)).sum())
     freedom = ASSUMED.scale_freedom + float(seen.sum())
     return ErrorScale(factor=float(np.sqrt((ASSUMED.scale_freedom + square) / freedom)), freedom=freedom)
@@ -415,7 +415,7 @@ class _Likelihood:
         start = np.log(np.concatenate([np.full(k, 5e-3), self.expected]))
         bounds = [(np.log(LEAST_NOISE), 0.0)] * k
         bounds += list(zip(np.log(1e-3 * self.expected), np.log(self.most), strict=True))
-        found = minimize(self._loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
+        found = scipy.optimize.minimize(self._loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
         return np.exp(2.0 * found.x), -float(found.fun)
 
     def averaged(self, squares: FloatArray, i: int) -> float:
@@ -436,7 +436,7 @@ class _Likelihood:
         squares = np.exp(2.0 * logs)
         covariance = self.fixed + np.tensordot(squares, self.parts, axes=1)
         covariance[np.diag_indices_from(covariance)] += 1e-12 * np.trace(covariance) / len(covariance)
-        factor, white, is_bad = dposv(covariance, self.residuals, lower=1)
+        factor, white, is_bad = scipy.linalg.lapack.dposv(covariance, self.residuals, lower=1)
         if is_bad:
             raise np.linalg.LinAlgError("the covariance of the residuals is not positive definite")
         value = np.log(np.diag(factor)).sum() + 0.5 * float(self.residuals @ white)
@@ -446,7 +446,7 @@ class _Likelihood:
         value += float(np.sum(2.5 * np.log1p(ratio / 4.0) - logs[k:]))
         if not slopes:
             return value, logs
-        half = np.tril(dpotri(factor, lower=1)[0])
+        half = np.tril(scipy.linalg.lapack.dpotri(factor, lower=1)[0])
         inverse = half + np.tril(half, -1).T
         gradient: FloatArray = squares * np.tensordot(self.parts, inverse - np.outer(white, white), axes=2)
         gradient[k:] += 5.0 * ratio / (4.0 + ratio) - 1.0

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from palpate.api import SILENT, Design, FloatArray, Progress, Simulation
 from palpate.api.fit import RISE, Box, Case, channel_of
@@ -173,7 +173,7 @@ class PosteriorSampling:
     def _first_runs(self, simulated: SimulatedCurves, cases: Sequence[Case]) -> Runs:
         problem, runs = simulated.problem, runs_of_fits(simulated, cases)
         n = RUNS_EACH * len(problem.parameters)
-        spread = qmc.Halton(len(problem.parameters), rng=self.study.seed).random(64 * n)
+        spread = scipy.stats.qmc.Halton(len(problem.parameters), rng=self.study.seed).random(64 * n)
         accepted = spread[problem.accepts(spread)][: max(n - len(runs.values), n // 2)]
         runs = runs.and_others(simulated.runs(accepted, slopes=self.study.solver.provides.slopes).ended)
         swept = runs_of_sets(simulated, self.design, self.swept)

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from scipy.stats import qmc
+import scipy
 
 from palpate.api import FloatArray
 from palpate.api.fit import PosteriorResult
@@ -31,7 +31,7 @@ def sobol_indices(
     n_parameters : int
     seed : int
     """
-    both = qmc.Sobol(2 * n_parameters, rng=seed).random(N_BASE)
+    both = scipy.stats.qmc.Sobol(2 * n_parameters, rng=seed).random(N_BASE)
     one, other = both[:, :n_parameters], both[:, n_parameters:]
     at_one, at_other = curves(one), curves(other)
     variance = np.concatenate([at_one, at_other]).var(axis=0)

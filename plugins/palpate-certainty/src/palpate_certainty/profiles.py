@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from scipy.optimize import least_squares, lsq_linear
-from scipy.stats import qmc
+import scipy
 
 from palpate.api import BoolArray, Design, FloatArray, ParameterName, Simulation
 from palpate.api.fit import RISE, Problem, channel_of, pieces
@@ -80,7 +79,7 @@ def best_point(white: White, start: FloatArray, fixed: int | None = None) -> tup
     def jacobian(part: FloatArray) -> FloatArray:
         return slopes_of(white, whole(part))[:, free]
 
-    found = least_squares(
+    found = scipy.optimize.least_squares(
         residuals,
         np.clip(start[free], 1e-6, 1.0 - 1e-6),
         jac=jacobian,
@@ -167,7 +166,7 @@ def refitted(white: White, solved: White, points: FloatArray, fixed: Sequence[in
         free = np.flatnonzero(np.arange(point.size) != (-1 if held is None else held))
         if free.size and np.isfinite(residual).all():
             bounds = (-point[free] - 1e-9, 1.0 - point[free] + 1e-9)
-            step = lsq_linear(slopes_of(white, point)[:, free], -residual, bounds=bounds).x
+            step = scipy.optimize.lsq_linear(slopes_of(white, point)[:, free], -residual, bounds=bounds).x
             point[free] = np.clip(point[free] + step, 0.0, 1.0)
     both = np.stack([(each**2).sum(axis=1) for each in (residuals, solved(moved))])
     least: FloatArray = np.fmin(*both)
@@ -255,7 +254,7 @@ class EmulatedObjective:
         if not free.any():
             return points
         tried = [points]
-        for start in qmc.Halton(int(free.sum()), rng=1).random(N_STARTS):
+        for start in scipy.stats.qmc.Halton(int(free.sum()), rng=1).random(N_STARTS):
             tried.append(points.copy())
             tried[-1][:, free] = start
         fopts = [(self.residuals(each) ** 2).sum(axis=1) for each in tried]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from scipy.stats import norm
+import scipy
 
 from palpate.api import FloatArray, IntArray
 from palpate.api.fit import (
@@ -75,7 +75,7 @@ def parameter_combinations(
         powers = powers / powers[np.argmax(np.abs(powers))]
         powers = np.where(np.abs(powers) < LEAST_POWER, 0.0, np.round(powers, 1))
         sd = float(np.sqrt(powers @ relative @ powers))
-        width = 2.0 * float(norm.ppf(0.5 + LEVEL / 2.0)) * sd
+        width = 2.0 * float(scipy.stats.norm.ppf(0.5 + LEVEL / 2.0)) * sd
         found.append(ParameterCombination(text=_product(names, powers), relative_width=width))
     return found
 

@@ -445,6 +445,10 @@ def _face_stiffness(surface: ContactSurface, faces: IntArray, jacobians: FloatAr
     return stiffness
 
 
+CONTACT = {"contact_radius_mm": "contact_radius_mm", "sticking_1": "sticking"}
+"""Columns of the equilibrium states besides pose, wrench and time, and what of an answer they hold."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Answer:
     """Force and moment of the contact, with the signs of :mod:`palpate.api.mesh`.

@@ -17,11 +17,9 @@ from palpate_jax.model import Model
 from palpate_jax.newton import Balance, Start, equilibrium
 from palpate_jax.schedule import REST, Aim, Schedule, Target, motion, pose
 from palpate_jax.sensitivity import Sensitivity, Slopes
+from palpate_jax.settings import STEP_ITERATIONS
 
 SMALLEST_CUT = 1.0 / 32.0
-
-STEP_ITERATIONS = 20
-"""Newton iterations for each load step, on average over a path, after which a path is given up."""
 
 LEAST_STEPS = 10
 """Load steps that count at least: a path of few large steps may halve each of them."""

@@ -12,8 +12,9 @@ from palpate.domain import Indentation, Job, Limb, Spot, Status
 from palpate.domain.indenter import Sphere
 from palpate.mesh.specimens import block
 from palpate_indentation import Moves, MovesSettings, Punch, PunchSettings
+from palpate_jax.path_simulation import equilibrium_states
 from palpate_jax.schedule import motion, pose
-from palpate_jax.solver import JaxSettings, JaxSolver, equilibrium_states
+from palpate_jax.solver import JaxSettings, JaxSolver
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_prediction.summary import QUANTITIES, press_states, spread
 
@@ -46,7 +47,7 @@ def protocol_of(*moves, friction=0.4, indenter=SPHERE, **limits):
 
 def states_of(protocol, limb=BLOCK, slopes=False, theta=THETA, **settings):
     """Equilibrium states of a motion that can be finished."""
-    jax, job = solver(**settings), job_of(protocol, theta, slopes)
+    jax, job = solver(**settings)._paths, job_of(protocol, theta, slopes)
     prepared = jax._prepared(limb, job.materials)
     modulus = jax._modulus(prepared, job.thetas)
     _, reached, stop = jax._walk(prepared, protocol, job, modulus, None)

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 
-import jax.numpy as jnp
 from pydantic import Field, field_validator
 
 from palpate.api import NO_FIELDS, AnisotropicMaterial, Parameter, Settings
@@ -86,6 +85,8 @@ class HolzapfelGasserOgden(AnisotropicMaterial[FibreSettings]):
         self, F: Array, theta: Array, fields: Mapping[str, Array] = NO_FIELDS
     ) -> Array:
         """Strain energy per reference volume [MPa] of one deformation gradient (3, 3)."""
+        import jax.numpy as jnp  # here: a list of materials needs no JAX
+
         settings = self.settings
         along = fields[settings.field] if self.fields and fields else settings.direction or (1.0, 0.0, 0.0)
         a = jnp.asarray(along)

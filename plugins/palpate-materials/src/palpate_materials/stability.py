@@ -86,7 +86,7 @@ class Drucker(SetFilter[DruckerSettings]):
 
     def reason(self, space: ParameterSpace, row: FloatArray) -> str:
         """Region, mode and stretch at which a set (n_parameters,) is least stable."""
-        from palpate_materials.neo_hookean import least_stiffness
+        from palpate_materials.least_stiffness import least_stiffness
 
         states = list(
             zip(self._stretches(), np.repeat(self.settings.modes, self.settings.n_stretches), strict=True)
@@ -106,7 +106,7 @@ class Drucker(SetFilter[DruckerSettings]):
     def stable(self, material: Material, thetas: FloatArray) -> BoolArray:
         """Mask (n_sets,) of the stable textbook parameter sets (n_sets, n_parameters) of one material."""
         # Imported here, so that JAX is not imported to list the plugins.
-        from palpate_materials.neo_hookean import least_stiffness
+        from palpate_materials.least_stiffness import least_stiffness
 
         margin = np.asarray(least_stiffness(material, self._stretches(), thetas))
         # NaN, from a set for which the energy is undefined, is not stable.

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import Self, TypeVar, final
 
 import numpy as np
-from scipy.linalg import solve_triangular
+import scipy
 
 from palpate.api import Curve, FloatArray
 from palpate.api.fit import Correction, SpotTerm
@@ -170,7 +170,7 @@ class FisherInformation:
     def expected_error(self, range_sd: float = FLAT_SD) -> ExpectedError:
         """Error of the fit of these presses, in shares of the ranges."""
         covariance = self.covariance(range_sd)
-        fit = covariance @ solve_triangular(self.root, self.scores, lower=True, trans="T").T
+        fit = covariance @ scipy.linalg.solve_triangular(self.root, self.scores, lower=True, trans="T").T
         by_meshes: dict[str, FloatArray] = {}
         end = 0
         for causes in self.causes:
@@ -204,7 +204,7 @@ def _factor(covariance: FloatArray) -> FloatArray:
 
 def _divided(root: FloatArray, columns: FloatArray) -> FloatArray:
     """Solve a lower triangular system for columns (n, k)."""
-    solved: FloatArray = solve_triangular(root, columns, lower=True, check_finite=False)
+    solved: FloatArray = scipy.linalg.solve_triangular(root, columns, lower=True, check_finite=False)
     return solved
 
 

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import qmc
+import scipy
 
 from palpate.api import SILENT, FloatArray, Limb, Parameter, Progress, Response, Scenario, StudyError
 from palpate.api.experiment import abscissae_of
@@ -378,7 +378,7 @@ def before_any_press(
     nothing = Response(curves={})
     terms = [replace(term_of(study, s, scenario, nothing, abscissae), weights={}) for s in study.spot_names]
     problem = Problem(study, terms, simulate, study.parametrisation, noise=study.noise)
-    spread = qmc.Halton(len(problem.parameters), rng=study.seed).random(64 * n_points)
+    spread = scipy.stats.qmc.Halton(len(problem.parameters), rng=study.seed).random(64 * n_points)
     accepted = spread[problem.accepts(spread)][: n_points - 1]
     errors = ErrorSizes(noise={}, discrepancy={}, usual=study.budget.discrepancy_of)
     design = DesignProblem(study=study, scenario=scenario, problem=problem, measured={}, errors=errors)

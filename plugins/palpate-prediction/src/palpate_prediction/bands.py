@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import polars as pl
-from scipy.special import ndtri
+import scipy
 
 from palpate.api import Curve, FloatArray, ParameterSpace, Simulation, StudyError
 from palpate.api.fit import FRICTION, STIFFNESS, FitResult, Fitted, PosteriorResult, at_spot
@@ -57,7 +57,7 @@ def linear(
 def scores(n: int, cause: int) -> FloatArray:
     """Standard normal scores (n,) in an order of their own for each cause."""
     order = np.random.default_rng(cause).permutation(n)
-    return np.asarray(ndtri((order + 0.5) / n))
+    return np.asarray(scipy.special.ndtri((order + 0.5) / n))
 
 
 def _flat(thetas: Thetas, space: ParameterSpace) -> FloatArray:

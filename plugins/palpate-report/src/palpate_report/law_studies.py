@@ -9,9 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from palpate.api import IsotropicMaterial, Parameter, ParameterName, RegionMaterial, StudyError, convert
+from palpate.api import (
+    IsotropicMaterial,
+    Parameter,
+    ParameterName,
+    RegionMaterial,
+    StudyError,
+    convert,
+    mechanics,
+)
 from palpate.api.files import toml_document, write_atomically
-from palpate.api.mechanics import MODES, initial_moduli
+from palpate.api.mechanics import MODES
 from palpate.api.runs import Plugins, RangeProposer, Study
 
 ALL = "all"
@@ -107,7 +115,7 @@ def ranges(material: IsotropicMaterial[Any], known: Stiffness) -> Iterator[tuple
     the middle of the law's ranges, and what changes the volume alone keeps the bulk modulus.
     """
     middle = np.array([_middle(p) for p in material.parameters])
-    shear, bulk = initial_moduli(material, middle)
+    shear, bulk = mechanics.initial_moduli(material, middle)
     proposed: Mapping[str, tuple[float, float]] = {}
     if known.invariant > 0.0 and isinstance(material, RangeProposer):
         proposed = material.proposed_ranges(known.shear_MPa, known.invariant)
@@ -140,7 +148,7 @@ def _is_of_volume(material: IsotropicMaterial[Any], middle: np.ndarray, i: int) 
     """True if a parameter changes the bulk modulus far more than the shear modulus."""
     p = material.parameters[i]
     at = np.array([np.where(np.arange(middle.size) == i, end, middle) for end in (p.lower, p.upper)])
-    changes = np.abs(np.diff(np.log([initial_moduli(material, theta) for theta in at]), axis=0))[0]
+    changes = np.abs(np.diff(np.log([mechanics.initial_moduli(material, theta) for theta in at]), axis=0))[0]
     return bool(changes[1] > OF_VOLUME * changes[0])
 
 

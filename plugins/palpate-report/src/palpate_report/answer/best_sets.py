@@ -7,9 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from palpate.api import FloatArray, IsotropicMaterial, PalpateError, Parameter, ParameterName, convert
+from palpate.api import (
+    FloatArray,
+    IsotropicMaterial,
+    PalpateError,
+    Parameter,
+    ParameterName,
+    convert,
+    mechanics,
+)
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, share_of_range, weighed_phases
-from palpate.api.mechanics import initial_moduli as moduli_of
 from palpate_report.data.marks import Headline
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import weighted_channels
@@ -162,7 +169,7 @@ def initial_moduli(data: ReportData, best: Mapping[str, Any]) -> Iterator[tuple[
         values = {p.name: every[region.name_of(p.name)] for p in region.material.parameters}
         if space.columns_of(region.region) and np.isfinite(list(values.values())).all():
             try:
-                mu, kappa = moduli_of(region.material, region.theta(values))
+                mu, kappa = mechanics.initial_moduli(region.material, region.theta(values))
             except PalpateError:
                 continue
             yield region.region, (mu / unit, 9.0 * kappa * mu / (3.0 * kappa + mu) / unit)
