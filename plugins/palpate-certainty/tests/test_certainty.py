@@ -46,7 +46,7 @@ from palpate_certainty.mesh_error import N_SCATTER, N_SHAPES, SpotMesh, noted_er
 from palpate_certainty.tables import certainty_result
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Ogden
-from palpate_prediction.bands import draws_of
+from palpate_prediction.bands import values_at
 
 TRUTH = np.array([0.08, 4.0])
 BOTH = ("force", "torque")
@@ -340,7 +340,7 @@ def test_most_likely_values_have_the_intervals_and_draws_of_their_own(ended):
     names, spots = case.end.problem.names, study.spot_names
     values = {name: likely[name] for name in names}
     of_joint = Fitted(source="fit", fit="all spots", scenario="I", values=values, spots=spots)
-    bands_from = draws_of(of_joint, fit, PosteriorResult())
+    bands_from = values_at("p1", of_joint, fit, PosteriorResult()).draws
     assert bands_from == found.draws.select(names).to_dicts()
 
 

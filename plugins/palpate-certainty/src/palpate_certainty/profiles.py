@@ -176,11 +176,11 @@ def refitted(white: White, solved: White, points: FloatArray, fixed: Sequence[in
 MOST_PLANES = 15
 """Most planes of one scenario."""
 
-N_EVEN, N_NEAR = 13, 10
-"""Points along an axis: evenly over the range, and near the fit."""
+N_EVEN = 13
+"""Points along an axis, evenly over the range."""
 
-NEAR_SDS = 4.0
-"""How far the latter reach, in standard deviations."""
+NEAR_SDS = np.array([0.25, 0.5, 1.0, 2.0, 4.0])
+"""Further points to both sides of the fit, in standard deviations: a series, as the levels of Fopt are."""
 
 KNOWN = 0.25
 """Largest part of Fopt that what the emulator does not know may be of it."""
@@ -375,5 +375,5 @@ def _rows(each: Assessed, curves: EmulatedCurves) -> Iterator[dict[str, Any]]:
 
 def _along(best: float, sd: float) -> FloatArray:
     """Coordinates over the range, closer to each other near the fit."""
-    near = best + sd * np.linspace(-NEAR_SDS, NEAR_SDS, N_NEAR)
-    return np.unique(np.round([*np.linspace(0.0, 1.0, N_EVEN), best, *np.clip(near, 0.0, 1.0)], 9))
+    near = np.clip(best + sd * np.concatenate([-NEAR_SDS, [0.0], NEAR_SDS]), 0.0, 1.0)
+    return np.unique(np.round([*np.linspace(0.0, 1.0, N_EVEN), *near], 9))

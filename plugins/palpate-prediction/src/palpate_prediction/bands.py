@@ -1,7 +1,7 @@
 """Bands of predicted curves, from draws of the fitted values."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -20,17 +20,37 @@ Thetas = Mapping[str, FloatArray]
 """Textbook values by region."""
 
 
-def draws_of(found: Fitted, fit: FitResult, posterior: PosteriorResult) -> list[dict[str, float]]:
-    """Draws of what was searched: of a new spot if the spots differ, of the posterior, or of the fit."""
-    for table in (fit.certainty.spot_draws, posterior.posterior_draws, fit.certainty.draws):
-        if table.is_empty() or found.source != "fit":
-            continue
-        own = table.filter(fit=found.fit, scenario=found.scenario)
-        if own.height:
-            rows = own[np.linspace(0, own.height - 1, min(own.height, MOST_DRAWS)).astype(int)]
-            names = [name for name in found.values if name in rows.columns]
-            return [dict(found.values) | row for row in rows.select(names).to_dicts()]
-    return []
+class SpotValues(NamedTuple):
+    """Values of a spot by name, draws around them, and their source where that is not the fit of the run."""
+
+    values: Mapping[str, float]
+    draws: list[dict[str, float]]
+    source: str = ""
+
+
+def values_at(spot: str, found: Fitted, fit: FitResult, posterior: PosteriorResult) -> SpotValues:
+    """Values of a spot that was fitted, or of a new one; where spots differ, each has its own."""
+    known, values, source = fit.certainty, found.values, ""
+    if found.source != "fit":
+        return SpotValues(values, [])
+    label, tables = found.fit, [posterior.posterior_draws, known.draws]
+    if _rows(known.spot_draws, label, found.scenario).height:
+        own = _rows(known.intervals, spot, found.scenario)
+        if spot in found.spots and own.height:
+            label, source = spot, f"fit of {spot} alone"
+            values = dict(own.select("parameter", "value").iter_rows())
+        else:
+            source, tables = "a new spot, drawn from the differences between the spots", [known.spot_draws]
+    rows = next((each for table in tables if (each := _rows(table, label, found.scenario)).height), None)
+    if rows is None:
+        return SpotValues(values, [], source)
+    some = rows[np.linspace(0, rows.height - 1, min(rows.height, MOST_DRAWS)).astype(int)]
+    drawn = some.select(name for name in values if name in some.columns).to_dicts()
+    return SpotValues(values, [dict(values) | row for row in drawn], source)
+
+
+def _rows(table: pl.DataFrame, fit: str, scenario: str) -> pl.DataFrame:
+    return table if table.is_empty() else table.filter(fit=fit, scenario=scenario)
 
 
 def linear(
@@ -114,10 +134,10 @@ def exceedances(
         on (null where it is not), and for ``i1_max`` where in the undeformed limb. Empty where the solver
         reports no strains.
     """
-    return frame_rows(list(_rows(experiment, predicted)))
+    return frame_rows(list(_exceeded(experiment, predicted)))
 
 
-def _rows(
+def _exceeded(
     experiment: Mapping[str, Mapping[str, Any]], predicted: Mapping[str, Simulation]
 ) -> Iterator[dict[str, Any]]:
     for spot, simulation in predicted.items():

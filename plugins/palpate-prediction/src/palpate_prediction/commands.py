@@ -39,6 +39,7 @@ def predict(
     if as_json:
         output: PredictOutput = {
             "source": found.fitted.source,
+            "verdict": found.verdict.value,
             "scenario": found.fitted.scenario,
             "n_draws": found.n_draws,
             "notes": notes(found, notice),

@@ -3,6 +3,7 @@
 import base64
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import polars as pl
@@ -10,6 +11,7 @@ import polars as pl
 from palpate.api import Channel, SurfaceStates
 from palpate.api.cli import Closed
 from palpate.api.files import write_atomically
+from palpate.api.fit import Adequacy
 from palpate.api.runs import file_name, parquet
 from palpate_prediction.predict import Prediction, SpotPrediction
 from palpate_prediction.summary import QUANTITIES
@@ -19,9 +21,11 @@ class PredictOutput(Closed):
     """A prediction: tables as rows, and its files; ``notes`` are the sentences of its page.
 
     ``source`` is ``fit`` or the set whose values are used, ``n_draws`` those of the linear bands (0: none).
+    ``verdict`` is the verdict on the model: "describes", "approximates" or "does not describe".
     """
 
     source: str
+    verdict: str
     scenario: str
     n_draws: int
     notes: list[str]
@@ -33,6 +37,17 @@ class PredictOutput(Closed):
 CardOutput = dict[str, Any]
 """Card of each region: an object for ``--for json``, else text."""
 
+
+VERDICTS: Mapping[Adequacy, str] = MappingProxyType(
+    {
+        Adequacy.DESCRIBES: "The model describes the curves of the experiment within its error budget.",
+        Adequacy.APPROXIMATES: "The model approximates the curves of the experiment: its parameters are "
+        "effective ones, for the strains of the experiment alone.",
+        Adequacy.FAILS: "warning: the model does not describe the curves of the experiment, so this is no "
+        "prediction of the tissue; see the report of the run.",
+    }
+)
+"""Sentence on the verdict on the model of a run."""
 
 TITLES = {
     "summary": "Under the tool, at its largest force",
@@ -98,6 +113,10 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
         f"Prediction of {indenter.name} ({indenter.settings}) with friction {tool.protocol.friction:g}, by "
         f"the {found.source} of scenario {found.scenario} at {', '.join(found.spots)}."
     )
+    if found.source == "fit":
+        lines.append(VERDICTS[prediction.verdict])
+    sources = ((spot, each.source) for spot, each in prediction.spots.items() if each.source)
+    lines += [f"The spots differ: {spot} has the values of the {source}." for spot, source in sources]
     if prediction.record_s and tool.protocol.time_s is not None:
         lines.append(_in_time(float(tool.protocol.time_s[-1]), prediction.record_s))
     if prediction.n_draws and any(each.bands for each in prediction.spots.values()):

@@ -1,6 +1,6 @@
 """Predictions under another tool: one simulation for each spot, and a band by its slopes."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -23,11 +23,31 @@ from palpate.api import (
     StudyError,
     SurfaceStates,
 )
-from palpate.api.fit import Fitted, SpotInputs, at_spot, inputs_at, job_of, relaxing_space, relaxing_thetas
+from palpate.api.fit import (
+    Adequacy,
+    CertaintyResult,
+    Fitted,
+    SpotInputs,
+    at_spot,
+    inputs_at,
+    job_of,
+    relaxing_space,
+    relaxing_thetas,
+    worst_of,
+)
 from palpate.api.mesh import automatic_edge_mm, contact_edge_mm, refined
 from palpate.api.runs import Plugins, RunDirectory, Simulations, Study, Tool, check_jobs, load_limbs, read_run
 from palpate_certainty.api import ASSUMED, usual_error
-from palpate_prediction.bands import Thetas, check_shared, draws_of, ends, exceedances, frame_rows, linear
+from palpate_prediction.bands import (
+    SpotValues,
+    Thetas,
+    check_shared,
+    ends,
+    exceedances,
+    frame_rows,
+    linear,
+    values_at,
+)
 from palpate_prediction.summary import (
     QUANTITIES,
     PressStates,
@@ -64,6 +84,8 @@ class SpotPrediction:
         Relative standard deviation of its error by the mesh.
     mesh_unknown : str
         Why this is what the study states, and not measured; empty where it is.
+    source : str
+        Fit of its values, where that is another one than the fit of the run.
     drawn_as_is : bool
         Whether draws were simulated on the mesh as it is, and changed by what the refined one changes.
     n_asked, n_ended : int
@@ -77,6 +99,7 @@ class SpotPrediction:
     by_force: bool
     mesh: Mapping[str, float]
     mesh_unknown: str
+    source: str
     drawn_as_is: bool
     n_asked: int
     n_ended: int
@@ -108,6 +131,7 @@ class Prediction:
     spots: Mapping[str, SpotPrediction]
     strains: pl.DataFrame
     n_draws: int
+    verdict: Adequacy = Adequacy.DESCRIBES
     record_s: float = 0.0
 
     @property
@@ -143,26 +167,37 @@ def predict(stored: Run, tool: Tool, n_solved: int = 0) -> Prediction:
         The tool could not be pressed at any depth.
     """
     study, found, run = stored.study, stored.fitted(), stored.directory
-    draws = draws_of(found, run.fit(), run.posterior())
-    _check(stored, len(draws), n_solved)
-    experiment = _experiment(stored)
+    fit, posterior = run.fit(), run.posterior()
     pressed = replace(tool.study(study), space=relaxing_space(study))
+    values = {spot: values_at(spot, found, fit, posterior) for spot in pressed.spot_names}
+    n_draws = min(len(each.draws) for each in values.values())
+    _check(stored, n_draws, n_solved)
+    experiment = _experiment(stored)
     limbs = refined_limbs(pressed, tool)
     observed = tuple(c for c in stored.channels.values() if c.columns <= set(study.solver.provides.columns))
     with Simulations(pressed, run.folder, limbs, stored.progress, stored.check_lock) as simulations:
         spots = {}
         for spot in pressed.spot_names:
             plan = _Plan(stored, pressed, tool, found, spot, observed)
-            spots[spot] = _at_spot(plan, simulations, draws, n_solved)
+            spots[spot] = _at_spot(plan, simulations, values[spot], n_solved)
     strains = exceedances(experiment, {spot: each.simulation for spot, each in spots.items()})
     return Prediction(
         tool=tool,
         fitted=found,
         spots=spots,
         strains=strains,
-        n_draws=len(draws),
+        n_draws=n_draws,
+        verdict=verdict_of_fit(fit.certainty, found),
         record_s=study.record_s if study.relaxes else 0.0,
     )
+
+
+def verdict_of_fit(certainty: CertaintyResult, found: Fitted) -> Adequacy:
+    """Verdict on the model of what is reported; it describes the curves where nothing has checked them."""
+    checks = certainty.adequacy
+    if not checks.is_empty():
+        checks = checks.filter(pl.col("check") != "relaxation", fit=found.fit, scenario=found.scenario)
+    return worst_of(checks["verdict"] if checks.height else ())
 
 
 def _check(stored: Run, n_draws: int, n_solved: int) -> None:
@@ -253,11 +288,11 @@ class _Plan:
 def _at_spot(
     plan: _Plan,
     simulations: Simulations,
-    draws: Sequence[Mapping[str, float]],
+    known: SpotValues,
     n_solved: int,
 ) -> SpotPrediction:
-    best = plan.thetas(plan.found.values)
-    drawn = [plan.thetas(values) for values in draws]
+    best = plan.thetas(known.values)
+    drawn = [plan.thetas(values) for values in known.draws]
     # Some of the draws, spread over all of them.
     asked = [drawn[i] for i in np.linspace(0, len(drawn) - 1, min(n_solved, len(drawn))).astype(int)]
     jobs = [plan.job(best, slopes=True)]
@@ -307,6 +342,7 @@ def _at_spot(
         mesh=errors.quantities,
         mesh_unknown=errors.unknown,
         drawn_as_is=coarser is not None,
+        source=known.source,
         n_asked=len(solved),
         n_ended=len(ended),
     )
