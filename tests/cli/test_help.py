@@ -9,6 +9,7 @@ from palpate.cli.app import COMMANDS, STAGES, build_app, main
 from palpate.cli.experiment import STAGE
 from palpate.cli.options import EXAMPLES, name_of
 from palpate.plugins.registry import add_commands
+from palpate.run.ownership import MARKER
 
 CORE = [name_of(command) for command in (*COMMANDS, *STAGES)]
 
@@ -99,9 +100,23 @@ def test_commands_are_under_headings_in_the_order_of_a_study(capsys):
         ("palpate plugins mat", 2, "materials"),
         ("palpate run arm --go", 3, "--go-on"),
         ("palpate card runs/arm --for fe", 4, "febio"),
+        ("palpate init --study forearm-d", 3, "forearm-demo"),
+        ("palpate plugins materials yeo", 3, "yeoh"),
+        ("palpate new-plugin fib", 2, "fibres"),
+        ("palpate check ar", 2, "arm"),
+        ("palpate run ", 2, "runs/arm-2"),
+        ("palpate status ", 2, "runs/arm-2"),
+        ("palpate compare runs/arm-1 runs/", 3, "runs/arm-2"),
+        ("palpate card old/a", 2, "old/arm-3"),
     ],
 )
-def test_the_shell_completes(words, number, offered, capsys, monkeypatch):
+def test_the_shell_completes(words, number, offered, capsys, monkeypatch, tmp_path):
+    (tmp_path / "arm").mkdir()
+    (tmp_path / "arm" / "study.toml").touch()
+    for run in ("runs/arm-1", "runs/arm-2", "old/arm-3"):
+        (tmp_path / run).mkdir(parents=True)
+        (tmp_path / run / MARKER).touch()
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("_PALPATE_COMPLETE", "complete_bash")
     monkeypatch.setenv("COMP_WORDS", words)
     monkeypatch.setenv("COMP_CWORD", str(number))

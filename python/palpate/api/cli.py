@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         AsJson as AsJson,
         OutFolder as OutFolder,
         RunPath as RunPath,
+        RunPaths as RunPaths,
         StudyPath as StudyPath,
         Tables as Tables,
         TrustPlugins as TrustPlugins,

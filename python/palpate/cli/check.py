@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from palpate.cli import completion
 from palpate.cli.experiment import show_cycles
 from palpate.cli.limb import show_remarks
 from palpate.cli.options import AsJson
@@ -28,7 +29,11 @@ def check(
     context: typer.Context,
     study: Annotated[
         Path | None,
-        typer.Argument(metavar="STUDY", help="A study.toml, or the folder that holds one."),
+        typer.Argument(
+            metavar="STUDY",
+            help="A study.toml, or the folder that holds one.",
+            autocompletion=completion.studies,
+        ),
     ] = None,
     schema: Annotated[
         bool, typer.Option("--schema", help="Print the JSON schema of study.toml instead.")

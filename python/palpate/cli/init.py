@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from palpate.cli.completion import ready_studies
 from palpate.cli.experiment import look_into
 from palpate.cli.limb import look_into_mesh
 from palpate.cli.options import AsJson, StudyPath
@@ -53,7 +54,11 @@ def init(
     ] = None,
     study: Annotated[
         str | None,
-        typer.Option("--study", help=f"Name of a ready study; default: {FIRST}, for your presses {FOR_OWN}."),
+        typer.Option(
+            "--study",
+            help=f"Name of a ready study; default: {FIRST}, for your presses {FOR_OWN}.",
+            autocompletion=ready_studies,
+        ),
     ] = None,
     measured: Annotated[
         list[Path] | None,
@@ -71,8 +76,8 @@ def init(
 ) -> None:
     """Copy a ready study into FOLDER, or write one for your presses; list the ready ones without FOLDER."""
     session = Session.of(context)
-    studies = session.plugins.studies
     if folder is None:
+        studies = session.only("studies").studies
         rows = [
             {
                 "name": name,
@@ -91,6 +96,7 @@ def init(
         session.next("init --study NAME FOLDER")
         session.note("for your presses: palpate init FOLDER --measured FILE --mesh FILE")
         return
+    studies = session.plugins.studies
     test = "" if not measured or mesh or wrench else look_into(measured[0], None, session, None).test
     usual = FOR_TEST if test else FOR_OWN if measured or mesh or wrench else FIRST
     name = study or usual

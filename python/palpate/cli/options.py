@@ -8,6 +8,7 @@ from typing import Annotated, Any, TypeAlias
 import typer
 from typer.core import TyperGroup
 
+from palpate.cli import completion
 from palpate.plugins.commands import name_of as name_of
 from palpate.study.source_positions import MOST_SETS
 
@@ -84,11 +85,20 @@ class GroupedCommands(TyperGroup):
 
 
 StudyPath: TypeAlias = Annotated[
-    Path, typer.Argument(metavar="STUDY", help="A study.toml, or the folder that holds one.")
+    Path,
+    typer.Argument(
+        metavar="STUDY",
+        help="A study.toml, or the folder that holds one.",
+        autocompletion=completion.studies,
+    ),
 ]
 StudyOrRun: TypeAlias = Annotated[
     Path,
-    typer.Argument(metavar="STUDY|RUN", help="A study.toml, the folder that holds one, or a run directory."),
+    typer.Argument(
+        metavar="STUDY|RUN",
+        help="A study.toml, the folder that holds one, or a run directory.",
+        autocompletion=completion.studies_and_runs,
+    ),
 ]
 OutFolder: TypeAlias = Annotated[
     Path | None, typer.Option("--out", metavar="FOLDER", help="Run directory; default: runs/<study>.")
@@ -99,6 +109,15 @@ RunPath: TypeAlias = Annotated[
         metavar="[RUN]",
         help="A run directory, or a study for its newest run; default: the newest in runs/.",
         show_default=False,
+        autocompletion=completion.runs,
+    ),
+]
+RunPaths: TypeAlias = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="RUN RUN…|STUDY",
+        help="Run directories, or studies for their newest runs.",
+        autocompletion=completion.runs,
     ),
 ]
 NumberOfSets: TypeAlias = Annotated[

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from palpate.cli import completion
 from palpate.cli.options import AsJson
 from palpate.cli.session import Session
 
@@ -17,12 +18,6 @@ COMMANDS = "commands"
 """What is listed besides the catalogues."""
 
 
-def _kinds(incomplete: str) -> list[str]:
-    from palpate.plugins.registry import KINDS
-
-    return [kind for kind in (*KINDS, COMMANDS) if kind.startswith(incomplete)]
-
-
 def plugins(
     context: typer.Context,
     kind: Annotated[
@@ -30,11 +25,16 @@ def plugins(
         typer.Argument(
             metavar="KIND",
             help="studies, channels, loaders, materials, solvers, scenarios …",
-            autocompletion=_kinds,
+            autocompletion=completion.kinds,
         ),
     ] = None,
     name: Annotated[
-        str | None, typer.Argument(metavar="NAME", help="One entry of that kind, in full.")
+        str | None,
+        typer.Argument(
+            metavar="NAME",
+            help="One entry of that kind, in full.",
+            autocompletion=completion.components,
+        ),
     ] = None,
     traceback: Annotated[
         bool, typer.Option("--traceback", help="Show where in its code a broken plugin failed.")
@@ -158,6 +158,7 @@ def new_plugin(
         typer.Argument(
             metavar="KIND",
             help="material, fibres, solver, loader, stage, or generic: a sampler, other hooks in comments.",
+            autocompletion=completion.templates,
         ),
     ],
     name: Annotated[

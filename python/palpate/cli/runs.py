@@ -1,6 +1,6 @@
 """Run directories as arguments: which one is meant, and whether its plugin files may be executed."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +9,9 @@ from palpate.errors import StudyError
 
 if TYPE_CHECKING:
     from palpate.study.reading import Study
+
+STUDY_FILE = "study.toml"
+"""File of a study in its folder."""
 
 FOLDER = Path("runs")
 """Where runs go that are given no other folder."""
@@ -23,7 +26,7 @@ def find_run(given: Path | None) -> Path:
         There is none.
     """
     if given is None:
-        found, missing = _newest(_runs(FOLDER)), f"{FOLDER}/ holds no run; name one"
+        found, missing = next(iter(runs_in(FOLDER)), None), f"{FOLDER}/ holds no run; name one"
     elif not is_study(given):
         return given
     else:
@@ -38,7 +41,8 @@ def newest_run(study: Path) -> Path | None:
     """Newest run of a study in runs/, here or next to the study; None where there is none."""
     file = _study_file(study)
     places = (file.parent / FOLDER, FOLDER)
-    return _newest(run for place in places for run in _runs(place) if is_of(run, file))
+    found = [run for place in places for run in runs_in(place) if is_of(run, file)]
+    return max(found, key=_written, default=None)
 
 
 def is_study(given: Path) -> bool:
@@ -49,14 +53,15 @@ def is_study(given: Path) -> bool:
 
 
 def _study_file(given: Path) -> Path:
-    return given if given.is_file() else given / "study.toml"
+    return given if given.is_file() else given / STUDY_FILE
 
 
-def _runs(folder: Path) -> Iterator[Path]:
+def runs_in(folder: Path) -> list[Path]:
+    """Run directories in a folder, the newest first."""
     from palpate.run.ownership import is_run
 
-    if folder.is_dir():
-        yield from (path for path in folder.iterdir() if path.is_dir() and is_run(path))
+    found = folder.iterdir() if folder.is_dir() else ()
+    return sorted((path for path in found if path.is_dir() and is_run(path)), key=_written, reverse=True)
 
 
 def is_of(run: Path, study: Path) -> bool:
@@ -69,8 +74,8 @@ def is_of(run: Path, study: Path) -> bool:
         return False
 
 
-def _newest(runs: Iterable[Path]) -> Path | None:
-    return max(runs, key=lambda run: max(path.stat().st_mtime for path in run.iterdir()), default=None)
+def _written(run: Path) -> float:
+    return max(path.stat().st_mtime for path in run.iterdir())
 
 
 def session_of_run(

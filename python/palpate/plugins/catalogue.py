@@ -8,7 +8,7 @@ by name, then files in the order given. Of two components that claim a name the
 first keeps it, and the other one is listed as left out.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -132,6 +132,7 @@ class Plugins:
         entry_points: bool = True,
         without: Sequence[str] = (),
         modules: Sequence[object] = (),
+        kinds: Collection[str] = KINDS.keys(),
     ) -> "Plugins":
         """Find and import every plugin, and ask it for what it provides.
 
@@ -145,6 +146,8 @@ class Plugins:
             Names of plugins, or of their distributions, that are left out as if not installed.
         modules : sequence of module or object
             Plugins that are imported already.
+        kinds : collection of str
+            Names of the catalogues to fill; the others are missing.
 
         Raises
         ------
@@ -153,8 +156,10 @@ class Plugins:
             listed as broken.)
         """
         registry = registered(files, entry_points=entry_points, without=without, modules=modules)
-        registry.collect()
-        again = partial(cls.load, entry_points=entry_points, without=tuple(without), modules=tuple(modules))
+        registry.collect(kinds)
+        again = partial(
+            cls.load, entry_points=entry_points, without=tuple(without), modules=tuple(modules), kinds=kinds
+        )
         return cls(registry, list(dict.fromkeys(path.resolve() for path in files)), again)
 
     def with_files(self, files: Sequence[Path]) -> "Plugins":

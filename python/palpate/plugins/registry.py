@@ -11,7 +11,7 @@ import importlib.util
 import inspect
 import pkgutil
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -124,7 +124,7 @@ class Registry:
     def __init__(self) -> None:
         self.manager = pluggy.PluginManager(GROUP)
         self.manager.add_hookspecs(hookspecs)
-        self.entries: dict[str, dict[str, tuple[Any, str]]] = {kind: {} for kind in KINDS}
+        self.entries: dict[str, dict[str, tuple[Any, str]]] = {}
         self.sources: dict[str, str] = {}
         self.broken: list[BrokenPlugin] = []
         self.commands: dict[str, str] = {}
@@ -148,11 +148,12 @@ class Registry:
     def _leave_out(self, name: str, source: str, error: PluginError, component: str = "") -> None:
         self.broken.append(BrokenPlugin.of(error, name, source, component))
 
-    def collect(self) -> None:
-        """Ask every plugin for all that it provides; one that fails is listed as broken."""
+    def collect(self, kinds: Collection[str]) -> None:
+        """Ask every plugin for what it provides of some kinds; one that fails is listed as broken."""
+        self.entries = {kind: {} for kind in kinds}
         for name, source in list(self.sources.items()):
             try:
-                provided = {kind: self._provided(name, kind) for kind in KINDS}
+                provided = {kind: self._provided(name, kind) for kind in kinds}
             except PluginError as error:
                 del self.sources[name]
                 self._leave_out(name, source, error)
@@ -160,7 +161,7 @@ class Registry:
             for kind, items in provided.items():
                 for item in items:
                     self._add(kind, item, name, source)
-        for kind, point in self.points:
+        for kind, point in ((kind, point) for kind, point in self.points if kind in kinds):
             owner, source = owner_of(point), _source(point)
             try:
                 self._add(kind, _single(kind, point), owner, source)

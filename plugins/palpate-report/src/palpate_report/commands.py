@@ -10,6 +10,7 @@ from palpate.api.cli import (
     AsJson,
     OutFolder,
     RunPath,
+    RunPaths,
     Session,
     StageProgress,
     Tables,
@@ -57,10 +58,7 @@ def report(
 
 def compare(
     context: typer.Context,
-    runs: Annotated[
-        list[Path],
-        typer.Argument(metavar="RUN RUN…|STUDY", help="Run directories, or studies for their newest runs."),
-    ],
+    runs: RunPaths,
     into: Annotated[
         Path, typer.Option("--into", metavar="FOLDER", help="Where the page, tables and figure go.")
     ] = Path("comparison"),
