@@ -16,7 +16,8 @@ from palpate_report.answer import warnings
 from palpate_report.answer.result import make_conclusion
 from palpate_report.data.marks import rounded
 from palpate_report.data.tables import cost_of_one_set, make_tables, weighted_channels
-from palpate_report.figures.style import DOUBLE_MM, SINGLE_MM, STYLE
+from palpate_report.figures.style import STYLE
+from palpate_report.settings import BY_ITSELF
 
 from .fits import at_end_of_range, refused
 
@@ -357,7 +358,8 @@ def test_the_guide_has_the_limits_that_are_applied():
         f"R² below {warnings.GOOD_R2:g}", f"R² below {warnings.NO_FIT_R2:g}",
         f"fewer than {warnings.FEW_SETS} sets per parameter",
         f"more than 1 in {1 / warnings.FAILED_SHARE:g}",
-        f"{SINGLE_MM:g} mm wide for one column or {DOUBLE_MM:g} mm for two", f"({STYLE['figure.dpi']} dpi)",
+        f"{BY_ITSELF.single_column:g} mm wide for one column or {BY_ITSELF.double_column:g} mm for two",
+        f"({STYLE['figure.dpi']} dpi)",
     ):  # fmt: skip
         assert wording in guide
     assert warnings.COSTLY == 3.0

@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import matplotlib as mpl
@@ -11,13 +12,16 @@ import polars as pl
 import pytest
 from matplotlib.image import imread
 
+from palpate.errors import StudyError
 from palpate.fit.least_squares import LeastSquares
 from palpate_report.data.table_files import latex, markdown, write_tables
 from palpate_report.data.tables import make_tables, printed
 from palpate_report.figures import drawings
-from palpate_report.figures.style import DOUBLE_MM, LINES, MEASURED_COLOUR, MM, SINGLE_MM, STYLE, save
+from palpate_report.figures.style import LINES, MEASURED_COLOUR, MM, STYLE, save
+from palpate_report.settings import BY_ITSELF, ReportSettings
+from palpate_report.stage import ReportStage
 
-WIDTHS_MM = (SINGLE_MM, DOUBLE_MM)
+SINGLE_MM, DOUBLE_MM = WIDTHS_MM = (BY_ITSELF.single_column, BY_ITSELF.double_column)
 
 
 def test_every_figure_is_one_or_two_columns_wide(content):
@@ -27,6 +31,37 @@ def test_every_figure_is_one_or_two_columns_wide(content):
         lambda c: drawings.parameter_space(c, "p1"),
     ):  # fmt: skip
         assert any(draw(made).get_figwidth() == pytest.approx(w * MM) for w in WIDTHS_MM)
+
+
+def test_a_study_chooses_width_font_letters_and_scenarios(content, tmp_path):
+    settings = ReportSettings.model_validate(
+        {
+            "single_column": "9 cm",
+            "double_column": "183 mm",
+            "font": "DejaVu Serif",
+            "letters": "A",
+            "scenarios": ["II"],
+        }
+    )
+    made = replace(content(), settings=settings)
+    drawings.write_figures(made, tmp_path)
+    svg = ElementTree.parse(tmp_path / "response_p1.svg").getroot()
+    assert float(svg.get("width").removesuffix("pt")) == pytest.approx(183 * 72 / 25.4, abs=0.01)
+    texts = list(svg.iter("{http://www.w3.org/2000/svg}text"))
+    shown = " ".join(text.text for text in texts)
+    assert {"A", "B"} <= {text.text for text in texts}
+    assert all("DejaVu Serif" in text.get("style") for text in texts)
+    assert "scenario II," in shown
+    assert "scenario III," not in shown
+    assert b"DejaVuSerif" in (tmp_path / "response_p1.pdf").read_bytes()
+    one = imread(tmp_path / "nmse_distribution.png").shape[1]
+    assert one == pytest.approx(90 * 300 / 25.4, abs=1)
+
+
+def test_a_scenario_that_the_study_does_not_have_is_refused(content):
+    study = content().study
+    with pytest.raises(StudyError, match=r"no scenario 'IV'; choose of I, II, III"):
+        ReportStage(ReportSettings(scenarios=("I", "IV"))).check(study)
 
 
 @pytest.fixture

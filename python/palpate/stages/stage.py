@@ -109,6 +109,15 @@ class Stage(Component[SettingsT]):
         """
         return {}
 
+    def check(self, study: Study) -> None:
+        """Refuse a study that the stage's settings do not fit, before anything is simulated.
+
+        Raises
+        ------
+        StudyError
+            A setting that does not fit, and what to do.
+        """
+
     def decides(self, study: Study) -> Mapping[str, object]:
         """Plain values of a study that decide the result, by their names in messages.
 
@@ -433,6 +442,8 @@ def read_run(
 def stages_of(study: Study, plugins: Plugins) -> dict[str, Stage]:
     """Stages by name: with the settings of a study where it has some, else with their defaults."""
     given = {stage.name: stage for stage in study.stages}
+    for stage in given.values():
+        stage.check(study)
     return {
         name: given.get(name) or kind()
         for name, kind in plugins.stages.items()

@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -15,7 +14,7 @@ from palpate.api import Limb
 from palpate.api.mesh import spot_axes
 from palpate_planning.candidates import described
 from palpate_planning.plan import ALL, PREDICTION, WORST, ExpectedEffect, Proposal
-from palpate_report.api import DOUBLE_MM, STYLE, coarsened, limb_view, save, sized
+from palpate_report.api import coarsened, column_mm, limb_view, save, sized, styled
 
 MOST_SHOWN, MOST_SPOTS = 6, 3
 """Candidates of a spot, the best first, and spots in a row."""
@@ -46,8 +45,8 @@ def draw(proposal: Proposal, limbs: Mapping[str, Limb], folder: Path) -> list[Pa
     columns = min(len(spots), MOST_SPOTS)
     errors = [each.goal for each in ranked]
     colours = ScalarMappable(Normalize(min(errors), max(max(errors), min(errors) + LEAST_SPAN)), "viridis")
-    with matplotlib.rc_context(cast("Any", dict(STYLE))):
-        figure = sized(DOUBLE_MM * (columns + SCALE) / (MOST_SPOTS + SCALE), ROW_MM * rows)
+    with styled():
+        figure = sized(column_mm(True) * (columns + SCALE) / (MOST_SPOTS + SCALE), ROW_MM * rows)
         axes = figure.subplots(2 * rows, columns, squeeze=False)
         for axis in axes.ravel():
             axis.set_axis_off()

@@ -2,9 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,7 +10,7 @@ from matplotlib.ticker import MaxNLocator
 
 from palpate.api import Channel
 from palpate_prediction.predict import Prediction, SpotPrediction
-from palpate_report.api import DOUBLE_MM, LINES, STYLE, draw_map, save, sized
+from palpate_report.api import LINES, column_mm, draw_map, save, sized, styled
 
 ROW_MM = 48.0
 KPA = 1e3
@@ -21,8 +19,8 @@ KPA = 1e3
 def draw(prediction: Prediction, channels: Mapping[str, Channel], folder: Path) -> list[Path]:
     """Draw ``prediction.svg``, ``.pdf`` and ``.png``: a row for each spot."""
     names = list(dict.fromkeys(c for each in prediction.spots.values() for c in _response(each)))
-    with matplotlib.rc_context(cast("Any", dict(STYLE))):
-        figure = sized(DOUBLE_MM, ROW_MM * len(prediction.spots))
+    with styled():
+        figure = sized(column_mm(True), ROW_MM * len(prediction.spots))
         axes = figure.subplots(len(prediction.spots), len(names) + 2, squeeze=False)
         for row, (spot, each) in zip(axes, prediction.spots.items(), strict=True):
             for axis, name in zip(row, names, strict=False):

@@ -27,11 +27,12 @@ if TYPE_CHECKING:
     from palpate_report.figures.scene import coarsened as coarsened
     from palpate_report.figures.skin_map import draw_map as draw_map
     from palpate_report.figures.style import (
-        DOUBLE_MM as DOUBLE_MM,
         LINES as LINES,
         STYLE as STYLE,
+        column_mm as column_mm,
         save as save,
         sized as sized,
+        styled as styled,
     )
     from palpate_report.from_run import report_data as report_data
     from palpate_report.page.html import comparison_page as comparison_page

@@ -35,6 +35,7 @@ from palpate_report.data.report_data import ReportData, by_spot, contact_along
 from palpate_report.data.showable import checked
 from palpate_report.data.table_files import write_tables
 from palpate_report.data.tables import make_tables
+from palpate_report.settings import BY_ITSELF, ReportSettings
 
 
 def write_report(data: ReportData, folder: Path) -> Report:
@@ -112,6 +113,9 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
         **_simulated(run.directory.folder),
         surfaces=run.surfaces(),
         summaries={} if unfinished else _summaries(run),
+        settings=next(
+            (s for each in run.stages.values() if isinstance(s := each.settings, ReportSettings)), BY_ITSELF
+        ),
     )
 
 

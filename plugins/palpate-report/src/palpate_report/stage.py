@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
-from palpate.api import Channel, Progress, Response, Run, Stage, Summary
+from palpate.api import Channel, Progress, Response, Run, Stage, StudyError, Summary
 from palpate.api.cli import Closed, IntervalOutput, Row
 from palpate.api.fit import ALL_SPOTS
 from palpate.api.runs import Files, Study, described
@@ -15,6 +15,7 @@ from palpate_report.data.display_units import in_display_units
 from palpate_report.data.marks import mark_of
 from palpate_report.data.table_files import shown
 from palpate_report.from_run import report_data, written
+from palpate_report.settings import ReportSettings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -42,7 +43,7 @@ OF_INTERVALS = ("parameter", "unit", "value", "lower", "upper", "identifiability
 """What JSON has of each value that leads."""
 
 
-class ReportStage(Stage):
+class ReportStage(Stage[ReportSettings]):
     """The page of a run, its tables and figures."""
 
     name, summary = "report", "Lay the results out as tables and figures under report/."
@@ -50,6 +51,15 @@ class ReportStage(Stage):
     may_fail = False
     of_every_run = True
     comes_last = True
+
+    def check(self, study: Study) -> None:
+        """Refuse scenarios that the study does not have."""
+        known = [scenario.name for scenario in study.scenarios]
+        if unknown := [name for name in self.settings.scenarios if name not in known]:
+            raise StudyError(
+                f"[stages.report] scenarios: the study has no scenario '{unknown[0]}'; choose of "
+                f"{', '.join(known)}"
+            )
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Write the report; its tables are no tables of the run."""

@@ -21,8 +21,8 @@ def residuals(measured: Curve, simulated: Curve) -> FloatArray:
 
 
 def fits_at(data: ReportData, spot: str) -> list[tuple[str, Mapping[str, Curve]]]:
-    """Label and curves at a spot: the best of each scenario, then those for all of several spots."""
-    fits = [fit_of(data, spot, scenario.name) for scenario in data.study.scenarios]
+    """Label and curves at a spot: the best of each scenario shown, then the joint ones of several spots."""
+    fits = [fit_of(data, spot, scenario) for scenario in data.shown_scenarios]
     return [*fits, for_all_spots(data, spot)] if len(data.spots) > 1 else fits
 
 

@@ -25,6 +25,7 @@ from palpate.api.experiment import POSE
 from palpate.api.fit import ALL_SPOTS, FitResult, PosteriorResult
 from palpate.api.report import Section
 from palpate.api.runs import Completeness, Study, completeness, without_result
+from palpate_report.settings import BY_ITSELF, ReportSettings
 
 CONTACT: Mapping[str, str] = MappingProxyType(
     {
@@ -138,6 +139,8 @@ class ReportData:
         Skin under the press with the fitted parameters; empty where it was not simulated.
     summaries : mapping of stage to (str, Summary)
         Purpose and summary of each stage of a plugin.
+    settings : ReportSettings
+        Style of the figures.
     """
 
     study: Study
@@ -167,6 +170,12 @@ class ReportData:
     refusal: str = ""
     surfaces: Mapping[str, SurfaceStates] = field(default_factory=dict)
     summaries: Mapping[str, tuple[str, Summary]] = field(default_factory=dict)
+    settings: ReportSettings = BY_ITSELF
+
+    @property
+    def shown_scenarios(self) -> tuple[str, ...]:
+        """Scenarios that figures show."""
+        return self.settings.scenarios or tuple(scenario.name for scenario in self.study.scenarios)
 
     @property
     def spots(self) -> tuple[str, ...]:

@@ -7,9 +7,8 @@ from dataclasses import replace
 from functools import partial
 from itertools import cycle, product
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Literal
 
-import matplotlib as mpl
 import numpy as np
 import polars as pl
 from matplotlib.axes import Axes
@@ -26,19 +25,19 @@ from palpate_report.figures.material import stress_strain
 from palpate_report.figures.panels import causes, contact, limbs, pressed, pressures, profiles, sobol_indices
 from palpate_report.figures.space import parameter_space
 from palpate_report.figures.style import (
-    DOUBLE_MM,
     LEAST_COLOUR,
     LINES,
     MEASURED_COLOUR,
-    SINGLE_MM,
-    STYLE,
     Dash,
     axis_label,
+    column_mm,
     finished,
     save,
     set_log,
     sized,
+    styled,
 )
+from palpate_report.settings import BY_ITSELF, ReportSettings
 
 
 def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
@@ -49,7 +48,7 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
     try:
         for name, is_there, draw in _drawings(data):
             if is_there:
-                files += _saved(partial(draw, data), folder / name)
+                files += _saved(partial(draw, data), folder / name, data.settings)
     finally:
         gc.unfreeze()
     return tuple(files)
@@ -82,15 +81,14 @@ def _drawings(data: ReportData) -> Iterator[tuple[str, bool, Callable[[ReportDat
     yield "contact", bool(data.contact), contact
 
 
-def _saved(draw: Callable[[], Figure], stem: Path) -> list[Path]:
-    # The context is left before the next figure, so that nobody else's style changes.
-    with mpl.rc_context(cast("Any", dict(STYLE))):
+def _saved(draw: Callable[[], Figure], stem: Path, settings: ReportSettings) -> list[Path]:
+    with styled(settings):
         return save(draw(), stem)
 
 
 def for_notebook(data: ReportData) -> Figure:
     """Figure of the measured and the fitted curves, in the style of the report."""
-    with mpl.rc_context(cast("Any", dict(STYLE))):
+    with styled(data.settings):
         return generalised(stamped(data))
 
 
@@ -100,7 +98,7 @@ def for_notebook(data: ReportData) -> Figure:
 def responses(data: ReportData, spot: str) -> Figure:
     """Measured curves of a spot, and the best simulated ones of each scenario; below, what these miss."""
     measured = data.measured[spot].curves
-    figure = sized(DOUBLE_MM if len(measured) > 1 else SINGLE_MM, 90.0)
+    figure = sized(column_mm(len(measured) > 1), 90.0)
     grid = figure.subplots(2, len(measured), squeeze=False, sharex="col", height_ratios=(3, 1))
     fits = fits_at(data, spot)
     for (axis, below), (channel, curve) in zip(grid.T, measured.items(), strict=True):
@@ -180,14 +178,14 @@ def write_comparison_figure(runs: Mapping[str, ReportData], folder: Path) -> lis
     """Draw the measured and the fitted curves of several runs, spot by spot, as ``curves``."""
     folder.mkdir(parents=True, exist_ok=True)
     every = {name: stamped(data) for name, data in runs.items()}
-    return _saved(partial(_curves, every), folder / "curves")
+    return _saved(partial(_curves, every), folder / "curves", next(iter(runs.values())).settings)
 
 
 def _curves(runs: Mapping[str, ReportData]) -> Figure:
     """Curves by channel and spot, on the same axes along a row where they are of one run."""
     spots = list(dict.fromkeys(spot for data in runs.values() for spot in data.spots))
     channels = list(dict.fromkeys(name for data in runs.values() for name in data.measured_channels))
-    figure = sized(DOUBLE_MM if len(spots) > 1 else SINGLE_MM, 46.0 * len(channels) + 22.0)
+    figure = sized(column_mm(len(spots) > 1), 46.0 * len(channels) + 22.0)
     shared: Literal["row", "none"] = "row" if len(runs) == 1 else "none"
     axes = figure.subplots(len(channels), len(spots), squeeze=False, sharex=shared, sharey=shared)
     same = same_curves(runs)
@@ -227,12 +225,12 @@ def interval_plot(data: ReportData) -> Figure:
 
     Intervals are those of 95 % of a fit, else of what fits about as well in the sweep.
     """
-    bests = list(best_sets(data))
+    bests = [best for best in best_sets(data) if best.scenario in data.shown_scenarios]
     fits = [best for best in bests if best.found == "fit"] or bests
     lead = leading(data, fits) if len(data.spots) > 1 else None
     is_sure = any(value.level for best in fits for value in best.values)
     spots, names = list(dict.fromkeys(best.spot for best in fits)), list(data.searched.items())
-    figure = sized(DOUBLE_MM if len(names) > 1 else SINGLE_MM, 14.0 * len(spots) + 36.0)
+    figure = sized(column_mm(len(names) > 1), 14.0 * len(spots) + 36.0)
     axes = figure.subplots(1, len(names), squeeze=False, sharey=True)[0]
     scenarios = [s.name for s in data.study.scenarios]
     for k, (axis, (name, parameter)) in enumerate(zip(axes, names, strict=True)):
@@ -269,7 +267,7 @@ def interval_plot(data: ReportData) -> Figure:
 def nmse_distribution(data: ReportData) -> Figure:
     """Fopt of every set at each spot, on a log scale."""
     rows = objectives(data.scores, [data.generalising])
-    figure = sized(SINGLE_MM if len(data.spots) <= 6 else DOUBLE_MM, 75.0)
+    figure = sized(column_mm(len(data.spots) > 6), 75.0)
     axis = figure.subplots()
     for place, spot in enumerate(data.spots):
         fopt = rows.filter(pl.col("spot") == spot)["fopt"].to_numpy()
@@ -312,14 +310,14 @@ def draw_presses(
     """
 
     def draw() -> Figure:
-        figure = sized(DOUBLE_MM if len(mean.curves) > 1 else SINGLE_MM, 75.0)
+        figure = sized(column_mm(len(mean.curves) > 1), 75.0)
         axes = figure.subplots(1, len(mean.curves), squeeze=False)[0]
         for axis, (name, curve) in zip(axes, mean.curves.items(), strict=True):
             _draw_channel(axis, [each[name] for each in presses.values() if name in each.curves], curve)
             _label(axis, channels[name])
         return finished(figure, axes, notice)
 
-    return tuple(_saved(draw, folder / "curves"))
+    return tuple(_saved(draw, folder / "curves", BY_ITSELF))
 
 
 def _draw_channel(axis: Axes, repeats: Sequence[Curve], mean: Curve) -> None:

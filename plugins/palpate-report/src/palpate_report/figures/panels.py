@@ -17,10 +17,10 @@ from palpate_report.figures.limb_view import LOOKS, limb_view
 from palpate_report.figures.scene import coarsened, deepest
 from palpate_report.figures.skin_map import draw_map
 from palpate_report.figures.style import (
-    DOUBLE_MM,
     LEAST_COLOUR,
     LINES,
     axis_label,
+    column_mm,
     finished,
     panels,
     sized,
@@ -73,7 +73,7 @@ def budget_bars(data: ReportData) -> Iterator[tuple[str, list[tuple[str, float]]
 def causes(data: ReportData) -> Figure:
     """Draw the share of each cause in the variance of the parameters that lead."""
     bars = list(budget_bars(data))
-    figure = sized(DOUBLE_MM, 8.0 * len(bars) + 32.0)
+    figure = sized(column_mm(True), 8.0 * len(bars) + 32.0)
     axis = figure.subplots()
     for place, (_, parts) in enumerate(bars):
         left = 0.0
@@ -156,7 +156,7 @@ def sobol_indices(data: ReportData) -> Figure:
     spots, channels, names = (
         list(dict.fromkeys(table[column].to_list())) for column in ("spot", "channel", "parameter")
     )
-    figure = sized(DOUBLE_MM, 42.0 * len(spots) + 18.0)
+    figure = sized(column_mm(True), 42.0 * len(spots) + 18.0)
     axes = figure.subplots(len(spots), len(channels), squeeze=False)
     for row, spot in zip(axes, spots, strict=True):
         for axis, channel in zip(row, channels, strict=True):

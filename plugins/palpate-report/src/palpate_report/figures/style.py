@@ -1,12 +1,15 @@
 """Style of every figure for print: sizes in mm, type, colours for all kinds of colour vision, files."""
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
-from string import ascii_lowercase
+from string import ascii_lowercase, ascii_uppercase
 from types import MappingProxyType
-from typing import Any
+from typing import Any, cast
 
+import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -17,23 +20,20 @@ from matplotlib.ticker import LogFormatter
 
 from palpate.api import Parameter
 from palpate_report.data.report_data import label_of
-
-SINGLE_MM = 85.0
-"""Width of one column of a journal's page."""
-
-DOUBLE_MM = 175.0
-"""Width of both columns."""
+from palpate_report.settings import BY_ITSELF, ReportSettings
 
 MM = 1.0 / 25.4
 """Inches in a millimetre."""
+
+FONTS = ("Arial", "Helvetica", "Liberation Sans", "Arimo", "Nimbus Sans", "DejaVu Sans")
+"""Fonts of figures: PNG and PDF have the first that is installed. The third to fifth are as wide as Arial."""
 
 STYLE: Mapping[str, Any] = MappingProxyType(
     {
         "figure.dpi": 300,
         "figure.constrained_layout.use": True,
-        # The first that the machine has; Liberation Sans has the widths of Arial.
         "font.family": "sans-serif",
-        "font.sans-serif": ("Arial", "Helvetica", "Liberation Sans", "DejaVu Sans"),
+        "font.sans-serif": FONTS,
         "font.size": 7.0,
         "axes.titlesize": 7.0,
         "axes.labelsize": 7.0,
@@ -58,6 +58,27 @@ STYLE: Mapping[str, Any] = MappingProxyType(
         "pdf.fonttype": 42,
     }
 )
+
+_SETTINGS: ContextVar[ReportSettings] = ContextVar("settings", default=BY_ITSELF)
+
+
+@contextmanager
+def styled(settings: ReportSettings = BY_ITSELF) -> Iterator[None]:
+    """Draw figures in the style for print with these settings; nobody else's style changes."""
+    fonts = tuple(dict.fromkeys((settings.font, *FONTS)))
+    token = _SETTINGS.set(settings)
+    try:
+        with mpl.rc_context(cast("Any", {**STYLE, "font.sans-serif": fonts})):
+            yield
+    finally:
+        _SETTINGS.reset(token)
+
+
+def column_mm(is_wide: bool) -> float:
+    """Width of two columns of a journal's page, or of one."""
+    settings = _SETTINGS.get()
+    return settings.double_column if is_wide else settings.single_column
+
 
 Dash = str | tuple[int, tuple[int, ...]]
 
@@ -87,7 +108,7 @@ def panels(
 ) -> tuple[Figure, list[Any]]:
     """Figure with so many panels of this height, in so many columns."""
     n_rows = -(-n // n_columns)
-    figure = sized(DOUBLE_MM if n_columns > 1 else SINGLE_MM, height_mm * n_rows + margin_mm)
+    figure = sized(column_mm(n_columns > 1), height_mm * n_rows + margin_mm)
     axes = list(figure.subplots(n_rows, n_columns, squeeze=False, subplot_kw={"projection": projection}).flat)
     for empty in axes[n:]:
         empty.remove()
@@ -141,9 +162,10 @@ def axis_label(parameter: Parameter) -> str:
 
 
 def lettered(axes: Iterable[Axes]) -> None:
-    """Letter panels from ``a`` on, where there are several."""
-    every = list(axes)
-    for axis, letter in zip(every, ascii_lowercase if len(every) > 1 else "", strict=False):
+    """Letter panels from ``a`` or ``A`` on, where there are several."""
+    every, first = list(axes), _SETTINGS.get().letters
+    letters = {"a": ascii_lowercase, "A": ascii_uppercase, "none": ""}[first]
+    for axis, letter in zip(every, letters if len(every) > 1 else "", strict=False):
         axis.set_title(letter, loc="left", fontweight="bold", fontsize=8.0)
 
 
