@@ -33,12 +33,12 @@ import polars as pl
 from pydantic import Field
 
 from palpate import Curve, Job, Limb, Response, Settings, Simulation, Solver, Status
+from palpate.answer.words import Adequacy
 from palpate.domain import Design, ParameterSpace, Refinement, RegionMaterial, Scenario
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
 from palpate.fit.stage import FitStage
 from palpate.plugins.provides import Provides
 from palpate.plugins.registry import load_file
-from palpate.stages.identifiability import Adequacy
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.held_out import held_out, is_apart

@@ -36,12 +36,12 @@ from scipy.interpolate import CubicSpline
 from study_prediction import SPOTS, accepted, on_grid
 
 from palpate import Curve, Job, Limb, Response, Simulation, Status
+from palpate.answer.words import Adequacy
 from palpate.domain import Indentation
 from palpate.experiment.measured import load_measured
 from palpate.fit.spot_term import pieces
 from palpate.limb.loading import finer_limb, load_limbs, refinement, size_at_contact
 from palpate.plugins.catalogue import Plugins
-from palpate.stages.identifiability import Adequacy
 from palpate.study.reading import Study, read_study
 from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.error_sources import MESH, error_budget, error_sources_of

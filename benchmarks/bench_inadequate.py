@@ -22,6 +22,7 @@ import polars as pl
 from independent_meshes import true_limb
 
 from palpate import Curve, Job, Limb, Material, Response
+from palpate.answer.words import Adequacy
 from palpate.domain import Design, Indentation
 from palpate.executors import InProcess
 from palpate.fit.stage import FitStage
@@ -30,7 +31,6 @@ from palpate.mesh.spot_frame import in_spot_frame
 from palpate.plugins.catalogue import Plugins
 from palpate.sampling.drawing import accepted_by_all
 from palpate.simulation.sweep import Simulations
-from palpate.stages.identifiability import Adequacy
 from palpate.study.model import BudgetTable
 from palpate.study.reading import Study, read_study
 from palpate_certainty.assessment import Assessment

@@ -14,6 +14,7 @@ import polars as pl
 import pytest
 from typer.main import get_command
 
+from palpate.answer.words import AT_END, EFFECTIVE, REFUSED, TIED, UNCLEAR, WORDS, mark_of, verdict_of
 from palpate.cli.app import COMMANDS, STAGES, build_app, main
 from palpate.cli.options import name_of
 from palpate.cli.stages import add_stage
@@ -32,10 +33,8 @@ from palpate.experiment.curve_checks import (
 from palpate.mesh.specimens import block
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import add_commands
-from palpate.stages.identifiability import UNCLEAR, WORDS
 from palpate.study.reading import read_study
 from palpate_indentation import CsvLoader, CsvSettings
-from palpate_report.data.marks import AT_END, EFFECTIVE, REFUSED, TIED, mark_of, verdict_of
 from palpate_report.data.tables import TITLES
 
 ROOT = Path(__file__).parents[2]

@@ -14,10 +14,10 @@ from typing import Any
 import pytest
 from typer.main import get_command
 
+from palpate.answer.words import UNCLEAR, WORDS
 from palpate.cli.app import build_app
 from palpate.cli.stages import add_stage
 from palpate.plugins.registry import add_commands
-from palpate.stages.identifiability import UNCLEAR, WORDS
 from palpate_report.answer.next_step import CAUSES
 
 ROOT = Path(__file__).parents[2]
@@ -170,7 +170,8 @@ def words() -> set[str]:
 
 def test_words_of_the_page_are_in_the_glossary() -> None:
     plugins = (ROOT / "plugins" / name / "src" for name in ("palpate-report", "palpate-certainty"))
-    sources = (file for folder in plugins for file in folder.rglob("*.py"))
+    folders = (*plugins, ROOT / "python" / "palpate" / "answer")
+    sources = (file for folder in folders for file in folder.rglob("*.py"))
     page = " ".join("\n".join(path.read_text(encoding="utf-8") for path in sources).replace("_", " ").split())
     assert [word for word in ON_THE_PAGE if word not in page] == [], "no longer on the page"
     wanted = {*ON_THE_PAGE, *(word for _, word in WORDS), UNCLEAR, *CAUSES.values()}

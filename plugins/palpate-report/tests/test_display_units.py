@@ -7,9 +7,9 @@ import polars as pl
 import pytest
 
 from palpate import AnisotropicMaterial
+from palpate.api.fit import initial_moduli
 from palpate.domain import ParameterSpace, RegionMaterial, Tie
 from palpate.fit.least_squares import LeastSquares
-from palpate_report.answer.best_sets import initial_moduli
 from palpate_report.answer.methods import methods
 from palpate_report.answer.result import make_conclusion
 from palpate_report.data.display_units import in_display_units, rows_in_display_units
@@ -48,7 +48,7 @@ def test_every_value_is_a_thousand_times_that_in_mpa_and_no_judgement_changes(bo
         else:
             assert b.values[0].lower == pytest.approx(1000.0 * a.values[0].lower)
         assert b.values[1] == a.values[1]
-        assert b.moduli["soft_tissue"] == pytest.approx([1000.0 * m for m in a.moduli["soft_tissue"]])
+        assert [m.value for m in b.moduli] == pytest.approx([1000.0 * m.value for m in a.moduli])
     assert [w.what for w in one.warnings] == [w.what for w in other.warnings]
     assert f"stiffness = {other.bests[0].values[0].text} kPa" in other.lead
     assert "initial shear modulus" in other.lead.partition("MPa, ")[2].partition(" kPa")[0]
@@ -118,12 +118,12 @@ class Fibred(AnisotropicMaterial):
 def test_fibres_have_no_modulus_that_is_the_same_in_every_direction(content, tissue):
     """Along fibres a tissue may be ten times stiffer than across: a mean of the two is nobody's."""
     made = content(assessed=False, search=LeastSquares(), truth={STIFFNESS: 0.4, "soft_tissue.grip": 20.0})
-    assert dict(initial_moduli(made, made.study.truth))
+    assert dict(initial_moduli(made.study.space, made.study.truth, made.factors, made.modulus_unit))
     material = Fibred()
     material.parameters = tissue.Spongy().parameters
     region = replace(made.study.space.regions[0], material=material)
     fibred = replace(made, study=replace(made.study, space=ParameterSpace(regions=(region,))))
-    assert not dict(initial_moduli(fibred, made.study.truth))
+    assert not dict(initial_moduli(fibred.study.space, made.study.truth, fibred.factors, fibred.modulus_unit))
     conclusion = make_conclusion(fibred, make_tables(fibred))
     assert conclusion.moduli == ()
     assert "modulus" not in conclusion.lead

@@ -9,7 +9,6 @@ from palpate.domain import Relaxation
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.sections import Fold, Table, Word
 from palpate.run.result import CertaintyResult
-from palpate_report.answer.best_sets import best_sets
 from palpate_report.answer.card import answer, apart_from_joint
 from palpate_report.answer.law import typeset
 from palpate_report.answer.next_step import CAUSES
@@ -55,7 +54,7 @@ def card(data):
 
 def test_the_chart_shows_every_value_with_its_interval(fitted, content):
     for data, found in ((passed(fitted), "fit"), (content(), "set")):
-        bests = [best for best in best_sets(data) if best.found.startswith(found)]
+        bests = [best for best in data.bests if best.found.startswith(found)]
         for k, axis in enumerate(interval_plot(data).axes):
             values = [best.values[k] for best in bests]
             drawn = [line.get_xdata() for line in axis.lines if line.get_label() != "known answer"]
@@ -69,7 +68,7 @@ def test_no_interval_of_the_sweep_is_drawn_among_those_of_95_percent(fitted):
     data = passed(fitted)
     rows = data.fit.certainty.intervals.filter(pl.col("fit") != "p2")
     mixed = replace(data, fit=replace(data.fit, certainty=replace(data.fit.certainty, intervals=rows)))
-    others = [value for best in best_sets(mixed) for value in best.values if not value.level]
+    others = [value for best in mixed.bests for value in best.values if not value.level]
     assert any(value.lower is not None for value in others)
     n_drawn = sum(len(line.get_xdata()) == 2 for axis in interval_plot(mixed).axes for line in axis.lines)
     assert n_drawn == rows.height + len(mixed.searched)  # and the known answers
@@ -111,7 +110,7 @@ def test_a_spot_apart_from_the_joint_fit_is_named(fitted):
     for moved, apart in ((rows, {}), (rows.with_columns(far), {"p2": ["grip"]})):
         certainty = replace(data.fit.certainty, intervals=_wide(moved))
         changed = replace(data, fit=replace(data.fit, certainty=certainty))
-        assert apart_from_joint(changed, make_conclusion(changed, {}).bests) == apart
+        assert apart_from_joint(changed) == apart
         (spots,) = (text for name, text in card(changed).facts if name == "Spots")
         assert ("p2 (grip)" if apart else "none differs") in spots
 

@@ -6,10 +6,9 @@ import numpy as np
 import polars as pl
 import pytest
 
-from palpate.api.fit import Adequacy
+from palpate.api.fit import Adequacy, initial_moduli
 from palpate.fit.least_squares import LeastSquares
 from palpate.mechanics.homogeneous import MODES
-from palpate_report.answer.best_sets import initial_moduli
 from palpate_report.answer.headline import draws_of
 from palpate_report.answer.material import PATHS, material_curves
 from palpate_report.answer.model_verdict import ModelVerdict
@@ -32,7 +31,7 @@ def test_paths_keep_the_volume():
 def test_slopes_at_rest_are_those_of_the_initial_shear_modulus(fitted):
     (tension, shear) = material_curves(fitted, "I")
     for label, row in (("all spots", next(fitted.fit.ends.iter_rows(named=True))), ("known answer", TRUTH)):
-        ((_, (mu, _)),) = initial_moduli(fitted, row)
+        ((_, mu), _) = initial_moduli(fitted.study.space, row, fitted.factors, fitted.modulus_unit)
         x, at_rest = tension.path.amounts, tension.path.amounts.size // 2
         slope = np.gradient(tension.stress[label], x)[at_rest]
         assert slope == pytest.approx(3.0 * mu, rel=2e-3)

@@ -8,7 +8,6 @@ import pytest
 
 from palpate.fit.least_squares import LeastSquares
 from palpate.run.result import PosteriorResult
-from palpate_report.answer.best_sets import best_sets
 from palpate_report.answer.warnings import report_warnings
 from palpate_report.data.tables import make_tables
 from palpate_report.figures.panels import profiles, sobol_indices
@@ -75,7 +74,7 @@ def test_a_posterior_that_has_not_converged_is_warned_of(fitted):
 
     def warned(table):
         made = replace(fitted, posterior=PosteriorResult(posterior=table))
-        found = report_warnings(made, tuple(best_sets(made)), tables)
+        found = report_warnings(made, tables)
         return [str(each) for each in found if "posterior" in each.what]
 
     (said,) = warned(rows)

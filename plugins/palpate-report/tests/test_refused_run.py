@@ -11,17 +11,17 @@ from dataclasses import replace
 import polars as pl
 import pytest
 
+from palpate.answer.words import MARKS, explained, mark_of, verdict_of
 from palpate.api.fit import Adequacy
 from palpate.fit.fitted import fitted
 from palpate.fit.least_squares import LeastSquares
 from palpate_prediction.cards.programs import PROGRAMS, cards_of
-from palpate_report.answer.best_sets import best_sets
 from palpate_report.answer.headline import Verdicts, with_verdicts
 from palpate_report.answer.model_verdict import NO_PARAMETERS, model_verdict
 from palpate_report.answer.paper_tables import paper_tables
 from palpate_report.answer.result import make_conclusion
 from palpate_report.comparison import write_comparison
-from palpate_report.data.marks import MARKS, explained, mark_of, verdict_of, with_minus
+from palpate_report.data.marks import with_minus
 from palpate_report.data.tables import make_tables
 from palpate_report.figures import drawings
 from palpate_report.from_run import write_report
@@ -53,10 +53,10 @@ def drawn(monkeypatch):
 def values_of(data):
     """Every value of a parameter or modulus, with the ends of its interval."""
     swept = replace(data, fit=type(data.fit)())
-    for best in (*best_sets(data), *best_sets(swept)):
+    for best in (*data.bests, *swept.bests):
         for value in best.values:
             yield from (each for each in (value.value, value.lower, value.upper) if each is not None)
-        yield from (each for pair in best.moduli.values() for each in pair)
+        yield from (modulus.value for modulus in best.moduli)
 
 
 def has_a_value(text, values):
@@ -81,7 +81,7 @@ def bare(folder, values):
 
 
 def test_no_output_of_a_refused_run_has_a_bare_value(refused, drawn, tmp_path):
-    assert model_verdict(refused, tuple(best_sets(refused))).failure.startswith(NO_PARAMETERS)
+    assert model_verdict(refused).failure.startswith(NO_PARAMETERS)
     values = list(values_of(refused))
     report = write_report(refused, tmp_path / "report")
     made = write_comparison({"one": refused, "two": refused}, tmp_path / "comparison")
@@ -161,8 +161,8 @@ def test_marks_are_those_of_the_verdict_and_are_explained_once(refused):
     assert tex.count(r"$^{\ddagger}$ at an end of the range") == 1
     assert r"$\mu_{0}$" in tex
     assert "$R^2$" in tex
-    best = Verdicts(data).of_fit["p1", "I"]
-    assert f"{best.moduli['soft_tissue'][0]:.3f}" in tex
+    best = Verdicts(data).found["p1", "I", True]
+    assert f"{best.moduli[0].value:.3f}" in tex
 
 
 def test_a_set_outside_of_the_interval_has_not_its_word(content):
@@ -176,7 +176,7 @@ def test_a_set_outside_of_the_interval_has_not_its_word(content):
     around = replace(data, identifiability=known.with_columns(lower=0.9 * row[name], upper=1.1 * row[name]))
     for each, word in ((around, "well"), (above, "unclear")):
         assert Verdicts(each).at(spot, scenario, name, is_fit=False) == word
-        (at,) = (best for best in best_sets(each) if (best.spot, best.scenario) == (spot, scenario))
+        (at,) = (best for best in each.bests if (best.spot, best.scenario) == (spot, scenario))
         assert at.values[0].identifiability == word
 
 
@@ -229,7 +229,7 @@ def test_every_output_of_an_approximation_has_its_sentence_and_its_words(
         verdict=pl.when(check="discrepancy").then(pl.lit("approximates")).otherwise(pl.lit("describes"))
     )
     data = replace(data, fit=replace(data.fit, certainty=replace(data.fit.certainty, adequacy=rows)))
-    model = model_verdict(data, tuple(best_sets(data)))
+    model = model_verdict(data)
     assert model.verdict is Adequacy.APPROXIMATES
     assert re.match(r"Effective parameters: Spongy describes these curves to within [\d.]+ %", model.sentence)
     report = write_report(data, tmp_path / "report")

@@ -5,6 +5,37 @@ from typing import TYPE_CHECKING
 from palpate.lazy_imports import deferred
 
 if TYPE_CHECKING:
+    from palpate.answer.moduli import (
+        MODULI as MODULI,
+        every_value as every_value,
+        initial_moduli as initial_moduli,
+        names_of_moduli as names_of_moduli,
+    )
+    from palpate.answer.table import (
+        FIT as FIT,
+        MODULUS as MODULUS,
+        PARAMETER as PARAMETER,
+        Results as Results,
+        answer_table as answer_table,
+        searched_parameters as searched_parameters,
+    )
+    from palpate.answer.words import (
+        EFFECTIVE as EFFECTIVE,
+        NO_FIT_R2 as NO_FIT_R2,
+        NOT as NOT,
+        OTHER_RATE as OTHER_RATE,
+        REFUSED as REFUSED,
+        TIED as TIED,
+        UNCLEAR as UNCLEAR,
+        WORDS as WORDS,
+        Adequacy as Adequacy,
+        explained as explained,
+        mark_of as mark_of,
+        share_of_range as share_of_range,
+        verdict_of as verdict_of,
+        word_of as word_of,
+        worst_of as worst_of,
+    )
     from palpate.domain import (
         channel_of as channel_of,
         weighed_phases as weighed_phases,
@@ -86,14 +117,6 @@ if TYPE_CHECKING:
     )
     from palpate.stages.core_stages import (
         cases_of as cases_of,
-    )
-    from palpate.stages.identifiability import (
-        UNCLEAR as UNCLEAR,
-        WORDS as WORDS,
-        Adequacy as Adequacy,
-        share_of_range as share_of_range,
-        word_of as word_of,
-        worst_of as worst_of,
     )
 
 if not TYPE_CHECKING:

@@ -42,6 +42,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "verify": ("palpate verify arm",),
         "fit": ("palpate fit arm",),
         "surface": ("palpate surface arm",),
+        "answer": ("palpate answer arm",),
     }
 )
 """How each of the core's commands may be called, in the order in which help lists them."""

@@ -25,6 +25,7 @@ GENERATED = {
     "verify": "Verify the selected sets, such as with halved steps.",
     "fit": "Search the parameters for which the curves fit best.",
     "surface": "Simulate the skin under the press with the fitted parameters; one simulation per spot.",
+    "answer": "List every value that was found, with its interval and its verdict.",
 }
 """Help of the core's stages, whose command needs nothing of theirs: importing them takes long."""
 

@@ -41,41 +41,47 @@ class Fitted:
 
 
 def fitted(study: Study, selection: pl.DataFrame, generalisation: pl.DataFrame, fit: FitResult) -> Fitted:
-    """Find what leads a run: the joint fit, the set for all spots, or the best set of the only spot.
+    """Find the values that a run reports, as :func:`reported_rows` chooses them.
 
     Raises
     ------
     StudyError
         Nothing was fitted or selected in the scenario that generalises.
     """
-    main = study.generalise_by
-    for rows in _candidates(study, main, selection, generalisation, fit):
-        if rows.is_empty():
-            continue
-        by_spot = {row["spot"]: row for row in rows.iter_rows(named=True)}
-        spots = tuple(spot for spot in study.spot_names if spot in by_spot)
-        first = by_spot[spots[0]]
-        return Fitted(
-            source="fit" if "fit" in first else f"set {first['set_id']}",
-            fit=first.get("fit") or (ALL_SPOTS if len(study.spots) > 1 else spots[0]),
-            scenario=main,
-            values=dict(_values(study, by_spot, spots)),
-            spots=spots,
+    rows = reported_rows(study.spot_names, study.generalise_by, selection, generalisation, fit)
+    if rows.is_empty():
+        raise StudyError(
+            f"{study.file}: nothing is fitted or selected in scenario '{study.generalise_by}'; run "
+            "`palpate run`, or see the report for why every set failed"
         )
-    raise StudyError(
-        f"{study.file}: nothing is fitted or selected in scenario '{main}'; run `palpate run`, or see the "
-        "report for why every set failed"
+    by_spot = {row["spot"]: row for row in rows.iter_rows(named=True)}
+    spots = tuple(spot for spot in study.spot_names if spot in by_spot)
+    first = by_spot[spots[0]]
+    return Fitted(
+        source="fit" if "fit" in first else f"set {first['set_id']}",
+        fit=first.get("fit") or (ALL_SPOTS if len(study.spots) > 1 else spots[0]),
+        scenario=study.generalise_by,
+        values=dict(_values(study, by_spot, spots)),
+        spots=spots,
     )
 
 
-def _candidates(
-    study: Study, main: str, selection: pl.DataFrame, generalisation: pl.DataFrame, fit: FitResult
-) -> Iterator[pl.DataFrame]:
-    yield fit.joint(main)
-    alone = len(study.spots) == 1
-    for frame in (fit.of_each_spot, selection) if alone else ():
-        yield frame if frame.is_empty() else frame.filter(pl.col("scenario") == main)
-    yield generalisation
+def reported_rows(
+    spots: Sequence[str],
+    main: str,
+    selection: pl.DataFrame,
+    generalisation: pl.DataFrame,
+    fit: FitResult,
+) -> pl.DataFrame:
+    """Rows of the one fit or set that a run reports, by spot; empty where there is none.
+
+    It is the joint fit, or the fit of the only spot, in the scenario ``main`` that generalises; without a fit
+    the set for all spots, or of the only spot.
+    """
+    alone = len(spots) == 1
+    own = [f if f.is_empty() else f.filter(scenario=main) for f in (fit.of_each_spot, selection)]
+    candidates = (fit.joint(main), *(own if alone else ()), generalisation)
+    return next((rows for rows in candidates if not rows.is_empty()), pl.DataFrame())
 
 
 def _values(

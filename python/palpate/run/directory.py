@@ -15,6 +15,7 @@
     profile_planes.parquet  posterior.parquet  posterior_draws.parquet  profiles.parquet
     profile_ends.parquet  sobol_indices.parquet  volumes.parquet  emulator.parquet  posterior_planes.parquet
     identifiability.parquet  disagreements.parquet
+    answer.parquet          every value that was found, and what may be read of it
     fit.json                how far the fit is, while it goes on
     next.json               which presses to make next
     verification.parquet

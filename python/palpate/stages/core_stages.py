@@ -311,6 +311,24 @@ class Surface(CoreStage):
         return {"surface": simulate_surfaces(inputs.simulations, inputs.fitted(), inputs.measured)}
 
 
+class Answer(OfEveryRun):
+    """The answer: what a run has found, and what may be read of it."""
+
+    name, summary = "answer", "List every value that was found, with its interval and its verdict."
+    needs = ("select",)
+    comes_last = True
+    tables = MappingProxyType({"answer": "Values of fits and sets, which of them is reported, and why."})
+
+    def run(self, inputs: Run, progress: Progress) -> Files:
+        """One row for each fit or set and value."""
+        return {"answer": inputs.answer()}
+
+    def summarise(self, inputs: Run) -> Summary:
+        """Summary: the values that are reported."""
+        shown = ("parameter", "unit", "value", "lower", "upper", "verdict", "reason")
+        return Summary(tables={"Reported values": inputs.table("answer").filter("reported").select(shown)})
+
+
 STAGES: tuple[type[Stage], ...] = (
     Experiment,
     Sample,
@@ -320,6 +338,7 @@ STAGES: tuple[type[Stage], ...] = (
     Verify,
     SearchForBest,
     Surface,
+    Answer,
 )
 """In the paper's order."""
 

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self, cast
 
 import polars as pl
 
+from palpate.answer.table import Results, answer_table, searched_parameters
 from palpate.domain import Channel, Design, Limb, Response, Simulation, SurfaceStates
 from palpate.domain.component import Component, SettingsT
 from palpate.errors import PluginError, StudyError
@@ -310,6 +311,27 @@ class Run:
         """Identifiability by the present sweep; without rows as :meth:`posterior` is."""
         known = "identifiability" in self.stages
         return self.directory.identifiability() if known else IdentifiabilityResult()
+
+    def answer(self) -> pl.DataFrame:
+        """Every value that was found, with the columns of :data:`palpate.answer.table.ANSWER`.
+
+        In the units of the materials; by the present fit, intervals and sweep.
+        """
+        self.check("select")
+        chosen, general = (self.table(name, "select") for name in ("selection", "generalisation"))
+        study, design, fit = self.study, self.design, self.fit()
+        return answer_table(
+            Results(
+                study=study,
+                spots=tuple(self.measured),
+                searched=searched_parameters(study, design, fit),
+                design=design,
+                selection=chosen,
+                generalisation=general,
+                identifiability=self.identifiability().identifiability,
+                fit=fit,
+            )
+        )
 
     def surfaces(self) -> Mapping[str, SurfaceStates]:
         """States of the skin by spot, as ``palpate surface`` has simulated them; empty where it has not."""

@@ -5,8 +5,6 @@ from typing import TYPE_CHECKING
 from palpate.api import deferred
 
 if TYPE_CHECKING:
-    from palpate_report.answer.best_sets import best_sets as best_sets
-    from palpate_report.answer.headline import headlines as headlines
     from palpate_report.answer.law import formula_of as formula_of, paragraphs_of as paragraphs_of
     from palpate_report.answer.model_verdict import (
         ModelVerdict as ModelVerdict,
@@ -15,10 +13,7 @@ if TYPE_CHECKING:
     from palpate_report.answer.result import Report as Report
     from palpate_report.data.display_units import rows_in_display_units as rows_in_display_units
     from palpate_report.data.marks import (
-        TIED as TIED,
         Headline as Headline,
-        explained as explained,
-        mark_of as mark_of,
         with_unit as with_unit,
     )
     from palpate_report.data.report_data import ReportData as ReportData, brief_names as brief_names

@@ -11,18 +11,16 @@ import polars as pl
 
 from palpate.api import FORCE, FloatArray, Indentation, ParameterName
 from palpate.api.files import write_atomically
-from palpate.api.fit import CertaintyResult, channel_of
+from palpate.api.fit import OTHER_RATE, CertaintyResult, channel_of, explained, mark_of
 from palpate.api.runs import keep_only
-from palpate_report.answer.best_sets import best_sets, leading
 from palpate_report.answer.curves import for_all_spots, residuals, same_curves
-from palpate_report.answer.headline import headlines, moduli
 from palpate_report.answer.model_verdict import NO_PARAMETERS, model_verdict
 from palpate_report.answer.paper_tables import materials_of, paper_tables
+from palpate_report.data.best import weighted_channels
 from palpate_report.data.display_units import in_display_units
-from palpate_report.data.marks import OTHER_RATE, explained, mark_of
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.table_files import write_tables
-from palpate_report.data.tables import EXACT, weighted_channels
+from palpate_report.data.tables import EXACT
 
 MEANINGS = ((2.0, "as good as the best"), (7.0, "less support"), (np.inf, "hardly any support"))
 """What a difference of AICc up to each limit means (Burnham & Anderson, Model Selection, 2002, ch. 2.6)."""
@@ -125,10 +123,7 @@ def _leading(data: ReportData) -> dict[str, Any]:
 
 def _parameters(run: str, data: ReportData, of_moduli: str = "") -> Iterator[dict[str, Any]]:
     """Rows of a run, with a word on its moduli that joins their verdicts."""
-    bests = tuple(best_sets(data))
-    found, best = headlines(data, bests), leading(data, bests)
-    if best is not None:
-        found += moduli(data, best, model=model_verdict(data, bests).verdict)
+    found = (*data.estimates, *data.moduli)
     kinds = {name: parameter.kind for name, parameter in data.searched.items()}
     for each in found:
         lower, upper = (each.lower, each.upper) if each.level else (None, None)
@@ -186,7 +181,7 @@ def _criteria(runs: Mapping[str, ReportData]) -> list[dict[str, Any]]:
 def _notes(tables: Mapping[str, pl.DataFrame], runs: Mapping[str, ReportData]) -> Iterator[str]:
     """Notes that a reader of the tables must know: refused runs first."""
     for name, data in runs.items():
-        if sentence := model_verdict(data, tuple(best_sets(data))).sentence:
+        if sentence := model_verdict(data).sentence:
             yield f"{name}: {sentence}"
     if sentence := other_rates(runs)[1]:
         yield sentence

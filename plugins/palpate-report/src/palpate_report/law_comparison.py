@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import polars as pl
 
-from palpate.api import PalpateError, Progress, StudyError, about, convert
+from palpate.api import PalpateError, Progress, StudyError, about
 from palpate.api.cli import Session, newest_run, run_folder
 from palpate.api.executors import StoppedError
-from palpate.api.fit import Adequacy, channel_of
+from palpate.api.fit import Adequacy, channel_of, initial_moduli, names_of_moduli
 from palpate.api.runs import (
     Ledger,
     RunDirectory,
@@ -23,7 +23,6 @@ from palpate.api.runs import (
     run_study,
 )
 from palpate_report import comparison, from_run, law_studies
-from palpate_report.answer.best_sets import best_sets, leading
 from palpate_report.answer.model_verdict import model_verdict
 from palpate_report.data.display_units import in_display_units
 from palpate_report.data.report_data import ReportData
@@ -131,12 +130,14 @@ def stiffness(data: ReportData, region: str) -> Stiffness:
 
     A StudyError where it has found none.
     """
-    best = leading(data, tuple(best_sets(data)))
-    if best is None or region not in best.moduli:
+    space, row = data.study.space, {e.name: e.value for e in data.lead.values} if data.lead else {}
+    moduli = dict(initial_moduli(space, row, data.factors, "MPa")) if row else {}
+    names = names_of_moduli(space, region)
+    if names[0] not in moduli:
         raise StudyError(
             f"{data.study.file}: no initial moduli of '{region}' were found; fit an isotropic law"
         )
-    shear, young = (value * convert(f"1 {data.modulus_unit}", "MPa") for value in best.moduli[region])
+    shear, young = (moduli[name] for name in names)
     modes: dict[str, Any] = {}
     for spot in data.spots if data.study.protocol is None else ():
         for name, curve in data.measured[spot].curves.items():
@@ -185,7 +186,7 @@ def ranked(fits: LawFits, criteria: pl.DataFrame) -> pl.DataFrame:
     rows = []
     for law, status in fits.status.items():
         data = fits.data.get(law)
-        model = str(model_verdict(data, tuple(best_sets(data))).verdict) if data else None
+        model = str(model_verdict(data).verdict) if data else None
         found = of_run.get(law, {})
         rows.append(
             {

@@ -8,11 +8,10 @@ import polars as pl
 
 from palpate.api import Channel, Progress, Response, Run, Stage, StudyError, Summary
 from palpate.api.cli import Closed, IntervalOutput, Row
-from palpate.api.fit import ALL_SPOTS
+from palpate.api.fit import ALL_SPOTS, mark_of
 from palpate.api.runs import Files, Study, described
 from palpate_report.answer.result import Report
 from palpate_report.data.display_units import in_display_units
-from palpate_report.data.marks import mark_of
 from palpate_report.data.table_files import shown
 from palpate_report.from_run import report_data, written
 from palpate_report.settings import ReportSettings

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from palpate.api import FloatArray, Material, MaterialError, Parameter, RelaxingMaterial
+from palpate.api.fit import explained, mark_of
 from palpate.api.mechanics import EnergyForm, StandardMaterial
-from palpate_report.api import ModelVerdict, explained, mark_of, with_unit
+from palpate_report.api import ModelVerdict, with_unit
 
 DENSITY_T_PER_MM3 = 1e-9
 """Density of water, for programs that ask for one; nothing of it is fitted."""

@@ -27,7 +27,7 @@ from types import MappingProxyType
 import numpy as np
 
 from palpate.api import FloatArray, MaterialError, ParameterName, RegionMaterial, Run
-from palpate.api.fit import inputs_at, relaxing_space, relaxing_thetas
+from palpate.api.fit import TIED, inputs_at, relaxing_space, relaxing_thetas
 from palpate.api.mechanics import EnergyForm
 from palpate.api.runs import Study
 from palpate_prediction.cards.card import (
@@ -39,11 +39,8 @@ from palpate_prediction.cards.card import (
     ranges_of,
 )
 from palpate_report.api import (
-    TIED,
     Headline,
-    best_sets,
     formula_of,
-    headlines,
     model_verdict,
     paragraphs_of,
     report_data,
@@ -298,10 +295,9 @@ PROGRAMS: Mapping[str, Callable[[CardData], str]] = MappingProxyType(
 def cards_of(run: Run) -> Iterator[CardData]:
     """Cards of what was found for all spots together, by region; a value by spot or state is of the first."""
     data = report_data(run)
-    bests = tuple(best_sets(data))
     study, found = run.study, run.fitted()
-    model = model_verdict(data, bests)
-    known = _counting_at(found.spots[0], study.space.states, headlines(data, bests))
+    model = model_verdict(data)
+    known = _counting_at(found.spots[0], study.space.states, data.estimates)
     strains = run.strains().values()
     inputs = inputs_at(study, found.spots[0], found.values, run.measured)
     thetas = relaxing_thetas(study, inputs.thetas, found.values)

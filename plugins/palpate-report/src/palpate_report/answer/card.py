@@ -4,15 +4,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from palpate.api import ParameterName
+from palpate.api.fit import EFFECTIVE, MODULI, NO_FIT_R2
 from palpate.api.report import ReportWarning
-from palpate_report.answer.best_sets import Best, leading
-from palpate_report.answer.headline import MODULI, between_spots
+from palpate_report.answer.headline import between_spots
 from palpate_report.answer.law import laws_of
 from palpate_report.answer.model_verdict import r2_by_spot
 from palpate_report.answer.next_step import CAUSES
 from palpate_report.answer.result import Conclusion
-from palpate_report.answer.warnings import GOOD_R2, NO_FIT_R2
-from palpate_report.data.marks import EFFECTIVE, Headline, with_unit
+from palpate_report.answer.warnings import GOOD_R2
+from palpate_report.data.marks import Headline, with_unit
 from palpate_report.data.report_data import ReportData
 
 MOST_CAUSES = 2
@@ -60,7 +60,7 @@ def answer(data: ReportData, conclusion: Conclusion) -> SummaryCard:
     by = f"Searched from {start}" if data.is_fitted else "Best set of the sweep"
     facts = {
         **conclusion.of_stages,
-        "Fit": quality(data, conclusion),
+        "Fit": quality(data),
         "Spots": _spots(data, conclusion),
         "Certainty": "" if conclusion.failure else causes(data),
         "NOT included": ", ".join(conclusion.not_included),
@@ -130,13 +130,13 @@ def cut_ends(data: ReportData, estimates: Sequence[Headline]) -> dict[str, str]:
     return found
 
 
-def quality(data: ReportData, conclusion: Conclusion) -> str:
+def quality(data: ReportData) -> str:
     """R² of each fitted channel, the least of all spots, with a word for it."""
-    return "; ".join(_qualities(data, conclusion))
+    return "; ".join(_qualities(data))
 
 
-def _qualities(data: ReportData, conclusion: Conclusion) -> Iterator[str]:
-    rows = list(r2_by_spot(data, conclusion.bests))
+def _qualities(data: ReportData) -> Iterator[str]:
+    rows = list(r2_by_spot(data))
     for channel in dict.fromkeys(name for name, _, _ in rows):
         r2, spot = min((r2, spot) for name, spot, r2 in rows if name == channel)
         word = "good" if r2 >= GOOD_R2 else "poor" if r2 >= NO_FIT_R2 else "no fit"
@@ -151,7 +151,7 @@ def _spots(data: ReportData, conclusion: Conclusion) -> str:
         return used
     if differing := between_spots(data):
         return f"{used}; {differing}"
-    if found := apart_from_joint(data, conclusion.bests):
+    if found := apart_from_joint(data):
         apart = "; ".join(f"{spot} ({', '.join(names)})" for spot, names in found.items())
         return f"{used}; intervals apart from the joint fit's: {apart}"
     if conclusion.failure or not any(each.level for each in conclusion.estimates):
@@ -159,11 +159,11 @@ def _spots(data: ReportData, conclusion: Conclusion) -> str:
     return f"{used}; none differs from the joint fit by more than the intervals"
 
 
-def apart_from_joint(data: ReportData, bests: Sequence[Best]) -> dict[str, list[str]]:
+def apart_from_joint(data: ReportData) -> dict[str, list[str]]:
     """Parameters by spot whose 95 % interval does not meet that of the fit that leads."""
-    lead = leading(data, bests)
+    lead = data.lead
     found: dict[str, list[str]] = {}
-    for best in bests:
+    for best in data.bests:
         if lead is None or best.scenario != lead.scenario:
             continue
         for one, other in zip(best.values, lead.values, strict=True):

@@ -1,64 +1,24 @@
-"""Each value of a run as every output shows it: interval, unit, verdict and mark, made once.
+"""Reported values against true ones, and the verdict of the answer on each value of a table."""
 
-Page, tables, LaTeX, cards, comparison and terminal print a :class:`Headline`, or what :class:`Verdicts`
-states of a value of another fit; nothing else decides what may be read.
-"""
-
-import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 
 import polars as pl
 
 from palpate.api import ParameterName
-from palpate.api.fit import ALL_SPOTS, UNCLEAR, Adequacy, FitResult, worst_of
-from palpate_report.answer.best_sets import Best, best_sets, initial_moduli, leading
+from palpate.api.fit import (
+    ALL_SPOTS,
+    FIT,
+    NOT,
+    REFUSED,
+    TIED,
+    UNCLEAR,
+    Adequacy,
+    mark_of,
+    verdict_of,
+)
 from palpate_report.answer.model_verdict import model_verdict
-from palpate_report.answer.warnings import NO_FIT_R2, failed_checks
-from palpate_report.data.marks import NOT, REFUSED, TIED, Headline, mark_of, rounded, verdict_of, with_unit
+from palpate_report.data.marks import Headline, rounded, with_unit
 from palpate_report.data.report_data import ReportData
-
-MODULI = ("initial shear modulus", "Young's modulus")
-
-
-# -------------------------------------------------------------------- what leads
-
-
-def headlines(data: ReportData, bests: Sequence[Best]) -> list[Headline]:
-    """Parameters of what leads, with the intervals of the fit where it has them, else of the sweep."""
-    best, model = leading(data, bests), model_verdict(data, bests).verdict
-    at_bound = {each.name: each.at_bound for each in best.values} if best else {}
-    rows = data.leading_rows(data.fit.certainty.intervals)
-    found = [
-        Headline(
-            parameter=data.brief_name(row["parameter"]),
-            name=row["parameter"],
-            level=0.95,
-            at_bound=at_bound.get(ParameterName.parse(row["parameter"]).shared, False),
-            model=model,
-            **{key: row[key] for key in ("unit", "value", "lower", "upper", "identifiability")},
-        )
-        for row in rows.iter_rows(named=True)
-    ]
-    if found:
-        return found
-    if best is not None:
-        return [replace(each, model=model) for each in best.values]
-    chosen = next(data.generalisation.iter_rows(named=True), {})
-    swept = {row["parameter"]: row for row in data.identified(together=True).iter_rows(named=True)}
-    return [
-        Headline(
-            parameter=parameter.name,
-            name=name,
-            unit=parameter.unit,
-            value=chosen.get(name),
-            lower=swept.get(name, {}).get("lower"),
-            upper=swept.get(name, {}).get("upper"),
-            identifiability=swept.get(name, {}).get("identifiability", UNCLEAR),
-            model=model,
-        )
-        for name, parameter in data.searched.items()
-    ]
 
 
 def missed_truth(data: ReportData, estimates: Sequence[Headline]) -> list[str]:
@@ -89,43 +49,6 @@ def _holds(value: Headline, truth: float) -> bool:
     return value.lower <= truth <= value.upper
 
 
-def moduli(data: ReportData, best: Best, *, model: Adequacy = Adequacy.DESCRIBES) -> Iterator[Headline]:
-    """Initial shear modulus and Young's modulus of each region of a best set.
-
-    One that a single parameter changes has the interval and the word of that.
-    """
-    row = {each.name: each.value for each in best.values}
-    moved: dict[tuple[str, int], list[tuple[Headline, float, float]]] = {}
-    for each in best.values:
-        if each.lower is None or each.upper is None or not each.level:
-            continue
-        ends = [dict(initial_moduli(data, row | {each.name: end})) for end in (each.lower, each.upper)]
-        for region, known in best.moduli.items():
-            for i, modulus in enumerate(known):
-                lower, upper = (end[region][i] if region in end else math.nan for end in ends)
-                if not (
-                    math.isclose(lower, modulus, rel_tol=1e-9) and math.isclose(upper, modulus, rel_tol=1e-9)
-                ):
-                    moved.setdefault((region, i), []).append((each, min(lower, upper), max(lower, upper)))
-    is_sure = all(each.level for each in best.values)
-    for region, known in best.moduli.items():
-        of = f" of {region}" if len(data.study.space.regions) > 1 else ""
-        for i, (name, modulus) in enumerate(zip(MODULI, known, strict=True)):
-            by = moved.get((region, i), [])
-            of_one, *ends_of_one = by[0] if is_sure and len(by) == 1 else (None, None, None)
-            yield Headline(
-                parameter=f"{name}{of}",
-                unit=data.modulus_unit,
-                value=modulus,
-                lower=ends_of_one[0],
-                upper=ends_of_one[1],
-                identifiability=of_one.identifiability if of_one else "",
-                level=0.95 if of_one else None,
-                at_bound=of_one.at_bound if of_one else False,
-                model=model,
-            )
-
-
 def between_spots(data: ReportData) -> str:
     """Sentence on spots that differ: mean ± standard deviation of each parameter; empty where none do."""
     rows = data.leading_rows(data.fit.certainty.between_spots).to_dicts()
@@ -149,22 +72,13 @@ class Verdicts:
     Attributes
     ----------
     model : ModelVerdict
-        Of what leads.
-    of_fit, of_sweep : mapping of (spot, scenario) to Best
-    of_models : mapping of (fit, scenario) to Adequacy
-        Verdicts on fits that do not describe their curves within the budget.
+        Of what is reported.
+    found : mapping of (spot, scenario, whether it is a fit) to Best
     """
 
     def __init__(self, data: ReportData) -> None:
-        bests = tuple(best_sets(data))
-        swept = tuple(best_sets(replace(data, fit=FitResult()))) if not data.fit.table.is_empty() else bests
-        self.data, self.model = data, model_verdict(data, bests)
-        self.of_fit = {(b.spot, b.scenario): b for b in bests if b.found == "fit"}
-        self.of_sweep = {(b.spot, b.scenario): b for b in swept}
-        self.of_models: dict[tuple[str, str], Adequacy] = {}
-        for each in failed_checks(data):
-            at = (each.fit, each.scenario)
-            self.of_models[at] = worst_of([each.verdict, self.of_models.get(at, each.verdict)])
+        self.data, self.model = data, model_verdict(data)
+        self.found = {(b.spot, b.scenario, b.found == FIT): b for b in data.fits_and_sets}
 
     def at(self, spot: str, scenario: str, name: str, *, is_fit: bool, word: str | None = None) -> str:
         """Verdict on a parameter (full name) by what was found at a spot.
@@ -174,7 +88,7 @@ class Verdicts:
         word : str, optional
             Its identifiability where the best sets do not have it.
         """
-        best = (self.of_fit if is_fit else self.of_sweep).get((spot, scenario))
+        best = self.found.get((spot, scenario, is_fit))
         model = self.model_at(spot, scenario, is_fit=is_fit)
         if model is Adequacy.FAILS:
             return REFUSED
@@ -187,15 +101,11 @@ class Verdicts:
         return verdict_of(word, at_bound=value is not None and value.at_bound, model=model)
 
     def model_at(self, spot: str, scenario: str, *, is_fit: bool) -> Adequacy:
-        """Verdict on the model of what was found at a spot; one that leads and fails takes all away."""
-        best = (self.of_fit if is_fit else self.of_sweep).get((spot, scenario))
-        fitted = self.data.scenario(scenario).weighed
-        if self.model.failure or (
-            best is not None
-            and any(r2 is not None and r2 < NO_FIT_R2 for name, r2 in best.r2.items() if name in fitted)
-        ):
-            return Adequacy.FAILS
-        return self.of_models.get((spot, scenario), Adequacy.DESCRIBES) if is_fit else Adequacy.DESCRIBES
+        """Verdict on the model of what was found at a spot; one that is reported and fails takes all away."""
+        best = self.found.get((spot, scenario, is_fit))
+        if best is not None:
+            return best.model
+        return Adequacy.FAILS if self.model.failure else Adequacy.DESCRIBES
 
 
 OF_FITS = ("table1_fit", "fit_mesh", "intervals", "between_spots", "posterior", "profile_ends", "fit")

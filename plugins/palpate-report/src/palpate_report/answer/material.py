@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from palpate.api import FloatArray, IsotropicMaterial, RegionMaterial, convert
+from palpate.api.fit import every_value
 from palpate.api.mechanics import nominal_stress
-from palpate_report.answer.best_sets import every_value
 from palpate_report.answer.headline import draws_of
 from palpate_report.data.report_data import ReportData
 
@@ -89,7 +89,7 @@ def _stress(data: ReportData, region: RegionMaterial, path: Path, row: Mapping[s
     """Nominal stress (n,) [MPa], the slope of the energy along the path; NaN with directions."""
     if not isinstance(region.material, IsotropicMaterial):
         return np.full(path.amounts.size, np.nan)
-    every = every_value(data, row)
+    every = every_value(data.study.space, row, data.factors)
     theta = region.theta({p.name: every[region.name_of(p.name)] for p in region.material.parameters})
     return nominal_stress(region.material, theta, path.mode, path.amounts)
 

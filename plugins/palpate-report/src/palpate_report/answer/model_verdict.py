@@ -1,11 +1,10 @@
 """Verdict on the model of a run, made once: a tissue's parameters, effective ones, or none."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from palpate.api.fit import Adequacy, channel_of, worst_of
-from palpate_report.answer.best_sets import Best
-from palpate_report.answer.warnings import CHECK, NO_FIT_R2, failed_checks
+from palpate.api.fit import NO_FIT_R2, Adequacy, channel_of
+from palpate_report.answer.warnings import CHECK, failed_checks
 from palpate_report.data.marks import rounded
 from palpate_report.data.report_data import ReportData
 
@@ -38,24 +37,24 @@ class ModelVerdict:
         return self.sentence if self.verdict is Adequacy.APPROXIMATES else ""
 
 
-def model_verdict(data: ReportData, bests: Sequence[Best]) -> ModelVerdict:
-    """Verdict on the model of the fit that leads, or of the set for all spots."""
-    wrong = [
-        f"{name} at {spot} (R² {r2:.3g})" for name, spot, r2 in r2_by_spot(data, bests) if r2 < NO_FIT_R2
-    ]
+def model_verdict(data: ReportData) -> ModelVerdict:
+    """Verdict on the model of the fit, or of the set, that is reported."""
+    rows = data.answer.filter("reported")
+    verdict = Adequacy(rows["model"][0]) if rows.height else Adequacy.DESCRIBES
+    if verdict is Adequacy.DESCRIBES:
+        return ModelVerdict()
+    if verdict is Adequacy.APPROXIMATES:
+        return ModelVerdict(verdict=verdict, sentence=_approximation(data))
+    wrong = [f"{name} at {spot} (R² {r2:.3g})" for name, spot, r2 in r2_by_spot(data) if r2 < NO_FIT_R2]
     if wrong:
         more = f" and {len(wrong) - 4} more" if len(wrong) > 4 else ""
         why = f"the best set does not fit {', '.join(wrong[:4])}{more}"
-        return ModelVerdict(verdict=Adequacy.FAILS, sentence=f"{NO_PARAMETERS}: {why}. {CHECK}")
+        return ModelVerdict(verdict=verdict, sentence=f"{NO_PARAMETERS}: {why}. {CHECK}")
     main = (data.together, data.generalising.name)
-    found = [each for each in failed_checks(data) if (each.fit, each.scenario) == main]
-    verdict = worst_of(each.verdict for each in found)
-    if verdict is Adequacy.APPROXIMATES:
-        return ModelVerdict(verdict=verdict, sentence=_approximation(data))
-    failed = [each for each in found if each.verdict is Adequacy.FAILS]
+    failed = [e for e in failed_checks(data) if (e.fit, e.scenario, e.verdict) == (*main, verdict)]
     remedies = " ".join(dict.fromkeys(each.remedy for each in failed))
     reasons = "; ".join(dict.fromkeys(each.message for each in failed))
-    return ModelVerdict(verdict=verdict, sentence=f"{NO_PARAMETERS}: {reasons}. {remedies}" if failed else "")
+    return ModelVerdict(verdict=verdict, sentence=f"{NO_PARAMETERS}: {reasons}. {remedies}")
 
 
 def _approximation(data: ReportData) -> str:
@@ -84,14 +83,14 @@ def _ranges(data: ReportData) -> Iterator[str]:
         yield f"{quantity} {lower} to {upper}{f' {unit}' if unit else ''}"
 
 
-def r2_by_spot(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, str, float]]:
+def r2_by_spot(data: ReportData) -> Iterator[tuple[str, str, float]]:
     """R² of what leads in each fitted channel: its name, the spot, and R²."""
     joint = data.fit.joint(data.generalising.name)
     if len(data.spots) > 1:
         of_all = data.generalisation if joint.is_empty() else joint
         rows = [(row["spot"], row) for row in of_all.iter_rows(named=True)]
     else:
-        own = (best for best in bests if best.scenario == data.generalising.name)
+        own = (best for best in data.bests if best.scenario == data.generalising.name)
         rows = [(best.spot, {f"r2_{name}": r2 for name, r2 in best.r2.items()}) for best in own]
     for spot, row in rows:
         for name in data.generalising.weighed:

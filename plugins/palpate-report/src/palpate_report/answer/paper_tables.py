@@ -5,13 +5,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from palpate.api.fit import ALL_SPOTS, worst_of
-from palpate_report.answer.best_sets import Best, best_sets
-from palpate_report.answer.headline import MODULI, Verdicts, moduli
-from palpate_report.data.marks import Headline, explained, mark_of
+from palpate.api.fit import ALL_SPOTS, FIT, MODULI, explained, mark_of
+from palpate_report.answer.model_verdict import model_verdict
+from palpate_report.data.best import Best, weighted_channels
+from palpate_report.data.marks import Headline
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.table_files import escaped, head, number, power_of_ten, row, tabular
-from palpate_report.data.tables import weighted_channels
 
 
 def materials_of(data: ReportData) -> str:
@@ -46,28 +45,17 @@ class _Block:
 
     @cached_property
     def found(self) -> dict[tuple[str, str], Best]:
-        bests = list(best_sets(self.data))
-        fits = [best for best in bests if best.found == "fit"]
-        return {(best.spot, best.scenario): best for best in fits or bests}
-
-    @cached_property
-    def verdicts(self) -> Verdicts:
-        return Verdicts(self.data)
+        fits = [best for best in self.data.bests if best.found == FIT]
+        return {(best.spot, best.scenario): best for best in fits or self.data.bests}
 
     @cached_property
     def cells(self) -> dict[tuple[str, str], dict[str, Headline]]:
         """Parameters and initial shear moduli by spot and scenario, then by full name and by region."""
         cells = {}
         for at, best in self.found.items():
-            is_fit, row = best.found == "fit", {}
-            for value in best.values:
-                shown = value if value.level else replace(value, lower=None, upper=None)
-                row[value.name] = replace(shown, model=self.verdicts.model_at(*at, is_fit=is_fit))
-            model = worst_of(each.model for each in row.values())
-            shear = (
-                each for each in moduli(self.data, best, model=model) if each.parameter.startswith(MODULI[0])
-            )
-            cells[at] = row | dict(zip(best.moduli, shear, strict=True))
+            shown = (v if v.level else replace(v, lower=None, upper=None) for v in best.values)
+            shear = (each for each in best.moduli if each.parameter.startswith(MODULI[0]))
+            cells[at] = {v.name: v for v in shown} | {_region(self.data, v): v for v in shear}
         return cells
 
     @property
@@ -136,6 +124,12 @@ class _Block:
             digits - math.floor(math.log10(self.largest[name] / size)) if self.largest[name] else digits
         )
         return number(f"{value / size:.{max(0, decimals)}f}")
+
+
+def _region(data: ReportData, modulus: Headline) -> str:
+    """Region of a modulus, which its name has where there are several."""
+    regions = [each.region for each in data.study.space.regions]
+    return next((r for r in regions if modulus.parameter.endswith(f" of {r}")), regions[0])
 
 
 def _table1(blocks: Sequence[_Block], *, wide: bool) -> str:
@@ -221,7 +215,7 @@ def _title(block: _Block, n_columns: int) -> tuple[str, str]:
 
 def _failures(blocks: Sequence[_Block]) -> list[str]:
     """Reasons why no parameters can be read from some of the runs."""
-    sentences = ((block.title, block.verdicts.model.sentence) for block in blocks)
+    sentences = ((block.title, model_verdict(block.data).sentence) for block in blocks)
     return [f"{title}: {sentence}" for title, sentence in sentences if sentence]
 
 

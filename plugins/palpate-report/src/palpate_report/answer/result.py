@@ -11,12 +11,12 @@ from palpate.api import ParameterName, PluginError
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, WORDS
 from palpate.api.report import ReportWarning, Section
 from palpate.api.runs import Study, answering_for
-from palpate_report.answer.best_sets import Best, best_sets, leading
-from palpate_report.answer.headline import between_spots, headlines, holds_truth, missed_truth, moduli
+from palpate_report.answer.headline import between_spots, holds_truth, missed_truth
 from palpate_report.answer.methods import methods
 from palpate_report.answer.model_verdict import ModelVerdict, model_verdict
 from palpate_report.answer.next_step import next_step
 from palpate_report.answer.warnings import apparent, left_out, report_warnings
+from palpate_report.data.best import Best
 from palpate_report.data.marks import Headline, with_unit
 from palpate_report.data.report_data import ReportData, label_of
 from palpate_report.data.showable import is_own
@@ -157,19 +157,18 @@ class Conclusion:
 
 def make_conclusion(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Conclusion:
     """Sum up a run, from what its stages have left."""
-    bests = tuple(best_sets(data))
-    model, (about, values, quality) = model_verdict(data, bests), _lead(data, bests)
+    model, (about, values, quality) = model_verdict(data), _lead(data)
     no_fit, close = model.failure, f"{model.approximation} " if model.approximation else ""
-    best, found = leading(data, bests), headlines(data, bests)
-    estimates, missing = () if no_fit else tuple(found), tuple(_not_included(data))
+    found = data.estimates
+    estimates, missing = () if no_fit else found, tuple(_not_included(data))
     missed = missed_truth(data, estimates)
-    warned = (*report_warnings(data, bests, tables, missed), *section_warnings(data))
+    warned = (*report_warnings(data, tables, missed), *section_warnings(data))
     return Conclusion(
         parameters=tuple(map(label_of, data.searched.values())),
-        bests=bests,
+        bests=data.bests,
         headline=no_fit or (f"{close}{about}: {quality}" if about else ""),
         estimates=estimates,
-        moduli=() if no_fit or best is None else tuple(moduli(data, best)),
+        moduli=() if no_fit else data.moduli,
         lead=no_fit or (f"{close}{about}: {', '.join(values)}; {quality}." if about else ""),
         identifiability=() if no_fit else tuple(_identified(data, found)),
         spent=_spent(data),
@@ -226,11 +225,11 @@ def _mesh(data: ReportData) -> str:
     return f"{channels} ({shown_by}), {100.0 * share:.0f} % of the variance of {of}"
 
 
-def _lead(data: ReportData, bests: Sequence[Best]) -> tuple[str, list[str], str]:
+def _lead(data: ReportData) -> tuple[str, list[str], str]:
     """Fit that leads, its values, and how well it fits; empty where there is nothing."""
-    where, best = data.together, leading(data, bests)
+    where, best = data.together, data.lead
     if best is not None:
-        values = [_equation(each) for each in (*best.values, *moduli(data, best))]
+        values = [_equation(each) for each in (*best.values, *best.moduli)]
         of = f"At {where}" if where != ALL_SPOTS else f"One material for all {len(data.spots)} spots"
         fopt = f"{'mean ' if where == ALL_SPOTS else ''}Fopt {best.fopt:.4g}{_least(best)}"
         least = "at least " if where == ALL_SPOTS else ""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import polars as pl
 
-from palpate.api.fit import UNCLEAR, UNSEEN, UNSETTLED, Adequacy
+from palpate.api.fit import NO_FIT_R2, UNCLEAR, UNSEEN, UNSETTLED, Adequacy
 from palpate.api.report import ReportWarning
 from palpate.api.runs import (
     REMEDY,
@@ -17,7 +17,7 @@ from palpate.api.runs import (
     relaxation_of,
     unranked,
 )
-from palpate_report.answer.best_sets import Best
+from palpate_report.data.best import Best
 from palpate_report.data.marks import with_unit
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import cost_of_one_set, finding
@@ -27,9 +27,6 @@ GOOD_R2 = 0.95
 
 FEW_SETS = 10
 """Sets per parameter below which a sweep is called thin."""
-
-NO_FIT_R2 = 0.5
-"""R² in a fitted channel below which a set is not called a fit."""
 
 CHECK = (
     "Check the units, the signs and the columns of the measured curves, then [protocol] where there is one, "
@@ -60,7 +57,6 @@ COSTLY = 3.0
 
 def report_warnings(
     data: ReportData,
-    bests: Sequence[Best],
     tables: Mapping[str, pl.DataFrame],
     missed: Sequence[str] = (),
 ) -> Iterator[ReportWarning]:
@@ -74,6 +70,7 @@ def report_warnings(
     if data.unfinished:
         why = f"So far: {data.unfinished}. What is shown is the best of the simulations so far."
         yield ReportWarning("The run has not ended", why)
+    bests = data.bests
     r2 = [
         (best.scenario, f"{best.where}: {channel}", at)
         for best in bests
@@ -109,14 +106,13 @@ def report_warnings(
     yield from _about_one_set(data)
     yield from _about_failures(data)
     yield from _about_disagreement(data)
-    main = (data.together, data.generalising.name)
-    leading = [best for best in bests if (best.spot, best.scenario) == main] or list(bests)
-    yield from _about_ends(data, leading, "Best")
+    reported = [best for best in bests if best.is_reported] or list(bests)
+    yield from _about_ends(data, reported, "Best")
     yield from _about_identifiability(data)
     yield from _about_posterior(data)
     if not data.unfinished:
         yield from _about_meshes(data)
-    yield from _about_ends(data, [best for best in bests if best not in leading], "Other")
+    yield from _about_ends(data, [best for best in bests if best not in reported], "Other")
     yield from _about_simulations(data)
     yield from _about_coarseness(data, bests)
     yield from _about_origins(data)

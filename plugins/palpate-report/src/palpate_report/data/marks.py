@@ -1,12 +1,10 @@
-"""A value as every output shows it: its digits, its verdict in words, and the mark of that."""
+"""A value as every output shows it: its digits, its interval and its verdict."""
 
 import math
 import re
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
-from palpate.api.fit import UNCLEAR, Adequacy
+from palpate.api.fit import Adequacy, verdict_of
 
 MOST_DECIMALS = 6
 
@@ -34,48 +32,6 @@ def rounded(value: float, lower: float | None = None, upper: float | None = None
     return f"{round(value, decimals) + 0.0:.{max(0, decimals)}f}"
 
 
-REFUSED, AT_END, TIED, NOT = "refused", "end of range", "tied", "not identified"
-EFFECTIVE = "effective"
-OTHER_RATE = "other rate"
-"""Words of a verdict besides those of :data:`palpate.stages.identifiability.WORDS`."""
-
-MARKS: Mapping[str, tuple[tuple[str, ...], str]] = MappingProxyType(
-    {
-        "†": (
-            ("poorly", NOT, UNCLEAR, REFUSED),
-            "poorly or not identified, unclear, or refused: not a result",
-        ),
-        "‡": ((AT_END,), "at an end of the range that was searched"),
-        "¶": ((EFFECTIVE,), "effective: of a law that approximates these curves, and for their range alone"),
-        "§": ((OTHER_RATE,), "of other rates: moduli that are not comparable"),
-    }
-)
-"""The words that each mark is put at, and what it means."""
-
-
-def verdict_of(word: str, *, at_bound: bool = False, model: Adequacy = Adequacy.DESCRIBES) -> str:
-    """Verdict on a value whose identifiability has this word, by a model with this verdict."""
-    words = (
-        REFUSED if model is Adequacy.FAILS else NOT if word == "not" else word,
-        AT_END if at_bound else "",
-        EFFECTIVE if model is Adequacy.APPROXIMATES else "",
-    )
-    return ", ".join(each for each in words if each)
-
-
-def mark_of(verdict: str) -> str:
-    """Marks of a value with this verdict; empty where it is a result."""
-    words = verdict.split(", ")
-    return "".join(mark for mark, (at, _) in MARKS.items() if any(word in at for word in words))
-
-
-def explained(marks: Iterable[str]) -> str:
-    """Sentence on the marks that occur; empty where none does."""
-    seen = set("".join(marks))
-    texts = [f"{mark} {meaning}" for mark, (_, meaning) in MARKS.items() if mark in seen]
-    return f"{'; '.join(texts)}." if texts else ""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Headline:
     """A value with what may be read of it.
@@ -90,7 +46,7 @@ class Headline:
         None where they are unknown, and the value where it differs from spot to spot. The optimum is that
         between the sets of a sweep, one of which need not be in the interval.
     identifiability : str
-        Word of :mod:`palpate.stages.identifiability`; empty where none is known.
+        Word of :mod:`palpate.answer.words`; empty where none is known.
     level : float or None
         0.95 where the interval is that of a fit; None where it is what fits about as well in the sweep.
     at_bound : bool

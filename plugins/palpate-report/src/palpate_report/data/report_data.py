@@ -2,6 +2,8 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import product
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -22,9 +24,21 @@ from palpate.api import (
     SurfaceStates,
 )
 from palpate.api.experiment import POSE
-from palpate.api.fit import ALL_SPOTS, FitResult, PosteriorResult
+from palpate.api.fit import (
+    ALL_SPOTS,
+    MODULUS,
+    PARAMETER,
+    FitResult,
+    PosteriorResult,
+    Results,
+    answer_table,
+    searched_parameters,
+    weighed_phases,
+)
 from palpate.api.report import Section
 from palpate.api.runs import Completeness, Study, completeness, without_result
+from palpate_report.data.best import Best, bests_of, headlines_of, weighted_channels
+from palpate_report.data.marks import Headline
 from palpate_report.settings import BY_ITSELF, ReportSettings
 
 CONTACT: Mapping[str, str] = MappingProxyType(
@@ -94,7 +108,7 @@ def _are_numbers(values: object) -> bool:
     return isinstance(values, list) and bool(values) and all(isinstance(v, (int, float)) for v in values)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class ReportData:
     """The results of a run, as the stages left them.
 
@@ -199,14 +213,68 @@ class ReportData:
         written = (p.unit for p in self.design.parameters if p.name in self.factors and p.kind == "modulus")
         return next(written, "MPa")
 
-    @property
+    @cached_property
     def searched(self) -> dict[str, Parameter]:
         """:attr:`brief`, and what a fit has searched besides, such as friction."""
-        study, fitted = self.study, set(self.fit.table.columns)
-        every = study.parametrisation.parameters(study.space, self.spots) if fitted else ()
-        heads = {ParameterName.parse(p.name).shared: p for p in every}
-        more = {name: replace(p, name=name) for name, p in heads.items() if name in fitted}
-        return self.brief | {name: p for name, p in more.items() if name not in self.brief}
+        return searched_parameters(self.study, self.design, self.fit) | self.brief
+
+    @cached_property
+    def answer(self) -> pl.DataFrame:
+        """Every value of the run with what may be read of it, as `answer_table` returns it."""
+        return answer_table(
+            Results(
+                study=self.study,
+                spots=self.spots,
+                searched=self.searched,
+                design=self.design,
+                selection=self.selection,
+                generalisation=self.generalisation,
+                identifiability=self.identifiability,
+                fit=self.fit,
+                factors=self.factors,
+                modulus_unit=self.modulus_unit,
+            )
+        )
+
+    @cached_property
+    def fits_and_sets(self) -> tuple[Best, ...]:
+        """Fits, and sets of the sweep, as :attr:`answer` has them."""
+        ends = ((frame, is_fit) for frame, is_fit in ((self.fit.ends, True), (self.selection, False)))
+        rows = ((row, is_fit) for frame, is_fit in ends for row in frame.iter_rows(named=True))
+        return tuple(
+            bests_of(
+                self.answer,
+                {(row["spot"], row["scenario"], is_fit): row for row, is_fit in rows},
+                {s.name: weighted_channels(s) for s in self.study.scenarios},
+                (*self.measured_channels, *weighed_phases(self.study.scenarios)),
+                self.searched,
+                self.study.space.states,
+            )
+        )
+
+    @property
+    def bests(self) -> tuple[Best, ...]:
+        """Best set by spot and scenario, the fitted one where there is one; the joint fits come first."""
+        found: dict[tuple[str, str], Best] = {}
+        for best in self.fits_and_sets:
+            found.setdefault((best.spot, best.scenario), best)
+        every = product((ALL_SPOTS, *self.spots), (s.name for s in self.study.scenarios))
+        return tuple(found[key] for key in every if key in found)
+
+    @property
+    def lead(self) -> Best | None:
+        """The fit, or the set of the only spot, that is reported; None where it is the set for all spots."""
+        return next((best for best in self.fits_and_sets if best.is_reported), None)
+
+    @property
+    def estimates(self) -> tuple[Headline, ...]:
+        """Parameters that are reported."""
+        return headlines_of(self.answer.filter(pl.col("reported"), kind=PARAMETER), self.searched)
+
+    @property
+    def moduli(self) -> tuple[Headline, ...]:
+        """Initial moduli that are reported."""
+        return headlines_of(self.answer.filter(pl.col("reported"), kind=MODULUS), self.searched)
 
     def brief_name(self, name: str) -> str:
         """Name of what is searched, as brief as :attr:`searched` has it, with its spot."""

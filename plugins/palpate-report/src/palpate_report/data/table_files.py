@@ -10,7 +10,7 @@ from types import MappingProxyType
 import polars as pl
 
 from palpate.api.files import write_atomically
-from palpate_report.data.marks import explained, mark_of
+from palpate.api.fit import explained, mark_of
 from palpate_report.data.tables import TITLES, printed
 
 PREAMBLE = r"\usepackage{booktabs,graphicx}"

@@ -5,11 +5,10 @@ from types import MappingProxyType
 
 import polars as pl
 
-from palpate.api import Scenario
-from palpate.api.fit import ALL_SPOTS, Adequacy
+from palpate.api.fit import ALL_SPOTS, Adequacy, mark_of
 from palpate.api.runs import Completeness, by_reason, failures, unranked
+from palpate_report.data.best import weighted_channels
 from palpate_report.data.display_units import shared_names
-from palpate_report.data.marks import mark_of
 from palpate_report.data.report_data import ReportData
 
 TITLES: Mapping[str, str] = MappingProxyType(
@@ -178,13 +177,6 @@ def cross_channel(data: ReportData) -> pl.DataFrame:
     fitted = {s.name: weighted_channels(s) for s in data.study.scenarios}
     fitted_to = pl.col("scenario").replace_strict(fitted, return_dtype=pl.String).alias("fitted_to")
     return data.selection.select("spot", "scenario", fitted_to, "set_id", pl.col("^(nmse|r2)_.*$"))
-
-
-def weighted_channels(scenario: Scenario) -> str:
-    """Channels and phases that a scenario weights, joined with plus signs; with weights that are not 1."""
-    return " + ".join(
-        channel if weight == 1.0 else f"{weight:g} {channel}" for channel, weight in scenario.weighed.items()
-    ).replace("_", " ")
 
 
 def unfitted_channels(data: ReportData) -> pl.DataFrame:

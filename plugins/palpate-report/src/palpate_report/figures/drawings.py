@@ -16,7 +16,6 @@ from matplotlib.figure import Figure
 
 from palpate.api import Channel, Curve, FloatArray, Response
 from palpate.api.runs import file_name, objectives
-from palpate_report.answer.best_sets import best_sets, leading
 from palpate_report.answer.curves import fits_at, for_all_spots, residuals, same_curves
 from palpate_report.answer.material import material_curves
 from palpate_report.answer.model_verdict import NO_PARAMETERS, model_verdict
@@ -56,7 +55,7 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
 
 def stamped(data: ReportData) -> ReportData:
     """Data whose figures state that no parameters can be read from them, where that is so."""
-    refusal = f"{NO_PARAMETERS}: not a result" if model_verdict(data, tuple(best_sets(data))).failure else ""
+    refusal = f"{NO_PARAMETERS}: not a result" if model_verdict(data).failure else ""
     return replace(data, refusal=refusal)
 
 
@@ -64,7 +63,7 @@ def _drawings(data: ReportData) -> Iterator[tuple[str, bool, Callable[[ReportDat
     """Name of every figure, whether there is something to draw, and the function that draws it."""
     has_sets = data.design.n_sets > 0
     yield "nmse_distribution", has_sets, nmse_distribution
-    yield "intervals", any(best_sets(data)), interval_plot
+    yield "intervals", bool(data.bests), interval_plot
     yield "causes", not data.fit.certainty.budget.is_empty(), causes
     yield "parameter_space", not has_sets and len(data.brief) > 1, partial(parameter_space, spot="")
     for spot in data.spots:
@@ -225,9 +224,9 @@ def interval_plot(data: ReportData) -> Figure:
 
     Intervals are those of 95 % of a fit, else of what fits about as well in the sweep.
     """
-    bests = [best for best in best_sets(data) if best.scenario in data.shown_scenarios]
+    bests = [best for best in data.bests if best.scenario in data.shown_scenarios]
     fits = [best for best in bests if best.found == "fit"] or bests
-    lead = leading(data, fits) if len(data.spots) > 1 else None
+    lead = data.lead if len(data.spots) > 1 else None
     is_sure = any(value.level for best in fits for value in best.values)
     spots, names = list(dict.fromkeys(best.spot for best in fits)), list(data.searched.items())
     figure = sized(column_mm(len(names) > 1), 14.0 * len(spots) + 36.0)

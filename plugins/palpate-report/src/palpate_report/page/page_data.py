@@ -11,8 +11,8 @@ import polars as pl
 from palpate.api import FloatArray, IntArray, Scenario
 from palpate.api.runs import objectives
 from palpate_report.answer.headline import draws_of
+from palpate_report.data.best import weighted_channels
 from palpate_report.data.report_data import ReportData, label_of
-from palpate_report.data.tables import weighted_channels
 from palpate_report.figures.contours import along, contours, paths, reported
 from palpate_report.figures.scene import scene, skins
 from palpate_report.figures.space import MOST_PAIRS, colours

@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import polars as pl
 
+from palpate.api.fit import verdict_of
 from palpate.api.report import Block, Fold, Listing, Paragraph, Section, Table
 from palpate_report.answer.card import causes
 from palpate_report.answer.result import Report
-from palpate_report.data.marks import verdict_of
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import printed
 from palpate_report.sections.tables import picture, tables

@@ -1,10 +1,9 @@
 """Sections on the fits: curves, warnings, every value, and the ways of the searches."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
-from palpate.api.fit import ALL_SPOTS
+from palpate.api.fit import ALL_SPOTS, initial_moduli
 from palpate.api.report import (
     Block,
     Cell,
@@ -19,11 +18,10 @@ from palpate.api.report import (
     Word,
 )
 from palpate.api.runs import file_name
-from palpate_report.answer.best_sets import Best, initial_moduli
 from palpate_report.answer.card import IN_THE_OPEN, quality
-from palpate_report.answer.headline import MODULI
 from palpate_report.answer.material import material_curves, rows_of
 from palpate_report.answer.result import Report
+from palpate_report.data.best import Best
 from palpate_report.data.marks import Headline, with_unit
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import TITLES, printed
@@ -56,7 +54,7 @@ class Curves(Section):
 
     def result(self, data: ReportData, report: Report) -> str:
         """R² of each fitted channel."""
-        return quality(data, report.conclusion)
+        return quality(data)
 
     def is_open(self, data: ReportData, report: Report) -> bool:
         """Always."""
@@ -102,7 +100,7 @@ class Values(Section):
         names = [data.generalising.name, *(s.name for s in data.study.scenarios)]
         every = {name: [best for best in conclusion.bests if best.scenario == name] for name in names}
         options = [
-            Fold(f"{name}: {bests[0].fitted_to}", [_by_spot(data, report, bests)])
+            Fold(f"{name}: {bests[0].fitted_to}", [_by_spot(data, bests)])
             for name, bests in every.items()
             if bests
         ]
@@ -173,13 +171,12 @@ class MaterialItself(Section):
 # ------------------------------------------------------------------- values
 
 
-def _cell(value: Headline, report: Report) -> Lines:
+def _cell(value: Headline) -> Lines:
     lines: list[Any] = [value.text]
     if value.interval:
         lines += [f"optimum {value.optimum:.4g}"] if value.optimum is not None else []
         lines.append(value.interval)
-    verdict = replace(value, model=report.conclusion.model.verdict).verdict
-    return Lines([*lines, *map(Word, verdict.split(", "))])
+    return Lines([*lines, *map(Word, value.verdict.split(", "))])
 
 
 def _below(bests: Sequence[Best]) -> str:
@@ -189,14 +186,14 @@ def _below(bests: Sequence[Best]) -> str:
     return "the fitted optimum, and the range that fits about as well"
 
 
-def _by_spot(data: ReportData, report: Report, bests: Sequence[Best]) -> Table:
+def _by_spot(data: ReportData, bests: Sequence[Best]) -> Table:
     """Values of one scenario, parameter by spot; the joint fit comes first."""
     truth = data.study.truth
     known: list[Cell] = [None] if truth else []
     rows: list[list[Cell]] = []
     for values in zip(*(best.values for best in bests), strict=True):
         of_truth = [truth.get(values[0].name)] if truth else []
-        rows.append([values[0].label, *(_cell(value, report) for value in values), *of_truth])
+        rows.append([values[0].label, *(_cell(value) for value in values), *of_truth])
     rows += [[label, *values] for label, values in _moduli(data, bests)]
     mean, least = ("", "") if bests[0].spot != ALL_SPOTS else (" (all spots: mean)", " (all spots: least)")
     rows.append([f"Fopt{mean}", *(best.fopt for best in bests), *known])
@@ -213,11 +210,8 @@ def _by_spot(data: ReportData, report: Report, bests: Sequence[Best]) -> Table:
 
 def _moduli(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, list[float | None]]]:
     """Rows of the initial moduli of each best set, and of the known answer if there is one."""
-    columns = [best.moduli for best in bests]
-    if data.study.truth:
-        columns.append(dict(initial_moduli(data, data.study.truth)))
-    for region in dict.fromkeys(region for column in columns for region in column):
-        of = f" of {region}" if len(data.study.space.regions) > 1 else ""
-        for i, name in enumerate(MODULI):
-            values = [column[region][i] if region in column else None for column in columns]
-            yield f"{name}{of} ({data.modulus_unit})", values
+    columns = [{each.parameter: each.value for each in best.moduli} for best in bests]
+    if truth := data.study.truth:
+        columns.append(dict(initial_moduli(data.study.space, truth, data.factors, data.modulus_unit)))
+    for name in dict.fromkeys(name for column in columns for name in column):
+        yield f"{name} ({data.modulus_unit})", [column.get(name) for column in columns]

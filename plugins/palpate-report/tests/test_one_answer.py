@@ -1,0 +1,140 @@
+"""Every output shows the reported rows of one table: the answer of the run."""
+
+import html
+import json
+from dataclasses import replace
+
+import polars as pl
+import pytest
+
+from palpate.fit.least_squares import LeastSquares
+from palpate.run.directory import RunDirectory
+from palpate.stages import pipeline
+from palpate.stages.saved_run import SavedRun
+from palpate.stages.stage import read_run
+from palpate.study.display_units import unit_factors
+from palpate_prediction.cards.programs import PROGRAMS, cards_of
+from palpate_report.comparison import comparison_tables
+from palpate_report.data.display_units import in_display_units
+from palpate_report.data.marks import with_minus, with_unit
+from palpate_report.from_run import report_data, write_report
+from palpate_report.stage import summary_of
+
+from .fits import at_end_of_range, refused
+
+pytestmark = pytest.mark.usefixtures("undrawn")
+
+STIFFNESS = "soft_tissue.stiffness"
+
+
+@pytest.fixture
+def run_of(make_study, plugins, tmp_path):
+    """Run the study with such changes, and read the run back."""
+
+    def run(*, spots=2, **changes):
+        study = make_study(n_sets=40, **changes)
+        study = replace(study, spots=study.spots[:spots])
+        pipeline.run_study(study, tmp_path / "run", plugins)
+        return read_run(study, RunDirectory(tmp_path / "run"), plugins)
+
+    return run
+
+
+def shown(row):
+    """Numbers and verdict of a row, as far as outputs have them."""
+    ends = (row["lower"], row["upper"]) if row["level"] else (None, None)
+    return (row["value"], *ends, row["verdict"])
+
+
+def disagreements(data, report, folder):
+    """Outputs in which a reported row is other than in the answer, with the row."""
+    rows = data.answer.filter("reported").to_dicts()
+    is_refused = bool(report.conclusion.failure)
+    summary = summary_of(data.study, report)
+    of_json = {} if is_refused else {r["parameter"]: r for r in summary.values["intervals"]}
+    of_table = {}
+    if "intervals" in report.tables:
+        of_fit = report.tables["intervals"].filter(fit=data.together, scenario=data.study.generalise_by)
+        of_table = {r["parameter"]: r for r in of_fit.to_dicts()}
+    compared = {r["parameter"]: r for r in comparison_tables({"one": data})["parameters"].to_dicts()}
+    terminal, page = summary.labelled["Parameters"], html.unescape((folder / "index.html").read_text())
+    headlines = {each.parameter: each for each in (*data.estimates, *data.moduli)}
+    for row in rows:
+        brief = data.brief_name(row["parameter"]) if row["kind"] == "parameter" else row["parameter"]
+        one, text = shown(row), str(headlines[brief])
+        if shown(compared[brief] | {"level": row["level"]}) != one:
+            yield "comparison", brief
+        if (text in terminal) == is_refused:
+            yield "terminal", brief
+        quantity = with_minus(with_unit(headlines[brief].text, row["unit"]))
+        if (quantity in page) == is_refused:
+            yield "page", brief
+        if row["kind"] == "parameter" and not is_refused and shown(of_json[brief]) != one:
+            yield "JSON", brief
+        if of_table and row["kind"] == "parameter":
+            own = of_table.get(brief) or of_table[row["parameter"]]
+            if shown(own | {"level": row["level"]}) != one:
+                yield "tables", brief
+
+
+CASES = {
+    "two spots": {"search": LeastSquares()},
+    "one spot": {"search": LeastSquares(), "spots": 1},
+    "in kPa": {"search": LeastSquares(), "units": {STIFFNESS: "kPa"}},
+    "a sweep": {},
+    "a sweep at one spot": {"spots": 1},
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_outputs_agree_with_the_answer_of_the_run(run_of, tmp_path, case):
+    run = run_of(**CASES[case])
+    data = in_display_units(report_data(run))
+    stored = run.table("answer", "answer")
+    assert stored["reported"].any()
+    sources = stored.filter("reported").select("spot", "scenario", "source").unique()
+    assert sources.height == 1
+    assert run.directory.records.is_current("answer")
+
+    # The table of the run is that of the page, in the units of the materials.
+    factors = unit_factors(run.study)
+    per = [factors.get(name.partition("@")[0], 1.0) for name in stored["parameter"]]
+    is_parameter = pl.col("kind") == "parameter"
+    values = (stored["value"] * pl.Series(per)).to_list()
+    kept = [k for k, is_one in enumerate(stored.select(is_parameter).to_series()) if is_one]
+    assert [values[k] for k in kept] == pytest.approx(data.answer.filter(is_parameter)["value"].to_list())
+    words = ["spot", "scenario", "source", "parameter", "verdict", "marks", "reported"]
+    assert stored.select(words).equals(data.answer.select(words))
+
+    report = write_report(report_data(run), tmp_path / "page")
+    assert list(disagreements(data, report, tmp_path / "page")) == []
+
+    # Cards and notebooks have the values that are reported.
+    found = {r["parameter"]: r for r in stored.filter("reported", is_parameter).to_dicts()}
+    assert SavedRun(run=run).headline.values == {name: row["value"] for name, row in found.items()}
+    (card,) = cards_of(run)
+    of_card = json.loads(PROGRAMS["json"](card))["parameters"]
+    for name, row in found.items():
+        brief = name.partition(".")[2]
+        assert of_card[brief]["value"] == pytest.approx(row["value"])
+        assert card.verdicts[brief] == row["verdict"]
+        ends = (row["lower"], row["upper"]) if row["level"] else None
+        assert card.intervals.get(brief) == (pytest.approx(ends) if ends else None)
+
+
+@pytest.mark.parametrize("change", [refused, lambda data: at_end_of_range(data, STIFFNESS)])
+def test_outputs_agree_on_values_that_are_no_results(content, tmp_path, change):
+    data = change(content(search=LeastSquares()))
+    report = write_report(data, tmp_path / "page")
+    assert list(disagreements(data, report, tmp_path / "page")) == []
+    own = data.answer.filter("reported", kind="parameter")
+    assert set(own["marks"]) <= {"†", "‡", "†‡", ""}
+    assert any(own["marks"])
+
+
+def test_a_disagreement_is_found(content, tmp_path):
+    data = content(search=LeastSquares(), assessed=False)
+    other = replace(data, fit=replace(data.fit, table=data.fit.table.with_columns(pl.col(STIFFNESS) * 1.5)))
+    report = write_report(other, tmp_path / "page")
+    found = {output for output, _ in disagreements(data, report, tmp_path / "page")}
+    assert found == {"JSON", "terminal", "page"}
