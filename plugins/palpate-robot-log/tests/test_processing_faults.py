@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from palpate.errors import CurveError
+from palpate_robot_log.checks import warnings_of
 from palpate_robot_log.processing.chain import process
-from palpate_robot_log.processing.corrections import drift_left_in
 from palpate_robot_log.recording import Recording
 
 from . import simulated_logs as logs
@@ -220,10 +220,9 @@ def test_a_large_drift_is_taken_out_and_named(tmp_path):
     span = np.ptp(usual.curves["force"].ordinate)
     off = np.abs(drifted.curves["force"].ordinate - usual.curves["force"].ordinate).max()
     assert off < 0.02 * span
-    assert drifted.drift is not None
-    assert usual.drift is not None
-    assert "drifts by 2.9 N over the log" in drift_left_in(drifted.drift, 36.5, span)
-    assert drift_left_in(usual.drift, 36.5, span) is None
+    (warning,) = warnings_of(drifted.raw, drifted)
+    assert "drifts by 2.9 N over the log" in warning
+    assert warnings_of(usual.raw, usual) == []
 
 
 def test_a_recording_is_read_only():

@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
 from pydantic import Field
 
 from palpate.api import CurveError, ExperimentLoader, Response
@@ -75,9 +74,9 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
         return found | {last: replace(response, record={**record, **response.record})}
 
     def _response(self, path: Path, processed: "Processed", channel: str | None) -> Response:
-        from palpate_robot_log.processing.corrections import drift_left_in, weight_left_in
+        from palpate_robot_log.checks import warnings_of
 
-        curves, gravity = processed.curves, self.settings.gravity
+        curves = processed.curves
         if channel is not None and channel not in curves:
             remedy = "the log has no moment; measure it" if processed.lacks_torque else "log a twist"
             raise CurveError(
@@ -85,18 +84,8 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
                 f"{remedy}, or leave the channel out"
             )
         wanted = curves if channel is None else {channel: curves[channel]}
-        record, warnings = dict(processed.record), list[str]()
-        if processed.lacks_torque:
-            warnings.append("the log has no moment, so the twist gives no torque; weigh the force alone")
-        peak = float(abs(processed.curves["force"].ordinate).max())
-        seconds = float(np.ptp(processed.raw.time_s))
-        if processed.drift is not None and (warning := drift_left_in(processed.drift, seconds, peak)):
-            warnings.append(warning)
-        if gravity.method == "off" and processed.bias is not None:
-            bias_N, down = processed.bias.force_N, np.array(gravity.direction)
-            if warning := weight_left_in(processed.raw, bias_N, down, peak):
-                warnings.append(warning)
-        record |= {"warnings": warnings} if warnings else {}
+        warnings = warnings_of(processed.raw, processed)
+        record = {**processed.record, **({"warnings": warnings} if warnings else {})}
         relaxations = [item for item in processed.relaxations if item.channel in wanted]
         return Response(curves=wanted, relaxations=relaxations, record=record)
 

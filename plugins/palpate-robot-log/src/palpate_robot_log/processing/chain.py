@@ -10,9 +10,9 @@ from pydantic_core import to_json
 
 from palpate.api import FORCE, TORQUE, Curve, FloatArray, IntArray, Relaxation
 from palpate.api.mesh import SpotWrench, spot_axes
+from palpate_robot_log.checks import FEWEST_FREE_ROWS, check
 from palpate_robot_log.processing.contact import Normal, Onset, ToolMotion
 from palpate_robot_log.processing.corrections import (
-    FEWEST_FREE_ROWS,
     Bias,
     Drift,
     Lag,
@@ -29,7 +29,6 @@ from palpate_robot_log.processing.phases import Phase, Slide, find_slide, name_p
 from palpate_robot_log.processing.press import (
     Located,
     aligned,
-    check_torque,
     free_rows,
     locate,
     onset_of,
@@ -193,11 +192,8 @@ def windowed(recording: Recording, settings: ProcessingSettings) -> Recording:
         np.inf if window.stop is None else window.stop,
     )
     n_rows = max(rows.stop - rows.start, 0)
-    if n_rows < 2:
-        raise recording.fault(
-            f"the window from {window.start} to {window.stop} s holds {n_rows} rows of "
-            f"a log from {time[0]:.3f} to {time[-1]:.3f} s; correct window.start and window.stop"
-        )
+    words = {"start": window.start, "stop": window.stop, "begin": time[0], "end": time[-1]}
+    check(recording, "window", n_rows, **words)
     return recording if n_rows == recording.n_rows else recording.part(rows)
 
 
@@ -236,12 +232,8 @@ def _clean(press: Processed) -> None:
     weighed = gravity.method != "off"
     before, after = free_rows(located, *onset_of(located, settings.onset), any_orientation=weighed)
     press.free = np.concatenate([before, after]) if drifts else before
-    if before.size < (FEWEST_FREE_ROWS if drifts or biased else 1):
-        raise recording.fault(
-            f"{before.size} rows in free air before the press; start the log earlier, so that the sensor's "
-            "drift and bias can be determined, or give drift.enabled = false and tare.enabled = false",
-            0,
-        )
+    fewest = FEWEST_FREE_ROWS if drifts or biased else 1
+    check(recording, "free air", before.size / fewest, 0, n_rows=before.size)
     press.tool = tool_of(recording, press.free, gravity)
     if press.tool is not None:
         recording = without_weight(recording, press.tool, np.array(gravity.direction))
@@ -260,7 +252,7 @@ def _turn_into_spot(press: Processed) -> None:
     tip = np.array(press.settings.frame.sensor_to_tip)
     press.wrench = wrench_at_spot(press.tared, spot, press.normal.vector, tip)
     if press.has_moment:
-        check_torque(press.located, press.wrench, weighed=press.tool is not None)
+        check(press.raw, "torque", press.located, press.wrench, press.tool is not None)
 
 
 def _touch(press: Processed) -> None:

@@ -12,6 +12,8 @@ import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from palpate.api import FloatArray
+from palpate_robot_log.checks import NOISE_MULTIPLE, check
+from palpate_robot_log.measures import STRIDES, is_back
 from palpate_robot_log.processing.change_points import ChangePoint, Design, profile
 from palpate_robot_log.recording import (
     Recording,
@@ -25,19 +27,11 @@ from palpate_robot_log.recording import (
 )
 
 SHARE = 0.05  # share of the largest change of force beyond which a row counts as pressing
-NOISE_MULTIPLE = 12.0  # a change of force below this multiple of its noise is no contact
 EXPONENT_STD = 0.075  # of the contact law: so far from it are limbs in finite elements near first contact
-LARGEST_JUMP_SHARE = 0.3  # share of the largest change of force by which no contact jumps
-_SAME_SHARE = 0.3
-_STILL_MM = 0.03
-_BACK_SHARE = 0.05
-_WINDOW = 5
 _PRESS_SHARE = 0.2
 _DRIFT_SHARE = 0.15
 _CALM_SHARE = 0.005
 _TRACK_ROWS = 20_000
-_LARGEST_STD_DEG = 5.0
-_STRIDES = 50
 
 _FITS = ((0.2, 2), (0.1, 2), (0.4, 2), (0.05, 1), (0.1, 1))
 """Shares of the peak force up to which the law is fitted, and its terms; the first gives the onset."""
@@ -66,14 +60,7 @@ class ContactRows:
 def rough_contact(recording: Recording) -> ContactRows:
     """Rows between the first and the last clear change of force."""
     contacts = contacts_of(recording)
-    if len(contacts) > 1:
-        spans = ", ".join(
-            f"{recording.time_s[c.first]:.2f} to {recording.time_s[c.last]:.2f} s" for c in contacts
-        )
-        raise recording.fault(
-            f"{len(contacts)} presses in one log ({spans}); give window.start and window.stop of one of "
-            "them; a log must not start in contact"
-        )
+    check(recording, "presses", contacts)
     return contacts[0]
 
 
@@ -86,22 +73,19 @@ def contacts_of(recording: Recording) -> tuple[ContactRows, ...]:
     # In free air the sensor shows a line where the log ends there too, else what it shows at its start.
     start, end = np.median(force[:n_ends], axis=0), np.median(force[-n_ends:], axis=0)
     farthest = float(np.linalg.norm(force - start, axis=1).max())
-    _check_zero(track, force)
+    noise = float(np.linalg.norm([noise_std(column) for column in track.force_N.T]))
+    calm = float(np.linalg.norm([noise_std(column) for column in force.T]))
+    check(track, "zero", force, NOISE_MULTIPLE * calm)
     rest = start[None, :]
-    if float(np.linalg.norm(end - start)) <= _DRIFT_SHARE * farthest or _is_back(track):
+    if float(np.linalg.norm(end - start)) <= _DRIFT_SHARE * farthest or is_back(track):
         rest = start + np.linspace(0.0, 1.0, track.n_rows)[:, None] * (end - start)
     change = median_filter(np.linalg.norm(force - rest, axis=1), size=5, mode="nearest")
-    noise = float(np.linalg.norm([noise_std(column) for column in track.force_N.T]))
     # So many rows are averaged that noise is small against the threshold.
     n_calming = (noise / (_CALM_SHARE * change.max())) ** 2 if change.any() else 1.0
     n_calming = int(np.clip(n_calming, 1, max(change.size // 50, 1)))
     change = uniform_filter1d(change, n_calming, mode="nearest")
     peak = float(change.max())
-    if peak < NOISE_MULTIPLE * noise or peak == 0.0:
-        raise recording.fault(
-            f"a press without contact: the force changes by {peak:.3g} N at most, with a noise of "
-            f"{noise:.2g} N; check that the tool reached the limb, and that these are the wrench's columns"
-        )
+    check(recording, "contact", peak, noise)
     pressing = change > max(SHARE * peak, 3.0 * noise)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], pressing.astype(np.int8), [0]])))
     runs = [
@@ -109,11 +93,8 @@ def contacts_of(recording: Recording) -> tuple[ContactRows, ...]:
         for first, stop in edges.reshape(-1, 2)
         if change[first:stop].max() > _PRESS_SHARE * peak
     ]
-    if runs[0][0] < 3:
-        raise recording.fault(
-            "the log starts in contact, so the sensor's bias cannot be determined; start it in free air",
-            runs[0][0],
-        )
+    starts_at = runs[0][0]
+    check(recording, "start", starts_at, starts_at)
     return tuple(
         ContactRows(
             first=first * block,
@@ -122,48 +103,6 @@ def contacts_of(recording: Recording) -> tuple[ContactRows, ...]:
         )
         for first, last in runs
     )
-
-
-def _check_zero(track: Recording, force_N: FloatArray) -> None:
-    """Refuse a log whose force (n, 3) in the base frame jumps between two rows while the tip rests."""
-    n_rows = track.n_rows
-    if n_rows < 4 * _WINDOW:
-        return
-    level = median_filter(force_N, size=(_WINDOW, 1), mode="nearest")
-    half, before = _WINDOW // 2, np.arange(_WINDOW - 1, n_rows - _WINDOW)
-    jumps = np.linalg.norm(level[before + half + 1] - level[before - half], axis=1)
-    moved_mm = track.position_mm[before + _WINDOW] - track.position_mm[before - _WINDOW + 1]
-    # A jump to another level, within one step.
-    jumps = np.minimum(jumps, np.linalg.norm(force_N[before + 1] - force_N[before], axis=1))
-    at = int(np.argmax(jumps * (np.linalg.norm(moved_mm, axis=1) < _STILL_MM)))
-    row, jump_N = int(before[at]), float(jumps[at])
-    n_ends = max(n_rows // 50, _WINDOW)
-    begin, end = (np.median(part, axis=0) for part in (force_N[:n_ends], force_N[-n_ends:]))
-    noise_N = float(np.linalg.norm([noise_std(column) for column in force_N.T]))
-    least_N = max(
-        LARGEST_JUMP_SHARE * float(np.linalg.norm(force_N - begin, axis=1).max()), NOISE_MULTIPLE * noise_N
-    )
-    if jump_N < least_N:
-        return
-    off, off_N = "", float(np.linalg.norm(end - begin))
-    if _is_back(track):
-        if abs(off_N - jump_N) > _SAME_SHARE * jump_N:
-            return
-        off = f", and is {off_N:.3g} N off when the tool is back at its height"
-    raise track.fault(
-        f"the force jumps by {jump_N:.3g} N while the tip rests{off}: the sensor was zeroed in contact; "
-        "zero it in free air, and log the press again",
-        row + 1,
-    )
-
-
-def _is_back(track: Recording) -> bool:
-    """Whether the tool ends where it began, so that the sensor shows the same if its zero is the same."""
-    position = track.position_mm
-    n_ends = max(track.n_rows // 50, 3)
-    begin, end = position[:n_ends].mean(axis=0), position[-n_ends:].mean(axis=0)
-    farthest = float(np.linalg.norm(position - begin, axis=1).max())
-    return float(np.linalg.norm(end - begin)) <= _BACK_SHARE * farthest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -183,19 +122,13 @@ def spot_normal(recording: Recording, contact: ContactRows) -> Normal:
     """
     rows = contact.rows
     position = recording.position_mm[rows]
-    stride = max(1, position.shape[0] // _STRIDES)
+    stride = max(1, position.shape[0] // STRIDES)
     steps = position[stride:] - position[:-stride]
     _, lengths, directions = np.linalg.svd(steps[:: max(1, stride // 4)], full_matrices=False)
-    if not lengths[0] > 0.0:
-        raise recording.fault("the tool never moves while the force changes; check the position columns")
+    check(recording, "movement", lengths[0])
     across = float(np.hypot(*lengths[1:]) / lengths[0])
-    std_deg = float(np.degrees(across / np.sqrt(_STRIDES)))
-    if across > np.sin(np.radians(_LARGEST_STD_DEG)) * np.sqrt(_STRIDES):
-        raise recording.fault(
-            f"the tool leaves its line by {across:.0%} of its travel while it presses, so the path gives no "
-            "normal; check the position columns, or give slide.enabled if it slides after the press",
-            contact.first,
-        )
+    std_deg = float(np.degrees(across / np.sqrt(STRIDES)))
+    check(recording, "line", across, contact.first)
     # Inward is where the tool moves as the force grows.
     before = max(contact.first // 4, 1)
     travel = (position - position[0]) @ directions[0]
@@ -283,12 +216,7 @@ def find_onset(
     )
     spread = max(spread, abs(high - low) / 2.0)
     n_free = int(np.count_nonzero(travel < found.at))
-    if n_free < _FEWEST:
-        raise recording.fault(
-            f"{n_free} rows in free air before contact; start the log earlier, so that the sensor's "
-            "bias and the onset can be determined",
-            press.start,
-        )
+    check(recording, "onset", n_free, press.start)
     return Onset(
         travel_mm=found.at, std_mm=float(np.hypot(found.std, spread)), spread_mm=spread, baseline_rows=n_free
     )
@@ -301,11 +229,7 @@ def _fit(
     n_ends = max(_FEWEST, force.size // 100)
     low, top = float(np.median(force[:n_ends])), float(np.median(force[-n_ends:]))
     beyond = np.flatnonzero(force - low > share * (top - low))
-    if not top > low or beyond.size == 0:
-        raise recording.fault(
-            f"the normal force goes from {low:.3g} to {top:.3g} N over the press and does not rise; "
-            "check the sign and the axes of the wrench"
-        )
+    check(recording, "rising", top - low if beyond.size else 0.0, low=low, top=top)
     until = float(np.median(travel[beyond[:_FEWEST]]))
     # The approach may come from far away; rows twice as far before the onset as behind it are enough.
     rising = np.flatnonzero(force - low > share / 4.0 * (top - low))

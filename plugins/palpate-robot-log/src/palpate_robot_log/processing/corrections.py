@@ -17,6 +17,8 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from palpate.api import BoolArray, FloatArray, IntArray
+from palpate_robot_log.checks import check
+from palpate_robot_log.measures import LARGEST_LAG_S
 from palpate_robot_log.processing.change_points import speed_change
 from palpate_robot_log.processing.settings import Gravity
 from palpate_robot_log.processing.strokes import Stroke
@@ -33,14 +35,7 @@ from palpate_robot_log.recording import (
 
 SPIKE_NOISE_MULTIPLE = 8.0  # standard deviations of the noise by which a spike exceeds its neighbours
 SPIKE_RANGE_SHARE = 0.02  # of a channel's range, which it exceeds them by where noise is less than a digit
-MOST_SPIKES_SHARE = 0.01  # share of rows with spikes beyond which a log is refused
-LARGEST_LAG_S = 0.5  # a lag beyond this is no delay of a device but a mistake in a clock
 SIGNIFICANT_LAG = 3.0  # standard deviations that an estimated lag must exceed to be taken out
-HEAVIEST_N = 100.0  # heaviest tool behind a hand-held-size force sensor
-FARTHEST_MM = 500.0  # farthest centre of a tool from its sensor
-LARGEST_WEIGHT_SHARE = 0.01  # share of the peak force that a weight may leave in the curves without a warning
-LARGEST_DRIFT_SHARE = 0.1  # share of the peak force that the zero may change by over a log without a warning
-FEWEST_FREE_ROWS = 10  # rows in free air that are needed before, and for a drift after the press
 _NEIGHBOURS = 5
 _LAG_WINDOW_SHARE = 0.25
 _LARGEST_WEIGHT_STD = 0.1
@@ -52,12 +47,8 @@ def without_spikes(recording: Recording) -> tuple[Recording, IntArray]:
     force, force_hit = _repaired(recording.force_N)
     moment, moment_hit = _repaired(recording.moment_Nmm)
     hit = np.flatnonzero(force_hit | moment_hit)
-    if hit.size > MOST_SPIKES_SHARE * recording.n_rows:
-        raise recording.fault(
-            f"{hit.size} of {recording.n_rows} rows have a spike in force or moment; check the "
-            "sensor's cable and range, or give spikes.enabled = false",
-            int(hit[0]),
-        )
+    words = {"hit": hit.size, "n_rows": recording.n_rows}
+    check(recording, "spikes", hit.size / recording.n_rows, *hit[:1], **words)
     return (recording.changed(force_N=force, moment_Nmm=moment) if hit.size else recording), hit
 
 
@@ -119,11 +110,7 @@ def estimate_lag(time_s: FloatArray, moment_Nmm: FloatArray, twists: tuple[Strok
 
 def shifted(recording: Recording, lag_s: float) -> Recording:
     """Recording whose wrench is taken ``lag_s`` later, without the rows that then have none."""
-    if abs(lag_s) > LARGEST_LAG_S:
-        raise recording.fault(
-            f"the wrench comes {lag_s:.3f} s after the pose; correct the clock of one of them, or give "
-            "alignment.lag"
-        )
+    check(recording, "lag", lag_s)
     time = recording.time_s
     kept = np.flatnonzero((time + lag_s >= time[0]) & (time + lag_s <= time[-1]))
     at = time[kept] + lag_s
@@ -161,16 +148,8 @@ def tool_of(recording: Recording, free: IntArray, gravity: Gravity) -> ToolLoad 
     if gravity.weight is None:
         return fit_tool(recording, free, np.array(gravity.direction))
     tool = ToolLoad(weight_N=gravity.weight, centre_mm=np.array(gravity.centre))
-    _check_plausible(recording, tool)
-    # A bias larger than all that the sensor shows could hide any weight.
-    shown = float(np.linalg.norm(recording.force_N[free].mean(axis=0)))
-    span = float(np.ptp(recording.force_N, axis=0).max())
-    if tool.weight_N > 2.0 * (shown + span):
-        raise recording.fault(
-            f"in free air the sensor shows {shown:.3g} N, but gravity gives the tool {tool.weight_N:.4g} N: "
-            "heavier than plausible; check gravity.weight (in N, 9.81 times the mass in kg)",
-            int(free[0]),
-        )
+    check(recording, "tool", tool)
+    check(recording, "weight", tool, free)
     return tool
 
 
@@ -186,12 +165,8 @@ def fit_tool(recording: Recording, free: IntArray, direction: FloatArray) -> Too
     residual = force - weight * lever
     noise = float(residual.std()) * max(correlation_factor(column) for column in residual.T)
     std = noise / np.sqrt(power) if power > 0.0 else float("inf")
-    if not std < max(_LARGEST_WEIGHT_STD * abs(weight), 1e-3):
-        raise recording.fault(
-            f"{free.size} rows in free air give no weight of the tool, since its orientation hardly changes "
-            "there; give gravity.weight and gravity.centre, or log a few orientations in free air",
-            int(free[0]),
-        )
+    share = std / max(_LARGEST_WEIGHT_STD * abs(weight), 1e-3)
+    check(recording, "orientations", share, int(free[0]), n_rows=free.size)
     # m - mean = c × (W lever) has three linear unknowns.
     x, y, z = (weight * lever).T
     zero = np.zeros(x.size)
@@ -203,48 +178,13 @@ def fit_tool(recording: Recording, free: IntArray, direction: FloatArray) -> Too
     # A weight that is off by a share puts the centre off by the same share.
     centre_std = float(np.hypot(own_std, np.linalg.norm(centre) * std / weight))
     tool = ToolLoad(weight_N=weight, centre_mm=centre, weight_std_N=std, centre_std_mm=centre_std)
-    _check_plausible(recording, tool)
+    check(recording, "tool", tool)
     return tool
 
 
 def _down(recording: Recording, direction: FloatArray) -> FloatArray:
     """Unit vectors (n, 3) of gravity in the sensor's frame."""
     return rotated(recording.quaternion, direction / np.linalg.norm(direction), inverse=True)
-
-
-def _check_plausible(recording: Recording, tool: ToolLoad) -> None:
-    """Refuse a tool that no such sensor carries."""
-    if not 0.0 <= tool.weight_N <= HEAVIEST_N:
-        raise recording.fault(
-            f"a tool of {tool.weight_N:.4g} N is not plausible (0 to {HEAVIEST_N:g} N); check the units of "
-            "the force and of gravity.weight, and the direction of gravity"
-        )
-    reach = float(np.linalg.norm(tool.centre_mm))
-    if reach > FARTHEST_MM:
-        raise recording.fault(
-            f"a tool whose centre is {reach:.4g} mm from the sensor is not plausible "
-            f"(up to {FARTHEST_MM:g} mm); check the units of the moment and of gravity.centre"
-        )
-
-
-def weight_left_in(
-    recording: Recording, bias_N: FloatArray, direction: FloatArray, peak_N: float
-) -> str | None:
-    """Warning where what is in the bias may be a weight, and the tool tilts enough for it to matter.
-
-    The bias (3,) is the mean force in free air, the direction (3,) that of gravity in the base frame,
-    and the peak the largest force of the press.
-    """
-    offset = float(np.linalg.norm(bias_N))
-    down = _down(recording, direction)
-    change = float(np.linalg.norm(down - down[0], axis=1).max())
-    if offset * change < LARGEST_WEIGHT_SHARE * peak_N:
-        return None
-    return (
-        f"the force in free air is {offset:.2g} N ({offset / peak_N:.0%} of the peak) and the tool tilts by "
-        f"{np.degrees(2.0 * np.arcsin(min(change / 2.0, 1.0))):.0f} degrees; if it is the tool's weight, up "
-        f"to {offset * change:.2g} N of it stay in the curves: give gravity.method"
-    )
 
 
 # ----------------------------------------------------------------------- drift and bias
@@ -265,13 +205,7 @@ def find_drift(recording: Recording, before: IntArray, after: IntArray) -> Drift
 
     The tool's weight is out, unless the tool is oriented alike in all these rows.
     """
-    if after.size < FEWEST_FREE_ROWS:
-        raise recording.fault(
-            f"the log stops before the tool is clear of the limb ({after.size} rows in free air after the "
-            "press), so the sensor's drift cannot be determined; log until the tool is clear, or give "
-            "drift.enabled = false",
-            recording.n_rows - 1,
-        )
+    check(recording, "drift", after.size, recording.n_rows - 1)
     free = np.concatenate([before, after])
     time = recording.time_s[free] - recording.time_s[free].mean()
     power = float(time @ time)
@@ -288,17 +222,6 @@ def find_drift(recording: Recording, before: IntArray, after: IntArray) -> Drift
         moment_Nmm_per_s=moment,
         force_std_N_per_s=force_std,
         moment_std_Nmm_per_s=moment_std,
-    )
-
-
-def drift_left_in(drift: Drift, seconds: float, peak_N: float) -> str | None:
-    """Warning of a drift so large that its departure from a straight line matters."""
-    change_N = float(np.linalg.norm(drift.force_N_per_s)) * seconds
-    if change_N < LARGEST_DRIFT_SHARE * peak_N:
-        return None
-    return (
-        f"the sensor's zero drifts by {change_N:.2g} N over the log ({change_N / peak_N:.0%} of the peak), "
-        "and a straight line is taken out; let the sensor warm up, and zero it before each press"
     )
 
 

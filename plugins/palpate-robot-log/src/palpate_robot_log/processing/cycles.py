@@ -11,12 +11,12 @@ from typing import Any, Literal
 import numpy as np
 
 from palpate.api import EQUILIBRIUM_CHANNELS, Curve, CurveError
+from palpate_robot_log.checks import check
 from palpate_robot_log.processing.chain import Processed, process, windowed
 from palpate_robot_log.processing.contact import contacts_of
 from palpate_robot_log.processing.settings import ProcessingSettings
 from palpate_robot_log.recording import Recording
 
-LARGEST_SHIFT_MM = 1.0  # along the skin between cycles of one spot
 _FAR_SHARE = 0.9
 _PLACED = frozenset(channel.name for channel in EQUILIBRIUM_CHANNELS)
 """Channels along a place and not along the time."""
@@ -70,17 +70,12 @@ def process_cycles(
     """
     parts = parts_of(windowed(recording, settings))
     n = len(parts)
-    if isinstance(cycle, int) and cycle > n:
-        raise recording.fault(
-            f"cycle = {cycle}, but the log has {n}; choose one that it has, 'last' or 'all'"
-        )
+    if isinstance(cycle, int):
+        check(recording, "cycle", cycle - n, cycle=cycle, n_cycles=n)
     if n == 1:
         return Cycles(processed={1: process(parts[0], settings)}, counted=(1,))
     if settings.onset.time is not None:
-        raise recording.fault(
-            f"onset.time is for one first contact, and the log has {n} cycles; give window.start and "
-            "window.stop of one of them"
-        )
+        check(recording, "one onset", n)
     counted = (cycle,) if isinstance(cycle, int) else (n,) if cycle == "last" else tuple(range(1, n + 1))
     processed, problems = dict[int, Processed](), dict[int, str]()
     for number, part in enumerate(parts, start=1):
@@ -108,12 +103,7 @@ def _check_one_spot(recording: Recording, processed: Mapping[int, Processed], co
     for number, other in processed.items():
         shift = other.motion.origin_mm - here
         along_skin = float(np.linalg.norm(shift - (shift @ normal) * normal))
-        if along_skin > LARGEST_SHIFT_MM:
-            raise recording.fault(
-                f"cycle {number} presses {along_skin:.3g} mm from cycle {counted} (more than "
-                f"{LARGEST_SHIFT_MM:g} mm is refused), so the log has several spots; give window.start and "
-                "window.stop of one of them"
-            )
+        check(recording, "one spot", along_skin, cycle=number, counted=counted)
 
 
 def _described(processed: Mapping[int, Processed]) -> dict[int, dict[str, Any]]:

@@ -5,20 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.api import FloatArray
+from palpate_robot_log.checks import LEAST_SLIDE_MM, LEAST_TWIST_DEG, check, errors_of
 from palpate_robot_log.processing.change_points import TooFewRowsError, Transition, speed_change
 from palpate_robot_log.processing.contact import ContactRows, Onset, ToolMotion
 from palpate_robot_log.processing.strokes import Stroke, strokes_of
 from palpate_robot_log.recording import Recording, rows_between
 
-LEAST_TWIST_DEG = 1.0  # turns smaller than this are no twist
-LEAST_SLIDE_MM = 0.5  # shifts smaller than this are no slide
-LARGEST_CURVE = 0.1  # distance from a line over the length of the slide beyond which the slide is no line
 _LEAST_SHARE = 0.05
 _LEAST_DWELL_S = 0.02
 _WINDOW_SHARE = 0.25
-
-_LAST_ROWS = 20
-_AT_REST_SHARE = 0.002
 
 _AT_SURFACE_MM = 0.1  # a change of speed so near the onset is where the press was meant to begin
 
@@ -57,56 +52,22 @@ def find_strokes(recording: Recording, motion: ToolMotion, contact: ContactRows)
         try:
             return strokes_of(motion.time_s[rows], values, least)
         except TooFewRowsError:
-            raise recording.fault(
-                f"too few rows where the tool starts or stops in contact ({recording.n_rows} in all, "
-                f"{recording.rate_hz:.3g} Hz); log the press at a higher rate, with its rests, and check "
-                "that the force is logged throughout"
-            ) from None
+            words = {"n_rows": recording.n_rows, "rate_hz": recording.rate_hz}
+            raise next(errors_of(recording, "rate", 1, **words)) from None
 
     rows = slice(max(contact.first - (contact.last - contact.first) // 20, 0), None)
     # What the tool does above the limb is of no concern: the travel there counts as none.
     depth = np.maximum(motion.travel_mm[rows], 0.0)
     travels = strokes(rows, depth, _LEAST_SHARE * float(np.ptp(depth)))
-    rising = [stroke for stroke in travels if stroke.to_value > stroke.from_value]
-    if len(rising) != 1 or travels[0] is not rising[0]:
-        spans = ", ".join(f"{s.start.time_s:.2f} to {s.stop.time_s:.2f} s" for s in rising) or "none"
-        raise recording.fault(
-            f"{len(rising)} strokes into the limb in one contact ({spans}) where a press is one; lift "
-            "the tool off between presses, or give window.start and window.stop of one press"
-        )
+    check(recording, "strokes", travels)
     press, retract = travels[0], travels[1] if len(travels) > 1 else None
-    if press.stop.kind == "cut":
-        raise recording.fault(
-            "the log stops half-way: the tool still presses deeper at its end; log the whole press",
-            recording.n_rows - 1,
-        )
     if contact.ends_in_contact:
-        _check_at_rest(recording, motion, contact)
+        check(recording, "rest", contact, motion)
     turn, twists = motion.turn_deg[contact.rows], tuple[Stroke, ...]()
     if (span := float(np.ptp(turn))) >= LEAST_TWIST_DEG:
         twists = strokes(contact.rows, turn, max(_LEAST_SHARE * span, LEAST_TWIST_DEG / 2.0))
-    if twists and twists[0].start.time_s < press.stop.time_s - max(3.0 * press.stop.std_s, _LEAST_DWELL_S):
-        raise recording.fault(
-            f"the twist begins at {twists[0].start.time_s:.3f} s, before the press ends at "
-            f"{press.stop.time_s:.3f} s; press first and twist then"
-        )
+    check(recording, "order", press, twists, _LEAST_DWELL_S)
     return Strokes(press=press, twists=twists, retract=retract)
-
-
-def _check_at_rest(recording: Recording, motion: ToolMotion, contact: ContactRows) -> None:
-    """Refuse a log whose tool still moves in its last rows."""
-    rows = slice(-max(_LAST_ROWS, motion.time_s.size // 200), None)
-    for name, values, unit in (("travels", motion.travel_mm, "mm"), ("twists", motion.turn_deg, "degrees")):
-        time, last = motion.time_s[rows] - motion.time_s[rows].mean(), values[rows]
-        slope = float(time @ last / (time @ time))
-        moved = abs(slope) * float(np.ptp(time))
-        noise = float(np.std(last - last.mean() - slope * time))
-        if moved > max(4.0 * noise, _AT_REST_SHARE * float(np.ptp(values[contact.first :]))):
-            raise recording.fault(
-                f"the log stops half-way: at its end the tool still {name} at {slope:.3g} {unit}/s and "
-                f"presses; log until the tool is clear of the limb",
-                recording.n_rows - 1,
-            )
 
 
 def contact_instants(
@@ -184,34 +145,15 @@ def find_slide(recording: Recording, motion: ToolMotion, strokes: Strokes, norma
     offset = recording.position_mm - recording.position_mm[rows.start]
     offset -= np.outer(offset @ normal, normal)
     inside = offset[rows]
-    sizes = np.linalg.norm(inside, axis=1)
-    if not sizes.max(initial=0.0) >= LEAST_SLIDE_MM:
-        raise recording.fault(
-            f"the tool shifts by {sizes.max(initial=0.0):.2g} mm after the press, and a slide is at least "
-            f"{LEAST_SLIDE_MM:g} mm; log a slide, or leave slide.enabled out",
-            rows.start,
-        )
-    farthest = int(np.argmax(sizes))
-    along = inside[farthest] / sizes[farthest]
-    lateral = float(np.linalg.norm(inside - np.outer(inside @ along, along), axis=1).max())
-    if lateral > LARGEST_CURVE * sizes[farthest]:
-        raise recording.fault(
-            f"the slide leaves its line by {lateral:.2g} mm of {sizes[farthest]:.3g} mm; slide to and fro on "
-            "one line, or give window.start and window.stop",
-            rows.start + farthest,
-        )
+    check(recording, "slide", rows.start, inside)
+    farthest = inside[int(np.argmax(np.linalg.norm(inside, axis=1)))]
+    along = farthest / np.linalg.norm(farthest)
     shift = inside @ along
     try:
         found = strokes_of(time[rows], shift, max(_LEAST_SHARE * float(np.ptp(shift)), LEAST_SLIDE_MM / 2.0))
     except TooFewRowsError:
-        raise recording.fault(
-            "too few rows where the slide starts or stops; log it at a higher rate, with its rests"
-        ) from None
+        raise next(errors_of(recording, "slide rate", 1)) from None
     if found[0].to_value < found[0].from_value:
         along = -along
-    for twist in strokes.twists:
-        if any(s.start.time_s < twist.stop.time_s and twist.start.time_s < s.stop.time_s for s in found):
-            raise recording.fault(
-                f"the tool twists from {twist.start.time_s:.2f} s on while it slides; do one after the other"
-            )
+    check(recording, "slide or twist", strokes.twists, found)
     return Slide(along=along, shift_mm=offset @ along, strokes=found)

@@ -11,16 +11,15 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from palpate.api import CurveError, FloatArray
 from palpate.api.files import BASE_UNITS, Kind, TextFormat, factor_to_base, kind_of
-from palpate_robot_log.reading import checks
+from palpate_robot_log.checks import check
+from palpate_robot_log.measures import off_rotation, off_unit_length
 from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, LogFiles, Orientation, Vector
 from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log
 from palpate_robot_log.reading.raw import RawLog, Series, Stream
 from palpate_robot_log.recording import Recording, rotated
 
-_LEAST_OVERLAP = 0.5
 _STEP_S = 0.01
 _SMOOTHING_STEPS = 5.0
-_LEAST_AGREEMENT = 0.5
 _LONGEST_S = 3600.0
 _YEAR_2001_S = 1e9
 """Seconds since 1970 that no clock that began with the log has counted."""
@@ -100,8 +99,8 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
     for name, kind in kinds.items():
         one = _picked(log, channels, name, kind)
         is_known = any(one.time_s is other.time_s for other in series.values())
-        series[name] = one if is_known else checks.checked_time(one, channels)
-    deviation = checks.check_values(series, channels)
+        series[name] = one if is_known else _with_rising_time(one, channels)
+    deviation = _checked_values(series, channels)
     offset_s = 0.0
     if channels.clocks == "own":
         offset_s = clock_offset_s(series["position"], series["force"])
@@ -167,6 +166,31 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
         "orientation_deviation": deviation,
     }
     return Reading(recording=recording, record=record)
+
+
+def _with_rising_time(series: Series, channels: ChannelMap) -> Series:
+    """Series once its time is checked, without the rows that repeat a time where the map allows them."""
+    check(series, "time", channels)
+    if (steps := np.diff(series.time_s)).min() == 0.0:
+        series = series.part(np.concatenate([[True], steps > 0.0]))
+    check(series, "steps", channels)
+    return series
+
+
+def _checked_values(series: Mapping[str, Series], channels: ChannelMap) -> float:
+    """Distance of the orientations from turns, once all numbers may be those of a press."""
+    for name in ("force", "moment"):
+        check(series[name], "sensor", channels)
+    for name in ("position", "force"):
+        check(series[name], name, channels)
+    check(series["moment"], "moment", channels, series["force"])
+    if "orientation" not in series:
+        return 0.0
+    form = channels.orientation.form
+    stage = form if form in ("quaternion", "rotation_matrix") else "angles"
+    check(series["orientation"], stage, channels)
+    measure = {"quaternion": off_unit_length, "rotation_matrix": off_rotation}.get(form)
+    return next(measure(series["orientation"], channels)).value if measure else 0.0
 
 
 def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> Series:
@@ -280,12 +304,8 @@ def _overlap(kept: Series, others: Sequence[Series]) -> slice:
     end = min(float(other.time_s[-1]) for other in others)
     first = int(np.searchsorted(kept.time_s, begin, side="left"))
     last = int(np.searchsorted(kept.time_s, end, side="right"))
-    if last - first < _LEAST_OVERLAP * kept.time_s.size:
-        spans = "; ".join(f"{s.what} {s.time_s[0]:.3f} to {s.time_s[-1]:.3f} s" for s in (kept, *others))
-        raise kept.fault(
-            f"pose and wrench hardly overlap in time ({spans}): their clocks differ, or one stopped; choose "
-            "another column of time (received in a bag), or record again"
-        )
+    spans = "; ".join(f"{s.what} {s.time_s[0]:.3f} to {s.time_s[-1]:.3f} s" for s in (kept, *others))
+    check(kept, "overlap", (last - first) / kept.time_s.size, spans=spans)
     return slice(first, last)
 
 
@@ -347,11 +367,7 @@ def clock_offset_s(position: Series, force: Series) -> float:
     push = _rates(force, np.linalg.norm(force.values - np.median(force.values[:5], axis=0), axis=1))
     agreement = correlate(push, speed, method="fft") / (np.linalg.norm(push) * np.linalg.norm(speed))
     best = int(np.argmax(agreement))
-    if not agreement[best] >= _LEAST_AGREEMENT:
-        raise force.fault(
-            f"at no shift of the clocks the push follows the press (agreement {agreement[best]:.2f}); "
-            "check that both files are of one press"
-        )
+    check(force, "clocks", float(agreement[best]))
     left, middle, right = agreement[[max(best - 1, 0), best, min(best + 1, agreement.size - 1)]]
     bend = left - 2.0 * middle + right
     fraction = 0.5 * (left - right) / bend if bend < 0.0 else 0.0

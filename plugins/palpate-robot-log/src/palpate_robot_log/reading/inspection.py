@@ -19,14 +19,14 @@ from scipy.spatial.transform import Rotation
 from palpate.api import CurveError, FloatArray
 from palpate.api.files import InspectedTable, Inspection, factor_to_base, kind_of
 from palpate_indentation.api import units_of
+from palpate_robot_log.checks import LARGEST_TURN_AXIS_ANGLE_DEG
+from palpate_robot_log.measures import longest_step_s
 from palpate_robot_log.processing.chain import Processed
 from palpate_robot_log.processing.contact import contacts_of
 from palpate_robot_log.processing.cycles import process_cycles
-from palpate_robot_log.processing.press import LARGEST_TURN_AXIS_ANGLE_DEG
 from palpate_robot_log.processing.settings import ProcessingSettings, Switch
 from palpate_robot_log.reading.assembly import assemble, read_both, share_clock
 from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles
-from palpate_robot_log.reading.checks import longest_step_s
 from palpate_robot_log.reading.formats import Request, read_log
 from palpate_robot_log.reading.processed_curves import Proposed, curves_of
 from palpate_robot_log.reading.proposal import (

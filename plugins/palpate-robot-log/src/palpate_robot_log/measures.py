@@ -1,0 +1,582 @@
+"""Measures of the table of checks: what each finds in a log or its press, and the words of its message.
+
+A measure is called with the series or recording that a message is about, and with what it is compared to.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from palpate.api import BoolArray, FloatArray, IntArray
+from palpate_robot_log.recording import Recording, angle_between_deg, noise_std, rotated, rows_between
+
+if TYPE_CHECKING:
+    from palpate.api.mesh import SpotWrench
+    from palpate_robot_log.processing.chain import Processed
+    from palpate_robot_log.processing.contact import ContactRows, Normal, ToolMotion
+    from palpate_robot_log.processing.corrections import ToolLoad
+    from palpate_robot_log.processing.press import Located
+    from palpate_robot_log.processing.strokes import Stroke
+    from palpate_robot_log.reading.channel_map import ChannelMap
+    from palpate_robot_log.reading.raw import Series
+
+TWO_PI = 2.0 * np.pi
+LARGEST_DEVIATION = 0.01  # of an orientation's numbers from those of a turn
+LARGEST_JUMP_SHARE = 0.3  # share of the largest change of force by which no contact jumps
+LARGEST_FRICTION_ANGLE_DEG = 50.0  # of the contact force to the normal; 45 where a tool sticks at friction 1
+LEAST_CORRELATION = 0.3  # of torque and rotation over a twist
+LEAST_TORQUE_NMM = 1.0  # torque that may come and go without a twist
+LEAST_TILT_DEG = 2.0  # tilt of the tool that any robot may have
+LARGEST_LAG_S = 0.5  # a lag beyond this is no delay of a device but a mistake in a clock
+STRIDES = 50  # parts of the path that give the normal
+LARGEST_ACROSS = float(np.sin(np.radians(5.0)) * np.sqrt(STRIDES))  # where the normal's error is 5 degrees
+_USUAL_STEPS = 10.0
+_SHORTEST_GAP_S = 0.02
+_LONGEST_GAP_ROWS = 25.0
+_LONGEST_GAP_S = 0.05
+_PLATEAU_ROWS = 8
+_PLATEAU_OVER_USUAL = 4
+_PLATEAU_SHARE = 0.3
+_WINDOW = 5
+_STILL_MM = 0.03
+_SAME_SHARE = 0.3
+_BACK_SHARE = 0.05
+_LAST_ROWS = 20
+_AT_REST_SHARE = 0.002
+_REST_PARTS = 30
+_OTHER = {"tool": "tissue", "tissue": "tool", "sensor": "base", "base": "sensor"}
+_LESS_LIKELY_DEG = 3.0  # by which another frame has to explain the push better than the other body
+_CLEARLY_ALONG_DEG = 20.0
+
+
+class Found(NamedTuple):
+    """Value of a measure, the row and the column where it is, and words of the message."""
+
+    value: float
+    row: int | None
+    column: int | None
+    words: Mapping[str, object]
+
+
+def found(value: float, row: int | None = None, column: int | None = None, **words: object) -> Found:
+    """Value with its place and its words."""
+    return Found(value, row, column, words)
+
+
+def given(
+    _: object, value: float, row: int | None = None, column: int | None = None, **words: object
+) -> Iterator[Found]:
+    """Value that the caller has measured."""
+    yield Found(value, row, column, words)
+
+
+# --------------------------------------------------------------------------------------- time
+
+
+def n_rows(series: "Series", _: "ChannelMap") -> Iterator[Found]:
+    """Count of rows with values."""
+    yield found(series.time_s.size)
+
+
+def steps_back(series: "Series", _: "ChannelMap") -> Iterator[Found]:
+    """Count of rows whose time is before that of the row before."""
+    is_back = np.diff(series.time_s) < 0.0
+    for row in np.flatnonzero(is_back)[:1] + 1:
+        yield found(int(is_back.sum()), int(row), to=series.time_s[row], before=series.time_s[row - 1])
+
+
+def repeated_times(series: "Series", channels: "ChannelMap") -> Iterator[Found]:
+    """Count of rows with the time of the row before, where they are not to be left out."""
+    is_same = np.diff(series.time_s) == 0.0
+    for row in np.flatnonzero(is_same)[:1] + 1 if channels.repeated_time == "refuse" else ():
+        yield found(int(is_same.sum()), int(row))
+
+
+def usual_step(series: "Series", _: "ChannelMap") -> Iterator[Found]:
+    """Median time from row to row [s]."""
+    yield found(float(np.median(np.diff(series.time_s))), unit=series.units[0])
+
+
+def longest_step_s(usual_s: float) -> float:
+    """Step [s] beyond which rows are missing, by the usual step [s]."""
+    return max(_USUAL_STEPS * usual_s, _SHORTEST_GAP_S)
+
+
+def long_steps(series: "Series", channels: "ChannelMap") -> Iterator[Found]:
+    """Count of steps in which rows are missing."""
+    steps = np.diff(series.time_s)
+    usual = float(np.median(steps))
+    longest = channels.max_gap or longest_step_s(usual)
+    gaps = np.flatnonzero(steps > longest)
+    for row in map(int, gaps[:1]):
+        to = series.at(row + 1)
+        yield found(gaps.size, row, seconds=steps[row], to=to, usual=usual, longest=longest)
+
+
+# ------------------------------------------------------------------------ sensor: stuck, saturated
+
+
+def _columns(series: "Series") -> list[int]:
+    """Axes that the sensor has."""
+    return [index for index, name in enumerate(series.names) if name != "0"]
+
+
+def _same(series: "Series") -> BoolArray:
+    same: BoolArray = series.values[1:] == series.values[:-1]
+    return same
+
+
+def _runs(same: BoolArray) -> tuple[IntArray, IntArray]:
+    """First row and number of rows of each run of equal rows."""
+    starts = np.concatenate([[0], np.flatnonzero(~same) + 1])
+    return starts, np.diff(np.concatenate([starts, [same.size + 1]]))
+
+
+def _longest_run(series: "Series", same: BoolArray) -> tuple[int, int, float]:
+    """First and last row of the longest run of equal rows, and its length [s]."""
+    starts, lengths = _runs(same)
+    longest = int(np.argmax(lengths))
+    first, last = int(starts[longest]), int(starts[longest] + lengths[longest] - 1)
+    return first, last, float(series.time_s[last] - series.time_s[first])
+
+
+def changing_rows(series: "Series", _: "ChannelMap") -> Iterator[Found]:
+    """Count of rows in which each axis differs from the row before."""
+    for column in _columns(series):
+        values = series.values[:, column]
+        yield found(int(np.count_nonzero(np.diff(values))), 0, column, number=values[0])
+
+
+def stuck_s(series: "Series", _: "ChannelMap") -> Iterator[Found]:
+    """Longest time [s] for which all axes repeat themselves."""
+    same = np.logical_and.reduce(_same(series)[:, _columns(series)], axis=1)
+    first, last, seconds = _longest_run(series, same)
+    # A wrench that is updated less often than rows are written repeats in every run.
+    if last - first + 1 > 5 * np.median(_runs(same)[1]):
+        yield found(seconds, first, until=series.at(last))
+
+
+def axis_stuck_s(series: "Series", channels: "ChannelMap") -> Iterator[Found]:
+    """Longest time [s] for which one axis repeats itself and shows noise at other times."""
+    step_s = float(np.median(np.diff(series.time_s)))
+    for column, same in ((column, _same(series)[:, column]) for column in _columns(series)):
+        if np.count_nonzero(same) * step_s < channels.stuck:
+            continue
+        first, last, seconds = _longest_run(series, same)
+        values = series.values[:, column]
+        # A value of few digits repeats by chance.
+        is_long = last - first + 1 >= _PLATEAU_ROWS
+        if is_long and _is_noisy(np.concatenate([values[:first], values[last + 1 :]])):
+            yield found(seconds, first, column, number=values[first], until=series.at(last))
+
+
+def _is_noisy(values: FloatArray) -> bool:
+    """Whether most rows differ from their neighbours, and by chance: of a smooth signal bends are small."""
+    steps = np.diff(values)
+    bends = np.diff(steps)
+    return bends.size > 0 and bool(np.median(np.abs(bends)) >= np.median(np.abs(steps)) > 0.0)
+
+
+def plateau_rows(series: "Series", _: "ChannelMap") -> Iterator[Found]:
+    """Count of rows on end at which an axis is cut, at the largest or the least of its values."""
+    for column in _columns(series):
+        values = series.values[:, column]
+        ends = float(values.max()), float(values.min())
+        for extreme in ends:
+            is_near_rest = abs(extreme) < _PLATEAU_SHARE * max(map(abs, ends))
+            if is_near_rest or np.count_nonzero(values == extreme) < _PLATEAU_ROWS:
+                continue
+            starts, lengths = _runs(_same(series)[:, column])
+            at_extreme = values[starts] == extreme
+            longest = int(np.argmax(np.where(at_extreme, lengths, 0)))
+            first, size = int(starts[longest]), int(lengths[longest])
+            # A coarse sensor repeats itself at every value; one that is cut repeats itself at the end only.
+            if size >= max(_PLATEAU_ROWS, _PLATEAU_OVER_USUAL * int(lengths[~at_extreme].max(initial=1))):
+                yield found(size, first, column, number=extreme, until=series.at(first + size - 1))
+
+
+def rows_beyond_range(series: "Series", channels: "ChannelMap") -> Iterator[Found]:
+    """Count of rows that reach the range of the sensor, where the map gives it."""
+    known = {"force": (channels.force_limit, "N"), "moment": (channels.moment_limit, "N·mm")}
+    limit, unit = known[series.what]
+    beyond = np.abs(series.values) >= (np.inf if limit is None else limit)
+    for row, column in np.argwhere(beyond)[:1].tolist():
+        number = series.values[row, column]
+        words: dict[str, Any] = {"name": series.what, "unit": unit, "limit": limit}
+        yield found(int(beyond.any(axis=1).sum()), row, column, number=number, **words)
+
+
+# ------------------------------------------------------------------ units by magnitude, orientations
+
+
+def span(series: "Series", channels: "ChannelMap") -> Iterator[Found]:
+    """Largest range of the axes of a position or a force."""
+    limits = channels.plausible.travel if series.what == "position" else channels.plausible.force
+    value = float(np.ptp(series.values, axis=0).max())
+    yield found(value, hint=_hint(value, limits), unit=series.units[1])
+
+
+def lever_mm(series: "Series", channels: "ChannelMap", force: "Series") -> Iterator[Found]:
+    """Range of the moment over the range of the force, where there is a moment."""
+    force_range, moment_range = (float(np.ptp(each.values, axis=0).max()) for each in (force, series))
+    lever = moment_range / max(force_range, 1e-300)
+    hint, unit = _hint(lever, channels.plausible.lever), series.units[1]
+    if moment_range > 0.0:
+        yield found(lever, moment=moment_range, force=force_range, hint=hint, unit=unit)
+
+
+def _hint(value: float, limits: tuple[float, float]) -> str:
+    """Unit a thousand times off that would be plausible."""
+    factors = {"larger": 1e3, "smaller": 1e-3}
+    fitting = [word for word, factor in factors.items() if limits[0] <= value * factor <= limits[1]]
+    return f" (a unit 1000 times {fitting[0]} would do)" if fitting else ""
+
+
+def reach_mm(series: "Series", _: "ChannelMap") -> Iterator[Found]:
+    """Largest distance of a coordinate of the tip from the base."""
+    reach = np.abs(series.values).max(axis=1)
+    yield found(float(reach.max()), int(reach.argmax()), unit=series.units[1])
+
+
+def jump_after_stop_mm(series: "Series", channels: "ChannelMap") -> Iterator[Found]:
+    """Jump of a pose that did not change to the last digit: its stream was interrupted."""
+    starts, lengths = _runs(np.logical_and.reduce(_same(series), axis=1))
+    ends = starts + lengths - 1
+    held_s = series.time_s[ends] - series.time_s[starts]
+    for index in np.flatnonzero((held_s > channels.stuck) & (lengths > 5 * np.median(lengths))):
+        after = int(ends[index]) + 1
+        if after < series.time_s.size:
+            jump = float(np.linalg.norm(series.values[after] - series.values[after - 1]))
+            yield found(jump, int(starts[index]), seconds=held_s[index], to=series.at(after))
+
+
+def off_unit_length(series: "Series", _: "ChannelMap") -> Iterator[Found]:
+    """Deviation of a quaternion's length from 1."""
+    lengths = np.sqrt(np.einsum("ij,ij->i", series.values, series.values))
+    off = np.abs(lengths - 1.0)
+    bad = np.flatnonzero(off > LARGEST_DEVIATION)
+    for row in [*map(int, bad[:1])] or [int(off.argmax())]:
+        yield found(float(off.max()), row, length=lengths[row], n_rows=bad.size)
+
+
+def off_rotation(series: "Series", _: "ChannelMap") -> Iterator[Found]:
+    """Deviation of nine numbers from a rotation."""
+    matrices = series.values.reshape(-1, 3, 3)
+    off = np.abs(np.einsum("nij,nkj->nik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))
+    yield found(float(off.max()), int(off.argmax()))
+
+
+def determinant(series: "Series", _: "ChannelMap") -> Iterator[Found]:
+    """Least determinant of rotation matrices."""
+    determinants = np.linalg.det(series.values.reshape(-1, 3, 3))
+    yield found(float(determinants.min()), int(determinants.argmin()))
+
+
+def largest_angle_rad(series: "Series", _: "ChannelMap") -> Iterator[Found]:
+    """Largest angle."""
+    yield found(float(np.abs(series.values).max()))
+
+
+def angles_like_radians(series: "Series", channels: "ChannelMap") -> Iterator[Found]:
+    """1 where all of some degrees are as small as radians."""
+    largest = float(np.degrees(np.abs(series.values).max()))
+    are_degrees = series.units[1] in ("deg", "°", "degree", "degrees")
+    is_small = are_degrees and 0.0 < largest <= TWO_PI and not channels.plausible.small_angles
+    yield found(int(is_small), largest=largest)
+
+
+# -------------------------------------------------------------------------------- contact and path
+
+
+def is_back(track: Recording) -> bool:
+    """Whether the tool ends where it began, so that the sensor shows the same if its zero is the same."""
+    position = track.position_mm
+    n_ends = max(track.n_rows // 50, 3)
+    begin, end = position[:n_ends].mean(axis=0), position[-n_ends:].mean(axis=0)
+    farthest = float(np.linalg.norm(position - begin, axis=1).max())
+    return float(np.linalg.norm(end - begin)) <= _BACK_SHARE * farthest
+
+
+def jump_at_rest(track: Recording, force_N: FloatArray, least_N: float) -> Iterator[Found]:
+    """Jump of the force (n, 3) in the base frame while the tip rests, as a share of the largest change.
+
+    Jumps below ``least_N`` are noise.
+    """
+    n_rows = track.n_rows
+    if n_rows < 4 * _WINDOW:
+        return
+    level = median_filter(force_N, size=(_WINDOW, 1), mode="nearest")
+    half, before = _WINDOW // 2, np.arange(_WINDOW - 1, n_rows - _WINDOW)
+    jumps = np.linalg.norm(level[before + half + 1] - level[before - half], axis=1)
+    moved_mm = track.position_mm[before + _WINDOW] - track.position_mm[before - _WINDOW + 1]
+    # A jump to another level, within one step.
+    jumps = np.minimum(jumps, np.linalg.norm(force_N[before + 1] - force_N[before], axis=1))
+    at = int(np.argmax(jumps * (np.linalg.norm(moved_mm, axis=1) < _STILL_MM)))
+    row, jump_N = int(before[at]), float(jumps[at])
+    n_ends = max(n_rows // 50, _WINDOW)
+    begin, end = (np.median(part, axis=0) for part in (force_N[:n_ends], force_N[-n_ends:]))
+    off, off_N = "", float(np.linalg.norm(end - begin))
+    if is_back(track):
+        off = f", and is {off_N:.3g} N off when the tool is back at its height"
+    is_same = not off or abs(off_N - jump_N) <= _SAME_SHARE * jump_N
+    if is_same and jump_N >= least_N:
+        largest = float(np.linalg.norm(force_N - begin, axis=1).max())
+        yield found(jump_N / max(largest, 1e-300), row + 1, jump_N=jump_N, off=off)
+
+
+def over_noise(_: Recording, peak: float, noise: float) -> Iterator[Found]:
+    """Largest change of force over its noise."""
+    yield found(peak / max(noise, 1e-300), peak=peak, noise=noise)
+
+
+def n_contacts(recording: Recording, contacts: "Sequence[ContactRows]") -> Iterator[Found]:
+    """Count of contacts."""
+    time = recording.time_s
+    spans = ", ".join(f"{time[one.first]:.2f} to {time[one.last]:.2f} s" for one in contacts)
+    yield found(len(contacts), spans=spans)
+
+
+def longest_step(recording: Recording, contact: "ContactRows") -> Iterator[Found]:
+    """Longest time from row to row while the tool presses, over the longest that is allowed."""
+    steps = np.diff(recording.time_s[contact.rows])
+    allowed = max(_LONGEST_GAP_ROWS * float(np.median(np.diff(recording.time_s))), _LONGEST_GAP_S)
+    for worst in [int(np.argmax(steps))] if steps.size else []:
+        words = {"seconds": steps[worst], "usual": 1.0 / recording.rate_hz}
+        yield found(float(steps[worst]) / allowed, contact.first + worst, **words)
+
+
+def angle_to_path_deg(
+    _: Recording, contact: "ContactRows", normal: "Normal", path: "Normal"
+) -> Iterator[Found]:
+    """Angle between a given normal, or the tool's axis, and the direction of the press."""
+    yield found(angle_between_deg(normal.vector, path.vector), contact.first)
+
+
+def depth_mm(_: Recording, contact: "ContactRows", motion: "ToolMotion") -> Iterator[Found]:
+    """Travel of the tool while it presses."""
+    yield found(float(np.ptp(motion.travel_mm[contact.rows])), contact.first)
+
+
+def _push(force: FloatArray, contact: "ContactRows") -> FloatArray:
+    """Median force (3,) while the tool presses hardest, above the one before."""
+    pressed = force[contact.rows] - force[: max(contact.first // 2, 1)].mean(axis=0)
+    size = np.linalg.norm(pressed, axis=1)
+    push: FloatArray = np.median(pressed[size > 0.8 * np.median(size)], axis=0)
+    return push
+
+
+def other_side_deg(recording: Recording, contact: "ContactRows", normal: "Normal") -> Iterator[Found]:
+    """Angle of the contact force to the normal where another side or frame of the wrench explains it."""
+    force = rotated(recording.quaternion, recording.force_N)
+    angle = angle_between_deg(_push(force, contact), normal.vector)
+    is_in_sensor = recording.wrench_frame == "sensor"
+    in_other_frame = recording.force_N if is_in_sensor else rotated(recording.quaternion, force)
+    otherwise = angle_between_deg(_push(in_other_frame, contact), normal.vector)
+    side = f'acts_on = "{_OTHER[recording.acts_on]}"'
+    frame = f'wrench_frame = "{_OTHER[recording.wrench_frame]}"'
+    off, cause, setting = min(
+        (180.0 - angle, "it is the force on the other body", side),
+        (otherwise + _LESS_LIKELY_DEG, "it is written in the other frame", frame),
+        (
+            180.0 - otherwise + 2.0 * _LESS_LIKELY_DEG,
+            "it is of the other body, in the other frame",
+            f"{side} and {frame}",
+        ),
+    )
+    if angle > 180.0 - LARGEST_FRICTION_ANGLE_DEG or off <= _CLEARLY_ALONG_DEG:
+        what = "pulls the tool into the limb" if angle > 90.0 else "is off the line of the press"
+        yield found(angle, contact.first, what=what, cause=cause, setting=setting)
+
+
+def off_normal_deg(recording: Recording, contact: "ContactRows", normal: "Normal") -> Iterator[Found]:
+    """Angle of the contact force to the normal."""
+    push = _push(rotated(recording.quaternion, recording.force_N), contact)
+    middle = (contact.first + contact.last) // 2
+    axes = []
+    for vector in (push, normal.vector):
+        inside = rotated(recording.quaternion[middle : middle + 1], vector, inverse=True)[0]
+        nearest = int(np.argmax(np.abs(inside)))
+        axes.append(f"{'+' if inside[nearest] > 0.0 else '-'}{'xyz'[nearest]}")
+    yield found(angle_between_deg(push, normal.vector), contact.first, axes=axes)
+
+
+# ------------------------------------------------------------------------------- strokes and phases
+
+
+def n_into_limb(_: Recording, travels: "Sequence[Stroke]") -> Iterator[Found]:
+    """Count of strokes into the limb; none where the first stroke is none of them."""
+    rising = [stroke for stroke in travels if stroke.to_value > stroke.from_value]
+    spans = ", ".join(f"{s.start.time_s:.2f} to {s.stop.time_s:.2f} s" for s in rising) or "none"
+    yield found(len(rising) if rising[:1] == [*travels[:1]] else 0, n=len(rising), spans=spans)
+
+
+def is_cut(recording: Recording, travels: "Sequence[Stroke]") -> Iterator[Found]:
+    """1 where the log ends amid the press."""
+    yield found(int(travels[0].stop.kind == "cut"), recording.n_rows - 1)
+
+
+def moved_at_end(recording: Recording, contact: "ContactRows", motion: "ToolMotion") -> Iterator[Found]:
+    """Movement of the tool in the last rows over one that noise explains."""
+    rows = slice(-max(_LAST_ROWS, motion.time_s.size // 200), None)
+    for moves, values, unit in (("travels", motion.travel_mm, "mm"), ("twists", motion.turn_deg, "degrees")):
+        time, last = motion.time_s[rows] - motion.time_s[rows].mean(), values[rows]
+        slope = float(time @ last / (time @ time))
+        moved = abs(slope) * float(np.ptp(time))
+        noise = float(np.std(last - last.mean() - slope * time))
+        allowed = max(4.0 * noise, _AT_REST_SHARE * float(np.ptp(values[contact.first :])), 1e-300)
+        yield found(moved / allowed, recording.n_rows - 1, moves=moves, slope=slope, unit=unit)
+
+
+def early_s(_: Recording, press: "Stroke", twists: "Sequence[Stroke]", dwell_s: float) -> Iterator[Found]:
+    """Time [s] by which the twist begins clearly before the press ends."""
+    for twist in twists[:1]:
+        begin_s, end_s = twist.start.time_s, press.stop.time_s
+        margin_s = max(3.0 * press.stop.std_s, dwell_s)
+        yield found(end_s - margin_s - begin_s, begin_s=begin_s, end_s=end_s)
+
+
+def turn_axis_deg(_: Recording, motion: "ToolMotion", twists: "Sequence[Stroke]") -> Iterator[Found]:
+    """Angle of the axis of a twist to the normal, where the tool tilts more than any robot may."""
+    if not twists:
+        return
+    rows = rows_between(motion.time_s, twists[0].start.time_s, twists[-1].stop.time_s)
+    turned = np.abs(np.sin(np.radians(motion.turn_deg[rows]) / 2.0))
+    tilt = np.radians(motion.tilt_deg[rows])
+    far = turned > 0.5 * turned.max()
+    angle = float(np.degrees(np.median(np.arctan2(np.tan(tilt[far] / 2.0), turned[far]))))
+    if np.degrees(tilt.max()) > LEAST_TILT_DEG:
+        yield found(angle, rows.start)
+
+
+def largest_shift_mm(_: Recording, first: int, inside: FloatArray) -> Iterator[Found]:
+    """Largest tangential shift (n, 3) from a first row on."""
+    yield found(float(np.linalg.norm(inside, axis=1).max(initial=0.0)), first)
+
+
+def off_line(_: Recording, first: int, inside: FloatArray) -> Iterator[Found]:
+    """Distance of a slide (n, 3) from its line over its length."""
+    sizes = np.linalg.norm(inside, axis=1)
+    farthest = int(np.argmax(sizes))
+    along, length = inside[farthest] / sizes[farthest], float(sizes[farthest])
+    lateral = float(np.linalg.norm(inside - np.outer(inside @ along, along), axis=1).max())
+    yield found(lateral / length, first + farthest, lateral=lateral, length=length)
+
+
+def n_both(_: Recording, twists: "Sequence[Stroke]", slides: "Sequence[Stroke]") -> Iterator[Found]:
+    """Count of slides during each twist."""
+    for twist in twists:
+        begin_s, end_s = twist.start.time_s, twist.stop.time_s
+        n_slides = sum(one.start.time_s < end_s and begin_s < one.stop.time_s for one in slides)
+        yield found(n_slides, begin_s=begin_s)
+
+
+# --------------------------------------------------------------------------- weight, drift and torque
+
+
+def weight(_: Recording, tool: "ToolLoad") -> Iterator[Found]:
+    """Weight of the tool."""
+    yield found(tool.weight_N)
+
+
+def centre_distance_mm(_: Recording, tool: "ToolLoad") -> Iterator[Found]:
+    """Distance of the tool's centre from the sensor."""
+    yield found(float(np.linalg.norm(tool.centre_mm)))
+
+
+def weight_over_shown(recording: Recording, tool: "ToolLoad", free: IntArray) -> Iterator[Found]:
+    """Weight over all that the sensor shows: a larger bias could hide any weight."""
+    shown = float(np.linalg.norm(recording.force_N[free].mean(axis=0)))
+    span = float(np.ptp(recording.force_N, axis=0).max())
+    weight = tool.weight_N
+    yield found(weight / max(shown + span, 1e-300), int(free[0]), shown=shown, weight=weight)
+
+
+def correlation(first: FloatArray, second: FloatArray) -> float:
+    """Correlation of two signals; 0 where one of them is constant."""
+    spread = float(first.std() * second.std())
+    return float(np.mean((first - first.mean()) * (second - second.mean()))) / spread if spread > 0.0 else 0.0
+
+
+def _twists(located: "Located", wrench: "SpotWrench") -> Iterator[tuple[slice, FloatArray, float]]:
+    """Rows from the first twist to the last, their turn, and its correlation with the torque."""
+    if twists := located.strokes.twists:
+        rows = rows_between(located.motion.time_s, twists[0].start.time_s, twists[-1].stop.time_s)
+        turn = located.motion.turn_deg[rows]
+        yield rows, turn, correlation(turn, wrench.twisting[rows])
+
+
+def torque_at_rest(_: Recording, located: "Located", wrench: "SpotWrench", weighed: bool) -> Iterator[Found]:
+    """Torque that comes and goes while the logged pose rests, over one that may."""
+    motion, strokes = located.motion, located.strokes
+    end = min([strokes.retract_s(motion.time_s), *(slide.start.time_s for slide in strokes.slides)])
+    rows = rows_between(motion.time_s, strokes.press.stop.time_s, end)
+    torque = wrench.twisting[rows]
+    if strokes.twists or torque.size < _REST_PARTS:
+        return
+    means = np.array([part.mean() for part in np.array_split(torque, _REST_PARTS)])
+    noise = noise_std(torque) / np.sqrt(torque.size / _REST_PARTS)
+    # What relaxes goes one way; only what goes both ways needs a motion.
+    there_and_back = float(np.abs(np.diff(means)).sum() - abs(means[-1] - means[0])) / 2.0
+    yield found(
+        there_and_back / max(LEAST_TORQUE_NMM, _REST_PARTS * 3.0 * noise), rows.start, torque=there_and_back
+    )
+
+
+def likeness(_: Recording, located: "Located", wrench: "SpotWrench", *__: bool) -> Iterator[Found]:
+    """Correlation of torque and rotation over a twist."""
+    for rows, _turn, alike in _twists(located, wrench):
+        yield found(alike, rows.start)
+
+
+def silent_moment(log: Recording, located: "Located", wrench: "SpotWrench", *__: bool) -> Iterator[Found]:
+    """1 where no axis of the moment answers a twist."""
+    for rows, _turn, alike in _twists(located, wrench):
+        largest = float(np.std(log.moment_Nmm[rows], axis=0).max())
+        is_silent = largest < LEAST_TORQUE_NMM and alike < LEAST_CORRELATION
+        yield found(int(is_silent), rows.start, largest=largest)
+
+
+def other_moments(_: Recording, located: "Located", wrench: "SpotWrench", weighed: bool) -> Iterator[Found]:
+    """Answer of tangential moments to a twist over the largest that the torque about the normal allows.
+
+    Once the tool's weight is out (``weighed``) they follow the rotation less.
+    """
+    for rows, turn, alike in _twists(located, wrench):
+        moments = wrench.moment_Nmm[rows].T
+        *across, torque = (abs(correlation(turn, column)) * float(column.std()) for column in moments)
+        others = float(np.linalg.norm(across))
+        allowed = (1.5 if weighed else 4.0) * torque if alike >= LEAST_CORRELATION else 0.0
+        value = others / allowed if allowed > 0.0 else np.inf
+        yield found(value, rows.start, torque=torque, likeness=alike, others=others)
+
+
+def lacking_torque(_: Recording, press: "Processed") -> Iterator[Found]:
+    """1 where the tool twists, and the log has no moment that answers it."""
+    yield found(int(press.lacks_torque))
+
+
+def _peak(press: "Processed") -> float:
+    return float(np.abs(press.curves["force"].ordinate).max())
+
+
+def drift_share(recording: Recording, press: "Processed") -> Iterator[Found]:
+    """Drift over the log as a share of the peak force: its departure from a straight line matters."""
+    if press.drift is not None:
+        change_N = float(np.linalg.norm(press.drift.force_N_per_s)) * float(np.ptp(recording.time_s))
+        yield found(change_N / _peak(press), change_N=change_N)
+
+
+def weight_share(recording: Recording, press: "Processed") -> Iterator[Found]:
+    """Force that may be a weight times the tool's tilt, as a share of the peak force."""
+    gravity, peak_N = press.settings.gravity, _peak(press)
+    if gravity.method != "off" or press.bias is None:
+        return
+    down = np.array(gravity.direction) / np.linalg.norm(gravity.direction)
+    down = rotated(recording.quaternion, down, inverse=True)
+    change = float(np.linalg.norm(down - down[0], axis=1).max())
+    offset_N = float(np.linalg.norm(press.bias.force_N))
+    tilt_deg = np.degrees(2.0 * np.arcsin(min(change / 2.0, 1.0)))
+    words = {"offset_share": offset_N / peak_N, "left_N": offset_N * change, "tilt_deg": tilt_deg}
+    yield found(offset_N * change / peak_N, offset_N=offset_N, **words)
