@@ -117,13 +117,15 @@ def test_intervals_hold_the_moduli_at_once_and_later(run):
         assert row["unit"] == "MPa"
 
 
-def test_the_terminal_says_what_is_left_and_what_a_record_does_not_tell(run):
+def test_the_terminal_says_what_is_left_and_what_a_record_does_not_tell(run, monkeypatch):
     left, shear, loss = run.stages["relaxation"].summarise(run).lines
     assert "of the moduli at once are left after 41 s" in left
     assert shear.startswith("Shear modulus ")
     assert "at once (" in shear
     assert "after 41 s (" in shear
     assert loss.endswith("at 1 rad/s, the rate of a press in 1 s.")
+    found = run.fitted()
+    monkeypatch.setattr(type(run), "fitted", lambda self: found)
     longer = replace(run.study, parametrisation=Relaxing(RelaxingSettings(relaxation_times=("1 s", "100 s"))))
     _, untold, *_ = run.stages["relaxation"].summarise(replace(run, study=longer)).lines
     assert untold == "A record of 41 s does not tell 100 s."
@@ -152,11 +154,13 @@ def test_shares_of_a_regions_stress_are_shown_as_those_of_all_moduli(run, relaxi
     stage = RelaxationOverTime()
     assert stage.is_in_run(in_solver)
     expected = stage.run(run, SILENT)
+    reported = run.fitted()
     named = {
         "draws": run.table("draws").rename(own),
         "intervals": run.table("intervals").with_columns(pl.col("parameter").replace(own)),
     }
     monkeypatch.setattr(type(run), "table", lambda self, name, stage="": named[name])
+    monkeypatch.setattr(type(run), "fitted", lambda self: reported)
     found = stage.run(replace(run, study=in_solver, fresh=run.inputs), SILENT)
     assert found["relaxation"]["region"].unique().to_list() == ["tissue"]
     for name, table in expected.items():

@@ -111,7 +111,9 @@ def test_outputs_agree_with_the_answer_of_the_run(run_of, tmp_path, case):
 
     # Cards and notebooks have the values that are reported.
     found = {r["parameter"]: r for r in stored.filter("reported", is_parameter).to_dicts()}
-    assert SavedRun(run=run).headline.values == {name: row["value"] for name, row in found.items()}
+    saved = SavedRun(run=run)
+    assert saved.headline.values == {name: row["value"] for name, row in found.items()}
+    assert saved.answer.equals(stored.filter("reported"))
     (card,) = cards_of(run)
     of_card = json.loads(PROGRAMS["json"](card))["parameters"]
     for name, row in found.items():

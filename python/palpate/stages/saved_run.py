@@ -119,6 +119,11 @@ class SavedRun:
         return self._found.certainty.intervals
 
     @property
+    def answer(self) -> pl.DataFrame:
+        """A row for each value that is reported, with its ends, verdict, marks and reason."""
+        return self.run.answer().filter("reported")
+
+    @property
     def scores(self) -> pl.DataFrame:
         """A row for each spot, set and channel of the sweep."""
         return self.run.table("scores")

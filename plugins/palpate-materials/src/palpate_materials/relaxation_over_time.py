@@ -92,12 +92,12 @@ class RelaxationOverTime(Stage):
     def summarise(self, inputs: Run) -> Summary:
         """Summary: what is left after the record, the moduli, the loss tangent, and slower times."""
         table = inputs.table("relaxation")
-        if table.is_empty() or not inputs.study.relaxes:
+        main = _reported(inputs, table) if inputs.study.relaxes else table.clear()
+        if main.is_empty():
             return Summary(lines=["No fit, and so no relaxation."])
-        main = _leading(inputs, table)
         moduli = inputs.table("relaxing_moduli")
         left, losses = list(_left(inputs.study, main)), list(_losses(inputs.study, main))
-        shear = [_shear(inputs.study, rows) for rows in _by_region(_leading(inputs, moduli))]
+        shear = [_shear(inputs.study, rows) for rows in _by_region(_reported(inputs, moduli))]
         return Summary(
             lines=[
                 f"{line[0].upper()}{line[1:]}."
@@ -191,14 +191,10 @@ def _moduli(regions: Mapping[str, _Draws], study: Study, longest_s: float) -> It
 # ------------------------------------------------------------------------------ summary
 
 
-def _leading(inputs: Run, table: pl.DataFrame) -> pl.DataFrame:
-    """Rows of the joint fit in the scenario that generalises, or what there is."""
-    study = inputs.study
-    fit = ALL_SPOTS if len(study.spot_names) > 1 else study.spot_names[0]
-    for rows in (table.filter(fit=fit, scenario=study.generalise_by), table.filter(fit=fit)):
-        if rows.height:
-            return rows.filter(scenario=rows["scenario"][0])
-    return table.filter(fit=table["fit"][-1], scenario=table["scenario"][-1])
+def _reported(inputs: Run, table: pl.DataFrame) -> pl.DataFrame:
+    """Rows of the fit that the run reports."""
+    found = inputs.fitted()
+    return table if table.is_empty() else table.filter(fit=found.fit, scenario=found.scenario)
 
 
 def _by_region(table: pl.DataFrame) -> Iterator[pl.DataFrame]:

@@ -25,7 +25,6 @@ from palpate.api import (
 )
 from palpate.api.fit import (
     Adequacy,
-    CertaintyResult,
     Fitted,
     SpotInputs,
     at_spot,
@@ -33,7 +32,6 @@ from palpate.api.fit import (
     job_of,
     relaxing_space,
     relaxing_thetas,
-    worst_of,
 )
 from palpate.api.mesh import automatic_edge_mm, contact_edge_mm, refined
 from palpate.api.runs import Plugins, RunDirectory, Simulations, Study, Tool, check_jobs, load_limbs, read_run
@@ -187,17 +185,9 @@ def predict(stored: Run, tool: Tool, n_solved: int = 0) -> Prediction:
         spots=spots,
         strains=strains,
         n_draws=n_draws,
-        verdict=verdict_of_fit(fit.certainty, found),
+        verdict=Adequacy(stored.answer().filter("reported")["model"][0]),
         record_s=study.record_s if study.relaxes else 0.0,
     )
-
-
-def verdict_of_fit(certainty: CertaintyResult, found: Fitted) -> Adequacy:
-    """Verdict on the model of what is reported; it describes the curves where nothing has checked them."""
-    checks = certainty.adequacy
-    if not checks.is_empty():
-        checks = checks.filter(pl.col("check") != "relaxation", fit=found.fit, scenario=found.scenario)
-    return worst_of(checks["verdict"] if checks.height else ())
 
 
 def _check(stored: Run, n_draws: int, n_solved: int) -> None:
