@@ -91,6 +91,30 @@ class Layout:
 # ------------------------------------------------------------------------------- lines and cells
 
 
+def lines_of(text: str) -> "pl.DataFrame":
+    """Lines of a text, counted from 1."""
+    import polars as pl
+
+    lines = pl.DataFrame({"text": text.split("\n")}).with_row_index("line", offset=1)
+    return lines.with_columns(pl.col("text").str.strip_chars(" \r"))
+
+
+def first_lines(text: str, wanted: "TextFormat") -> "pl.DataFrame":
+    """Lines of a text from which its layout is guessed, with the skipped ones."""
+    n_lines = (wanted.skip_lines or 0) + _SNIFFED_LINES
+    return lines_of(text[: start_of(text, n_lines + 1)])
+
+
+def start_of(text: str, line: int) -> int:
+    """Index of the first character of a line, counted from 1; that of the end where there are fewer lines."""
+    index = 0
+    for _ in range(line - 1):
+        index = text.find("\n", index) + 1
+        if not index:
+            return len(text)
+    return index
+
+
 def body_of(lines: "pl.DataFrame", comment: str) -> "pl.DataFrame":
     """Lines that are no comment, and have a letter or a digit."""
     import polars as pl

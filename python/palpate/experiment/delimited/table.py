@@ -1,6 +1,7 @@
-"""Tables of numbers in text: polars reads all cells as text, then they are named, and cast."""
+"""Tables of numbers in text: polars reads plain ones at once, and the cells of others as text to be cast."""
 
 import difflib
+import io
 import math
 import re
 from collections.abc import Iterable, Sequence
@@ -24,9 +25,12 @@ from palpate.experiment.delimited.layout import (
     body_of,
     cells_of,
     find_layout,
+    first_lines,
     kind_of_cell,
+    lines_of,
     numbers_in,
     split,
+    start_of,
 )
 
 if TYPE_CHECKING:
@@ -90,17 +94,23 @@ class TextTable:
         self.path, self.text_format = path, text_format or TextFormat()
         text, self.encoding = decoded(path, self.text_format.encoding)
         self._is_ended = text.endswith("\n")
-        lines = pl.DataFrame({"text": text.split("\n")}).with_row_index("line", offset=1)
-        lines = lines.with_columns(pl.col("text").str.strip_chars(" \r"))
         try:
-            self.layout = find_layout(str(path), lines, self.text_format)
+            self.layout = find_layout(str(path), first_lines(text, self.text_format), self.text_format)
         except CurveError:
             self._check_marks()
             raise
-        self._rows, self.blocks = _blocks(lines, self.layout)
-        if (chosen := self.text_format.block or 1) > 1:
-            self.layout = self._layout_of(chosen, lines)
-            self._rows = _blocks(lines, self.layout)[0]
+        chosen = self.text_format.block or 1
+        self._typed = _typed(text, self.layout) if chosen == 1 else None
+        if self._typed is not None:
+            numbers = self.layout.first_line + np.arange(self._typed.height)
+            self._rows = pl.DataFrame({"line": numbers})
+            self.blocks = [(int(numbers[0]), int(numbers[-1]))]
+        else:
+            lines = lines_of(text)
+            self._rows, self.blocks = _blocks(lines, self.layout)
+            if chosen > 1:
+                self.layout = self._layout_of(chosen, lines)
+                self._rows = _blocks(lines, self.layout)[0]
         self._after = self._rows["line"].filter(self._rows["line"] > self.blocks[-1][1])
         self._rows = self._rows.filter(pl.col("line").is_between(*self.blocks[chosen - 1]))
         self._columns = self._found_columns()
@@ -124,11 +134,7 @@ class TextTable:
     def _found_columns(self) -> dict[str, tuple[int, int | None]]:
         """Cell of each column, and place in its list, by name; a name that occurs twice is left out."""
         names, kinds = self.layout.names, self.layout.kinds
-        first = (
-            cells_of(self._rows.head(1), self.layout.delimiter, range(len(names)))
-            if "list" in kinds
-            else None
-        )
+        first = self._cells(range(len(names)), n_rows=1) if "list" in kinds else None
         found: dict[str, tuple[int, int | None]] = {}
         for index, (name, kind) in enumerate(zip(names, kinds, strict=True)):
             if names.count(name) > 1:
@@ -139,6 +145,12 @@ class TextTable:
             else:
                 found[name] = (index, None)
         return found
+
+    def _cells(self, indices: Iterable[int], n_rows: int | None = None) -> "pl.DataFrame":
+        """Cells of columns by their index: numbers where the whole table was read so, else text."""
+        if self._typed is not None:
+            return self._typed.slice(0, n_rows)
+        return cells_of(self._rows.slice(0, n_rows), self.layout.delimiter, indices)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -164,10 +176,11 @@ class TextTable:
                 f"{self.path}: {self._shown_blocks()}; choose one with block = 1 in the loader's settings"
             )
         chosen, lines = self._chosen(wanted), self._rows["line"].to_numpy().astype(np.int64)
-        self._check_cells()
+        if self._typed is None:
+            self._check_cells()
         if lines.size < 2:
             raise CurveError(f"{self.path}: only {lines.size} row of data; export the file again")
-        cells = cells_of(self._rows, self.layout.delimiter, {index for index, _ in chosen.values()})
+        cells = self._cells({index for index, _ in chosen.values()})
         columns, first_bad = {}, []
         for name, (index, place) in chosen.items():
             kind, text = self.layout.kinds[index], cells[str(index)]
@@ -339,10 +352,43 @@ def _blocks(lines: "pl.DataFrame", layout: Layout) -> tuple["pl.DataFrame", list
     return rows, [(layout.first_line, end), *found[1:]]
 
 
+def _typed(text: str, layout: Layout) -> "pl.DataFrame | None":
+    """Cells of a table of which every line is a row, numbers as such; None where any line is another.
+
+    A long log is read so in half of the time; all else needs its cells as text.
+    """
+    import polars as pl
+
+    body = text[start_of(text, layout.first_line) :]
+    is_other = '"' in body or (layout.decimal == "," and "." in body) or layout.delimiter == BLANKS
+    has_comments = layout.comment and (body.startswith(layout.comment) or f"\n{layout.comment}" in body)
+    if is_other or has_comments or layout.kinds[layout.first_number] != "number":
+        return None
+    types = {str(k): pl.Float64 if kind == "number" else pl.String for k, kind in enumerate(layout.kinds)}
+    try:
+        read = pl.read_csv(
+            io.BytesIO(body.encode()),
+            has_header=False,
+            schema=types,
+            separator=layout.delimiter,
+            quote_char=None,
+            decimal_comma=layout.decimal == ",",
+        )
+    except pl.exceptions.PolarsError:
+        return None
+    # A row that is cut off, and an empty line, have cells without a value.
+    n_lines = body.count("\n") + (not body.endswith("\n"))
+    is_whole = read.height == n_lines and not read.null_count().sum_horizontal().item()
+    are_finite = read.select(pl.all_horizontal(pl.col(pl.Float64).is_finite().all())).item()
+    return read if is_whole and are_finite else None
+
+
 def _numbers(cells: "pl.Series", decimal: str, place: int | None) -> tuple[FloatArray, "pl.Series"]:
     """Numbers of a column, NaN where there is none, and where a cell is neither number nor empty."""
     import polars as pl
 
+    if cells.dtype == pl.Float64:
+        return cells.to_numpy(), pl.Series([False])
     if place is not None:
         inside = cells.str.strip_chars("[]()").str.strip_chars().str.replace_all(r"[\s,;]+", ";")
         cells, decimal = inside.str.split(";").list.get(place, null_on_oob=True).fill_null("?"), "."
