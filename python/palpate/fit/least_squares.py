@@ -14,7 +14,7 @@ from palpate.plugins.search import Asking, Evaluation, Search, SearchSpace, Tria
 class LeastSquaresSettings(Settings):
     """Length of steps, and limits at which to stop."""
 
-    max_steps: int = Field(30, ge=1, description="most trial steps from one start")
+    max_steps: int = Field(100, ge=1, description="most trial steps from one start")
     first_step: float = Field(0.3, gt=0.0, le=1.0, description="largest first step, as a share of each range")
     tolerance: float | None = Field(
         None,
@@ -42,11 +42,13 @@ class LeastSquares(Search[LeastSquaresSettings]):
         radius: float = self.settings.first_step
         floor = (0.1 * space.accuracy) ** 2
         tolerance = self.settings.tolerance or min(100.0 * space.accuracy, 0.1)
+        model = _Model(space, here)
         for _ in range(self.settings.max_steps):
-            step, expected = _Model(space, here).step(radius)
+            step, expected = model.step(radius)
             if expected < max(tolerance * here.objective, floor):
                 return "converged"
             (trial,) = yield [Trial(point=np.clip(here.point + step, 0.0, 1.0), slopes=space.exact_slopes)]
+            is_bent = model.bends_towards(trial)
             gain = here.objective - trial.objective
             length = float(np.abs(step).max())
             if gain < 0.25 * expected:
@@ -59,6 +61,7 @@ class LeastSquares(Search[LeastSquaresSettings]):
                 here = trial if trial.jacobian is not None else _secant(here, trial)
             elif radius < SHORTEST:
                 return "no step gains any more"
+            model = _Model(space, here, is_bent=is_bent)
         return f"stopped after {self.settings.max_steps} steps"
 
 
@@ -79,10 +82,11 @@ def _secant(before: Evaluation, after: Evaluation) -> Evaluation:
 class _Model:
     """Residuals near an evaluation: linear in the values of moduli, as curves nearly are, or in coordinates.
 
-    Steps are bent: in proportion to those of the values, and as long as those in coordinates where short.
+    Steps of the former are bent: in proportion to those of the values, and as long as those in coordinates
+    where short. The latter hold along a valley of moduli and exponents, where a modulus goes with a power.
     """
 
-    def __init__(self, space: SearchSpace, here: Evaluation) -> None:
+    def __init__(self, space: SearchSpace, here: Evaluation, *, is_bent: bool = True) -> None:
         assert here.residuals is not None
         assert here.jacobian is not None
         self.space, self.point = space, here.point
@@ -90,7 +94,19 @@ class _Model:
         # Logarithms of upper over lower bound, by which moduli in logarithms are bent.
         pairs = zip(space.parameters, space.log, strict=True)
         bent = [np.log(p.upper / p.lower) if log and p.kind == "modulus" else 0.0 for p, log in pairs]
-        self.powers = np.maximum(bent, 1e-9)
+        self.bent, self.straight = np.maximum(bent, 1e-9), np.full(here.point.size, 1e-9)
+        self.is_bent, self.powers = is_bent, self.bent if is_bent else self.straight
+
+    def bends_towards(self, trial: Evaluation) -> bool:
+        """True if the values of moduli have predicted a trial better than their coordinates have."""
+        if trial.residuals is None:
+            return self.is_bent
+        there, step = trial.residuals - self.residuals, trial.point - self.point
+        missed = [
+            float(np.linalg.norm(there - self.jacobian @ (np.expm1(powers * step) / powers)))
+            for powers in (self.bent, self.straight)
+        ]
+        return missed[0] <= missed[1]
 
     def step(self, radius: float) -> tuple[FloatArray, float]:
         """Step in coordinates of least Σ r² in the box and the trust region, and what it would gain."""

@@ -17,7 +17,7 @@ class Answers:
 
     residuals: object
     start: tuple
-    kind: str = "shape"
+    kind: str | tuple = "shape"
     bounds: tuple = (0.0, 1.0)
     exact_slopes: bool = True
     accepts: object = None
@@ -30,11 +30,15 @@ class Answers:
 
     def run(self, **settings):
         lower, upper = self.bounds
-        one = Parameter(name="p", unit="1", lower=lower, upper=upper, kind=self.kind, description="of a test")
+        n = len(self.start)
+        kinds = (self.kind,) * n if isinstance(self.kind, str) else self.kind
         more = {} if self.accepts is None else {"accepts": lambda p: np.array([self.accepts(x) for x in p])}
         space = SearchSpace(
-            parameters=(one,) * len(self.start),
-            log=(self.kind == "modulus",) * len(self.start),
+            parameters=tuple(
+                Parameter(name="p", unit="1", lower=lower, upper=upper, kind=kind, description="of a test")
+                for kind in kinds
+            ),
+            log=tuple(kind == "modulus" for kind in kinds),
             start=np.array(self.start),
             exact_slopes=self.exact_slopes,
             accuracy=self.accuracy,
@@ -195,3 +199,22 @@ def test_why_it_ends_is_in_its_message():
     assert hill.message == "stopped after 2 steps"
     lost = Rehearsal(LeastSquares(), has_slopes=False).run()
     assert lost.message == "stopped at the start: no slopes: diverged"
+
+
+def test_a_valley_of_moduli_and_exponents_is_followed_to_its_end():
+    """A modulus goes with a power where an exponent is searched: straight in logarithms, bent in values."""
+    stretch = np.linspace(1.0, 7.0, 20)
+
+    def curve(point):
+        terms = (1e-4 * 1e5 ** point[k] * stretch ** (10.0 * point[k + 1]) for k in (0, 2))
+        return sum(terms)
+
+    wanted = np.array([0.3, 0.6, 0.8, 0.1])
+    found = Answers(
+        lambda point: curve(point) - curve(wanted),
+        start=(0.7, 0.4, 0.7, 0.3),
+        kind=("modulus", "shape", "modulus", "shape"),
+        bounds=(1e-4, 10.0),
+    ).run()
+    assert min(found.objectives) < 1e-6
+    assert len(found.asked) <= 50
