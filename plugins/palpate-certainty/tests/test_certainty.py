@@ -598,13 +598,28 @@ def test_without_the_plugin_a_run_ends_after_its_fit_and_its_words_are_unclear(m
     assert {each.identifiability for each in without.report.conclusion.estimates} == {"unclear"}
 
 
-def test_curves_of_a_relaxing_tissue_are_linear_around_the_most_likely_values(ended, monkeypatch):
+def test_curves_on_a_mesh_are_linear_around_the_fit_and_of_a_relaxing_tissue_once_more(ended, monkeypatch):
     study, measured, case, _ = ended()
     assessment = Assessment(study=study, measured=measured)
     columns = assessment.columns(case)
+    monkeypatch.setattr(type(study.solver), "provides", replace(study.solver.provides, body="mesh"))
     of_fit = assessment.assess(case, *columns)
     monkeypatch.setattr(type(study.parametrisation), "times_s", {"relaxed.1s": 1.0})
     again = assessment.assess(case, *columns)
     np.testing.assert_allclose(again.model.point, of_fit.point, rtol=1e-9)
     assert np.abs(of_fit.model.point - of_fit.point).max() > 1e-6
     assert again.misfits == of_fit.misfits
+
+
+def test_without_a_mesh_the_most_likely_values_are_those_of_simulated_curves(ended):
+    """The misfit that weighs residuals by their errors has no slope there."""
+    study, measured, case, _ = ended()
+    assessment = Assessment(study=study, measured=measured)
+    found = assessment.assess(case, *assessment.columns(case))
+    np.testing.assert_allclose(found.model.point, found.point, rtol=1e-9)
+    of_fit = assessment._linearised(case, *assessment.columns(case), None)
+    box = case.end.problem.box
+    values = box.lower + (box.upper - box.lower) * found.point
+    (there,) = case.end.problem.evaluate([Trial(point=box.point(values), slopes=True)])
+    white, slopes = of_fit.white @ there.residuals, of_fit.white @ there.jacobian
+    assert np.abs(slopes.T @ white).max() < 1e-3 * np.linalg.norm(white) * np.linalg.norm(slopes)

@@ -55,7 +55,9 @@ def test_curves_that_belong_are_inside_as_often_as_the_band_says(monkeypatch):
         )
         terms = [SimpleNamespace(spot=spot) for spot in SPOTS]
         end = SimpleNamespace(problem=SimpleNamespace(terms=terms))
-        assessed = SimpleNamespace(model=model, end=end, channels=("force", "torque"), between=None)
+        assessed = SimpleNamespace(
+            model=model, end=end, channels=("force", "torque"), between=None, is_like_fopt=False
+        )
         inside += held_out(assessed)["inside"].to_list()
     assert np.mean(inside) == pytest.approx(BAND, abs=0.05)
 

@@ -301,7 +301,9 @@ class Run:
         has, is_assessed = self.directory.records.has, "intervals" in self.stages
         self.check(*filter(has, ("fit", "intervals") if is_assessed else ("fit",)))
         found = self.directory.fit()
-        return found if is_assessed else replace(found, certainty=CertaintyResult())
+        planes = self.current_table("profile_planes", "contours")
+        of_fit = replace(found.certainty, profile_planes=planes) if is_assessed else CertaintyResult()
+        return replace(found, certainty=of_fit)
 
     def posterior(self) -> PosteriorResult:
         """Posteriors of the present fit; empty where there are none, or their stage is not installed."""

@@ -66,8 +66,8 @@ def test_a_run_finds_the_tissue_and_reports_it(make_study, plugins, tmp_path):
     spent = result.fit.table.unique(["fit", "scenario"])["n_runs"].sum()
     with Ledger(tmp_path / "run") as ledger:  # both spots have the same simulations of the sweep
         # Four more are for the error budget: a press with onset and friction moved to either side.
-        # Nine are of the fits at their reported values.
-        assert spent + 4 + 9 == len(ledger.seconds()) - 60
+        # Nine are of the fits at their reported values, and some led there.
+        assert spent + 4 + 9 <= len(ledger.seconds()) - 60 <= spent + 4 + 9 * 10
     assert set(result.report.tables) == {
         "intervals", "budget", "parameter_combinations", "between_spots",
         "table1_fit", "table2_fit", "table1_coefficients", "table2_nmse", "unfitted_channels",

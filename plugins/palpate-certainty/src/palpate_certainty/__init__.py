@@ -13,10 +13,10 @@ __version__ = "0.1.0"
 
 @hookimpl
 def palpate_stages() -> "list[type[Stage]]":
-    """``intervals``, ``validate``, ``certainty`` and ``identifiability``."""
-    from palpate_certainty.stages import Identifiability, Intervals, Posteriors, Validation
+    """``intervals``, ``contours``, ``validate``, ``certainty`` and ``identifiability``."""
+    from palpate_certainty.stages import Identifiability, Intervals, Posteriors, ProfilePlanes, Validation
 
-    return [Intervals, Validation, Posteriors, Identifiability]
+    return [Intervals, ProfilePlanes, Validation, Posteriors, Identifiability]
 
 
 @hookimpl
@@ -26,6 +26,7 @@ def palpate_commands() -> "list[Command]":
 
     does = {
         "intervals": "Compute 95 % intervals of the fitted parameters and their error sources.",
+        "contours": "Compute Fopt in the planes of two parameters, the others fitted again.",
         "validate": "Predict each press, or each channel of one press, from the others, and compare.",
         "certainty": "Draw the posteriors of the joint fits; simulates some more sets.",
         "identifiability": "Find how well the curves of the sweep identify each parameter.",

@@ -174,6 +174,11 @@ def _noise(along: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.diff(along, 2) ** 2) / 6.0))
 
 
+def is_beyond(misfit: Misfit, expected: float) -> bool:
+    """True if a good model, with a discrepancy of the ``expected`` size, does not differ so much."""
+    return misfit.unexplained > ALLOWED * expected
+
+
 def checks(
     found: Mapping[int, Misfit],
     expected: Mapping[int, float],
@@ -195,14 +200,13 @@ def checks(
         Probability of a fit that, without its bounds, would end as far outside of the ranges.
     """
     for channel, misfit in found.items():
-        over = misfit.unexplained / expected[channel]
-        p = 2.0 * float(scipy.stats.norm.sf(over))
+        p = 2.0 * float(scipy.stats.norm.sf(misfit.unexplained / expected[channel]))
         worse = Adequacy.APPROXIMATES if close[channel].is_close else Adequacy.FAILS
         yield Check(
             name="discrepancy",
             channel=channel,
             probability=p,
-            verdict=worse if over > ALLOWED else Adequacy.DESCRIBES,
+            verdict=worse if is_beyond(misfit, expected[channel]) else Adequacy.DESCRIBES,
             closeness=close[channel],
         )
     if alike is not None:

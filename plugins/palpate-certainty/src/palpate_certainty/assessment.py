@@ -23,7 +23,14 @@ from palpate.api import (
 from palpate.api.executors import StoppedError
 from palpate.api.fit import Adequacy, Case, CertaintyResult, Fit, Trial, channel_of
 from palpate.api.runs import Study, relaxation_of
-from palpate_certainty.adequacy import Check, checks, closeness_of, misfits, probability_of_alike
+from palpate_certainty.adequacy import (
+    Check,
+    checks,
+    closeness_of,
+    is_beyond,
+    misfits,
+    probability_of_alike,
+)
 from palpate_certainty.between_spots import (
     SPOTS,
     UNUSUAL,
@@ -43,6 +50,7 @@ from palpate_certainty.error_sources import (
     mesh_errors,
 )
 from palpate_certainty.laplace import FLAT_SD, laplace, scores_of, whitening
+from palpate_certainty.likeliest import likeliest
 from palpate_certainty.mesh_error import SpotMesh, is_stated
 from palpate_certainty.noise_model import (
     ErrorScale,
@@ -161,12 +169,38 @@ class Assessment:
         columns: Columns,
         failures: Mapping[ErrorSource, str] = NONE,
         first: Assessed | None = None,
+    ) -> Assessed:
+        """Assess a case, with curves that are linear around the end of its fit, or around likelier values.
+
+        Without a mesh, simulations cost little, and the most likely values are those of simulated curves;
+        where Fopt weighs the curves, the fit has ended there. With a mesh, curves of a tissue that relaxes,
+        which go with products of moduli and shares, are linear once more around the most likely values.
+        """
+        found = self._linearised(case, columns, failures, first)
+        if found.is_like_fopt:
+            return found
+        if not self.study.solver.provides.mesh:
+            found = self._linearised(case, columns, failures, found, likeliest(found), is_likeliest=True)
+        elif self.study.relaxes:
+            found = self._linearised(case, columns, failures, first, found)
+        if _leaves_a_curve(found):
+            return self._linearised(case, columns, failures, first, like_fopt=True)
+        return found
+
+    def _linearised(
+        self,
+        case: Case,
+        columns: Columns,
+        failures: Mapping[ErrorSource, str],
+        first: Assessed | None,
         again: Assessed | None = None,
+        *,
+        is_likeliest: bool = False,
+        like_fopt: bool = False,
     ) -> Assessed:
         """Assess a case: its covariance, and whether the model describes its data.
 
-        Curves are taken as linear around the end of the fit. Those of a tissue that relaxes, which go with
-        products of moduli and shares, are so again around the most likely values.
+        Curves are taken as linear around the end of the fit, or around other values.
 
         Parameters
         ----------
@@ -179,8 +213,12 @@ class Assessment:
             One whose noise and discrepancy are those of this one too, if it has all of its channels: errors
             of some curves are no smaller because others are left out.
         again : Assessed, optional
-            One of the same case, around whose most likely values curves are linear. What a curve misses is
-            that of the fit.
+            One of the same case, around whose values curves are linear. What a curve misses is that of the
+            fit.
+        is_likeliest : bool
+            Whether these values are the most likely ones.
+        like_fopt : bool
+            Whether the curves count as in Fopt, as they do where the model differs by more than its errors.
         """
         end = case.end
         assert end is not None
@@ -218,9 +256,12 @@ class Assessment:
         covariance = np.sum([rest, *map(_gram, known.values())], axis=0)
         causes = with_rest(known, noise, discrepancy)
         scores = scores_of(jacobian, rows.curve)
-        weighed = partial(laplace, point, residuals, jacobian, causes, scores, freedom=scale.freedom)
-        if between is not None:
-            weighed = partial(weighed, together=same_spot(scores, rows))
+        missed_here = np.zeros_like(residuals) if is_likeliest else residuals
+        weighed = partial(laplace, point, missed_here, jacobian, causes, scores, freedom=scale.freedom)
+        like_fopt |= any(is_beyond(each, model.expected[channel]) for channel, each in missed.items())
+        if between is not None or like_fopt:
+            spots = None if between is None else same_spot(scores, rows)
+            weighed = partial(weighed, together=spots, like_fopt=like_fopt)
         of_all, in_range = weighed(), weighed(range_sd=FLAT_SD)
         if between is not None:
             freedom = between.freedom_with(of_all.shares[SPOTS], scale.freedom)
@@ -230,7 +271,7 @@ class Assessment:
         there = of_points + slopes_of_points @ (point - model.point)
         close = closeness_of(there, end.problem.terms, channels)
         made = checks(missed, model.expected, close, alike, of_all.in_ranges)
-        found = Assessed(
+        return Assessed(
             case=case,
             end=end,
             point=point,
@@ -243,6 +284,7 @@ class Assessment:
             errors=errors,
             scale=scale,
             between=between,
+            is_like_fopt=like_fopt,
             misfits=missed,
             checks=(*made, *self._relaxation(case)),
             channels=channels,
@@ -250,8 +292,6 @@ class Assessment:
             has_usual_mesh_error=self._has_usual_mesh_error(end),
             left_out=_left_out(case, failures) | self._of_score,
         )
-        is_bilinear = again is None and self.study.relaxes
-        return self.assess(case, columns, failures, first, found) if is_bilinear else found
 
     def _check_score(self, case: Case) -> None:
         """Warn of a score whose residuals are linear in the curves only to first order.
@@ -315,6 +355,15 @@ class Assessment:
             if any(np.any(each) for each in columns.values())
         }
         return known | {PRIORS: np.diag(np.where(rows.channel < 0, end.problem.noise, 0.0))}
+
+
+def _leaves_a_curve(found: Assessed) -> bool:
+    """True if the weights of errors lead away from a channel that the fit approximates."""
+    residuals = found.end.at_end().residuals
+    assert residuals is not None
+    at_fit = closeness_of(residuals, found.end.problem.terms, found.channels)
+    close = {check.channel: check.closeness for check in found.checks if check.closeness is not None}
+    return any(at_fit[channel].is_close and not each.is_close for channel, each in close.items())
 
 
 def _with_spots(

@@ -98,7 +98,9 @@ def _predicted(assessed: Assessed, out: BoolArray) -> tuple[FloatArray, FloatArr
     scores = scores_of(jacobian, model.rows.curve[kept])
     slopes = scores.T @ jacobian
     of_scores = scores.T @ covariance[np.ix_(kept, kept)] @ scores
-    if between is not None:
+    if assessed.is_like_fopt:
+        of_scores = np.eye(len(of_scores)) * np.trace(of_scores) / len(of_scores)
+    elif between is not None:
         of_scores *= same_spot(scores, model.rows.only(kept))
     gain = np.linalg.solve(of_scores, slopes)
     prior = np.eye(jacobian.shape[1]) / FLAT_SD**2

@@ -5,7 +5,8 @@ orthonormal columns U that span its slopes. The scores of all curves, with slope
 are weighed by what they may be wrong by (generalised method of moments: Hansen, Econometrica 50, 1982): the
 information is Gᵀ(UᵀCU)⁻¹G, and one step leads from the fit to the most likely values. Fopt's weights and zero
 are among these, so that no further curve takes information away. Weights of single points (generalised least
-squares) would rest on the shape of each error as well. What is outside of the ranges is cut off.
+squares) would rest on the shape of each error as well. Where the model differs from the curves by more than
+its stated errors, these are no weights, and Fopt's stay. What is outside of the ranges is cut off.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -182,6 +183,7 @@ def laplace(
     range_sd: float = RANGE_SD,
     freedom: float = np.inf,
     together: FloatArray | None = None,
+    like_fopt: bool = False,
 ) -> Laplace:
     """Density around the most likely values, and the part of each cause in its covariance.
 
@@ -202,17 +204,23 @@ def laplace(
         Degrees of freedom of the errors' scale.
     together : (k, k) array, optional
         1 for scores that are weighed by their common errors, else 0; by default all are.
+    like_fopt : bool
+        Whether all scores have one weight, as in Fopt: the errors are not known well enough to weigh by them.
     """
     parts = {name: _gram(scores.T @ factor) for name, factor in causes.items()}
     slopes = scores.T @ jacobian
     total = np.sum(list(parts.values()), axis=0)
-    gain = np.linalg.solve(total if together is None else total * together, slopes)
+    weighed_by = total if together is None else total * together
+    if like_fopt:
+        weighed_by = np.eye(len(total)) * np.trace(total) / len(total)
+    gain = np.linalg.solve(weighed_by, slopes)
     prior = np.eye(jacobian.shape[1]) / range_sd**2
     of_weights: FloatArray = np.linalg.inv(slopes.T @ gain + prior).astype(np.float64)
     through = of_weights @ gain.T
     made = {name: through @ part @ through.T for name, part in parts.items()}
     made[RANGE] = of_weights @ prior @ of_weights
-    covariance = of_weights if together is None else np.sum(list(made.values()), axis=0)
+    is_efficient = together is None and not like_fopt
+    covariance = of_weights if is_efficient else np.sum(list(made.values()), axis=0)
     centre = point - through @ (scores.T @ residuals)
     symmetric = (covariance + covariance.T) / 2.0
     return Laplace(centre=centre, covariance=symmetric, parts=made, freedom=freedom)

@@ -52,7 +52,6 @@ class Intervals(Stage):
             "draws": "Draws from the density of each fit.",
             "between_spots": "Standard deviation of each parameter between spots that differ.",
             "spot_draws": "Draws from the density of a new spot's parameters.",
-            "profile_planes": "Fopt over the planes of two parameters.",
             "reported": "Fopt, NMSE and R² of each fit at its reported values.",
             "reported_curves": "Curves of each fit at its reported values.",
         }
@@ -86,10 +85,33 @@ class Intervals(Stage):
         cases = cases_of(inputs)
         stage = assessment_of(inputs, cases)
         assessed = inputs.shared[ASSESSED] = stage.assessed(cases)
-        planes = stage.profile_planes(assessed, inputs.design, inputs.swept())
         reported, curves = reported_fits([(each.case, each.values) for each in assessed], progress)
         found = certainty_result(assessed, inputs.study)
-        return tables_of(replace(found, profile_planes=planes, reported=reported, reported_curves=curves))
+        made = tables_of(replace(found, reported=reported, reported_curves=curves))
+        return {name: table for name, table in made.items() if name in self.tables}
+
+
+class ProfilePlanes(Stage):
+    """Contours of Fopt."""
+
+    name, summary = "contours", "Compute Fopt in the planes of two parameters, the others fitted again."
+    needs = ("intervals",)
+    is_on_page = True
+    of_every_run = True
+    tables = MappingProxyType({"profile_planes": "Fopt over the planes of two parameters."})
+
+    def usual_simulations(self, inputs: Run) -> dict[str, int]:
+        """No new ones; those of the fit are read again."""
+        return dict.fromkeys(inputs.study.spot_names, 0)
+
+    def run(self, inputs: Run, progress: Progress) -> Files:
+        """Planes of the joint fits by emulated curves; simulates nothing."""
+        if isinstance(inputs.study.search, BestSet):
+            return {}
+        cases = cases_of(inputs)
+        stage = assessment_of(inputs, cases)
+        assessed = inputs.shared.get(ASSESSED) or stage.assessed(cases)
+        return {"profile_planes": stage.profile_planes(assessed, inputs.design, inputs.swept())}
 
 
 class Validation(Stage):

@@ -149,6 +149,8 @@ class Assessed:
         Of the known causes.
     between : SpotDifferences, optional
         Of spots that differ by more than their errors.
+    is_like_fopt : bool
+        The curves count as in Fopt, since the model differs from them by more than its stated errors.
     misfits : mapping of channel number to Misfit
     checks : tuple of Check
     channels : tuple of str
@@ -178,6 +180,7 @@ class Assessed:
     mesh_errors: tuple[dict[str, Any], ...] = ()
     has_usual_mesh_error: bool = False
     between: SpotDifferences | None = None
+    is_like_fopt: bool = False
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     @property

@@ -165,15 +165,15 @@ def _criteria(runs: Mapping[str, ReportData]) -> list[dict[str, Any]]:
                      "aicc": aicc, "bic": fit + k * np.log(total)})  # fmt: skip
     if any(row["aicc"] is None for row in rows):
         return []
-    least, least_bic = (min(row[name] for row in rows) for name in ("aicc", "bic"))
-    odds = {row["run"]: np.exp((least - row["aicc"]) / 2.0) for row in rows}
-    is_enough = all(total >= FEWEST_POINTS * row["n_parameters"] for row in rows)
+    enough = [row for row in rows if total >= FEWEST_POINTS * row["n_parameters"]]
+    least, least_bic = (min(row[name] for row in enough or rows) for name in ("aicc", "bic"))
+    odds = {row["run"]: np.exp((least - row["aicc"]) / 2.0) for row in enough}
     for row in rows:
         row["difference"] = row["aicc"] - least
         row["difference_bic"] = row["bic"] - least_bic
-        row["weight"] = odds[row["run"]] / sum(odds.values()) if is_enough else None
-        row["meaning"] = TOO_FEW
-        if is_enough:
+        row["weight"], row["meaning"] = None, TOO_FEW
+        if row in enough:
+            row["weight"] = odds[row["run"]] / sum(odds.values())
             row["meaning"] = next(text for most, text in MEANINGS if row["difference"] <= most)
     return sorted(rows, key=lambda row: row["difference"])
 
@@ -189,13 +189,16 @@ def _notes(tables: Mapping[str, pl.DataFrame], runs: Mapping[str, ReportData]) -
         yield sentence
     yield CRITERIA if "criteria" in tables else NOT_COMPARABLE
     if "criteria" in tables:
-        table = tables["criteria"]
-        by_aicc, by_bic = (table.sort(name, maintain_order=True)["run"][0] for name in ("aicc", "bic"))
-        if TOO_FEW in table["meaning"]:
+        few = tables["criteria"].filter(meaning=TOO_FEW)["run"].to_list()
+        table = tables["criteria"].filter(pl.col("meaning") != TOO_FEW)
+        if few:
+            of = "here" if table.is_empty() else f"on {', '.join(few)}"
             yield (
-                f"The criteria decide nothing here: there are fewer than {FEWEST_POINTS} independent points "
+                f"The criteria decide nothing {of}: there are fewer than {FEWEST_POINTS} independent points "
                 "for a parameter, and the term for few points outweighs the misfit."
             )
+        table = tables["criteria"] if table.is_empty() else table
+        by_aicc, by_bic = (table.sort(name, maintain_order=True)["run"][0] for name in ("aicc", "bic"))
         far = table.filter((pl.col("difference") > CLOSE) != (pl.col("difference_bic") > CLOSE))["run"]
         if by_aicc != by_bic or not far.is_empty():
             of = f" on {', '.join(far)}" if by_aicc == by_bic else f": {by_aicc} by AICc, {by_bic} by BIC"

@@ -38,6 +38,9 @@ VERBS = {
 }
 """What a law that is the best of several does to the curves."""
 
+PICTURES = ("contours", "report")
+"""Stages of a run that decide nothing of a comparison."""
+
 HELD_OUT = "held_out"
 """Table of the stage that holds each curve out."""
 
@@ -109,8 +112,8 @@ def compare_laws(
 
 
 def fitted(session: Session, study: Study, folder: Path, progress: Progress) -> ReportData:
-    """Results of a study whose stages up to the intervals are run, or continued; without a report."""
-    run_study(study, folder, session.plugins, progress, without=["report"])
+    """Results of a study whose stages up to the intervals are run, or continued; without pictures."""
+    run_study(study, folder, session.plugins, progress, without=PICTURES)
     return from_run.read_results(study, folder, session.plugins, progress)
 
 
@@ -156,7 +159,7 @@ def _too_many(data: ReportData, n_searched: int) -> str:
         curve for spot in data.spots for name, curve in data.measured[spot].curves.items() if name in channels
     ]
     points = sum(curve.ordinate.size for curve in curves)
-    needed = comparison.FEWEST_POINTS * (n_searched + len(channels))
+    needed = comparison.FEWEST_POINTS * n_searched
     if points >= needed:
         return ""
     return f"left out: {n_searched} parameters need {needed} points, and the curves have {points}"
@@ -211,14 +214,15 @@ def conclusion(table: pl.DataFrame) -> str:
     rows = [row for row in table.iter_rows(named=True) if row["status"] == FITTED]
     held = [row for row in rows if row["held_out"] is not None]
     by_held = min(held, key=lambda row: float(row["held_out"]), default=None)
-    decides = all(r["difference_aicc"] is not None and r["meaning"] != comparison.TOO_FEW for r in rows)
+    compared = [row for row in rows if row["difference_aicc"] is not None]
+    enough = [row for row in compared if row["meaning"] != comparison.TOO_FEW]
     text = ""
     if len(rows) == 1:
         text = f"{rows[0]['law']} is the only law that could be fitted"
         best = rows[0]
-    elif decides:
-        best = rows[0]
-        text = _by_criterion(rows)
+    elif enough:
+        best = enough[0]
+        text = _by_criterion(enough)
     elif by_held is not None:
         best = by_held
         why = "the curves have too few independent points for AICc"
@@ -230,6 +234,9 @@ def conclusion(table: pl.DataFrame) -> str:
     text += "."
     if by_held is not None and by_held is not best:
         text += f" {by_held['law']} predicts held-out curves best, to {_percent(by_held['held_out'])}."
+    if enough and (lower := compared[: compared.index(best)]):
+        why = "with too few independent points for so many parameters"
+        text += f" {_names(lower)} would have a lower AICc, {why}."
     if best["model"] == Adequacy.FAILS:
         text += f" Even {best['law']} does not describe the curves."
     return text
@@ -237,14 +244,18 @@ def conclusion(table: pl.DataFrame) -> str:
 
 def _by_criterion(rows: Sequence[Mapping[str, Any]]) -> str:
     first, *others = rows
-    close = [row["law"] for row in rows if row["difference_aicc"] <= comparison.CLOSE]
-    if len(close) > 1:
-        return f"{', '.join(close[:-1])} and {close[-1]} are equally good for these curves by AICc"
-    second = others[0]
-    by = f"{second['difference_aicc']:.0f}"
+    behind = [row["difference_aicc"] - first["difference_aicc"] for row in others]
+    close = [row for row, by in zip(others, behind, strict=True) if by <= comparison.CLOSE]
+    if close:
+        return f"{_names([first, *close])} are equally good for these curves by AICc"
     best = "" if first["model"] == Adequacy.FAILS else " best"
-    verb = VERBS[Adequacy(first["model"])]
-    return f"{first['law']} {verb} these curves{best}: AICc {by} lower than {second['law']}"
+    text = f"{first['law']} {VERBS[Adequacy(first['model'])]} these curves{best}"
+    return f"{text}: AICc {behind[0]:.0f} lower than {others[0]['law']}" if others else text
+
+
+def _names(rows: Sequence[Mapping[str, Any]]) -> str:
+    *names, last = [str(row["law"]) for row in rows]
+    return f"{', '.join(names)} and {last}" if names else last
 
 
 def _percent(share: float) -> str:

@@ -55,7 +55,7 @@ REMEDIES: Mapping[str, str] = MappingProxyType(
 )
 """How to make a cause smaller that no other evidence is needed for."""
 
-OTHER_MATERIAL = "fit another material, and `palpate compare` both runs"
+OTHER_MATERIAL = "compare other laws: `palpate compare STUDY --materials all`"
 
 AFTER_REFUSAL: Mapping[str, str] = MappingProxyType(
     {

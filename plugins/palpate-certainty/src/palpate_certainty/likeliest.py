@@ -1,0 +1,62 @@
+"""The most likely values of a fit by simulated curves, where these bend too much for one step."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from palpate.api import FloatArray
+from palpate.api.fit import Evaluation, Trial
+from palpate_certainty.tables import Assessed
+
+FAR = 1e3
+"""Independent residual, in standard deviations, of values that cannot be simulated."""
+
+MOST_TRIALS = 60
+"""Most simulations of each spot."""
+
+STRAIGHT = 0.1
+"""Difference from linear curves, in standard deviations, up to which these hold."""
+
+GAIN = 1e-4
+"""Relative gain, or step, at which a search has ended."""
+
+INSIDE = 1e-9
+"""Distance from the ends of the ranges at which the search begins."""
+
+
+def likeliest(assessed: Assessed) -> Assessed:
+    """Fit at the values of the least misfit, by the errors of its residuals, as they were where it ended."""
+    problem, white = assessed.end.problem, assessed.white
+    box, known = problem.box, dict[bytes, Evaluation]()
+
+    def at(point: FloatArray) -> Evaluation:
+        key = point.tobytes()
+        if key not in known:
+            (known[key],) = problem.evaluate([Trial(point=point, slopes=True)])
+        return known[key]
+
+    def residuals(point: FloatArray) -> FloatArray:
+        found = at(point).residuals
+        missed: FloatArray = np.full(len(white), FAR) if found is None else white @ found
+        return missed
+
+    def slopes(point: FloatArray) -> FloatArray:
+        found = at(point).jacobian
+        rates: FloatArray = np.zeros((len(white), point.size)) if found is None else white @ found
+        return rates
+
+    def point_of(shares: FloatArray) -> FloatArray:
+        return box.point(box.lower + (box.upper - box.lower) * shares)
+
+    first, start = point_of(assessed.model.point), point_of(assessed.point)
+    step = (box.values(start) - box.values(first)) / box.rates(first)
+    if float(np.linalg.norm(residuals(start) - residuals(first) - slopes(first) @ step)) < STRAIGHT:
+        return assessed
+    best = min(first, start, key=lambda point: float(np.sum(residuals(point) ** 2)))
+    inside = np.clip(best, INSIDE, 1.0 - INSIDE)
+    found = least_squares(
+        residuals, inside, slopes, bounds=(0.0, 1.0), ftol=GAIN, xtol=GAIN, max_nfev=MOST_TRIALS
+    )
+    values = box.values(np.clip(found.x, 0.0, 1.0))
+    return replace(assessed, point=(values - box.lower) / (box.upper - box.lower))
