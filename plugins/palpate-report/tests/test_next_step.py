@@ -126,7 +126,7 @@ def test_after_a_refusal_the_check_that_failed_decides(fitted, failed):
     data = checked(pressed(fitted), 1e-9, [failed])
     assert make_conclusion(data, {}).failure
     assert said(data) == AFTER_REFUSAL[failed]
-    assert ("another material" in said(data)) == (failed == "discrepancy")
+    assert ("compare other laws" in said(data)) == (failed == "discrepancy")
     test = replace(data, study=replace(data.study, protocol=None))
     assert said(test) == AFTER_REFUSAL["specimen" if failed == "discrepancy" else failed]
 

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from palpate.api import FloatArray
 from palpate.api.fit import Evaluation, Trial
@@ -55,7 +55,7 @@ def likeliest(assessed: Assessed) -> Assessed:
         return assessed
     best = min(first, start, key=lambda point: float(np.sum(residuals(point) ** 2)))
     inside = np.clip(best, INSIDE, 1.0 - INSIDE)
-    found = least_squares(
+    found = scipy.optimize.least_squares(
         residuals, inside, slopes, bounds=(0.0, 1.0), ftol=GAIN, xtol=GAIN, max_nfev=MOST_TRIALS
     )
     values = box.values(np.clip(found.x, 0.0, 1.0))
