@@ -63,7 +63,7 @@ class Slow(tissue.Analytic):
 
 
 def make_study(folder: Path, n_sets: int, n_workers: int) -> Study:
-    """Study of two spots with a known answer."""
+    """Study of two spots with a true value."""
     spots = []
     for name, truth in TRUTH.items():
         write_curves(folder / f"{name}.csv", tissue.answer(*truth))

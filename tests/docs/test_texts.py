@@ -39,7 +39,7 @@ ON_THE_PAGE = (
     "generalised set",
     "held out",
     "initial shear modulus",
-    "known answer",
+    "true value",
     "most correlated with",
     "relative width",
     "scenario",

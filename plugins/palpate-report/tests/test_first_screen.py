@@ -57,7 +57,7 @@ def test_the_chart_shows_every_value_with_its_interval(fitted, content):
         bests = [best for best in data.bests if best.found.startswith(found)]
         for k, axis in enumerate(interval_plot(data).axes):
             values = [best.values[k] for best in bests]
-            drawn = [line.get_xdata() for line in axis.lines if line.get_label() != "known answer"]
+            drawn = [line.get_xdata() for line in axis.lines if line.get_label() != "true value"]
             assert [x[0] for x in drawn if len(x) == 1] == [value.value for value in values]
             ends = [[value.lower, value.upper] for value in values if value.lower is not None]
             assert [list(x) for x in drawn if len(x) == 2] == ends
@@ -71,7 +71,7 @@ def test_no_interval_of_the_sweep_is_drawn_among_those_of_95_percent(fitted):
     others = [value for best in mixed.bests for value in best.values if not value.level]
     assert any(value.lower is not None for value in others)
     n_drawn = sum(len(line.get_xdata()) == 2 for axis in interval_plot(mixed).axes for line in axis.lines)
-    assert n_drawn == rows.height + len(mixed.searched)  # and the known answers
+    assert n_drawn == rows.height + len(mixed.searched)  # and the true values
 
 
 def test_the_card_has_intervals_moduli_and_causes_of_the_fit_that_leads(fitted):

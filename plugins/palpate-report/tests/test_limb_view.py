@@ -1,6 +1,7 @@
 """What is shown of a limb is its surface: closed, outward, in separate parts."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 import palpate_report
 from palpate.domain import Limb, Mesh, Spot
 from palpate.domain.indenter import Sphere
-from palpate.mesh.specimens import block
+from palpate.mesh.specimens import block, cylinder
 from palpate.stages import pipeline
 from palpate_report.figures.limb_view import ViewPart, limb_view, traces
 
@@ -28,6 +29,24 @@ def test_the_outer_parts_enclose_a_mesh_of_any_elements(kind: str) -> None:
     outer = [part for part in view if part.role != "interface"]
     assert enclosed(outer) == pytest.approx(np.prod(np.ptp(points, axis=0)))
     assert {part.region for part in outer} == {"skin", "soft_tissue"}
+
+
+def test_faces_with_midside_nodes_are_curved_as_far_as_there_are_triangles_for_it() -> None:
+    limb = cylinder("tet10", np.array([0.0, 10.0, 20.0]), np.array([0.0, 20.0]), n_core=2)
+    points = np.array(limb.mesh.points_mm)
+    radii = np.linalg.norm(points[:, :2], axis=1)
+    on_wall = radii > 20.0 * np.cos(np.pi / 8) - 1e-6
+    points[on_wall, :2] *= 20.0 / radii[on_wall, None]
+    limb = replace(limb, mesh=replace(limb.mesh, points_mm=points))
+    volume = np.pi * 20.0**2 * 20.0
+    views = [limb_view(limb)]
+    n_flat = sum(len(part.triangles) for part in views[0])
+    views += [limb_view(limb, most=4 * n_flat), limb_view(limb, most=100 * n_flat)]
+    flat, halved, fine = (abs(enclosed(list(view)) / volume - 1.0) for view in views)
+    assert flat > 0.05
+    assert flat > 3.0 * halved
+    assert fine < 0.01
+    assert sum(len(part.triangles) for part in views[1]) == 4 * n_flat
 
 
 def test_the_spot_s_skin_and_what_is_fixed_are_separate() -> None:

@@ -30,7 +30,7 @@ def test_paths_keep_the_volume():
 
 def test_slopes_at_rest_are_those_of_the_initial_shear_modulus(fitted):
     (tension, shear) = material_curves(fitted, "I")
-    for label, row in (("all spots", next(fitted.fit.ends.iter_rows(named=True))), ("known answer", TRUTH)):
+    for label, row in (("all spots", next(fitted.fit.ends.iter_rows(named=True))), ("true value", TRUTH)):
         ((_, mu), _) = initial_moduli(fitted.study.space, row, fitted.factors, fitted.modulus_unit)
         x, at_rest = tension.path.amounts, tension.path.amounts.size // 2
         slope = np.gradient(tension.stress[label], x)[at_rest]
@@ -56,7 +56,7 @@ def test_without_draws_there_is_no_band_and_without_a_fit_no_curve(fitted):
     bare = replace(fitted, fit=replace(fitted.fit, certainty=certainty))
     assert all(each.lower is None for each in material_curves(bare, "I"))
     assert {label for each in material_curves(bare, "I") for label in each.stress} == {
-        "all spots", "p1", "p2", "known answer",
+        "all spots", "p1", "p2", "true value",
     }  # fmt: skip
     data, _ = small_runs()["a sweep"]
     assert not list(material_curves(data, "both"))

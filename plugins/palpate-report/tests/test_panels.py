@@ -54,13 +54,35 @@ def test_a_limb_is_drawn_with_its_normal_upwards(content):
     limb = block("tet10", n_across=4, n_down=3)
     figure = limbs(replace(content(n_sets=8), limbs={"p1": limb, "p1/fine": limb, "p2": limb}))
     assert [axis.get_title() for axis in figure.axes] == ["spot p1", "spot p2"]
-    low, high = figure.axes[0].get_zlim()
-    assert low < 0.0 < high
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert {"surface in contact", "fixed surface", "sphere"} <= set(labels)
+    left, right, low, high = figure.axes[0].images[0].get_extent()
+    pixels = np.asarray(figure.axes[0].images[0].get_array())
+
+    def at(x_mm: float, y_mm: float) -> np.ndarray:
+        row = round((high - y_mm) / (high - low) * (len(pixels) - 1))
+        return pixels[row, round((x_mm - left) / (right - left) * (pixels.shape[1] - 1))]
+
+    red, _, blue, opacity = at(0.0, 4.0)
+    assert opacity == 1.0
+    assert blue > red, "the sphere is above the spot"
+    red, _, blue, _ = at(0.0, -8.0)
+    assert red > blue, "the skin is below it"
+    assert at(left, high)[3] == 0.0, "around them is nothing"
 
 
 @pytest.mark.parametrize(
     ("name", "shown"),
-    [("c1", "c₁"), ("c12 (kPa)", "c₁₂ (kPa)"), ("μ", "μ"), ("k1@p2", "k₁@p2"), ("x.c1", "x.c1")],
+    [
+        ("c1", "c₁"),
+        ("c12 (kPa)", "c₁₂ (kPa)"),
+        ("μ", "μ"),
+        ("k1@p2", "k₁@p2"),
+        ("x.c1", "x.c1"),
+        ("mu2", "μ₂"),
+        ("nu", "ν"),
+        ("number", "number"),
+    ],
 )
 def test_the_number_of_a_symbol_is_lowered(name, shown):
     assert symbol(name) == shown

@@ -275,8 +275,8 @@ def test_intervals_are_drawn_around_each_fitted_value(content):
     rows = made.fit.certainty.intervals.filter(parameter="soft_tissue.stiffness")
     assert drawn == sorted(rows.select("lower", "upper").rows())
     assert [label.get_text() for label in panel.get_yticklabels()] == ["all spots", "p1", "p2"]
-    assert "known answer" in [line.get_label() for line in panel.get_lines()]
-    assert "known answer" not in [line.get_label() for line in other.get_lines()]
+    assert "true value" in [line.get_label() for line in panel.get_lines()]
+    assert "true value" not in [line.get_label() for line in other.get_lines()]
 
 
 def test_axes_are_logarithmic_where_the_sweep_is(content):

@@ -222,7 +222,7 @@ def test_the_page_leads_with_the_joint_fit_and_its_spots_beside_it(content):
     heads = [text for _, a, text in shown.all("th") if a.get("scope") == "col"]
     assert heads[:4] == ["parameter", "value", "about as good", "identified"]
     heads = heads[4:]  # after the card
-    assert heads[:5] == ["parameter", "all spots", "p1", "p2", "known answer"]
+    assert heads[:5] == ["parameter", "all spots", "p1", "p2", "true value"]
     rows = [text for _, a, text in shown.all("th") if a.get("scope") == "row"]
     rows = rows[4:]
     assert rows[:9] == [

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     )
     from palpate_report.data.report_data import ReportData as ReportData, brief_names as brief_names
     from palpate_report.data.table_files import markdown as markdown
+    from palpate_report.figures.limb_drawing import ABOVE as ABOVE, draw_limb as draw_limb
     from palpate_report.figures.limb_view import limb_view as limb_view
     from palpate_report.figures.scene import coarsened as coarsened
     from palpate_report.figures.skin_map import draw_map as draw_map
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
         LINES as LINES,
         STYLE as STYLE,
         column_mm as column_mm,
+        lettered as lettered,
         save as save,
         sized as sized,
         styled as styled,

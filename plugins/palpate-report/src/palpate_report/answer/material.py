@@ -43,7 +43,7 @@ class MaterialCurves:
     Parameters
     ----------
     stress : mapping of label to (n,) array
-        Of each fit, and of the known answer.
+        Of each fit, and of the true value.
     lower, upper : (n,) array or None
         Band of the fit that leads.
     """
@@ -62,7 +62,7 @@ def material_curves(data: ReportData, scenario: str) -> Iterator[MaterialCurves]
     rows = {row["fit"]: row for row in data.fit.ends.filter(scenario=scenario).iter_rows(named=True)}
     found = {fit: rows[fit] for fit in (data.together, *data.spots) if fit in rows}
     if data.study.truth:
-        found["known answer"] = dict(data.study.truth)
+        found["true value"] = dict(data.study.truth)
     draws = draws_of(data, scenario, MOST_DRAWS).to_dicts()
     unit = convert(f"1 {data.modulus_unit}", "MPa")
     searched = (each for each in data.study.space.regions if data.study.space.columns_of(each.region))

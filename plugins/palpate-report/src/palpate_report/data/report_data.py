@@ -277,9 +277,13 @@ class ReportData:
         return headlines_of(self.answer.filter(pl.col("reported"), kind=MODULUS), self.searched)
 
     def brief_name(self, name: str) -> str:
-        """Name of what is searched, as brief as :attr:`searched` has it, with its spot."""
+        """Name of a parameter, as brief as :attr:`searched` has it, with its spot."""
         full = ParameterName.parse(name)
-        brief = self.searched[full.shared].name if full.shared in self.searched else full.shared
+        brief = full.shared
+        if full.shared in self.searched:
+            brief = self.searched[full.shared].name
+        elif len(self.study.space.regions) == 1:
+            brief = str(replace(ParameterName.parse(brief), region=""))
         return str(ParameterName.parse(brief).at(full.spot))
 
     @property

@@ -33,7 +33,7 @@ TITLES: Mapping[str, str] = MappingProxyType(
         "volumes": "Volume of the posterior relative to the search ranges",
         "emulator": "Errors of the emulated curves, over the measured peak",
         "inadequate": "Where the model does not describe the data",
-        "distance_to_truth": "Distance to the known answer",
+        "distance_to_truth": "Distance to the true values",
         "convergence": "How the simulations ended",
         "verification": "Verification of the selected sets by their solver",
         "failures": "Sets that could not be ranked, by reason",

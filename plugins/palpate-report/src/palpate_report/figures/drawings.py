@@ -249,7 +249,7 @@ def interval_plot(data: ReportData) -> Figure:
             label = f"scenario {best.scenario}: {best.fitted_to}"
             axis.plot(found.value, at, linestyle="none", label=label, **look)
         if (truth := data.study.truth.get(name)) is not None:
-            axis.axvline(truth, color=LEAST_COLOUR, linewidth=0.8, label="known answer")
+            axis.axvline(truth, color=LEAST_COLOUR, linewidth=0.8, label="true value")
         if parameter.scale == "log":
             set_log(axis, "x")
         else:

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from palpate.api import FloatArray, Indenter, IntArray, Limb, Mesh, MeshError, Spot
-from palpate.api.mesh import CELLS, spot_axes
+from palpate.api.mesh import CELLS, barycentric, quadratic_simplex, spot_axes
 
 Role = Literal["contact", "fixed", "free", "interface", "indenter"]
 
@@ -53,8 +53,14 @@ class ViewPart:
     triangles: IntArray
 
 
-def limb_view(limb: Limb, indenter: Indenter | None = None) -> tuple[ViewPart, ...]:
+MOST_PIECES = 4
+"""Most pieces of an edge of a curved face."""
+
+
+def limb_view(limb: Limb, indenter: Indenter | None = None, most: int = 0) -> tuple[ViewPart, ...]:
     """Surfaces of a limb, and the indenter at rest on its spot, where one is given.
+
+    Faces with midside nodes are curved as far as that makes no more than ``most`` triangles.
 
     Raises
     ------
@@ -62,7 +68,7 @@ def limb_view(limb: Limb, indenter: Indenter | None = None) -> tuple[ViewPart, .
         The mesh has a kind of element that has no known faces.
     """
     body = () if indenter is None else (_indenter(limb.spot, indenter),)
-    return (*_surfaces(limb.mesh), *body)
+    return (*_surfaces(limb.mesh, most), *body)
 
 
 def traces(limb: Limb, parts: Sequence[ViewPart], arrow_mm: float) -> list[dict[str, Any]]:
@@ -76,25 +82,30 @@ def traces(limb: Limb, parts: Sequence[ViewPart], arrow_mm: float) -> list[dict[
     ]
 
 
-def _surfaces(mesh: Mesh) -> Iterator[ViewPart]:
-    triangles, regions, inner = _shown_faces(mesh)
+def _surfaces(mesh: Mesh, most: int) -> Iterator[ViewPart]:
+    faces, regions, inner = _shown_faces(mesh)
+    triangles = faces[:, :3]
+    n_pieces = int(np.clip(np.sqrt(most / max(len(faces), 1)), 1, MOST_PIECES))
     outside = inner < 0
     labels = _labels(mesh, triangles)
     for label in dict.fromkeys(labels[outside]):
         own = outside & (labels == label)
         for region in np.unique(regions[own]):
             name, chosen = label or mesh.regions[region], own & (regions == region)
-            yield _part(mesh, name, _role(mesh, label), mesh.regions[region], triangles[chosen])
+            yield _part(mesh, name, _role(mesh, label), mesh.regions[region], faces[chosen], n_pieces)
     for a, b in np.unique(np.stack([regions, inner], axis=1)[~outside], axis=0):
         chosen = (regions == a) & (inner == b)
         name = f"{mesh.regions[a]} | {mesh.regions[b]}"
-        yield _part(mesh, name, "interface", mesh.regions[a], triangles[chosen])
+        yield _part(mesh, name, "interface", mesh.regions[a], faces[chosen], n_pieces)
 
 
 def _shown_faces(mesh: Mesh) -> tuple[IntArray, IntArray, IntArray]:
-    """Triangles (n, 3) on the outside and between regions, their region, and the other one's or −1."""
+    """Faces (n, 6) on the outside and between regions, their region, and the other one's or −1.
+
+    Three corners, then midside nodes, which are −1 where there are none.
+    """
     faces, owners = _all_faces(mesh)
-    keys = np.sort(faces, axis=1)
+    keys = np.sort(faces[:, :4], axis=1)
     order = np.lexsort(keys.T)
     same = (keys[order][1:] == keys[order][:-1]).all(axis=1)
     other = np.full(len(faces), -1)
@@ -103,22 +114,29 @@ def _shown_faces(mesh: Mesh) -> tuple[IntArray, IntArray, IntArray]:
     shown = (other < 0) | (owners < other)  # an interface once, from the side of the region named first
     faces, owners, other = faces[shown], owners[shown], other[shown]
     quads = faces[:, 3] >= 0
+    halves = np.full((np.count_nonzero(quads), 7), -1)
+    halves[:, :3] = faces[quads][:, [0, 2, 3]]
     return (
-        np.concatenate([faces[:, :3], faces[quads][:, [0, 2, 3]]]),
+        np.delete(np.concatenate([faces, halves]), 3, axis=1),
         np.concatenate([owners, owners[quads]]),
         np.concatenate([other, other[quads]]),
     )
 
 
 def _all_faces(mesh: Mesh) -> tuple[IntArray, IntArray]:
-    """Faces (n, 4) of every element, −1 last in a triangle, and their elements' regions (n,)."""
+    """Faces (n, 7) of every element, and their elements' regions (n,).
+
+    Four corners, the last −1 in a triangle, then the midside nodes of a triangle, −1 where there are none.
+    """
     faces, owners = [], []
     for kind, cells in mesh.cells.items():
         if kind not in CELLS:
             raise MeshError(f"mesh: elements of kind '{kind}' cannot be drawn; use {', '.join(CELLS)}")
-        for corners in CELLS[kind].corner_faces:
-            block = np.full((len(cells), 4), -1, dtype=np.int64)
-            block[:, : len(corners)] = cells[:, list(corners)]
+        n = CELLS[kind].n_face_corners
+        for nodes in CELLS[kind].faces:
+            block = np.full((len(cells), 7), -1, dtype=np.int64)
+            block[:, :n] = cells[:, list(nodes[:n])]
+            block[:, 4 : 4 + len(nodes) - n] = cells[:, list(nodes[n:])]
             faces.append(block)
             owners.append(mesh.cell_regions[kind])
     return np.concatenate(faces), np.concatenate(owners)
@@ -139,16 +157,37 @@ def _role(mesh: Mesh, label: str) -> Role:
     return "fixed" if fixed else "free"
 
 
-def _part(mesh: Mesh, name: str, role: Role, region: str, triangles: IntArray) -> ViewPart:
-    """The triangles with the points that they use alone."""
-    used, renumbered = np.unique(triangles, return_inverse=True)
+def _part(mesh: Mesh, name: str, role: Role, region: str, faces: IntArray, n_pieces: int) -> ViewPart:
+    """Triangles of faces (n, 6) with the points that they use alone."""
+    curved = faces[:, 3] >= 0
+    points, triangles = _pieces(mesh.points_mm[faces[curved]], n_pieces)
+    points = np.concatenate([mesh.points_mm[faces[~curved, :3]].reshape(-1, 3), points])
+    flat = np.arange(3 * np.count_nonzero(~curved)).reshape(-1, 3)
+    used, numbers = np.unique(np.round(points, 9), axis=0, return_inverse=True)
+    corners = np.concatenate([flat, flat.size + triangles])
     return ViewPart(
         name=name,
         role=role,
         region=region,
-        points_mm=mesh.points_mm[used],
-        triangles=renumbered.reshape(-1, 3).astype(np.int64),
+        points_mm=used,
+        triangles=numbers.ravel()[corners].astype(np.int64),
     )
+
+
+def _pieces(faces_mm: FloatArray, n: int) -> tuple[FloatArray, IntArray]:
+    """Points and triangles of quadratic faces (k, 6, 3) whose edges are in n pieces."""
+    lattice = [(i, j) for i in range(n + 1) for j in range(n + 1 - i)]
+    values, _ = quadratic_simplex(barycentric(np.array(lattice) / n), ((0, 1), (1, 2), (2, 0)))
+    at = {place: number for number, place in enumerate(lattice)}
+    inner = [
+        corners
+        for i, j in lattice
+        for corners in (((i, j), (i + 1, j), (i, j + 1)), ((i + 1, j), (i + 1, j + 1), (i, j + 1)))
+        if all(place in at for place in corners)
+    ]
+    one = np.array([[at[place] for place in corners] for corners in inner])
+    first = len(lattice) * np.arange(len(faces_mm))[:, None, None]
+    return np.einsum("qn,knx->kqx", values, faces_mm).reshape(-1, 3), (first + one).reshape(-1, 3)
 
 
 def _indenter(spot: Spot, indenter: Indenter) -> ViewPart:

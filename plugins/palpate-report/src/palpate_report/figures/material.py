@@ -25,7 +25,7 @@ def _draw(axis: Axes, curves: MaterialCurves, leads: str) -> None:
         axis.fill_between(
             x, curves.lower, curves.upper, color=MEASURED_COLOUR, alpha=0.25, linewidth=0, label="95 %"
         )
-    looks = {leads: (LINES[0][0], "-", 1.6), "known answer": (LEAST_COLOUR, ":", 1.2)}
+    looks = {leads: (LINES[0][0], "-", 1.6), "true value": (LEAST_COLOUR, ":", 1.2)}
     for label, stress in curves.stress.items():
         colour, dash, width = looks.get(label, ("0.5", "--", 0.6))
         axis.plot(x, stress, color=colour, linestyle=dash, linewidth=width, label=label)

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 
 from palpate.api import Indentation, SurfaceStates, convert
 from palpate.api.fit import RISE
-from palpate.api.mesh import spot_axes
 from palpate_report.answer.next_step import CAUSES
 from palpate_report.data.report_data import CONTACT, ReportData
-from palpate_report.figures.limb_view import LOOKS, limb_view
+from palpate_report.figures.limb_drawing import draw_limb, from_the_side, legend_of
+from palpate_report.figures.limb_view import ViewPart, limb_view
 from palpate_report.figures.scene import coarsened, deepest
 from palpate_report.figures.skin_map import draw_map
 from palpate_report.figures.style import (
@@ -22,18 +22,17 @@ from palpate_report.figures.style import (
     axis_label,
     column_mm,
     finished,
+    lettered,
     panels,
     sized,
     symbol,
+    symbols,
 )
 
 N_COLUMNS = 3
 """Most panels side by side."""
 
-ENDS = ("cut", "fixed")
-"""Parts through which one looks into a limb: sets of fixed nodes that are no bone's."""
-
-MOST_TRIANGLES = 3000
+MOST_TRIANGLES = 8000
 """Triangles of a limb that is drawn for print."""
 
 
@@ -63,7 +62,7 @@ def budget_bars(data: ReportData) -> Iterator[tuple[str, list[tuple[str, float]]
         yield (
             data.brief_name(str(name)),
             [
-                (CAUSES.get(cause, cause), round(100.0 * share, 1))
+                (CAUSES.get(cause) or f"fixed {data.brief_name(cause)}", round(100.0 * share, 1))
                 for cause, share in shares
                 if share >= 0.005
             ],
@@ -78,7 +77,7 @@ def causes(data: ReportData) -> Figure:
     for place, (_, parts) in enumerate(bars):
         left = 0.0
         for cause, share in parts:
-            axis.barh(place, share, 0.6, left, color=colour_of(cause), label=cause)
+            axis.barh(place, share, 0.6, left, color=colour_of(cause), label=symbols(cause))
             left += share
     axis.set_yticks(range(len(bars)), [symbol(name) for name, _ in bars])
     axis.invert_yaxis()
@@ -108,6 +107,7 @@ def pressures(data: ReportData) -> Figure:
     for axis, (spot, states) in zip(axes, found.items(), strict=True):
         maps.append(draw_map(axis, states, deepest(states), values[spot], most))
         axis.set_title(f"spot {spot}")
+    lettered(axes)
     if drawn := [each for each in maps if each is not None]:
         figure.colorbar(drawn[0], ax=list(axes), label=f"contact pressure ({data.modulus_unit})", shrink=0.8)
     return finished(figure, [], data.stamp)
@@ -116,23 +116,16 @@ def pressures(data: ReportData) -> Figure:
 def limbs(data: ReportData) -> Figure:
     """Draw the limb around each spot with its bones and the indenter at rest; the normal is upwards."""
     found = {spot: data.limbs[spot] for spot in data.spots if spot in data.limbs}
-    figure, axes = _panels(len(found), 50.0, projection="3d")
+    figure, axes = _panels(len(found), 50.0)
+    shown: list[ViewPart] = []
     for axis, (spot, limb) in zip(axes, found.items(), strict=True):
         protocol = data.study.protocol_at(spot)
         indenter = protocol.indenter if isinstance(protocol, Indentation) else None
-        turned = spot_axes(limb.spot.normal, limb.spot.along)
-        for part in coarsened(limb_view(limb, indenter), MOST_TRIANGLES):
-            if part.role == "interface":
-                continue
-            points = (part.points_mm - limb.spot.position_mm) @ turned
-            colour, opacity = LOOKS["free" if part.name in ENDS else part.role]
-            axis.plot_trisurf(*points.T, triangles=part.triangles, color=colour, alpha=opacity, linewidth=0.0)
+        parts = coarsened(limb_view(limb, indenter, MOST_TRIANGLES), MOST_TRIANGLES)
+        draw_limb(axis, limb, parts, from_the_side(limb))
         axis.set_title(f"spot {spot}")
-        spans = np.array([axis.get_xlim(), axis.get_ylim(), axis.get_zlim()])
-        axis.set_box_aspect(np.ptp(spans, axis=1), zoom=1.3)
-        axis.view_init(elev=20.0, azim=-50.0)
-        axis.set_axis_off()
-    return finished(figure, [], data.stamp)
+        shown += parts
+    return finished(figure, axes, data.stamp, legend_of(shown))
 
 
 def profiles(data: ReportData) -> Figure:
@@ -145,7 +138,7 @@ def profiles(data: ReportData) -> Figure:
         axis.plot(rows["value"], rows["rise"], color=LINES[0][0], label="profile")
         axis.axhline(RISE, color="0.5", linestyle=":", linewidth=0.8, label="95 %")
         if name in truth:
-            axis.axvline(truth[name], color=LEAST_COLOUR, linewidth=0.8, label="known answer")
+            axis.axvline(truth[name], color=LEAST_COLOUR, linewidth=0.8, label="true value")
         axis.set(xlabel=axis_label(data.searched[name]), ylabel="rise of −2 log density")
     return finished(figure, axes, data.stamp)
 

@@ -115,7 +115,7 @@ def scene(limb: Limb, protocol: Protocol | None, most: int) -> list[dict[str, An
     indenter = _indenter(protocol)
     size = float(np.ptp(limb.mesh.points_mm, axis=0).max())
     arrow_mm = 0.25 * size if indenter is None else 3.0 * indenter.radius_mm
-    shown = traces(limb, coarsened(limb_view(limb, indenter), most), arrow_mm)
+    shown = traces(limb, coarsened(limb_view(limb, indenter, most), most), arrow_mm)
     if indenter is None or not isinstance(protocol, Indentation):
         return shown
     name = indenter.name

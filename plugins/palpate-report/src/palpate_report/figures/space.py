@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from functools import partial
 from itertools import combinations
-from typing import Any
+from typing import Any, cast
 
 import matplotlib as mpl
 import numpy as np
@@ -11,6 +11,7 @@ import polars as pl
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from scipy.spatial import ConvexHull, QhullError
 
 from palpate.api import FloatArray, Parameter
@@ -77,7 +78,6 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
             _draw_paths(data, spot, flat[0], [p.name for p in data.design.parameters])
         for axis, (i, j) in zip(flat[in_space:], pairs, strict=True):
             names = [data.design.parameters[k].name for k in (i, j)]
-            _draw_contours(data, axis, *names)
             _draw_region(draws, axis, names, f"95 % region of {data.together}, as the intervals")
             _scatter(axis, (values[:, i], values[:, j]), fopt)
             _draw_paths(data, spot, axis, names)
@@ -85,6 +85,7 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
             axis.set_ylabel(axis_label(parameters[j]))
             _draw_truth(data, axis, names)
             _set_scales(axis, (parameters[i], parameters[j]))
+            _draw_contours(data, axis, *names)
     if n > 1 and np.isfinite(fopt).any():
         _colour_bar(figure, flat, data, fopt)
     lettered(flat)
@@ -170,13 +171,36 @@ def _scatter(axis: Axes, at: Sequence[FloatArray], fopt: FloatArray) -> None:
 
 
 def _draw_contours(data: ReportData, axis: Axes, parameter: str, other: str) -> None:
-    """Draw Fopt of the fit that leads, with its levels, below everything else."""
-    label = f"Fopt of the fit to {data.together}"
-    for each in contours(data, data.generalising.name, parameter, other):
-        axis.plot(each.x, each.y, color="0.55", linewidth=0.5, zorder=1, label=label)
-        at = (each.x[each.label], each.y[each.label])
-        axis.text(*at, f"{each.level:g}", fontsize=4.5, color="0.35", ha="center", va="center", zorder=1)
+    """Draw Fopt of the fit that leads below everything else, with its levels where nothing else is."""
+    drawn = contours(data, data.generalising.name, parameter, other)
+    label, write = f"Fopt of the fit to {data.together}", cast("Any", axis.text)
+    marks = [np.concatenate([_on_axes(axis, line, 40) for line in axis.get_lines()] or [np.zeros((0, 2))])]
+    for each in drawn:
+        (line,) = axis.plot(each.x, each.y, color="0.55", linewidth=0.5, zorder=1, label=label)
+        at = _freest(_on_axes(axis, line), np.concatenate(marks))
+        marks.append(_on_axes(axis, line)[at][None])
+        box = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
+        look = {"fontsize": 5, "color": "0.35", "ha": "center", "va": "center", "zorder": 1.5}
+        write(each.x[at], each.y[at], f"{each.level:g}", bbox=box, **look)
         label = "_"
+
+
+def _on_axes(axis: Axes, line: Line2D, n: int = 1) -> FloatArray:
+    """Points (k, 2) of a line in parts of the axes, n for each of its own."""
+    axis.get_xlim(), axis.get_ylim()  # they follow what has been drawn
+    places = np.asarray(
+        axis.transAxes.inverted().transform(line.get_transform().transform(line.get_xydata()))
+    )
+    at = np.linspace(0, len(places) - 1, n * len(places))
+    return np.column_stack([np.interp(at, np.arange(len(places)), column) for column in places.T])
+
+
+def _freest(places: FloatArray, marks: FloatArray) -> int:
+    """Number of the place of a line, not at its ends, that is farthest from marks."""
+    known = np.flatnonzero(np.isfinite(places[:, 0]))
+    inner = known[len(known) // 10 : len(known) - len(known) // 10]
+    apart = np.linalg.norm(places[inner, None] - marks, axis=2).min(axis=1, initial=np.inf)
+    return int(inner[int(np.argmax(apart))])
 
 
 def _draw_region(draws: pl.DataFrame, axis: Axes, names: Sequence[str], label: str) -> None:
@@ -196,11 +220,11 @@ def _draw_region(draws: pl.DataFrame, axis: Axes, names: Sequence[str], label: s
 
 
 def _draw_truth(data: ReportData, axis: Axes, names: Sequence[str]) -> None:
-    """Draw the known answer across the panel."""
+    """Draw the true value across the panel."""
     truth = data.study.truth
     look: dict[str, Any] = {"color": LEAST_COLOUR, "linestyle": ":", "linewidth": 0.7, "zorder": 2}
     if names[0] in truth:
-        axis.axvline(truth[names[0]], label="known answer", **look)
+        axis.axvline(truth[names[0]], label="true value", **look)
     if names[1] in truth:
         axis.axhline(truth[names[1]], **look)
 

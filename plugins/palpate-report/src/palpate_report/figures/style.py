@@ -1,7 +1,7 @@
 """Style of every figure for print: sizes in mm, type, colours for all kinds of colour vision, files."""
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import Any, cast
 
 import matplotlib as mpl
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -151,9 +152,21 @@ def set_log(axis: Axes, *names: str) -> None:
 INDICES = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
+GREEK = MappingProxyType(
+    {"alpha": "α", "beta": "β", "gamma": "γ", "kappa": "κ", "lambda": "λ", "mu": "μ", "nu": "ν", "tau": "τ"}
+)
+"""Letters that names of parameters spell out."""
+
+
 def symbol(name: str) -> str:
-    """Name of a parameter as figures print it: ``c1`` with its number lowered."""
+    """Name of a parameter in print: ``c1`` with its number lowered, ``mu1`` with a Greek letter."""
+    name = re.sub(rf"^(?:{'|'.join(GREEK)})(?=\d|\b)", lambda found: GREEK[found[0]], name)
     return re.sub(r"(?<=^[^\W\d_])\d+", lambda found: found[0].translate(INDICES), name)
+
+
+def symbols(text: str) -> str:
+    """Words with every name of a parameter as figures print it."""
+    return " ".join(map(symbol, text.split(" ")))
 
 
 def axis_label(parameter: Parameter) -> str:
@@ -169,12 +182,13 @@ def lettered(axes: Iterable[Axes]) -> None:
         axis.set_title(letter, loc="left", fontweight="bold", fontsize=8.0)
 
 
-def finished(figure: Figure, axes: Iterable[Axes], notice: str) -> Figure:
+def finished(figure: Figure, axes: Iterable[Axes], notice: str, legend: Sequence[Artist] = ()) -> Figure:
     """Figure with one legend of all that these axes show below it, each label once, and a notice above.
 
-    The notice is that on the data, such as that they are simulated.
+    The notice is on the data, such as that they are simulated; ``legend`` has what no axis labels.
     """
-    shown, labelled = [axis for axis in axes if axis.axison or axis.has_data()], dict[str, Any]()
+    shown = [axis for axis in axes if axis.axison or axis.has_data()]
+    labelled: dict[str, Any] = {str(each.get_label()): each for each in legend}
     lettered(shown)
     for axis in shown:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):

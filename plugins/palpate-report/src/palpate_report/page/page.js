@@ -192,7 +192,7 @@
       meta: [["●", colour("measured"), "draws of the fit: what the curves and the error budget allow"]], marker: { size: 4, color: colour("measured"), opacity: 0.35 } }, axes)];
   }
 
-  /** The known answer, across the whole panel. */
+  /** The true value, across the whole panel. */
   function truthLines(i, j, id) {
     const look = { type: "line", line: { color: colour("least"), width: 1.2, dash: "dot" } }, found = [];
     const at = (n) => (n < 0 ? null : data.parameters[n].truth);
@@ -245,7 +245,7 @@
       const along = (n) => (way) => (n < 0 ? way.fopt.map(shown) : way.values[n]);
       traces.push(...wayTraces(along(i), along(j), axes));
     });
-    listKeys([...traces, ...(truths.length ? [{ meta: [["┅", colour("least"), "known answer"]] }] : [])]);
+    listKeys([...traces, ...(truths.length ? [{ meta: [["┅", colour("least"), "true value"]] }] : [])]);
     element("pairs").style.height = `${shape.height}px`;
     draw("pairs", traces, layout(Object.assign(shape, { shapes: truths, margin: { l: 56, r: isNarrow() ? 8 : 70, t: isNarrow() ? 64 : 32, b: 48 } })));
   }

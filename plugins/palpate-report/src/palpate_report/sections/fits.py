@@ -109,7 +109,7 @@ class Values(Section):
         elif options:
             yield Choice("Scenario", options)
         if "distance_to_truth" in report.tables:
-            yield Paragraph("Distance of every fit to the known answer: tables/distance_to_truth.csv.")
+            yield Paragraph("Distance of every fit to the true values: tables/distance_to_truth.csv.")
 
     def result(self, data: ReportData, report: Report) -> str:
         """Moduli of what leads."""
@@ -203,13 +203,13 @@ def _by_spot(data: ReportData, bests: Sequence[Best]) -> Table:
     rows.append(["found", *(best.found for best in bests), *([""] if truth else [])])
     return Table(
         f"The fit to {bests[0].fitted_to} (scenario {bests[0].scenario}); below each value {_below(bests)}",
-        ["parameter", *(best.spot for best in bests), *(["known answer"] if truth else [])],
+        ["parameter", *(best.spot for best in bests), *(["true value"] if truth else [])],
         rows,
     )
 
 
 def _moduli(data: ReportData, bests: Sequence[Best]) -> Iterator[tuple[str, list[float | None]]]:
-    """Rows of the initial moduli of each best set, and of the known answer if there is one."""
+    """Rows of the initial moduli of each best set, and of the true value if there is one."""
     columns = [{each.parameter: each.value for each in best.moduli} for best in bests]
     if truth := data.study.truth:
         columns.append(dict(initial_moduli(data.study.space, truth, data.factors, data.modulus_unit)))
