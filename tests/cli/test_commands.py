@@ -7,6 +7,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from palpate import __version__
@@ -425,6 +426,32 @@ def test_the_range_of_own_presses_follows_their_force(call: Call, factor: float)
         (modulus,) = read_study(f"own{scale}").space.parameters
         ends.append((modulus.lower, modulus.upper))
     assert ends[1] == pytest.approx([factor * end for end in ends[0]], rel=0.01)
+
+
+def test_a_study_of_a_force_alone_has_its_depth_and_scenarios(call: Call) -> None:
+    """Nothing of the ready study's depth, twist or torque is left where the curves have none of them."""
+    call("init", "try", plugin=None)
+    rows = "".join(f"{d:.1f},{0.4 * d**1.5:.4f}\n" for d in np.linspace(0.0, 6.0, 31))
+    Path("own.csv").write_text(f"Depth (mm),Load (N)\n{rows}", encoding="utf-8")
+    files = ("--measured", "own.csv", "--mesh", "try/meshes/p1.vtu")
+    assert call("init", "own", *files, plugin=None).code == 0
+    study = read_study("own")
+    assert study.protocol.columns["depth_mm"].max() == pytest.approx(6.0)
+    assert not np.any(study.protocol.columns["rotation_deg"])
+    assert [{*scenario.weighed} for scenario in study.scenarios] == [{"force"}]
+    (measured,) = load_measured(study, Plugins.load().channels).values()
+    assert {*measured} == {"force"}
+
+
+def test_the_ranges_of_an_own_test_follow_its_stress(call: Call) -> None:
+    """Shear of a tissue that is a thousand times softer than the rubber of the ready study."""
+    rows = "".join(f"{g:.2f},{0.4 * g:.5f}\n" for g in np.linspace(0.0, 0.4, 21))
+    Path("own.csv").write_text(f"Shear strain,Shear stress (kPa)\n{rows}", encoding="utf-8")
+    assert call("init", "own", "--measured", "own.csv", plugin=None).code == 0
+    study = read_study("own")
+    c1 = next(p for p in study.space.parameters if p.name.endswith("c1"))
+    assert c1.lower < 0.2e-3 < c1.upper
+    load_measured(study, Plugins.load().channels)
 
 
 def _scaled(head: str, row: str, factor: float) -> list[str]:

@@ -1,4 +1,4 @@
-"""Ranges of a study of own presses, around a half-space estimate of the measured force."""
+"""Motion, scenarios and ranges of a study of own presses, or of an own test, by its measured curves."""
 
 import re
 from collections.abc import Iterator
@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.domain import FloatArray, Indentation, Response
+from palpate.domain import FloatArray, Indentation, Parameter, Response, channel_of
 from palpate.domain.channels import FORCE, TORQUE
 from palpate.domain.material import IsotropicMaterial, Material
 from palpate.errors import PalpateError
-from palpate.experiment.curve_checks import hertz_N, secant_young_MPa
-from palpate.experiment.measured import load_measured
+from palpate.experiment.curve_checks import check_sizes, hertz_N, secant_young_MPa
+from palpate.experiment.measured import read_first
+from palpate.mechanics.homogeneous import MODES, nominal_stress
 from palpate.plugins.catalogue import Plugins
 from palpate.study.reading import Study, read_study
 from palpate.toml_text import toml_value
@@ -24,11 +25,12 @@ MOST_TURNS = 6
 """Turns of a twist above which the curve is no motion that can be copied."""
 
 MOTION = "   # as your curves have it"
+STRESS = "   # CHANGE THIS: the ready range, scaled to your stress"
 MARK, HALF_SPACE = "   # CHANGE THIS: ", "   # around a half-space estimate of your force"
 
 
 def with_own_ranges(file: Path, plugins: Plugins, ready: str) -> bool:
-    """Write depth, twist and ranges of a study by its measured curves; False where they cannot be read.
+    """Write motion, scenarios and ranges of a study by its measured curves; False where they cannot be read.
 
     The modulus of the first region is searched, others keep their ratio to it, and shape parameters stay in
     the middle of their ranges. What is copied from the ready study has a mark.
@@ -36,11 +38,14 @@ def with_own_ranges(file: Path, plugins: Plugins, ready: str) -> bool:
     text, borrowed = file.read_text(encoding="utf-8"), f"{MARK}copied from {ready}"
     try:
         study = read_study(file, plugins)
-        measured = next(iter(load_measured(study, plugins.channels).values()))
-        text = _with_motion(text, measured)
+        measured = read_first(study)
+        text = _with_scenarios(_with_motion(text, measured), study, measured)
         file.write_text(text, encoding="utf-8")
-        tables = dict(_tables(read_study(file, plugins), measured))
-    except (PalpateError, StopIteration):
+        study = read_study(file, plugins)
+        if isinstance(study.protocol, Indentation):  # a force a thousand times off gives no range
+            check_sizes(measured, plugins.channels, study.protocol, study.space)
+        tables = dict(_tables(study, measured) if study.protocol else _tables_of_test(study, measured))
+    except PalpateError:
         tables = {}
     for region, table in tables.items():
         head = rf"^\[region\.{re.escape(region)}\.parameters\]\n(?:(?!\[).*\n?)*"
@@ -50,8 +55,8 @@ def with_own_ranges(file: Path, plugins: Plugins, ready: str) -> bool:
 
 
 def _with_motion(text: str, measured: Response) -> str:
-    """Depth and twist of the protocol as the curves have them."""
-    own = {}
+    """Depth and twist of the protocol as the curves have them; no twist without a torque."""
+    own = {} if TORQUE.name in measured else {"twist": ""}
     if FORCE.name in measured:
         own["depth"] = f'"{measured[FORCE.name].abscissa.max():.4g} mm"'
     if TORQUE.name in measured:
@@ -59,12 +64,24 @@ def _with_motion(text: str, measured: Response) -> str:
         turns = [round(float(curve.abscissa[stop - 1]), 2) for _, stop in curve.branches]
         if len(turns) <= MOST_TURNS:
             own["twist"] = toml_value([f"{turn:g} deg" for turn in turns])
-    lines = {name: f"{name} = {value}{MOTION}" for name, value in own.items()}
+    lines = {name: f"{name} = {value}{MOTION}\n" if value else "" for name, value in own.items()}
 
     def table(found: re.Match[str]) -> str:
-        return re.sub(r"^(depth|twist) = .*$", lambda m: lines.get(m[1], m[0]), found[0], flags=re.MULTILINE)
+        keys = r"^(depth|twist) = .*\n"
+        return re.sub(keys, lambda m: lines.get(m[1], m[0]), found[0], flags=re.MULTILINE)
 
     return re.sub(r"^\[protocol\]\n(?:(?!\[).*\n?)*", table, text, flags=re.MULTILINE)
+
+
+def _with_scenarios(text: str, study: Study, measured: Response) -> str:
+    """Scenarios of the ready study that weigh measured channels alone; all of them where none does."""
+    kept = [s.name for s in study.scenarios if {*map(channel_of, s.weighed)} <= {*measured}]
+    if not kept or len(kept) == len(study.scenarios):
+        return text
+    text = re.sub(r"^scenarios = \[[^\]]*\]", f"scenarios = {toml_value(kept)}", text, flags=re.MULTILINE)
+    if study.generalise_by in kept:
+        return text
+    return re.sub(r"^generalise_by = .*\n", "", text, flags=re.MULTILINE)
 
 
 def _tables(study: Study, measured: Response) -> Iterator[tuple[str, str]]:
@@ -97,6 +114,38 @@ def _tables(study: Study, measured: Response) -> Iterator[tuple[str, str]]:
                 entry = f'"{value:.4g} {p.unit}"'
             lines.append(f"{p.name} = {entry}")
         yield region.region, "\n".join(lines) + "\n\n"
+
+
+def _tables_of_test(study: Study, measured: Response) -> Iterator[tuple[str, str]]:
+    """Text of the parameters of a specimen: the ready moduli, times measured stress over the middle's."""
+    space, unit, ((mode, curve), *_) = study.space, study.modulus_unit, measured.curves.items()
+    (region, *others), row = space.regions, int(np.abs(curve.ordinate).argmax())
+    material = region.material
+    if others or mode not in MODES or not isinstance(material, IsotropicMaterial):
+        return
+    middle = np.array([0.5 * (p.lower + p.upper) for p in space.parameters])
+    theta = space.thetas(middle)[region.region]
+    every = space.complete(dict(zip(space.names, middle, strict=True)))
+    ratio = abs(curve.ordinate[row] / nominal_stress(material, theta, mode, curve.abscissa[[row]])[0])
+    if not (np.isfinite(ratio) and ratio > 0.0):
+        return
+    searched = {p.name: p for p in space.parameters}
+    lines = [f"[region.{region.region}.parameters]"]
+    for p in material.parameters:
+        name, times = region.name_of(p.name), ratio if p.kind == "modulus" else 1.0
+        found = searched.get(name)
+        ends = (every[name],) * 2 if found is None else (found.lower, found.upper)
+        lower, upper = (toml_value(_quantity(times * end, p, unit)) for end in ends)
+        ranges = f"{{ lower = {lower}, upper = {upper} }}{STRESS}"
+        lines.append(f"{p.name} = {lower if found is None else ranges}")
+    yield region.region, "\n".join(lines) + "\n\n"
+
+
+def _quantity(value: float, parameter: Parameter, modulus_unit: str) -> str | float:
+    """Value of a parameter as a study has it, with its unit."""
+    unit = modulus_unit if parameter.kind == "modulus" else parameter.unit
+    number = float(f"{convert(f'{value} {parameter.unit}', unit) if unit else value:.3g}")
+    return f"{number:g} {unit}" if unit else number
 
 
 def _young_MPa(material: Material, theta: FloatArray) -> float:  # noqa: N802 -- the unit

@@ -109,12 +109,11 @@ def init(
         check_new(folder)
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "study.toml").write_text(text, encoding="utf-8")
-        kept = "ranges" if test else "protocol and ranges"
-        if not test:
-            from palpate.cli.half_space import with_own_ranges
+        from palpate.cli.half_space import with_own_ranges
 
-            if with_own_ranges(folder / "study.toml", session.plugins, name):
-                kept = "lines marked CHANGE THIS"
+        kept = "ranges" if test else "protocol and ranges"
+        if with_own_ranges(folder / "study.toml", session.plugins, name):
+            kept = "lines marked CHANGE THIS"
     else:
         copy_study(ready, folder)
         name_study(folder)
