@@ -81,7 +81,8 @@ class ChannelColumns(Settings):
     )
     rows: Literal["all", "loading"] = Field(
         default="all",
-        description="loading: rows up to where the abscissa is farthest from its first value, no way back.",
+        description="loading: rows from the last at or below 0 to where the abscissa is farthest from its "
+        "first value; no approach and no way back.",
     )
 
     @property
@@ -331,7 +332,8 @@ def _curve(
         if columns.rows == "loading":
             away = np.abs(fields["abscissa"] - fields["abscissa"][span.start])
             farthest = int(np.argmax(away >= _FARTHEST_SHARE * away.max()))
-            span = slice(span.start, max(farthest + 1, span.start + 2))
+            before = np.flatnonzero(fields["abscissa"][span.start : farthest] <= 0.0)[-1:]
+            span = slice(span.start + sum(before), max(farthest + 1, span.start + 2))
         return Curve(
             channel=channel,
             abscissa=fields["abscissa"][span],

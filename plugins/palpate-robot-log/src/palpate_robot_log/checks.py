@@ -45,7 +45,7 @@ def _usual_steps(_: object, channels: "ChannelMap") -> Limits:
     return channels.plausible.shortest_step, channels.plausible.longest_step
 
 
-def _stuck(_: object, channels: "ChannelMap") -> Limits:
+def _stuck(_: object, channels: "ChannelMap", __: object) -> Limits:
     return 0.0, channels.stuck
 
 
@@ -119,18 +119,18 @@ CHECKS: tuple[Check, ...] = (
     Check("sensor", of.changing_rows, (1, _INF),
          "{number:g} in every row: the axis is dead, or the column another",
          'repair it, or write "0" for an axis that the sensor has not'),
-    Check("sensor", of.stuck_s, _stuck,
+    Check("repeats", of.stuck_s, _stuck,
          "the same to the last digit in all axes for {value:.3f} s, until {until}: the sensor is stuck or "
          "its driver stopped",
          "record again, or raise stuck in the channel map for a log without noise"),
-    Check("sensor", of.plateau_rows, _NONE,
+    Check("repeats", of.plateau_rows, _NONE,
          "{number:.6g} in {value} rows on end, until {until}, and never beyond: the sensor is saturated",
          "press less deep, or take another sensor"),
-    Check("sensor", of.axis_stuck_s, _stuck,
+    Check("repeats", of.axis_stuck_s, _stuck,
          "{number:.6g} to the last digit for {value:.3f} s, until {until}, with noise at other times: the "
          "axis is stuck",
          "record again, or raise stuck in the channel map"),
-    Check("sensor", of.rows_beyond_range, _NONE,
+    Check("range", of.rows_beyond_range, _NONE,
          "{number:g} reaches the sensor's range of {limit:g} ({name}_limit, {unit}), as in {value} rows in "
          "all",
          "press less deep, or take another sensor"),
@@ -180,8 +180,8 @@ CHECKS: tuple[Check, ...] = (
     Check("spikes", given, (0.0, 0.01),
          "{hit} of {n_rows} rows have a spike in force or moment",
          "check the sensor's cable and range, or give spikes.enabled = false"),
-    Check("zero", of.jump_at_rest, (0.0, of.LARGEST_JUMP_SHARE),
-         "the force jumps by {jump_N:.3g} N while the tip rests{off}: the sensor was zeroed in contact",
+    Check("zero", of.jump_of_zero, (0.0, of.LARGEST_JUMP_SHARE),
+         "the force jumps by {jump_N:.3g} N while the tip {moves}{off}: the sensor was zeroed in contact",
          "zero it in free air, and log the press again"),
     Check("contact", of.over_noise, (NOISE_MULTIPLE, _INF),
          "a press without contact: the force changes by {peak:.3g} N at most, with a noise of {noise:.2g} N",

@@ -123,8 +123,14 @@ def _columns(series: "Series") -> list[int]:
     return [index for index, name in enumerate(series.names) if name != "0"]
 
 
-def _same(series: "Series") -> BoolArray:
+def _same(series: "Series", pose: Sequence["Series"]) -> BoolArray:
+    """Whether each axis has the value of the row before; it tells nothing of a coarse load cell at rest."""
     same: BoolArray = series.values[1:] == series.values[:-1]
+    if len(real := _columns(series)) == 1:
+        columns = ((each.time_s, column) for each in pose for column in each.values.T)
+        steps = [np.diff(np.interp(series.time_s, time, column)) for time, column in columns]
+        is_free = series.values[1:, real[0]] == series.values[0, real[0]]
+        same &= (np.any(steps, axis=0) & ~is_free)[:, None]
     return same
 
 
@@ -149,19 +155,19 @@ def changing_rows(series: "Series", _: "ChannelMap") -> Iterator[Found]:
         yield found(int(np.count_nonzero(np.diff(values))), 0, column, number=values[0])
 
 
-def stuck_s(series: "Series", _: "ChannelMap") -> Iterator[Found]:
+def stuck_s(series: "Series", _: "ChannelMap", pose: Sequence["Series"]) -> Iterator[Found]:
     """Longest time [s] for which all axes repeat themselves."""
-    same = np.logical_and.reduce(_same(series)[:, _columns(series)], axis=1)
+    same = np.logical_and.reduce(_same(series, pose)[:, _columns(series)], axis=1)
     first, last, seconds = _longest_run(series, same)
     # A wrench that is updated less often than rows are written repeats in every run.
     if last - first + 1 > 5 * np.median(_runs(same)[1]):
         yield found(seconds, first, until=series.at(last))
 
 
-def axis_stuck_s(series: "Series", channels: "ChannelMap") -> Iterator[Found]:
+def axis_stuck_s(series: "Series", channels: "ChannelMap", pose: Sequence["Series"]) -> Iterator[Found]:
     """Longest time [s] for which one axis repeats itself and shows noise at other times."""
     step_s = float(np.median(np.diff(series.time_s)))
-    for column, same in ((column, _same(series)[:, column]) for column in _columns(series)):
+    for column, same in ((column, _same(series, pose)[:, column]) for column in _columns(series)):
         if np.count_nonzero(same) * step_s < channels.stuck:
             continue
         first, last, seconds = _longest_run(series, same)
@@ -179,7 +185,7 @@ def _is_noisy(values: FloatArray) -> bool:
     return bends.size > 0 and bool(np.median(np.abs(bends)) >= np.median(np.abs(steps)) > 0.0)
 
 
-def plateau_rows(series: "Series", _: "ChannelMap") -> Iterator[Found]:
+def plateau_rows(series: "Series", _: "ChannelMap", pose: Sequence["Series"]) -> Iterator[Found]:
     """Count of rows on end at which an axis is cut, at the largest or the least of its values."""
     for column in _columns(series):
         values = series.values[:, column]
@@ -188,7 +194,7 @@ def plateau_rows(series: "Series", _: "ChannelMap") -> Iterator[Found]:
             is_near_rest = abs(extreme) < _PLATEAU_SHARE * max(map(abs, ends))
             if is_near_rest or np.count_nonzero(values == extreme) < _PLATEAU_ROWS:
                 continue
-            starts, lengths = _runs(_same(series)[:, column])
+            starts, lengths = _runs(_same(series, pose)[:, column])
             at_extreme = values[starts] == extreme
             longest = int(np.argmax(np.where(at_extreme, lengths, 0)))
             first, size = int(starts[longest]), int(lengths[longest])
@@ -242,7 +248,7 @@ def reach_mm(series: "Series", _: "ChannelMap") -> Iterator[Found]:
 
 def jump_after_stop_mm(series: "Series", channels: "ChannelMap") -> Iterator[Found]:
     """Jump of a pose that did not change to the last digit: its stream was interrupted."""
-    starts, lengths = _runs(np.logical_and.reduce(_same(series), axis=1))
+    starts, lengths = _runs(np.all(series.values[1:] == series.values[:-1], axis=1))
     ends = starts + lengths - 1
     held_s = series.time_s[ends] - series.time_s[starts]
     for index in np.flatnonzero((held_s > channels.stuck) & (lengths > 5 * np.median(lengths))):
@@ -299,10 +305,11 @@ def is_back(track: Recording) -> bool:
     return float(np.linalg.norm(end - begin)) <= _BACK_SHARE * farthest
 
 
-def jump_at_rest(track: Recording, force_N: FloatArray, least_N: float) -> Iterator[Found]:
+def jump_of_zero(track: Recording, force_N: FloatArray, least_N: float) -> Iterator[Found]:
     """Jump of the force (n, 3) in the base frame while the tip rests, as a share of the largest change.
 
-    Jumps below ``least_N`` are noise.
+    Jumps below ``least_N`` are noise. While the tip moves, a jump counts by which the force is off once the
+    tool is back at its height.
     """
     n_rows = track.n_rows
     if n_rows < 4 * _WINDOW:
@@ -313,17 +320,25 @@ def jump_at_rest(track: Recording, force_N: FloatArray, least_N: float) -> Itera
     moved_mm = track.position_mm[before + _WINDOW] - track.position_mm[before - _WINDOW + 1]
     # A jump to another level, within one step.
     jumps = np.minimum(jumps, np.linalg.norm(force_N[before + 1] - force_N[before], axis=1))
-    at = int(np.argmax(jumps * (np.linalg.norm(moved_mm, axis=1) < _STILL_MM)))
+    is_still, ends_back = np.linalg.norm(moved_mm, axis=1) < _STILL_MM, is_back(track)
+    at_rest = jumps * is_still
+    at = int(np.argmax(at_rest if at_rest.max() >= least_N or not ends_back else jumps))
     row, jump_N = int(before[at]), float(jumps[at])
     n_ends = max(n_rows // 50, _WINDOW)
     begin, end = (np.median(part, axis=0) for part in (force_N[:n_ends], force_N[-n_ends:]))
     off, off_N = "", float(np.linalg.norm(end - begin))
-    if is_back(track):
+    if ends_back:
         off = f", and is {off_N:.3g} N off when the tool is back at its height"
     is_same = not off or abs(off_N - jump_N) <= _SAME_SHARE * jump_N
     if is_same and jump_N >= least_N:
         largest = float(np.linalg.norm(force_N - begin, axis=1).max())
-        yield found(jump_N / max(largest, 1e-300), row + 1, jump_N=jump_N, off=off)
+        yield found(
+            jump_N / max(largest, 1e-300),
+            row + 1,
+            jump_N=jump_N,
+            off=off,
+            moves="rests" if is_still[at] else "moves",
+        )
 
 
 def over_noise(_: Recording, peak: float, noise: float) -> Iterator[Found]:

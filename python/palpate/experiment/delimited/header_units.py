@@ -74,6 +74,8 @@ _OF_LABELS = {
 
 _SPELT = {
     "kp": "kgf",
+    "rev": "turn",
+    "revs": "turn",
     "pct": "percent",
     "kgs": "kg",
     "grf": "gf",

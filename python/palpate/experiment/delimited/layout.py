@@ -2,7 +2,7 @@
 
 import io
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -33,6 +33,10 @@ _DATE = (
 _LIST = re.compile(r"[\[(]\s*([^\[\]()]*?)\s*[\])]")
 _LIST_WITH_COMMAS = r'(^|,)\s*(\[[^\]"]*,[^\]"]*\])'
 _COMMENTS = ("#", "%", "//", "!")
+_KEY_AND_VALUE = r"^\s*(- )?[A-Za-z_]\w*:(\s+\S.*)?$|^---$"
+_LABVIEW, _LABVIEW_HEAD = "LabVIEW Measurement", "***End_of_Header***"
+_REMARKS = frozenset(("comment", "comments", "kommentar"))
+"""Names, in small letters, of a last column that rows without a remark leave out."""
 _UNIT_LABELS = frozenset(("y_unit_label", "unit", "units", "einheit", "einheiten"))
 """First cells, in small letters, of a line above the names that holds the units of the columns below it."""
 _COMMENT_LABEL = re.compile(r"(columns?|fields?|names?|spalten)\s*[:=]\s*", re.IGNORECASE)
@@ -70,7 +74,7 @@ class Layout:
 
     ``delimiter`` is one character, or ``BLANKS``; ``header_line`` is 0 where the names are in a comment or
     in the settings; ``kinds`` are ``number``, ``quantity``, ``date``, ``list`` or ``text``, by the first
-    rows.
+    rows. ``steps`` are the first time and the time between rows [s] that LabVIEW writes above the names.
     """
 
     delimiter: str
@@ -81,6 +85,7 @@ class Layout:
     names: tuple[str, ...]
     units: tuple[str, ...]
     kinds: tuple[str, ...]
+    steps: tuple[float, float] | None = None
 
     @property
     def first_number(self) -> int:
@@ -200,7 +205,11 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
 
     A CurveError where there is no line of names, or are no rows of numbers.
     """
-    skipped = wanted.skip_lines or 0
+    every, skipped = lines, wanted.skip_lines or 0
+    _refuse_messages(source, every["text"].head(_SNIFFED_LINES))
+    if wanted.skip_lines is None and every["text"].head(1).str.starts_with(_LABVIEW).any():
+        heads = every.filter(every["text"].str.starts_with(_LABVIEW_HEAD))["line"].head(2).to_list()
+        skipped = max(heads, default=0)
     lines = lines.filter(lines["line"] > skipped).head(_SNIFFED_LINES)
     if lines.filter(lines["text"].str.len_bytes() > _LONGEST_LINE).height:
         raise CurveError(
@@ -237,7 +246,11 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
             f"{source}: line {numbers[below]} has {width} cells where names has {len(names)} entries; "
             "give each column a name"
         )
-    labelled = [row for row in rows[: header or 0] if row[0].lower() in _UNIT_LABELS]
+    if names[-1].lower() in _REMARKS and len(names) > width:
+        names = names[:width]
+    above = every.filter(every["line"] < numbers[below])["text"].to_list()
+    labels = {row[0].lower(): row for row in (_labelled(line, delimiter) for line in above)}
+    labelled = [row for label, row in labels.items() if label in _UNIT_LABELS]
     if below > 0 and header != below - 1 and _is_units_line(rows[below - 1]):
         units = [bare_unit(cell) for cell in rows[below - 1]]
     else:  # a name's own unit counts first: LabVIEW labels what nobody has set with volts
@@ -258,7 +271,33 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
         names=tuple(names),
         units=tuple(units),
         kinds=kinds_of,
+        steps=_steps(labels),
     )
+
+
+def _refuse_messages(source: str, lines: "pl.Series") -> None:
+    """Refuse the text of messages, one key and value in each line."""
+    if lines.len() > _SAMPLED_ROWS and lines.str.contains(_KEY_AND_VALUE).sum() > 0.9 * lines.len():
+        raise CurveError(
+            f"{source}: lines of 'key: value', as of rostopic echo, and no table; write one row for each "
+            "message with rostopic echo -p or ros2 topic echo --csv, or give the bag"
+        )
+
+
+def _labelled(line: str, delimiter: str) -> list[str]:
+    """Cells of a line above the names; the first is its label."""
+    return [cell.strip().strip('"') for cell in line.split(delimiter if delimiter != BLANKS else None)] or [
+        ""
+    ]
+
+
+def _steps(labels: Mapping[str, Sequence[str]]) -> tuple[float, float] | None:
+    """First time and time between rows [s] in the lines X0 and Delta_X of LabVIEW."""
+    found = [labels.get(label, ["", ""])[1].replace(",", ".") for label in ("x0", "delta_x")]
+    is_time = labels.get("x_dimension", ["", "Time"])[1] == "Time"
+    if not is_time or not all(re.fullmatch(NUMBERS["."], cell) for cell in found):
+        return None
+    return float(found[0]), float(found[1])
 
 
 def _comment_of(lines: Sequence[str]) -> str:

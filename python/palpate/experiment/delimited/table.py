@@ -99,8 +99,8 @@ class TextTable:
         except CurveError:
             self._check_marks()
             raise
-        chosen = self.text_format.block or 1
-        self._typed = _typed(text, self.layout) if chosen == 1 else None
+        self.block = self.text_format.block or 1
+        self._typed = _typed(text, self.layout) if self.block == 1 else None
         if self._typed is not None:
             numbers = self.layout.first_line + np.arange(self._typed.height)
             self._rows = pl.DataFrame({"line": numbers})
@@ -108,11 +108,14 @@ class TextTable:
         else:
             lines = lines_of(text)
             self._rows, self.blocks = _blocks(lines, self.layout)
-            if chosen > 1:
-                self.layout = self._layout_of(chosen, lines)
+            lengths = [last - first for first, last in self.blocks]
+            longest = next(i for i, length in enumerate(lengths, 1) if 2 * length >= max(lengths))
+            self.block = self.text_format.block or longest
+            if self.block > 1:
+                self.layout = self._layout_of(self.block, lines)
                 self._rows = _blocks(lines, self.layout)[0]
         self._after = self._rows["line"].filter(self._rows["line"] > self.blocks[-1][1])
-        self._rows = self._rows.filter(pl.col("line").is_between(*self.blocks[chosen - 1]))
+        self._rows = self._rows.filter(pl.col("line").is_between(*self.blocks[self.block - 1]))
         self._columns = self._found_columns()
 
     def _layout_of(self, block: int, lines: "pl.DataFrame") -> Layout:
@@ -133,10 +136,10 @@ class TextTable:
 
     def _found_columns(self) -> dict[str, tuple[int, int | None]]:
         """Cell of each column, and place in its list, by name; a name that occurs twice is left out."""
-        names, kinds = self.layout.names, self.layout.kinds
+        kinds, names = self.layout.kinds, self.layout.names[: self._period]
         first = self._cells(range(len(names)), n_rows=1) if "list" in kinds else None
         found: dict[str, tuple[int, int | None]] = {}
-        for index, (name, kind) in enumerate(zip(names, kinds, strict=True)):
+        for index, (name, kind) in enumerate(zip(names, kinds, strict=False)):
             if names.count(name) > 1:
                 continue
             if first is not None and kind == "list":
@@ -151,6 +154,13 @@ class TextTable:
         if self._typed is not None:
             return self._typed.slice(0, n_rows)
         return cells_of(self._rows.slice(0, n_rows), self.layout.delimiter, indices)
+
+    @property
+    def _period(self) -> int:
+        """Count of columns of the first of several tables side by side, which have the same names."""
+        names = self.layout.names
+        lengths = (n for n in range(2, len(names)) if names == names[:n] * (len(names) // n))
+        return next(lengths, len(names))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -173,9 +183,15 @@ class TextTable:
         """
         if wanted is not None and self.text_format.block is None and len(self.blocks) > 1:
             raise CurveError(
-                f"{self.path}: {self._shown_blocks()}; choose one with block = 1 in the loader's settings"
+                f"{self.path}: {self._shown_blocks()}; choose one with block = {self.block} in the loader's "
+                "settings"
             )
         chosen, lines = self._chosen(wanted), self._rows["line"].to_numpy().astype(np.int64)
+        if not chosen:
+            raise CurveError(
+                f"{self.path}: every column is text, or has the name of another "
+                f"({listed(self.layout.names)}); give names in the loader's settings"
+            )
         if self._typed is None:
             self._check_cells()
         if lines.size < 2:
@@ -193,6 +209,10 @@ class TextTable:
                 note = f"{n_bad} cells are no numbers, the first in line {lines[row]}"
                 first_bad.append((row, name, text[row].strip()))
             unit = "s" if kind == "date" else self.layout.units[index]
+            if index == 0 and self.layout.steps is not None:
+                (begin, step), unit = self.layout.steps, "s"
+                if np.isnan(values).all():
+                    values = begin + step * np.arange(values.size, dtype=np.float64)
             columns[name] = Column(name=name, values=values, unit=unit, note=note)
         if wanted is not None and first_bad:
             row, name, cell = min(first_bad, key=lambda one: one[0])
@@ -205,7 +225,7 @@ class TextTable:
         if wanted is None:
             return {name: one for name, one in self._columns.items() if layout.kinds[one[0]] != "text"}
         for name in wanted:
-            if layout.names.count(name) > 1:
+            if layout.names[: self._period].count(name) > 1:
                 raise CurveError(
                     f"{self.path}: line {layout.header_line} names column '{name}' more than once; "
                     "give each its own name, or give names in the loader's settings"
@@ -278,7 +298,10 @@ class TextTable:
         notes = []
         if text := [name for name, kind in zip(names, kinds, strict=True) if kind == "text"]:
             notes.append(f"columns of text passed over: {listed(text)}")
-        if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
+        if (period := self._period) < len(names):
+            n_tables = len(names) // period
+            notes.append(f"{n_tables} tables are side by side, with the same names; the first is read")
+        elif twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
             notes.append(f"columns passed over because their name occurs twice: {listed(twice)}")
         if len(self.blocks) > 1:
             notes.append(f"{self._shown_blocks()}; block chooses the one that is read")
@@ -290,19 +313,15 @@ class TextTable:
 
     def settings(self) -> dict[str, object]:
         """Settings of :class:`TextFormat` that read this file without guessing."""
-        layout, given = self.layout, self.text_format
+        layout = self.layout
         return {
             "delimiter": "tab" if layout.delimiter == "\t" else layout.delimiter,
             "decimal": layout.decimal,
             **({"encoding": self.encoding} if self.encoding != "utf-8" else {}),
             **({"comment": layout.comment} if layout.comment != "#" else {}),
             **({} if layout.header_line else {"names": list(layout.names)}),
-            **(
-                {"skip_lines": layout.header_line - 1}
-                if layout.header_line > 1 and (given.block or 1) == 1
-                else {}
-            ),
-            **({"block": given.block or 1} if len(self.blocks) > 1 else {}),
+            **({"skip_lines": layout.header_line - 1} if layout.header_line > 1 and self.block == 1 else {}),
+            **({"block": self.block} if len(self.blocks) > 1 else {}),
         }
 
 

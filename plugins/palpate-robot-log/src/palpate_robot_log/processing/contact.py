@@ -226,10 +226,23 @@ def _fit(
     recording: Recording, travel: FloatArray, force: FloatArray, share: float, exponent: float, n_terms: int
 ) -> ChangePoint:
     """Onset by the law with so many terms, up to a share of the peak force."""
+    low, top = _ends(force)
+    is_rising = (force - low > share * (top - low)).any()
+    check(recording, "rising", top - low if is_rising else 0.0, low=low, top=top)
+    return place_of_contact(travel, force, share, exponent, n_terms)
+
+
+def _ends(force: FloatArray) -> tuple[float, float]:
     n_ends = max(_FEWEST, force.size // 100)
-    low, top = float(np.median(force[:n_ends])), float(np.median(force[-n_ends:]))
+    return float(np.median(force[:n_ends])), float(np.median(force[-n_ends:]))
+
+
+def place_of_contact(
+    travel: FloatArray, force: FloatArray, share: float = 0.2, exponent: float = 1.5, n_terms: int = 2
+) -> ChangePoint:
+    """Travel of first contact by the law, up to a share of the force, which is larger at its end."""
+    low, top = _ends(force)
     beyond = np.flatnonzero(force - low > share * (top - low))
-    check(recording, "rising", top - low if beyond.size else 0.0, low=low, top=top)
     until = float(np.median(travel[beyond[:_FEWEST]]))
     # The approach may come from far away; rows twice as far before the onset as behind it are enough.
     rising = np.flatnonzero(force - low > share / 4.0 * (top - low))

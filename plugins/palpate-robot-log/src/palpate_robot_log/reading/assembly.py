@@ -177,10 +177,16 @@ def _with_rising_time(series: Series, channels: ChannelMap) -> Series:
     return series
 
 
+_POSES = {"force": ("position",), "moment": ("position", "orientation")}
+"""Motions without which a force or a moment stays as it is."""
+
+
 def _checked_values(series: Mapping[str, Series], channels: ChannelMap) -> float:
     """Distance of the orientations from turns, once all numbers may be those of a press."""
     for name in ("force", "moment"):
-        check(series[name], "sensor", channels)
+        pose = [series[what] for what in _POSES[name] if what in series]
+        for stage in ("sensor", "repeats", "range"):
+            check(series[name], stage, channels, *([pose] if stage == "repeats" else []))
     for name in ("position", "force"):
         check(series[name], name, channels)
     check(series["moment"], "moment", channels, series["force"])

@@ -1,9 +1,10 @@
-"""Files of columns: NumPy's, MATLAB's and HDF5, Parquet by polars, and LabVIEW's TDMS by npTDMS.
+"""Files of columns: NumPy's, MATLAB's and HDF5, Parquet and JSON by polars, and LabVIEW's TDMS by npTDMS.
 
 Arrays of one length are the columns of one stream. TDMS gives one stream for each group, and for each length
 or rate within it.
 """
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -197,17 +198,61 @@ def read_parquet(path: Path, wanted: Sequence[str] | None = None) -> RawLog:
             names = list(held)
         # The path is taken as it is, not as a pattern of several files.
         frame = pl.read_parquet(path, columns=names, glob=False)
-        numbers = frame.select([one for name in names for one in _numbers(path, frame[name])])
+        others = [f"{name} ({dtype})" for name, dtype in schema.items() if name not in names]
+        return _of_frame(path, "Parquet", frame, others if wanted is None else [])
+
+
+def read_json(path: Path) -> RawLog:
+    """Columns of JSON: an object a line, a list of objects, or one object of lists; fields of fields too."""
+    import polars as pl
+
+    advice = "write an object for each sample, with numbers or lists of numbers"
+    with or_damaged(path, "the JSON is damaged, or no table of numbers", advice):
+        text = path.read_text(encoding="utf-8-sig").strip()
+        is_lines = text.startswith("{") and "}\n" in text and _is_json(text.partition("\n")[0])
+        loaded = [json.loads(line) for line in text.splitlines() if line] if is_lines else json.loads(text)
+        if isinstance(loaded, dict):
+            return _log(path, "JSON", {name: np.asarray(of) for name, of in _fields(loaded)}, _NUMPY_NAME)
+        frame = pl.DataFrame([dict(_fields(row)) for row in loaded], infer_schema_length=None)
+        names = [name for name, dtype in frame.schema.items() if _is_numeric(dtype)]
+        others = [f"{name} ({dtype})" for name, dtype in frame.schema.items() if name not in names]
+        return _of_frame(path, "JSON", frame.select(names), others)
+
+
+def _is_json(line: str) -> bool:
+    try:
+        json.loads(line)
+    except ValueError:
+        return False
+    return True
+
+
+def _fields(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Fields of an object and of those in it, by their path."""
+    for name, of in value.items():
+        if isinstance(of, dict):
+            yield from _fields(of, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", of
+
+
+def _of_frame(path: Path, file_format: str, frame: "pl.DataFrame", others: Sequence[str]) -> RawLog:
+    """Log of a frame's columns; ``others`` are those that hold no numbers."""
+    import polars as pl
+
+    parts = {name: _numbers(path, frame[name]) for name in frame.columns}
+    numbers = frame.select([one for of_one in parts.values() for one in of_one])
     if numbers.height < 2 or not numbers.width:
         raise CurveError(
             f"{path}: {frame.height} rows and {numbers.width} columns of numbers; export the log again"
         )
-    others = [f"{name} ({dtype})" for name, dtype in schema.items() if name not in names]
-    units = {name: "s" for name in names if isinstance(schema[name], pl.Datetime | pl.Duration)}
+    units = {name: "s" for name, of in frame.schema.items() if isinstance(of, pl.Datetime | pl.Duration)}
+    for name, of_one in parts.items():  # position_mm[0]
+        units |= {each.name: unit_in(name)[1] for each in of_one if each.name != name and unit_in(name)[1]}
     whole, rows = numbers.with_columns(pl.all().fill_null(float("nan"))), np.arange(numbers.height)
     stream = Stream(name="", frame=whole, rows=rows, units=units, notes={})
-    notes = (f"columns passed over: {listed(others)}",) if others and wanted is None else ()
-    return RawLog(source=str(path), format="Parquet", row_word="row", streams=(stream,), notes=notes)
+    notes = (f"columns passed over: {listed(others)}",) if others else ()
+    return RawLog(source=str(path), format=file_format, row_word="row", streams=(stream,), notes=notes)
 
 
 def _is_numeric(dtype: "pl.DataType") -> bool:

@@ -122,6 +122,8 @@ def _read(path: Path, head: bytes, request: Request) -> RawLog:
         return column_files.read_matlab5(path)
     if head.startswith(b"TDSm"):
         return column_files.read_tdms(path)
+    if head.lstrip().startswith((b"{", b"[{")):
+        return column_files.read_json(path)
     if head and path.suffix.lower() in _BINARY:
         raise CurveError(
             f"{path}: the {path.suffix} file is damaged or cut off at its beginning; save it again"

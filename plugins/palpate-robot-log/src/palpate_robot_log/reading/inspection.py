@@ -103,7 +103,7 @@ def _found(log: RawLog, path: Path, proposal: Proposal) -> tuple[Proposal, Propo
         curves, machine = curves_of(log), machine_of(log)
         if machine is not None and not (curves and curves.mode):
             tried, is_press = _tried_machine(log, machine)
-            if is_press or curves is None or not _begins_in_contact(log, machine):
+            if is_press or curves is None or not _is_loading(log, machine):
                 curves, proposal = None, tried
         if curves is not None:
             return Proposal(guesses={}, time={}), curves, *_of_curves(path, curves)
@@ -163,15 +163,17 @@ def _tried_machine(log: RawLog, machine: Proposal) -> tuple[Proposal, bool]:
     return machine, False
 
 
-def _begins_in_contact(log: RawLog, machine: Proposal) -> bool:
-    """Whether the force rises from the first rows on, as in curves that begin at first contact."""
+def _is_loading(log: RawLog, machine: Proposal) -> bool:
+    """Whether the force rises from the first rows on, as in curves that begin at contact, or to the last."""
     (travel,), (force,) = (
         [column.values for column in log.columns(guess.stream, guess.names)]
         for guess in (machine.guesses["position"], machine.guesses["force"])
     )
-    share = np.abs(force - force[0]) / max(float(np.nanmax(np.abs(force - force[0]))), 1e-300)
-    rises = int(np.argmax(share > _RISEN))
-    return float(abs(travel[rises] - travel[0])) < _EARLY * float(np.ptp(travel[np.isfinite(travel)]))
+    change = np.abs(force - force[0])
+    share = change / max(float(np.nanmax(change)), 1e-300)
+    rises, ends = int(np.argmax(share > _RISEN)), int(np.argmax(share > 1.0 - _RISEN))
+    before = float(abs(travel[rises] - travel[0])) / float(np.ptp(travel[np.isfinite(travel)]))
+    return before < _EARLY or ends > (1.0 - _RISEN) * share.size
 
 
 def _curves_in(recording: Recording, proposal: Proposal) -> str:

@@ -16,6 +16,7 @@ from palpate.api.files import Column, Kind, factors_of, kind_of, unit_in
 _WORD = re.compile(r"[A-ZÀ-Þ]+(?![a-zß-ÿ])|[A-ZÀ-Þ]?[a-zß-ÿ]+|\d+|[\u3040-\u30ff\u4e00-\u9fff]+")
 _COMPOUND = ("kraft", "weg", "zeit", "dehnung", "spannung", "tiefe", "winkel", "moment")
 """Ends of German compounds, which are read as these words."""
+_FIRST_EASTERN = "\u3040"
 _EASTERN: Mapping[str, str] = {
     word: meaning
     for meaning, words in {
@@ -25,7 +26,10 @@ _EASTERN: Mapping[str, str] = {
         "deformation": "変形 变形",
         "force": "試験力 试验力 荷重 载荷 负荷 力",
         "angle": "角度 回転角",
-        "torque": "トルク 扭矩",
+        "torque": "トルク 扭矩 力矩 转矩",
+        "position": "位置",
+        "orientation": "姿勢 姿态",
+        "quaternion": "四元数 クォータニオン",
         "strain": "ひずみ 歪み 应变",
         "stress": "応力 应力",
         "compression": "圧縮 压缩",
@@ -36,8 +40,11 @@ _EASTERN: Mapping[str, str] = {
     }.items()
     for word in words.split()
 }
-"""Words of Japanese and Chinese names, which have no blanks between them: 応力 is a stress and no 力."""
-_EASTERN_WORD = re.compile("|".join(sorted(_EASTERN, key=len, reverse=True)))
+"""Words of Japanese and Chinese names, which have no blanks between them: 応力 is a stress and no 力.
+
+A sign that is in none of them is a word of its own.
+"""
+_EASTERN_WORD = re.compile("|".join([*sorted(_EASTERN, key=len, reverse=True), "."]))
 
 
 class Role(NamedTuple):
@@ -72,9 +79,10 @@ ROLES: Mapping[str, Role] = {
     "stretch": _role("ratio", "stretch lambda streckung"),
     "strain": _role(
         "ratio",
-        "strain dehnung deformation deformacion deformazione verzerrung epsilon stauchung elongation shear",
+        "strain dehnung deformation deformacion deformazione verzerrung epsilon stauchung elongation shear "
+        "gamma",
     ),
-    "stress": _role("stress", "stress spannung contrainte esfuerzo tension sforzo sigma piola"),
+    "stress": _role("stress", "stress spannung contrainte esfuerzo tension sforzo sigma piola tau"),
 }
 """Quantities that one column has, by role."""
 
@@ -95,6 +103,12 @@ FILTERED = _set(
     "filtered filter filt smoothed smooth raw corrected avg average mean peak max min corr lp offset tared"
 )
 """Words of a column that is a second form of another."""
+
+SPREADS = _set("sd std stdev stddev deviation")
+"""Words of a column that is the standard deviation of another."""
+
+_NO_VALUES = SPREADS | _set("se sem error err uncertainty variance var ci")
+"""Words of a column of uncertainties, which is no quantity itself."""
 
 _ASIDE = _set("transverse lateral radial poisson quer querdehnung true cauchy log hencky green pk2 pk")
 """Words of a strain or stress that is taken after one without them."""
@@ -124,7 +138,10 @@ def words_of(name: str) -> tuple[str, ...]:
     >>> words_of("actual_TCP_force_0"), words_of("wrench.force.x"), words_of("Fx [N]")
     (('actual', 'tcp', 'force', '0'), ('wrench', 'force', 'x'), ('fx',))
     """
-    words = (_EASTERN_WORD.findall(word) or [word] for word in _WORD.findall(unit_in(name)[0]))
+    words = (
+        _EASTERN_WORD.findall(word) if word[0] >= _FIRST_EASTERN else [word]
+        for word in _WORD.findall(unit_in(name)[0])
+    )
     return tuple(_EASTERN.get(word, _plain(word)) for word in chain.from_iterable(words))
 
 
@@ -178,6 +195,16 @@ def pick(columns: Sequence[Column], role: str) -> Picked | None:
     return Picked(column, factor_of(column, kind), tuple(remarks))
 
 
+def spread_of(columns: Sequence[Column], role: str) -> Picked | None:
+    """The one column that is the standard deviation of a role; None where none is, or several are."""
+    found = [
+        column
+        for column in columns
+        if SPREADS & {*(words := words_of(column.name))} and {*map(_simple, words)} & {*ROLES[role].words}
+    ]
+    return Picked(found[0], factor_of(found[0], ROLES[role].kind), ()) if len(found) == 1 else None
+
+
 def rivals(columns: Sequence[Column], role: str) -> tuple[str, ...]:
     """Names of the columns that are as likely for a role; empty where one is the likeliest, or none is."""
     ranked = _ranked(columns, role)
@@ -200,7 +227,8 @@ def _rank(column: Column, role: Role) -> _Rank | None:
     is_measured = factor_of(column, role.kind) is not None
     # A unit that is not known, or that no log has, is asked about; one of another kind is another quantity's.
     is_possible = is_measured or kind_of(shown) in (None, "other")
-    if not found or not is_possible or not np.isfinite(column.values).any():
+    is_value = np.isfinite(column.values).any() and not _NO_VALUES & {*words}
+    if not found or not is_possible or not is_value:
         return None
     n_forms = len(FILTERED & {*words}) + bool(_ASIDE & {*words})
     return bool(shown) and not is_measured, bool(COMMANDED & {*words}), n_forms, len(words), min(found)

@@ -13,7 +13,17 @@ from palpate.api import FORCE, Curve, CurveError, ExperimentLoader, FloatArray
 from palpate.api.files import Column, toml_value
 from palpate_indentation.api import FOREARM, HOMOGENEOUS, CsvLoader, problem_of, units_of
 from palpate_robot_log.columns_loader import ColumnsLoader
-from palpate_robot_log.reading.names import TENSILE, Picked, Test, pick, rivals, test_of, words_of
+from palpate_robot_log.processing.contact import place_of_contact
+from palpate_robot_log.reading.names import (
+    TENSILE,
+    Picked,
+    Test,
+    pick,
+    rivals,
+    spread_of,
+    test_of,
+    words_of,
+)
 from palpate_robot_log.reading.raw import RawLog
 
 _DEGREES_PER_RADIAN = 57.29577951308232
@@ -22,6 +32,14 @@ _LENGTHS = frozenset({"travel"})
 _LARGEST_STRAIN = 10.0
 _AT_REST = 0.02
 """Share of a range up to which a value is next to zero."""
+
+_TRAVEL_MM = 10.0
+"""Length to which a travel of any unit is scaled where first contact is sought."""
+_FEWEST_ROWS, _FEWEST_FREE = 20, 8
+"""Rows of a curve, and of its approach, at least."""
+_LEAST_APPROACH, _FREE, _SURE, _FLAT = 0.05, 0.8, 3.0, 1e-3
+"""Shares of the travel that is an approach, and of the approach that is surely free; standard errors, and
+share of the force, up to which it does not rise."""
 
 _UNIT_OF = {"travel": "mm", "force": "N", "moment": "N·mm", "angle": "degrees", "stress": "MPa"}
 
@@ -116,9 +134,10 @@ def _curves(columns: Sequence[Column]) -> Proposed | None:
     for channel, roles in _ROLES.items():
         along, of = (pick(columns, role) for role in roles)
         if along is None or of is None:
-            if any(each is not None for each in (along, of)):
-                alike = [name for role in roles for name in rivals(columns, role)]
-                questions += [f"{channel}: {' or '.join(alike)}? name one"] if alike else []
+            alike = [rivals(columns, role) for role in roles]
+            if any(alike) and all(one or several for one, several in zip((along, of), alike, strict=True)):
+                asked = ", and ".join(" or ".join(names) for names in alike if names)
+                questions.append(f"{channel}: {asked}? name one")
             continue
         remarks += [*along.remarks, *of.remarks]
         for role, one in zip(roles, (along, of), strict=True):
@@ -137,8 +156,10 @@ def _curves(columns: Sequence[Column]) -> Proposed | None:
                 "abscissa": _column(along, _DEGREES_PER_RADIAN if along.factor else 1.0),
                 "ordinate": _column(of),
             }
+        if (spread := spread_of(columns, roles[1])) is not None:
+            channels[channel]["std"] = _column(spread)
     if not channels:
-        return None
+        return Proposed(channels={}, questions=tuple(questions)) if questions else None
     names = {word for column in columns for word in words_of(column.name)}
     if names & TENSILE and FORCE.name in channels:
         scales = {
@@ -175,20 +196,25 @@ def _placed(depth: Picked, force: Picked) -> tuple[dict[str, Any], list[str]]:
     sense = -1.0 if x[farthest] < x[0] else 1.0
     # What begins under load is a part of a curve, whose zero the file does not show.
     unloaded = abs(float(y[0])) <= _AT_REST * float(np.abs(y).max())
-    shift = -sense * float(x[0]) if unloaded and abs(x[0]) > _AT_REST * np.ptp(x) else 0.0
+    approach = _approach(sense * (x - x[0])[: farthest + 1], y[: farthest + 1]) if unloaded else 0.0
+    shift = -sense * float(x[0]) - approach if unloaded else 0.0
+    shift = shift if abs(shift) > _AT_REST * np.ptp(x) else 0.0
     push = -1.0 if -y.min() > y.max() else 1.0
     if sense < 0.0 or shift:
         way = f"begins at {x[0]:.6g} and {'falls' if sense < 0.0 else 'rises'}"
+        way += f", with first contact at {x[0] + sense * approach:.4g}" if approach else ""
         zero = f", offset = {shift * (depth.factor or 1.0):.6g}" if shift else ""
-        remarks.append(
-            f"{depth.column.name} {way}: {'its sign is turned' if sense < 0.0 else 'depth is 0 there'}{zero}"
-        )
+        turned = "its sign is turned" if sense < 0.0 else "depth is 0 there"
+        remarks.append(f"{depth.column.name} {way}: {turned}{zero}")
     if push < 0.0:
         remarks.append(f"{force.column.name} is negative under load: its sign is turned")
     settings: dict[str, Any] = {
         "abscissa": _column(depth, sense, shift * (depth.factor or 1.0)),
         "ordinate": _column(force, push),
     }
+    if approach:
+        settings["rows"] = "loading"
+        remarks.append("the rows before first contact are left out")
     if abs(x[-1] - x[farthest]) > _AT_REST * np.ptp(x) and farthest < x.size - 1:
         settings["rows"] = "loading"
         remarks.append(
@@ -196,6 +222,25 @@ def _placed(depth: Picked, force: Picked) -> tuple[dict[str, Any], list[str]]:
             'remove rows = "loading" and give [protocol] the way back'
         )
     return settings, remarks
+
+
+def _approach(travel: FloatArray, force: FloatArray) -> float:
+    """Travel in free air before first contact, at constant force; 0 where the curve begins at contact."""
+    force, length = (force if force[-1] > force[0] else -force), float(travel.max())
+    if force.size < _FEWEST_ROWS or not np.median(force[-_FEWEST_FREE:]) > np.median(force[:_FEWEST_FREE]):
+        return 0.0
+    found = place_of_contact(_TRAVEL_MM / length * travel, force)
+    if not found.at > max(_LEAST_APPROACH * _TRAVEL_MM, 3.0 * found.std):
+        return 0.0
+    free = travel < _FREE * found.at / _TRAVEL_MM * length
+    if free.sum() < _FEWEST_FREE:
+        return 0.0
+    # A force that grows from the first row on is one of a contact, whatever its law.
+    slope, error = np.polyfit(travel[free], force[free], 1, cov=True)
+    rise = abs(float(slope[0])) * float(np.ptp(travel[free]))
+    noise = _SURE * float(np.sqrt(error[0, 0])) * float(np.ptp(travel[free]))
+    is_flat = rise < max(noise, _FLAT * float(np.ptp(force)))
+    return found.at / _TRAVEL_MM * length if is_flat else 0.0
 
 
 # ------------------------------------------------------------------ a homogeneous test

@@ -76,6 +76,9 @@ def propose(log: RawLog) -> Proposal:
     if "force" in ranked and "moment" not in ranked:
         none = Guess(entry=_NONE, stream=ranked["force"][0].stream)
         ranked["moment"] = [none.with_check("no moment is found: there is none")]
+    if {"position", "force"} <= {*ranked} and "orientation" not in ranked and not ranked["moment"][0].names:
+        stage = Guess(entry=_DOWN, stream=ranked["position"][0].stream)
+        ranked["orientation"] = [stage.with_check("no orientation is found: the tool never turns")]
     force_extent = extent(complete_rows(_columns(log, ranked["force"][0]))) if "force" in ranked else 0.0
     guesses = {name: with_unit(log, name, guesses[0], force_extent) for name, guesses in ranked.items()}
     return Proposal(
@@ -265,8 +268,8 @@ def _entry(guess: Guess, time: Guess | None, proposal: Proposal) -> dict[str, ob
 
 def is_machine(proposal: Proposal) -> bool:
     """Whether a proposal is that of a testing machine, whose tool moves along an axis and turns about it."""
-    orientation = proposal.guesses.get("orientation")
-    return orientation is not None and len(orientation.names) < 3
+    position = proposal.guesses.get("position")
+    return position is not None and len(position.names) < 3
 
 
 def study_text(log: RawLog, proposal: Proposal) -> str:

@@ -222,8 +222,10 @@ def _of_three(column: Column, words: Set[str], *, is_turned: bool) -> Iterator[P
     for quantity in QUANTITIES:
         # A place may be a word of any vector: tcp_force, POS_ACT.A.
         score = (1.0 if quantity == "position" and is_other else 2.0) * bool(WORDS[quantity] & words)
-        if unit and kind_of(unit) is not None:
-            score = score + 3.0 if factor_of(column, KINDS[quantity]) is not None else -1.0
+        if unit and (kind := kind_of(unit)) is not None:
+            # A sensor in volts is asked about.
+            odd = min(score, 1.0) if kind == "other" else -1.0
+            score = score + 3.0 if factor_of(column, KINDS[quantity]) is not None else odd
         elif quantity == "position" and is_turned:
             score = 2.0
         elif quantity == "position" and not is_other and not WORDS[quantity] & words:
@@ -237,6 +239,8 @@ def _entries(group: Group, columns: Sequence[Column], form: str) -> list[dict[st
     names, words, shown = [column.name for column in columns], {*group.words}, columns[-1].shown_unit
     if form == "quaternion":  # w is last, or first where they are only numbered and called q
         orders = [names, [*names[1:], names[0]]] if group.is_indexed else [names]
+        if {"wxyz", "xyzw"} & words:
+            orders = [orders["wxyz" in words]]
         return [{"columns": order} for order in (orders[::-1] if group.words[-1:] == ("q",) else orders)]
     if form != "angles":
         return [{"form": form, "columns": names} if form else {"columns": names}]
