@@ -18,7 +18,9 @@ from palpate_robot_log.reading.channel_map import LogFiles
 GUIDE = (Path(__file__).parents[2] / "docs" / "logs.md").read_text(encoding="utf-8")
 LOADERS = (Path(__file__).parents[2] / "docs" / "loaders.md").read_text(encoding="utf-8")
 LOADER, CONTRACT = re.findall(r"```python\n(.*?)```", LOADERS, flags=re.DOTALL)
-READING, MACHINE, FILES, SPOTS = map(tomllib.loads, re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL))
+READING, MACHINE, TURNING, FILES, SPOTS = map(
+    tomllib.loads, re.findall(r"```toml\n(.*?)```", GUIDE, flags=re.DOTALL)
+)
 
 
 def test_the_loader_is_short_and_is_found(tmp_path: Path) -> None:
@@ -68,6 +70,28 @@ def test_the_map_of_a_testing_machine_is_the_proposed_one(tmp_path: Path) -> Non
         "force"
     ]
     assert force.ordinate[-1] == pytest.approx(8.0**1.5, rel=0.01)
+
+
+def test_the_map_of_a_machine_that_turns_is_the_proposed_one(tmp_path: Path) -> None:
+    """A press of 8 mm, then a turn to and fro by 20 degrees against 1.5 N·mm per degree."""
+    down, turn = np.linspace(-2.0, 8.0, 150), 20.0 * np.sin(np.linspace(0.0, 2.0 * np.pi, 300))
+    parts = [(np.full(30, -2.0), 0.0), (down, 0.0), (np.full(30, 8.0), 0.0), (np.full(300, 8.0), turn)]
+    parts += [(np.full(30, 8.0), 0.0), (down[::-1], 0.0), (np.full(30, -2.0), 0.0)]
+    depth = np.concatenate([d for d, _ in parts])
+    angle = np.concatenate([np.broadcast_to(a, d.shape) for d, a in parts])
+    force, torque = depth.clip(0.0) ** 1.5, 1.5 * angle
+    noise = np.random.default_rng(1).normal(0.0, [0.01, 0.1], (depth.size, 2))
+    table = np.column_stack(
+        [0.04 * np.arange(depth.size), depth + 2.0, force + noise[:, 0], angle, torque + noise[:, 1]]
+    )
+    names = "Time (s),Crosshead (mm),Load (N),Rotation (deg),Torque (N·mm)"
+    rows = "".join(",".join(f"{value:.6g}" for value in row) + "\n" for row in table.tolist())
+    (tmp_path / "log.csv").write_text(f"{names}\n{rows}", encoding="utf-8")
+    proposed = tomllib.loads(RobotLogLoader.inspect(tmp_path / "log.csv").study_text)["experiment"]
+    assert proposed["settings"]["channels"] == TURNING["experiment"]["settings"]["channels"]
+    curves = RobotLogLoader(RobotLogSettings.model_validate(proposed["settings"])).load(tmp_path / "log.csv")
+    assert curves["torque"].ordinate.max() == pytest.approx(30.0, rel=0.02)
+    assert curves["torque"].abscissa[curves["torque"].ordinate.argmax()] == pytest.approx(20.0, abs=1.0)
 
 
 def test_the_steps_are_those_of_the_loader() -> None:

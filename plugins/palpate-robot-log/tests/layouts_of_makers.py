@@ -5,6 +5,7 @@ Every text is written here after manuals and public files of the makers, with nu
 41 rows of 0.4 N/mm^1.5 up to 8 mm, or a linear stress of 60 kPa, or the press of ``known_presses``.
 """
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
@@ -95,6 +96,25 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
              "Channels\t2\t\t", "Y_Unit_Label\tMillimeters\tNewtons\t", "X0\t0.0\t0.0\t", "Delta_X\t0.4\t0.4\t",
              "***End_of_Header***\t\t\t", "X_Value\tPosition\tForce\tComment",
              *[f"{line}\t" for line in rows(SECONDS, DEPTH, FORCE, between="\t")]], "curve", "lvm"),
+        "LabVIEW lvm without times": lambda: made(
+            ["LabVIEW Measurement", "Separator\tTab", "X_Columns\tNo", "***End_of_Header***", "", "Channels\t2\t\t", "Samples\t41\t41\t",
+             "Y_Unit_Label\tmm\tN\t", "X_Dimension\tTime\tTime\t", "X0\t0.0E+0\t0.0E+0\t", "Delta_X\t0.400000\t0.400000\t",
+             "***End_of_Header***\t\t\t", "X_Value\tPosition\tForce\tComment",
+             *[f"\t{line}" for line in rows(DEPTH, FORCE, between="\t")]], "curve", "lvm"),
+        "Zwick, specimens side by side": lambda: made(
+            ["Probe 1;;Probe 2;", "Standardweg;Standardkraft;Standardweg;Standardkraft", "mm;N;mm;N",
+             *rows(DEPTH, FORCE, DEPTH, 1.2 * FORCE, between=";", decimal=",")], "curve"),
+        "Mach-1, two functions": lambda: made(
+            ["<Mach-1 File>", "<Find Contact>", "<DATA>", "Time, s\tPosition (z), mm\tFz, N", *rows(SECONDS[:9], -DEPTH[8::-1], 0.0 * SECONDS[:9], between="\t"),
+             "<END DATA>", "<Stress Relaxation>", "<DATA>", "Time, s\tPosition (z), mm\tFz, N", *rows(SECONDS, DEPTH, FORCE, between="\t"), "<END DATA>"], "curve", "txt"),
+        "mean and deviation": lambda: made(
+            ["Depth (mm),Force mean (N),Force SD (N)", *rows(DEPTH, FORCE, 0.05 * FORCE)], "curve"),
+        "JSON, an object a line": lambda: made(
+            [json.dumps({"depth_mm": d, "load": {"force_N": f}}) for d, f in zip(DEPTH.tolist(), FORCE.tolist(), strict=True)], "curve", "jsonl"),
+        "JSON of lists": lambda: Layout(json.dumps({"depth_mm": DEPTH.tolist(), "force_N": FORCE.tolist()}).encode(), "json", "curve"),
+        "gamma and tau": lambda: made(["gamma (-),tau (kPa)", *rows(STRAIN, STRESS_KPA)], "simple_shear"),
+        "biaxial machine": lambda: made(
+            ["Time_S,XDisplacement_um,YDisplacement_um,XForce_mN,YForce_mN", *rows(SECONDS, DEPTH, DEPTH, FORCE, FORCE)], "question"),
         "Mark-10 MESUR": lambda: made(
             ["Reading,Load [N],Travel [mm],Time [sec]", *[f"{i},{line}" for i, line in enumerate(rows(FORCE, DEPTH, SECONDS), 1)]], "curve"),
         "Admet MTESTQuattro": lambda: made(
@@ -203,6 +223,16 @@ def _presses() -> Mapping[str, Callable[[], Layout]]:
         "Doosan": lambda: named(
             "time_s,posx_x_mm,posx_y_mm,posx_z_mm,posx_a_deg,posx_b_deg,posx_c_deg,tool_fx_N,tool_fy_N,tool_fz_N,tool_mx_Nm,tool_my_Nm,tool_mz_Nm",
             t, tip, p.pose.as_euler("ZYZ", degrees=True), f, moment),
+        "Chinese robot": lambda: named(
+            "时间(s),位置X(mm),位置Y(mm),位置Z(mm),四元数w,四元数x,四元数y,四元数z,力X(N),力Y(N),力Z(N),力矩X(N·m),力矩Y(N·m),力矩Z(N·m)", t, tip, w_first, f, moment),
+        "JSON of robots": lambda: made(
+            [json.dumps({"t": a, "pose": {"position_mm": b, "quaternion_wxyz": c}, "wrench": {"force": d, "torque": e}})
+             for a, b, c, d, e in zip(*(each.tolist() for each in (t, tip, w_first, f, moment)), strict=True)], "press", "jsonl"),
+        "machine in revolutions": lambda: named(
+            "Elapsed Time (sec),Extension (in),Load (lbf),Rotation (rev),Torque (lbf-in)", t, (203.0 - tip[:, 2:]) / 25.4, -f[:, 2:] / 4.4482216152605,
+            np.unwrap(zyx[:, :1], axis=0, period=360.0) / 360.0, moment[:, 2:] / 0.1129848290276),
+        "sensor in volts": lambda: named(
+            "t_s,x_mm,y_mm,z_mm,qx,qy,qz,qw,Fx [V],Fy [V],Fz [V],Mx [V],My [V],Mz [V]", t, tip, q, f, moment)._replace(holds="question"),
         "sensor in counts": lambda: named(
             "t_s,x_mm,y_mm,z_mm,qx,qy,qz,qw,Fx (counts),Fy (counts),Fz (counts),Tx (counts),Ty (counts),Tz (counts)",
             t, tip, q, 1e5 * f, 1e5 * moment)._replace(holds="question"),

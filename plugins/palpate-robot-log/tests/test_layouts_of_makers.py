@@ -3,15 +3,18 @@
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from palpate.domain import Response
+from palpate.errors import CurveError
 from palpate_indentation import CsvLoader, CsvSettings
 from palpate_robot_log import RobotLogLoader, RobotLogSettings
+from palpate_robot_log.columns_loader import ColumnsLoader, ColumnsSettings
 from palpate_robot_log.reading.inspection import inspect_log
 
-from .known_presses import DEPTH_MM, FORCE_N, TORQUE_NMM
-from .layouts_of_makers import LAYOUTS
+from .known_presses import DEPTH_MM, FORCE_N, TORQUE_NMM, press
+from .layouts_of_makers import LAYOUTS, rows
 
 ENDS = {
     "curve": ("force", (0.0, 8.0), (0.0, 9.0510)),
@@ -26,6 +29,8 @@ QUESTIONS = {
     "strain gauge in volts": "the file gives 'V', which is no unit of force",
     "specimen by force alone": "give both scales, by the length and the area of the specimen",
     "stress of an unknown measure": "palpate does not convert a measure 'almansi'",
+    "biaxial machine": "XDisplacement_um or YDisplacement_um, and XForce_mN or YForce_mN? name one",
+    "sensor in volts": "'V' is a unit of another kind where one of force is needed",
     "sensor in counts": "the file gives the unit 'counts', which is not known",
 }
 FAST = (
@@ -33,6 +38,18 @@ FAST = (
     "Shimadzu Trapezium X",
     "Chinese machine, words for units",
     "Compression plates",
+    "LabVIEW lvm without times",
+    "Zwick, specimens side by side",
+    "Mach-1, two functions",
+    "mean and deviation",
+    "JSON, an object a line",
+    "JSON of lists",
+    "gamma and tau",
+    "biaxial machine",
+    "Chinese robot",
+    "JSON of robots",
+    "machine in revolutions",
+    "sensor in volts",
 )
 
 
@@ -45,7 +62,50 @@ def proposed(path: Path) -> tuple[Response | None, str]:
     settings = table.get("settings", {})
     if table["loader"] == "csv":
         return CsvLoader(CsvSettings.model_validate(settings)).load(path, found.test or None), ""
+    if table["loader"] == "columns":
+        return ColumnsLoader(ColumnsSettings.model_validate(settings)).load(path, found.test or None), ""
     return RobotLogLoader(RobotLogSettings.model_validate(settings)).load(path), ""
+
+
+@pytest.mark.parametrize("exponent", [1.5, 2.0])
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize(("begins", "sense"), [(31.5, 1.0), (62.5, -1.0)], ids=["rises", "falls"])
+def test_a_machine_that_stops_at_its_deepest_has_depth_0_at_contact(
+    tmp_path: Path, begins: float, sense: float, noise: float, exponent: float
+) -> None:
+    """Free travel before contact and no rest behind it, as most machines record a compression."""
+    depth = np.linspace(-2.0, 6.0, 161)
+    force = np.clip(depth, 0.0, None) ** exponent * 8.0 / 6.0**exponent
+    force += np.random.default_rng(1).normal(0.0, noise, force.size)
+    path = tmp_path / "file.csv"
+    lines = rows((depth + 2.0) / 0.25, begins + sense * (depth + 2.0), force)
+    path.write_text("\n".join(["Time (s),Position (mm),Load (N)", *lines]) + "\n", encoding="utf-8")
+    curves, problem = proposed(path)
+    assert curves is not None, problem
+    found = curves["force"]
+    assert found.abscissa.max() == pytest.approx(6.0, abs=0.3)
+    assert found.ordinate.max() == pytest.approx(8.0, abs=0.05)
+    assert found.abscissa.min() >= -0.1
+
+
+def test_a_stage_without_a_turn_is_read_by_its_three_forces(tmp_path: Path) -> None:
+    p = press(twist=False, retract=True)
+    names = "Time [ms],Stage X [mm],Stage Y [mm],Stage Z [mm],FX [mN],FY [mN],FZ [mN]"
+    path = tmp_path / "file.csv"
+    lines = rows(1e3 * p.time_s, p.tip_mm, 1e3 * p.pose.apply(p.force_N), form="{:.13g}")
+    path.write_text("\n".join([names, *lines]) + "\n", encoding="utf-8")
+    curves, problem = proposed(path)
+    assert curves is not None, problem
+    assert [*curves] == ["force"]
+    assert curves["force"].ordinate.max() == pytest.approx(FORCE_N, abs=0.1)
+
+
+def test_messages_as_text_are_no_table(tmp_path: Path) -> None:
+    message = "header:\n  frame_id: tool0\nwrench:\n  force:\n    x: 0.1\n    y: 0.2\n    z: -3.1\n---\n"
+    path = tmp_path / "echo.txt"
+    path.write_text(30 * message, encoding="utf-8")
+    with pytest.raises(CurveError, match="rostopic echo -p"):
+        inspect_log(path)
 
 
 @pytest.mark.filterwarnings("ignore:Gimbal lock")

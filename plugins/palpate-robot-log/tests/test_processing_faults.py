@@ -120,6 +120,10 @@ FAULTS: dict[str, tuple[Callable[[], Recording], str]] = {
         r"row 320\d \(t = 16\.0\d\d s\): the force jumps by 12\.\d N while the tip rests, and is 12\.\d N "
         "off when the tool is back at its height: the sensor was zeroed in contact",
     ),
+    "zeroed while pressing": (
+        lambda: zeroed(3.0),
+        r"the force jumps by .* N while the tip moves, and is .* N off when the tool is back at its height",
+    ),
     "zeroed and not back": (
         lambda: zeroed(16.0).part(slice(0, 5000)),
         r"the force jumps by 12\.\d N while the tip rests: the sensor was zeroed in contact",
