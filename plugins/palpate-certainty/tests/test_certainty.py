@@ -606,8 +606,8 @@ def test_curves_on_a_mesh_are_linear_around_the_fit_and_of_a_relaxing_tissue_onc
     of_fit = assessment.assess(case, *columns)
     monkeypatch.setattr(type(study.parametrisation), "times_s", {"relaxed.1s": 1.0})
     again = assessment.assess(case, *columns)
-    np.testing.assert_allclose(again.model.point, of_fit.point, rtol=1e-9)
-    assert np.abs(of_fit.model.point - of_fit.point).max() > 1e-6
+    np.testing.assert_allclose(again.linear.point, of_fit.point, rtol=1e-9)
+    assert np.abs(of_fit.linear.point - of_fit.point).max() > 1e-6
     assert again.misfits == of_fit.misfits
 
 
@@ -616,7 +616,7 @@ def test_without_a_mesh_the_most_likely_values_are_those_of_simulated_curves(end
     study, measured, case, _ = ended()
     assessment = Assessment(study=study, measured=measured)
     found = assessment.assess(case, *assessment.columns(case))
-    np.testing.assert_allclose(found.model.point, found.point, rtol=1e-9)
+    np.testing.assert_allclose(found.linear.point, found.point, rtol=1e-9)
     of_fit = assessment._linearised(case, *assessment.columns(case), None)
     box = case.end.problem.box
     values = box.lower + (box.upper - box.lower) * found.point

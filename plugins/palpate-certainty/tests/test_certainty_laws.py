@@ -7,11 +7,13 @@ from scipy.linalg import null_space
 from scipy.stats import binom, chi2, t as student
 
 from palpate.api.fit import Adequacy
-from palpate_certainty.adequacy import Closeness, checks, misfits, probability_of_alike
+from palpate_certainty.adequacy import Closeness, checks, misfits
 from palpate_certainty.assumptions import ASSUMED
-from palpate_certainty.between_spots import SPOTS, UNUSUAL, differences, same_spot
+from palpate_certainty.between_spots import SPOTS, UNUSUAL, differences, probability_of_alike, same_spot
 from palpate_certainty.laplace import Laplace, laplace, scores_of
+from palpate_certainty.linear_problem import LinearProblem, ResidualErrors
 from palpate_certainty.noise_model import (
+    ErrorScale,
     ResidualLayout,
     error_scale,
     estimate,
@@ -308,8 +310,17 @@ def test_the_discrepancy_is_no_less_than_expected():
 def missed(residuals, rows, jacobian, found, known=None):
     """Largest differences of residuals that were not averaged."""
     known = np.zeros((len(residuals), 1)) if known is None else known
-    covariance = sum(found.covariances(rows)) + known @ known.T
-    return misfits(residuals, null_space(jacobian.T), covariance, known, rows, np.eye(len(residuals)))
+    linear = LinearProblem(
+        point=np.zeros(jacobian.shape[1]),
+        residuals=residuals,
+        jacobian=jacobian,
+        rows=rows,
+        known={"known": known},
+        channels=(),
+        expected={},
+        groups=np.eye(len(residuals)),
+    )
+    return misfits(linear, linear, ResidualErrors(noise=found, scale=ErrorScale(factor=1.0, freedom=np.inf)))
 
 
 def check(errors, rows, jacobian):

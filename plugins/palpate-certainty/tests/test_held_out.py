@@ -11,8 +11,8 @@ from palpate.domain import Response
 from palpate_certainty import held_out as module
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.held_out import BAND, held_out, is_apart, sentence
+from palpate_certainty.linear_problem import PRIORS, LinearProblem, ResidualErrors
 from palpate_certainty.noise_model import ErrorScale, NoiseModel, ResidualLayout, grouped, groups_of
-from palpate_certainty.tables import PRIORS, LinearModel
 from palpate_materials.uncoupled import Ogden
 
 SPOTS, POINTS = ("p1", "p2", "p3"), 12
@@ -39,25 +39,25 @@ def test_curves_that_belong_are_inside_as_often_as_the_band_says(monkeypatch):
     gains = 0.02 * np.stack([rows.channel == 0, rows.channel == 1], axis=1) * rows.envelope[:, None]
     known = {"gain": gains, PRIORS: np.zeros((rows.spot.size, rows.spot.size))}
     root = np.linalg.cholesky(sum(errors.covariances(rows)) + gains @ gains.T)
-    monkeypatch.setattr(module, "_errors_without", lambda *_: (errors, KNOWN_SCALE))
+    known_errors = ResidualErrors(noise=errors, scale=KNOWN_SCALE)
+    monkeypatch.setattr(module, "errors_without", lambda *_: known_errors)
     inside = []
     for _ in range(100):
         moved = 0.05 * rng.normal(size=3)
         residuals = root @ rng.normal(size=rows.spot.size) + jacobian @ moved
-        model = LinearModel(
+        linear = LinearProblem(
             point=0.5 + moved,
             residuals=residuals,
             jacobian=jacobian,
             rows=rows,
             known=known,
-            n_points=np.ones(rows.spot.size, dtype=int),
+            channels=("force", "torque"),
+            groups=np.eye(rows.spot.size),
             expected={0: 0.01, 1: 0.01},
         )
         terms = [SimpleNamespace(spot=spot) for spot in SPOTS]
         end = SimpleNamespace(problem=SimpleNamespace(terms=terms))
-        assessed = SimpleNamespace(
-            model=model, end=end, channels=("force", "torque"), between=None, is_like_fopt=False
-        )
+        assessed = SimpleNamespace(linear=linear, end=end, errors=known_errors, is_like_fopt=False)
         inside += held_out(assessed)["inside"].to_list()
     assert np.mean(inside) == pytest.approx(BAND, abs=0.05)
 

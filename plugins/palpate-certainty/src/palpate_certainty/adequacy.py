@@ -8,7 +8,8 @@ import scipy
 
 from palpate.api import FloatArray
 from palpate.api.fit import Adequacy, SpotTerm, channel_of, pieces
-from palpate_certainty.noise_model import ResidualLayout
+from palpate_certainty.between_spots import SPOTS
+from palpate_certainty.linear_problem import LinearProblem, ResidualErrors
 
 RARE = 1e-3
 """Probability under which residuals do not happen to a good model."""
@@ -93,14 +94,7 @@ class Misfit:
     unexplained: float
 
 
-def misfits(
-    residuals: FloatArray,
-    free: FloatArray,
-    covariance: FloatArray,
-    known: FloatArray,
-    rows: ResidualLayout,
-    groups: FloatArray,
-) -> dict[int, Misfit]:
+def misfits(points: LinearProblem, linear: LinearProblem, errors: ResidualErrors) -> dict[int, Misfit]:
     """Largest difference of each channel, by its number.
 
     The budget explains of each difference what its causes have in it by the covariance of all (their mean,
@@ -109,18 +103,15 @@ def misfits(
 
     Parameters
     ----------
-    residuals : (n_points,) array
-    free : (n, n - n_parameters) array
-        As for :func:`palpate_certainty.noise_model.estimate`.
-    covariance : (n, n) array
-        Of averaged residuals, by all causes.
-    known : (n, m) array
-        What the known causes make of averaged residuals, one standard deviation each.
-    rows : ResidualLayout
-        Where each of the ``n_points`` is.
-    groups : (n, n_points) array
-        As :func:`palpate_certainty.noise_model.groups_of` returns them.
+    points, linear : LinearProblem
+        Of every measured point, and of averages of these.
+    errors : ResidualErrors
     """
+    residuals, rows, groups, free = points.residuals, points.rows, linear.groups, linear.free
+    known = linear.stated
+    if errors.between is not None:
+        known = np.concatenate([known, linear.sized(errors)[SPOTS]], axis=1)
+    covariance = known @ known.T + linear.rest(errors.noise)
     averaged = groups @ residuals
     within = free.T @ covariance @ free
     jitter = 1e-12 * np.trace(within) / len(within) * np.eye(len(within))
@@ -213,23 +204,3 @@ def checks(
         yield Check(name="spots", channel=-1, probability=alike, verdict=Adequacy.DESCRIBES)
     verdict = Adequacy.FAILS if in_ranges < RARE else Adequacy.DESCRIBES
     yield Check(name="ranges", channel=-1, probability=in_ranges, verdict=verdict)
-
-
-def probability_of_alike(
-    residuals: FloatArray, jacobian: FloatArray, covariance: FloatArray, rows: ResidualLayout
-) -> float:
-    """Probability of spots that ask for parameters so far from the joint ones (χ² of their scores)."""
-    spots = [spot for spot in np.unique(rows.spot) if spot >= 0]
-    scores = np.concatenate(
-        [np.linalg.svd(jacobian * (rows.spot == s)[:, None], full_matrices=False)[0] for s in spots], axis=1
-    )
-    left, sizes, _ = np.linalg.svd(jacobian, full_matrices=False)
-    left = left[:, sizes > 1e-9 * sizes.max()]
-    free = scores - left @ (left.T @ scores)
-    axes, lengths, _ = np.linalg.svd(free, full_matrices=False)
-    axes = axes[:, lengths > 1e-6]
-    if not axes.shape[1]:
-        return 1.0
-    seen = axes.T @ residuals
-    square = float(seen @ np.linalg.solve(axes.T @ covariance @ axes, seen))
-    return float(scipy.stats.chi2.sf(square, axes.shape[1]))

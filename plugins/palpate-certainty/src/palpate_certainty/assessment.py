@@ -1,13 +1,12 @@
 """The certainty of a study's fits: intervals, their causes, and whether the model describes the data."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import polars as pl
-import scipy
 
 from palpate.api import (
     SILENT,
@@ -21,25 +20,9 @@ from palpate.api import (
     Simulation,
 )
 from palpate.api.executors import StoppedError
-from palpate.api.fit import Adequacy, Case, CertaintyResult, Fit, Trial, channel_of
+from palpate.api.fit import Adequacy, Case, CertaintyResult, Fit, channel_of
 from palpate.api.runs import Study, relaxation_of
-from palpate_certainty.adequacy import (
-    Check,
-    checks,
-    closeness_of,
-    is_beyond,
-    misfits,
-    probability_of_alike,
-)
-from palpate_certainty.between_spots import (
-    SPOTS,
-    UNUSUAL,
-    SpotDifferences,
-    by_spot,
-    differences,
-    same_spot,
-    shared_parameters,
-)
+from palpate_certainty.adequacy import Check, Closeness, checks, closeness_of, is_beyond, misfits
 from palpate_certainty.error_sources import (
     MESH,
     Columns,
@@ -49,30 +32,12 @@ from palpate_certainty.error_sources import (
     error_sources_of,
     mesh_errors,
 )
-from palpate_certainty.laplace import FLAT_SD, laplace, scores_of, whitening
 from palpate_certainty.likeliest import likeliest
+from palpate_certainty.linear_problem import PRIORS, LinearProblem, errors_of, linearised
 from palpate_certainty.mesh_error import SpotMesh, is_stated
-from palpate_certainty.noise_model import (
-    ErrorScale,
-    NoiseModel,
-    ResidualLayout,
-    error_scale,
-    estimate,
-    grouped,
-    groups_of,
-    layout_of,
-)
+from palpate_certainty.noise_model import ResidualLayout, layout_of
 from palpate_certainty.profiles import planes_of_fits
-from palpate_certainty.tables import (
-    PRIORS,
-    Assessed,
-    LinearModel,
-    certainty_result,
-    density_of,
-    most_likely,
-    scaled,
-    with_rest,
-)
+from palpate_certainty.tables import Assessed, certainty_result, density_of, most_likely
 
 NONE: Mapping[ErrorSource, str] = MappingProxyType({})
 
@@ -223,75 +188,53 @@ class Assessment:
         end = case.end
         assert end is not None
         assert end.best is not None
-        residuals, jacobian, point = _linear(end, again.point if again else None)
-        rows, channels = layout_of(end.problem.terms, residuals.size, first.channels if first else ())
-        known = self._known(end, residuals, rows, columns)
-        terms = end.problem.terms
-        by_mesh = mesh_errors(self.study, terms, residuals, known[MESH], self.meshes) if MESH in known else ()
-        groups = groups_of(rows)
-        of_points, slopes_of_points, points = residuals, jacobian, rows
-        residuals, jacobian = groups @ residuals, groups @ jacobian
-        known = {name: groups @ part for name, part in known.items()}
-        rows = grouped(rows, groups)
-        model = LinearModel(
+        points = self._points(end, columns, first, again)
+        linear = points.averaged()
+        errors = errors_of(linear, first.errors if first else None)
+        missed = again.misfits if again else misfits(points, linear, errors)
+        like_fopt |= any(is_beyond(each, linear.expected[channel]) for channel, each in missed.items())
+        of_all, in_range = linear.weighed(errors, is_likeliest=is_likeliest, like_fopt=like_fopt)
+        density = density_of(of_all, end.problem)
+        point = most_likely(of_all, density, end.problem)
+        close = _closeness(end, points, point)
+        made = checks(missed, linear.expected, close, errors.alike, of_all.in_ranges)
+        return Assessed(
+            case=case,
+            end=end,
+            linear=linear,
+            errors=errors,
+            point=point,
+            laplace=of_all,
+            in_range=in_range,
+            density=density,
+            is_like_fopt=like_fopt,
+            misfits=missed,
+            checks=(*made, *self._relaxation(case)),
+            mesh_errors=tuple(self._mesh_errors(end, points)),
+            has_usual_mesh_error=self._has_usual_mesh_error(end),
+            left_out=_left_out(case, failures) | self._of_score,
+        )
+
+    def _points(
+        self, end: Fit, columns: Columns, first: Assessed | None, around: Assessed | None
+    ) -> LinearProblem:
+        """Problem of every measured point, with a named column for one standard deviation of each cause."""
+        residuals, jacobian, point = linearised(end, around.point if around else None)
+        rows, channels = layout_of(end.problem.terms, residuals.size, first.linear.channels if first else ())
+        return LinearProblem(
             point=point,
             residuals=residuals,
             jacobian=jacobian,
             rows=rows,
-            n_points=(groups > 0.0).sum(axis=1),
-            known=known,
+            known=self._known(end, residuals, rows, columns),
+            channels=channels,
             expected={i: self.study.budget.discrepancy_of(name) for i, name in enumerate(channels)},
         )
-        if residuals.size <= point.size:
-            raise PalpateError(f"{residuals.size} measured points for {point.size} parameters; fix some")
-        free = scipy.linalg.null_space(jacobian.T)
-        found_errors, between, alike = _with_spots(model, free, first)
-        errors, noise, discrepancy, scale = found_errors
-        of_spots = {} if between is None else {SPOTS: between.columns(jacobian, rows)}
-        known = scaled(known, scale) | of_spots
-        every = np.concatenate([*model.known.values(), *of_spots.values()], axis=1)
-        rest = noise + discrepancy
-        stated = every @ every.T + rest
-        missed = again.misfits if again else misfits(of_points, free, stated, every, points, groups)
-        covariance = np.sum([rest, *map(_gram, known.values())], axis=0)
-        causes = with_rest(known, noise, discrepancy)
-        scores = scores_of(jacobian, rows.curve)
-        missed_here = np.zeros_like(residuals) if is_likeliest else residuals
-        weighed = partial(laplace, point, missed_here, jacobian, causes, scores, freedom=scale.freedom)
-        like_fopt |= any(is_beyond(each, model.expected[channel]) for channel, each in missed.items())
-        if between is not None or like_fopt:
-            spots = None if between is None else same_spot(scores, rows)
-            weighed = partial(weighed, together=spots, like_fopt=like_fopt)
-        of_all, in_range = weighed(), weighed(range_sd=FLAT_SD)
-        if between is not None:
-            freedom = between.freedom_with(of_all.shares[SPOTS], scale.freedom)
-            of_all, in_range = (replace(each, freedom=freedom) for each in (of_all, in_range))
-        density = density_of(of_all, end.problem)
-        point = most_likely(of_all, density, end.problem)
-        there = of_points + slopes_of_points @ (point - model.point)
-        close = closeness_of(there, end.problem.terms, channels)
-        made = checks(missed, model.expected, close, alike, of_all.in_ranges)
-        return Assessed(
-            case=case,
-            end=end,
-            point=point,
-            values=end.problem.box.lower + point * (end.problem.box.upper - end.problem.box.lower),
-            laplace=of_all,
-            in_range=in_range,
-            density=density,
-            white=whitening(scores, covariance, groups),
-            model=model,
-            errors=errors,
-            scale=scale,
-            between=between,
-            is_like_fopt=like_fopt,
-            misfits=missed,
-            checks=(*made, *self._relaxation(case)),
-            channels=channels,
-            mesh_errors=tuple(by_mesh),
-            has_usual_mesh_error=self._has_usual_mesh_error(end),
-            left_out=_left_out(case, failures) | self._of_score,
-        )
+
+    def _mesh_errors(self, end: Fit, points: LinearProblem) -> Iterator[dict[str, Any]]:
+        if MESH in points.known:
+            errors, residuals = points.known[MESH], points.residuals
+            yield from mesh_errors(self.study, end.problem.terms, residuals, errors, self.meshes)
 
     def _check_score(self, case: Case) -> None:
         """Warn of a score whose residuals are linear in the curves only to first order.
@@ -361,49 +304,15 @@ def _leaves_a_curve(found: Assessed) -> bool:
     """True if the weights of errors lead away from a channel that the fit approximates."""
     residuals = found.end.at_end().residuals
     assert residuals is not None
-    at_fit = closeness_of(residuals, found.end.problem.terms, found.channels)
+    at_fit = closeness_of(residuals, found.end.problem.terms, found.linear.channels)
     close = {check.channel: check.closeness for check in found.checks if check.closeness is not None}
     return any(at_fit[channel].is_close and not each.is_close for channel, each in close.items())
 
 
-def _with_spots(
-    model: LinearModel, free: FloatArray, first: Assessed | None
-) -> tuple[tuple[NoiseModel, FloatArray, FloatArray, ErrorScale], SpotDifferences | None, float | None]:
-    """Errors of a fit, the differences between its spots, and the probability of spots that are alike.
-
-    The errors are those of each spot with parameters of its own, where the spots differ by more than errors.
-    """
-    residuals, jacobian, rows = model.residuals, model.jacobian, model.rows
-    every = np.concatenate(list(model.known.values()), axis=1)
-    errors = _errors(residuals, free, every, rows, model.expected, first)
-    if not shared_parameters(jacobian, rows).size:
-        return errors, None, None
-    alike = probability_of_alike(residuals, jacobian, every @ every.T + errors[1] + errors[2], rows)
-    if alike >= UNUSUAL:
-        return errors, None, alike
-    if first is None or first.between is None:
-        errors = _errors(
-            residuals, scipy.linalg.null_space(by_spot(jacobian, rows).T), every, rows, model.expected, None
-        )
-    _, noise, discrepancy, scale = errors
-    causes = with_rest(scaled(model.known, scale), noise, discrepancy)
-    return errors, differences(residuals, jacobian, causes, rows), alike
-
-
-def _errors(
-    residuals: FloatArray,
-    free: FloatArray,
-    known: FloatArray,
-    rows: ResidualLayout,
-    expected: Mapping[int, float],
-    first: Assessed | None,
-) -> tuple[NoiseModel, FloatArray, FloatArray, ErrorScale]:
-    """Sizes of noise and discrepancy, the covariances by both, and the scale of the stated errors."""
-    if first is not None and first.errors.noise.keys() >= set(rows.channels):
-        return first.errors, *first.errors.covariances(rows), first.scale
-    errors = estimate(residuals, free, known, rows, expected=expected)
-    noise, discrepancy = errors.covariances(rows)
-    return errors, noise, discrepancy, error_scale(residuals, free, known, noise + discrepancy)
+def _closeness(end: Fit, points: LinearProblem, point: FloatArray) -> Mapping[int, Closeness]:
+    """Closeness of the curves at the most likely values to each measured channel."""
+    there = points.residuals + points.jacobian @ (point - points.point)
+    return closeness_of(there, end.problem.terms, points.channels)
 
 
 def _left_out(case: Case, failures: Mapping[ErrorSource, str]) -> dict[str, str]:
@@ -413,25 +322,3 @@ def _left_out(case: Case, failures: Mapping[ErrorSource, str]) -> dict[str, str]
         for cause, why in failures.items()
         if any(map(cause.is_at, case.spots))
     }
-
-
-def _gram(factor: FloatArray) -> FloatArray:
-    gram: FloatArray = factor @ factor.T
-    return gram
-
-
-def _linear(fit: Fit, at: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals, slopes per range, and values as shares of their ranges, where a fit has ended or at values.
-
-    Curves are nearly linear in moduli, and not in the logarithms of these, which a search steps in.
-    """
-    box = fit.problem.box
-    width = box.upper - box.lower
-    found = fit.at_end()
-    if at is not None:
-        (there,) = fit.problem.evaluate([Trial(point=box.point(box.lower + width * at), slopes=True)])
-        found = found if there.jacobian is None else there
-    assert found.residuals is not None
-    assert found.jacobian is not None
-    shares = (box.values(found.point) - box.lower) / width
-    return found.residuals, found.jacobian * width / box.rates(found.point), shares

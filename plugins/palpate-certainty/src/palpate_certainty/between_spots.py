@@ -154,3 +154,23 @@ def _q_profile(own: FloatArray, covariance: FloatArray) -> tuple[float, float]:
         return float(scipy.optimize.brentq(lambda sd: square(sd) - aim, 0.0, most))
 
     return at(0.5 + LEVEL / 2.0), at(0.5 - LEVEL / 2.0)
+
+
+def probability_of_alike(
+    residuals: FloatArray, jacobian: FloatArray, covariance: FloatArray, rows: ResidualLayout
+) -> float:
+    """Probability of spots that ask for parameters so far from the joint ones (χ² of their scores)."""
+    spots = [spot for spot in np.unique(rows.spot) if spot >= 0]
+    scores = np.concatenate(
+        [np.linalg.svd(jacobian * (rows.spot == s)[:, None], full_matrices=False)[0] for s in spots], axis=1
+    )
+    left, sizes, _ = np.linalg.svd(jacobian, full_matrices=False)
+    left = left[:, sizes > 1e-9 * sizes.max()]
+    free = scores - left @ (left.T @ scores)
+    axes, lengths, _ = np.linalg.svd(free, full_matrices=False)
+    axes = axes[:, lengths > 1e-6]
+    if not axes.shape[1]:
+        return 1.0
+    seen = axes.T @ residuals
+    square = float(seen @ np.linalg.solve(axes.T @ covariance @ axes, seen))
+    return float(scipy.stats.chi2.sf(square, axes.shape[1]))

@@ -6,7 +6,6 @@ estimated again without it. The band is what the errors of the parameters and of
 curves. Nothing is simulated.
 """
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,17 +13,10 @@ import polars as pl
 import scipy
 
 from palpate.api import BoolArray, FloatArray
-from palpate_certainty.between_spots import (
-    SPOTS,
-    SpotDifferences,
-    by_spot,
-    differences,
-    same_spot,
-    shared_parameters,
-)
-from palpate_certainty.laplace import FLAT_SD, scores_of
-from palpate_certainty.noise_model import ErrorScale, NoiseModel, error_scale, estimate
-from palpate_certainty.tables import Assessed, scaled, with_rest
+from palpate_certainty.between_spots import SPOTS, same_spot
+from palpate_certainty.laplace import FLAT_SD, estimator, weights_of
+from palpate_certainty.linear_problem import errors_without
+from palpate_certainty.tables import Assessed
 
 BAND = 0.9
 """Probability that a curve is inside of its band."""
@@ -44,7 +36,7 @@ def held_out(assessed: Assessed) -> pl.DataFrame:
     assessed : Assessed
         The joint fit.
     """
-    rows, spots = assessed.model.rows, list(dict.fromkeys(term.spot for term in assessed.end.problem.terms))
+    rows, spots = assessed.linear.rows, list(dict.fromkeys(term.spot for term in assessed.end.problem.terms))
     parts = [rows.spot == i for i in range(len(spots))]
     if len(spots) == 1:
         parts = [rows.channel == channel for channel in rows.channels if len(rows.channels) > 1]
@@ -56,9 +48,9 @@ def held_out(assessed: Assessed) -> pl.DataFrame:
             at = channels == channel
             share = difference[at] / scale[at]
             of_share = covariance[np.ix_(at, at)] / np.outer(scale[at], scale[at])
-            n_points = int(assessed.model.n_points[out][at].sum())
+            n_points = int(assessed.linear.n_points[out][at].sum())
             compared = _compared(share, of_share, n_points, scale_freedom)
-            found.append({"spot": spot, "channel": assessed.channels[channel], **compared})
+            found.append({"spot": spot, "channel": assessed.linear.channels[channel], **compared})
     return pl.DataFrame(found)
 
 
@@ -87,81 +79,27 @@ def _predicted(assessed: Assessed, out: BoolArray) -> tuple[FloatArray, FloatArr
 
     Third are the degrees of freedom of the covariance's scale.
     """
-    model, kept = assessed.model, ~out
-    residuals, jacobian = model.residuals[kept], model.jacobian[kept]
-    errors, scale = _errors_without(assessed, kept)
-    noise, discrepancy = errors.covariances(model.rows)
-    factors = scaled(model.known, scale)
-    if (between := _between_without(assessed, kept, factors, noise, discrepancy)) is not None:
-        factors[SPOTS] = between.columns(model.jacobian, model.rows)
-    covariance = noise + discrepancy + sum(factor @ factor.T for factor in factors.values())
-    scores = scores_of(jacobian, model.rows.curve[kept])
-    slopes = scores.T @ jacobian
+    linear, kept = assessed.linear, ~out
+    errors, rest = errors_without(linear, kept, assessed.errors), linear.only(kept)
+    covariance, scores = linear.covariance(errors), rest.scores
     of_scores = scores.T @ covariance[np.ix_(kept, kept)] @ scores
-    if assessed.is_like_fopt:
-        of_scores = np.eye(len(of_scores)) * np.trace(of_scores) / len(of_scores)
-    elif between is not None:
-        of_scores *= same_spot(scores, model.rows.only(kept))
-    gain = np.linalg.solve(of_scores, slopes)
-    prior = np.eye(jacobian.shape[1]) / FLAT_SD**2
-    of_point = np.linalg.inv(slopes.T @ gain + prior)
-    through = of_point @ gain.T @ scores.T
+    together = None if errors.between is None else same_spot(scores, rest.rows)
+    weighed_by = weights_of(of_scores, together, like_fopt=assessed.is_like_fopt)
+    prior = np.eye(linear.point.size) / FLAT_SD**2
+    of_point, step = estimator(scores.T @ rest.jacobian, weighed_by, prior)
+    through = step @ scores.T
     # Where the others tell nothing, a value is anywhere in its range.
-    moved = -through @ residuals - of_point @ prior @ (model.point - 0.5)
-    there = model.jacobian[out]
+    moved = -through @ rest.residuals - of_point @ prior @ (linear.point - 0.5)
+    there = linear.jacobian[out]
     both = np.zeros((int(out.sum()), out.size))
     both[:, out], both[:, kept] = np.eye(int(out.sum())), -there @ through
     unknown = there @ of_point @ prior @ of_point @ there.T
     predicted = both @ covariance @ both.T + unknown
-    freedom = scale.freedom
-    if between is not None:
-        by_spots = float(np.sum((both @ factors[SPOTS]) ** 2) / np.trace(predicted))
-        freedom = between.freedom_with(np.array([by_spots]), scale.freedom)
-    return model.residuals[out] + there @ moved, predicted, freedom
-
-
-def _between_without(
-    assessed: Assessed,
-    kept: BoolArray,
-    causes: Mapping[str, FloatArray],
-    noise: FloatArray,
-    discrepancy: FloatArray,
-) -> SpotDifferences | None:
-    """Differences between the spots that are kept; by all spots where one alone is."""
-    model = assessed.model
-    rows, jacobian = model.rows.only(kept), model.jacobian[kept]
-    if assessed.between is None or not shared_parameters(jacobian, rows).size:
-        return assessed.between
-    inside, of_kept = np.ix_(kept, kept), {name: part[kept] for name, part in causes.items()}
-    parts = with_rest(of_kept, noise[inside], discrepancy[inside])
-    return differences(model.residuals[kept], jacobian, parts, rows)
-
-
-def _errors_without(assessed: Assessed, kept: BoolArray) -> tuple[NoiseModel, ErrorScale]:
-    """Noise and discrepancy, and the scale of the stated errors, by the curves that are kept.
-
-    By all curves where a channel is left out altogether, or too few points are kept to tell.
-    """
-    model = assessed.model
-    rows = model.rows.only(kept)
-    if set(rows.channels) != set(model.rows.channels) or rows.spot.size <= model.point.size:
-        return assessed.errors, assessed.scale
-    slopes = model.jacobian[kept]
-    if assessed.between is not None:
-        slopes = by_spot(slopes, rows)
-    residuals, free = model.residuals[kept], scipy.linalg.null_space(slopes.T)
-    known = np.concatenate(list(model.known.values()), axis=1)[kept]
-    errors = estimate(
-        residuals,
-        free,
-        known,
-        rows,
-        expected=model.expected,
-        lengths=tuple(assessed.errors.correlations),
-        common=assessed.errors.common,
-    )
-    noise, discrepancy = errors.covariances(rows)
-    return errors, error_scale(residuals, free, known, noise + discrepancy)
+    freedom = errors.scale.freedom
+    if errors.between is not None:
+        by_spots = np.sum((both @ linear.sized(errors)[SPOTS]) ** 2) / np.trace(predicted)
+        freedom = errors.between.freedom_with(np.array([by_spots]), freedom)
+    return linear.residuals[out] + there @ moved, predicted, freedom
 
 
 def sentence(table: pl.DataFrame) -> str:

@@ -210,13 +210,9 @@ def laplace(
     parts = {name: _gram(scores.T @ factor) for name, factor in causes.items()}
     slopes = scores.T @ jacobian
     total = np.sum(list(parts.values()), axis=0)
-    weighed_by = total if together is None else total * together
-    if like_fopt:
-        weighed_by = np.eye(len(total)) * np.trace(total) / len(total)
-    gain = np.linalg.solve(weighed_by, slopes)
+    weighed_by = weights_of(total, together, like_fopt=like_fopt)
     prior = np.eye(jacobian.shape[1]) / range_sd**2
-    of_weights: FloatArray = np.linalg.inv(slopes.T @ gain + prior).astype(np.float64)
-    through = of_weights @ gain.T
+    of_weights, through = estimator(slopes, weighed_by, prior)
     made = {name: through @ part @ through.T for name, part in parts.items()}
     made[RANGE] = of_weights @ prior @ of_weights
     is_efficient = together is None and not like_fopt
@@ -224,6 +220,21 @@ def laplace(
     centre = point - through @ (scores.T @ residuals)
     symmetric = (covariance + covariance.T) / 2.0
     return Laplace(centre=centre, covariance=symmetric, parts=made, freedom=freedom)
+
+
+def weights_of(covariance: FloatArray, together: FloatArray | None, *, like_fopt: bool) -> FloatArray:
+    """Covariance (k, k) by which scores are weighed; arguments as of :func:`laplace`."""
+    if like_fopt:
+        even: FloatArray = np.eye(len(covariance)) * np.trace(covariance) / len(covariance)
+        return even
+    return covariance if together is None else covariance * together
+
+
+def estimator(slopes: FloatArray, covariance: FloatArray, prior: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Covariance of the parameters by scores with slopes (k, n), and what each score moves them by (n, k)."""
+    gain = np.linalg.solve(covariance, slopes)
+    of_weights: FloatArray = np.linalg.inv(slopes.T @ gain + prior).astype(np.float64)
+    return of_weights, of_weights @ gain.T
 
 
 def _gram(factor: FloatArray) -> FloatArray:

@@ -49,7 +49,7 @@ def likeliest(assessed: Assessed) -> Assessed:
     def point_of(shares: FloatArray) -> FloatArray:
         return box.point(box.lower + (box.upper - box.lower) * shares)
 
-    first, start = point_of(assessed.model.point), point_of(assessed.point)
+    first, start = point_of(assessed.linear.point), point_of(assessed.point)
     step = (box.values(start) - box.values(first)) / box.rates(first)
     if float(np.linalg.norm(residuals(start) - residuals(first) - slopes(first) @ step)) < STRAIGHT:
         return assessed

@@ -8,7 +8,7 @@ import numpy as np
 import polars as pl
 import scipy
 
-from palpate.api import FloatArray, IntArray
+from palpate.api import FloatArray
 from palpate.api.fit import (
     INCLUDED,
     LEVEL,
@@ -25,13 +25,9 @@ from palpate.api.fit import (
 )
 from palpate.api.runs import Study
 from palpate_certainty.adequacy import ALLOWED, Check, Misfit
-from palpate_certainty.between_spots import SpotDifferences
 from palpate_certainty.error_sources import MESH
-from palpate_certainty.laplace import RANGE, Density, Laplace, root_of
-from palpate_certainty.noise_model import ErrorScale, NoiseModel, ResidualLayout
-
-NOISE, DISCREPANCY, PRIORS = "noise", "model", "priors"
-"""Error sources besides those of :mod:`~palpate_certainty.error_sources`."""
+from palpate_certainty.laplace import RANGE, Density, Laplace
+from palpate_certainty.linear_problem import NOISE, PRIORS, LinearProblem, ResidualErrors
 
 LEAST_POWER = 0.15
 """Power of a parameter, over the largest one, below which it is left out."""
@@ -94,36 +90,6 @@ N_DRAWS = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class LinearModel:
-    """A fit to first order around where it has ended.
-
-    Parameters
-    ----------
-    point : (n_parameters,) array
-        Its end, as shares of the ranges.
-    residuals : (n,) array
-        Simulated less measured; neighbours of long curves averaged.
-    jacobian : (n, n_parameters) array
-        Of the residuals, per range.
-    rows : ResidualLayout
-    n_points : (n,) integer array
-        Measured points that each residual is the average of.
-    known : mapping of cause to (n, m) array
-        What one standard deviation of each known cause adds to the residuals.
-    expected : mapping of channel number to float
-        Discrepancy that the study expects, over the largest ordinate.
-    """
-
-    point: FloatArray
-    residuals: FloatArray
-    jacobian: FloatArray
-    rows: ResidualLayout
-    n_points: IntArray
-    known: Mapping[str, FloatArray]
-    expected: Mapping[int, float]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Assessed:
     """A fit with its covariance.
 
@@ -131,30 +97,20 @@ class Assessed:
     ----------
     case : Case
     end : Fit
+    linear : LinearProblem
+    errors : ResidualErrors
     point : (n_parameters,) array
         The most likely values, as shares of the ranges.
-    values : (n_parameters,) array
-        The same, in the units of the parameters.
     laplace : Laplace
         By all causes.
     in_range : Laplace
         The same, where every value is known to be within its range: as wide as the intervals.
     density : Density
         By all causes, within the ranges and the filters.
-    white : (m, n) array
-        From the residuals to independent ones of variance 1, by all causes.
-    model : LinearModel
-    errors : NoiseModel
-    scale : ErrorScale
-        Of the known causes.
-    between : SpotDifferences, optional
-        Of spots that differ by more than their errors.
     is_like_fopt : bool
         The curves count as in Fopt, since the model differs from them by more than its stated errors.
     misfits : mapping of channel number to Misfit
     checks : tuple of Check
-    channels : tuple of str
-        By their numbers.
     mesh_errors : tuple of mapping
         Rows of :func:`~palpate_certainty.error_sources.mesh_errors`.
     has_usual_mesh_error : bool
@@ -165,23 +121,29 @@ class Assessed:
 
     case: Case
     end: Fit
+    linear: LinearProblem
+    errors: ResidualErrors
     point: FloatArray
-    values: FloatArray
     laplace: Laplace
     in_range: Laplace
     density: Density
-    white: FloatArray
-    model: LinearModel
-    errors: NoiseModel
-    scale: ErrorScale
     misfits: Mapping[int, Misfit]
     checks: tuple[Check, ...]
-    channels: tuple[str, ...]
     mesh_errors: tuple[dict[str, Any], ...] = ()
     has_usual_mesh_error: bool = False
-    between: SpotDifferences | None = None
     is_like_fopt: bool = False
     left_out: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def values(self) -> FloatArray:
+        """The most likely values (n_parameters,) in the units of the parameters."""
+        box = self.end.problem.box
+        return box.lower + self.point * (box.upper - box.lower)
+
+    @property
+    def white(self) -> FloatArray:
+        """Matrix (m, n) from the residuals to independent ones of variance 1, by all causes."""
+        return self.linear.white(self.errors)
 
     @property
     def verdict(self) -> Adequacy:
@@ -192,18 +154,6 @@ class Assessed:
     def noise_only(self) -> Laplace:
         """Density by the noise alone."""
         return self.laplace.by(NOISE, PRIORS, RANGE)
-
-
-def scaled(known: Mapping[str, FloatArray], scale: ErrorScale) -> dict[str, FloatArray]:
-    """Known causes at the scale of the errors; priors have their own."""
-    return {name: part if name == PRIORS else scale.factor * part for name, part in known.items()}
-
-
-def with_rest(
-    known: Mapping[str, FloatArray], noise: FloatArray, discrepancy: FloatArray
-) -> dict[str, FloatArray]:
-    """Known causes, and factors of the covariances (n, n) of noise and discrepancy."""
-    return {**known, NOISE: root_of(noise), DISCREPANCY: root_of(discrepancy)}
 
 
 def density_of(found: Laplace, problem: Problem) -> Density:
@@ -321,7 +271,7 @@ def _draws(each: Assessed) -> Iterator[dict[str, Any]]:
 
 
 def _between_spots(each: Assessed) -> Iterator[dict[str, Any]]:
-    box, found = each.end.problem.box, each.between
+    box, found = each.end.problem.box, each.errors.between
     if found is None:
         return
     width = box.upper - box.lower
@@ -340,7 +290,7 @@ def _between_spots(each: Assessed) -> Iterator[dict[str, Any]]:
 
 def _spot_draws(each: Assessed) -> Iterator[dict[str, Any]]:
     """Draws from the density of a new spot's parameters, within the ranges."""
-    box, found = each.end.problem.box, each.between
+    box, found = each.end.problem.box, each.errors.between
     if found is None:
         return
     rng = np.random.default_rng(0)
@@ -353,7 +303,7 @@ def _spot_draws(each: Assessed) -> Iterator[dict[str, Any]]:
 
 def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
     for check in each.checks:
-        channel = each.channels[check.channel] if check.channel >= 0 else None
+        channel = each.linear.channels[check.channel] if check.channel >= 0 else None
         said = {
             "discrepancy": "" if channel is None else _missed(each, check.channel, study),
             "ranges": "the curves ask for parameters outside of their ranges",
@@ -372,7 +322,7 @@ def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
 
 def _missed(each: Assessed, number: int, study: Study) -> str:
     """Sentence on the largest difference of a channel: how large and where it is, and what explains it."""
-    name, misfit, terms = each.channels[number], each.misfits[number], each.end.problem.terms
+    name, misfit, terms = each.linear.channels[number], each.misfits[number], each.end.problem.terms
     spot, point = _place(terms, misfit.row)
     curve, channel = spot.measured[name], study.channels.get(name)
     x, y = ("", "") if channel is None else (channel.abscissa_label, channel.ordinate_label)

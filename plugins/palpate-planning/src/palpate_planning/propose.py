@@ -221,7 +221,7 @@ class PlanningStage:
 
     def design(self) -> DesignProblem:
         """Knowledge before the press."""
-        found, channels = self.assessed.errors, self.assessed.channels
+        found, channels = self.assessed.errors.noise, self.assessed.linear.channels
         box = self.assessed.end.problem.box
         errors = ErrorSizes(
             noise={channels[i]: size for i, size in found.noise.items()},
