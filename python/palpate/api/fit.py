@@ -110,6 +110,7 @@ if TYPE_CHECKING:
         RISE as RISE,
         UNSEEN as UNSEEN,
         UNSETTLED as UNSETTLED,
+        WIDENED as WIDENED,
         CertaintyResult as CertaintyResult,
         FitResult as FitResult,
         IdentifiabilityResult as IdentifiabilityResult,

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal, Self
 
@@ -130,6 +130,21 @@ class Parameter:
                 f"parameter '{self.name}' = {value} {self.unit} is outside its physical range "
                 f"{self._physical_range}; give a value inside it"
             )
+
+    @property
+    def in_logarithms(self) -> bool:
+        """True if a search steps in the logarithm of the value."""
+        return self.scale == "log" or (self.kind == "modulus" and self.lower > 0.0)
+
+    def wider(self, *, below: bool) -> Self:
+        """Parameter whose range goes on beyond one end as far again, within its physical limits."""
+        lower, upper = self.lower, self.upper
+        down, up = 2.0 * lower - upper, 2.0 * upper - lower
+        if self.in_logarithms:
+            down, up = lower * (lower / upper), upper * (upper / lower)
+        if below:
+            return replace(self, lower=max(down, self.physical_lower))
+        return replace(self, upper=min(up, self.physical_upper))
 
     @property
     def _physical_range(self) -> str:

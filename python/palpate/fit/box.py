@@ -15,7 +15,7 @@ class Box:
 
     def __init__(self, parameters: Sequence[Parameter]) -> None:
         self.parameters = tuple(parameters)
-        self.log = np.array([_in_logarithms(p) for p in self.parameters], dtype=bool)
+        self.log = np.array([p.in_logarithms for p in self.parameters], dtype=bool)
         self.lower = np.array([p.lower for p in self.parameters], dtype=np.float64)
         self.upper = np.array([p.upper for p in self.parameters], dtype=np.float64)
 
@@ -66,7 +66,3 @@ class Box:
             self.log, self.values(point) * np.log(upper / lower), self.upper - self.lower
         )
         return rates
-
-
-def _in_logarithms(parameter: Parameter) -> bool:
-    return parameter.scale == "log" or (parameter.kind == "modulus" and parameter.lower > 0.0)

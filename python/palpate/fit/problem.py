@@ -6,6 +6,7 @@ see :mod:`palpate.fit.spot_term`. A prior adds one residual, ``noise Â· (value â
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -79,6 +80,8 @@ class Problem:
         Relative misfit (root of NMSE) that one standard deviation of a prior is worth.
     fine : bool
         Whether the spots' finer meshes are simulated.
+    wider : mapping of name to Parameter
+        Searched parameters with wider ranges than the study's.
 
     Attributes
     ----------
@@ -99,13 +102,14 @@ class Problem:
         *,
         noise: float = 0.01,
         fine: bool = False,
+        wider: Mapping[str, Parameter] = MappingProxyType({}),
     ) -> None:
         self.study, self.terms, self.noise, self.fine = study, tuple(terms), noise, fine
+        self.wider = wider
         self.simulate, self.parametrisation = simulate, parametrisation
         with answering_for(parametrisation, "asking for its parameters"):
-            self.parameters: tuple[Parameter, ...] = parametrisation.parameters(
-                study.space, [term.spot for term in terms]
-            )
+            searched = parametrisation.parameters(study.space, [term.spot for term in terms])
+        self.parameters: tuple[Parameter, ...] = tuple(wider.get(p.name, p) for p in searched)
         self.box = Box(self.parameters)
         self.asked: list[Job] = []
         self._last: Evaluation | None = None
@@ -116,7 +120,12 @@ class Problem:
     ) -> "Problem":
         """State other terms, and perhaps another parametrisation, of the same study and simulations."""
         return Problem(
-            self.study, terms, self.simulate, parametrisation or self.parametrisation, noise=self.noise
+            self.study,
+            terms,
+            self.simulate,
+            parametrisation or self.parametrisation,
+            noise=self.noise,
+            wider=self.wider,
         )
 
     @property

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from palpate.domain import FloatArray, Job, Simulation
+from palpate.domain import FloatArray, Job, Parameter, Simulation
 from palpate.errors import PalpateError, PluginError
-from palpate.fit.problem import Problem
+from palpate.fit.problem import ROUNDING, Problem
 from palpate.plugins.guard import answering_for
 from palpate.plugins.search import Asking, Evaluation, Search, SearchSpace, Trial
 from palpate.run.result import UNSEEN
@@ -70,6 +70,17 @@ class Fit:
             (found,) = self.problem.evaluate([Trial(point=self.best.point, slopes=True)])
         if found.jacobian is None:
             raise PalpateError(found.failure)
+        return found
+
+    def at_bounds(self) -> list[tuple[Parameter, bool]]:
+        """Parameters that ended at a bound beyond which there are other values; True for a lower one."""
+        assert self.best is not None
+        found = []
+        for parameter, at in zip(self.problem.parameters, self.best.point, strict=True):
+            is_lowest = at <= ROUNDING and parameter.lower > parameter.physical_lower
+            is_highest = at >= 1.0 - ROUNDING and parameter.upper < parameter.physical_upper
+            if is_lowest or is_highest:
+                found.append((parameter, bool(is_lowest)))
         return found
 
     def unseen(self) -> list[str]:

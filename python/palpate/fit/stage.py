@@ -4,7 +4,7 @@ The joint fit of the scenario that generalises comes first, from the answer of a
 one, and from the basins of the sweep. Where spots have a finer mesh, its answers correct the curves of the
 coarse one until what these may be wrong by moves no parameter by a tenth of its standard deviation. The other
 scenarios start where the first has ended, with its corrections, and each spot where the joint fit of its
-scenario has.
+scenario has. Where the first ends at the end of a range that is none of physics, this is widened, once.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -13,7 +13,17 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import polars as pl
 
-from palpate.domain import Design, FloatArray, Refinement, Response, Scenario, Simulation, channel_of
+from palpate.domain import (
+    Design,
+    FloatArray,
+    Parameter,
+    ParameterName,
+    Refinement,
+    Response,
+    Scenario,
+    Simulation,
+    channel_of,
+)
 from palpate.errors import PalpateError, StoppedError
 from palpate.fit.mesh_correction import NEAR, EndSlopes, FineRun, errors_of, fine_run
 from palpate.fit.problem import Problem
@@ -23,7 +33,7 @@ from palpate.fit.starts import basins, scaled_start
 from palpate.plugins.parametrisation import SpotInputs, at_spot
 from palpate.progress import SILENT, Progress
 from palpate.run.fit_state import FitState
-from palpate.run.result import ALL_SPOTS
+from palpate.run.result import ALL_SPOTS, WIDENED
 from palpate.scoring.selection import objectives
 from palpate.simulation.sweep import Simulations
 from palpate.study.reading import Study
@@ -101,6 +111,7 @@ class FitStage:
     _cases: list[Case] = field(default_factory=list)
     _n_known: int = 0
     _fine: dict[str, list[FineRun]] = field(default_factory=dict)
+    _wider: dict[str, Parameter] = field(default_factory=dict)
 
     def run(self) -> list[Case]:
         """Fit jointly, then at each spot."""
@@ -113,6 +124,9 @@ class FitStage:
         self._n_known = len(self.simulations.known)
         first = Case(label, self._weighed_spots(main), main)
         self._search([first], {id(first): self._starts(first)})
+        if remark := self._widen(first):
+            self._search([first], {id(first): [first.values()]})
+            first.fits[-1].message += f"; {remark}"
         self._correct([first])
         cases = [first, *(Case(label, self._weighed_spots(scenario), scenario) for scenario in others)]
         self._search(cases[1:], {id(case): [first.values()] for case in cases[1:]})
@@ -170,14 +184,30 @@ class FitStage:
             self.simulations.of,
             self.study.parametrisation,
             noise=self.study.noise,
+            wider=self._wider,
         )
+
+    def _widen(self, case: Case) -> str:
+        """Widen the ranges of the materials at whose ends a case has ended; return a remark on them."""
+        if case.end is None or not self.study.search.local:
+            return ""
+        of_materials, remarks = {p.name for p in self.study.space.parameters}, []
+        for parameter, below in case.end.at_bounds():
+            if ParameterName.parse(parameter.name).shared in of_materials:
+                wider = self._wider[parameter.name] = parameter.wider(below=below)
+                ends = (parameter.lower, wider.lower) if below else (parameter.upper, wider.upper)
+                old, new = (f"{end:.4g} {parameter.unit}".strip() for end in ends)
+                remarks.append(f"{WIDENED} {parameter.name} widened from {old} to {new}, where it had ended")
+        if remarks:
+            self.progress.note(f"{'; '.join(remarks)}: the fit goes on")
+        return "; ".join(remarks)
 
     def _search(self, cases: Sequence[Case], starts: Mapping[int, Sequence[Mapping[str, float]]]) -> None:
         """Search from each start, without the finer meshes' answers unless they are known already."""
         fits = []
         for case in cases:
             problem = self.problem(case, {spot: self._nearest(spot) for spot in case.spots})
-            self._cases.append(case)
+            self._cases += [case] if case not in self._cases else []
             for start in starts[id(case)] or [{}]:
                 # What the earlier run has simulated there is not simulated again.
                 point = problem.point_of(start, exact=start is self.first_start)

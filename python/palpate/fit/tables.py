@@ -8,7 +8,6 @@ import numpy as np
 import polars as pl
 
 from palpate.domain import FloatArray, Response, channel_of, weighed_phases
-from palpate.fit.problem import ROUNDING
 from palpate.fit.running import Fit
 from palpate.fit.spot_term import SpotTerm
 from palpate.fit.stage import Case
@@ -104,7 +103,7 @@ def _row(
     row |= {
         "n_evaluations": sum(len(fit.trace) for fit in case.fits),
         "n_fine": case.n_fine,
-        "at_bound": ", ".join(_at_bound(end)),
+        "at_bound": ", ".join(each.name for each, _ in end.at_bounds()),
         "message": _message(case),
     }
     assert end.best is not None
@@ -129,16 +128,6 @@ def errors_at(
         r2 = 1.0 - error / relative_variance(curve, term.rules.score, name)
         found |= {f"nmse_{name}": error, f"r2_{name}": r2 if np.isfinite(r2) else None}
     return found
-
-
-def _at_bound(end: Fit) -> Iterator[str]:
-    """Names of the values that ended at a bound of their range beyond which there are others."""
-    assert end.best is not None
-    for parameter, at in zip(end.problem.parameters, end.best.point, strict=True):
-        is_lowest = at <= ROUNDING and parameter.lower > parameter.physical_lower
-        is_highest = at >= 1.0 - ROUNDING and parameter.upper < parameter.physical_upper
-        if is_lowest or is_highest:
-            yield parameter.name
 
 
 def _nmse(term: SpotTerm, name: str, fitted: FloatArray) -> float:

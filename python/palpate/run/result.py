@@ -75,6 +75,9 @@ UNSETTLED = "the correction by finer meshes has not settled"
 UNSEEN = "no curve"
 """Beginning of messages on values that no curve decides."""
 
+WIDENED = "range of"
+"""Beginning of messages on ranges that a fit has widened, where it ended at their ends."""
+
 
 INCLUDED = "included"
 """Status of a cause that intervals include."""

@@ -27,7 +27,6 @@ from palpate.fit.problem import Problem
 from palpate.fit.running import Fit, run_searches
 from palpate.fit.spot_term import SpotTerm
 from palpate.fit.starts import scaled_start
-from palpate.fit.tables import _at_bound
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate.plugins.score import ScoringRules
@@ -378,7 +377,7 @@ def test_what_no_curve_separates_is_reported(state, solver):
 @pytest.mark.parametrize(("limit", "ends"), [(0.5, []), (0.0, ["skin.e"])])
 def test_a_bound_of_physical_meaning_is_no_end_of_a_range(state, limit, ends):
     fit, _ = fitted(state({"skin.e": 0.1, "fat.e": 0.5}, of=space(lower=0.5, physical_lower=limit)))
-    assert list(_at_bound(fit)) == ends
+    assert [parameter.name for parameter, _ in fit.at_bounds()] == ends
 
 
 def test_what_is_observed_of_the_response_is_compared(state):

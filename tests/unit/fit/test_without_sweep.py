@@ -1,10 +1,16 @@
 """``n_sets = 0``: a fit from the ranges alone, with every stage and command."""
 
+import shutil
+from importlib.resources import files
+from pathlib import Path
+
 import pytest
 
 from palpate.domain import Response, Scenario
 from palpate.fit.least_squares import LeastSquares
+from palpate.plugins.catalogue import Plugins
 from palpate.stages import pipeline
+from palpate.study.reading import read_study
 from palpate_materials.uncoupled import Yeoh
 
 TRUTH = {"soft_tissue.stiffness": 0.4, "soft_tissue.grip": 20.0}
@@ -28,3 +34,24 @@ def test_a_scenario_is_not_fitted_where_it_weighs_nothing(pressed, stage_of):
     whole = pressed.measured_at(study, next(pressed.truths(study, 1, seed=3)))
     pressed_only = Response(curves={"force": whole["force"]})
     assert len(stage_of(study, {"p1": whole, "p2": pressed_only}).run()) == 5
+
+
+@pytest.mark.parametrize(
+    ("given", "ends"), [("0.1 to 0.15", "0.15 MPa to 0.225 MPa"), ("0.2 to 0.3", "0.2 MPa to 0.1333 MPa")]
+)
+def test_a_range_at_whose_end_a_fit_ends_is_widened_once_and_reported(tmp_path, given, ends):
+    """The known answer of Treloar's rubber, 0.1847 MPa, is outside of the study's range."""
+    shutil.copytree(Path(str(files("palpate_materials") / "studies" / "treloar")), tmp_path / "rubber")
+    file, (lower, upper) = tmp_path / "rubber" / "study.toml", given.split(" to ")
+    text = file.read_text().replace("n_sets = 250", "n_sets = 0")
+    file.write_text(
+        text.replace('lower = "0.1 MPa", upper = "0.3 MPa"', f'lower = "{lower} MPa", upper = "{upper} MPa"')
+    )
+    study = read_study(file, Plugins.load())
+    found = pipeline.run_study(study, tmp_path / "run", without=["contours", "report"]).fit
+    joint = found.table.row(0, named=True)
+    assert joint["specimen.c1"] == pytest.approx(0.1847019, rel=1e-3)
+    assert joint["at_bound"] == ""
+    assert f"range of specimen.c1 widened from {ends}" in joint["message"]
+    interval = found.certainty.intervals.row(0, named=True)
+    assert interval["lower"] < joint["specimen.c1"] < interval["upper"]

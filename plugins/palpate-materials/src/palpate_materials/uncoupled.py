@@ -230,9 +230,9 @@ class Ogden(Uncoupled[OgdenSettings]):
         A positive coefficient of each term is Ogden's condition for a stable material.
         """
         n_terms = self.settings.terms
-        least = 0.1 if n_terms == 1 else 1e-4
+        least = 0.1 if n_terms == 1 else 1e-6
         found = {f"c{k}": (2.0 * least * shear_MPa, 6.0 * shear_MPa) for k in range(1, n_terms + 1)}
-        return found | {"m1": (0.5, 8.0)} | {f"m{k}": (-6.0, 8.0) for k in range(2, n_terms + 1)}
+        return found | {"m1": (0.5, 10.0)} | {f"m{k}": (-8.0, 10.0) for k in range(2, n_terms + 1)}
 
     def check(self, theta: FloatArray) -> None:
         """Refuse values outside their physical range, and an exponent of zero."""

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import polars as pl
 
-from palpate.api.fit import NO_FIT_R2, UNCLEAR, UNSEEN, UNSETTLED, Adequacy
+from palpate.api.fit import NO_FIT_R2, UNCLEAR, UNSEEN, UNSETTLED, WIDENED, Adequacy
 from palpate.api.report import ReportWarning
 from palpate.api.runs import (
     REMEDY,
@@ -435,8 +435,9 @@ def _about_failures(data: ReportData) -> Iterator[ReportWarning]:
 
 
 def _about_simulations(data: ReportData) -> Iterator[ReportWarning]:
-    messages = (part for row in data.fit.ends.iter_rows(named=True) for part in row["message"].split("; "))
-    known = (m for m in messages if m not in ("converged", UNSETTLED) and not m.startswith(UNSEEN))
+    messages = [part for row in data.fit.ends.iter_rows(named=True) for part in row["message"].split("; ")]
+    known = (m for m in messages if m not in ("converged", UNSETTLED) and not m.startswith((UNSEEN, WIDENED)))
+    yield from _listed("A range was widened", dict.fromkeys(m for m in messages if m.startswith(WIDENED)))
     yield from _listed("Not every search converged", () if data.unfinished else dict.fromkeys(known))
     failed = [row for row in data.verification.iter_rows(named=True) if not row["passed"]]
     yield from _listed(
