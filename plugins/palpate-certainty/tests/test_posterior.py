@@ -5,11 +5,12 @@ import pytest
 from scipy.stats import norm
 
 from palpate.domain import Scenario
+from palpate.fit.bounded import least_near
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.posterior import Draws, draw
 from palpate_certainty.posterior_sampling import PRECISE, PosteriorSampling
 from palpate_certainty.posterior_tables import posterior_result, sobol_indices
-from palpate_certainty.profiles import RISE, best_point, profile, refitted
+from palpate_certainty.profiles import RISE, profile, refitted
 from palpate_materials.uncoupled import Ogden
 
 SCENARIOS = tuple(
@@ -70,7 +71,7 @@ def test_draws_are_within_the_box_and_the_filters():
 
 @pytest.mark.parametrize("i", [0, 1])
 def test_the_profile_of_a_normal_density_ends_where_its_interval_does(i):
-    best, least = best_point(white, np.array([0.3, 0.7]))
+    best, least = least_near(white, np.array([0.3, 0.7]), np.ones(2, dtype=bool))
     np.testing.assert_allclose(best, 0.5, atol=1e-6)
     found = profile(white, best, least, i, 0.06)
     half = norm.ppf(0.975) * 0.06
@@ -89,7 +90,7 @@ def test_an_end_is_fitted_again_with_the_real_residuals():
     moved = np.array([0.0, 0.01])  # the real solver's least is elsewhere along what is free
     start = np.array([[0.55, 0.54]])
     (least,) = refitted(white, lambda points: white(points - moved), start, [0])
-    expected = best_point(lambda points: white(points - moved), start[0], 0)[1]
+    expected = least_near(lambda points: white(points - moved), start[0], np.arange(start[0].size) > 0)[1]
     assert least == pytest.approx(expected, rel=1e-6)
 
 

@@ -40,6 +40,12 @@ if TYPE_CHECKING:
         channel_of as channel_of,
         weighed_phases as weighed_phases,
     )
+    from palpate.fit.bounded import (
+        Residuals as Residuals,
+        least_near as least_near,
+        linear_least as linear_least,
+        slopes_at as slopes_at,
+    )
     from palpate.fit.box import (
         Box as Box,
     )

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from palpate.domain import BoolArray, FloatArray
 from palpate.domain.component import Settings
+from palpate.fit.bounded import linear_least
 from palpate.plugins.search import Asking, Evaluation, Search, SearchSpace, Trial
 
 
@@ -117,13 +118,7 @@ class _Model:
         n = self.point.size
         q, r = np.linalg.qr(np.concatenate([self.jacobian, weak * np.eye(n)]))
         target = -q[: len(self.residuals)].T @ self.residuals
-        free = upper > lower
-        bent = np.zeros(n)
-        if free.any():
-            found = scipy.optimize.lsq_linear(
-                r[:, free], target, bounds=(lower[free], upper[free]), method="bvls"
-            )
-            bent[free] = np.clip(found.x, lower[free], upper[free])
+        bent = linear_least(r, target, lower, upper)
         gain = float(self._gains(bent[None])[0])
         if not self._accepts(bent[None])[0]:
             bent, gain = self._accepted(np.linalg.inv(r) * np.sqrt(max(gain, 0.0)), lower, upper)

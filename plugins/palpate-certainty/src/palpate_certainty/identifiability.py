@@ -24,14 +24,17 @@ from palpate.api.fit import (
     UNCLEAR,
     FitResult,
     IdentifiabilityResult,
+    Residuals,
     channel_of,
+    least_near,
+    linear_least,
     share_of_range,
+    slopes_at,
     word_of,
 )
 from palpate.api.runs import Study, Swept, answering_for, objectives, scored_points
 from palpate_certainty.emulated_curves import best_and_first
 from palpate_certainty.emulator import Emulator, Runs
-from palpate_certainty.profiles import Residuals, best_point, slopes_of
 
 FLOOR = 1e-6
 """Smallest threshold, as a share of the median Fopt: simulated curves are not exact."""
@@ -109,7 +112,8 @@ class QuadraticForm:
     @classmethod
     def near(cls, residuals: Residuals, origin: FloatArray) -> "QuadraticForm":
         """Sum of squares of residuals that go on from a point (p,) as they do there."""
-        slopes, here = slopes_of(residuals, origin), residuals(origin[None])[0]
+        (here,) = residuals(origin[None])
+        (slopes,) = slopes_at(residuals, origin[None], here[None], np.ones(origin.size, dtype=bool))
         q, matrix = np.linalg.qr(slopes)
         along = q.T @ here
         rest = max(0.0, float(here @ here - along @ along))
@@ -164,14 +168,9 @@ def _least_in_box(matrix: FloatArray, offset: FloatArray) -> FloatArray:
     if n == 0:
         return np.zeros(0)
     weak = 1e-8 * max(float(np.linalg.norm(matrix)), 1e-150)
-    found = scipy.optimize.lsq_linear(
-        np.concatenate([matrix, weak * np.eye(n)]),
-        np.concatenate([-offset, np.full(n, 0.5 * weak)]),
-        bounds=(0.0, 1.0),
-        method="bvls",
+    return linear_least(
+        np.concatenate([matrix, weak * np.eye(n)]), np.concatenate([-offset, np.full(n, 0.5 * weak)])
     )
-    u: FloatArray = np.clip(found.x, 0.0, 1.0)
-    return u
 
 
 def _end(excess: Callable[[float], float], inside: float, bound: float) -> float:
@@ -344,7 +343,7 @@ class _Case:
             return None
         errors = [self._errors(spot) for spot in self.spots]
         missed, variation = (float(np.mean(each)) for each in zip(*errors, strict=True))
-        origin, _ = best_point(self.residuals, self.at)
+        origin, _ = least_near(self.residuals, self.at, np.ones(self.at.size, dtype=bool))
         form = QuadraticForm.near(self.residuals, origin)
         optimum = form.minimum()
         least = form(optimum)

@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from palpate.api import FloatArray, IntArray, PalpateError
-from palpate.api.fit import LEVEL
+from palpate.api.fit import LEVEL, linear_least
 
 RANGE = "range"
 """Name of the share that is due to the width of the range alone."""
@@ -81,7 +81,8 @@ class Laplace:
     @property
     def in_ranges(self) -> float:
         """Probability of a centre as far outside of the ranges as this one, or farther."""
-        size, square = self.centre.size, 2.0 * self._nearest.cost
+        whiten, likely = self._whiten, self.most_likely
+        size, square = likely.size, float(np.sum((whiten @ (likely - self.centre)) ** 2))
         if np.isinf(self.freedom):
             return float(scipy.stats.chi2.sf(square, size))
         return float(scipy.stats.f.sf(square / size, size, self.freedom))
@@ -89,13 +90,12 @@ class Laplace:
     @property
     def most_likely(self) -> FloatArray:
         """Point (n_parameters,) of the ranges where the density is largest."""
-        likely: FloatArray = np.clip(self._nearest.x, 0.0, 1.0)
-        return likely
+        return linear_least(self._whiten, self._whiten @ self.centre)
 
     @property
-    def _nearest(self) -> "scipy.optimize.OptimizeResult":
-        whiten = np.linalg.inv(np.linalg.cholesky(self.covariance))
-        return scipy.optimize.lsq_linear(whiten, whiten @ self.centre, bounds=(0.0, 1.0))
+    def _whiten(self) -> FloatArray:
+        whiten: FloatArray = np.linalg.inv(np.linalg.cholesky(self.covariance))
+        return whiten
 
     def within(self, prior: Callable[[FloatArray], FloatArray] | None = None) -> "Density":
         """Cut off what is outside the box; a prior weighs points (n, n_parameters), unless all by 0."""

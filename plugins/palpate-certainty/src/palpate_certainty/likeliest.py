@@ -3,10 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-import scipy
 
 from palpate.api import FloatArray
-from palpate.api.fit import Evaluation, Trial
+from palpate.api.fit import Evaluation, Trial, least_near
 from palpate_certainty.tables import Assessed
 
 FAR = 1e3
@@ -20,9 +19,6 @@ STRAIGHT = 0.1
 
 GAIN = 1e-4
 """Relative gain, or step, at which a search has ended."""
-
-INSIDE = 1e-9
-"""Distance from the ends of the ranges at which the search begins."""
 
 
 def likeliest(assessed: Assessed) -> Assessed:
@@ -54,9 +50,13 @@ def likeliest(assessed: Assessed) -> Assessed:
     if float(np.linalg.norm(residuals(start) - residuals(first) - slopes(first) @ step)) < STRAIGHT:
         return assessed
     best = min(first, start, key=lambda point: float(np.sum(residuals(point) ** 2)))
-    inside = np.clip(best, INSIDE, 1.0 - INSIDE)
-    found = scipy.optimize.least_squares(
-        residuals, inside, slopes, bounds=(0.0, 1.0), ftol=GAIN, xtol=GAIN, max_nfev=MOST_TRIALS
+    found, _ = least_near(
+        lambda points: np.stack([*map(residuals, points)]),
+        best,
+        np.ones(best.size, dtype=bool),
+        slopes,
+        tolerance=GAIN,
+        most_steps=MOST_TRIALS,
     )
-    values = box.values(np.clip(found.x, 0.0, 1.0))
+    values = box.values(np.clip(found, 0.0, 1.0))
     return replace(assessed, point=(values - box.lower) / (box.upper - box.lower))

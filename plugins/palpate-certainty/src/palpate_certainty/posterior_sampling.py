@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from palpate.api import SILENT, Design, FloatArray, Progress, Simulation
-from palpate.api.fit import RISE, Box, Case, channel_of
+from palpate.api.fit import RISE, Box, Case, channel_of, least_near
 from palpate.api.runs import Study
 from palpate_certainty.emulated_curves import (
     EmulatedCurves,
@@ -23,7 +23,7 @@ from palpate_certainty.emulated_curves import (
 )
 from palpate_certainty.emulator import Runs
 from palpate_certainty.posterior import Draws, draw
-from palpate_certainty.profiles import Profile, best_point, profile, refitted
+from palpate_certainty.profiles import Profile, profile, refitted
 from palpate_certainty.tables import Assessed
 
 PRECISE = 0.002
@@ -230,7 +230,8 @@ class PosteriorSampling:
             return density.white(runs.values, runs.ordinates)
 
         assert end.best is not None
-        best, least = best_point(white, end.best.point)
+        start = end.best.point
+        best, least = least_near(white, start, np.ones(start.size, dtype=bool))
         sds = found.draws.points.std(axis=0)
         profiles = [profile(white, best, least, i, float(sds[i])) for i in range(best.size)]
         points = np.stack([best, *(at for each in profiles for at in each.ends)])

@@ -1,6 +1,6 @@
 """Profiles: the least misfit along each parameter, and in the planes of two, the others fitted again."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -11,7 +11,7 @@ import polars as pl
 import scipy
 
 from palpate.api import BoolArray, Design, FloatArray, ParameterName, Simulation
-from palpate.api.fit import RISE, Problem, channel_of, pieces
+from palpate.api.fit import RISE, Problem, Residuals, channel_of, least_near, linear_least, pieces, slopes_at
 from palpate_certainty.emulated_curves import (
     EmulatedCurves,
     MeshCorrections,
@@ -23,12 +23,6 @@ from palpate_certainty.tables import Assessed
 
 N_POINTS = 9
 """Points of a profile to either side of the least."""
-
-STEP = 1e-4
-"""Step in the box for slopes of emulated curves."""
-
-White = Callable[[FloatArray], FloatArray]
-"""Independent residuals (n, m) at points (n, n_parameters) of the box."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -53,45 +47,7 @@ class Profile:
     is_open: tuple[bool, bool]
 
 
-def slopes_of(white: White, point: FloatArray) -> FloatArray:
-    """Slopes (m, n_parameters) of the residuals at a point, by differences within the box."""
-    steps = np.where(point > 0.5, -STEP, STEP)
-    values = white(np.concatenate([point[None], point + np.diag(steps)]))
-    slopes: FloatArray = ((values[1:] - values[0]) / steps[:, None]).T
-    return slopes
-
-
-def best_point(white: White, start: FloatArray, fixed: int | None = None) -> tuple[FloatArray, float]:
-    """Point of the box of the least misfit, with one coordinate held; and the misfit."""
-    free = np.arange(start.size) != (-1 if fixed is None else fixed)
-
-    def whole(part: FloatArray) -> FloatArray:
-        point = start.copy()
-        point[free] = part
-        return point
-
-    if not free.any():
-        return start, float((white(start[None]) ** 2).sum())
-
-    def residuals(part: FloatArray) -> FloatArray:
-        return white(whole(part)[None])[0]  # type: ignore[no-any-return]
-
-    def jacobian(part: FloatArray) -> FloatArray:
-        return slopes_of(white, whole(part))[:, free]
-
-    found = scipy.optimize.least_squares(
-        residuals,
-        np.clip(start[free], 1e-6, 1.0 - 1e-6),
-        jac=jacobian,
-        bounds=(0.0, 1.0),
-        xtol=1e-7,
-        ftol=1e-7,
-        max_nfev=40,
-    )
-    return whole(found.x), float(2.0 * found.cost)
-
-
-def profile(white: White, best: FloatArray, least: float, i: int, sd: float) -> Profile:
+def profile(white: Residuals, best: FloatArray, least: float, i: int, sd: float) -> Profile:
     """Follow the least misfit from the best point to both sides, as far as the interval goes.
 
     Parameters
@@ -115,7 +71,7 @@ def profile(white: White, best: FloatArray, least: float, i: int, sd: float) -> 
             step *= 1.0 if len(path) < N_POINTS else 1.5
             start = here.copy()
             start[i] = np.clip(here[i] + side * step, 0.0, 1.0)
-            here, misfit = best_point(white, start, i)
+            here, misfit = least_near(white, start, np.arange(best.size) != i)
             path.append((float(here[i]), max(misfit - least, 0.0), here))
         points += [each[2] for each in path[1:]]
         rises += [each[1] for each in path[1:]]
@@ -130,7 +86,7 @@ def profile(white: White, best: FloatArray, least: float, i: int, sd: float) -> 
     )
 
 
-def _end(white: White, least: float, i: int, path: list[tuple[float, float, FloatArray]]) -> FloatArray:
+def _end(white: Residuals, least: float, i: int, path: list[tuple[float, float, FloatArray]]) -> FloatArray:
     """Point where a profile has risen enough, between its last two."""
     (a, low, inside), (b, high, _) = path[-2:]
     for _ in range(4):
@@ -138,7 +94,7 @@ def _end(white: White, least: float, i: int, path: list[tuple[float, float, Floa
         at = a + (b - a) * (np.sqrt(RISE) - np.sqrt(low)) / (np.sqrt(high) - np.sqrt(low))
         start = inside.copy()
         start[i] = at
-        found, misfit = best_point(white, start, i)
+        found, misfit = least_near(white, start, np.arange(start.size) != i)
         rise = max(misfit - least, 0.0)
         if abs(rise - RISE) < 1e-3:
             break
@@ -149,7 +105,9 @@ def _end(white: White, least: float, i: int, path: list[tuple[float, float, Floa
     return found
 
 
-def refitted(white: White, solved: White, points: FloatArray, fixed: Sequence[int | None]) -> FloatArray:
+def refitted(
+    white: Residuals, solved: Residuals, points: FloatArray, fixed: Sequence[int | None]
+) -> FloatArray:
     """Least misfits (n,) of the real solver near points of the emulator, with one coordinate of each held.
 
     One Gauss-Newton step from each, with the slopes of the emulator.
@@ -163,11 +121,10 @@ def refitted(white: White, solved: White, points: FloatArray, fixed: Sequence[in
     """
     residuals, moved = solved(points), points.copy()
     for point, residual, held in zip(moved, residuals, fixed, strict=True):
-        free = np.flatnonzero(np.arange(point.size) != (-1 if held is None else held))
-        if free.size and np.isfinite(residual).all():
-            bounds = (-point[free] - 1e-9, 1.0 - point[free] + 1e-9)
-            step = scipy.optimize.lsq_linear(slopes_of(white, point)[:, free], -residual, bounds=bounds).x
-            point[free] = np.clip(point[free] + step, 0.0, 1.0)
+        free = np.arange(point.size) != (-1 if held is None else held)
+        if np.isfinite(residual).all():
+            slopes = slopes_at(white, point[None], white(point[None]), free)[0]
+            point[free] += linear_least(slopes, -residual, -point[free], 1.0 - point[free])
     both = np.stack([(each**2).sum(axis=1) for each in (residuals, solved(moved))])
     least: FloatArray = np.fmin(*both)
     return least
@@ -186,7 +143,7 @@ KNOWN = 0.25
 """Largest part of Fopt that what the emulator does not know may be of it."""
 
 N_STEPS = 20
-"""Most steps of the fits of the others, and step in the box for their slopes."""
+"""Most steps of the fits of the others."""
 
 N_STARTS = 8
 """Places over the ranges of the others that are tried before."""
@@ -196,9 +153,6 @@ GAIN = 1e-3
 
 CHUNK = 128
 """Points that are fitted at once."""
-
-Residuals = Callable[[FloatArray], FloatArray]
-"""Residuals (n, m) at points (n, n_parameters) of the box."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -279,7 +233,7 @@ def fitted(residuals: Residuals, points: FloatArray, free: BoolArray) -> tuple[F
     moving, here = np.flatnonzero(free), residuals(points)
     least, damping = (here**2).sum(axis=1), np.full(len(points), 1e-3)
     for _ in range(N_STEPS if moving.size else 0):
-        slopes = np.stack([_slope(residuals, points, here, i) for i in moving.tolist()], axis=-1)
+        slopes = slopes_at(residuals, points, here, free)
         gradient = np.einsum("nm,nmi->ni", here, slopes)
         normal = np.einsum("nmi,nmj->nij", slopes, slopes)
         at = points[:, moving]
@@ -300,15 +254,6 @@ def fitted(residuals: Residuals, points: FloatArray, free: BoolArray) -> tuple[F
         if not goes_on.any():
             break
     return points, least
-
-
-def _slope(residuals: Residuals, points: FloatArray, here: FloatArray, i: int) -> FloatArray:
-    """Slopes (n, m) of residuals in a coordinate, by differences within the box."""
-    step = np.where(points[:, i] > 0.5, -STEP, STEP)
-    moved = points.copy()
-    moved[:, i] += step
-    slope: FloatArray = (residuals(moved) - here) / step[:, None]
-    return slope
 
 
 def planes_of_fits(
