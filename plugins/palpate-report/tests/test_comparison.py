@@ -27,6 +27,7 @@ from palpate_report.comparison import (
     same_curves,
     write_comparison,
 )
+from palpate_report.figures import drawings
 
 
 @pytest.fixture
@@ -68,6 +69,21 @@ def test_runs_have_the_values_and_intervals_of_their_joint_fit(fitted):
     assert (row["value"], row["lower"], row["upper"]) == joint.select("value", "lower", "upper").row(0)
     row = table.filter(run="sweep", parameter="grip").row(0, named=True)
     assert (row["value"], row["lower"]) == (fitted.generalisation["soft_tissue.grip"][0], None)
+
+
+def test_a_figure_has_the_parameters_of_runs_side_by_side(fitted):
+    runs = {"fit": fitted, "sweep": without_fit(fitted)}
+    table = comparison_tables(runs)["parameters"]
+    figure = drawings.draw_parameters(runs)
+    panels = {axis.get_xlabel(): axis for axis in figure.axes}
+    assert len(panels) == table.n_unique("parameter")
+    axis = next(axis for label, axis in panels.items() if label.startswith("grip"))
+    assert [label.get_text() for label in axis.get_yticklabels()][:2] in (["fit", "sweep"], ["", ""])
+    row = table.filter(run="fit", parameter="grip").row(0, named=True)
+    interval, value, other = (line.get_xdata() for line in axis.lines)
+    assert list(interval) == [row["lower"], row["upper"]]
+    assert list(value) == [row["value"]]
+    assert list(other) == [fitted.generalisation["soft_tissue.grip"][0]]
 
 
 def test_criteria_prefer_the_better_fit_and_share_the_weight_between_equals(fitted):
@@ -194,5 +210,6 @@ def test_the_page_holds_the_tables_and_the_figure_and_asks_no_network(swept, tmp
     assert "<b>one" not in page
     assert html.unescape(policy).startswith("default-src 'none'")
     assert "No information criteria" in page
+    assert page.index("<h2>Parameters</h2>") < page.index("<h2>Curves</h2>")
     assert all(path.is_file() for path in made["files"])
     assert (tmp_path / "tables" / "paper_table1.tex").read_text().count("multicolumn{6}") == 2

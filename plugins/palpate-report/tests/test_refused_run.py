@@ -47,7 +47,7 @@ def drawn(monkeypatch):
         (folder / "curves.svg").write_text("<svg/>")
         return (folder / "curves.svg",)
 
-    monkeypatch.setattr("palpate_report.figures.drawings.write_comparison_figure", save)
+    monkeypatch.setattr("palpate_report.figures.drawings.write_comparison_figures", save)
 
 
 def values_of(data):

@@ -180,7 +180,7 @@ INK = (
 )
 
 
-def test_the_skin_moves_with_the_slider_turns_and_has_two_colours(browser, page):
+def test_the_skin_moves_with_the_slider_turns_plays_and_has_two_colours(browser, page, until):
     path = page(pressed)
     for width, dark in ((1100, False), (400, True)):
         unfolded(browser, path, width, dark=dark)
@@ -201,6 +201,13 @@ def test_the_skin_moves_with_the_slider_turns_and_has_two_colours(browser, page)
         assert len(set(seen)) == 5
         assert "largest contact pressure 0.00" in browser.value(label)
         assert browser.value(label) in browser.value("document.getElementById('skin').ariaLabel")
+        step, play = "document.getElementById('skin-step').value", "document.getElementById('skin-play')"
+        first = browser.value(step)
+        browser.value(f"{play}.click()")
+        assert browser.value(f"{play}.textContent") == "Pause"
+        until(lambda step=step, first=first: browser.value(step) != first)
+        browser.value(f"{play}.click()")
+        assert browser.value(f"{play}.textContent") == "Play"
         choose(browser, "spot", 1)
         assert browser.value("document.getElementById('skin').hidden")
         assert not browser.value("document.getElementById('skin-missing').hidden")

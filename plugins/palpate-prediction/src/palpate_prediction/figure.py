@@ -10,23 +10,29 @@ from matplotlib.ticker import MaxNLocator
 
 from palpate.api import Channel
 from palpate_prediction.predict import Prediction, SpotPrediction
-from palpate_report.api import LINES, column_mm, draw_map, save, sized, styled
+from palpate_report.api import LINES, column_mm, draw_map, lettered, save, sized, styled
 
-ROW_MM = 48.0
+ROW_MM = 92.0
 KPA = 1e3
 
 
 def draw(prediction: Prediction, channels: Mapping[str, Channel], folder: Path) -> list[Path]:
-    """Draw ``prediction.svg``, ``.pdf`` and ``.png``: a row for each spot."""
+    """Draw ``prediction.svg``, ``.pdf`` and ``.png``: for each spot its curves, and below them its maps."""
     names = list(dict.fromkeys(c for each in prediction.spots.values() for c in _response(each)))
+    n = len(names)
     with styled():
         figure = sized(column_mm(True), ROW_MM * len(prediction.spots))
-        axes = figure.subplots(len(prediction.spots), len(names) + 2, squeeze=False)
-        for row, (spot, each) in zip(axes, prediction.spots.items(), strict=True):
-            for axis, name in zip(row, names, strict=False):
+        grid = figure.add_gridspec(2 * len(prediction.spots), 2 * n)
+        every = []
+        for k, (spot, each) in enumerate(prediction.spots.items()):
+            curves = [figure.add_subplot(grid[2 * k, 2 * j : 2 * j + 2]) for j in range(n)]
+            maps = [figure.add_subplot(grid[2 * k + 1, half]) for half in (slice(n), slice(n, None))]
+            for axis, name in zip(curves, names, strict=True):
                 _curve(axis, each, channels[name])
-            _maps(figure, row[-2:], each)
-            row[0].set_title(f"{prediction.tool.name} at {spot}", loc="left")
+            _maps(figure, maps, each)
+            curves[0].set_title(f"{prediction.tool.name} at {spot}")
+            every += [*curves, *maps]
+        lettered(every)
         folder.mkdir(parents=True, exist_ok=True)
         return save(figure, folder / "prediction")
 
@@ -54,8 +60,11 @@ def _maps(figure: Figure, axes: Sequence[Axes], each: SpotPrediction) -> None:
     states, at = each.states, each.at
     shear = np.linalg.norm(states.shears_MPa[at], axis=1)
     for axis, values, label in zip(
-        axes, (states.pressures_MPa[at], shear), ("pressure [kPa]", "shear [kPa]"), strict=True
+        axes,
+        (states.pressures_MPa[at], shear),
+        ("contact pressure (kPa)", "contact shear (kPa)"),
+        strict=True,
     ):
         drawn = draw_map(axis, states, at, KPA * values, max(KPA * float(values.max()), 1e-9))
         if drawn is not None:
-            figure.colorbar(drawn, ax=axis, label=label, orientation="horizontal", ticks=MaxNLocator(4))
+            figure.colorbar(drawn, ax=axis, label=label, ticks=MaxNLocator(5), shrink=0.9)

@@ -1,6 +1,5 @@
 """A prediction as files: tables, VTU of the skin, a figure, and a page."""
 
-import base64
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -80,7 +79,7 @@ def write_prediction(
         [prediction.tool.name],
         {TITLES[name]: frame for name, frame in shown.items()},
         notes(prediction, notice),
-        base64.b64encode(svg.read_bytes()).decode(),
+        {"Curves, pressure and shear": svg},
         [path.relative_to(folder) for path in (*files, *figures)],
     )
     write_atomically(folder / "index.html", page.encode())

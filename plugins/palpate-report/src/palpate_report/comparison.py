@@ -1,6 +1,5 @@
 """Several runs side by side: materials of one limb, or limbs of one material."""
 
-import base64
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -249,17 +248,17 @@ def write_comparison(
 
     Tables that come ``first`` and a conclusion are those of laws that were fitted for the comparison.
     """
-    from palpate_report.figures.drawings import write_comparison_figure
+    from palpate_report.figures.drawings import write_comparison_figures
     from palpate_report.page.html import comparison_page
 
     tables = dict(first or {}) | comparison_tables(runs)
     notes = [*filter(None, [conclusion]), *_notes(tables, runs)]
     failures = [note for note in notes if NO_PARAMETERS in note]
-    figures = write_comparison_figure(runs, folder / "figures")
+    figures = write_comparison_figures(runs, folder / "figures")
     files = (*write_tables(tables, folder / "tables", paper_tables(runs), failures), *figures)
-    (picture,) = (base64.b64encode(file.read_bytes()).decode() for file in figures if file.suffix == ".svg")
+    pictures = {file.stem.capitalize(): file for file in figures if file.suffix == ".svg"}
     page = folder / "index.html"
     links = [file.relative_to(folder) for file in files]
-    write_atomically(page, comparison_page(list(runs), tables, notes, picture, links).encode())
+    write_atomically(page, comparison_page(list(runs), tables, notes, pictures, links).encode())
     keep_only(folder, (*files, page))
     return {"tables": tables, "notes": notes, "files": (*files, page)}

@@ -9,7 +9,7 @@ from palpate.api.report import ReportWarning
 from palpate_report.answer.headline import between_spots
 from palpate_report.answer.law import laws_of
 from palpate_report.answer.model_verdict import r2_by_spot
-from palpate_report.answer.next_step import CAUSES
+from palpate_report.answer.next_step import cause_name
 from palpate_report.answer.result import Conclusion
 from palpate_report.answer.warnings import GOOD_R2
 from palpate_report.data.marks import Headline, with_unit
@@ -185,7 +185,7 @@ def causes(data: ReportData) -> str:
     known = budget.filter(parameter=name).drop_nulls("share")
     most = known.sort("share", descending=True).head(MOST_CAUSES)
     shares = " and ".join(
-        f"{CAUSES.get(row['cause'], row['cause'])} ({100.0 * row['share']:.0f} %)"
+        f"{cause_name(data, row['cause'])} ({100.0 * row['share']:.0f} %)"
         for row in most.iter_rows(named=True)
     )
     return f"widest for {data.brief_name(name)}, mostly by {shares}"

@@ -77,6 +77,11 @@ EDGE_IN_RADII = 0.24
 """Edge of the first finer mesh over the indenter's radius, as a run refines by itself."""
 
 
+def cause_name(data: ReportData, cause: str) -> str:
+    """Name of a cause for readers: in words, or the parameter that is fixed."""
+    return CAUSES.get(cause) or f"fixed {data.brief_name(cause)}"
+
+
 def next_step(data: ReportData, estimates: Sequence[Headline], *, model: Adequacy) -> str:
     """Advice that narrows the widest interval, or that there is nothing left to do; one line.
 

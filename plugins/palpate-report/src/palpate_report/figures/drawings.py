@@ -2,6 +2,7 @@
 
 import gc
 import re
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -31,10 +32,12 @@ from palpate_report.figures.style import (
     axis_label,
     column_mm,
     finished,
+    panels,
     save,
     set_log,
     sized,
     styled,
+    symbols,
 )
 from palpate_report.settings import BY_ITSELF, ReportSettings
 
@@ -173,11 +176,47 @@ def generalised(data: ReportData) -> Figure:
     return _curves({"": data})
 
 
-def write_comparison_figure(runs: Mapping[str, ReportData], folder: Path) -> list[Path]:
-    """Draw the measured and the fitted curves of several runs, spot by spot, as ``curves``."""
+def write_comparison_figures(runs: Mapping[str, ReportData], folder: Path) -> list[Path]:
+    """Draw the parameters of several runs as ``parameters``, and their curves as ``curves``."""
     folder.mkdir(parents=True, exist_ok=True)
     every = {name: stamped(data) for name, data in runs.items()}
-    return _saved(partial(_curves, every), folder / "curves", next(iter(runs.values())).settings)
+    settings = next(iter(runs.values())).settings
+    files = (
+        [] if not _common(every) else _saved(partial(draw_parameters, every), folder / "parameters", settings)
+    )
+    return files + _saved(partial(_curves, every), folder / "curves", settings)
+
+
+MOST_COMMON = 6
+"""Most parameters that runs are compared by in a figure."""
+
+
+def _common(runs: Mapping[str, ReportData]) -> list[tuple[str, str]]:
+    """Names and units of initial moduli, then of parameters, that several runs report."""
+    found = Counter((each.parameter, each.unit) for data in runs.values() for each in data.moduli)
+    found.update((each.parameter, each.unit) for data in runs.values() for each in data.estimates)
+    return [key for key, n in found.items() if n > 1][:MOST_COMMON]
+
+
+def draw_parameters(runs: Mapping[str, ReportData]) -> Figure:
+    """Values and intervals of each parameter that several runs report, a row for each run."""
+    common, places = _common(runs), range(len(runs))
+    n_columns = min(len(common), 3)
+    figure, axes = panels(len(common), n_columns, 7.0 * len(runs) + 14.0, 8.0)
+    for number, (axis, (parameter, unit)) in enumerate(zip(axes, common, strict=True)):
+        for place, (data, (colour, _)) in enumerate(zip(runs.values(), cycle(LINES), strict=False)):
+            for each in (*data.moduli, *data.estimates):
+                if (each.parameter, each.unit) != (parameter, unit) or each.value is None:
+                    continue
+                if each.level and each.lower is not None and each.upper is not None:
+                    axis.plot([each.lower, each.upper], [place, place], "-|", color=colour, markersize=4.0)
+                axis.plot(each.value, place, "o", color=colour, markersize=3.5)
+        axis.set_yticks(places, list(runs) if number % n_columns == 0 else [""] * len(runs))
+        axis.set_ylim(len(runs) - 0.5, -0.5)
+        axis.set_xlabel(symbols(f"{parameter} ({unit})" if unit else parameter))
+        axis.locator_params(axis="x", nbins=4)
+    notices = dict.fromkeys(data.notice for data in runs.values() if data.notice)
+    return finished(figure, axes, "\n".join(notices))
 
 
 def _curves(runs: Mapping[str, ReportData]) -> Figure:

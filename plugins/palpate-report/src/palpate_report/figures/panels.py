@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from palpate.api import Indentation, SurfaceStates, convert
 from palpate.api.fit import RISE
-from palpate_report.answer.next_step import CAUSES
+from palpate_report.answer.next_step import CAUSES, cause_name
 from palpate_report.data.report_data import CONTACT, ReportData
 from palpate_report.figures.limb_drawing import draw_limb, from_the_side, legend_of
 from palpate_report.figures.limb_view import ViewPart, limb_view
@@ -61,11 +61,7 @@ def budget_bars(data: ReportData) -> Iterator[tuple[str, list[tuple[str, float]]
         shares = causes.sort("share", descending=True).select("cause", "share").iter_rows()
         yield (
             data.brief_name(str(name)),
-            [
-                (CAUSES.get(cause) or f"fixed {data.brief_name(cause)}", round(100.0 * share, 1))
-                for cause, share in shares
-                if share >= 0.005
-            ],
+            [(cause_name(data, cause), round(100.0 * share, 1)) for cause, share in shares if share >= 0.005],
         )
 
 
@@ -182,6 +178,6 @@ def contact(data: ReportData) -> Figure:
     return finished(figure, axes, data.stamp)
 
 
-def _panels(n: int, height_mm: float, projection: str | None = None) -> tuple[Figure, list[Any]]:
+def _panels(n: int, height_mm: float) -> tuple[Figure, list[Any]]:
     """Figure with so many panels of this height; four are in two rows."""
-    return panels(n, 2 if n == 4 else min(n, N_COLUMNS), height_mm, 15.0, projection)
+    return panels(n, 2 if n == 4 else min(n, N_COLUMNS), height_mm, 15.0)

@@ -37,9 +37,9 @@ def draw_map(axis: Axes, states: SurfaceStates, at: int, values: FloatArray, mos
     place = (states.points_mm + states.displacements_mm[at] - states.positions_mm[at]) @ states.rotations[at]
     loaded = states.pressures_MPa[at] > 0.0
     x, y = reach = BEYOND * np.abs(place[loaded, :2]).max(axis=0, initial=LEAST_MM)
-    # Skin that is far below is the other side of the limb. One triangle more than is shown fills the corners.
+    # Skin that is far below is the other side of the limb. Twice the skin that is shown fills the corners.
     lowest = place[loaded, 2].min(initial=0.0) - max(x, y)
-    near = (np.abs(place[:, :2]) < reach).all(axis=1) & (place[:, 2] > lowest)
+    near = (np.abs(place[:, :2]) < 2.0 * np.array(reach)).all(axis=1) & (place[:, 2] > lowest)
     shown = states.triangles[near[states.triangles].any(axis=1)]
     if not loaded.any() or not len(shown):
         axis.set_axis_off()

@@ -104,13 +104,11 @@ def sized(width_mm: float, height_mm: float) -> Figure:
     return Figure(figsize=(width_mm * MM, height_mm * MM))
 
 
-def panels(
-    n: int, n_columns: int, height_mm: float, margin_mm: float, projection: str | None = None
-) -> tuple[Figure, list[Any]]:
+def panels(n: int, n_columns: int, height_mm: float, margin_mm: float) -> tuple[Figure, list[Any]]:
     """Figure with so many panels of this height, in so many columns."""
     n_rows = -(-n // n_columns)
     figure = sized(column_mm(n_columns > 1), height_mm * n_rows + margin_mm)
-    axes = list(figure.subplots(n_rows, n_columns, squeeze=False, subplot_kw={"projection": projection}).flat)
+    axes = list(figure.subplots(n_rows, n_columns, squeeze=False).flat)
     for empty in axes[n:]:
         empty.remove()
     return figure, axes[:n]

@@ -194,16 +194,16 @@ def comparison_page(
     runs: Sequence[str],
     tables: Mapping[str, pl.DataFrame],
     notes: Sequence[str],
-    picture: str,
+    pictures: Mapping[str, Path],
     files: Sequence[Path],
 ) -> str:
-    """Text of the page of a comparison, with its figure, an SVG in base 64, and no script."""
+    """Text of the page of a comparison without script, with figures by their headings, from SVG files."""
     return template("comparison.html.jinja").render(
         runs=runs,
         tables=tables,
         titles=TITLES,
         notes=notes,
-        picture=picture,
+        pictures={name: base64.b64encode(file.read_bytes()).decode() for name, file in pictures.items()},
         files=files,
         style=Markup((_FOLDER / "page.css").read_text(encoding="utf-8")),
         policy=_policy(),

@@ -4,6 +4,8 @@ const makeSkin = ({ data, state, element, isShown, colour }) => {
   const START = { turn: -0.9, tilt: 0.7, zoom: 1 };
   /** How far from the spot the picture reaches, over the size of the indenter. */
   const REACH = 2.4;
+  const TOOL = "#597399", BETWEEN_MS = 250;
+  let playing = 0;
   const eye = { ...START }, known = new Map();
   const rgb = (hex) => [1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16));
   const scale = data.colours.map(rgb);
@@ -84,19 +86,24 @@ const makeSkin = ({ data, state, element, isShown, colour }) => {
     });
   }
 
-  /** The edge of the indenter, as one sees it from here. */
+  /** The indenter as one sees it from here: lit from above, and glass over the skin that it touches. */
   function paintIndenter(context, skin, step, place, axes) {
     const { positions, rotations } = skin, seen = skin.indenter.map((x) => {
       const p = positions[step].map((o, d) => o + dot(rotations[step][d], x));
       return place(axes.map((axis) => dot(axis, p)));
     });
-    context.strokeStyle = colour("ink");
+    context.strokeStyle = TOOL;
     context.lineWidth = 1.4;
     context.beginPath();
     hull(seen).forEach((p) => context.lineTo(...p));
     context.closePath();
-    context.globalAlpha = 0.12;
-    context.fillStyle = colour("ink");
+    const [top, bottom] = [Math.min(...seen.map((p) => p[1])), Math.max(...seen.map((p) => p[1]))];
+    const light = context.createLinearGradient(0, top, 0, bottom);
+    light.addColorStop(0, "#a9bcd9");
+    light.addColorStop(0.5, TOOL);
+    light.addColorStop(1, "#2f3f5c");
+    context.globalAlpha = 0.55;
+    context.fillStyle = light;
     context.fill();
     context.globalAlpha = 1;
     context.stroke();
@@ -113,7 +120,7 @@ const makeSkin = ({ data, state, element, isShown, colour }) => {
     [[0, "0"], [0.5, String(Number((most / 2).toPrecision(2)))], [1, String(Number(most.toPrecision(2)))]].forEach(([share, text]) => {
       context.fillText(text, left + wide + 4, top + high * (1 - share) + 4);
     });
-    context.fillText(`[${unit}]`, left, top - 10);
+    context.fillText(`(${unit})`, left, top - 10);
   }
 
   function draw() {
@@ -157,7 +164,23 @@ const makeSkin = ({ data, state, element, isShown, colour }) => {
     draw();
   }
 
+  /** Show one state after the other, or stop. */
+  function play() {
+    const button = element("skin-play"), slider = element("skin-step");
+    button.textContent = playing ? "Play" : "Pause";
+    if (playing) {
+      clearInterval(playing);
+      playing = 0;
+      return;
+    }
+    playing = setInterval(() => {
+      slider.value = Number(slider.value) < Number(slider.max) ? Number(slider.value) + 1 : 0;
+      draw();
+    }, BETWEEN_MS);
+  }
+
   function listen() {
+    element("skin-play")?.addEventListener("click", play);
     ["skin-step", "skin-quantity"].forEach((id) => element(id)?.addEventListener("input", draw));
     document.querySelectorAll("[data-turn-skin]").forEach((b) => b.addEventListener("click", () => turn(b.dataset.turnSkin)));
   }
