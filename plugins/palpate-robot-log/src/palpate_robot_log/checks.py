@@ -7,6 +7,8 @@ refused by what gives it away; where real logs differ from what is assumed, the 
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
+import numpy as np
+
 from palpate.api import CurveError
 from palpate_robot_log import measures as of
 from palpate_robot_log.measures import Found, given
@@ -57,7 +59,7 @@ class Check(NamedTuple):
     """
 
     stage: str
-    measure: Callable[..., Iterable[Found]]
+    measure: Callable[..., float | Iterable[Found]]
     limits: Limits | Callable[..., Limits]
     message: str
     remedy: str
@@ -92,7 +94,8 @@ def warnings_of(subject: Subject, *args: object, **words: object) -> list[str]:
 def _broken(subject: Subject, stage: str, *args: object, **words: object) -> Iterator[tuple[str, Found]]:
     for each in (row for row in CHECKS if row.stage == stage):
         limits = each.limits(subject, *args) if callable(each.limits) else each.limits
-        for found in each.measure(subject, *args, **words):
+        values = each.measure(subject, *args, **words)
+        for found in values if isinstance(values, Iterable) else given(subject, values):
             if not limits[0] <= found.value <= limits[1]:
                 known = {"value": found.value, "least": limits[0], "most": limits[1], **found.words}
                 yield f"{each.message}; {each.remedy}".format_map(known), found
@@ -100,7 +103,7 @@ def _broken(subject: Subject, stage: str, *args: object, **words: object) -> Ite
 
 CHECKS: tuple[Check, ...] = (
     # a log as it was read, by the channel map
-    Check("time", of.n_rows, (20, _INF),
+    Check("time", lambda series, _: series.time_s.size, (20, _INF),
          "{value} rows with values where a press needs at least {least}",
          "check that the log is complete"),
     Check("time", of.steps_back, _NONE,
@@ -161,7 +164,7 @@ CHECKS: tuple[Check, ...] = (
     Check("rotation_matrix", of.determinant, (0.0, _INF),
          "the matrix mirrors: its determinant is -1, so one of its axes points the wrong way",
          "turn the sign of that axis's columns"),
-    Check("angles", of.largest_angle_rad, (0.0, 2.0 * of.TWO_PI),
+    Check("angles", lambda series, _: np.abs(series.values).max(), (0.0, 2.0 * of.TWO_PI),
          "angles up to {value:.4g} rad",
          "they are likely degrees: correct unit"),
     Check("angles", of.angles_like_radians, _NONE,
@@ -264,10 +267,10 @@ CHECKS: tuple[Check, ...] = (
          "{n_rows} rows in free air before the press",
          "start the log earlier, so that the sensor's drift and bias can be determined, or give "
          "drift.enabled = false and tare.enabled = false"),
-    Check("tool", of.weight, (0.0, 100.0),
+    Check("tool", lambda _, tool: tool.weight_N, (0.0, 100.0),
          "a tool of {value:.4g} N is not plausible (0 to {most:g} N)",
          "check the units of the force and of gravity.weight, and the direction of gravity"),
-    Check("tool", of.centre_distance_mm, (0.0, 500.0),
+    Check("tool", lambda _, tool: float(np.linalg.norm(tool.centre_mm)), (0.0, 500.0),
          "a tool whose centre is {value:.4g} mm from the sensor is not plausible (up to {most:g} mm)",
          "check the units of the moment and of gravity.centre"),
     Check("weight", of.weight_over_shown, (0.0, 2.0),
@@ -309,7 +312,7 @@ CHECKS: tuple[Check, ...] = (
          "the log has several spots",
          "give window.start and window.stop of one of them"),
     # what is not refused
-    Check("warnings", of.lacking_torque, _NONE,
+    Check("warnings", lambda _, press: press.lacks_torque, _NONE,
          "the log has no moment, so the twist gives no torque",
          "weigh the force alone"),
     Check("warnings", of.drift_share, (0.0, 0.1),

@@ -75,11 +75,6 @@ def given(
 # --------------------------------------------------------------------------------------- time
 
 
-def n_rows(series: "Series", _: "ChannelMap") -> Iterator[Found]:
-    """Count of rows with values."""
-    yield found(series.time_s.size)
-
-
 def steps_back(series: "Series", _: "ChannelMap") -> Iterator[Found]:
     """Count of rows whose time is before that of the row before."""
     is_back = np.diff(series.time_s) < 0.0
@@ -278,11 +273,6 @@ def determinant(series: "Series", _: "ChannelMap") -> Iterator[Found]:
     """Least determinant of rotation matrices."""
     determinants = np.linalg.det(series.values.reshape(-1, 3, 3))
     yield found(float(determinants.min()), int(determinants.argmin()))
-
-
-def largest_angle_rad(series: "Series", _: "ChannelMap") -> Iterator[Found]:
-    """Largest angle."""
-    yield found(float(np.abs(series.values).max()))
 
 
 def angles_like_radians(series: "Series", channels: "ChannelMap") -> Iterator[Found]:
@@ -490,16 +480,6 @@ def n_both(_: Recording, twists: "Sequence[Stroke]", slides: "Sequence[Stroke]")
 # --------------------------------------------------------------------------- weight, drift and torque
 
 
-def weight(_: Recording, tool: "ToolLoad") -> Iterator[Found]:
-    """Weight of the tool."""
-    yield found(tool.weight_N)
-
-
-def centre_distance_mm(_: Recording, tool: "ToolLoad") -> Iterator[Found]:
-    """Distance of the tool's centre from the sensor."""
-    yield found(float(np.linalg.norm(tool.centre_mm)))
-
-
 def weight_over_shown(recording: Recording, tool: "ToolLoad", free: IntArray) -> Iterator[Found]:
     """Weight over all that the sensor shows: a larger bias could hide any weight."""
     shown = float(np.linalg.norm(recording.force_N[free].mean(axis=0)))
@@ -565,11 +545,6 @@ def other_moments(_: Recording, located: "Located", wrench: "SpotWrench", weighe
         allowed = (1.5 if weighed else 4.0) * torque if alike >= LEAST_CORRELATION else 0.0
         value = others / allowed if allowed > 0.0 else np.inf
         yield found(value, rows.start, torque=torque, likeness=alike, others=others)
-
-
-def lacking_torque(_: Recording, press: "Processed") -> Iterator[Found]:
-    """1 where the tool twists, and the log has no moment that answers it."""
-    yield found(int(press.lacks_torque))
 
 
 def _peak(press: "Processed") -> float:

@@ -1,17 +1,14 @@
 """Bags of ROS 1 and ROS 2, by rosbags: one stream for each topic of a known type."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
 from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
-
-import numpy as np
+from typing import Any, NamedTuple
 
 from palpate.api import CurveError
-from palpate.api.files import Column, listed
+from palpate.api.files import listed
 from palpate_robot_log.reading.raw import RawLog, Stream, or_damaged
 from palpate_robot_log.reading.transforms import chains
 
@@ -51,19 +48,13 @@ FIELDS: MappingProxyType[str, Fields] = MappingProxyType(
 """Numbers that are read of each message, with their units."""
 
 
-@dataclass(slots=True)
-class _Gathered:
-    """Values that have been read of one stream."""
+class _Gathered(NamedTuple):
+    """Values that have been read of one stream: a row has its number, two times [ns], and those of fields."""
 
-    fields: Fields
     msgtype: str
     frame: str
-    numbers_of: Callable[[Any], Any]
-    is_transform: bool
-    numbers: list[int] = field(default_factory=list)
-    received_ns: list[int] = field(default_factory=list)
-    stamp_ns: list[int] = field(default_factory=list)
-    values: list[Any] = field(default_factory=list)
+    values_of: Callable[[Any], tuple[float, ...]]
+    rows: list[tuple[Any, ...]]
 
 
 def read_bag(path: Path, topics: Sequence[str] | None = None) -> RawLog:
@@ -147,11 +138,12 @@ def _collected(
         if c.msgtype not in FIELDS
     ]
     notes += [f"{name}: {s.msgtype} in frame '{s.frame}'" for name, s in streams.items() if s.frame]
-    notes += [f"{name}: one message, so no motion" for name, s in streams.items() if len(s.numbers) == 1]
-    moving = {name for name, s in streams.items() if len(s.numbers) > 1} or {*streams}
-    start_ns = min((streams[name].received_ns[0] for name in moving), default=0)
+    notes += [f"{name}: one message, so no motion" for name, s in streams.items() if len(s.rows) == 1]
+    moving = {name for name, s in streams.items() if len(s.rows) > 1} or {*streams}
+    start_ns = min((streams[name].rows[0][2] for name in moving), default=0)
     read = {name: _stream(name, s, start_ns) for name, s in streams.items()}
-    frames = {name: name.rpartition(" ")[2].split(">", 1) for name, s in streams.items() if s.is_transform}
+    transforms = (name for name, s in streams.items() if s.msgtype == _TRANSFORMS)
+    frames = {name: name.rpartition(" ")[2].split(">", 1) for name in transforms}
     composed = [*chains({(parent, child): read[name] for name, (parent, child) in frames.items()})]
     notes += [f"{one.name}: composed of a chain of transforms" for one in composed]
     return RawLog(
@@ -174,39 +166,40 @@ def _gather(
     """Add a message to the stream of its topic, a transform to that of its two frames."""
     header = getattr(part, "header", None)
     frame = header.frame_id if header else ""
-    is_transform = connection.msgtype == _TRANSFORMS
-    name = f"{connection.topic} {frame}>{part.child_frame_id}" if is_transform else connection.topic
+    name = connection.topic
+    if connection.msgtype == _TRANSFORMS:
+        name = f"{name} {frame}>{part.child_frame_id}"
     stream = streams.get(name)
     if stream is None:
-        fields = FIELDS[connection.msgtype]
-        numbers_of = attrgetter(*(field_name for field_name, _ in fields))
-        stream = streams[name] = _Gathered(fields, connection.msgtype, frame, numbers_of, is_transform)
+        values_of = attrgetter(*(field_name for field_name, _ in FIELDS[connection.msgtype]))
+        stream = streams[name] = _Gathered(connection.msgtype, frame, values_of, [])
     if (connection.msgtype, frame) != (stream.msgtype, stream.frame):
         raise CurveError(
             f"{path}: message {number}, topic '{name}': type or frame change from {stream.msgtype}, "
             f"'{stream.frame}' to {connection.msgtype}, '{frame}'; record one sensor per topic"
         )
-    stream.numbers.append(number)
-    stream.received_ns.append(received_ns)
-    stream.values.append(stream.numbers_of(part))
-    if header:
-        stream.stamp_ns.append(header.stamp.sec * 1_000_000_000 + header.stamp.nanosec)
+    stamp_ns = header.stamp.sec * 1_000_000_000 + header.stamp.nanosec if header else None
+    values = stream.values_of(part)
+    values = values if isinstance(values, tuple) else (values,)
+    stream.rows.append((number, stamp_ns, received_ns, *values))
 
 
 def _stream(name: str, gathered: _Gathered, start_ns: int) -> Stream:
-    table = np.array(gathered.values, dtype=np.float64).reshape(-1, len(gathered.fields))
-    received = Column(name="received", values=_seconds(gathered.received_ns, start_ns), unit="s")
-    stamps, note = _seconds(gathered.stamp_ns, start_ns), ""
-    if gathered.stamp_ns and not any(gathered.stamp_ns):
-        stamps, note = np.full(stamps.size, math.nan), "never set by the sender; use received"
-    stamp = [Column(name="stamp", values=stamps, unit="s", note=note)] if stamps.size else []
-    values = (
-        Column(name=field_name, values=column, unit=unit)
-        for (field_name, unit), column in zip(gathered.fields, table.T, strict=True)
-    )
-    return Stream.of([*stamp, received, *values], name, np.array(gathered.numbers, dtype=np.int64))
+    import polars as pl
 
-
-def _seconds(times_ns: Iterable[int], start_ns: int) -> np.ndarray:
+    fields = dict(FIELDS[gathered.msgtype])
+    whole = dict.fromkeys(("number", "stamp", "received"), pl.Int64)
+    schema = {**whole, **dict.fromkeys(fields, pl.Float64)}
+    frame = pl.DataFrame(gathered.rows, schema=schema, orient="row")
+    notes, is_stamped = dict[str, str](), frame["stamp"].null_count() == 0
+    if is_stamped and not (frame["stamp"] != 0).any():
+        frame, notes = frame.with_columns(stamp=None), {"stamp": "never set by the sender; use received"}
     # Whole numbers first: seconds since 1970 would leave a double a quarter of a microsecond.
-    return np.array([time - start_ns for time in times_ns], dtype=np.float64) * 1e-9
+    since = (pl.col("stamp", "received") - start_ns).cast(float).fill_null(math.nan) * 1e-9
+    return Stream(
+        name=name,
+        frame=frame.select(since, *fields).drop([] if is_stamped else ["stamp"]),
+        rows=frame["number"].to_numpy(),
+        units={one: unit for one, unit in {"stamp": "s", "received": "s", **fields}.items() if unit},
+        notes=notes,
+    )
