@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from palpate.experiment.delimited.table import (
         Column as Column,
         TextTable as TextTable,
+        check_columns as check_columns,
         close_to as close_to,
         listed as listed,
     )

@@ -232,11 +232,7 @@ class TextTable:
                 )
             if name not in self._columns:
                 self._check_marks()
-                raise CurveError(
-                    f"{self.path}: no column '{name}'{close_to(name, self.names)} (columns there: "
-                    f"{listed(self.names)}); correct the name in the loader's settings, or see "
-                    "'palpate experiment inspect'"
-                )
+        check_columns(self.path, wanted, self.names)
         return {name: self._columns[name] for name in wanted}
 
     def _check_marks(self) -> None:
@@ -332,6 +328,16 @@ def close_to(name: str, known: Iterable[str]) -> str:
     same = [each for each in names if unit_in(each)[0].casefold() == label]
     close = same[:2] or difflib.get_close_matches(name, names, n=2, cutoff=0.5)
     return f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
+
+
+def check_columns(source: object, wanted: Iterable[str], known: Iterable[str]) -> None:
+    """Refuse a column that a file, called ``source`` in messages, does not have."""
+    names = list(known)
+    for name in (each for each in wanted if each not in names):
+        raise CurveError(
+            f"{source}: no column '{name}'{close_to(name, names)} (columns there: {listed(names)}); "
+            "correct the name in the loader's settings, or see 'palpate experiment inspect'"
+        )
 
 
 def listed(names: Iterable[str], most: int = 24) -> str:

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.api import CurveError, FloatArray
-from palpate.api.files import Column, listed, unit_in
-from palpate_robot_log.reading.raw import RawLog, Stream, check_columns, or_damaged
+from palpate.api.files import Column, check_columns, listed, unit_in
+from palpate_robot_log.reading.raw import RawLog, Stream, or_damaged
 
 if TYPE_CHECKING:
     import polars as pl

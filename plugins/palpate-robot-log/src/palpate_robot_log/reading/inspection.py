@@ -39,7 +39,7 @@ from palpate_robot_log.reading.proposal import (
     with_unit,
 )
 from palpate_robot_log.reading.raw import RawLog, Stream
-from palpate_robot_log.reading.vectors import QUANTITIES, Guess
+from palpate_robot_log.reading.vectors import QUANTITIES, Guess, pressed_rows, rest_of
 from palpate_robot_log.recording import Recording, rotated
 
 _MOST_GAPS = 20
@@ -200,10 +200,9 @@ def _yielding(log: RawLog, proposal: Proposal, measured: Recording) -> Iterable[
         if isinstance(other, str) or other.n_rows != measured.n_rows:
             continue
         off = other.position_mm - measured.position_mm
-        n_free = max(off.shape[0] // 100, 5)
-        force = np.linalg.norm(measured.force_N - np.median(measured.force_N[:n_free], axis=0), axis=1)
+        force = np.linalg.norm(measured.force_N - rest_of(measured.force_N), axis=1)
         loaded = off[force >= 0.9 * force.max()]
-        off_mm = float(np.linalg.norm(np.median(loaded, axis=0) - np.median(off[:n_free], axis=0)))
+        off_mm = float(np.linalg.norm(np.median(loaded, axis=0) - rest_of(off)))
         yield (
             f"commanded and measured position differ by {off_mm:.2g} mm under load, as of an arm that "
             "yields: the measured one is taken"
@@ -399,11 +398,8 @@ def _motion(log: RawLog, proposal: Proposal) -> _Motion | None:
     recording = _read(log, replace(proposal, acts_on="tool", wrench_frame="sensor"))
     if isinstance(recording, str):
         return None
-    air = np.median(recording.force_N[: max(recording.n_rows // 100, 5)], axis=0)
-    push = np.linalg.norm(recording.force_N - air, axis=1)
-    loaded = int(np.argmax(push >= 0.9 * push.max()))
-    before = np.flatnonzero(push[:loaded] <= 0.1 * push.max())
-    free = int(before[-1]) if before.size else 0
+    air = rest_of(recording.force_N)
+    free, loaded = pressed_rows(np.linalg.norm(recording.force_N - air, axis=1))
     press = recording.position_mm[loaded] - recording.position_mm[free]
     if (length := float(np.linalg.norm(press))) < _LEAST_PRESS_MM:
         return None

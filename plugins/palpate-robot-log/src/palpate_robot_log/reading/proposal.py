@@ -23,6 +23,8 @@ from palpate_robot_log.reading.vectors import (
     extent,
     groups_of,
     possible,
+    pressed_rows,
+    rest_of,
 )
 
 _NONE = {"columns": [NO_COLUMN] * 3}
@@ -179,13 +181,10 @@ def _senses(travel: FloatArray, force: FloatArray) -> tuple[float, float]:
     """Signs of the changes of travel and of force from free air to the largest force."""
     is_there = np.isfinite(travel) & np.isfinite(force)
     travel, force = travel[is_there], force[is_there]
-    rest = float(np.median(force[: max(force.size // 100, 3)])) if force.size else 0.0
     if not force.size or not np.ptp(force):
         return 1.0, 1.0
-    size = np.abs(force - rest)
-    loaded = int(np.argmax(size >= 0.9 * size.max()))
-    before = np.flatnonzero(size[:loaded] <= 0.1 * size.max())
-    free = int(before[-1]) if before.size else 0
+    rest = rest_of(force)
+    free, loaded = pressed_rows(np.abs(force - rest))
     return float(np.sign(travel[loaded] - travel[free])), float(np.sign(force[loaded] - rest))
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from palpate.api import BoolArray, CurveError, FloatArray, IntArray
-from palpate.api.files import Column, close_to, listed
+from palpate.api.files import Column, check_columns, close_to, listed
 
 if TYPE_CHECKING:
     import polars as pl
@@ -33,17 +33,6 @@ def or_damaged(
     except kinds as error:
         reason = (str(error).strip().splitlines() or [type(error).__name__])[0]
         raise CurveError(f"{path}: {what} ({reason}); {advice}") from None
-
-
-def check_columns(source: object, wanted: Iterable[str], known: Iterable[str]) -> None:
-    """Refuse a column that a file, called ``source`` in messages, does not have."""
-    names = list(known)
-    for name in wanted:
-        if name not in names:
-            raise CurveError(
-                f"{source}: no column '{name}'{close_to(name, names)} (columns there: {listed(names)}); "
-                "correct the name under channels, or see 'palpate experiment inspect'"
-            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -282,6 +282,19 @@ def complete_rows(columns: Iterable[Column]) -> FloatArray:
     return complete
 
 
+def rest_of(values: FloatArray) -> FloatArray:
+    """Median (k,) of the first hundredth of some rows (n, k), at least five: of a force in free air."""
+    rest: FloatArray = np.median(values[: max(len(values) // 100, 5)], axis=0)
+    return rest
+
+
+def pressed_rows(push: FloatArray) -> tuple[int, int]:
+    """Last row in free air and first row of nearly the largest push, among sizes (n,) of the push."""
+    loaded = int(np.argmax(push >= 0.9 * push.max()))
+    before = np.flatnonzero(push[:loaded] <= 0.1 * push.max())
+    return int(before[-1]) if before.size else 0, loaded
+
+
 def extent(values: FloatArray) -> float:
     """Largest range of a column (n, k); 0 without rows."""
     return float(np.ptp(values, axis=0).max()) if len(values) else 0.0
