@@ -214,7 +214,7 @@ CHECKS: tuple[Check, ...] = (
          "check the unit of the position"),
     # 45 degrees where a tool sticks at friction 1
     Check("direction", of.other_side_deg, (0.0, of.LARGEST_FRICTION_ANGLE_DEG),
-         "the force {what} ({value:.0f} degrees from the outward normal): {cause}",
+         "the force {way} ({value:.0f} degrees from the outward normal): {cause}",
          "set {setting} in the channel map"),
     Check("direction", of.off_normal_deg, (0.0, of.LARGEST_FRICTION_ANGLE_DEG),
          "the contact force is {value:.0f} degrees off the normal of the path, where friction explains "

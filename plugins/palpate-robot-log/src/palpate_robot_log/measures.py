@@ -391,8 +391,8 @@ def other_side_deg(recording: Recording, contact: "ContactRows", normal: "Normal
         ),
     )
     if angle > 180.0 - LARGEST_FRICTION_ANGLE_DEG or off <= _CLEARLY_ALONG_DEG:
-        what = "pulls the tool into the limb" if angle > 90.0 else "is off the line of the press"
-        yield found(angle, contact.first, what=what, cause=cause, setting=setting)
+        way = "pulls the tool into the limb" if angle > 90.0 else "is off the line of the press"
+        yield found(angle, contact.first, way=way, cause=cause, setting=setting)
 
 
 def off_normal_deg(recording: Recording, contact: "ContactRows", normal: "Normal") -> Iterator[Found]:
