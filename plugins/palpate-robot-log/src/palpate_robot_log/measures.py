@@ -10,7 +10,14 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from palpate.api import BoolArray, FloatArray, IntArray
-from palpate_robot_log.recording import Recording, angle_between_deg, noise_std, rotated, rows_between
+from palpate_robot_log.recording import (
+    Recording,
+    angle_between_deg,
+    gravity_in_sensor,
+    noise_std,
+    rotated,
+    rows_between,
+)
 
 if TYPE_CHECKING:
     from palpate.api.mesh import SpotWrench
@@ -563,8 +570,7 @@ def weight_share(recording: Recording, press: "Processed") -> Iterator[Found]:
     gravity, peak_N = press.settings.gravity, _peak(press)
     if gravity.method != "off" or press.bias is None:
         return
-    down = np.array(gravity.direction) / np.linalg.norm(gravity.direction)
-    down = rotated(recording.quaternion, down, inverse=True)
+    down = gravity_in_sensor(recording, np.array(gravity.direction))
     change = float(np.linalg.norm(down - down[0], axis=1).max())
     offset_N = float(np.linalg.norm(press.bias.force_N))
     tilt_deg = np.degrees(2.0 * np.arcsin(min(change / 2.0, 1.0)))

@@ -135,6 +135,11 @@ def rotated(quaternion: FloatArray, vectors: FloatArray, *, inverse: bool = Fals
     return turned
 
 
+def gravity_in_sensor(recording: Recording, direction: FloatArray) -> FloatArray:
+    """Unit vectors (n, 3) of gravity in the sensor's frame, by its direction (3,) in the base frame."""
+    return rotated(recording.quaternion, direction / np.linalg.norm(direction), inverse=True)
+
+
 def cross(left: FloatArray, right: FloatArray) -> FloatArray:
     """Cross product of (n, 3) or (3,) arrays, shape (n, 3)."""
     # Column by column: several times faster than numpy.cross on a long log.

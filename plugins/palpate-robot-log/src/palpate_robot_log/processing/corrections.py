@@ -27,8 +27,8 @@ from palpate_robot_log.recording import (
     continuous,
     correlation_factor,
     cross,
+    gravity_in_sensor,
     noise_std,
-    rotated,
     rows_between,
     thinned,
 )
@@ -137,7 +137,7 @@ class ToolLoad:
 
 def without_weight(recording: Recording, tool: ToolLoad, direction: FloatArray) -> Recording:
     """Wrench without the tool's weight; ``direction`` (3,) is that of gravity in the base frame."""
-    pull = tool.weight_N * _down(recording, direction)
+    pull = tool.weight_N * gravity_in_sensor(recording, direction)
     return recording.less(pull, cross(tool.centre_mm, pull))
 
 
@@ -156,7 +156,7 @@ def tool_of(recording: Recording, free: IntArray, gravity: Gravity) -> ToolLoad 
 def fit_tool(recording: Recording, free: IntArray, direction: FloatArray) -> ToolLoad:
     """Weight and centre from the rows ``free`` in free air; ``direction`` (3,) is that of gravity."""
     part, _ = thinned(recording.part(free), _WEIGHED_ROWS)
-    down = _down(part, direction)
+    down = gravity_in_sensor(part, direction)
     # Without its mean, what the bias imitates is gone from the unknown weight.
     lever = down - down.mean(axis=0)
     power = float(np.einsum("ij,ij->", lever, lever))
@@ -180,11 +180,6 @@ def fit_tool(recording: Recording, free: IntArray, direction: FloatArray) -> Too
     tool = ToolLoad(weight_N=weight, centre_mm=centre, weight_std_N=std, centre_std_mm=centre_std)
     check(recording, "tool", tool)
     return tool
-
-
-def _down(recording: Recording, direction: FloatArray) -> FloatArray:
-    """Unit vectors (n, 3) of gravity in the sensor's frame."""
-    return rotated(recording.quaternion, direction / np.linalg.norm(direction), inverse=True)
 
 
 # ----------------------------------------------------------------------- drift and bias

@@ -45,27 +45,31 @@ class Strokes:
         return float(time_s[-1]) if self.retract is None else self.retract.start.time_s
 
 
+def _strokes(
+    recording: Recording, rows: slice, values: FloatArray, least: float, stage: str
+) -> tuple[Stroke, ...]:
+    """Strokes of a signal in some rows, or the error of the stage where they are too few."""
+    try:
+        return strokes_of(recording.time_s[rows], values, least)
+    except TooFewRowsError:
+        words = {"n_rows": recording.n_rows, "rate_hz": recording.rate_hz}
+        raise next(errors_of(recording, stage, 1, **words)) from None
+
+
 def find_strokes(recording: Recording, motion: ToolMotion, contact: ContactRows) -> Strokes:
     """Strokes of the travel and of the turn while the tool presses."""
-
-    def strokes(rows: slice, values: FloatArray, least: float) -> tuple[Stroke, ...]:
-        try:
-            return strokes_of(motion.time_s[rows], values, least)
-        except TooFewRowsError:
-            words = {"n_rows": recording.n_rows, "rate_hz": recording.rate_hz}
-            raise next(errors_of(recording, "rate", 1, **words)) from None
-
     rows = slice(max(contact.first - (contact.last - contact.first) // 20, 0), None)
     # What the tool does above the limb is of no concern: the travel there counts as none.
     depth = np.maximum(motion.travel_mm[rows], 0.0)
-    travels = strokes(rows, depth, _LEAST_SHARE * float(np.ptp(depth)))
+    travels = _strokes(recording, rows, depth, _LEAST_SHARE * float(np.ptp(depth)), "rate")
     check(recording, "strokes", travels)
     press, retract = travels[0], travels[1] if len(travels) > 1 else None
     if contact.ends_in_contact:
         check(recording, "rest", contact, motion)
     turn, twists = motion.turn_deg[contact.rows], tuple[Stroke, ...]()
     if (span := float(np.ptp(turn))) >= LEAST_TWIST_DEG:
-        twists = strokes(contact.rows, turn, max(_LEAST_SHARE * span, LEAST_TWIST_DEG / 2.0))
+        least = max(_LEAST_SHARE * span, LEAST_TWIST_DEG / 2.0)
+        twists = _strokes(recording, contact.rows, turn, least, "rate")
     check(recording, "order", press, twists, _LEAST_DWELL_S)
     return Strokes(press=press, twists=twists, retract=retract)
 
@@ -149,10 +153,8 @@ def find_slide(recording: Recording, motion: ToolMotion, strokes: Strokes, norma
     farthest = inside[int(np.argmax(np.linalg.norm(inside, axis=1)))]
     along = farthest / np.linalg.norm(farthest)
     shift = inside @ along
-    try:
-        found = strokes_of(time[rows], shift, max(_LEAST_SHARE * float(np.ptp(shift)), LEAST_SLIDE_MM / 2.0))
-    except TooFewRowsError:
-        raise next(errors_of(recording, "slide rate", 1)) from None
+    least = max(_LEAST_SHARE * float(np.ptp(shift)), LEAST_SLIDE_MM / 2.0)
+    found = _strokes(recording, rows, shift, least, "slide rate")
     if found[0].to_value < found[0].from_value:
         along = -along
     check(recording, "slide or twist", strokes.twists, found)
