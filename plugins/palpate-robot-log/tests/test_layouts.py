@@ -364,7 +364,7 @@ def test_a_unit_that_is_not_known_is_named_and_never_guessed(tmp_path: Path) -> 
     assert any("the file gives 'counts'" in finding for finding in found.findings)
     assert "'counts', which is not known" in found.record["problem"]
     assert 'unit = "N"' not in found.study_text
-    with pytest.raises(CurveError, match="'counts', which is not known; write unit next to the columns"):
+    with pytest.raises(CurveError, match="'counts', which is not known; calibrate the columns"):
         read_recording(path, write.channel_map(force={"columns": [*names.values()], "unit": "N"}))
     force = {"columns": [*names.values()], "unit": "N"}
     trusted = write.channel_map(**_with_units(), force=force, header_units=False)

@@ -30,7 +30,7 @@ QUESTIONS = {
     "specimen by force alone": "give both scales, by the length and the area of the specimen",
     "stress of an unknown measure": "palpate does not convert a measure 'almansi'",
     "biaxial machine": "XDisplacement_um or YDisplacement_um, and XForce_mN or YForce_mN? name one",
-    "sensor in volts": "'V' is a unit of another kind where one of force is needed",
+    "sensor in volts": "the file gives the unit 'V', which is no unit of force",
     "sensor in counts": "the file gives the unit 'counts', which is not known",
 }
 FAST = (

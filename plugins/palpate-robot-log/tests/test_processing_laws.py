@@ -9,6 +9,7 @@ from palpate.mesh.spot_frame import spot_axes
 from palpate_robot_log.processing.chain import process
 from palpate_robot_log.processing.corrections import (
     Drift,
+    Lag,
     ToolLoad,
     find_bias,
     find_drift,
@@ -83,6 +84,12 @@ def test_a_lag_between_wrench_and_pose_is_found_and_taken_out(lag_s):
     assert processed.lag.n_bends == 4
     same_curves(logs.processed("p1"), processed, 0.01)
     assert not process(late, logs.settings(alignment={"enabled": False})).lag.significant
+
+
+@pytest.mark.parametrize(("n_bends", "is_lag"), [(1, False), (2, True)])
+def test_a_single_bend_shows_no_lag(n_bends, is_lag):
+    """One bend of a soft motion may be off by rows, and nothing checks it."""
+    assert Lag(seconds=0.07, std_s=0.01, n_bends=n_bends).significant == is_lag
 
 
 def poses(n_rows, seed):

@@ -78,8 +78,8 @@ class Lag:
 
     @property
     def significant(self) -> bool:
-        """Whether the lag differs from none."""
-        return self.n_bends > 0 and abs(self.seconds) > SIGNIFICANT_LAG * self.std_s
+        """Whether the lag differs from none; a single bend, by chance, is not checked by another one."""
+        return self.n_bends > 1 and abs(self.seconds) > SIGNIFICANT_LAG * self.std_s
 
 
 def estimate_lag(time_s: FloatArray, moment_Nmm: FloatArray, twists: tuple[Stroke, ...]) -> Lag:

@@ -265,10 +265,11 @@ def _factor(
             f"{where} shows no unit, and the channel map gives none; "
             f'write unit = "{BASE_UNITS[kind]}", or whatever it is, next to the columns'
         )
-    if found and kind_of(found) is None:
+    if found and kind_of(found) in (None, "other"):
+        why = f"is no unit of {kind}" if kind_of(found) else "is not known"
         raise CurveError(
-            f"{where}: the file gives the unit '{found}', which is not known; write unit next to the "
-            "columns, and header_units = false, in the channel map"
+            f"{where}: the file gives the unit '{found}', which {why}; calibrate the columns, write their "
+            "units next to them, and header_units = false, in the channel map"
         )
     factor = factor_to_base(unit or found, kind, where)
     if unit and found and not np.isclose(factor, factor_to_base(found, kind, where), rtol=1e-9):
