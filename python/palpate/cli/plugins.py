@@ -46,7 +46,8 @@ def plugins(
 
     session = Session.of(context)
     kinds = [kind.replace("-", "_")] if kind else [*KINDS, COMMANDS]
-    found = {key: _entries(session, key, name) for key in kinds}
+    is_list = name is None and not as_json
+    found = {key: _entries(session, key, name, brief=is_list) for key in kinds}
     broken = session.with_broken.broken
     if as_json:
         session.json({**found, "broken": [asdict(each) for each in broken]})
@@ -59,11 +60,11 @@ def plugins(
     session.refuse_broken(broken)
 
 
-def _entries(session: Session, kind: str, name: str | None) -> list[dict[str, Any]]:
-    """Describe all entries of a kind, or the one of this name."""
+def _entries(session: Session, kind: str, name: str | None, *, brief: bool) -> list[dict[str, Any]]:
+    """Describe all entries of a kind, or the one of this name; briefly for a list."""
     if kind != COMMANDS:
-        loaded = session.with_broken
-        return [describe(loaded, kind, each) for each in ([name] if name else loaded.catalogue(kind))]
+        loaded, how = session.with_broken, described_briefly if brief else describe
+        return [how(loaded, kind, each) for each in ([name] if name else loaded.catalogue(kind))]
     from palpate.plugins.catalogue import UnknownNameError
     from palpate.plugins.registry import suggestion
 
@@ -77,6 +78,12 @@ def _entries(session: Session, kind: str, name: str | None) -> list[dict[str, An
     ]
 
 
+def described_briefly(loaded: "Plugins", kind: str, name: str) -> dict[str, Any]:
+    """Name, plugin and summary of one entry."""
+    catalogue = loaded.catalogue(kind)
+    return {"name": name, "plugin": catalogue.provider(name), "summary": _summary(catalogue[name])}
+
+
 def describe(loaded: "Plugins", kind: str, name: str) -> dict[str, Any]:
     """Everything there is to know about one entry, in plain values."""
     from palpate.cli.settings import settings_rows
@@ -85,9 +92,7 @@ def describe(loaded: "Plugins", kind: str, name: str) -> dict[str, Any]:
     from palpate.plugins.interfaces import Solver
     from palpate.plugins.provides import provided_by_default
 
-    catalogue = loaded.catalogue(kind)
-    entry = catalogue[name]
-    found: dict[str, Any] = {"name": name, "plugin": catalogue.provider(name), "summary": _summary(entry)}
+    entry, found = loaded.catalogue(kind)[name], described_briefly(loaded, kind, name)
     if isinstance(entry, type) and issubclass(entry, Component):
         found["class"] = f"{entry.__module__}.{entry.__qualname__}"
         found["settings"] = settings_rows(entry.Settings)

@@ -27,4 +27,5 @@ def schema(
         raise StudyError(
             f"no schema of '{command}'{suggestion(command, known)}; `palpate schema` lists the commands"
         )
-    session.json(schema(command, stages, others))
+    output = {command: others[command]()} if command in others else {}
+    session.json(schema(command, stages, output))

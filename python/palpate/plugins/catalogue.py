@@ -178,8 +178,8 @@ class Plugins:
         """Let every plugin add its commands to ``app``; returns those that could not."""
         return self._registry.add_commands(app)
 
-    def outputs(self) -> dict[str, Any]:
-        """Types of what plugins' commands print with ``--json``, by the command's name."""
+    def outputs(self) -> dict[str, Callable[[], Any]]:
+        """Functions that import the types of the JSON of plugins' commands, by the command's name."""
         return self._registry.outputs()
 
     def commands(self, app: "typer.Typer") -> dict[str, str]:

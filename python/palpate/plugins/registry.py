@@ -232,13 +232,13 @@ class Registry:
                 add_stage(stage)  # type: ignore[misc]
         return tuple(broken)
 
-    def outputs(self) -> dict[str, Any]:
-        """Types of what plugins' commands print with ``--json``, by the command's name."""
-        found: dict[str, Any] = {}
+    def outputs(self) -> dict[str, Callable[[], Any]]:
+        """Functions that import the types of the JSON of plugins' commands, by the command's name."""
+        found: dict[str, Callable[[], Any]] = {}
         for name in self.sources:
             with guarded():
                 commands = [each for each in self._own_commands(name) if each.output]
-                found |= {each.name: pkgutil.resolve_name(each.output) for each in commands}
+            found |= {each.name: functools.partial(pkgutil.resolve_name, each.output) for each in commands}
         return found
 
     def _own_commands(self, plugin: str) -> "list[Command]":
