@@ -187,7 +187,7 @@ def _surface(limb: "Limb") -> "SurfaceOutput":
 
 
 def _by_fit_alone(study: "Study") -> list["Parameter"]:
-    """Parameters of the fit besides those of the sweep, as at a single spot."""
+    """Parameters of the fit that the sweep does not have, as at a single spot."""
     swept = {p.name for p in study.space.parameters}
     every = study.parametrisation.parameters(study.space, study.spot_names[:1])
     return [p for p in every if p.name not in swept]

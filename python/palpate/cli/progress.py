@@ -164,7 +164,7 @@ class StageProgress:
         return f"{total} ({', '.join(parts)})" if len(parts) > 1 else total
 
     def _note_time(self) -> None:
-        """Add the time that has passed to that of the running stage."""
+        """Add the time that has passed to the time of the running stage."""
         now = time.monotonic()
         self._seconds[self._stage or "start"] += now - self._begun
         self._begun = now

@@ -120,7 +120,7 @@ class Session:
         return _console(stderr=True)
 
     def study(self, path: Path, *, need_measured: bool = True) -> "Study":
-        """Read and check a study file; its own plugin files join those of this session."""
+        """Read and check a study file; its own plugin files join the files of this session."""
         from palpate.study.reading import read_study, with_study_plugins
 
         _refuse_run(path)

@@ -1,4 +1,4 @@
-"""Settings of a component as rows, those of nested tables under dotted names."""
+"""Settings of a component as rows, with dotted names for nested tables."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any

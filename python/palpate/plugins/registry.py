@@ -210,9 +210,9 @@ class Registry:
     def add_commands(
         self, app: "typer.Typer", add_stage: "Callable[[type[Component]], None] | None" = None
     ) -> tuple[BrokenPlugin, ...]:
-        """Let every plugin add its commands, all of them or none; ``add_stage`` adds that of a stage.
+        """Let every plugin add its commands, all of them or none; ``add_stage`` adds a stage's command.
 
-        A plugin that lists commands of its own lists those of its stages too, so that none is imported here.
+        A plugin with commands of its own lists its stages' commands too, so that none is imported here.
         """
         broken = []
         for name, source in self.sources.items():
@@ -299,7 +299,7 @@ def plugin_source(path: Path) -> bytes:
 
 
 def load_file(path: Path, source: bytes | None = None) -> ModuleType:
-    """Import a one-file plugin, once per process and content: by itself that of the file.
+    """Import a one-file plugin, once per process and content: by itself the content of the file.
 
     The module's name in ``sys.modules`` follows from the file's name and content alone, so that a
     worker process that loads the same content can unpickle instances of its classes.
@@ -370,7 +370,7 @@ def _single(kind: str, point: importlib.metadata.EntryPoint) -> Any:  # noqa: AN
 def _check_version(plugin: object) -> None:
     """Refuse a plugin that needs names or meanings which this version of :mod:`palpate.api` lacks.
 
-    The plugin's own ``palpate_api`` counts, else that of its module, else that of the packages around it.
+    The plugin's own ``palpate_api`` counts, else its module's, else the packages' around it.
     """
     parts = str(getattr(plugin, "__module__", None) or getattr(plugin, "__name__", "")).split(".")
     around = (sys.modules.get(".".join(parts[:n])) for n in range(len(parts), 0, -1))

@@ -132,7 +132,7 @@ class HomogeneousSolver(Solver[HomogeneousSettings]):
         return next(self.simulate_many([job], limb))
 
     def simulate_many(self, jobs: Iterable[Job], limb: Limb | None) -> Iterator[Simulation]:
-        """Simulate jobs, those of one protocol and material together.
+        """Simulate jobs, together where they share protocol and material.
 
         Where no equilibrium is found the status is ``diverged``, and the response
         has the points before.

@@ -76,7 +76,7 @@ def _transverse(gradient: Lateral, log_t: Array, guess: Array) -> tuple[Array, A
     Newton with the modulus of the curvature, which always descends in energy,
     and a bounded step. While the steps hardly shrink, as they do far out on an
     exponential, their factor doubles. A solution must also be a minimum. Its derivatives
-    are those of an implicit function.
+    follow from the theorem of implicit functions.
     """
     root = partial(gradient, log_t)
     u, found = jax.lax.custom_root(

@@ -78,7 +78,7 @@ class PathSimulations:
             return Simulation(job=job, status=Status.DIVERGED, response=None, message=str(error))
         initial_guess = None if warm_starts is None else warm_starts.initial_guess(job.thetas, modulus)
         stepping, reached, stop = self._walk(prepared, protocol, job, modulus, initial_guess)
-        # A negative set_id is that of a set outside the design, which has no folder.
+        # A set outside the design has a negative set_id and no folder.
         if self.settings.fields != "none" and reached and job.set_id >= 0:
             self._write_fields(prepared, job, reached)
         if job.is_warm_start:
@@ -181,7 +181,7 @@ class PathSimulations:
             if isinstance(state, Stop):
                 return stepping, reached, state
             if fields == "end" and reached:
-                reached[-1] = replace(reached[-1], stresses={})  # only those of the last are shown
+                reached[-1] = replace(reached[-1], stresses={})  # only the last are shown
             reached.append(state)
         return stepping, reached, None
 

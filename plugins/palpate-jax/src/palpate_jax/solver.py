@@ -42,7 +42,7 @@ class JaxSolver(Solver[JaxSettings]):
         return type(self), (self.settings,)
 
     def n_warm_starts(self, number: int) -> int:
-        """Warm starts of a set: those of the largest group that ends before it."""
+        """Number of warm starts of a set: all sets of the largest group that ends before it."""
         return max(n for n in (0, *GROUPS) if n <= number) if self.settings.warm_starts else 0
 
     def check(self, job: Job, limb: Limb | None) -> None:

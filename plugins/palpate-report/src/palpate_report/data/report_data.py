@@ -209,7 +209,7 @@ class ReportData:
 
     @property
     def modulus_unit(self) -> str:
-        """Unit in which moduli are shown: that of the first one that the study writes in another."""
+        """Unit of shown moduli: the unit of the first modulus that the study writes in another one."""
         written = (p.unit for p in self.design.parameters if p.name in self.factors and p.kind == "modulus")
         return next(written, "MPa")
 

@@ -43,7 +43,7 @@ def paths(data: ReportData, fit: str, scenario: str, spot: str) -> list[pl.DataF
 
 
 def reported(data: ReportData, fit: str, scenario: str) -> dict[str, Any]:
-    """Reported values of a fit and Fopt there, where they are not those of the least Fopt; else nothing."""
+    """Reported values of a fit with their Fopt, where they differ from the least Fopt; else nothing."""
     if data.fit.certainty.intervals.is_empty():
         return {}
     rows = data.fit.ends.filter(fit=fit, scenario=scenario).to_dicts()

@@ -1,4 +1,4 @@
-"""The paper's figures, for any channels, spots, parameters and scenarios, and those of single presses."""
+"""Figures of the paper, for any channels, spots, parameters and scenarios, and of single presses."""
 
 import gc
 import re
@@ -261,7 +261,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 def interval_plot(data: ReportData) -> Figure:
     """Parameters of the fits, else of the best sets, by spot and scenario; the interval that leads is shaded.
 
-    Intervals are those of 95 % of a fit, else of what fits about as well in the sweep.
+    Intervals are 95 % intervals of a fit, else the sets that fit about as well in the sweep.
     """
     bests = [best for best in data.bests if best.scenario in data.shown_scenarios]
     fits = [best for best in bests if best.found == "fit"] or bests
@@ -344,7 +344,7 @@ def draw_presses(
 ) -> tuple[Path, ...]:
     """Draw ``curves.svg``, ``curves.pdf`` and ``curves.png``: each channel in its own panel.
 
-    The arguments are those of :meth:`palpate_report.stage.ReportStage.draw_presses`.
+    For the arguments see :meth:`palpate_report.stage.ReportStage.draw_presses`.
     """
 
     def draw() -> Figure:

@@ -230,7 +230,7 @@ def _draw_truth(data: ReportData, axis: Axes, names: Sequence[str]) -> None:
 
 
 def _draw_paths(data: ReportData, spot: str, axis: Axes, names: Sequence[str]) -> None:
-    """Draw the ways of the joint fit and of that of a spot, or of each, along columns of these names."""
+    """Draw the paths of the joint fit and of the fit of a spot, or of each, along columns of these names."""
     draw: Any = axis.plot
     fits = dict.fromkeys((data.together, *((spot,) if spot else data.spots)))
     for fit, (colour, dash) in zip(fits, LINES, strict=False):
