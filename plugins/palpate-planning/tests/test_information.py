@@ -12,6 +12,7 @@ from palpate.domain import Curve, Parameter
 from palpate.fit.spot_term import Correction
 from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.laplace import Laplace, laplace, scores_of
+from palpate_certainty.linear_problem import LinearProblem
 from palpate_certainty.noise_model import ResidualLayout
 from palpate_planning.information import (
     ErrorSizes,
@@ -51,15 +52,16 @@ def _press(rng, n=24, span=1.0):
 
 def _information(press, site):
     slopes, rows, known = press
-    return press_information(
-        slopes,
-        np.zeros((len(slopes), 0)),
-        rows,
-        known,
-        ERRORS,
+    linear = LinearProblem(
+        point=np.full(3, 0.5),
+        residuals=np.zeros(len(slopes)),
+        jacobian=slopes,
+        rows=rows,
+        known={name: column[:, None] for name, column in known.items()},
         channels=("force", "torque"),
-        site=site,
+        expected={},
     )
+    return press_information(linear, np.zeros(3, dtype=bool), ERRORS, site=site)
 
 
 @settings(max_examples=10)

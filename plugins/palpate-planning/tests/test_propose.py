@@ -34,14 +34,13 @@ from palpate_planning.candidates import (
     CandidatePress,
     Limit,
     candidates,
-    described,
     limits_of,
     timed,
     turned,
     usual,
     with_presses,
 )
-from palpate_planning.figure import draw
+from palpate_planning.figure import _words, draw
 from palpate_planning.plan import tool_forces
 from palpate_planning.presses import bare_problem, observed, simulated_presses
 from palpate_planning.pressures import with_pressures
@@ -183,9 +182,10 @@ def test_picture_has_every_spot_with_its_best_candidates(run, tmp_path):
     svg, *_ = draw(found, {"p1": limb}, tmp_path)
     text = svg.read_text()
     best = found.steps[0].chosen
-    assert f"p1: {best.goal:.2f}" in text
+    assert "spot p1" in text
+    assert f"{best.goal:.2f}" in text
     assert text.count("depth ") == 6  # of so many candidates, the best first
-    assert described(best.press.press) in text
+    assert _words(best) in text
     assert "mean error of all parameters" in text
     assert text.count("<path") > draw(found, {}, tmp_path / "bare")[0].read_text().count("<path")
 

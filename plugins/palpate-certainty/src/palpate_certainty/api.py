@@ -23,13 +23,11 @@ if TYPE_CHECKING:
         RANGE_SD as RANGE_SD,
         Density as Density,
         Laplace as Laplace,
-        scores_of as scores_of,
     )
+    from palpate_certainty.linear_problem import LinearProblem as LinearProblem
     from palpate_certainty.mesh_error import SpotMesh as SpotMesh, usual_error as usual_error
     from palpate_certainty.noise_model import (
         ResidualLayout as ResidualLayout,
-        grouped as grouped,
-        groups_of as groups_of,
         layout_of as layout_of,
         matern as matern,
         path_of as path_of,

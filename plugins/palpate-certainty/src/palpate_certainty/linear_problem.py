@@ -1,7 +1,7 @@
 """A fit to first order: residuals, slopes, and columns with names for every source of error.
 
-Intervals, checks, held-out curves and posteriors read a :class:`LinearProblem`, and the sizes of its errors
-from :class:`ResidualErrors`.
+Intervals, checks, held-out curves, posteriors and planned presses read a :class:`LinearProblem`, and the
+sizes of its errors from :class:`ResidualErrors`.
 """
 
 from collections.abc import Mapping
@@ -101,16 +101,8 @@ class LinearProblem:
         return counts
 
     def averaged(self) -> Self:
-        """Problem whose residuals are averages of neighbours on long curves.
-
-        Raises
-        ------
-        PalpateError
-            There are fewer of them than parameters.
-        """
+        """Problem whose residuals are averages of neighbours on long curves."""
         groups = groups_of(self.rows)
-        if len(groups) <= self.point.size:
-            raise PalpateError(f"{len(groups)} measured points for {self.point.size} parameters; fix some")
         return replace(
             self,
             residuals=groups @ self.residuals,
@@ -242,7 +234,15 @@ def errors_of(linear: LinearProblem, first: ResidualErrors | None = None) -> Res
     ----------
     first : ResidualErrors, optional
         Those of another fit, which are those of this one too if they have all of its channels.
+
+    Raises
+    ------
+    PalpateError
+        There are fewer residuals than parameters.
     """
+    n, n_parameters = linear.jacobian.shape
+    if n <= n_parameters:
+        raise PalpateError(f"{n} measured points for {n_parameters} parameters; fix some")
     known = first if first is not None and first.noise.noise.keys() >= set(linear.rows.channels) else None
     errors = _sizes(linear, linear.free) if known is None else replace(known, between=None, alike=None)
     if not linear.has_shared:

@@ -13,9 +13,9 @@ from typing import Self, TypeVar, final
 import numpy as np
 import scipy
 
-from palpate.api import Curve, FloatArray
+from palpate.api import BoolArray, Curve, FloatArray
 from palpate.api.fit import Correction, SpotTerm
-from palpate_certainty.api import ASSUMED, FLAT_SD, MESH, ResidualLayout, matern, path_of, scores_of
+from palpate_certainty.api import ASSUMED, FLAT_SD, MESH, LinearProblem, ResidualLayout, matern, path_of
 
 SPACING = 0.1
 """Distance, in correlation lengths, of the places on a path between which a discrepancy is interpolated."""
@@ -209,40 +209,26 @@ def _divided(root: FloatArray, columns: FloatArray) -> FloatArray:
 
 
 def press_information(
-    slopes: FloatArray,
-    free: FloatArray,
-    rows: ResidualLayout,
-    known: Mapping[str, FloatArray],
-    errors: ErrorSizes,
-    *,
-    channels: tuple[str, ...],
-    site: str,
+    linear: LinearProblem, own: BoolArray, errors: ErrorSizes, *, site: str
 ) -> FisherInformation:
     """Make the information of one press.
 
     Parameters
     ----------
-    slopes : (n, n_parameters) array
-        Of the residuals, per range of each parameter.
-    free : (n, m) array
-        Slopes in what is fitted to this press alone, such as its onset.
-    rows : ResidualLayout
-        Where each residual is on the curves.
-    known : mapping of name to (n,) array
-        What one standard deviation of each cause adds to the residuals.
-    channels : tuple of str
-        By their numbers in ``rows``.
+    linear : LinearProblem
+        With one column for each cause.
+    own : (n_parameters,) array
+        Which parameters are fitted to this press alone, such as its onset.
     site : str
         Presses at one site share what the model leaves out there.
     """
-    scores = scores_of(np.concatenate([slopes, free], axis=1), rows.curve).T
-    left_out = _left_out(rows, errors, channels, site)
-    causes = {name: column[:, None] for name, column in known.items()} | left_out
+    rows, channels, scores = linear.rows, linear.channels, linear.scores.T
+    causes = {**linear.known, **_left_out(rows, errors, channels, site)}
     root = _factor(scores @ _noise(rows, errors, channels) @ scores.T)
-    white = [_divided(root, scores @ columns) for columns in (slopes, *causes.values())]
-    fitted = _divided(root, scores @ free)
-    own, *parts = (_without(fitted, columns) for columns in white)
-    return FisherInformation.of(own, dict(zip(causes, parts, strict=True)))
+    white = [_divided(root, scores @ each) for each in (linear.jacobian[:, ~own], *causes.values())]
+    fitted = _divided(root, scores @ linear.jacobian[:, own])
+    shared, *parts = (_without(fitted, columns) for columns in white)
+    return FisherInformation.of(shared, dict(zip(causes, parts, strict=True)))
 
 
 def _without(free: FloatArray, columns: FloatArray) -> FloatArray:

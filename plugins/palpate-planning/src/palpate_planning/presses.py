@@ -42,12 +42,11 @@ from palpate_certainty.api import (
     Columns,
     ErrorSource,
     Laplace,
+    LinearProblem,
     SpotMesh,
     columns_of,
     error_budget,
     error_sources_of,
-    grouped,
-    groups_of,
     layout_of,
     n_differences,
     path_of,
@@ -471,27 +470,25 @@ def _information(
     box = problem.box
     slopes = (evaluation.jacobian * (box.upper - box.lower) / box.rates(evaluation.point))[:n]
     rows, channels = layout_of([term], n)
-    groups = groups_of(rows)
     measured = {**design.measured, term.spot: term.measured}
     meshes = {term.spot: design.mesh(press)}
     found = error_budget(design.study, measured, [term], evaluation.residuals[:n], columns, meshes)
-    known = {
-        _name(label, name, press): groups @ column
-        for label, of_label in found.items()
-        for name, column in of_label.items()
-        if column.any()
-    }
-    own = [i for i, name in enumerate(problem.names) if ParameterName.parse(name).spot]
-    kept = [i for i in range(len(problem.names)) if i not in own]
-    return press_information(
-        groups @ slopes[:, kept],
-        groups @ slopes[:, own],
-        grouped(rows, groups),
-        known,
-        design.errors,
+    linear = LinearProblem(
+        point=evaluation.point,
+        residuals=evaluation.residuals[:n],
+        jacobian=slopes,
+        rows=rows,
+        known={
+            _name(label, name, press): column[:, None]
+            for label, of_label in found.items()
+            for name, column in of_label.items()
+            if column.any()
+        },
         channels=channels,
-        site=term.site,
+        expected={},
     )
+    own = np.array([bool(ParameterName.parse(name).spot) for name in problem.names])
+    return press_information(linear.averaged(), own, design.errors, site=term.site)
 
 
 def _name(label: str, name: str, press: CandidatePress) -> str:
