@@ -203,7 +203,7 @@ def comparison_page(
         tables=tables,
         titles=TITLES,
         notes=notes,
-        pictures={name: base64.b64encode(file.read_bytes()).decode() for name, file in pictures.items()},
+        pictures={name: Picture(label=name, content=file.read_bytes()) for name, file in pictures.items()},
         files=files,
         style=Markup((_FOLDER / "page.css").read_text(encoding="utf-8")),
         policy=_policy(),
