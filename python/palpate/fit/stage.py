@@ -124,10 +124,11 @@ class FitStage:
         self._n_known = len(self.simulations.known)
         first = Case(label, self._weighed_spots(main), main)
         self._search([first], {id(first): self._starts(first)})
+        self._correct([first])  # an error of the mesh may lead to an end of a range
         if remark := self._widen(first):
             self._search([first], {id(first): [first.values()]})
+            self._correct([first])
             first.fits[-1].message += f"; {remark}"
-        self._correct([first])
         cases = [first, *(Case(label, self._weighed_spots(scenario), scenario) for scenario in others)]
         self._search(cases[1:], {id(case): [first.values()] for case in cases[1:]})
         self._correct(cases[1:])
