@@ -466,8 +466,7 @@ def _information(
     (term,) = problem.terms
     assert evaluation.residuals is not None
     assert evaluation.jacobian is not None
-    n = term.n_points
-    box = problem.box
+    n, box = term.n_points, problem.box
     slopes = (evaluation.jacobian * (box.upper - box.lower) / box.rates(evaluation.point))[:n]
     rows, channels = layout_of([term], n)
     measured = {**design.measured, term.spot: term.measured}
