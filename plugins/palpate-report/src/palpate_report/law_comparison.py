@@ -38,7 +38,7 @@ VERBS = {
 }
 """What a law that is the best of several does to the curves."""
 
-PICTURES = ("contours", "report")
+PICTURES = ("contours", "identifiability", "surface", "report")
 """Stages of a run that decide nothing of a comparison."""
 
 HELD_OUT = "held_out"

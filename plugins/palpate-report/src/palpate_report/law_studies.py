@@ -36,6 +36,9 @@ OF_VOLUME = 10.0
 
 POISSON = "nu"
 
+MOST_SETS = 64
+"""Sets of the sweep of a law without a mesh, in whose basins its searches start."""
+
 VALIDATE = "validate"
 """Stage that holds each curve out in turn."""
 
@@ -187,12 +190,14 @@ def _tables(
     if "parameters" in budget:
         of_others = {n: v for n, v in budget["parameters"].items() if _region(n) != region.region}
         budget["parameters"] = of_others
+    n_sets = 0 if base.solver.provides.mesh else min(base.n_sets, MOST_SETS)
     return {
         **{name: each for name, each in raw.items() if name not in ("truth", "stages", "region", "budget")},
         "study": raw["study"]
         | {"name": f"{base.name}-{law.name}", "description": f"law {law.name} for the curves of {base.name}"},
         "region": raw["region"] | {region.region: table | {"parameters": parameters | relaxing}},
         "budget": budget,
+        "sampling": raw.get("sampling", {}) | {"n_sets": n_sets},
         "selection": {"scenarios": [base.generalise_by]},
         "stages": {VALIDATE: {}},
     }
