@@ -98,6 +98,8 @@ def compare_laws(
     for name, (study, run) in studies.items():
         try:
             data = first if study is base else fitted(session, study, run, progress)
+            if not data.fit.table.is_empty() and data.fit.ends.is_empty():
+                raise StudyError("left out: its fit has no result; see the warnings of its run")
             fits.data[name], fits.folders[name] = in_display_units(data), run
             fits.held_out[name] = held_out_error(session, study, run, progress)
         except StoppedError:

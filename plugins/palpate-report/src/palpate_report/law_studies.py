@@ -36,8 +36,8 @@ OF_VOLUME = 10.0
 
 POISSON = "nu"
 
-MOST_SETS = 64
-"""Sets of the sweep of a law without a mesh, in whose basins its searches start."""
+MOST_SETS, SETS_ON_MESH = 64, 12
+"""Sets of the sweep of a law, in whose basins its searches start: without a mesh at most, and with one."""
 
 VALIDATE = "validate"
 """Stage that holds each curve out in turn."""
@@ -190,7 +190,7 @@ def _tables(
     if "parameters" in budget:
         of_others = {n: v for n, v in budget["parameters"].items() if _region(n) != region.region}
         budget["parameters"] = of_others
-    n_sets = 0 if base.solver.provides.mesh else min(base.n_sets, MOST_SETS)
+    n_sets = SETS_ON_MESH if base.solver.provides.mesh else min(base.n_sets, MOST_SETS)
     return {
         **{name: each for name, each in raw.items() if name not in ("truth", "stages", "region", "budget")},
         "study": raw["study"]
