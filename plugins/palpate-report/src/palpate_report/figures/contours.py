@@ -99,7 +99,7 @@ def contours(data: ReportData, scenario: str, parameter: str, other: str) -> lis
     if planes.is_empty():
         return []
     rows = planes.filter(parameter=parameter, other=other)
-    if rows["fopt"].null_count() > MOST_UNKNOWN * rows.height:
+    if rows.is_empty() or rows["fopt"].null_count() > MOST_UNKNOWN * rows.height:
         return []
     wide = rows.pivot("value", index="other_value", values="fopt").sort("other_value")
     y, columns = wide["other_value"].to_numpy(), wide.drop("other_value")
