@@ -17,7 +17,7 @@ def undrawn(monkeypatch):
     def save(figure, stem):
         files = [stem.with_suffix(suffix) for suffix in (".svg", ".pdf", ".png")]
         for file in files:
-            file.touch()
+            file.write_text("<svg></svg>")
         return files
 
     monkeypatch.setattr("palpate_report.figures.drawings.save", save)
