@@ -60,9 +60,6 @@ READ = 15
 """Points between two equilibrium states, on cubics, by which a simulated curve is read."""
 MOST_POINTS = 100
 """More than a measured curve has."""
-RIGID = 4.0 / 3.0
-"""Change by a rigid contact, over the change by twice the penalty: curves are linear in 1/penalty and the
-difference of twice and half the penalty is taken."""
 HALVES = {"p1, p3": ("p1", "p3"), "p2, p4": ("p2", "p4")}
 """Spots at which orders and scatter were chosen, and the others."""
 WIDE = 0.8
@@ -122,12 +119,9 @@ class Forearm:
         assert isinstance(protocol, Indentation)
         return replace(protocol, friction=self.friction[material])
 
-    def curves(
-        self, spot: str, mesh: str, material: str, *, deeper_mm: float = 0.0, penalty: float = 1.0
-    ) -> Response:
-        """Curves of a material on a mesh, with slopes on the first mesh of a fit; kept in the folder."""
+    def curves(self, spot: str, mesh: str, material: str, *, deeper_mm: float = 0.0) -> Response:
+        """Curves of a material on a mesh, with slopes on both meshes of a fit; kept in the folder."""
         changes = (deeper_mm and f" {deeper_mm:g} mm deeper") or ""
-        changes += (penalty != 1.0 and f" penalty {penalty:g}") or ""
         file = self.folder / f"{spot} {mesh.replace('/fine', f' {self.fine}')} {material}{changes}.npz"
         if not file.is_file():
             protocol = self.protocol(spot, material)
@@ -139,8 +133,8 @@ class Forearm:
                 set_id=-1,
                 materials={REGION: region.material},
                 thetas={REGION: self.study.space.thetas(self.rows[material])[REGION]},
-                protocol=replace(protocol, path=path, contact_penalty=penalty),
-                slopes=mesh in MESHES and not changes,
+                protocol=replace(protocol, path=path),
+                slopes=mesh != "true" and not changes,
             )
             solver, settings = self.study.solver, {"warm_starts": False}
             settings |= CONVERGED if mesh == "true" else {}
@@ -187,7 +181,6 @@ class Press:
         self.bulk = float(forearm.study.space.thetas(self.row)[REGION][-1])
         self.coarse, self.fine = of(), forearm.curves(spot, f"{mesh}/fine", material)
         self.deeper = self._change(of(deeper_mm=DEEPER_MM), self.coarse, DEEPER_MM)
-        self.stiffer = self._change(of(penalty=2.0), of(penalty=0.5), 2.0)
         left_over = forearm.study.left_over(self.mesh.refinement)
         true, at_base = (forearm.curves(spot, "true", each) for each in (material, "base"))
         self.true, self.corrected = {}, {}
@@ -195,7 +188,7 @@ class Press:
             x, peak = data.abscissa, np.abs(data.ordinate).max()
             y, base, coarse, fine = (read(of, name, x) for of in (true, at_base, self.coarse, self.fine))
             self.true[name] = replace(data, ordinate=y + np.abs(y).max() / peak * (data.ordinate - base))
-            self.corrected[name] = fine + left_over[name] * (fine - coarse)
+            self.corrected[name] = fine + left_over[name] * (fine - coarse) + rigid(self.fine, name, x)
 
     def _change(self, one: Response, other: Response, by: float) -> dict[str, np.ndarray]:
         """Change of the curves at their points for each unit of a cause."""
@@ -213,20 +206,19 @@ class Press:
             *(theta[:-1] - self.row),
             theta[-1] - self.bulk,
             protocol.friction - self.protocol.friction,
+            protocol.contact_compliance - self.protocol.contact_compliance,
         ]
-        for name, curve in self.coarse.curves.items():
+        for name, curve in (self.fine if job.mesh else self.coarse).curves.items():
             y = curve.ordinate + np.array(changes) @ np.stack(list(curve.slopes.values()))
-            y = y + np.log2(protocol.contact_penalty) * self.stiffer[name]
+            if job.mesh:
+                curves[name] = replace(curve, ordinate=y)
+                continue
             if name == "force":
                 x = curve.abscissa * (1.0 + by_mm / curve.abscissa[-1])
                 every = CubicSpline(curve.abscissa, [y, *curve.slopes.values()], axis=1)(x)
             else:
                 x, every = curve.abscissa, [y + by_mm * self.deeper[name], *curve.slopes.values()]
             slopes = dict(zip(curve.slopes, every[1:], strict=True))
-            if job.mesh:
-                fine = on_grid(self.fine[name], curve.abscissa) - curve.ordinate
-                size = np.linalg.norm(every[0]) / np.linalg.norm(curve.ordinate)
-                every, slopes = [every[0] + size * fine], {}
             curves[name] = Curve(channel=name, abscissa=x, ordinate=every[0], slopes=slopes)
         return Response(curves=curves)
 
@@ -253,6 +245,13 @@ class Press:
 def read(response: Response, channel: str, x: np.ndarray) -> np.ndarray:
     """Ordinates of a simulated curve at measured points, as palpate reads it."""
     return on_grid(response[channel].densified(READ), x)
+
+
+def rigid(response: Response, channel: str, x: np.ndarray) -> np.ndarray:
+    """Change of a simulated curve at measured points by a rigid contact, to first order."""
+    curve = response[channel]
+    by_contact = replace(curve, ordinate=-curve.slopes["contact_compliance"], slopes={})
+    return on_grid(by_contact.densified(READ), x)
 
 
 class Emulated:
@@ -359,12 +358,9 @@ def mesh_errors(forearm: Forearm, spot: str, mesh: str, material: str) -> dict[s
     rows = {}
     for term, name, at, scale in pieces(terms):
         true, inside = press.true[name], term.counted(name)
-        stiffer = replace(press.coarse[name], ordinate=press.stiffer[name], slopes={}).densified(READ)
-        by_contact = RIGID * on_grid(stiffer, true.abscissa) - true.ordinate
-        curves = true.ordinate, press.corrected[name], read(press.coarse, name, true.abscissa)
-        y, error, of_one = (
-            (scale * (each + by_contact * (k > 0))[1:])[inside] for k, each in enumerate(curves)
-        )
+        coarse = read(press.coarse, name, true.abscissa) + rigid(press.coarse, name, true.abscissa)
+        errors = press.corrected[name] - true.ordinate, coarse - true.ordinate
+        y, error, of_one = ((scale * each[1:])[inside] for each in (true.ordinate, *errors))
         columns = {key: each[at] for key, each in known.items()}
         every, size = np.stack(list(columns.values()), axis=1), np.linalg.norm(y)
         whole = columns.pop("extrapolation") / ASSUMED.extrapolation

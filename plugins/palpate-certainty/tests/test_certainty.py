@@ -20,7 +20,7 @@ from palpate.domain.channels import PRESS_AND_TWIST, TORQUE
 from palpate.fit.fitted import Fitted
 from palpate.fit.least_squares import LeastSquares
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
-from palpate.fit.spot_term import Correction, is_along_slopes, is_same_job, pieces
+from palpate.fit.spot_term import Correction, is_along_slopes, is_same_job, pieces, steps_between
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.interfaces import SetFilter
 from palpate.plugins.score import Score, ScoringRules
@@ -87,6 +87,30 @@ def test_inputs_of_another_tilt_are_another_job(ended):
     assert is_same_job(inputs, inputs)
     assert not is_same_job(inputs, tilted)
     assert not is_along_slopes(inputs, tilted)
+
+
+def test_inputs_of_a_stiffer_contact_are_another_job(ended):
+    """Slopes lead to it, by the compliance of the contact."""
+    problem = ended()[2].end.problem
+    (term,) = problem.terms
+    inputs = problem.inputs("p1", problem.point_of({}))
+    stiffer = replace(inputs, protocol=replace(term.protocol, contact_penalty=2.0))
+    assert not is_same_job(inputs, stiffer)
+    assert is_along_slopes(inputs, stiffer)
+    assert steps_between(inputs, stiffer, term.materials) == {"contact_compliance": -0.5}
+
+
+def test_a_part_of_a_correction_by_a_rigid_contact_is_uncertain(ended):
+    study, measured, case, _ = ended()
+    (term,), residuals = case.end.problem.terms, case.end.best.residuals
+    coarse = {name: curve.ordinate for name, curve in simulated(case).response.curves.items()}
+    corrections = {
+        name: Correction(added=0.01 * y, coarse=0.99 * y, contact=0.004 * y) for name, y in coarse.items()
+    }
+    found = error_budget(study, measured, [replace(term, corrections=corrections)], residuals, {}, {})
+    for _, name, at, scale in pieces([term]):
+        expected = ASSUMED.contact * 0.004 * (scale * coarse[name])[term.counted(name)]
+        np.testing.assert_allclose(found["contact"]["contact"][at], expected, rtol=1e-3, atol=1e-9)
 
 
 def test_a_gain_adds_its_share_of_the_curve(ended):

@@ -237,6 +237,11 @@ class Indentation:
         return Waypoints(pose=pose, loads=self.loads, time_s=self.time_s)
 
     @property
+    def contact_compliance(self) -> float:
+        """Reciprocal of the contact penalty, in which curves are nearly linear; 0 for a rigid contact."""
+        return 1.0 / self.contact_penalty
+
+    @property
     def press_s(self) -> float:
         """Time of the deepest state [s]; 0 where the motion has no times."""
         return 0.0 if self.time_s is None else float(self.time_s[self.path[:, 0].argmax()])

@@ -5,6 +5,7 @@ set near the optimum, scaled by the size of the coarse curve and moved along the
 is repeated until that set is near enough: what the correction may be wrong by moves no parameter by a tenth
 of its standard deviation (space mapping: Bandler et al., IEEE Trans. Microw. Theory Tech. 52, 2004). Without
 the slopes the curves would depend on the material as those of the coarse mesh do, and intervals with them.
+By its slope in the compliance of the contact, the finer mesh also shows what a rigid contact would add.
 """
 
 from collections.abc import Mapping
@@ -14,9 +15,9 @@ from typing import Self
 
 import numpy as np
 
-from palpate.domain import FloatArray, Response, Simulation, channel_of
+from palpate.domain import FloatArray, Indentation, Response, Simulation, channel_of
 from palpate.fit.running import Fit
-from palpate.fit.spot_term import Correction, NotRankedError, SpotTerm, pieces
+from palpate.fit.spot_term import COMPLIANCE, Correction, NotRankedError, SpotTerm, pieces
 from palpate.plugins.parametrisation import SpotInputs
 
 NEAR = 0.1
@@ -36,7 +37,7 @@ RANGE_VARIANCE = 1.0 / 12.0
 class FineRun:
     """One set at one spot on both meshes: ordinates (n,) at the measured points by channel.
 
-    The corrections are those of a mesh without error, extrapolated.
+    The corrections are those of a mesh without error, extrapolated, and of a rigid contact.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ class FineRun:
 
     @property
     def corrections(self) -> dict[str, Correction]:
-        """Change of each measured point by a mesh without error; nothing where a curve is missing."""
+        """Change of each measured point by mesh and contact without error; nothing without a curve."""
         return {name: self._correction(name) for name in self.coarse}
 
     def _correction(self, channel: str) -> Correction:
@@ -66,11 +67,23 @@ class FineRun:
         known = np.isfinite(coarse) & np.isfinite(self.fine[channel])
         square = float(np.sum(coarse[known] ** 2))
         added = whole * np.where(known, self.fine[channel] - coarse, 0.0)
+        if (contact := self._by_rigid_contact(channel)) is not None:
+            contact = np.where(known, contact, 0.0)
+            added = added + contact
         slopes = {}
         for name, (of_coarse, of_fine) in self.slopes.get(channel, {}).items():
             larger = float(np.sum((coarse * of_coarse)[known])) / square if square else 0.0
-            slopes[name] = np.where(known, whole * (of_fine - of_coarse) - larger * added, 0.0)
-        return Correction(added=added, coarse=coarse, slopes=slopes, base=self.inputs)
+            # The corrected curve has a rigid contact, however much that of the coarse one gives way.
+            further = -of_coarse if name == COMPLIANCE else whole * (of_fine - of_coarse)
+            slopes[name] = np.where(known, further - larger * added, 0.0)
+        return Correction(added=added, coarse=coarse, contact=contact, slopes=slopes, base=self.inputs)
+
+    def _by_rigid_contact(self, channel: str) -> FloatArray | None:
+        """Change (n,) of the finer mesh's curve by a rigid contact, to first order; None without slopes."""
+        of_contact = self.slopes.get(channel, {}).get(COMPLIANCE)
+        if of_contact is None or self.inputs is None or not isinstance(self.inputs.protocol, Indentation):
+            return None
+        return -self.inputs.protocol.contact_compliance * of_contact[1]
 
 
 def fine_run(

@@ -39,6 +39,9 @@ DIFFERENCES = Nmse(NmseSettings(normaliser=Normaliser.UNIT))
 FRICTION = "friction"
 """Name of the friction coefficient among the slopes of a curve."""
 
+COMPLIANCE = "contact_compliance"
+"""Name of the reciprocal of a contact penalty among the slopes of a curve."""
+
 
 class NotRankedError(Exception):
     """A simulation that is not to be ranked has no residuals."""
@@ -46,7 +49,7 @@ class NotRankedError(Exception):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Correction:
-    """Change of a curve by a finer mesh, from one set at which both meshes were simulated.
+    """Change of a curve by a finer mesh and a rigid contact, from one set of simulations on both meshes.
 
     Curves and their mesh's error are homogeneous of degree 1 in the moduli: at another set the finer mesh
     adds as much more as the coarse curve is larger.
@@ -54,9 +57,12 @@ class Correction:
     Parameters
     ----------
     added : (n,) array
-        Ordinates of the finer mesh less those of the coarse one; 0 where a curve is missing.
+        Ordinates of a mesh and contact without error less those of the coarse one; 0 where a curve is
+        missing.
     coarse : (n,) array
         Ordinates of the coarse mesh at that set; NaN where the curve is missing.
+    contact : (n,) array, optional
+        Part of what is added by a rigid contact, where the solver shows that.
     slopes : mapping of name to (n,) array
         Change of what is added per unit of a parameter or of friction, besides that in proportion to the
         coarse curve; empty where the solver gives none.
@@ -66,6 +72,7 @@ class Correction:
 
     added: FloatArray
     coarse: FloatArray
+    contact: FloatArray | None = None
     slopes: Mapping[str, FloatArray] = field(default_factory=dict)
     base: SpotInputs | None = None
 
@@ -305,7 +312,10 @@ def pieces(terms: Sequence[SpotTerm]) -> Iterator[tuple[SpotTerm, str, slice, Fl
 
 
 def is_along_slopes(one: SpotInputs, other: SpotInputs) -> bool:
-    """Whether the slopes of a simulation lead from one to the other: only parameters and friction differ."""
+    """Whether the slopes of a simulation lead from one to the other.
+
+    That is where only parameters, friction and the contact penalty differ.
+    """
     a, b = one.protocol, other.protocol
     if one.mesh != other.mesh:
         return False
@@ -318,14 +328,15 @@ def is_along_slopes(one: SpotInputs, other: SpotInputs) -> bool:
 def is_same_job(one: SpotInputs, other: SpotInputs) -> bool:
     """Whether both are answered by one simulation: only offsets and gains differ."""
     same = all(np.array_equal(theta, other.thetas[region]) for region, theta in one.thetas.items())
-    return same and is_along_slopes(one, other) and _friction(one.protocol) == _friction(other.protocol)
+    return same and is_along_slopes(one, other) and _of_contact(one) == _of_contact(other)
 
 
 def steps_between(
     base: SpotInputs, inputs: SpotInputs, materials: Mapping[str, Material]
 ) -> dict[str, float]:
-    """Changes of materials' parameters and friction from one to the other, by name, that are not zero."""
-    steps = {FRICTION: _friction(inputs.protocol) - _friction(base.protocol)}
+    """Changes of materials' parameters and contact from one to the other, by name, that are not zero."""
+    here, there = _of_contact(base), _of_contact(inputs)
+    steps = {name: there[name] - value for name, value in here.items()}
     for region, material in materials.items():
         moved = (inputs.thetas[region] - base.thetas[region]).tolist()
         steps |= {
@@ -363,5 +374,9 @@ def along_slopes(
     return replace(simulation, response=Response(curves=curves))
 
 
-def _friction(protocol: Protocol) -> float:
-    return protocol.friction if isinstance(protocol, Indentation) else 0.0
+def _of_contact(inputs: SpotInputs) -> dict[str, float]:
+    """Friction coefficient and contact compliance, by the names of their slopes."""
+    protocol = inputs.protocol
+    if not isinstance(protocol, Indentation):
+        return {}
+    return {FRICTION: protocol.friction, COMPLIANCE: protocol.contact_compliance}

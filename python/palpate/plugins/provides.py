@@ -50,7 +50,8 @@ class Provides:
         Whether a job with ``surface`` gets the states of the skin with its curves.
     contact_penalty : bool
         Whether a penalty, which a protocol may multiply, keeps the indenter out of the tissue: the error
-        budget has its effect on the curves.
+        budget has its effect on the curves. Slopes have one in ``contact_compliance`` then, the factor's
+        reciprocal.
     accuracy : float
         Scatter of its curves, relative to their size: slopes are differenced over steps that fit it.
 

@@ -148,8 +148,8 @@ def moved_values(material: Material, theta: FloatArray) -> Iterator[tuple[str, F
         yield parameter.name, values
 
 
-def neighbours(job: Job) -> Iterator[tuple[str, float, Job, Job]]:
-    """Each parameter by name, the step, and the job with it moved up and down; friction too."""
+def neighbours(job: Job, *, with_contact: bool = False) -> Iterator[tuple[str, float, Job, Job]]:
+    """Each parameter by name, the step, and the job with it moved up and down; friction and contact too."""
     for region, material in job.materials.items():
         for k, parameter in enumerate(material.parameters):
             theta = np.asarray(job.thetas[region], dtype=np.float64)
@@ -169,3 +169,9 @@ def neighbours(job: Job) -> Iterator[tuple[str, float, Job, Job]]:
             replace(job, protocol=replace(press, friction=press.friction + sign * step)) for sign in (1, -1)
         )
         yield "friction", step, ahead, behind
+    if isinstance(press, Indentation) and with_contact:
+        softer, stiffer = (
+            replace(job, protocol=replace(press, contact_penalty=1.0 / (press.contact_compliance + step)))
+            for step in (SLOPE_STEP, -SLOPE_STEP)
+        )
+        yield "contact_compliance", SLOPE_STEP, softer, stiffer

@@ -234,13 +234,14 @@ class SolverContract(ComponentContract):
         names = {
             str(ParameterName(region, p.name)) for region, m in job.materials.items() for p in m.parameters
         }
-        names |= {"friction"} if isinstance(job.protocol, Indentation) else set()
+        if isinstance(job.protocol, Indentation):
+            names |= {"friction", "contact_compliance"} if solver.provides.contact_penalty else {"friction"}
         for channel, curve in curves(simulation).curves.items():
             assert set(curve.slopes) == names, (
                 f"channel '{channel}': slopes in {', '.join(sorted(curve.slopes)) or 'nothing'} instead of "
                 f"{', '.join(sorted(names))}"
             )
-        for name, step, ahead, behind in neighbours(job):
+        for name, step, ahead, behind in neighbours(job, with_contact=solver.provides.contact_penalty):
             after, before = (curves(solver.simulate(other, limb)) for other in (ahead, behind))
             for channel, curve in curves(simulation).curves.items():
                 change = 0.5 * (after[channel].ordinate - before[channel].ordinate)

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import assume, given, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from palpate.domain import Refinement, Response, Simulation, Status
+from palpate.domain import Indentation, Refinement, Response, Simulation, Status
 from palpate.domain.channels import FORCE, LATERAL_FORCE, TORQUE
+from palpate.domain.indenter import Sphere
 from palpate.fit.mesh_correction import (
     NEAR,
     EndSlopes,
@@ -302,6 +303,39 @@ def test_with_slopes_of_both_meshes_a_corrected_curve_has_those_of_the_finer_one
     np.testing.assert_allclose(corrected(0.0), coarse + whole * (fine - coarse), atol=1e-9)
     slope = (corrected(1e-5) - corrected(-1e-5)) / 2e-5
     np.testing.assert_allclose(slope, of_coarse + whole * (of_fine - of_coarse), atol=1e-5)
+
+
+@given(
+    curves=arrays(float, (4, 6), elements=st.floats(-10.0, 10.0)),
+    penalty=st.sampled_from([0.5, 1.0, 4.0]),
+)
+def test_a_corrected_curve_has_a_rigid_contact(curves, penalty):
+    """Of the finer mesh, however much the contact of the coarse one gives way."""
+    coarse, fine, of_coarse, of_fine = curves
+    assume(np.linalg.norm(coarse) > 1.0)
+    press = Indentation(
+        indenter=Sphere(radius_mm=7.5),
+        path=np.array([[0.0, 0.0], [2.0, 0.0]]),
+        friction=0.5,
+        contact_penalty=penalty,
+    )
+    base = SpotInputs(thetas={}, protocol=press)
+    run = FineRun(
+        coarse={"force": coarse},
+        fine={"force": fine},
+        slopes={"force": {"contact_compliance": (of_coarse, of_fine)}},
+        inputs=base,
+    )
+    correction = run.corrections["force"]
+
+    def corrected(step):
+        here = coarse + step * of_coarse
+        stiffer = replace(press, contact_penalty=1.0 / (press.contact_compliance + step))
+        inputs = replace(base, protocol=stiffer)
+        return here + correction.at(here, correction.added_at(inputs, {}))
+
+    np.testing.assert_allclose(corrected(0.0), fine - of_fine / penalty, atol=1e-9)
+    np.testing.assert_allclose(corrected(1e-5), corrected(0.0), atol=1e-7)
 
 
 def test_slopes_of_a_corrected_fit_are_those_of_the_finer_mesh(fit, pressed):

@@ -26,6 +26,8 @@ class Assumptions:
     extrapolation : float
         Standard deviation of an extrapolation by two meshes, over its change of the finer mesh's curve. All
         curves of all spots share one amplitude: their meshes are made alike. Measured: 0.57.
+    contact : float
+        Standard deviation of a correction by a rigid contact, over that correction. Measured: 0.CC.
     mesh_shared : float
         Share of the variance of a mesh's other errors that all presses have in common. Measured: 0.40 of
         force, 0.64 of torque.
@@ -52,6 +54,7 @@ class Assumptions:
     relative: float = 0.1
     skin_friction: float = 0.3
     extrapolation: float = 0.5
+    contact: float = 0.3
     mesh_shared: float = 0.8
     mesh_along: float = 0.5
     unseen_length: float = 0.25

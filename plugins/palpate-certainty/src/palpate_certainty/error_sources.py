@@ -44,8 +44,9 @@ from palpate_certainty.noise_model import path_of
 CONTACT = "contact"
 """Penetration of the tissue by the indenter, as a cause that all curves share.
 
-Curves are nearly linear in 1/penalty: half of the difference between twice and half the penalty is 3/4 of the
-change by a rigid contact.
+Curves are nearly linear in 1/penalty: one standard deviation, a factor of two of the penalty, is 0.7 of the
+change by a rigid contact by slopes, and 3/4 by differences. Corrected curves have a rigid contact; a share of
+that correction is uncertain.
 """
 
 STEPS = 10.0
@@ -284,7 +285,7 @@ def _changed(space: ParameterSpace, inputs: SpotInputs, cause: ErrorSource, by: 
 
 def n_differences(causes: Iterable[ErrorSource], study: Study) -> int:
     """Most simulations of a spot for the derivatives of causes: two for each without a slope."""
-    by_slope = {"gain", "friction", "fixed"} if study.solver.provides.slopes else {"gain"}
+    by_slope = {"gain", "friction", "fixed", CONTACT} if study.solver.provides.slopes else {"gain"}
     return 2 * sum(cause.kind not in by_slope for cause in causes)
 
 
@@ -397,10 +398,17 @@ def error_budget(
         # Of the fitted curve: the noise of the measured one would bias the most likely values.
         fitted = residuals[at] + (scale * curve.ordinate)[inside]
         mesh, convergence = meshes.get(term.spot, SpotMesh()), study.mesh_convergence(channel)
-        is_shown = mesh.refinement.ratio > 1.0 and channel in term.corrections
-        if is_shown and not is_stated(channel, study.budget.mesh):
-            added = _added(term.corrections[channel], scale, inside, fitted)
-            add(MESH, "extrapolation", at, mesh.of_extrapolation(convergence, added))
+        correction, by_mesh = term.corrections.get(channel), None
+        if correction is not None:
+            like = (_size_of(correction, scale, inside, fitted) * scale)[inside]
+            by_mesh = like * correction.added[inside]
+            if correction.contact is not None:
+                by_contact = like * correction.contact[inside]
+                add(CONTACT, CONTACT, at, ASSUMED.contact * by_contact)
+                by_mesh = by_mesh - by_contact
+        is_shown = mesh.refinement.ratio > 1.0 and not is_stated(channel, study.budget.mesh)
+        if is_shown and by_mesh is not None:
+            add(MESH, "extrapolation", at, mesh.of_extrapolation(convergence, by_mesh))
             reached = np.maximum.accumulate(np.abs(curve.ordinate))
             scatter = mesh.refinement.scatter(convergence)
             parts = scattered_parts(scatter * (scale * reached)[inside], along[inside])
@@ -453,13 +461,11 @@ def mesh_errors(
         yield {"spot": term.spot, "channel": name, "relative_error": error, "shown_by": shown_by}
 
 
-def _added(correction: Correction, scale: FloatArray, inside: BoolArray, fitted: FloatArray) -> FloatArray:
-    """Change (n,) of a fitted curve's residuals by a correction."""
+def _size_of(correction: Correction, scale: FloatArray, inside: BoolArray, fitted: FloatArray) -> float:
+    """Size of a fitted curve over that of the corrected curve at the set of its correction."""
     fine = (scale * (correction.coarse + correction.added))[inside]
     known = np.isfinite(fine)
-    size = np.linalg.norm(fitted[known]) / max(float(np.linalg.norm(fine[known])), 1e-300)
-    added: FloatArray = size * (scale * correction.added)[inside]
-    return added
+    return float(np.linalg.norm(fitted[known])) / max(float(np.linalg.norm(fine[known])), 1e-300)
 
 
 def _label(cause: str) -> str:

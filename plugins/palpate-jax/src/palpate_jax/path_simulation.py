@@ -164,7 +164,11 @@ class PathSimulations:
     ) -> tuple[LoadStepping, list[LoadStep], Stop | None]:
         law = self._law(protocol, modulus_MPa)
         model, thetas, tolerance = prepared.model, job.thetas, self.settings.tolerance
-        sensitivity = Sensitivity(model, prepared.materials, thetas, law, tolerance) if job.slopes else None
+        sensitivity = (
+            Sensitivity(model, prepared.materials, thetas, law, protocol.contact_penalty, tolerance)
+            if job.slopes
+            else None
+        )
         fields = self.settings.fields
         stepping = LoadStepping(
             model,

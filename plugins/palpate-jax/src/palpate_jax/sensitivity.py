@@ -1,4 +1,4 @@
-"""Exact derivatives of force and moment in the materials' parameters and in the friction.
+"""Exact derivatives of force and moment in the materials' parameters, the friction and the contact.
 
 Direct differentiation along the path. An equilibrium state satisfies r(u, a, θ) = 0 with the
 anchors a of the contact; its derivative is one linear system per parameter,
@@ -9,8 +9,8 @@ with the exact tangent K, and the new anchors' derivative follows from du as the
 anchors follow from u. So da is the history of the derivative. Stresses that relax have
 one of the same kind (:mod:`palpate_jax.viscoelasticity`). The
 penalty ε counts too: it is proportional to the initial shear modulus of the touched
-region. (Kleiber, Antúnez, Hien & Kowalczyk, Parameter Sensitivity in Nonlinear
-Mechanics, 1997, treat path dependence in this way.)
+region, and its reciprocal is the last of the parameters. (Kleiber, Antúnez, Hien & Kowalczyk,
+Parameter Sensitivity in Nonlinear Mechanics, 1997, treat path dependence in this way.)
 
 Where a point just begins to touch or to slide, the response has a kink; the
 derivative is one-sided, on the side of the state.
@@ -145,6 +145,9 @@ FINEST = 1e-8
 FRICTION = "friction"
 """Name of the friction coefficient among the parameters."""
 
+COMPLIANCE = "contact_compliance"
+"""Name of the reciprocal of a protocol's contact penalty among the parameters: 0 for a rigid contact."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Slopes:
@@ -153,7 +156,7 @@ class Slopes:
     Parameters
     ----------
     names : tuple of m str
-        ``region.parameter`` of each parameter, then ``friction``.
+        ``region.parameter`` of each parameter, then ``friction`` and ``contact_compliance``.
     force_N, moment_Nmm : (m, 3) array
         As in :class:`palpate_jax.contact.Answer`, per unit of the parameter; NaN from the first state with a
         singular tangent on.
@@ -182,6 +185,8 @@ class Sensitivity:
 
     Parameters
     ----------
+    contact_penalty : float
+        Factor of the protocol that the law's penalty has.
     tolerance : float
         Imbalance relative to the forces at which a point counts as balanced.
 
@@ -197,20 +202,21 @@ class Sensitivity:
         materials: Mapping[str, Material],
         thetas: Mapping[str, FloatArray],
         law: ContactLaw,
+        contact_penalty: float,
         tolerance: float,
     ) -> None:
         self._accuracy = max(ACCURACY * tolerance, FINEST)
         own = [(region, k, p.name) for region in thetas for k, p in enumerate(materials[region].parameters)]
-        self._names = (*(str(ParameterName(region, name)) for region, _, name in own), FRICTION)
+        self._names = (*(str(ParameterName(region, name)) for region, _, name in own), FRICTION, COMPLIANCE)
         self._model, self._law = model, law
         n = len(self._names)
-        self._friction = np.eye(n)[-1]
+        self._friction = np.eye(n)[self._names.index(FRICTION)]
         modulus, slopes = _shear_modulus_slopes(
             materials[model.touched_region], np.asarray(thetas[model.touched_region], dtype=np.float64)
         )
         shares = np.asarray(slopes) / float(modulus)
         rates = [law.penalty * shares[k] if region == model.touched_region else 0.0 for region, k, _ in own]
-        self._penalty = np.array([*rates, 0.0])
+        self._penalty = np.array([*rates, 0.0, -law.penalty * contact_penalty])
         self._moved = np.zeros((n, *model.points.shape))
         n_points = len(model.contact.positions(model.rest()))
         self._anchors = np.zeros((n, n_points, 3))
@@ -257,9 +263,9 @@ class Sensitivity:
             self._histories = model.body.slopes_after(displacements, thetas, histories, moved)
 
     def _body_rates(self, displacements: FloatArray, thetas: Mapping[str, FloatArray]) -> FloatArray:
-        """∂f_body/∂θ (m, n_nodes, 3) with the history's part; that alone for the friction."""
+        """∂f_body/∂θ (m, n_nodes, 3) with the history's part; that alone for friction and contact."""
         body, rates = self._model.body, self._model.body.rates(displacements, thetas)
-        found = np.concatenate([*(rates[region] for region in thetas), np.zeros_like(self._moved[:1])])
+        found = np.concatenate([*(rates[region] for region in thetas), np.zeros_like(self._moved[-2:])])
         body.add_rates_of_history(displacements, thetas, self._histories, found)
         return found
 

@@ -311,6 +311,11 @@ def changed_like(change: FloatArray, of: Curve, ordinate: FloatArray, curve: Cur
 def correction_like(like: SpotTerm, channel: str, curve: Curve) -> Correction:
     """Correction of a planned curve, known of one like it: along the path and relative to its size."""
     known, of = like.corrections[channel], like.measured[channel]
-    added, *slopes = (changed_like(y, of, known.coarse, curve) for y in (known.added, *known.slopes.values()))
-    named = zip(known.slopes, slopes, strict=True)
-    return replace(known, added=added, coarse=curve.ordinate, slopes=dict(named))
+    changed = functools.partial(changed_like, of=of, ordinate=known.coarse, curve=curve)
+    return replace(
+        known,
+        added=changed(known.added),
+        coarse=curve.ordinate,
+        contact=None if known.contact is None else changed(known.contact),
+        slopes={name: changed(slope) for name, slope in known.slopes.items()},
+    )
