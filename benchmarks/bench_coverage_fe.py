@@ -139,7 +139,9 @@ class Forearm:
             solver, settings = self.study.solver, {"warm_starts": False}
             settings |= CONVERGED if mesh == "true" else {}
             solver = type(solver)(solver.settings.model_copy(update=settings))
-            made = solver.simulate(job, self.limb(spot, mesh))
+            made = solver.simulate(
+                job.on_finer_mesh() if mesh.endswith("/fine") else job, self.limb(spot, mesh)
+            )
             if made.status is not Status.OK or made.response is None:
                 raise SystemExit(f"{file.stem}: {made.message}")
             say(f"{file.stem}: simulated")

@@ -5,7 +5,7 @@ value is valid.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -158,6 +158,10 @@ class Limb:
     warnings: tuple[str, ...] = ()
 
 
+FINER_STEPS = 2
+"""Load steps on a finer mesh, over the usual number: longer ones add up to 0.2 % to a force with friction."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Indentation:
     """Press a rigid indenter into the limb and move it: by itself along the normal, then about it.
@@ -178,6 +182,8 @@ class Indentation:
         :class:`Waypoints`; where a load moves a component, its value is the farthest that it may move to.
     contact_penalty : float
         Contact penalty over the solver's usual one, > 0.
+    load_steps : int
+        Number of load steps over the solver's usual one, >= 1; a solver without load steps has no use for it.
     """
 
     indenter: Indenter
@@ -188,6 +194,7 @@ class Indentation:
     loads: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
     time_s: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
     contact_penalty: float = field(default=1.0, metadata={"in_key": "unless default"})
+    load_steps: int = field(default=1, metadata={"in_key": "unless default"})
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", frozen_floats(self.path))
@@ -204,6 +211,8 @@ class Indentation:
             raise StudyError(f"protocol: friction {self.friction}; give a coefficient >= 0")
         if not (np.isfinite(self.contact_penalty) and self.contact_penalty > 0.0):
             raise StudyError(f"protocol: contact penalty {self.contact_penalty}; give a factor > 0")
+        if self.load_steps < 1:
+            raise StudyError(f"protocol: {self.load_steps} times the usual load steps; give a number >= 1")
         tilt_deg = tuple(map(float, self.tilt_deg))
         if len(tilt_deg) != 2 or not np.hypot(*tilt_deg) < MOST_TILT_DEG:
             raise StudyError(f"protocol: tilt {tilt_deg}; give two angles below {MOST_TILT_DEG:g}°")
@@ -406,6 +415,13 @@ class Job:
     def id(self) -> SimulationId:
         """Place of this simulation in its study."""
         return SimulationId(self.spot, self.set_id)
+
+    def on_finer_mesh(self) -> "Job":
+        """Job on the finer mesh of the spot, which corrects a fit: with shorter load steps."""
+        protocol = self.protocol
+        if isinstance(protocol, Indentation):
+            protocol = replace(protocol, load_steps=FINER_STEPS)
+        return replace(self, protocol=protocol, mesh="fine")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -14,7 +14,7 @@ FORCE = Channel(
     dissipative=True,
     length_power=2,
     mirrored=1,
-    mesh=MeshConvergence(rim_order=5.0, order=2.0, usual=0.03, scatter=0.009),
+    mesh=MeshConvergence(rim_order=3.5, order=2.0, usual=0.03, scatter=0.0025),
 )
 
 TORQUE = Channel(

@@ -22,13 +22,13 @@ class MeshConvergence:
         Relative error of one mesh with edges of 0.3 indenter radii.
     scatter : float
         Standard deviation of extrapolated curves between independent pairs of meshes, over the largest
-        ordinate reached so far, where edges of the finer mesh are :data:`AT_REACH` of the indenter's reach.
+        ordinate, where edges of the finer mesh are :data:`AT_REACH` of the indenter's reach.
     """
 
-    rim_order: float = 1.8
+    rim_order: float = 1.7
     order: float = 1.5
     usual: float = 0.07
-    scatter: float = 0.01
+    scatter: float = 0.012
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,7 +50,7 @@ class Refinement:
     finer_over_reach: float = AT_REACH
 
     def scatter(self, mesh: MeshConvergence) -> float:
-        """Standard deviation of an extrapolated curve, over its largest ordinate so far."""
+        """Standard deviation of an extrapolated curve, over its largest ordinate."""
         return mesh.scatter * self.finer_over_reach / AT_REACH
 
     def left_over(self, mesh: MeshConvergence) -> float:

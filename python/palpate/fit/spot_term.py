@@ -156,16 +156,17 @@ class SpotTerm:
 
     def job(self, inputs: SpotInputs, set_id: int, *, slopes: bool, fine: bool) -> Job:
         """Make the job that simulates these inputs."""
-        return Job(
+        job = Job(
             spot=self.spot,
             set_id=set_id,
             materials=self.materials,
             thetas=inputs.thetas,
             protocol=inputs.protocol,
             slopes=slopes,
-            mesh="fine" if fine else inputs.mesh,
+            mesh=inputs.mesh,
             channels=self.channels,
         )
+        return job.on_finer_mesh() if fine else job
 
     def residuals(self, simulation: Simulation, inputs: SpotInputs) -> FloatArray:
         """Residuals (n_points,).

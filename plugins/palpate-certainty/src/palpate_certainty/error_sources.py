@@ -409,9 +409,8 @@ def error_budget(
         is_shown = mesh.refinement.ratio > 1.0 and not is_stated(channel, study.budget.mesh)
         if is_shown and by_mesh is not None:
             add(MESH, "extrapolation", at, mesh.of_extrapolation(convergence, by_mesh))
-            reached = np.maximum.accumulate(np.abs(curve.ordinate))
-            scatter = mesh.refinement.scatter(convergence)
-            parts = scattered_parts(scatter * (scale * reached)[inside], along[inside])
+            scatter = mesh.refinement.scatter(convergence) * np.abs(curve.ordinate).max()
+            parts = scattered_parts(scatter * scale[inside], along[inside])
         elif study.solver.provides.mesh:
             error = mesh.error(channel, convergence, study.budget.mesh) * fitted
             parts = independent_parts(error, along[inside])
@@ -453,9 +452,9 @@ def mesh_errors(
         elif channel not in term.corrections:
             shown_by = "one mesh"
         else:
-            reached = np.linalg.norm((scale * np.maximum.accumulate(np.abs(ordinate)))[inside])
+            largest = float(np.linalg.norm(scale[inside])) * np.abs(ordinate).max()
             between = meshes.get(term.spot, SpotMesh()).refinement
-            scatter = between.scatter(study.mesh_convergence(channel)) * float(reached) / size
+            scatter = between.scatter(study.mesh_convergence(channel)) * largest / size
             is_scatter = error**2 < 2.0 * scatter**2
             shown_by = "usual scatter" if is_scatter else "two meshes"
         yield {"spot": term.spot, "channel": name, "relative_error": error, "shown_by": shown_by}

@@ -17,6 +17,9 @@ N_SHAPES = 2
 N_SCATTER = 8
 """Cosines of the path, the constant first, of which the scatter of an extrapolated curve is made."""
 
+HALF_WAVES = 3.0
+"""Half waves on a path from which on a cosine of the scatter is smaller than half of the constant."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpotMesh:
@@ -82,17 +85,21 @@ def independent_parts(error: FloatArray, along: FloatArray) -> list[FloatArray]:
 
 
 def scattered_parts(size: FloatArray, along: FloatArray) -> list[FloatArray]:
-    """Independent parts (n,) of the scatter of an extrapolated curve: waves along the path, equally large.
+    """Independent parts (n,) of the scatter of an extrapolated curve: waves along the path.
+
+    Shorter ones are smaller, by 1 / (1 + (k/3)²) of k half waves; the mean square of all is the size's.
 
     Parameters
     ----------
     size : (n,) array
-        One standard deviation: a share of the largest ordinate reached so far.
+        One standard deviation: a share of the largest ordinate.
     along : (n,) array
         Place on the path, from 0 to 1.
     """
+    shares = 1.0 / (1.0 + (np.arange(N_SCATTER) / HALF_WAVES) ** 2)
+    shares /= np.linalg.norm(shares)
     waves = (np.cos(np.pi * k * along) * (np.sqrt(2.0) if k else 1.0) for k in range(N_SCATTER))
-    return [size * wave / np.sqrt(N_SCATTER) for wave in waves]
+    return [share * size * wave for share, wave in zip(shares, waves, strict=True)]
 
 
 def usual_error(channel: str, convergence: MeshConvergence, stated: Mapping[str, float]) -> float:

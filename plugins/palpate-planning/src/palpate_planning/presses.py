@@ -281,7 +281,7 @@ def _stated(
     bare = {press: bare_problem(design, press) for press in presses}
     jobs = [job_of(design, problem, point) for problem in bare.values() for point in points]
     finer = [p for p in bare if design.mesh(p).refinement.ratio > 1.0 and not design.like_so_far]
-    jobs += [replace(job_of(design, bare[p], points[0]), spot=p.name, mesh="fine") for p in finer]
+    jobs += [replace(job_of(design, bare[p], points[0]), spot=p.name).on_finer_mesh() for p in finer]
     n_more = sum(_n_differences(design, problem, len(points)) for problem in bare.values())
     more = f", then up to {n_more} for slopes and the error budget" if n_more else ""
     once_more = f" and {len(finer)} finer meshes" if finer else ""
