@@ -28,7 +28,7 @@ class MeshConvergence:
     rim_order: float = 1.7
     order: float = 1.5
     usual: float = 0.07
-    scatter: float = 0.012
+    scatter: float = 0.0095
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

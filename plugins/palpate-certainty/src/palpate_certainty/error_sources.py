@@ -408,9 +408,12 @@ def error_budget(
                 by_mesh = by_mesh - by_contact
         is_shown = mesh.refinement.ratio > 1.0 and not is_stated(channel, study.budget.mesh)
         if is_shown and by_mesh is not None:
-            add(MESH, "extrapolation", at, mesh.of_extrapolation(convergence, by_mesh))
+            extrapolated = mesh.of_extrapolation(convergence, by_mesh)
+            add(MESH, "extrapolation", at, extrapolated)
             scatter = mesh.refinement.scatter(convergence) * np.abs(curve.ordinate).max()
-            parts = scattered_parts(scatter * scale[inside], along[inside])
+            # Two meshes that differ by more leave more of other shapes, too.
+            size = np.hypot(scatter, np.sqrt(np.mean((extrapolated / scale[inside]) ** 2)))
+            parts = scattered_parts(size * scale[inside], along[inside])
         elif study.solver.provides.mesh:
             error = mesh.error(channel, convergence, study.budget.mesh) * fitted
             parts = independent_parts(error, along[inside])
