@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 from pydantic import ValidationError
 
 from palpate.domain import Curve, FloatArray, Response
@@ -132,6 +132,9 @@ def test_a_positive_compression_is_turned_by_its_signs() -> None:
     start=st.floats(-50.0, 50.0),
     depth=st.sampled_from([-10.0, 0.5, 10.0]),
 )
+@example(n=3, n_hold=0, start=0.0, depth=-10.0)
+@example(n=5, n_hold=1, start=-4.0, depth=10.0)
+@example(n=5, n_hold=0, start=4.0, depth=-10.0)
 def test_loading_keeps_the_rows_up_to_the_farthest(
     tmp_path_factory: pytest.TempPathFactory, n: int, n_hold: int, start: float, depth: float
 ) -> None:
@@ -142,5 +145,7 @@ def test_loading_keeps_the_rows_up_to_the_farthest(
     whole = loader("force").load(path)["force"]
     assert len(whole.branches) == 2
     loading = loader("force", rows="loading").load(path)["force"]
-    np.testing.assert_array_equal(loading.abscissa, way)
-    np.testing.assert_array_equal(loading.ordinate, np.arange(n))
+    ahead = np.sign(depth) * way
+    first = np.flatnonzero(ahead <= 0.0)[-1] if ahead[0] < 0.0 < ahead[-1] else 0  # an approach is left out
+    np.testing.assert_array_equal(loading.abscissa, way[first:])
+    np.testing.assert_array_equal(loading.ordinate, np.arange(first, n))

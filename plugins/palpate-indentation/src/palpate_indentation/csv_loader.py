@@ -332,8 +332,9 @@ def _curve(
         if columns.rows == "loading":
             away = np.abs(fields["abscissa"] - fields["abscissa"][span.start])
             farthest = int(np.argmax(away >= _FARTHEST_SHARE * away.max()))
-            before = np.flatnonzero(fields["abscissa"][span.start : farthest] <= 0.0)[-1:]
-            span = slice(span.start + sum(before), max(farthest + 1, span.start + 2))
+            span = slice(
+                _last_before_zero(fields["abscissa"], span.start, farthest), max(farthest + 1, span.start + 2)
+            )
         return Curve(
             channel=channel,
             abscissa=fields["abscissa"][span],
@@ -345,6 +346,12 @@ def _curve(
         raise CurveError(
             f"{where}: {error}; check that this is the column of the prescribed motion"
         ) from None
+
+
+def _last_before_zero(x: FloatArray, start: int, farthest: int) -> int:
+    """Row of the last value at or before 0 on the way to the farthest; the start of a way from 0 on."""
+    way = x[start : farthest + 1] * np.sign(x[farthest] - x[start])
+    return start + int(np.flatnonzero(way <= 0.0)[-1]) if way[0] < 0.0 < way[-1] else start
 
 
 def _header(path: Path, wanted: Mapping[str, ChannelColumns]) -> list[str]:

@@ -23,7 +23,7 @@ CAUSES: Mapping[str, str] = MappingProxyType(
         "onset": "first contact",
         "indenter": "radius of the indenter",
         "friction": "friction",
-        "contact": "contact that gives way",
+        "contact": "contact stiffness",
         "tilt": "tilt",
         "position": "position of the spots",
         "spots": "differences between the spots",

@@ -38,7 +38,7 @@ MOST_TRIANGLES = 8000
 
 COLOURS = (
     *("#808890", "#d55e00", "#0072b2", "#a6761d", "#4d5560", "#cc79a7"),
-    *("#009e73", "#e0b000", "#56b4e9", "#7b52ab", "#9ab82c", "#1b2a6b", "#f0a0a0", "#2f5f2f", "#8b1a1a"),
+    *("#009e73", "#e0b000", "#56b4e9", "#7b52ab", "#9ab82c", "#1b2a6b", "#f0a0a0", "#2f5f2f", "#8b1a1a", "#7f7f00"),
 )
 """Of the causes, in the order of ``CAUSES``."""
 
