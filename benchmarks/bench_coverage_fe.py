@@ -429,7 +429,7 @@ def spots_of(seed: int) -> list[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=Path, help="keeps what is simulated")
-    parser.add_argument("--fine", type=float, default=2.1, help="longest edges of the finer meshes, in mm")
+    parser.add_argument("--fine", type=float, default=1.8, help="longest edges of the finer meshes, in mm")
     parser.add_argument(
         "--n", type=int, default=20, help="worlds of each mesh, material and size of the errors"
     )
