@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 
 from palpate.api import CurveError
-from palpate_robot_log import measures as of
+from palpate_robot_log import measures as of, press_measures as of_press
 from palpate_robot_log.measures import Found, given
 
 if TYPE_CHECKING:
@@ -183,40 +183,40 @@ CHECKS: tuple[Check, ...] = (
     Check("spikes", given, (0.0, 0.01),
          "{hit} of {n_rows} rows have a spike in force or moment",
          "check the sensor's cable and range, or give spikes.enabled = false"),
-    Check("zero", of.jump_of_zero, (0.0, of.LARGEST_JUMP_SHARE),
+    Check("zero", of_press.jump_of_zero, (0.0, of_press.LARGEST_JUMP_SHARE),
          "the force jumps by {jump_N:.3g} N while the tip {moves}{off}: the sensor was zeroed in contact",
          "zero it in free air, and log the press again"),
-    Check("contact", of.over_noise, (NOISE_MULTIPLE, _INF),
+    Check("contact", of_press.over_noise, (NOISE_MULTIPLE, _INF),
          "a press without contact: the force changes by {peak:.3g} N at most, with a noise of {noise:.2g} N",
          "check that the tool reached the limb, and that these are the wrench's columns"),
     Check("start", given, (3, _INF),
          "the log starts in contact, so the sensor's bias cannot be determined",
          "start it in free air"),
-    Check("presses", of.n_contacts, (1, 1),
+    Check("presses", of_press.n_contacts, (1, 1),
          "{value} presses in one log ({spans})",
          "give window.start and window.stop of one of them; a log must not start in contact"),
-    Check("gaps", of.longest_step, (0.0, 1.0),
+    Check("gaps", of_press.longest_step, (0.0, 1.0),
          "a gap of {seconds:.3f} s while the tool presses (rows come every {usual:.4f} s)",
          "log the press again without dropped rows"),
     Check("movement", given, (1e-300, _INF),
          "the tool never moves while the force changes",
          "check the position columns"),
-    Check("line", given, (0.0, of.LARGEST_ACROSS),
+    Check("line", given, (0.0, of_press.LARGEST_ACROSS),
          "the tool leaves its line by {value:.0%} of its travel while it presses, so the path gives no "
          "normal",
          "check the position columns, or give slide.enabled if it slides after the press"),
-    Check("path", of.angle_to_path_deg, (0.0, 30.0),
+    Check("path", of_press.angle_to_path_deg, (0.0, 30.0),
          "the tool presses {value:.0f} degrees off the normal that is given",
          "correct normal.vector (outward, in the base frame), or give normal.method = 'path'"),
-    Check("depth", of.depth_mm, (0.02, 300.0),
+    Check("depth", of_press.depth_mm, (0.02, 300.0),
          "the tool travels {value:.3g} mm while it presses, which is no depth of a limb ({least:g} to "
          "{most:g} mm)",
          "check the unit of the position"),
     # 45 degrees where a tool sticks at friction 1
-    Check("direction", of.other_side_deg, (0.0, of.LARGEST_FRICTION_ANGLE_DEG),
+    Check("direction", of_press.other_side_deg, (0.0, of_press.LARGEST_FRICTION_ANGLE_DEG),
          "the force {way} ({value:.0f} degrees from the outward normal): {cause}",
          "set {setting} in the channel map"),
-    Check("direction", of.off_normal_deg, (0.0, of.LARGEST_FRICTION_ANGLE_DEG),
+    Check("direction", of_press.off_normal_deg, (0.0, of_press.LARGEST_FRICTION_ANGLE_DEG),
          "the contact force is {value:.0f} degrees off the normal of the path, where friction explains "
          "{most:g} at most: axes are swapped, or the quaternion turns the other way. In the sensor's frame "
          "the force goes along {axes[0]} and the normal along {axes[1]}",
@@ -228,39 +228,39 @@ CHECKS: tuple[Check, ...] = (
          "{value} rows in free air before contact",
          "start the log earlier, so that the sensor's bias and the onset can be determined"),
     # strokes and phases
-    Check("strokes", of.n_into_limb, (1, 1),
+    Check("strokes", of_press.n_into_limb, (1, 1),
          "{n} strokes into the limb in one contact ({spans}) where a press is one",
          "lift the tool off between presses, or give window.start and window.stop of one press"),
-    Check("strokes", of.is_cut, _NONE,
+    Check("strokes", of_press.is_cut, _NONE,
          "the log stops half-way: the tool still presses deeper at its end",
          "log the whole press"),
-    Check("rest", of.moved_at_end, (0.0, 1.0),
+    Check("rest", of_press.moved_at_end, (0.0, 1.0),
          "the log stops half-way: at its end the tool still {moves} at {slope:.3g} {unit}/s and presses",
          "log until the tool is clear of the limb"),
     Check("rate", given, _NONE,
          "too few rows where the tool starts or stops in contact ({n_rows} in all, {rate_hz:.3g} Hz)",
          "log the press at a higher rate, with its rests, and check that the force is logged throughout"),
-    Check("order", of.early_s, (-_INF, 0.0),
+    Check("order", of_press.early_s, (-_INF, 0.0),
          "the twist begins at {begin_s:.3f} s, before the press ends at {end_s:.3f} s",
          "press first and twist then"),
-    Check("twist", of.turn_axis_deg, (0.0, LARGEST_TURN_AXIS_ANGLE_DEG),
+    Check("twist", of_press.turn_axis_deg, (0.0, LARGEST_TURN_AXIS_ANGLE_DEG),
          "the tool twists about an axis {value:.0f} degrees off the normal (more than {most:g} is refused)",
          "check the order of the position's columns, and order and sense (tool to base) of the "
          "quaternion's; where the press is oblique on purpose, give normal.method = 'tool_axis'"),
-    Check("slide", of.largest_shift_mm, (LEAST_SLIDE_MM, _INF),
+    Check("slide", of_press.largest_shift_mm, (LEAST_SLIDE_MM, _INF),
          "the tool shifts by {value:.2g} mm after the press, and a slide is at least {least:g} mm",
          "log a slide, or leave slide.enabled out"),
-    Check("slide", of.off_line, (0.0, 0.1),
+    Check("slide", of_press.off_line, (0.0, 0.1),
          "the slide leaves its line by {lateral:.2g} mm of {length:.3g} mm",
          "slide to and fro on one line, or give window.start and window.stop"),
     Check("slide rate", given, _NONE,
          "too few rows where the slide starts or stops",
          "log it at a higher rate, with its rests"),
-    Check("slide or twist", of.n_both, _NONE,
+    Check("slide or twist", of_press.n_both, _NONE,
          "the tool twists from {begin_s:.2f} s on while it slides",
          "do one after the other"),
     # corrections of the wrench
-    Check("lag", given, (-of.LARGEST_LAG_S, of.LARGEST_LAG_S),
+    Check("lag", given, (-of_press.LARGEST_LAG_S, of_press.LARGEST_LAG_S),
          "the wrench comes {value:.3f} s after the pose",
          "correct the clock of one of them, or give alignment.lag"),
     Check("free air", given, (1.0, _INF),
@@ -273,7 +273,7 @@ CHECKS: tuple[Check, ...] = (
     Check("tool", lambda _, tool: float(np.linalg.norm(tool.centre_mm)), (0.0, 500.0),
          "a tool whose centre is {value:.4g} mm from the sensor is not plausible (up to {most:g} mm)",
          "check the units of the moment and of gravity.centre"),
-    Check("weight", of.weight_over_shown, (0.0, 2.0),
+    Check("weight", of_press.weight_over_shown, (0.0, 2.0),
          "in free air the sensor shows {shown:.3g} N, but gravity gives the tool {weight:.4g} N: heavier "
          "than plausible",
          "check gravity.weight (in N, 9.81 times the mass in kg)"),
@@ -284,18 +284,18 @@ CHECKS: tuple[Check, ...] = (
          "the log stops before the tool is clear of the limb ({value} rows in free air after the press), "
          "so the sensor's drift cannot be determined",
          "log until the tool is clear, or give drift.enabled = false"),
-    Check("torque", of.torque_at_rest, (0.0, 1.0),
+    Check("torque", of_press.torque_at_rest, (0.0, 1.0),
          "the torque goes up and down by {torque:.3g} N·mm while the tool rests in its logged pose: the "
          "orientation is stuck, or not the tool's",
          "check channels.orientation"),
-    Check("torque", of.likeness, (-of.LEAST_CORRELATION, 1.0),
+    Check("torque", of_press.likeness, (-of_press.LEAST_CORRELATION, 1.0),
          "torque and rotation are out of phase (correlation {value:.2f}): one of them is left-handed",
          "turn the sign of the moment about the tool's axis, or the sense of the quaternion, in the column "
          "map"),
-    Check("torque", of.silent_moment, _NONE,
+    Check("torque", of_press.silent_moment, _NONE,
          "no moment answers the twist ({largest:.2g} N·mm at most), so the log has none",
          'write "0" for the three columns of the moment, and weigh the force alone'),
-    Check("torque", of.other_moments, (0.0, 1.0),
+    Check("torque", of_press.other_moments, (0.0, 1.0),
          "the torque about the normal answers the rotation by {torque:.3g} N·mm (correlation "
          "{likeness:.2f}), tangential moments by {others:.3g} N·mm: axes of the moment are swapped, or "
          "gravity has another weight of the tool",
@@ -315,11 +315,11 @@ CHECKS: tuple[Check, ...] = (
     Check("warnings", lambda _, press: press.lacks_torque, _NONE,
          "the log has no moment, so the twist gives no torque",
          "weigh the force alone"),
-    Check("warnings", of.drift_share, (0.0, 0.1),
+    Check("warnings", of_press.drift_share, (0.0, 0.1),
          "the sensor's zero drifts by {change_N:.2g} N over the log ({value:.0%} of the peak), and a "
          "straight line is taken out",
          "let the sensor warm up, and zero it before each press"),
-    Check("warnings", of.weight_share, (0.0, 0.01),
+    Check("warnings", of_press.weight_share, (0.0, 0.01),
          "the force in free air is {offset_N:.2g} N ({offset_share:.0%} of the peak) and the tool tilts by "
          "{tilt_deg:.0f} degrees; if it is the tool's weight, up to {left_N:.2g} N of it stay in the curves",
          "give gravity.method"),

@@ -13,7 +13,7 @@ from scipy.ndimage import median_filter, uniform_filter1d
 
 from palpate.api import FloatArray
 from palpate_robot_log.checks import NOISE_MULTIPLE, check
-from palpate_robot_log.measures import STRIDES, is_back
+from palpate_robot_log.press_measures import STRIDES, is_back
 from palpate_robot_log.processing.change_points import ChangePoint, Design, profile
 from palpate_robot_log.recording import (
     Recording,

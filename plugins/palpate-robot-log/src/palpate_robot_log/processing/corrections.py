@@ -18,7 +18,7 @@ from scipy.ndimage import median_filter
 
 from palpate.api import BoolArray, FloatArray, IntArray
 from palpate_robot_log.checks import check
-from palpate_robot_log.measures import LARGEST_LAG_S
+from palpate_robot_log.press_measures import LARGEST_LAG_S
 from palpate_robot_log.processing.change_points import speed_change
 from palpate_robot_log.processing.settings import Gravity
 from palpate_robot_log.processing.strokes import Stroke
