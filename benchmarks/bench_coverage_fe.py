@@ -37,7 +37,7 @@ from study_prediction import SPOTS, accepted, on_grid
 
 from palpate import Curve, Job, Limb, Response, Simulation, Status
 from palpate.answer.words import Adequacy
-from palpate.domain import Indentation
+from palpate.domain import COMPLIANCE, Indentation
 from palpate.experiment.measured import load_measured
 from palpate.fit.spot_term import pieces
 from palpate.limb.loading import finer_limb, load_limbs, refinement, size_at_contact
@@ -252,7 +252,7 @@ def read(response: Response, channel: str, x: np.ndarray) -> np.ndarray:
 def rigid(response: Response, channel: str, x: np.ndarray) -> np.ndarray:
     """Change of a simulated curve at measured points by a rigid contact, to first order."""
     curve = response[channel]
-    by_contact = replace(curve, ordinate=-curve.slopes["contact_compliance"], slopes={})
+    by_contact = replace(curve, ordinate=-curve.slopes[COMPLIANCE], slopes={})
     return on_grid(by_contact.densified(READ), x)
 
 

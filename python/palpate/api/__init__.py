@@ -19,6 +19,8 @@ from palpate.plugins.versions import API_VERSION as API_VERSION
 
 if TYPE_CHECKING:
     from palpate.domain import (
+        COMPLIANCE as COMPLIANCE,
+        FRICTION as FRICTION,
         BoolArray as BoolArray,
         Channel as Channel,
         Curve as Curve,

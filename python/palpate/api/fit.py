@@ -60,7 +60,6 @@ if TYPE_CHECKING:
         fine_run as fine_run,
     )
     from palpate.fit.parametrisation import (
-        FRICTION as FRICTION,
         GAIN as GAIN,
         OFFSET as OFFSET,
         STIFFNESS as STIFFNESS,

@@ -158,6 +158,9 @@ class Limb:
     warnings: tuple[str, ...] = ()
 
 
+FRICTION, COMPLIANCE = "friction", "contact_compliance"
+"""Names of a contact's friction coefficient and compliance, among parameters and slopes of a curve."""
+
 FINER_STEPS = 2
 """Load steps on a finer mesh, over the usual number: longer ones add up to 0.2 % to a force with friction."""
 

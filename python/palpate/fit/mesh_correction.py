@@ -15,9 +15,9 @@ from typing import Self
 
 import numpy as np
 
-from palpate.domain import FloatArray, Indentation, Response, Simulation, channel_of
+from palpate.domain import COMPLIANCE, FloatArray, Indentation, Response, Simulation, channel_of
 from palpate.fit.running import Fit
-from palpate.fit.spot_term import COMPLIANCE, Correction, NotRankedError, SpotTerm, pieces
+from palpate.fit.spot_term import Correction, NotRankedError, SpotTerm, pieces
 from palpate.plugins.parametrisation import SpotInputs
 
 NEAR = 0.1

@@ -7,7 +7,16 @@ from typing import Annotated, ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from palpate.domain import FloatArray, Indentation, Parameter, ParameterName, ParameterSpace, Prior, Protocol
+from palpate.domain import (
+    FRICTION,
+    FloatArray,
+    Indentation,
+    Parameter,
+    ParameterName,
+    ParameterSpace,
+    Prior,
+    Protocol,
+)
 from palpate.domain.component import Settings
 from palpate.errors import PalpateError, StudyError
 from palpate.plugins.parametrisation import Parametrisation, SpotInputs, at_spot, for_each_spot, states_of
@@ -16,7 +25,7 @@ from palpate.units import Quantity
 Ratio = Annotated[float, Quantity("1")]
 Length = Annotated[float, Quantity("mm")]
 
-FRICTION, OFFSET, GAIN, STIFFNESS = "friction", "depth_offset_mm", "gain", "stiffness"
+OFFSET, GAIN, STIFFNESS = "depth_offset_mm", "gain", "stiffness"
 """Names of what is searched besides the materials; that of a gain is followed by its channel, that of a
 factor on moduli by its region."""
 

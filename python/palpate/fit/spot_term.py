@@ -11,6 +11,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from palpate.domain import (
+    COMPLIANCE,
+    FRICTION,
     BoolArray,
     Channel,
     Curve,
@@ -35,12 +37,6 @@ from palpate.study.reading import Study
 
 DIFFERENCES = Nmse(NmseSettings(normaliser=Normaliser.UNIT))
 """What the ordinates themselves are found by where a study's score is not linear."""
-
-FRICTION = "friction"
-"""Name of the friction coefficient among the slopes of a curve."""
-
-COMPLIANCE = "contact_compliance"
-"""Name of the reciprocal of a contact penalty among the slopes of a curve."""
 
 
 class NotRankedError(Exception):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate import mechanics
-from palpate.domain import FloatArray, Indentation, Job, ParameterName
+from palpate.domain import COMPLIANCE, FloatArray, Indentation, Job, ParameterName
 from palpate.domain.component import Component
 from palpate.domain.material import Material
 from palpate.errors import MaterialError
@@ -174,4 +174,4 @@ def neighbours(job: Job, *, with_contact: bool = False) -> Iterator[tuple[str, f
             replace(job, protocol=replace(press, contact_penalty=1.0 / (press.contact_compliance + step)))
             for step in (SLOPE_STEP, -SLOPE_STEP)
         )
-        yield "contact_compliance", SLOPE_STEP, softer, stiffer
+        yield COMPLIANCE, SLOPE_STEP, softer, stiffer

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.domain import (
+    COMPLIANCE,
+    FRICTION,
     Channel,
     Curve,
     FloatArray,
@@ -235,7 +237,7 @@ class SolverContract(ComponentContract):
             str(ParameterName(region, p.name)) for region, m in job.materials.items() for p in m.parameters
         }
         if isinstance(job.protocol, Indentation):
-            names |= {"friction", "contact_compliance"} if solver.provides.contact_penalty else {"friction"}
+            names |= {FRICTION, COMPLIANCE} if solver.provides.contact_penalty else {FRICTION}
         for channel, curve in curves(simulation).curves.items():
             assert set(curve.slopes) == names, (
                 f"channel '{channel}': slopes in {', '.join(sorted(curve.slopes)) or 'nothing'} instead of "

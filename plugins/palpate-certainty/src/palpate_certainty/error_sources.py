@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from palpate.api import (
+    FRICTION,
     BoolArray,
     FloatArray,
     Indentation,
@@ -24,7 +25,6 @@ from palpate.api import (
     Response,
 )
 from palpate.api.fit import (
-    FRICTION,
     GAIN,
     OFFSET,
     Correction,

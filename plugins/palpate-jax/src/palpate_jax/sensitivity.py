@@ -23,7 +23,7 @@ from functools import partial
 import jax
 import numpy as np
 
-from palpate.api import FloatArray, Material, ParameterName
+from palpate.api import COMPLIANCE, FRICTION, FloatArray, Material, ParameterName
 from palpate.api.mechanics import Array, moduli_at_rest
 from palpate_jax.contact import Answer, Change, ContactLaw, ContactState, Velocity
 from palpate_jax.model import Linearised, Model
@@ -141,12 +141,6 @@ With it the slopes err by less than those at an equilibrium state do because it 
 
 FINEST = 1e-8
 """Smallest residual that is asked for."""
-
-FRICTION = "friction"
-"""Name of the friction coefficient among the parameters."""
-
-COMPLIANCE = "contact_compliance"
-"""Name of the reciprocal of a protocol's contact penalty among the parameters: 0 for a rigid contact."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,8 +7,8 @@ import numpy as np
 import polars as pl
 import scipy
 
-from palpate.api import Curve, FloatArray, ParameterSpace, Simulation, StudyError
-from palpate.api.fit import FRICTION, STIFFNESS, FitResult, Fitted, PosteriorResult, at_spot
+from palpate.api import FRICTION, Curve, FloatArray, ParameterSpace, Simulation, StudyError
+from palpate.api.fit import STIFFNESS, FitResult, Fitted, PosteriorResult, at_spot
 
 LEVEL = 0.90
 """Probability of a band."""
