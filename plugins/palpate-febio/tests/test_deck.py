@@ -11,56 +11,29 @@ import numpy as np
 import pytest
 
 from palpate import AnisotropicMaterial
-from palpate.api import RelaxingMaterial, relaxing
-from palpate.domain import Indentation, Job, Limb, Mesh, Spot
-from palpate.domain.indenter import Sphere
-from palpate.errors import MaterialError, MeshError, SolverError, StudyError
+from palpate.domain import Spot
+from palpate.errors import MaterialError, MeshError, SolverError
 from palpate.mesh.specimens import block
 from palpate.mesh.spot_frame import in_spot_frame
 from palpate_febio.deck import rigid_id
 from palpate_febio.deck_reader import read_deck
-from palpate_febio.settings import FebioSettings
 from palpate_febio.solver import FebioSolver
 from palpate_febio.steps import halved, steps_of, up_to_first_turn, with_hold
 from palpate_materials import ArrudaBoyce, Demiray, Gent, NeoHookean, Ogden, Yeoh
 from palpate_materials.uncoupled import OgdenSettings
 
+from .decks import (
+    SOLVER,
+    THETAS,
+    TWIST,
+    job_of,
+    materials_in,
+    mixed_limb,
+    numbers,
+    relaxing_job,
+)
+
 SNAPSHOTS = Path(__file__).parent / "data" / "decks"
-TWIST = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, -22.5), (2.0, 22.5), (2.0, 0.0)])
-THETAS = {
-    "skin": np.array([0.16, 6.0, 2.0]),
-    "soft tissue": np.array([0.0129, -1e-3, 9.2e-5, 0.6]),
-    "fat": np.array([0.0735, 0.4434]),
-}
-MATERIALS = {"skin": Ogden(), "soft tissue": Yeoh(), "fat": NeoHookean()}
-
-
-def mixed_limb(spot=None):
-    """One element of each kind, side by side."""
-    hexes = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
-    hexes = np.vstack([hexes - [0, 0, 1], hexes])
-    tet = np.array([[0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, -1]], dtype=float)
-    middles = np.array([(tet[a] + tet[b]) / 2 for a, b in ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))])
-    points = np.vstack([hexes, np.vstack([tet, middles]) + np.array([2, 0, 0]), tet + np.array([4, 0, 0])])
-    mesh = Mesh(
-        points_mm=points,
-        cells={"hex8": [range(8)], "tet10": [range(8, 18)], "tet4": [range(18, 22)]},
-        cell_regions={"hex8": [0], "tet10": [1], "tet4": [2]},
-        regions=("skin", "soft tissue", "fat"),
-        node_sets={
-            "fixed": np.flatnonzero(points[:, 2] == -1.0),
-            "contact": np.flatnonzero(points[:, 2] == 0.0),
-        },
-    )
-    return Limb(spot=spot or Spot(name="p1", position_mm=[0.5, 0.5, 0.0]), mesh=mesh)
-
-
-def job_of(path=TWIST, friction=1.0):
-    protocol = Indentation(indenter=Sphere(radius_mm=7.5), path=path, friction=friction)
-    return Job(spot="p1", set_id=0, materials=MATERIALS, thetas=THETAS, protocol=protocol)
-
-
-SOLVER = FebioSolver(FebioSettings(depth_steps=2, rotation_step_deg=22.5, facet_mm=1.2))
 
 
 def without_ball(deck):
@@ -226,162 +199,6 @@ def test_directions_are_refused_where_the_deck_is_turned_against_the_mesh():
 
 # ------------------------------------------------------------------ relaxation
 
-TIMES_S, SHARES = (0.5, 5.0), (0.25 / 1.4, 0.15 / 1.4)
-TIMED = Indentation(
-    indenter=Sphere(radius_mm=7.5),
-    path=np.array([(0.0, 0.0), (3.0, 0.0), (3.0, 0.0), (3.0, -22.5)]),
-    friction=1.0,
-    time_s=np.array([0.0, 1.0, 5.0, 6.0]),
-)
-AT_ONCE = {"skin": [0.16, 6.0], "soft tissue": [0.0129, -1e-3, 9.2e-5], "fat": [0.0735]}
-REST = {"skin": [2.0], "soft tissue": [0.6], "fat": [0.4434]}
-
-
-def relaxing_job(isochoric=("skin", "soft tissue"), times_s=TIMES_S, protocol=TIMED):
-    """The materials of FEBio's recorded curves of relaxing blocks: those of ``job_of`` in the long term."""
-    materials = {r: relaxing(m, times_s, r in isochoric) for r, m in MATERIALS.items()}
-    thetas = {
-        r: np.array([*(v * (1.0 if (r, k) == ("skin", 1) else 1.4) for k, v in enumerate(own)), *REST[r]])
-        for r, own in AT_ONCE.items()
-    }
-    shares = np.resize(SHARES, len(times_s)) * len(SHARES) / len(times_s)
-    return Job(
-        spot="p1",
-        set_id=0,
-        materials=materials,
-        thetas={r: np.append(theta, shares) for r, theta in thetas.items()},
-        protocol=protocol,
-    )
-
-
-def materials_in(deck):
-    return {m.get("name"): m for m in ET.fromstring(deck).iterfind("Material/material")}
-
-
-def numbers(element):
-    return {e.tag: float(e.text) for e in element if e.tag not in ("density", "elastic")}
-
-
-def test_what_relaxes_is_written_around_its_elastic_material_of_the_long_term():
-    """With the shares of FEBio's recorded curves its g are 0.25 and 0.15, and its moduli those recorded."""
-    found = materials_in(SOLVER.write_deck(relaxing_job(), mixed_limb()))
-    elastic = materials_in(SOLVER.write_deck(job_of(), mixed_limb()))
-    terms = pytest.approx({"g1": 0.25, "t1": 0.5, "g2": 0.15, "t2": 5.0})
-    kinds = {
-        "1_skin": ("uncoupled viscoelastic", "Ogden"),
-        "2_soft_tissue": ("uncoupled viscoelastic", "Yeoh"),
-        "3_fat": ("viscoelastic", "neo-Hookean"),
-    }
-    for name, kind in kinds.items():
-        inner = found[name].find("elastic")
-        assert (found[name].get("type"), inner.get("type")) == kind
-        assert numbers(found[name]) == terms
-        assert numbers(inner) == pytest.approx(numbers(elastic[name]), rel=1e-11)
-        assert float(inner.findtext("density")) == 1e-9
-
-
-def test_material_cards_have_the_same_numbers():
-    """Two writers of one convention: a card's element is that of the deck."""
-    from palpate_prediction.cards.card import CardData
-    from palpate_prediction.cards.programs import PROGRAMS
-
-    job = relaxing_job()
-    for name, element in materials_in(SOLVER.write_deck(job, mixed_limb())).items():
-        region = {"1_skin": "skin", "2_soft_tissue": "soft tissue", "3_fat": "fat"}.get(name)
-        if region is None:
-            continue
-        material, none = job.materials[region], {}
-        origins = {p.name: "fitted" for p in material.parameters}
-        card = PROGRAMS["febio"](
-            CardData(
-                title="",
-                region=region,
-                material=material,
-                theta=job.thetas[region],
-                intervals=none,
-                strain=none,
-                origins=origins,
-                verdicts=none,
-            )
-        )
-        written = ET.fromstring(card[card.index("<material") :])
-        assert written.get("type") == element.get("type")
-        assert numbers(written) == pytest.approx(numbers(element), rel=1e-11)
-        assert numbers(written.find("elastic")) == pytest.approx(numbers(element.find("elastic")), rel=1e-11)
-
-
-def test_times_of_the_moves_are_points_that_febio_must_balance_at():
-    root = ET.fromstring(SOLVER.write_deck(relaxing_job(), mixed_limb()))
-    curves = [
-        np.array([pt.text.split(",") for pt in curve.iterfind("points/pt")], dtype=float)
-        for curve in root.iterfind("LoadData/load_controller")
-    ]
-    depth, turn, longest = curves
-    time_s = depth[:, 0]
-    assert {0.0, 0.5, 1.0, 5.0, 6.0} <= set(time_s)
-    dwell = time_s[(time_s >= 1.0) & (time_s <= 5.0)]
-    assert dwell[1] == pytest.approx(1.05)
-    assert (np.diff(dwell[1:], 2) > 0.0).all()
-    np.testing.assert_allclose(np.interp([0.5, 1.0, 3.0, 5.5], *depth.T), [1.5, 3.0, 3.0, 3.0])
-    np.testing.assert_allclose(
-        np.interp([5.0, 5.5, 6.0], *turn.T), np.deg2rad([0.0, -11.25, -22.5]), atol=1e-9
-    )
-    np.testing.assert_array_equal(longest[:, 0], time_s)
-    assert (longest[:, 1] == longest[0, 1]).all()
-    assert longest[0, 1] == pytest.approx(np.diff(time_s).max())
-    control = root.find("Control")
-    step, n = float(control.findtext("step_size")), int(control.findtext("time_steps"))
-    assert n * step == pytest.approx(6.0)
-    assert step <= np.diff(time_s).min() * (1.0 + 1e-9)
-    assert float(control.findtext("time_stepper/dtmin")) < np.diff(time_s).min()
-
-
-def test_a_hold_that_verifies_friction_is_too_short_to_relax():
-    steps = steps_of(TIMED, 3, 5.0, fastest_s=0.5)
-    held = with_hold(halved(steps), 4, 1e-4)
-    assert held.time_s[-5] == 6.0
-    assert held.time_s[-1] == pytest.approx(6.0004)
-    np.testing.assert_array_equal(halved(steps).time_s[::2], steps.time_s)
-
-
-@pytest.mark.parametrize(
-    ("job", "error", "text"),
-    [
-        (
-            relaxing_job(isochoric=()),
-            MaterialError,
-            "'ogden'.*whole stress relaxes.*relaxing_stress = \"isochoric",
-        ),
-        (relaxing_job(isochoric=tuple(MATERIALS)), MaterialError, "'neo_hookean'.*shape alone.*= \"all"),
-        (relaxing_job(times_s=tuple(range(1, 8))), MaterialError, "take 6 time constants, and it has 7"),
-        (
-            relaxing_job(protocol=replace(TIMED, time_s=None)),
-            StudyError,
-            "needs the times of its press; give durations",
-        ),
-    ],
-)
-def test_what_febio_cannot_relax_is_refused(job, error, text):
-    with pytest.raises(error, match=text):
-        SOLVER.write_deck(job, mixed_limb())
-
-
-class Stiffening(NeoHookean):
-    """A material whose kinds of parameters are wrong: half of its stress is not in proportion to E."""
-
-    name, febio = "stiffening", ("neo-Hookean", {"E": "E", "nu": "v"})
-
-    def energy(self, stretches, theta):
-        return super().energy(stretches, theta) * (1.0 + theta[0])
-
-
-def test_a_stress_that_is_not_in_proportion_to_its_moduli_is_refused():
-    job = relaxing_job()
-    material = relaxing(Stiffening(), TIMES_S)
-    assert isinstance(material, RelaxingMaterial)
-    with pytest.raises(MaterialError, match="'stiffening': its stress is not in proportion to its moduli"):
-        SOLVER.write_deck(replace(job, materials={**job.materials, "fat": material}), mixed_limb())
-
 
 # ---------------------------------------------------------------------- steps
 
@@ -426,17 +243,17 @@ def plain(element):
     return found
 
 
-@pytest.fixture(scope="module")
-def root():
-    return ET.fromstring(SOLVER.write_deck(job_of(), mixed_limb()))
-
-
 def accepted(model, element, **more):
     """The model built from a section; a tag that it does not know fails."""
     given = {**plain(element), **{k: v for k, v in element.attrib.items() if k != "type"}, **more}
     unknown = set(given) - set(model.model_fields)
     assert not unknown, f"{model.__name__} knows no {unknown}"
     return model(**given)
+
+
+@pytest.fixture(scope="module")
+def root():
+    return ET.fromstring(SOLVER.write_deck(job_of(), mixed_limb()))
 
 
 def test_pyfebio_has_every_name_in_the_control_section(root):

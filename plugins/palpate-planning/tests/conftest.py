@@ -7,6 +7,14 @@ import pytest
 
 from palpate.stages import pipeline
 from palpate.study.reading import read_study
+from palpate.study.tool import read_tool
+
+TOOL = """
+[protocol]
+indenter = { shape = "sphere", radius = "20 mm" }
+depth = "1.5 mm"
+friction = 0.5
+"""
 
 
 @pytest.fixture(scope="session")
@@ -25,3 +33,11 @@ def run(fitted, tmp_path):
     shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     study = read_study(tmp_path / "study.toml", plugins)
     return replace(study, truth={"tissue.E": 0.07, "tissue.nu": 0.345}), tmp_path / "run", plugins
+
+
+@pytest.fixture
+def tool(run, tmp_path):
+    """A larger sphere, read from its file."""
+    file = tmp_path / "tool.toml"
+    file.write_text(TOOL)
+    return read_tool(file, run[0], run[2])

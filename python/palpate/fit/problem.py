@@ -14,13 +14,7 @@ from numpy.typing import ArrayLike
 from palpate.domain import BoolArray, FloatArray, Job, Parameter, ParameterName, Simulation, channel_of
 from palpate.errors import PalpateError, ParameterError
 from palpate.fit.box import Box
-from palpate.fit.spot_term import (
-    NotRankedError,
-    SpotTerm,
-    along_slopes,
-    is_along_slopes,
-    is_same_job,
-)
+from palpate.fit.spot_term import NotRankedError, SpotTerm, along_slopes, is_along_slopes, is_same_job
 from palpate.plugins.guard import answering_for
 from palpate.plugins.parametrisation import Parametrisation, SpotInputs
 from palpate.plugins.search import Evaluation, Trial

@@ -297,13 +297,7 @@ CASES = {
         "region.rubber.parameters.k",
         "the one is in MPa, the other in kPa: check the units",
     ),
-    "range without an end": (
-        ', upper = "3 MPa"',
-        "",
-        "k = {",
-        "region.rubber.parameters.k",
-        "has no upper",
-    ),
+    "range without an end": (', upper = "3 MPa"', "", "k = {", "region.rubber.parameters.k", "has no upper"),
     "range misspelt": ("upper", "uper", "uper", "region.rubber.parameters.k.uper", "did you mean 'upper'"),
     "fixed and searched": (
         "upper =",

@@ -1,0 +1,195 @@
+"""Ready studies, and studies of one's own presses: `palpate init`."""
+
+import re
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from palpate.cli.init import own_study_text
+from palpate.cli.session import Session
+from palpate.experiment.measured import load_measured
+from palpate.plugins.catalogue import Plugins
+from palpate.study.reading import read_study
+
+from .conftest import Call
+
+
+def test_init_lists_the_ready_studies(call: Call) -> None:
+    outcome = call("init")
+    assert "A spring that is pulled" in outcome.out
+    names = [entry["name"] for entry in call("init", "--json").json]
+    assert "toy" in names
+    toy = next(entry for entry in call("init", "--json").json if entry["name"] == "toy")
+    assert toy["simulations"] == 40
+
+
+def test_init_copies_a_study_that_checks(call: Call) -> None:
+    outcome = call("init", "--study", "toy", "mine")
+    assert outcome.code == 0
+    assert "check mine" in outcome.err
+    assert Path("mine/study.toml").is_file()
+    assert not Path("mine/__pycache__").exists()
+    assert call("check", "mine").code == 0
+
+
+def test_copies_of_a_ready_study_have_a_name_and_a_run_of_their_own(call: Call, tmp_path: Path) -> None:
+    for folder in ("arm", "second arm", "runs/third"):
+        assert call("init", "--study", "toy", folder).code == 0
+        assert call("experiment", folder).code == 0
+    runs = {path.parent.name for path in (tmp_path / "runs").glob("*/manifest.json")}
+    assert runs == {"arm", "second-arm", "third-run"}
+
+
+@pytest.mark.parametrize("name", sorted(Plugins.load().studies))
+def test_every_ready_study_takes_the_name_of_its_folder(call: Call, name: str) -> None:
+    ready = Path(Plugins.load().studies[name].directory) / "study.toml"
+    assert call("init", "--study", name, "mine", plugin=None).code == 0
+    lines = Path("mine/study.toml").read_text(encoding="utf-8").splitlines()
+    before = ready.read_text(encoding="utf-8").splitlines()
+    changed = [(old, new) for old, new in zip(before, lines, strict=True) if old != new]
+    assert changed == [(f'name = "{name}"', 'name = "mine"')]
+
+
+def test_a_study_without_its_files_names_what_makes_them(call: Call) -> None:
+    copied = call("init", "--study", "forearm-real", "real", plugin=None)
+    assert "next: palpate limb real/skin.ply --options real/limb.toml" in copied.err
+    refused = call("check", "real", plugin=None)
+    assert refused.code == 2
+    assert "meshes/p1.vtu); paths are relative to study.toml, and `palpate limb SCAN` makes" in refused.err
+    assert "`palpate synthesise real` simulates [truth] into it" in refused.err
+
+
+def test_init_overwrites_nothing(call: Call) -> None:
+    Path("mine").mkdir()
+    Path("mine/notes.txt").write_text("mine")
+    Path("file").write_text("mine")
+    for folder, reason in (("mine", "is not empty"), ("file", "is a file")):
+        outcome = call("init", "--study", "toy", folder)
+        assert outcome.code == 2
+        assert reason in outcome.err
+    assert [path.name for path in Path("mine").iterdir()] == ["notes.txt"]
+
+
+def test_init_writes_a_study_of_own_presses(call: Call) -> None:
+    call("init", "try", plugin=None)
+    own = ("--measured", "try/measured/p1.csv", "--mesh", "try/meshes/p1.vtu")
+    outcome = call("init", "arm", *own, plugin=None)
+    assert "check arm" in outcome.err
+    study, ready = read_study("arm"), read_study("try")
+    assert (study.name, study.data, study.spot_names) == ("arm", "measured", ("p1",))
+    assert study.protocol.columns["depth_mm"].tolist() == ready.protocol.columns["depth_mm"].tolist()
+    assert study.protocol.columns["rotation_deg"].tolist() == ready.protocol.columns["rotation_deg"].tolist()
+    (modulus,) = study.space.parameters
+    assert (modulus.name, set(study.space.ties)) == (
+        "soft_tissue.c1",
+        {f"soft_tissue.{name}" for name in ("c2", "c3", "kappa")},
+    )
+    assert modulus.lower < ready.truth["soft_tissue.c1"] < modulus.upper
+    text = Path("arm/study.toml").read_text(encoding="utf-8")
+    assert re.findall(r"^(\w+) = .*# CHANGE THIS", text, flags=re.MULTILINE) == [
+        *("indenter", "friction", "material", "c2", "c3", "kappa", "friction"),
+    ]
+    assert not study.truth
+    *_, friction = study.parametrisation.parameters(study.space, study.spot_names)
+    assert (friction.name, friction.prior.value, friction.prior.sd) == ("friction", 0.7, 0.3)
+    (measured,) = load_measured(study, Plugins.load().channels).values()
+    (expected,) = load_measured(ready, Plugins.load().channels).values()
+    assert measured["force"].ordinate.tolist() == expected["force"].ordinate.tolist()
+    for arguments, reason in (
+        (("arm", *own), "is not empty"),
+        (("leg", *own, "--measured", "try/measured/p1.csv"), "give one of each"),
+        (("leg", *own[:-1], "try/p1.vtu"), "no such file"),
+        (("leg", *own, "--wrench", "try/ft.csv"), "ft.csv"),
+        (("leg", "--wrench", "try/ft.csv"), "give one of each"),
+    ):
+        refused = call("init", *arguments, plugin=None)
+        assert (refused.code, reason in refused.err) == (2, True)
+    assert not Path("leg").exists()
+
+
+@pytest.mark.parametrize("factor", [0.1, 7.0])
+def test_the_range_of_own_presses_follows_their_force(call: Call, factor: float) -> None:
+    """A tissue outside all ranges of the ready study is inside those of the own one."""
+    call("init", "try", plugin=None)
+    head, *rows = Path("try/measured/p1.csv").read_text(encoding="utf-8").splitlines()
+    ends = []
+    for scale in (1.0, factor):
+        lines = [",".join(_scaled(head, row, scale)) for row in rows]
+        Path("own.csv").write_text("\n".join([head, *lines]) + "\n", encoding="utf-8")
+        files = ("--measured", "own.csv", "--mesh", "try/meshes/p1.vtu")
+        assert call("init", f"own{scale}", *files, plugin=None).code == 0
+        (modulus,) = read_study(f"own{scale}").space.parameters
+        ends.append((modulus.lower, modulus.upper))
+    assert ends[1] == pytest.approx([factor * end for end in ends[0]], rel=0.01)
+
+
+def test_a_study_of_a_force_alone_has_its_depth_and_scenarios(call: Call) -> None:
+    """Nothing of the ready study's depth, twist or torque is left where the curves have none of them."""
+    call("init", "try", plugin=None)
+    rows = "".join(f"{d:.1f},{0.4 * d**1.5:.4f}\n" for d in np.linspace(0.0, 6.0, 31))
+    Path("own.csv").write_text(f"Depth (mm),Load (N)\n{rows}", encoding="utf-8")
+    files = ("--measured", "own.csv", "--mesh", "try/meshes/p1.vtu")
+    assert call("init", "own", *files, plugin=None).code == 0
+    study = read_study("own")
+    assert study.protocol.columns["depth_mm"].max() == pytest.approx(6.0)
+    assert not np.any(study.protocol.columns["rotation_deg"])
+    assert [{*scenario.weighed} for scenario in study.scenarios] == [{"force"}]
+    (measured,) = load_measured(study, Plugins.load().channels).values()
+    assert {*measured} == {"force"}
+
+
+def test_the_ranges_of_an_own_test_follow_its_stress(call: Call) -> None:
+    """Shear of a tissue that is a thousand times softer than the rubber of the ready study."""
+    rows = "".join(f"{g:.2f},{0.4 * g:.5f}\n" for g in np.linspace(0.0, 0.4, 21))
+    Path("own.csv").write_text(f"Shear strain,Shear stress (kPa)\n{rows}", encoding="utf-8")
+    assert call("init", "own", "--measured", "own.csv", plugin=None).code == 0
+    study = read_study("own")
+    c1 = next(p for p in study.space.parameters if p.name.endswith("c1"))
+    assert c1.lower < 0.2e-3 < c1.upper
+    load_measured(study, Plugins.load().channels)
+
+
+def _scaled(head: str, row: str, factor: float) -> list[str]:
+    values = zip(head.split(","), row.split(","), strict=True)
+    return [f"{factor * float(v)}" if v and name.startswith(("force", "torque")) else v for name, v in values]
+
+
+@pytest.mark.parametrize(
+    ("fit", "searches"),
+    [
+        ("", True),
+        ("[fit]\nsearch = 'grid'\n", True),
+        ("[ fit.searched ]\nfriction = { lower = 0.1, upper = 1.5 }\n", False),
+        ("[fit]\nsearched.friction = { lower = 0.1, upper = 1.5 }\n", False),
+        ("[fit.parametrisation]\nname = 'relaxing'\n", False),
+    ],
+)
+def test_init_leaves_what_a_ready_study_searches(
+    call: Call, tmp_path: Path, fit: str, searches: bool
+) -> None:
+    call("init", "try", plugin=None)
+    (tmp_path / "study.toml").write_text(f"[study]\n[protocol]\nfriction = 1.0\n\n{fit}", encoding="utf-8")
+    files = ([Path("try/measured/p1.csv")], [Path("try/meshes/p1.vtu")])
+    text = own_study_text(Session(), tmp_path, Path("arm"), *files)
+    fitted = tomllib.loads(text).get("fit", {})
+    assert (fitted.get("searched", {}).get("friction", {}).get("prior") is not None) == searches
+
+
+def test_init_finds_names_and_paths_for_own_presses(call: Call) -> None:
+    """Meshes of one name, a folder that is no name, and one behind a link."""
+    call("init", "try", plugin=None)
+    Path("deep/er").mkdir(parents=True)
+    Path("link").symlink_to("deep/er")
+    own = ("--measured", "try/measured/p1.csv", "--mesh", "try/meshes/p1.vtu")
+    assert call("init", "link/my arm", *own, *own, plugin=None).code == 0
+    study = read_study("link/my arm")
+    assert (study.name, study.spot_names) == ("my-arm", ("p1", "p2"))
+
+
+def test_init_names_the_studies_when_the_name_is_wrong(call: Call) -> None:
+    outcome = call("init", "--study", "toi", "mine")
+    assert outcome.code == 2
+    assert "did you mean 'toy'" in outcome.err
+    assert not Path("mine").exists()
