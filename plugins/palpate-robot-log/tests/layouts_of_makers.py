@@ -142,6 +142,20 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
             ["Filename\tgel.tri", "[step]", "Shear strain\tShear stress", "%\tPa", *rows(100.0 * STRAIN, 1e3 * STRESS_KPA, between="\t")], "simple_shear", "txt"),
         "Compression plates": lambda: made(
             ["Compressive strain (mm/mm),Compressive stress (kPa)", *rows(STRAIN, STRESS_KPA)], "compression"),
+        "strain gauge in microstrain": lambda: made(
+            ["Time,Strain,Stress", "(s),(µε),(kPa)", *rows(SECONDS, 1e6 * STRAIN, STRESS_KPA)], "uniaxial"),
+        "extensometer in mm/m": lambda: made(
+            ["Dehnung (mm/m);Spannung (N/mm²)", *rows(1e3 * STRAIN, STRESS_KPA / 1e3, between=";", decimal=",")], "uniaxial"),
+        "Greek letters": lambda: made(["λ,σ (kPa)", *rows(1.0 + STRAIN, STRESS_KPA)], "uniaxial"),
+        "Russian machine": lambda: made(
+            ["Время (с);Перемещение (мм);Нагрузка (Н)", *rows(SECONDS, DEPTH, FORCE, between=";", decimal=",")], "curve", encoding="cp1251"),
+        "Korean machine": lambda: made(["시간(s),변위(mm),하중(N)", *rows(SECONDS, DEPTH, FORCE)], "curve"),
+        "Polish machine": lambda: made(
+            ["Czas [s];Przemieszczenie [mm];Siła [N]", *rows(SECONDS, DEPTH, FORCE, between=";", decimal=","), "Maksimum;8,00;9,05"], "curve"),
+        "marks between thousands": lambda: made(
+            ['"Travel (um)","Load (mN)"', *[f'"{d:,.1f}","{f:,.2f}"' for d, f in zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)]], "question"),
+        "two columns without names": lambda: made(["a,b", *rows(DEPTH, FORCE)], "question"),
+        "stress by a letter": lambda: made(["lambda_1 [-],P11 [kPa]", *rows(1.0 + STRAIN, STRESS_KPA)], "question"),
         "Arduino and HX711": lambda: made(
             ["millis,steps,weight_g", *rows(1e3 * SECONDS, 200.0 * DEPTH, FORCE / 9.80665e-3)], "question"),
         "strain gauge in volts": lambda: made(
@@ -215,6 +229,8 @@ def _presses() -> Mapping[str, Callable[[], Layout]]:
             "tool_external_wrench_torque_x,tool_external_wrench_torque_y,tool_external_wrench_torque_z", t, m, xyz, f, moment),
         "xArm": lambda: named(
             "timestamp,x,y,z,roll,pitch,yaw,ft_ext_fx,ft_ext_fy,ft_ext_fz,ft_ext_tx,ft_ext_ty,ft_ext_tz", t, tip, xyz, f, moment),
+        "rotation vector by its name": lambda: named(
+            "t,pos_x,pos_y,pos_z,rotvec_x,rotvec_y,rotvec_z,fx,fy,fz,mx,my,mz", t, m, rotvec, f, moment),
         "Flexiv": lambda: named(
             ",".join(["time_s", *(f"tcp_pose_{i}" for i in range(7)), *(f"ext_wrench_in_tcp_{i}" for i in range(6))]), t, m, w_first, f, moment),
         "ATI in newton millimetres": lambda: named(

@@ -25,7 +25,10 @@ ENDS = {
 }
 """Channel, and least and largest abscissa and ordinate, of what a file holds."""
 QUESTIONS = {
-    "Arduino and HX711": "not found",
+    "Arduino and HX711": "which is the depth, and which the force",
+    "marks between thousands": "has marks between its thousands",
+    "two columns without names": "which is the depth, and which the force",
+    "stress by a letter": "true, second Piola-Kirchhoff or nominal",
     "strain gauge in volts": "the file gives 'V', which is no unit of force",
     "specimen by force alone": "give both scales, by the length and the area of the specimen",
     "stress of an unknown measure": "palpate does not convert a measure 'almansi'",
@@ -50,6 +53,10 @@ FAST = (
     "JSON of robots",
     "machine in revolutions",
     "sensor in volts",
+    "strain gauge in microstrain",
+    "Russian machine",
+    "marks between thousands",
+    "two columns without names",
 )
 
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 from palpate.errors import CurveError
 
-Encoding = Literal["utf-8", "utf-16", "latin-1", "cp1252", "shift_jis", "gb18030"]
+Encoding = Literal["utf-8", "utf-16", "latin-1", "cp1252", "cp1251", "shift_jis", "gb18030"]
 
 _MARKS: tuple[tuple[bytes, Encoding], ...] = (
     (b"\xef\xbb\xbf", "utf-8"),
@@ -17,8 +17,9 @@ _MARKS: tuple[tuple[bytes, Encoding], ...] = (
 _USUAL_PAIRS: tuple[tuple[re.Pattern[bytes], Encoding], ...] = (
     (re.compile(rb"[\x81-\x83\x88-\x97][\x40-\x7e\x80-\xfc]"), "shift_jis"),
     (re.compile(rb"[\xa1-\xa3\xb0-\xd7][\xa1-\xfe]"), "gb18030"),
+    (re.compile(rb"[\xc0-\xff]{3,}"), "cp1251"),
 )
-"""Two bytes of the most frequent characters of Japanese and Chinese text."""
+"""Two bytes of the most frequent characters of Japanese and Chinese text, and words of Russian text."""
 _NEVER_READ = (
     (b"\x1f\x8b", "is compressed by gzip; unpack it first"),
     (b"BZh", "is compressed by bzip2; unpack it first"),

@@ -33,7 +33,7 @@ _MEASURES: tuple[tuple[Kind, str, float], ...] = (
 )
 """Kinds, a unit that measures each, and its factor to the kind's base: a load in kg is its weight."""
 
-_EASTERN = {
+_FOREIGN = {
     "秒": "s",
     "毫秒": "ms",
     "毫米": "mm",
@@ -49,19 +49,50 @@ _EASTERN = {
     "兆帕": "MPa",
     "千帕": "kPa",
     "帕": "Pa",
+    "초": "s",
+    "с": "s",
+    "сек": "s",
+    "мс": "ms",
+    "мин": "min",
+    "мм": "mm",
+    "см": "cm",
+    "мкм": "um",
+    "Н": "N",
+    "мН": "mN",
+    "кН": "kN",
+    "г": "g",
+    "кг": "kg",
+    "кгс": "kgf",
+    "МПа": "MPa",
+    "кПа": "kPa",
+    "Па": "Pa",
+    "град": "deg",
 }
-"""Units in Chinese and Japanese."""
+"""Units in Chinese, Japanese, Korean and Russian."""
 
-UNITS = frozenset(_EASTERN) | frozenset(
-    unit.replace("~", " ")
-    for unit in re.split(
-        r"\s+",
-        "s sec secs second seconds ms msec milliseconds us µs μs usec microseconds ns nsec nanoseconds "
-        "m meter meters metre metres cm mm millimeter millimetre um µm μm nm in inch "
-        "N newton newtons kN mN uN µN μN nN kgf kp gf lbf ozf kg lb lbs "
-        "Nm N~m N·m N*m N.m N-m N_m Nmm N~mm N·mm N*mm N.mm N-mm N_mm mNm mN~m mN·m mN*m mN.m mN-m mN_m "
-        "Ncm N~cm N·cm N*cm N_cm lbf·in lbf-in lbf_in in·lb in-lb in-lbf ozf·in ozf-in oz-in "
-        "rad radian radians mrad deg degree degrees ° % percent MPa kPa Pa psi mm/mm mm/s mm/min °C",
+_RATIOS = {
+    **dict.fromkeys(("strain", "ε"), 1.0),
+    **dict.fromkeys(("‰", "permille", "millistrain", "mstrain", "mε"), 1e-3),
+    **dict.fromkeys(("ppm", "microstrain", "microstrains"), 1e-6),
+    **{f"{micro}{strain}": 1e-6 for micro in "uµμ" for strain in ("ε", "e", "strain", "-strain")},
+}
+"""Factors of units of strain, in small letters."""
+
+UNITS = (
+    frozenset(_FOREIGN)
+    | frozenset(_RATIOS) - {"strain", "ε"}
+    | frozenset(
+        unit.replace("~", " ")
+        for unit in re.split(
+            r"\s+",
+            "s sec secs second seconds ms msec milliseconds us µs μs usec microseconds ns nsec nanoseconds "
+            "m meter meters metre metres cm mm millimeter millimetre um µm μm nm in inch "
+            "N newton newtons kN mN uN µN μN nN kgf kp gf lbf ozf kg lb lbs "
+            "Nm N~m N·m N*m N.m N-m N_m Nmm N~mm N·mm N*mm N.mm N-mm N_mm mNm mN~m mN·m mN*m mN.m mN-m mN_m "
+            "Ncm N~cm N·cm N*cm N_cm lbf·in lbf-in lbf_in in·lb in-lb in-lbf ozf·in ozf-in oz-in "
+            "rad radian radians mrad deg degree degrees ° % percent pct MPa kPa Pa psi mm/mm in/in m/m mm/m "
+            "um/m µm/m mm/s mm/min °C",
+        )
     )
 )
 """Units that are believed behind a name without brackets, or alone in a cell."""
@@ -77,13 +108,15 @@ _SPELT = {
     "rev": "turn",
     "revs": "turn",
     "pct": "percent",
+    "mil": "thou",
+    "lb-f": "lbf",
     "kgs": "kg",
     "grf": "gf",
     "gr": "?",
     "a.u.": "?",
     "au": "?",
     "px": "?",
-    **_EASTERN,
+    **_FOREIGN,
 }
 _OTHER_CASE = {
     unit.lower(): unit for unit in ("kN", "kg", "kgf", "gf", "lbf", "lb", "psi", "kPa", "MPa", "mm", "deg")
@@ -118,7 +151,8 @@ def unit_in(name: str) -> tuple[str, str]:
         words = {word.lower() for word in re.split(r"[\W_]+", label)}
         if label and (unit in UNITS or words & _OF_LABELS.get(unit, frozenset())):
             return label, unit
-    return name.strip(), ""
+    is_both = name.strip().lower().endswith("strain") and _RATIOS.get(name.strip().lower(), 1.0) < 1.0
+    return ("strain", name.strip()) if is_both else (name.strip(), "")  # Microstrain
 
 
 def bare_unit(cell: str) -> str:
@@ -146,11 +180,20 @@ def factors_of(unit: str) -> MappingProxyType[Kind, float]:
         except ValueError:
             continue
         found[kind] = float(f"{value:.15g}")  # 1e-6 and not 1.0000000000000002e-06
+    if not found and (ratio := _RATIOS.get(spelt.lower()) or _ratio_of(spelt)):
+        found["ratio"] = ratio
     if not found and units.is_unit(spelt):
         found["other"] = 1.0
     if "mass" in found:  # it is its own kind first
         found = {"mass": found["mass"], **found}
     return MappingProxyType(found)
+
+
+def _ratio_of(unit: str) -> float:
+    """Factor of a length over a length, such as mm/m; 0 for any other unit."""
+    parts = unit.split("/")
+    lengths = [factors_of(part).get("length", 0.0) for part in parts] if len(parts) == 2 else [0.0]
+    return float(f"{lengths[0] / lengths[1]:.15g}") if all(lengths) else 0.0
 
 
 def kind_of(unit: str) -> Kind | None:

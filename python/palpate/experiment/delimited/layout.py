@@ -24,6 +24,8 @@ NUMBERS = {
     ",": r"[+-]?([0-9]+,?[0-9]*|,[0-9]+)([eE][+-]?[0-9]+)?",
 }
 """Patterns of a finite number by its decimal mark."""
+THOUSANDS = {".": r"[+-]?\d{1,3}(,\d{3})+\.\d*", ",": r"[+-]?\d{1,3}(\.\d{3})+,\d*"}
+"""Patterns of a number with marks between its thousands, by its decimal mark."""
 NO_VALUE = r"(?i:[+-]?nan|na|n/a|null|none|-|--|)"
 """Pattern of a cell without a value."""
 _DATE = (
@@ -192,7 +194,7 @@ def unit_of_cell(cell: str, decimal: str) -> str:
 
 def kind_of_cell(cell: str, decimal: str) -> str:
     """``number``, ``quantity``, ``date``, ``list``, ``text``, or ``none`` for a cell without a value."""
-    patterns = {"number": NUMBERS[decimal], "none": NO_VALUE, "date": _DATE}
+    patterns = {"number": f"{NUMBERS[decimal]}|{THOUSANDS[decimal]}", "none": NO_VALUE, "date": _DATE}
     found = next((kind for kind, pattern in patterns.items() if re.fullmatch(pattern, cell)), "")
     return found or ("list" if numbers_in(cell) else "quantity" if unit_of_cell(cell, decimal) else "text")
 

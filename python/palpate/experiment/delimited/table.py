@@ -20,6 +20,7 @@ from palpate.experiment.delimited.layout import (
     DELIMITERS,
     NO_VALUE,
     NUMBERS,
+    THOUSANDS,
     Layout,
     TextFormat,
     body_of,
@@ -278,6 +279,8 @@ class TextTable:
             return f"'{cell}' is no list of numbers as in the first row; repair or remove the row"
         if re.fullmatch(r"(?i)[+-]?inf(inity)?", cell):
             return f"{cell} is not a finite number; repair or remove the row"
+        if re.fullmatch(THOUSANDS[decimal], cell):
+            return f"'{cell}' has marks between its thousands; export the file without them"
         if kind_of_cell(cell, decimal) == "number":
             return f"{cell} is too large for a number; repair the row"
         other = "." if decimal == "," else ","

@@ -13,38 +13,45 @@ import numpy as np
 
 from palpate.api.files import Column, Kind, factors_of, kind_of, unit_in
 
-_WORD = re.compile(r"[A-ZÀ-Þ]+(?![a-zß-ÿ])|[A-ZÀ-Þ]?[a-zß-ÿ]+|\d+|[\u3040-\u30ff\u4e00-\u9fff]+")
+_WORD = re.compile(
+    r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[\u0370-\u04ff]+|[\u3040-\u30ff\u4e00-\u9fff\uac00-\ud7a3]+"
+)
 _COMPOUND = ("kraft", "weg", "zeit", "dehnung", "spannung", "tiefe", "winkel", "moment")
 """Ends of German compounds, which are read as these words."""
-_FIRST_EASTERN = "\u3040"
-_EASTERN: Mapping[str, str] = {
+_FIRST_FOREIGN = "\u0370"
+_MEANINGS: Mapping[str, str] = {
     word: meaning
     for meaning, words in {
-        "time": "時間 时间",
-        "displacement": "ストローク 変位 位移 行程 移動量",
-        "depth": "深さ 深度",
-        "deformation": "変形 变形",
-        "force": "試験力 试验力 荷重 载荷 负荷 力",
-        "angle": "角度 回転角",
-        "torque": "トルク 扭矩 力矩 转矩",
-        "position": "位置",
+        "time": "時間 时间 시간 время",
+        "displacement": "ストローク 変位 位移 行程 移動量 변위 перемещение ход",
+        "depth": "深さ 深度 깊이 глубина",
+        "deformation": "変形 变形 변형 деформация",
+        "extension": "удлинение",
+        "force": "試験力 试验力 荷重 载荷 负荷 力 하중 힘 сила нагрузка усилие",
+        "angle": "角度 回転角 각도 угол",
+        "torque": "トルク 扭矩 力矩 转矩 토크 момент",
+        "position": "位置 위치 положение",
         "orientation": "姿勢 姿态",
         "quaternion": "四元数 クォータニオン",
-        "strain": "ひずみ 歪み 应变",
-        "stress": "応力 应力",
-        "compression": "圧縮 压缩",
-        "tensile": "引張 拉伸",
-        "shear": "せん断 剪切",
+        "stretch": "λ",
+        "strain": "ひずみ 歪み 应变 변형률 ε",
+        "stress": "応力 应力 응력 напряжение σ",
+        "gamma": "γ",
+        "tau": "τ",
+        "compression": "圧縮 压缩 압축 сжатие",
+        "tensile": "引張 拉伸 인장 растяжение",
+        "shear": "せん断 剪切 전단 сдвиг",
         "true": "真",
         "nominal": "公称 工程",
     }.items()
     for word in words.split()
 }
-"""Words of Japanese and Chinese names, which have no blanks between them: 応力 is a stress and no 力.
+"""Words of names in other letters; Eastern ones have no blanks between them: 応力 is a stress and no 力.
 
 A sign that is in none of them is a word of its own.
 """
-_EASTERN_WORD = re.compile("|".join([*sorted(_EASTERN, key=len, reverse=True), "."]))
+_FOREIGN_WORD = re.compile("|".join([*sorted(_MEANINGS, key=len, reverse=True), r"[\u0370-\u04ff]+", "."]))
+_PLAIN = str.maketrans({"ł": "l", "Ł": "L", "ø": "o", "Ø": "O", "ı": "i", "ß": "ss", "µ": "u"})
 
 
 class Role(NamedTuple):
@@ -58,7 +65,8 @@ def _role(kind: Kind, words: str) -> Role:
     return Role(kind, tuple(words.split()))
 
 
-def _set(words: str) -> frozenset[str]:
+def word_set(words: str) -> frozenset[str]:
+    """Words between blanks."""
     return frozenset(words.split())
 
 
@@ -68,11 +76,12 @@ ROLES: Mapping[str, Role] = {
         "depth indentation tiefe eindringtiefe profondeur profundidad enfoncement displacement disp "
         "deplacement desplazamiento spostamento verschiebung travel extension stroke weg crosshead traverse "
         "distance position deflection deformation compression course carrera recorrido corsa hub ext pos "
-        "elongation z",
+        "deslocamento verplaatsing forskjutning przemieszczenie draha uzama elongation z",
     ),
     "force": _role(
         "force",
-        "force load kraft last charge effort carga fuerza forza carico fn fz fy fx normal f cell",
+        "force load kraft last charge effort carga fuerza forza carico forca kracht sila kuvvet yuk fn "
+        "fz fy fx normal f cell",
     ),
     "angle": _role("angle", "rotation angle twist turn winkel drehwinkel angulo"),
     "moment": _role("moment", "torque moment drehmoment couple par tz mz"),
@@ -86,48 +95,49 @@ ROLES: Mapping[str, Role] = {
 }
 """Quantities that one column has, by role."""
 
-TIME_WORDS = _set(
-    "time t timestamp stamp zeit prufzeit clock seconds secs received elapsed temps tiempo tempo millis"
+TIME_WORDS = word_set(
+    "time t timestamp stamp zeit prufzeit clock seconds secs received elapsed temps tiempo tempo tijd tid "
+    "czas cas zaman millis"
 )
-COUNTERS = _set(
+COUNTERS = word_set(
     "frame frames sample samples index idx count counter no nr num number seq sequence row line id packet "
     "bild"
 )
 """Words of columns that count rows."""
 
-COMMANDED = _set(
+COMMANDED = word_set(
     "target desired d cmd command commanded ref reference setpoint goal setp sp sol soll demand demanded"
 )
-MEASURED = _set("actual act measured meas ist real feedback fb fbk rel state")
-FILTERED = _set(
+MEASURED = word_set("actual act measured meas ist real feedback fb fbk rel state")
+FILTERED = word_set(
     "filtered filter filt smoothed smooth raw corrected avg average mean peak max min corr lp offset tared"
 )
 """Words of a column that is a second form of another."""
 
-SPREADS = _set("sd std stdev stddev deviation")
+SPREADS = word_set("sd std stdev stddev deviation")
 """Words of a column that is the standard deviation of another."""
 
-_NO_VALUES = SPREADS | _set("se sem error err uncertainty variance var ci")
+_NO_VALUES = SPREADS | word_set("se sem error err uncertainty variance var ci")
 """Words of a column of uncertainties, which is no quantity itself."""
 
-_ASIDE = _set("transverse lateral radial poisson quer querdehnung true cauchy log hencky green pk2 pk")
+_ASIDE = word_set("transverse lateral radial poisson quer querdehnung true cauchy log hencky green pk2 pk")
 """Words of a strain or stress that is taken after one without them."""
 
-TENSILE = _set("tensile zug traction elongation gauge specimen extensometer pull")
-_COMPRESSIVE = _set("compressive compression compress compressed stauchung druck druckspannung")
-_UNCERTAIN = _set("almansi eulerian biot swainger mises equivalent effective principal deviatoric")
+TENSILE = word_set("tensile zug traction elongation gauge specimen extensometer pull")
+_COMPRESSIVE = word_set("compressive compression compress compressed stauchung druck druckspannung")
+_UNCERTAIN = word_set("almansi eulerian biot swainger mises equivalent effective principal deviatoric")
 _STRAIN_MEASURES: Mapping[str, frozenset[str]] = {
-    "log": _set("true log logarithmic ln hencky natural wahre"),
-    "green": _set("green lagrange lagrangian gl"),
-    "": _set("engineering eng nominal technische"),
+    "log": word_set("true log logarithmic ln hencky natural wahre"),
+    "green": word_set("green lagrange lagrangian gl"),
+    "": word_set("engineering eng nominal technische"),
 }
 _STRESS_MEASURES: Mapping[str, frozenset[str]] = {
-    "true": _set("true cauchy wahre"),
-    "pk2": _set("pk2 2pk spk second 2nd"),
-    "": _set("engineering eng nominal pk1 1pk first 1st technische"),
+    "true": word_set("true cauchy wahre"),
+    "pk2": word_set("pk2 2pk spk second 2nd"),
+    "": word_set("engineering eng nominal pk1 1pk first 1st technische"),
 }
-_SHEAR = _set("shear scherung schub schubspannung gamma")
-_BIAXIAL = _set("biaxial equibiaxial")
+_SHEAR = word_set("shear scherung schub schubspannung gamma")
+_BIAXIAL = word_set("biaxial equibiaxial")
 
 
 def words_of(name: str) -> tuple[str, ...]:
@@ -139,14 +149,16 @@ def words_of(name: str) -> tuple[str, ...]:
     (('actual', 'tcp', 'force', '0'), ('wrench', 'force', 'x'), ('fx',))
     """
     words = (
-        _EASTERN_WORD.findall(word) if word[0] >= _FIRST_EASTERN else [word]
-        for word in _WORD.findall(unit_in(name)[0])
+        _FOREIGN_WORD.findall(word.lower()) if word[0] >= _FIRST_FOREIGN else [word.lower()]
+        for word in _WORD.findall(_plain(unit_in(name)[0]))
     )
-    return tuple(_EASTERN.get(word, _plain(word)) for word in chain.from_iterable(words))
+    return tuple(_MEANINGS.get(word, word) for word in chain.from_iterable(words))
 
 
-def _plain(word: str) -> str:
-    return "".join(c for c in unicodedata.normalize("NFKD", word.lower()) if not unicodedata.combining(c))
+def _plain(name: str) -> str:
+    """Name with Latin letters that have no accents."""
+    letters = (unicodedata.normalize("NFKD", c)[0] if c < _FIRST_FOREIGN else c for c in name)
+    return "".join(letters).translate(_PLAIN)
 
 
 def factor_of(column: Column, kind: Kind) -> float | None:
@@ -180,7 +192,7 @@ def pick(columns: Sequence[Column], role: str) -> Picked | None:
         alone = [
             c for c in columns if factor_of(c, kind) is not None and not _is_other(words_of(c.name), role)
         ]
-        if len(alone) != 1 or role in ("stretch", "strain", "stress"):
+        if len(alone) != 1 or role in ("stretch", "strain"):
             return None
         remark = f"{alone[0].name} is taken for the {role}, by its unit alone"
         return Picked(alone[0], factor_of(alone[0], kind), (remark,))

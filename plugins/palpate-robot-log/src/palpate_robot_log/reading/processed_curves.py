@@ -15,6 +15,7 @@ from palpate_indentation.api import FOREARM, HOMOGENEOUS, CsvLoader, problem_of,
 from palpate_robot_log.columns_loader import ColumnsLoader
 from palpate_robot_log.processing.contact import place_of_contact
 from palpate_robot_log.reading.names import (
+    ROLES,
     TENSILE,
     Picked,
     Test,
@@ -30,6 +31,7 @@ _DEGREES_PER_RADIAN = 57.29577951308232
 _ROLES = {"force": ("travel", "force"), "torque": ("angle", "moment")}
 _LENGTHS = frozenset({"travel"})
 _LARGEST_STRAIN = 10.0
+_FEWEST_OF_ROBOT = 7  # a time, a position and a force
 _AT_REST = 0.02
 """Share of a range up to which a value is next to zero."""
 
@@ -118,12 +120,25 @@ def _spans(name: str, curve: Curve) -> str:
 def curves_of(log: RawLog) -> Proposed | None:
     """Curves of a press, or a homogeneous test, in a table; None where its columns are neither."""
     columns = [column for stream in log.streams for column in stream.columns.values()]
-    found = _homogeneous(columns) or _curves(columns)
+    found = _homogeneous(columns) or _curves(columns) or _unnamed(columns)
     if found is None:
         return None
     # The loader finds the separator by itself.
     layout = {key: value for key, value in log.layout.items() if key != "delimiter" and value != "."}
     return replace(found, layout=layout, file=Path(log.source).name, is_text=log.row_word == "line")
+
+
+def _unnamed(columns: Sequence[Column]) -> Proposed | None:
+    """Question for depth and force among a few columns, which are too few for a robot's log."""
+    if not 2 <= len(columns) < _FEWEST_OF_ROBOT:
+        return None
+    names = [column.name for column in columns]
+    ask = f"{', '.join(names)}: which is the depth, and which the force? name them, with factors to mm and N"
+    channels = {
+        "abscissa": {"name": names[-2], "scale": "factor to mm"},
+        "ordinate": {"name": names[-1], "scale": "factor to N"},
+    }
+    return Proposed(channels={"force": channels}, questions=(ask,))
 
 
 # ------------------------------------------------------------------------ a press
@@ -266,6 +281,8 @@ def _homogeneous(columns: Sequence[Column]) -> Proposed | None:
     columns_of |= {"strain": test.strain} if test.strain else {}
     columns_of |= {"stress": test.stress} if test.stress else {}
     questions = list(test.questions)
+    if not {*words_of(stress.column.name)} & {*ROLES["stress"].words}:
+        questions.append(f"{stress.column.name}: true, second Piola-Kirchhoff or nominal? write it as stress")
     questions += [
         each
         for one, kind in ((stress, "stress"), (along, "strain"))

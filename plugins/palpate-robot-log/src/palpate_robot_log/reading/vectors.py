@@ -10,7 +10,7 @@ import numpy as np
 from palpate.api import FloatArray
 from palpate.api.files import Column, Kind, kind_of
 from palpate_robot_log.reading.channel_map import NO_COLUMN
-from palpate_robot_log.reading.names import MEASURED, factor_of, words_of
+from palpate_robot_log.reading.names import MEASURED, factor_of, word_set, words_of
 from palpate_robot_log.reading.raw import Stream
 
 QUANTITIES = ("position", "orientation", "force", "moment")
@@ -22,12 +22,12 @@ _ANGLES = ("abc", "wpr")
 """Letters of three angles in degrees: A, B, C of KUKA, Doosan and others, and W, P, R of Fanuc."""
 
 WORDS: Mapping[str, frozenset[str]] = {
-    "position": frozenset(("p", "pos", "position", "translation", "tcp", "tip", "tool", "point", "lage")),
-    "orientation": frozenset(
-        ("q", "o", "quat", "quaternion", "orientation", "rotation", "rot", "r", "euler", "theta", *_ANGLES)
+    "position": word_set("p pos position translation tcp tip tool point lage"),
+    "orientation": word_set(
+        "q o quat quaternion orientation rotation rot r euler theta rotvec rvec rodrigues abc wpr"
     ),
-    "force": frozenset(("f", "force", "forces", "kraft")),
-    "moment": frozenset(("t", "torque", "torques", "moment", "moments", "m", "tau", "drehmoment")),
+    "force": word_set("f force forces kraft"),
+    "moment": word_set("t torque torques moment moments m tau drehmoment"),
 }
 KINDS: Mapping[str, Kind] = {
     "position": "length",
@@ -35,13 +35,11 @@ KINDS: Mapping[str, Kind] = {
     "moment": "moment",
     "orientation": "angle",
 }
-WRENCH_WORDS = frozenset(("wrench", "ft", "force", "f", "sensor"))
-_POSE_WORDS = frozenset(("pose", "tcp", "transform"))
-_OF_MOTION = frozenset(
-    ("vel", "velocity", "speed", "twist", "acc", "accel", "acceleration", "omega", "gyro", "jerk", "error")
-)
+WRENCH_WORDS = word_set("wrench ft force f sensor")
+_POSE_WORDS = word_set("pose tcp transform")
+_OF_MOTION = word_set("vel velocity speed twist acc accel acceleration omega gyro jerk error")
 """Words of vectors that a press has no use for."""
-_IN_BASE = frozenset(("base", "o", "world", "actual"))
+_IN_BASE = word_set("base o world actual")
 """Words of a wrench in the base frame: O_F_ext_hat_K of Franka, actual_TCP_force of Universal Robots."""
 _ORDER = "the order of the columns of {}: x, y, z by their numbers is assumed"
 
