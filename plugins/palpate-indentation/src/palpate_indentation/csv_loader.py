@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, ClassVar, Literal, Protocol, Self
+from typing import Annotated, Literal, Protocol, Self
 
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -157,8 +157,9 @@ class CsvSettings(TextFormat, CurveSettings):
 class Table(Protocol):
     """Numbers under names, such as a :class:`TextTable`."""
 
-    row_word: ClassVar[str]
-    """How messages call a row: line, or row."""
+    @property
+    def row_word(self) -> str:
+        """Name of a row in messages: line, or row."""
 
     @property
     def path(self) -> Path:

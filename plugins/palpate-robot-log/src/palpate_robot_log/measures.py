@@ -225,10 +225,23 @@ def jump_after_stop_mm(series: "Series", channels: "ChannelMap") -> Iterator[Fou
             yield found(jump, int(starts[index]), seconds=held_s[index], to=series.at(after))
 
 
+def off_unit(quaternions: FloatArray) -> FloatArray:
+    """Deviation (n,) of the length of quaternions (n, 4) from 1."""
+    deviation: FloatArray = np.abs(np.sqrt(np.einsum("ij,ij->i", quaternions, quaternions)) - 1.0)
+    return deviation
+
+
+def off_turn(rows: FloatArray) -> FloatArray:
+    """Largest deviation (n,) of matrices, rows of nine numbers (n, 9), from right angles and unit length."""
+    matrices = rows.reshape(-1, 3, 3)
+    products = np.einsum("nij,nkj->nik", matrices, matrices)
+    deviation: FloatArray = np.abs(products - np.eye(3)).max(axis=(1, 2))
+    return deviation
+
+
 def off_unit_length(series: "Series", _: "ChannelMap") -> Iterator[Found]:
     """Deviation of a quaternion's length from 1."""
-    lengths = np.sqrt(np.einsum("ij,ij->i", series.values, series.values))
-    off = np.abs(lengths - 1.0)
+    lengths, off = np.linalg.norm(series.values, axis=1), off_unit(series.values)
     bad = np.flatnonzero(off > LARGEST_DEVIATION)
     for row in [*map(int, bad[:1])] or [int(off.argmax())]:
         yield found(float(off.max()), row, length=lengths[row], n_rows=bad.size)
@@ -236,8 +249,7 @@ def off_unit_length(series: "Series", _: "ChannelMap") -> Iterator[Found]:
 
 def off_rotation(series: "Series", _: "ChannelMap") -> Iterator[Found]:
     """Deviation of nine numbers from a rotation."""
-    matrices = series.values.reshape(-1, 3, 3)
-    off = np.abs(np.einsum("nij,nkj->nik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))
+    off = off_turn(series.values)
     yield found(float(off.max()), int(off.argmax()))
 
 

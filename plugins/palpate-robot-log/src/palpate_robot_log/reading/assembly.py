@@ -10,10 +10,17 @@ from scipy.signal import correlate
 from scipy.spatial.transform import Rotation, Slerp
 
 from palpate.api import CurveError, FloatArray
-from palpate.api.files import BASE_UNITS, Kind, TextFormat, factor_to_base, kind_of
+from palpate.api.files import BASE_UNITS, Column, Kind, TextFormat, factor_to_base, kind_of
 from palpate_robot_log.checks import check
 from palpate_robot_log.measures import off_rotation, off_unit_length
-from palpate_robot_log.reading.channel_map import NO_COLUMN, ChannelMap, LogFiles, Orientation, Vector
+from palpate_robot_log.reading.channel_map import (
+    NO_COLUMN,
+    ChannelMap,
+    LogFiles,
+    Orientation,
+    Time,
+    Vector,
+)
 from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log
 from palpate_robot_log.reading.raw import RawLog, Series, Stream
 from palpate_robot_log.recording import Recording, rotated
@@ -203,32 +210,24 @@ def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> 
     """Columns of one quantity and their time, converted to the recording's units."""
     source = _sources(channels)[what]
     its_time = source.time or channels.time
-    time_name = its_time.column
     real = [name.removeprefix("-") for name in source.columns if name != NO_COLUMN]
     stream = log.stream_of([*its_time.columns, *real], source.stream)
-    if its_time.rate is not None:
-        time_factor, time_unit = 1.0 / its_time.rate, "rows"
-    else:
-        time_factor, time_unit = _factor(log, channels, stream, time_name, its_time.unit, "time")
-    time = stream.column(time_name).values
-    if its_time.nanoseconds is not None:
-        time = time + 1e-9 / time_factor * stream.column(its_time.nanoseconds).values
+    time_s, time_unit = seconds_of(log, stream, its_time, header_units=channels.header_units)
     # Column after column in memory: what is done to each axis of a long log takes a tenth of the time.
     table = np.zeros((len(source.columns), stream.rows.size)).T
     units = []
     for index, name in enumerate(source.columns):
         if name != NO_COLUMN:
-            factor, unit = _factor(log, channels, stream, name.removeprefix("-"), source.unit, kind)
-            sign = -1.0 if name.startswith("-") else 1.0
-            np.multiply(stream.column(name.removeprefix("-")).values, sign * factor, out=table[:, index])
+            column, sign = stream.column(name.removeprefix("-")), -1.0 if name.startswith("-") else 1.0
+            factor, unit = _factor(log, column, source.unit, kind, header_units=channels.header_units)
+            np.multiply(column.values, sign * factor, out=table[:, index])
             units.append(unit)
     series = Series(
         log=log,
         what=what,
         names=tuple(source.columns),
         stream=stream.name,
-        # Series that share a column of time are known by sharing the array.
-        time_s=time if time_factor == 1.0 else time_factor * time,
+        time_s=time_s,
         values=table,
         rows=stream.rows,
         units=(time_unit, units[0] if units else ""),
@@ -243,7 +242,7 @@ def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> 
     if channels.missing == "skip":
         return series.part(~bad_rows)
     first = int(np.argmax(bad_rows))
-    name = series.names[int(np.argmax(lacking[first]))] if lacking[first].any() else time_name
+    name = series.names[int(np.argmax(lacking[first]))] if lacking[first].any() else its_time.column
     raise CurveError(
         f"{log.source}: {series.at(first)}, column '{name}': no value (NaN or empty), as in "
         f'{int(bad_rows.sum())} rows in all; repair or remove them, or set missing = "skip" in the channel '
@@ -251,15 +250,28 @@ def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> 
     )
 
 
+def seconds_of(log: RawLog, stream: Stream, time: Time, *, header_units: bool = True) -> tuple[FloatArray, str]:
+    """Time [s] of the rows of a stream, and its unit in the file.
+
+    Series that share a column of seconds are known by sharing the array.
+    """
+    column, factor, unit = stream.column(time.column), 1.0 / (time.rate or 1.0), "rows"
+    if time.rate is None:
+        factor, unit = _factor(log, column, time.unit, "time", header_units=header_units)
+    values = column.values if factor == 1.0 else factor * column.values
+    if time.nanoseconds is not None:
+        values = values + 1e-9 * stream.column(time.nanoseconds).values
+    return values, unit
+
+
 def _factor(
-    log: RawLog, channels: ChannelMap, stream: Stream, name: str, unit: str | None, kind: Kind | None
+    log: RawLog, column: Column, unit: str | None, kind: Kind | None, *, header_units: bool
 ) -> tuple[float, str]:
     """Factor from the file's unit to the recording's, and the file's unit."""
-    column = stream.column(name)
-    where = f"{log.source}: column '{name}'"
+    where = f"{log.source}: column '{column.name}'"
     if kind is None:
         return 1.0, ""
-    found = column.shown_unit if channels.header_units else ""
+    found = column.shown_unit if header_units else ""
     if not unit and not found:
         raise CurveError(
             f"{where} shows no unit, and the channel map gives none; "

@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from palpate.api import CurveError, FloatArray
-from palpate.api.files import InspectedTable, Inspection, factor_to_base, kind_of
+from palpate.api.files import InspectedTable, Inspection, kind_of
 from palpate_indentation.api import units_of
 from palpate_robot_log.checks import LARGEST_TURN_AXIS_ANGLE_DEG
 from palpate_robot_log.measures import longest_step_s
@@ -25,8 +25,8 @@ from palpate_robot_log.processing.chain import Processed
 from palpate_robot_log.processing.contact import contacts_of
 from palpate_robot_log.processing.cycles import process_cycles
 from palpate_robot_log.processing.settings import ProcessingSettings, Switch
-from palpate_robot_log.reading.assembly import assemble, read_both, share_clock
-from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles
+from palpate_robot_log.reading.assembly import assemble, read_both, seconds_of, share_clock
+from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles, Time
 from palpate_robot_log.reading.formats import Request, read_log
 from palpate_robot_log.reading.processed_curves import Proposed, curves_of
 from palpate_robot_log.reading.proposal import (
@@ -72,11 +72,11 @@ def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
     else:
         log = read_both(path, wrench, Request())
         proposal = replace(propose(log), files=LogFiles.of(path, wrench).model_dump())
-        clocks = [_clock(log.stream(name), time) for name, time in proposal.time.items()]
+        clocks = [_clock(log, log.stream(name), time) for name, time in proposal.time.items()]
         if share_clock([(clock["begin_s"], clock["end_s"]) for clock in clocks]):
             proposal = replace(proposal, clocks="common")
     proposal, curves, new, problem = _found(log, path, judged(log, proposal))
-    streams = [_described(stream, proposal) for stream in log.streams]
+    streams = [_described(log, stream, proposal) for stream in log.streams]
     columns = _columns_table(streams)
     tables = (columns,) if curves else (_streams_table(log, streams), columns)
     findings = [*log.notes, *(() if curves else _gap_findings(log, streams)), *new]
@@ -239,7 +239,7 @@ def _cycles(recording: Recording) -> list[str]:
     return [f"{len(peaks)} presses, of {peaks[0]:.3g} N, {each}: {which}"] if each else []
 
 
-def _described(stream: Stream, proposal: Proposal) -> dict[str, Any]:
+def _described(log: RawLog, stream: Stream, proposal: Proposal) -> dict[str, Any]:
     """Clock and columns of a stream in plain values."""
     guesses = [(what, guess) for what, guess in proposal.guesses.items() if guess.stream == stream.name]
     if time := proposal.time.get(stream.name):
@@ -250,7 +250,7 @@ def _described(stream: Stream, proposal: Proposal) -> dict[str, Any]:
     return {
         "name": stream.name,
         "n_rows": int(stream.rows.size),
-        "time": None if time is None or time.is_counter else _clock(stream, time),
+        "time": None if time is None or time.is_counter else _clock(log, stream, time),
         "columns": [
             {
                 "name": column.name,
@@ -266,20 +266,16 @@ def _described(stream: Stream, proposal: Proposal) -> dict[str, Any]:
     }
 
 
-def _clock(stream: Stream, guess: Guess) -> dict[str, Any]:
-    column, *parts = map(stream.column, guess.names)
-    unit = guess.unit or column.shown_unit
-    seconds = column.values * (factor_to_base(unit, "time", column.name) if unit else 1.0)
-    for part in parts:
-        seconds = seconds + 1e-9 * part.values
-    is_there = np.isfinite(seconds)
-    time = seconds[is_there]
+def _clock(log: RawLog, stream: Stream, guess: Guess) -> dict[str, Any]:
+    time_s, _ = seconds_of(log, stream, Time.model_validate(guess.entry))
+    is_there = np.isfinite(time_s)
+    time = time_s[is_there]
     rows = stream.rows[is_there]
     steps = np.diff(time)
     usual = float(np.median(steps))
     wide = np.flatnonzero(steps > longest_step_s(usual))
     return {
-        "column": column.name,
+        "column": guess.names[0],
         "begin_s": float(time[0]),
         "end_s": float(time[-1]),
         "rate_hz": 1.0 / usual if usual > 0.0 else float("nan"),

@@ -4,7 +4,7 @@ A table has one stream. A bag has one for each topic, and a MATLAB file one for 
 Nothing is converted here: units are those that the file shows.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -87,6 +87,21 @@ class RawLog:
     layout: Mapping[str, object] = field(
         default_factory=dict
     )  # of the text, as the loader's settings have it
+
+    @property
+    def path(self) -> Path:
+        """File that it was read from."""
+        return Path(self.source)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns of all streams."""
+        return tuple(name for stream in self.streams for name in stream.frame.columns)
+
+    def read(self, wanted: Sequence[str]) -> tuple[IntArray, dict[str, Column]]:
+        """Rows and columns of the one stream that has all that are wanted."""
+        stream = self.stream_of(wanted, choose="save one of them in a file of its own")
+        return stream.rows, {name: stream.column(name) for name in wanted}
 
     def stream(self, name: str) -> Stream:
         """Stream by its name; a name that is not there is a CurveError."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from palpate.api import FloatArray
 from palpate.api.files import Column, Kind, kind_of
+from palpate_robot_log.measures import LARGEST_DEVIATION, off_turn, off_unit
 from palpate_robot_log.reading.channel_map import NO_COLUMN
 from palpate_robot_log.reading.names import MEASURED, factor_of, word_set, words_of
 from palpate_robot_log.reading.raw import Stream
@@ -77,7 +78,7 @@ def groups_of(stream: Stream) -> list[Group]:
         if columns and "w" not in members and not is_indexed:
             # The scalar of a quaternion may have another mark: Q0, qs.
             scalars = [one for k in (0, 1) if (one := found.get((k, True, words), {}).get("0"))]
-            columns += [one for one in scalars[:1] if _is_unit(complete_rows([*columns, one]))]
+            columns += [one for one in scalars[:1] if _are_units(complete_rows([*columns, one]))]
         if columns:
             taken |= {column.name for column in columns}
             groups.append(
@@ -159,25 +160,25 @@ class Shape(NamedTuple):
         return self.holds is None or self.holds(complete_rows(group.columns[self.parts[-1].columns]))
 
 
-def _is_unit(rows: FloatArray) -> bool:
-    lengths = np.linalg.norm(rows, axis=1)
-    return lengths.size > 0 and bool(abs(np.median(lengths) - 1.0) < 0.01)
+def _are_small(deviations: FloatArray) -> bool:
+    return deviations.size > 0 and bool(np.median(deviations) < LARGEST_DEVIATION)
+
+
+def _are_units(rows: FloatArray) -> bool:
+    return _are_small(off_unit(rows))
 
 
 def _are_turns(rows: FloatArray) -> bool:
-    """Whether rows (n, 9) are rotation matrices, row by row."""
-    matrices = rows.reshape(-1, 3, 3)
-    off = np.abs(np.einsum("nij,nkj->nik", matrices, matrices) - np.eye(3)).max(axis=(1, 2))
-    return off.size > 0 and bool(np.median(off) < 0.01)
+    return _are_small(off_turn(rows))
 
 
 _ALL, _HEAD, _TAIL = slice(None), slice(0, 3), slice(3, None)
 _ANY = frozenset[str]()
 SHAPES = (
-    Shape(4, _ANY, _is_unit, (Part("orientation", _ALL, 4.0, "quaternion"),)),
+    Shape(4, _ANY, _are_units, (Part("orientation", _ALL, 4.0, "quaternion"),)),
     Shape(6, WRENCH_WORDS, None, (Part("force", _HEAD, 2.0), Part("moment", _TAIL, 2.0))),
     Shape(6, _POSE_WORDS, None, (Part("position", _HEAD, 1.5), Part("orientation", _TAIL, 1.5, "angles"))),
-    Shape(7, _ANY, _is_unit, (Part("position", _HEAD, 2.0), Part("orientation", _TAIL, 4.0, "quaternion"))),
+    Shape(7, _ANY, _are_units, (Part("position", _HEAD, 2.0), Part("orientation", _TAIL, 4.0, "quaternion"))),
     Shape(9, _ANY, _are_turns, (Part("orientation", _ALL, 3.0, "rotation_matrix"),)),
 )
 """Patterns of vectors that are not three columns; the first that fits counts."""
