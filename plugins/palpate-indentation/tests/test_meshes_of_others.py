@@ -168,6 +168,15 @@ def counts(tmp_path: Path, text: str, fixed: Any = "fixed") -> tuple[Limb, int]:
     return limb, len(limb.mesh.node_sets["fixed"])
 
 
+def test_nodes_in_a_file_of_their_own_are_read(tmp_path: Path) -> None:
+    (tmp_path / "nodes.inc").write_text(f"** exported\n{NODES}")
+    text = part().replace(f"*NODE, NSET=ALL\n{NODES}", '*Node, nset=ALL, input="nodes.inc"\n')
+    limb, n_fixed = counts(tmp_path, text, ["bone", "cuts"])
+    same, n_same = counts(tmp_path, part(), ["bone", "cuts"])
+    np.testing.assert_array_equal(limb.mesh.points_mm, same.mesh.points_mm)
+    assert n_fixed == n_same
+
+
 SUPPORTS = {
     "encastre": "*Boundary\nbone, ENCASTRE\ncuts, PINNED\n",
     "ranges of directions": "*BOUNDARY\nbone, 1, 3\ncuts, 1, 3, 0.\n",
@@ -277,6 +286,8 @@ def test_a_solid_rigid_body_is_no_limb(tmp_path: Path) -> None:
         ),
         (part("*NGEN, nset=x\n1, 2\n"), r"\*NGEN in line \d+: it makes nodes or elements; write all of them"),
         (part("*Node, system=C\n1, 2, 3, 4\n"), "cylindrical or spherical; write x, y and z"),
+        ("*Node, input=nodes.inc\n", r"\*NODE in line 1: no such file 'nodes.inc'; put it next to it"),
+        ("*Include, input=nodes.inc\n", r"\*INCLUDE in line 1: no such file 'nodes.inc'; put it next to it"),
         (part("*Element, type=C3D8\n1, 2, 3\n"), "C3D8 wants 8 nodes in each element"),
         (
             part("*Element, type=C3D4\n901, 1, 2, 3, 5000\n"),

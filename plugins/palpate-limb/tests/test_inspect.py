@@ -53,6 +53,15 @@ def test_the_supports_of_a_deck_are_shown(session: Session) -> None:
     assert tables["Supports"] == (("'a'", "x y z", "25"), ("'b'", "x y z", "15"), ("'c'", "x y z", "15"))
 
 
+def test_a_set_that_no_condition_names_is_fixed_with_a_remark(session: Session, tmp_path: Path) -> None:
+    text = (DECKS / "deck25_surface_pair.feb").read_text()
+    start, end = text.index("<Boundary>"), text.index("</Boundary>") + len("</Boundary>")
+    (tmp_path / "m.feb").write_text(text[:start] + text[end:])
+    found = look_into_mesh(tmp_path / "m.feb", session)
+    assert any("no condition of the deck holds nodes" in each for each in found.findings)
+    assert tomllib.loads(found.study_text)["limb"]["settings"]["fixed"] == ["cuts", "bone"]
+
+
 def test_a_limb_in_metres_elsewhere_has_unit_and_spot(session: Session, tmp_path: Path) -> None:
     limb = block("hex8", n_across=4, n_down=2)
     points = limb.mesh.points_mm @ np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]) + [300.0, 0.0, 0.0]
@@ -78,7 +87,10 @@ def test_a_limb_in_metres_elsewhere_has_unit_and_spot(session: Session, tmp_path
 
 def test_what_is_missing_is_a_finding(session: Session) -> None:
     found = look_into_mesh(MESHES / "plane_misses_nodes_of_a_cut.vtu", session)
-    assert "no set of nodes has the name of a support; name held nodes as `fixed`" in found.findings
+    (asked,) = [
+        each for each in found.findings if each.startswith("no set of nodes has the name of a support")
+    ]
+    assert 'fixed = { normal = [0, 0, 1], at = "… mm" }' in asked
     assert any(finding.startswith("these tables do not read it yet") for finding in found.findings)
     assert found.limb is None
 

@@ -70,8 +70,13 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
         skin, held = likely_sets([*deck.node_sets, *deck.surfaces])
         if skin not in (None, "contact") and len(deck.touched) != 1:
             settings["contact"] = skin
+        findings = [finding] if finding else []
         if not deck.supports and held:
             settings["fixed"] = held
+            sets = ", ".join(f"'{name}'" for name in held)
+            findings.append(
+                f"no condition of the deck holds nodes; fixed is {sets} by its name alone: check it"
+            )
         parts = [(p.name, p.kind, p.material, str(len(p.cells))) for p in deck.parts]
         parts += [(name, "rigid", "", f"{len(nodes)} nodes") for name, nodes in deck.rigid.items()]
         named = [(name, "node set", f"{len(nodes)} nodes") for name, nodes in deck.node_sets.items()]
@@ -82,7 +87,7 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
             ),
             InspectedTable(title="Names in the deck", columns=("name", "kind", "content"), rows=tuple(named)),
         ]
-        return inspected(path, cls, settings, tables, deck.supports, [finding] if finding else [])
+        return inspected(path, cls, settings, tables, deck.supports, findings)
 
     def load(self, path: Path, spot: Spot) -> Limb:
         """Limb of one spot.

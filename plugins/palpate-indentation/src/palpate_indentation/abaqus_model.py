@@ -54,6 +54,8 @@ EDGES: Mapping[str, tuple[tuple[int, int], ...]] = MappingProxyType(
 )
 """Ends of the edges whose middles are the nodes after the corners."""
 
+_WITH_FILE = ("NODE", "ELEMENT", "NSET", "ELSET")
+"""Keywords whose data lines may be in a file of their own."""
 GENERATED = ("NGEN", "NFILL", "ELGEN", "NCOPY", "ELCOPY", "NMAP", "SYSTEM")
 
 
@@ -394,12 +396,8 @@ def _face(kind: str, nodes: list[int], face: int | None) -> list[int]:
 def _keywords(path: Path, by: frozenset[Path] = frozenset()) -> Iterator[Keyword]:
     """Keywords of a file with their data lines, those of included files in their place."""
     current: Keyword | None = None
-    lines = path.read_text(encoding="utf-8", errors="replace").split("\n")
     open_line = False
-    for number, line in enumerate(lines, 1):
-        text = line.strip()
-        if not text or text.startswith("**"):
-            continue
+    for number, text in _lines(path):
         if text.startswith("*") and len(text) > 1:
             if current is not None:
                 yield from _given(path, current, by)
@@ -409,23 +407,38 @@ def _keywords(path: Path, by: frozenset[Path] = frozenset()) -> Iterator[Keyword
             _add_options(current, text)
             open_line = text.endswith(",")
         elif current is not None:
-            cells = [cell.strip() for cell in text.split(",")]
-            current.rows.append(cells[:-1] if cells[-1] == "" else cells)
+            current.rows.append(_cells(text))
     if current is not None:
         yield from _given(path, current, by)
 
 
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Lines of a file that are neither empty nor a comment, with their numbers."""
+    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").split("\n"), 1):
+        if (text := line.strip()) and not text.startswith("**"):
+            yield number, text
+
+
+def _cells(text: str) -> list[str]:
+    cells = [cell.strip() for cell in text.split(",")]
+    return cells[:-1] if cells[-1] == "" else cells
+
+
 def _given(path: Path, keyword: Keyword, by: frozenset[Path]) -> Iterator[Keyword]:
-    """The keyword itself, or the keywords of the file that it includes."""
-    if keyword.name != "INCLUDE":
+    """Keyword with its data lines, also those of another file, or the keywords that it includes."""
+    if keyword.name != "INCLUDE" and not (keyword.name in _WITH_FILE and "INPUT" in keyword.options):
         yield keyword
         return
     other = path.parent / keyword.options.get("INPUT", "").strip("\"'")
     if not other.is_file() or other in by:
         raise MeshError(
-            f"{path}: *INCLUDE in line {keyword.line}: no such file '{other.name}'; put it next to it"
+            f"{path}: *{keyword.name} in line {keyword.line}: no such file '{other.name}'; put it next to it"
         )
-    yield from _keywords(other, by | {path})
+    if keyword.name == "INCLUDE":
+        yield from _keywords(other, by | {path})
+    else:
+        keyword.rows += [_cells(text) for _, text in _lines(other)]
+        yield keyword
 
 
 def _add_options(keyword: Keyword, text: str) -> None:

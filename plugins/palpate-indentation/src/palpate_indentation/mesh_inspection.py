@@ -81,7 +81,9 @@ def _node_sets(content: MeshFile, findings: list[str]) -> dict[str, Any]:
     if contact is None:
         findings.append("no set of nodes has the name of a skin; name the pressed surface as `contact`")
     if not held and not content.supports:
-        findings.append("no set of nodes has the name of a support; name held nodes as `fixed`")
+        plane = 'fixed = { normal = [0, 0, 1], at = "… mm" }'
+        held_nodes = f"name held nodes as `fixed`, or give their plane under node_sets: {plane}"
+        findings.append(f"no set of nodes has the name of a support; {held_nodes}")
     if contact in (None, "contact") and (content.supports or fixed in ([], "fixed")):
         return {}
     own = {} if content.supports else {"fixed": fixed or "fixed"}

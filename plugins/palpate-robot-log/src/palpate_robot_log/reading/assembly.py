@@ -250,7 +250,9 @@ def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> 
     )
 
 
-def seconds_of(log: RawLog, stream: Stream, time: Time, *, header_units: bool = True) -> tuple[FloatArray, str]:
+def seconds_of(
+    log: RawLog, stream: Stream, time: Time, *, header_units: bool = True
+) -> tuple[FloatArray, str]:
     """Time [s] of the rows of a stream, and its unit in the file.
 
     Series that share a column of seconds are known by sharing the array.
