@@ -43,7 +43,6 @@ from palpate.fit.stage import FitStage
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.registry import load_file
 from palpate.progress import SILENT
-from palpate.run.result import CertaintyResult
 from palpate.sampling.samplers import LatinHypercube
 from palpate.stages import pipeline
 from palpate.study.reading import Study, StudySpot
@@ -410,7 +409,7 @@ def content(make_study, plugins, tmp_path, monkeypatch, contents):
         else:
             kept = contents[key] = run(changes)
         kept = replace(kept, study=replace(kept.study, truth=truth or {}))  # only the report asks for it
-        return kept if assessed else replace(kept, fit=replace(kept.fit, certainty=CertaintyResult()))
+        return kept if assessed else kept.without_assessment()
 
     return made
 

@@ -9,7 +9,7 @@ import numpy as np
 import polars as pl
 from pydantic import Field
 
-from palpate.api import Progress, Run, Settings, Stage, StudyError, Summary, hookimpl
+from palpate.api import Progress, Run, Settings, Stage, StageTable, StudyError, Summary, TableColumn, hookimpl
 from palpate.api.runs import Files
 
 
@@ -25,7 +25,18 @@ class LoopWork(Stage[LoopWorkSettings]):
     name = "loop_work"
     summary = "Work lost in the twist, measured and fitted"
     needs = ("experiment", "fit")
-    tables = MappingProxyType({"loop_work": "Work of each spot's loop, by where the curve is from."})
+    tables = MappingProxyType(
+        {
+            "loop_work": StageTable(
+                "Work of each spot's loop.",
+                {
+                    "spot": TableColumn("Name of the spot.", pl.String),
+                    "curve": TableColumn("'measured', or the fit.", pl.String),
+                    "work": TableColumn("Work of the loop.", unit="N·mm·deg"),
+                },
+            )
+        }
+    )
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Work of each loop by the trapezium rule; N·mm·degrees for a torque."""

@@ -68,12 +68,11 @@ def test_posteriors_of_a_fit_are_drawn_and_kept(call, without_sweep, tmp_path):
     valid("certainty", drawn.json)
     assert drawn.code == 0, drawn.err
     run = RunDirectory(tmp_path / "runs" / "toy")
-    kept = run.posterior()
-    assert kept.posterior.to_dicts() == drawn.json["posterior"]
-    assert kept.volumes["ratio"].to_list()[0] == 1.0
+    assert run.table("posterior").to_dicts() == drawn.json["posterior"]
+    assert run.table("volumes")["ratio"].to_list()[0] == 1.0
     assert call("certainty", without_sweep, "--json").json["posterior"] == drawn.json["posterior"]
     run.write_stage("intervals", {}, {})
-    assert run.posterior().posterior.is_empty()
+    assert not run.records.is_current("certainty")
 
 
 @pytest.mark.parametrize(

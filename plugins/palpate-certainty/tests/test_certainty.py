@@ -21,12 +21,12 @@ from palpate.plugins.interfaces import SetFilter
 from palpate.plugins.score import Score, ScoringRules
 from palpate.plugins.search import Trial
 from palpate.run.directory import RunDirectory
-from palpate.run.result import FitResult, PosteriorResult
+from palpate.run.result import FitResult
 from palpate.stages import pipeline
 from palpate.study.model import BudgetTable
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.emulated_curves import MeshCorrections, ScenarioDensity, SimulatedCurves
-from palpate_certainty.tables import certainty_result
+from palpate_certainty.tables import certainty_tables
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_prediction.bands import values_at
 
@@ -41,21 +41,21 @@ def assessed(ended):
 
 def test_tables_have_a_row_of_each_parameter_with_its_causes(assessed):
     found = assessed
-    assert found.intervals["parameter"].to_list() == ["tissue.c1", "tissue.m1"]
-    for row in found.intervals.iter_rows(named=True):
+    assert found["intervals"]["parameter"].to_list() == ["tissue.c1", "tissue.m1"]
+    for row in found["intervals"].iter_rows(named=True):
         assert row["lower"] < row["value"] < row["upper"]
         assert row["upper"] - row["lower"] > row["noise_upper"] - row["noise_lower"]
         assert row["identifiability"] in ("well", "roughly", "poorly", "not")
-        of_it = found.budget.filter(parameter=row["parameter"])
+        of_it = found["budget"].filter(parameter=row["parameter"])
         assert of_it["share"].sum() == pytest.approx(1.0)
         assert {"noise", "model", "gain", "onset", "tissue.kappa"} <= set(of_it["cause"])
-    assert found.parameter_combinations.height == 2
-    assert set(found.adequacy["verdict"]) == {"describes"}
-    assert set(found.adequacy["check"]) == {"discrepancy", "spots", "ranges"}
+    assert found["parameter_combinations"].height == 2
+    assert set(found["adequacy"]["verdict"]) == {"describes"}
+    assert set(found["adequacy"]["check"]) == {"discrepancy", "spots", "ranges"}
 
 
 def test_intervals_hold_the_truth(assessed):
-    for row, truth in zip(assessed.intervals.iter_rows(named=True), TRUTH, strict=True):
+    for row, truth in zip(assessed["intervals"].iter_rows(named=True), TRUTH, strict=True):
         assert row["lower"] < truth < row["upper"]
 
 
@@ -65,19 +65,19 @@ def test_most_likely_values_have_the_intervals_and_draws_of_their_own(ended):
     found = Assessment(study=study, measured=measured).run([case])
     row = {"fit": "all spots", "scenario": "I", "fopt": 0.1} | case.values()
     table = pl.DataFrame([row | {"spot": spot} for spot in study.spot_names])
-    fit = FitResult(table=table, certainty=found)
+    fit = FitResult(table=table, intervals=found["intervals"], adequacy=found["adequacy"])
     least, likely = fit.table.row(0, named=True), fit.joint("I").row(0, named=True)
-    for row, truth in zip(found.intervals.iter_rows(named=True), TRUTH, strict=True):
+    for row, truth in zip(found["intervals"].iter_rows(named=True), TRUTH, strict=True):
         name, width = row["parameter"], row["upper"] - row["lower"]
         assert likely[name] == row["value"] != least[name]
         assert row["lower"] < truth < row["upper"]
         assert 0.0 < row["noise_upper"] - row["noise_lower"] < width
-        assert found.draws[name].mean() == pytest.approx(row["value"], abs=0.1 * width)
+        assert found["draws"][name].mean() == pytest.approx(row["value"], abs=0.1 * width)
     names, spots = case.end.problem.names, study.spot_names
     values = {name: likely[name] for name in names}
     of_joint = Fitted(source="fit", fit="all spots", scenario="I", values=values, spots=spots)
-    bands_from = values_at("p1", of_joint, fit, PosteriorResult()).draws
-    assert bands_from == found.draws.select(names).to_dicts()
+    bands_from = values_at("p1", of_joint, lambda name: found.get(name, pl.DataFrame())).draws
+    assert bands_from == found["draws"].select(names).to_dicts()
 
 
 @pytest.mark.parametrize("is_far", [False, True])
@@ -86,12 +86,12 @@ def test_another_material_approximates_the_data_or_does_not_describe_them(ended,
         monkeypatch.setattr("palpate_certainty.adequacy.MOST_DIFFERENCE", 0.01)
     study, measured, case, _ = ended(NeoHookean(), ("E", "nu"), truth=np.array([0.08, 7.5]))
     found = Assessment(study=study, measured=measured).run([case])
-    failed = found.adequacy.filter(pl.col("verdict") != "describes")
+    failed = found["adequacy"].filter(pl.col("verdict") != "describes")
     assert "discrepancy" in failed["check"].to_list()
     assert "more than the 2 % that the budget allows" in failed["message"][0]
     assert set(failed["verdict"]) == {"does not describe" if is_far else "approximates"}
-    assert ("unclear" in set(found.intervals["identifiability"])) == is_far
-    row = found.adequacy.filter(check="discrepancy", channel="force").row(0, named=True)
+    assert ("unclear" in set(found["intervals"]["identifiability"])) == is_far
+    row = found["adequacy"].filter(check="discrepancy", channel="force").row(0, named=True)
     assert 0.01 < row["difference"] < 0.2
     assert 0.9 < row["r2"] < 1.0
 
@@ -103,15 +103,15 @@ def test_a_tissue_that_relaxes_fails_the_check_and_its_words_are_unclear(ended):
     )
     rested = {"p1": replace(measured["p1"], relaxations=[rest])}
     found = Assessment(study=study, measured=rested).run([case])
-    row = found.adequacy.filter(check="relaxation").row(0, named=True)
+    row = found["adequacy"].filter(check="relaxation").row(0, named=True)
     assert row["verdict"] == "does not describe"
     assert row["message"].endswith("% in 1 s; these are apparent moduli of this rate")
-    assert set(found.intervals["identifiability"]) == {"unclear"}
+    assert set(found["intervals"]["identifiability"]) == {"unclear"}
     calm = {"p1": replace(measured["p1"], relaxations=[replace(rest, fall=0.01)])}
     found = Assessment(study=study, measured=calm).run([case])
-    row = found.adequacy.filter(check="relaxation").row(0, named=True)
+    row = found["adequacy"].filter(check="relaxation").row(0, named=True)
     assert (row["verdict"], row["message"]) == ("describes", "")
-    assert "unclear" not in set(found.intervals["identifiability"])
+    assert "unclear" not in set(found["intervals"]["identifiability"])
 
 
 class Logarithm(Score):
@@ -140,16 +140,16 @@ def test_a_score_that_is_not_linear_has_intervals_of_first_order_and_unclear_wor
     study, measured, case, _ = ended(scoring=ScoringRules(score=Logarithm()))
     certainty = Assessment(study=study, measured=measured, progress=notes)
     assessed = certainty.assessed([case])
-    found = certainty_result(assessed, study)
+    found = certainty_tables(assessed, study)
     assert notes.texts == [
         "warning: intervals and posteriors are of first order, since score 'logarithm' is not linear in the "
         "curves; how well parameters are identified is unclear"
     ]
-    assert set(found.intervals["identifiability"]) == {"unclear"}
-    assert (found.budget["status"] == "'logarithm' is not linear in the curves: first order").any()
-    names = found.intervals["parameter"].to_list()
+    assert set(found["intervals"]["identifiability"]) == {"unclear"}
+    assert (found["budget"]["status"] == "'logarithm' is not linear in the curves: first order").any()
+    names = found["intervals"]["parameter"].to_list()
     truth = dict(zip(("tissue.c1", "tissue.m1"), TRUTH, strict=True))
-    for name, lower, upper in found.intervals.select("parameter", "lower", "upper").iter_rows():
+    for name, lower, upper in found["intervals"].select("parameter", "lower", "upper").iter_rows():
         assert lower < truth[name] < upper, (name, lower, upper)
     assert set(names) == set(truth)
     # The emulated misfit is that of the score itself.
@@ -209,7 +209,7 @@ def test_what_meshes_add_is_asked_for_at_the_fit_alone(ended, monkeypatch):
 def test_a_score_whose_residuals_mix_points_has_no_intervals_and_the_reason(ended, notes):
     study, measured, case, _ = ended(scoring=ScoringRules(score=Summed()))
     found = Assessment(study=study, measured=measured, progress=notes).run([case])
-    assert found.intervals.is_empty()
+    assert found["intervals"].is_empty()
     assert "no intervals: residuals of score 'summed' depend on other points" in notes.texts[-1]
 
 
@@ -224,7 +224,7 @@ def test_filters_that_reject_all_that_describes_the_curves_leave_no_intervals_an
     study, measured, case, _ = ended()
     case.end.problem.study = replace(study, filters=(Crowded(),))
     found = Assessment(study=study, measured=measured, progress=notes).run([case])
-    assert found.intervals.is_empty()
+    assert found["intervals"].is_empty()
     assert "filters reject all 1,024 values that describe the curves as well as the fit" in notes.texts[-1]
 
 
@@ -236,13 +236,13 @@ def test_where_slopes_fail_at_the_fit_there_are_no_intervals_and_no_error(ended,
         for each in simulate(jobs)
     ]
     found = Assessment(study=study, measured=measured, progress=notes).run([case])
-    assert found.intervals.is_empty()
+    assert found["intervals"].is_empty()
     assert "no intervals: the error budget cannot be simulated" in notes.texts[-1]
 
 
 def test_where_the_tangent_is_singular_at_the_fit_intervals_are_those_of_differences(ended):
     study, measured, case, stage = ended()
-    exact = Assessment(study=study, measured=measured).run([case]).intervals
+    exact = Assessment(study=study, measured=measured).run([case])["intervals"]
     simulate = stage.simulations.of
 
     def bare(simulation):
@@ -253,9 +253,9 @@ def test_where_the_tangent_is_singular_at_the_fit_intervals_are_those_of_differe
     case.end.problem.simulate = lambda jobs: [bare(each) for each in simulate(jobs)]
     case.end.trace.clear()
     found = Assessment(study=study, measured=measured).run([case])
-    assert (found.budget["cause"] == "tissue.kappa").any()
+    assert (found["budget"]["cause"] == "tissue.kappa").any()
     for end in ("lower", "upper"):
-        np.testing.assert_allclose(found.intervals[end], exact[end], rtol=2e-3)
+        np.testing.assert_allclose(found["intervals"][end], exact[end], rtol=2e-3)
 
 
 def failing_deeper_than(most_mm, spot, simulate):
@@ -279,17 +279,17 @@ def test_a_cause_that_cannot_be_simulated_is_left_out_alone_and_leaves_the_words
         case.end.problem.simulate = failing_deeper_than(10.0, "p1", stage.simulations.of)
     found = Assessment(study=study, measured=measured, progress=notes).run(cases)
     assert notes.texts == ["warning: intervals are without the cause 'onset p1': p1: diverged: too deep"]
-    lost = found.budget.filter(pl.col("status") != "included")
+    lost = found["budget"].filter(pl.col("status") != "included")
     assert set(lost["cause"]) == {"onset p1"}
     assert set(lost["status"]) == {"p1: diverged: too deep"}
     assert set(lost["fit"]) == {"all spots", "p1"}  # the other spot does not have it
     assert lost.select("share", "sd").null_count().row(0) == (lost.height, lost.height)
-    words = {fit: set(rows["identifiability"]) for (fit,), rows in found.intervals.group_by("fit")}
+    words = {fit: set(rows["identifiability"]) for (fit,), rows in found["intervals"].group_by("fit")}
     assert words["all spots"] == words["p1"] == {"unclear"} != words["p2"]
-    kept = found.budget.filter(status="included")
+    kept = found["budget"].filter(status="included")
     assert {"friction", "tissue.kappa", "gain"} & set(kept["cause"]) == {"tissue.kappa", "gain"}
     for fit, causes in (("p1", {"onset"}), ("all spots", set())):
-        of_fit, before = (set(rows.filter(fit=fit)["cause"]) for rows in (kept, whole.budget))
+        of_fit, before = (set(rows.filter(fit=fit)["cause"]) for rows in (kept, whole["budget"]))
         assert before - of_fit == causes
     for _, rows in kept.group_by("fit", "parameter"):
         assert rows["share"].sum() == pytest.approx(1.0)
@@ -305,7 +305,7 @@ def test_fewer_points_than_parameters_have_no_interval(ended, notes):
     case.end.problem.terms = tuple(short)
     case.end.trace.clear()
     found = Assessment(study=study, measured=measured, progress=notes).run([case])
-    assert found.intervals.is_empty()
+    assert found["intervals"].is_empty()
     assert "2 measured points for 2 parameters" in notes.texts[-1]
 
 
@@ -314,11 +314,12 @@ def test_fewer_points_than_parameters_have_no_interval(ended, notes):
 def test_a_run_keeps_its_intervals(make_study, plugins, tmp_path):
     study = make_study(n_sets=0, search=LeastSquares())
     result = pipeline.run_study(study, tmp_path / "run", plugins)
-    kept = RunDirectory(tmp_path / "run").fit().certainty
+    kept = RunDirectory(tmp_path / "run")
     fits = result.fit.table.select("fit", "scenario").n_unique()
-    assert kept.intervals.height == 2 * fits
+    assert kept.fit().intervals.height == 2 * fits
     for name in ("intervals", "budget", "parameter_combinations", "adequacy"):
-        assert getattr(kept, name).equals(getattr(result.fit.certainty, name))
+        assert kept.table(name).height
+    assert kept.fit().intervals.equals(result.fit.intervals)
     assert "intervals" in result.report.tables
 
 
@@ -328,9 +329,9 @@ def test_without_the_plugin_a_run_ends_after_its_fit_and_its_words_are_unclear(m
     study = make_study(search=LeastSquares())
     others = Plugins.load(study.plugin_files, entry_points=False, modules=[palpate_report])
     with_it, without = (pipeline.run_study(study, tmp_path / "run", each) for each in (plugins, others))
-    assert with_it.fit.certainty.intervals.height
+    assert with_it.fit.intervals.height
     assert without.fit.table.equals(with_it.fit.table)
-    assert without.fit.certainty.intervals.is_empty()
+    assert without.fit.intervals.is_empty()
     assert {each.identifiability for each in without.report.conclusion.estimates} == {"unclear"}
 
 

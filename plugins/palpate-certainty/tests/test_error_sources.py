@@ -165,10 +165,12 @@ def test_the_usual_error_of_a_mesh_leaves_what_it_decides_unclear(
         }
         monkeypatch.setattr(case.end.problem, "terms", (replace(term, corrections=nothing),))
     found = Assessment(study=study, measured=measured).run([case])
-    shares = found.budget.filter(parameter="tissue.c1", cause="mesh")["share"]
-    words = dict(found.intervals.select("parameter", "identifiability").iter_rows())
+    shares = found["budget"].filter(parameter="tissue.c1", cause="mesh")["share"]
+    words = dict(found["intervals"].select("parameter", "identifiability").iter_rows())
     assert shares[0] > 0.5
-    errors = dict(found.mesh_errors.filter(shown_by=shown_by).select("channel", "relative_error").iter_rows())
+    errors = dict(
+        found["mesh_errors"].filter(shown_by=shown_by).select("channel", "relative_error").iter_rows()
+    )
     assert errors == pytest.approx({"force": 0.07 if budget else 0.03, "torque": 0.07})
     assert words["tissue.c1"] == word
 

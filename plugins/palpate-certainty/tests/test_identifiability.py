@@ -9,6 +9,7 @@ import pytest
 from palpate.domain import Response, Status
 from palpate.experiment.measured import load_measured
 from palpate.run.result import FitResult
+from palpate.run.tables import OF_FIT
 from palpate.sampling.drawing import draw_design
 from palpate.scoring.generalisation import generalise
 from palpate.scoring.scores import at_measured, score
@@ -21,7 +22,7 @@ NO_FIT = FitResult()
 
 @pytest.fixture
 def identified(found):
-    return lambda *given, **named: found(*given, **named).identifiability
+    return lambda *given, **named: found(*given, **named)["identifiability"]
 
 
 @pytest.fixture
@@ -114,7 +115,7 @@ def test_no_interval_is_narrower_than_finer_meshes_moved_the_value(identified, c
     table = pl.DataFrame([about | values | {"spot": "p1", "fopt": 1e-6}])
     grip = {"parameter": "soft_tissue.grip", "coarse": coarse, "corrected": 20.0}
     alone, meshed = (
-        identified(fit=FitResult(table=table, mesh=pl.DataFrame(mesh))).filter(spot="p1", scenario="I")
+        identified(fit=FitResult(table=table, mesh=OF_FIT["fit_mesh"].frame(mesh))).filter(spot="p1", scenario="I")
         for mesh in ([], [about | grip | known_of])
     )
     assert meshed["lower"].to_list() == [alone["lower"][0], pytest.approx(20.0 - moved)]
@@ -211,8 +212,8 @@ def test_channels_that_see_one_parameter_alike_do_not_disagree(found):
     def alike(simulations):
         return tuple(_changed(simulations, "torque", lambda k, x, y: 20.0 * np.sign(x) * k / 0.4))
 
-    assert found().disagreements.is_empty()
-    assert found(change=alike).disagreements.filter(spot="p1").is_empty()
+    assert found()["disagreements"].is_empty()
+    assert found(change=alike)["disagreements"].filter(spot="p1").is_empty()
 
 
 @pytest.mark.parametrize(("offset", "disagrees"), [(0.0, False), (0.1, False), (1.0, True)])
@@ -224,7 +225,7 @@ def test_a_depth_offset_makes_force_and_torque_disagree(found, tissue, offset, d
         both = _changed(simulations, "torque", lambda k, x, y: measured * k / 0.4)
         return tuple(_changed(both, "force", lambda k, x, y: k * (x + offset) ** 1.5))
 
-    rows = found(change=offset_by).disagreements.filter(spot="p1")
+    rows = found(change=offset_by)["disagreements"].filter(spot="p1")
     assert rows.is_empty() is not disagrees
     if disagrees:
         row = rows.row(0, named=True)

@@ -9,7 +9,7 @@ from palpate.fit.bounded import least_near
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.posterior import Draws, draw
 from palpate_certainty.posterior_sampling import PRECISE, PosteriorSampling
-from palpate_certainty.posterior_tables import posterior_result, sobol_indices
+from palpate_certainty.posterior_tables import posterior_tables, sobol_indices
 from palpate_certainty.profiles import RISE, profile, refitted
 from palpate_materials.uncoupled import Ogden
 
@@ -141,17 +141,17 @@ def test_the_posterior_is_that_of_a_grid_of_real_simulations(sampled):
 @pytest.mark.slow
 def test_what_is_printed_was_solved_again(sampled):
     study, found = sampled
-    tables = posterior_result(found, study.seed)
-    row = tables.posterior.filter(scenario="I", parameter="tissue.m1").row(0, named=True)
+    tables = posterior_tables(found, study.seed)
+    row = tables["posterior"].filter(scenario="I", parameter="tissue.m1").row(0, named=True)
     assert row["lower"] < row["mean"] < row["upper"]
     assert row["mean_solved"] == pytest.approx(row["mean"], abs=0.1 * row["sd"])
-    assert tables.profile_ends["value_solved"].to_list() == pytest.approx(
-        tables.profile_ends["value"].to_list(), rel=1e-3
+    assert tables["profile_ends"]["value_solved"].to_list() == pytest.approx(
+        tables["profile_ends"]["value"].to_list(), rel=1e-3
     )
-    assert tables.profiles.filter(parameter="tissue.m1")["rise"].min() == 0.0
-    assert tables.profiles["rise"].max() > RISE
-    assert set(tables.sobol_indices["channel"]) == {"force", "torque"}
-    assert tables.sobol_indices.height == 2 * (20 + 41)
-    assert tables.volumes["ratio"].to_list()[0] == 1.0
-    assert tables.volumes["ratio"].to_list()[1] > 1.0
-    assert tables.emulator["error"].max() <= PRECISE
+    assert tables["profiles"].filter(parameter="tissue.m1")["rise"].min() == 0.0
+    assert tables["profiles"]["rise"].max() > RISE
+    assert set(tables["sobol_indices"]["channel"]) == {"force", "torque"}
+    assert tables["sobol_indices"].height == 2 * (20 + 41)
+    assert tables["volumes"]["ratio"].to_list()[0] == 1.0
+    assert tables["volumes"]["ratio"].to_list()[1] > 1.0
+    assert tables["emulator"]["error"].max() <= PRECISE

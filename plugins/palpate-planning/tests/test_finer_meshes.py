@@ -157,7 +157,7 @@ def test_what_finer_meshes_leave_is_expected_as_the_fit_has_it(tmp_path, pressed
 
 
 def _widths(fit):
-    shown = fit.certainty.intervals.filter(scenario="both")
+    shown = fit.intervals.filter(scenario="both")
     joint = shown.filter(fit=ALL_SPOTS)
     shown = joint if joint.height else shown
     return (shown["upper"] - shown["lower"]).to_numpy()

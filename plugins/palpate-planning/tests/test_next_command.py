@@ -76,13 +76,13 @@ def test_next_press_is_ranked_made_and_added(call, weighed, tmp_path):
     before, after = (RunDirectory(tmp_path / folder).fit() for folder in ("run", f"run-{name}"))
     for row in found["intervals"]:
         if row["step"] < 2:
-            fitted = (before, after)[row["step"]].certainty.intervals
+            fitted = (before, after)[row["step"]].intervals
             at = fitted.filter(parameter=row["parameter"]).row(0, named=True)  # of the joint fit
             # With the press the fit estimates the discrepancy and the scale of the errors again.
             near = 0.15 if row["step"] else 1e-3
             assert at["upper"] - at["lower"] == pytest.approx(row["upper"] - row["lower"], rel=near)
-    found_with_it = realised(found, name, before.certainty.intervals, after.certainty.intervals)
-    assert found_with_it.height == len(after.certainty.intervals["parameter"].unique())
+    found_with_it = realised(found, name, before.intervals, after.intervals)
+    assert found_with_it.height == len(after.intervals["parameter"].unique())
     np.testing.assert_allclose(found_with_it["expected"], found_with_it["realised"], rtol=0.15)
     other = next(row["press"] for row in found["ranking"] if row["press"] != name)
     _measure(study, plugins, tmp_path, other)

@@ -69,7 +69,7 @@ def test_intervals_now_are_those_of_the_fit(run, tmp_path):
     study, _, plugins = run
     fit = pipeline.run_study(study, tmp_path / "again", plugins).fit
     found = proposed((study, tmp_path / "again", plugins))
-    rows = fit.certainty.intervals.filter(fit="p1", scenario=study.generalise_by)
+    rows = fit.intervals.filter(fit="p1", scenario=study.generalise_by)
     now = proposal_tables(found).intervals.filter(step=0)
     assert now["parameter"].equals(rows["parameter"])
     for column in ("value", "lower", "upper"):

@@ -14,7 +14,6 @@ from palpate.domain import (
 from palpate.domain.indenter import Sphere
 from palpate.domain.waypoints import Waypoints
 from palpate.fit.fitted import Fitted
-from palpate.run.result import CertaintyResult, FitResult, PosteriorResult
 from palpate_prediction.bands import ends, linear, values_at
 from palpate_prediction.summary import (
     QUANTITIES,
@@ -37,9 +36,11 @@ def test_draws_of_a_band_are_spread_over_all_that_there_are():
     rows = pl.DataFrame({"k": np.arange(1000.0)}).with_columns(
         fit=pl.lit("all spots"), scenario=pl.lit("both")
     )
-    fit = FitResult(certainty=CertaintyResult(draws=rows))
     found = Fitted(source="fit", fit="all spots", scenario="both", values={"k": 0.0}, spots=("p1",))
-    drawn = [row["k"] for row in values_at("p1", found, fit, PosteriorResult()).draws]
+    drawn = [
+        row["k"]
+        for row in values_at("p1", found, lambda name: rows if name == "draws" else pl.DataFrame()).draws
+    ]
     assert (len(drawn), drawn[0], drawn[-1]) == (400, 0.0, 999.0)
     assert np.mean(drawn) == pytest.approx(499.5, abs=1.0)
 
@@ -50,14 +51,14 @@ def test_where_spots_differ_a_fitted_spot_has_its_own_draws_and_a_new_one_draws_
 
     own = pl.DataFrame([{"fit": "p1", "scenario": "both", "parameter": "k", "value": 4.0}])
     draws = pl.concat([frame("all spots", [1.0, 9.0]), frame("p1", [3.9, 4.1])])
-    known = CertaintyResult(intervals=own, draws=draws, spot_draws=frame("all spots", [-20.0, 20.0]))
+    known = {"intervals": own, "draws": draws}
+    differing = known | {"spot_draws": frame("all spots", [-20.0, 20.0])}
     found = Fitted(source="fit", fit="all spots", scenario="both", values={"k": 5.0}, spots=("p1", "p2"))
     of = {
         (spot, differ): values_at(
             spot,
             found,
-            FitResult(certainty=known if differ else replace(known, spot_draws=pl.DataFrame())),
-            PosteriorResult(),
+            lambda name, tables=differing if differ else known: tables.get(name, pl.DataFrame()),
         )
         for spot in ("p1", "elsewhere")
         for differ in (True, False)

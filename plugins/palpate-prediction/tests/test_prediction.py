@@ -187,7 +187,7 @@ def test_draws_that_fail_are_counted_and_reported(fitted, plugins, tmp_path, mon
     study, run = fitted
     tool = read_tool(tool_file(tmp_path), study, plugins)
     known = read_run(study, run, plugins)
-    best = values_at("p1", known.fitted(), run.fit(), run.posterior()).values["soft_tissue.stiffness"]
+    best = values_at("p1", known.fitted(), known.current).values["soft_tissue.stiffness"]
 
     def soft(job):
         is_draw = job.surface and not job.slopes and job.protocol.path[:, 0].max() == 5.0

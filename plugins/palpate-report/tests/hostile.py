@@ -44,9 +44,11 @@ def renamed(report_data: ReportData) -> ReportData:
         scores=scores,
         selection=_frame(report_data.selection),
         generalisation=_frame(report_data.generalisation),
-        identifiability=_frame(report_data.identifiability).with_columns(
-            pl.col("parameter", "most_correlated_with").map_elements(_parameter, return_dtype=pl.String)
-        ),
+        tables={
+            "identifiability": _frame(report_data.table("identifiability")).with_columns(
+                pl.col("parameter", "most_correlated_with").map_elements(_parameter, return_dtype=pl.String)
+            )
+        },
         convergence=_frame(report_data.convergence),
         responses={(SPOTS[spot], set_id): r for (spot, set_id), r in report_data.responses.items()},
         limbs=dict.fromkeys(SPOTS.values(), limb),

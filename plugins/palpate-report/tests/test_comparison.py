@@ -64,7 +64,7 @@ def other_limb(data):
 
 def test_runs_have_the_values_and_intervals_of_their_joint_fit(fitted):
     table = comparison_tables({"fit": fitted, "sweep": without_fit(fitted)})["parameters"]
-    joint = fitted.fit.certainty.intervals.filter(fit="all spots", scenario="I", parameter="soft_tissue.grip")
+    joint = fitted.fit.intervals.filter(fit="all spots", scenario="I", parameter="soft_tissue.grip")
     row = table.filter(run="fit", parameter="grip").row(0, named=True)
     assert (row["value"], row["lower"], row["upper"]) == joint.select("value", "lower", "upper").row(0)
     row = table.filter(run="sweep", parameter="grip").row(0, named=True)

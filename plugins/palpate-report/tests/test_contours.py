@@ -9,12 +9,13 @@ from hypothesis import given, strategies as st
 
 from palpate.api.report import Paragraph
 from palpate.fit.least_squares import LeastSquares
-from palpate.run.result import PosteriorResult
 from palpate_report.data.display_units import in_display_units
 from palpate_report.figures.contours import FIRST, MOST_LEVELS, along, contours, levels_from, planes_of
 from palpate_report.figures.space import parameter_space
 from palpate_report.page.page_data import page_data
 from palpate_report.sections.sweep import Space
+
+from .fits import with_tables
 
 NAMES = ("soft_tissue.stiffness", "soft_tissue.grip")
 
@@ -41,7 +42,7 @@ def known(data, fopt):
     about = {"fit": data.together, "scenario": "I", "parameter": NAMES[0]}
     planes = pl.concat([pl.DataFrame(about | rows) for rows in (plane, lines)], how="vertical_relaxed")
     planes = planes.with_columns(pl.col("fopt").fill_nan(None))
-    return replace(data, posterior=PosteriorResult(posterior_planes=planes))
+    return with_tables(data, posterior_planes=planes)
 
 
 def test_contours_are_where_fopt_is_their_level(fitted):
@@ -94,15 +95,14 @@ def test_without_a_fit_there_are_none(content):
 
 @pytest.mark.parametrize(("unknown", "is_drawn"), [(0.4, True), (0.6, False)])
 def test_ends_of_contours_in_an_unknown_plane_are_not_drawn_but_said(fitted, unknown, is_drawn):
-    planes = fitted.fit.certainty.profile_planes
+    planes = fitted.table("profile_planes")
     share = pl.int_range(pl.len()) / pl.len()
     partly = planes.with_columns(
         fopt=pl.when(pl.col("other").is_not_null() & (share.over("scenario", "other") < unknown))
         .then(None)
         .otherwise(pl.col("fopt"))
     )
-    certainty = replace(fitted.fit.certainty, profile_planes=partly)
-    data = replace(fitted, fit=replace(fitted.fit, certainty=certainty))
+    data = with_tables(fitted, profile_planes=partly)
     names = [p.name for p in data.design.parameters]
     assert bool(contours(data, "I", *names)) == is_drawn
     said = " ".join(block.text for block in Space().blocks(data, None) if isinstance(block, Paragraph))

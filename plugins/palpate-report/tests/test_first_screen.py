@@ -8,7 +8,6 @@ import pytest
 from palpate.domain import Relaxation
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.sections import Fold, Table, Word
-from palpate.run.result import CertaintyResult
 from palpate_report.answer.card import answer, apart_from_joint
 from palpate_report.answer.law import typeset
 from palpate_report.answer.next_step import CAUSES
@@ -20,7 +19,7 @@ from palpate_report.figures.panels import COLOURS, budget_bars, colour_of
 from palpate_report.page.html import laid_out, render
 from palpate_report.stage import summary_of
 
-from .fits import at_end_of_range, refused
+from .fits import at_end_of_range, refused, with_tables
 
 TRUTH = {"soft_tissue.stiffness": 0.45, "soft_tissue.grip": 22.0}
 
@@ -32,16 +31,14 @@ def fitted(content):
 
 def passed(data):
     """The same fit, its model taken to describe the data."""
-    certainty = data.fit.certainty
-    fine = certainty.adequacy.with_columns(verdict=pl.lit("describes"), message=pl.lit(""))
-    known = certainty.intervals.with_columns(identifiability=pl.lit("well"))
-    found = replace(certainty, adequacy=fine, intervals=known, between_spots=pl.DataFrame())
-    return replace(data, fit=replace(data.fit, certainty=found))
+    fine = data.fit.adequacy.with_columns(verdict=pl.lit("describes"), message=pl.lit(""))
+    known = data.fit.intervals.with_columns(identifiability=pl.lit("well"))
+    return with_tables(data, adequacy=fine, intervals=known, between_spots=pl.DataFrame())
 
 
 def test_spots_that_differ_have_a_mean_and_a_standard_deviation(fitted):
     (spots,) = (text for name, text in card(fitted).facts if name == "Spots")
-    rows = fitted.leading_rows(fitted.fit.certainty.between_spots)
+    rows = fitted.leading_rows(fitted.table("between_spots"))
     assert rows["parameter"].to_list() == list(TRUTH)
     assert "they differ, mean ± sd between spots (95 % interval of the sd): stiffness " in spots
     assert make_conclusion(fitted, {}).lines(fitted.study)["Spots"] in spots
@@ -66,8 +63,8 @@ def test_the_chart_shows_every_value_with_its_interval(fitted, content):
 
 def test_no_interval_of_the_sweep_is_drawn_among_those_of_95_percent(fitted):
     data = passed(fitted)
-    rows = data.fit.certainty.intervals.filter(pl.col("fit") != "p2")
-    mixed = replace(data, fit=replace(data.fit, certainty=replace(data.fit.certainty, intervals=rows)))
+    rows = data.fit.intervals.filter(pl.col("fit") != "p2")
+    mixed = with_tables(data, intervals=rows)
     others = [value for best in mixed.bests for value in best.values if not value.level]
     assert any(value.lower is not None for value in others)
     n_drawn = sum(len(line.get_xdata()) == 2 for axis in interval_plot(mixed).axes for line in axis.lines)
@@ -77,7 +74,7 @@ def test_no_interval_of_the_sweep_is_drawn_among_those_of_95_percent(fitted):
 def test_the_card_has_intervals_moduli_and_causes_of_the_fit_that_leads(fitted):
     data = passed(fitted)
     found = card(data)
-    rows = data.fit.certainty.intervals.filter(fit="all spots", scenario="I").rows(named=True)
+    rows = data.fit.intervals.filter(fit="all spots", scenario="I").rows(named=True)
     assert found.is_sure
     assert [line.label for line in found.lines] == [
         "stiffness (MPa)", "grip (MPa)", "initial shear modulus (MPa)", "Young's modulus (MPa)",
@@ -102,14 +99,13 @@ def test_the_card_names_where_the_search_began(fitted):
 
 def test_a_spot_apart_from_the_joint_fit_is_named(fitted):
     data = passed(fitted)
-    rows = data.fit.certainty.intervals
+    rows = data.fit.intervals
     at = (pl.col("fit") == "p2") & (pl.col("scenario") == "I") & (pl.col("parameter") == "soft_tissue.grip")
     far = [
         pl.when(at).then(pl.col(end) + 1e3).otherwise(pl.col(end)).alias(end) for end in ("lower", "upper")
     ]
     for moved, apart in ((rows, {}), (rows.with_columns(far), {"p2": ["grip"]})):
-        certainty = replace(data.fit.certainty, intervals=_wide(moved))
-        changed = replace(data, fit=replace(data.fit, certainty=certainty))
+        changed = with_tables(data, intervals=_wide(moved))
         assert apart_from_joint(changed) == apart
         (spots,) = (text for name, text in card(changed).facts if name == "Spots")
         assert ("p2 (grip)" if apart else "none differs") in spots
@@ -125,9 +121,8 @@ def test_the_card_answers_in_one_sentence(fitted):
     words = (
         pl.when(pl.col("parameter") == "soft_tissue.grip").then(pl.lit("not")).otherwise("identifiability")
     )
-    rows = data.fit.certainty.intervals.with_columns(identifiability=words)
-    certainty = replace(data.fit.certainty, intervals=rows)
-    unknown = replace(data, fit=replace(data.fit, certainty=certainty))
+    rows = data.fit.intervals.with_columns(identifiability=words)
+    unknown = with_tables(data, intervals=rows)
     assert card(unknown).title.endswith("; grip is not identified by these presses")
     tables = make_tables(unknown)
     assert '<tr class="unknown"><th scope="row">grip' in render(
@@ -142,9 +137,8 @@ def test_an_interval_that_the_search_range_cuts_is_marked(fitted, end):
     bound = getattr(data.searched["soft_tissue.grip"], end)
     is_grip = pl.col("parameter") == "soft_tissue.grip"
     cut = pl.when(is_grip).then(bound).otherwise(end).alias(end)
-    rows = data.fit.certainty.intervals.with_columns(cut)
-    certainty = replace(data.fit.certainty, intervals=rows)
-    found = card(replace(data, fit=replace(data.fit, certainty=certainty)))
+    rows = data.fit.intervals.with_columns(cut)
+    found = card(with_tables(data, intervals=rows))
     assert found.cut == {"grip": f"{end} end cut by the search range"}
 
 
@@ -166,7 +160,7 @@ def test_the_chart_says_why_values_are_not_those_of_the_least_fopt(fitted):
     said = "These are the most likely values under the error budget."
     pictures = {"intervals": b"<svg/>"}
     assert said in render(data, tables, make_conclusion(data, tables), [], pictures)
-    bare = replace(data, fit=replace(data.fit, certainty=CertaintyResult()))
+    bare = data.without_assessment()
     conclusion = make_conclusion(bare, make_tables(bare))
     page = render(bare, make_tables(bare), conclusion, [], pictures)
     assert said not in page
@@ -237,14 +231,12 @@ def test_a_model_that_relaxes_in_all_that_is_weighed_has_no_apparent_moduli(fitt
 
 def test_the_failed_check_of_a_tissue_that_relaxed_takes_no_parameters_away(fitted):
     data = relaxing(passed(fitted), 0.12)
-    certainty = data.fit.certainty
-    row = certainty.adequacy.head(1).with_columns(
+    row = data.fit.adequacy.head(1).with_columns(
         check=pl.lit("relaxation"), verdict=pl.lit("does not describe")
     )
-    checks = pl.concat([certainty.adequacy, row])
-    words = certainty.intervals.with_columns(identifiability=pl.lit("unclear"))
-    changed = replace(certainty, adequacy=checks, intervals=words)
-    data = replace(data, fit=replace(data.fit, certainty=changed))
+    checks = pl.concat([data.fit.adequacy, row])
+    words = data.fit.intervals.with_columns(identifiability=pl.lit("unclear"))
+    data = with_tables(data, adequacy=checks, intervals=words)
     conclusion = make_conclusion(data, make_tables(data))
     assert conclusion.failure == ""
     assert {each.identifiability for each in conclusion.estimates} == {"unclear"}
@@ -265,7 +257,7 @@ def test_one_set_of_words_is_on_the_page_of_a_fit(fitted):
     data = passed(fitted)
     tables = make_tables(data)
     conclusion = make_conclusion(data, tables)
-    row = data.fit.certainty.intervals.row(0, named=True)
+    row = data.fit.intervals.row(0, named=True)
     assert conclusion.identifiability[0] == (
         f"stiffness: {row['value']:.2f} MPa, 95 % interval {row['lower']:.2f} to {row['upper']:.2f} MPa; "
         "well identifiable."
@@ -286,8 +278,8 @@ def test_a_cause_has_one_colour_whatever_its_rank(fitted):
 
 
 def test_causes_are_printed_side_by_side_in_percent(fitted):
-    shares = printed("budget", fitted.fit.certainty.budget)
-    assert shares.height == fitted.fit.certainty.intervals.height
+    shares = printed("budget", fitted.table("budget"))
+    assert shares.height == fitted.fit.intervals.height
     causes = shares.select(pl.exclude("fit", "scenario", "parameter"))
     assert causes.sum_horizontal().to_list() == pytest.approx([100.0] * shares.height, abs=0.5)
 
@@ -317,15 +309,17 @@ def test_the_card_lists_what_no_interval_includes(fitted, monkeypatch):
 
 def test_a_cause_that_failed_is_on_the_card_and_a_warning(fitted):
     data = passed(fitted)
-    certainty = data.fit.certainty
-    lost = certainty.budget.filter(cause="gain").with_columns(
-        cause=pl.lit("onset p1"),
-        status=pl.lit("p1: diverged: too deep"),
-        share=pl.lit(None, pl.Float64),
-        sd=pl.lit(None, pl.Float64),
+    lost = (
+        data.table("budget")
+        .filter(cause="gain")
+        .with_columns(
+            cause=pl.lit("onset p1"),
+            status=pl.lit("p1: diverged: too deep"),
+            share=pl.lit(None, pl.Float64),
+            sd=pl.lit(None, pl.Float64),
+        )
     )
-    failed = replace(certainty, budget=pl.concat([certainty.budget, lost]))
-    data = replace(data, fit=replace(data.fit, certainty=failed))
+    data = with_tables(data, budget=pl.concat([data.table("budget"), lost]))
     found = card(data)
     assert dict(found.facts)["NOT included"] == "onset p1 (failed)"
     warned = {each.what: each.why for each in make_conclusion(data, make_tables(data)).warnings}

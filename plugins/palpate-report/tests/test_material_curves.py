@@ -15,6 +15,8 @@ from palpate_report.answer.model_verdict import ModelVerdict
 from palpate_report.sections.fits import MaterialItself
 from palpate_report.testing import small_runs
 
+from .fits import with_tables
+
 TRUTH = {"soft_tissue.stiffness": 0.45, "soft_tissue.grip": 22.0}
 
 
@@ -52,8 +54,7 @@ def test_the_band_is_that_of_the_draws_and_has_the_fit(fitted):
 
 
 def test_without_draws_there_is_no_band_and_without_a_fit_no_curve(fitted):
-    certainty = replace(fitted.fit.certainty, draws=pl.DataFrame())
-    bare = replace(fitted, fit=replace(fitted.fit, certainty=certainty))
+    bare = with_tables(fitted, draws=pl.DataFrame())
     assert all(each.lower is None for each in material_curves(bare, "I"))
     assert {label for each in material_curves(bare, "I") for label in each.stress} == {
         "all spots", "p1", "p2", "true value",

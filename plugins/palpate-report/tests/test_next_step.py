@@ -18,7 +18,7 @@ from palpate_report.data.marks import with_minus
 from palpate_report.page.html import render
 from palpate_report.stage import summary_of
 
-from .fits import at_end_of_range, refused
+from .fits import at_end_of_range, refused, with_tables
 
 WORST, OTHER = "soft_tissue.grip", "soft_tissue.stiffness"
 
@@ -31,16 +31,14 @@ def fitted(content):
 
 
 def with_words(data, words):
-    certainty = data.fit.certainty
     is_worst = pl.col("parameter") == WORST
-    known = certainty.intervals.with_columns(
+    known = data.fit.intervals.with_columns(
         lower=pl.when(is_worst).then(pl.col("value") * 0.1).otherwise(pl.col("value") * 0.9),
         upper=pl.when(is_worst).then(pl.col("value") * 1.9).otherwise(pl.col("value") * 1.1),
         identifiability=pl.col("parameter").replace(words),
     )
-    fine = certainty.adequacy.with_columns(verdict=pl.lit("describes"), message=pl.lit(""))
-    changed = replace(certainty, intervals=known, adequacy=fine)
-    return replace(data, fit=replace(data.fit, certainty=changed))
+    fine = data.fit.adequacy.with_columns(verdict=pl.lit("describes"), message=pl.lit(""))
+    return with_tables(data, intervals=known, adequacy=fine)
 
 
 def because(data, cause, share=0.58):
@@ -53,8 +51,7 @@ def because(data, cause, share=0.58):
             for name, of, part in rows
         ]
     )  # fmt: skip
-    certainty = replace(data.fit.certainty, budget=budget)
-    return replace(data, fit=replace(data.fit, certainty=certainty))
+    return with_tables(data, budget=budget)
 
 
 def pressed(data, **changes):
@@ -77,8 +74,7 @@ def checked(data, probability, failed=()):
     about = {"fit": ALL_SPOTS, "scenario": "I", "channel": "force", "probability": probability}
     words = {name: "does not describe" if name in failed else "describes" for name in CHECKS}
     rows = [about | {"check": k, "verdict": words[k], "message": f"{k} is bad"} for k in CHECKS]
-    certainty = replace(data.fit.certainty, adequacy=pl.DataFrame(rows))
-    return replace(data, fit=replace(data.fit, certainty=certainty))
+    return with_tables(data, adequacy=pl.DataFrame(rows))
 
 
 CHECKS = ("discrepancy", "ranges")
@@ -134,8 +130,8 @@ def test_after_a_refusal_the_check_that_failed_decides(fitted, failed):
 def test_a_fit_that_misses_everything_asks_for_units_and_columns(fitted):
     nothing = pl.lit(0.1)
     table = fitted.fit.table.with_columns(r2_force=nothing, r2_torque=nothing)
-    certainty = replace(fitted.fit.certainty, reported=pl.DataFrame())
-    data = replace(fitted, fit=replace(fitted.fit, table=table, certainty=certainty))
+    reported = fitted.fit.reported.clear()
+    data = replace(fitted, fit=replace(fitted.fit, table=table, reported=reported))
     assert said(data) == AFTER_REFUSAL[""]
 
 
@@ -160,8 +156,7 @@ def test_a_mesh_that_a_run_refines_by_itself_may_have_more_nodes_or_errs_as_mesh
     assert said(refined).endswith("; raise `fine_nodes` (20,000) in `[fit]`")
     row = {"fit": ALL_SPOTS, "scenario": "I", "spot": "p1", "channel": "force", "relative_error": 0.003}
     table = pl.DataFrame([row]).with_columns(shown_by=pl.lit("usual scatter"))
-    certainty = replace(data.fit.certainty, mesh_errors=table)
-    scattered = replace(refined, fit=replace(refined.fit, certainty=certainty))
+    scattered = with_tables(refined, mesh_errors=table)
     assert '; set `fine_edge = "1.3 mm"` in `[fit]`, or press deeper or elsewhere (' in said(scattered)
 
 
@@ -173,8 +168,7 @@ def test_the_error_of_the_meshes_has_a_line_with_the_interval_that_it_decides_mo
         for spot, channel, error in errors
     ]
     table = pl.DataFrame(rows).with_columns(shown_by=pl.lit("two meshes"))
-    certainty = replace(data.fit.certainty, mesh_errors=table)
-    found = make_conclusion(replace(data, fit=replace(data.fit, certainty=certainty)), {})
+    found = make_conclusion(with_tables(data, mesh_errors=table), {})
     line = "0.9 % of torque, 0.3 % of force (two meshes), 58 % of the variance of grip"
     assert found.lines(data.study)["Mesh"] == line
     assert "Mesh" not in make_conclusion(data, {}).lines(data.study)

@@ -1,16 +1,15 @@
 """What a posterior adds to the page: profiles, and shares of the parameters along the path."""
 
-from dataclasses import replace
-
 import numpy as np
 import polars as pl
 import pytest
 
 from palpate.fit.least_squares import LeastSquares
-from palpate.run.result import PosteriorResult
 from palpate_report.answer.warnings import report_warnings
 from palpate_report.data.tables import make_tables
 from palpate_report.figures.panels import profiles, sobol_indices
+
+from .fits import with_tables
 
 NAMES = ("soft_tissue.stiffness", "soft_tissue.grip")
 TRUTH = dict(zip(NAMES, (0.45, 22.0), strict=True))
@@ -50,7 +49,7 @@ def test_profiles_and_shares_along_the_path_come_with_a_posterior(fitted):
         for spot in fitted.spots
         for name, share in zip(NAMES, (0.7, -0.01), strict=True)
     )
-    more = replace(fitted, posterior=PosteriorResult(profiles=rises, sobol_indices=shares))
+    more = with_tables(fitted, profiles=rises, sobol_indices=shares)
     axes = sobol_indices(more).axes
     assert [axis.get_ylabel() for axis in axes] == [f"share at {spot} (%)" for spot in fitted.spots]
     tops = [area.get_paths()[0].vertices[:, 1].max() for area in axes[0].collections]
@@ -73,7 +72,7 @@ def test_a_posterior_that_has_not_converged_is_warned_of(fitted):
     tables = make_tables(fitted)
 
     def warned(table):
-        made = replace(fitted, posterior=PosteriorResult(posterior=table))
+        made = with_tables(fitted, posterior=table)
         found = report_warnings(made, tables)
         return [str(each) for each in found if "posterior" in each.what]
 

@@ -28,7 +28,7 @@ from palpate_report.from_run import write_report
 from palpate_report.page.html import render
 from palpate_report.stage import summary_of
 
-from .fits import at_end_of_range, refused as as_refused
+from .fits import at_end_of_range, refused as as_refused, with_tables
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -136,12 +136,10 @@ def test_every_card_of_a_refused_run_warns(refused, plugins, monkeypatch):
 
 def sound(data):
     """The same fit, whose model describes its curves."""
-    certainty = data.fit.certainty
-    words = pl.Series(["well", "poorly", "not", "unclear"] * certainty.intervals.height)
-    known = certainty.intervals.with_columns(identifiability=words.head(certainty.intervals.height))
-    fine = certainty.adequacy.with_columns(verdict=pl.lit("describes"), message=pl.lit(""))
-    found = replace(certainty, intervals=known, adequacy=fine)
-    return at_end_of_range(replace(data, fit=replace(data.fit, certainty=found)), "soft_tissue.grip")
+    words = pl.Series(["well", "poorly", "not", "unclear"] * data.fit.intervals.height)
+    known = data.fit.intervals.with_columns(identifiability=words.head(data.fit.intervals.height))
+    fine = data.fit.adequacy.with_columns(verdict=pl.lit("describes"), message=pl.lit(""))
+    return at_end_of_range(with_tables(data, intervals=known, adequacy=fine), "soft_tissue.grip")
 
 
 def test_marks_are_those_of_the_verdict_and_are_explained_once(refused):
@@ -151,7 +149,7 @@ def test_marks_are_those_of_the_verdict_and_are_explained_once(refused):
     for row in intervals.iter_rows(named=True):
         at_end = row["parameter"].startswith("soft_tissue.grip")
         assert row["verdict"] == verdict_of(row["identifiability"], at_bound=at_end)
-    combinations = data.fit.certainty.parameter_combinations.with_columns(identifiability=pl.lit("not"))
+    combinations = data.table("parameter_combinations").with_columns(identifiability=pl.lit("not"))
     (shown,) = with_verdicts(data, {"parameter_combinations": combinations}).values()
     assert set(shown["identifiability"]) == {"not identified"}
     assert "not" not in set(intervals["identifiability"])
@@ -168,12 +166,16 @@ def test_marks_are_those_of_the_verdict_and_are_explained_once(refused):
 def test_a_set_outside_of_the_interval_has_not_its_word(content):
     """The sweep's interval is of the optimum between its sets."""
     data = content(assessed=False)
-    known = data.identifiability.with_columns(identifiability=pl.lit("well"))
-    data = replace(data, identifiability=known)
+    known = data.table("identifiability").with_columns(identifiability=pl.lit("well"))
+    data = with_tables(data, identifiability=known)
     (row, *_) = data.selection.iter_rows(named=True)
     spot, scenario, name = row["spot"], row["scenario"], "soft_tissue.stiffness"
-    above = replace(data, identifiability=known.with_columns(lower=2.0 * row[name], upper=3.0 * row[name]))
-    around = replace(data, identifiability=known.with_columns(lower=0.9 * row[name], upper=1.1 * row[name]))
+    above = with_tables(
+        data, identifiability=known.with_columns(lower=2.0 * row[name], upper=3.0 * row[name])
+    )
+    around = with_tables(
+        data, identifiability=known.with_columns(lower=0.9 * row[name], upper=1.1 * row[name])
+    )
     for each, word in ((around, "well"), (above, "unclear")):
         assert Verdicts(each).at(spot, scenario, name, is_fit=False) == word
         (at,) = (best for best in each.bests if (best.spot, best.scenario) == (spot, scenario))
@@ -225,10 +227,10 @@ def test_every_output_of_an_approximation_has_its_sentence_and_its_words(
 ):
     """Page, terminal, JSON, tables, LaTeX, comparison and card have one verdict."""
     data = sound(refused)
-    rows = data.fit.certainty.adequacy.with_columns(
+    rows = data.fit.adequacy.with_columns(
         verdict=pl.when(check="discrepancy").then(pl.lit("approximates")).otherwise(pl.lit("describes"))
     )
-    data = replace(data, fit=replace(data.fit, certainty=replace(data.fit.certainty, adequacy=rows)))
+    data = with_tables(data, adequacy=rows)
     model = model_verdict(data)
     assert model.verdict is Adequacy.APPROXIMATES
     assert re.match(r"Effective parameters: Spongy describes these curves to within [\d.]+ %", model.sentence)

@@ -272,7 +272,7 @@ def test_intervals_are_drawn_around_each_fitted_value(content):
     made = content(search=LeastSquares(), truth={"soft_tissue.stiffness": 0.4})
     panel, other = interval_plot(made).axes
     drawn = sorted(tuple(line.get_xdata()) for line in panel.get_lines() if line.get_marker() == "|")
-    rows = made.fit.certainty.intervals.filter(parameter="soft_tissue.stiffness")
+    rows = made.fit.intervals.filter(parameter="soft_tissue.stiffness")
     assert drawn == sorted(rows.select("lower", "upper").rows())
     assert [label.get_text() for label in panel.get_yticklabels()] == ["all spots", "p1", "p2"]
     assert "true value" in [line.get_label() for line in panel.get_lines()]
@@ -364,7 +364,6 @@ def test_three_channels_of_other_names_and_a_spot_that_lacks_one(
         generalisation=generalise(scores, scenarios[0], design, list(measured)),
         fit=FitResult(),
         responses={(s.job.spot, s.job.set_id): s.response for s in swept},
-        identifiability=pl.DataFrame(schema=["spot", "scenario", "parameter", "identifiability", "lower"]),
     )  # fmt: skip
     assert len(write_report(made, tmp_path / "report").files) == 3 * 6 + 3 + 3 * 7 + 3
     assert len(responses(made, "p1").axes) == 2 * 3

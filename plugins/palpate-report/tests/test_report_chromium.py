@@ -155,7 +155,7 @@ def unranked(content):
         scores=content.scores.with_columns(nmse=unscored),
         selection=content.selection.filter(third),
         generalisation=content.generalisation[:0],
-        identifiability=content.identifiability.filter(third),
+        tables=content.tables | {"identifiability": content.table("identifiability").filter(third)},
     )
 
 

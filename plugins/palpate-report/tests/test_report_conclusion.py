@@ -20,7 +20,7 @@ from palpate_report.data.tables import cost_of_one_set, make_tables
 from palpate_report.figures.style import STYLE
 from palpate_report.settings import BY_ITSELF
 
-from .fits import at_end_of_range, refused
+from .fits import at_end_of_range, refused, with_tables
 
 
 def conclusion(content):
@@ -130,7 +130,7 @@ def test_with_one_spot_its_set_leads_and_nothing_is_generalised(content):
         measured={"p1": made.measured["p1"]},
         selection=made.selection.filter(one),
         scores=made.scores.filter(one),
-        identifiability=made.identifiability.filter(one),
+        tables=made.tables | {"identifiability": made.table("identifiability").filter(one)},
     )
     found = conclusion(alone)
     assert found.lead.startswith("At p1, fitted to force + torque (scenario I): stiffness = ")
@@ -140,17 +140,17 @@ def test_with_one_spot_its_set_leads_and_nothing_is_generalised(content):
 
 def test_how_well_each_parameter_is_identified_is_a_sentence(content):
     made = content()
-    worse = made.identifiability.with_columns(
+    worse = made.table("identifiability").with_columns(
         identifiability=pl.when(pl.col("spot") == "p2").then(pl.lit("not")).otherwise(pl.lit("well")),
         correlation=pl.lit(-0.97),
     )
-    found = conclusion(replace(made, identifiability=worse)).identifiability
-    together = made.identifiability.filter(spot="all spots").row(0, named=True)
+    found = conclusion(with_tables(made, identifiability=worse)).identifiability
+    together = made.table("identifiability").filter(spot="all spots").row(0, named=True)
     assert found[0].startswith(f"stiffness: fitted optimum {together['optimum']:.4g} MPa, ")
     assert "well identifiable by all spots together; spot by spot: " in found[0]
     assert "well identifiable at 1 of 2 spots, not identifiable at 1 of 2 spots" in found[0]
     assert "most correlated with grip (correlation -0.97, spot p1)" in found[0]
-    unknown = conclusion(replace(made, identifiability=made.identifiability[:0])).identifiability
+    unknown = conclusion(with_tables(made, identifiability=made.table("identifiability")[:0])).identifiability
     assert unknown[0] == "stiffness: nothing is known of how well it is identified."
 
 
@@ -196,10 +196,11 @@ def test_a_best_value_at_the_end_of_its_range_is_named(content):
         selection = made.selection.with_columns(
             pl.lit(value).alias("soft_tissue.stiffness"), pl.lit(20.0).alias("soft_tissue.grip")
         )
-        found = made.identifiability.with_columns(
+        found = made.table("identifiability").with_columns(
             identifiability=pl.lit(identifiability), lower=pl.lit(lower, pl.Float64), upper=pl.lit(0.9)
         )
-        return about(replace(made, selection=selection, identifiability=found), "end of their range")
+        changed = replace(with_tables(made, identifiability=found), selection=selection)
+        return about(changed, "end of their range")
 
     for end in (stiffness.min(), stiffness.max(), 0.1001, 0.1 + 0.9 / 40):
         assert "stiffness at p1, scenario I" in with_best(end)
@@ -211,14 +212,14 @@ def test_a_best_value_at_the_end_of_its_range_is_named(content):
 
 def test_a_best_set_outside_the_interval_of_the_optimum_is_named(content):
     made = content()
-    inside = made.identifiability.with_columns(lower=pl.lit(0.1), upper=pl.lit(50.0))
-    assert about(replace(made, identifiability=inside), "between the sampled sets") is None
+    inside = made.table("identifiability").with_columns(lower=pl.lit(0.1), upper=pl.lit(50.0))
+    assert about(with_tables(made, identifiability=inside), "between the sampled sets") is None
     outside = inside.with_columns(
         lower=pl.when(pl.col("parameter") == "soft_tissue.stiffness").then(49.0).otherwise(0.1),
         optimum=pl.lit(49.5),
     )
     value = made.selection["soft_tissue.stiffness"][0]
-    why = about(replace(made, identifiability=outside), "between the sampled sets")
+    why = about(with_tables(made, identifiability=outside), "between the sampled sets")
     assert why.startswith(f"stiffness at p1: set {value:.4g}, optimum 49.5; stiffness at p2: ")
     assert best_of(made).values[0].optimum == pytest.approx(0.4, rel=1e-3)
 
@@ -249,26 +250,28 @@ def test_a_set_that_does_not_fit_is_reported_first_instead_of_parameters(content
         measured={"p2": made.measured["p2"]},
         selection=wrong.selection.filter(one),
         scores=made.scores.filter(one),
-        identifiability=made.identifiability.filter(one),
+        tables=made.tables | {"identifiability": made.table("identifiability").filter(one)},
     )
     assert conclusion(alone).lead.startswith("No parameters can be read")
 
 
 def test_channels_that_disagree_are_named_with_values_and_typical_causes(content):
     made = content()
-    assert made.disagreements.is_empty()
+    assert made.table("disagreements").is_empty()
     row = {
         "spot": "p1", "first": "torque", "second": "force", "parameter": "soft_tissue.stiffness",
         "unit": "MPa", "first_optimum": 0.5, "second_optimum": 0.4,
     }  # fmt: skip
-    apart = replace(made, disagreements=pl.DataFrame([row]))
+    apart = with_tables(made, disagreements=pl.DataFrame([row]))
     why = about(apart, "Torque and force disagree")
     assert why.startswith("stiffness at p1: 0.5 by torque, 0.4 by force MPa.")
     assert "offset of the depth" in why
-    nothing_seen = made.disagreements.clear(1).with_columns(
-        spot=pl.lit("p1"), first=pl.lit("torque"), second=pl.lit("force")
+    nothing_seen = (
+        made.table("disagreements")
+        .clear(1)
+        .with_columns(spot=pl.lit("p1"), first=pl.lit("torque"), second=pl.lit("force"))
     )
-    why = about(replace(made, disagreements=nothing_seen), "Torque and force disagree")
+    why = about(with_tables(made, disagreements=nothing_seen), "Torque and force disagree")
     assert why.startswith("At p1. No set fits both")
 
 
@@ -281,15 +284,15 @@ def test_weights_that_are_not_1_are_shown_with_their_channels():
 def test_what_is_not_identifiable_or_unclear_and_spots_that_disagree_are_named(content):
     made = content()
     first = pl.col("spot") == "p1"
-    apart = made.identifiability.with_columns(
+    apart = made.table("identifiability").with_columns(
         lower=pl.when(first).then(0.1).otherwise(0.4),
         upper=pl.when(first).then(0.3).otherwise(0.9),
         identifiability=pl.when(first).then(pl.lit("not")).otherwise(pl.lit("unclear")),
     )
-    made = replace(made, identifiability=apart)
+    made = with_tables(made, identifiability=apart)
     assert about(made, "unclear")
-    not_seen = made.identifiability.with_columns(identifiability=pl.lit("not"))
-    assert about(replace(made, identifiability=not_seen), "Not identifiable: stiffness, grip")
+    not_seen = made.table("identifiability").with_columns(identifiability=pl.lit("not"))
+    assert about(with_tables(made, identifiability=not_seen), "Not identifiable: stiffness, grip")
     assert "stiffness at p1 and p2 have intervals that do not meet" in about(made, "spots disagree")
 
 
@@ -371,7 +374,7 @@ def test_the_guide_has_the_limits_that_are_applied():
 @pytest.mark.parametrize("search", [None, LeastSquares()])
 def test_identifiability_that_was_not_assessed_names_the_commands(content, search):
     made = content(assessed=False, **({} if search is None else {"search": search}))
-    made = replace(made, identifiability=made.identifiability.clear(), unfinished="")
+    made = replace(with_tables(made, identifiability=made.table("identifiability").clear()), unfinished="")
     why = about(made, "not been assessed")
     assert "`palpate identifiability`" in why
     assert ("`palpate intervals`" in why) is (search is not None)
@@ -381,7 +384,7 @@ def test_identifiability_that_was_not_assessed_names_the_commands(content, searc
 
 def test_intervals_without_what_the_sweep_allows_name_its_command(content):
     made = content(search=LeastSquares())
-    made = replace(made, identifiability=made.identifiability.clear())
+    made = with_tables(made, identifiability=made.table("identifiability").clear())
     assert about(made, "What the sweep allows has not been assessed").startswith(
         "Run `palpate identifiability`"
     )
@@ -390,7 +393,7 @@ def test_intervals_without_what_the_sweep_allows_name_its_command(content):
 @pytest.mark.parametrize("outside", [(), ("grip",), ("stiffness", "grip")])
 def test_an_interval_that_misses_the_truth_is_a_warning_with_its_unit(content, outside):
     made = described(content(search=LeastSquares()))
-    rows = made.fit.certainty.intervals.filter(fit="all spots", scenario="I")
+    rows = made.fit.intervals.filter(fit="all spots", scenario="I")
     truth = {
         row["parameter"]: row["upper"] + (row["upper"] - row["value"]) * (1 if name in outside else -0.5)
         for row in rows.to_dicts()
@@ -420,19 +423,17 @@ def test_without_a_known_answer_nothing_is_said_of_it(content):
 
 def described(made):
     """The data of a fit whose model describes them."""
-    checks = made.fit.certainty.adequacy.with_columns(verdict=pl.lit("describes"))
-    return replace(made, fit=replace(made.fit, certainty=replace(made.fit.certainty, adequacy=checks)))
+    checks = made.fit.adequacy.with_columns(verdict=pl.lit("describes"))
+    return with_tables(made, adequacy=checks)
 
 
 def test_what_other_scenarios_have_is_a_note(content):
     made = content(search=LeastSquares())
-    checks = made.fit.certainty.adequacy.with_columns(
+    checks = made.fit.adequacy.with_columns(
         verdict=pl.when(scenario="II").then(pl.lit("does not describe")).otherwise(pl.lit("describes")),
         message=pl.lit("bad"),
     )
-    found = conclusion(
-        replace(made, fit=replace(made.fit, certainty=replace(made.fit.certainty, adequacy=checks)))
-    )
+    found = conclusion(with_tables(made, adequacy=checks))
     assert not found.failure
     of_model, model = (
         [w for w in of if w.what == "The model does not describe the data"]

@@ -21,7 +21,8 @@ from palpate.errors import MeshError
 from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
 from palpate.plugins.sections import Drawing, Fold, Listing, ReportWarning, Section, Table
-from palpate.run.result import FitResult, PosteriorResult
+from palpate.run.result import FitResult
+from palpate.run.tables import OF_FIT
 from palpate_report.answer.result import make_conclusion
 from palpate_report.data.report_data import contact_along
 from palpate_report.data.tables import TITLES, make_tables
@@ -31,7 +32,7 @@ from palpate_report.from_run import write_report
 from palpate_report.page.html import render
 from palpate_report.page.page_data import MOST_SETS, page_data
 
-from .fits import refused
+from .fits import refused, with_tables
 from .hostile import ATTACK, NAMES, REASON, renamed
 
 VOID = {"meta", "link", "input", "br", "img"}
@@ -199,8 +200,7 @@ def test_every_table_of_a_full_run_is_on_the_page_or_named_as_a_file(content):
     names = ("posterior", "profile_ends", "volumes", "emulator")
     of_joint = pl.DataFrame({"fit": ["all spots"], "scenario": ["I"]})
     drawn = of_joint.with_columns(split_r=1.0, autocorrelation=10.0, converged=True)
-    posterior = PosteriorResult(**dict.fromkeys(names, of_joint) | {"posterior": drawn})
-    made = replace(made, posterior=posterior)
+    made = with_tables(made, **dict.fromkeys(names, of_joint) | {"posterior": drawn})
     tables = make_tables(made)
     assert set(tables) == set(TITLES) - {"convergence", "parameters", "errors", "criteria"}
     conclusion = make_conclusion(made, tables)
@@ -253,7 +253,8 @@ def test_fits_that_all_failed_without_a_sweep_have_a_whole_page(page):
 
     def failed(content):
         about = [{"fit": "all spots", "scenario": name} for name in ("I", "II", "III")]
-        table = pl.DataFrame([row | {"message": reason, "n_runs": 2, "n_fine": 0} for row in about])
+        rows = [row | {"message": reason, "n_runs": 2, "n_fine": 0} for row in about]
+        table = OF_FIT["fit"].frame(rows)
         trace = content.fit.trace.with_columns(fopt=pl.lit(None), objective=pl.lit(None))
         return replace(content, fit=FitResult(table=table, trace=trace))
 
@@ -274,9 +275,7 @@ def test_a_sweep_without_a_fit_has_no_section_on_one(page):
 
 
 def test_what_a_run_lacks_has_no_section(page):
-    made = page(
-        lambda c: replace(c, generalisation=c.generalisation[:0], identifiability=c.identifiability[:0])
-    )
+    made = page(lambda c: replace(c, generalisation=c.generalisation[:0], tables={}))
     ids = {a.get("id") for _, a, _ in made.elements}
     sections = {each.removeprefix("section-") for each in ids if each and each.startswith("section-")}
     assert not sections & {"generalisation", "identifiability", "limb"}

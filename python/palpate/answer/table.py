@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -22,30 +23,43 @@ from palpate.answer.words import (
 )
 from palpate.domain import Design, FloatArray, Parameter, ParameterName
 from palpate.fit.fitted import reported_rows
+from palpate.plugins.table import OF_ROW, StageTable, TableColumn
 from palpate.run.result import ALL_SPOTS, LEVEL, FitResult
+from palpate.run.tables import (
+    IDENTIFIABILITY_COLUMN,
+    INTERVAL_COLUMNS,
+    PARAMETER_COLUMNS,
+    SCENARIO_COLUMN,
+    VALUE_COLUMN,
+)
 from palpate.study.reading import Study
 
-ANSWER = {
-    "scenario": pl.String,
-    "spot": pl.String,
-    "source": pl.String,
-    "kind": pl.String,
-    "parameter": pl.String,
-    "unit": pl.String,
-    "value": pl.Float64,
-    "optimum": pl.Float64,
-    "lower": pl.Float64,
-    "upper": pl.Float64,
-    "level": pl.Float64,
-    "identifiability": pl.String,
-    "at_bound": pl.Boolean,
-    "model": pl.String,
-    "verdict": pl.String,
-    "marks": pl.String,
-    "reason": pl.String,
-    "reported": pl.Boolean,
-}
-"""Columns of the answer."""
+OF_ANSWER = MappingProxyType(
+    {
+        "answer": StageTable(
+            "Every value that was found, with what may be read of it.",
+            {
+                **SCENARIO_COLUMN,
+                "spot": TableColumn("Name of the spot, or 'all spots'.", pl.String),
+                "source": TableColumn("'fit', or the set of the sweep.", pl.String),
+                "kind": TableColumn("'parameter' or 'modulus'.", pl.String),
+                **PARAMETER_COLUMNS,
+                **VALUE_COLUMN,
+                "optimum": TableColumn("Value where Fopt of emulated curves is least.", unit=OF_ROW),
+                **INTERVAL_COLUMNS,
+                "level": TableColumn("Probability of the interval; null for an interval by the sweep."),
+                **IDENTIFIABILITY_COLUMN,
+                "at_bound": TableColumn("True at an end of the range.", pl.Boolean),
+                "model": TableColumn("Verdict on the model.", pl.String),
+                "verdict": TableColumn("Verdict on the value.", pl.String),
+                "marks": TableColumn("Marks of the value in tables.", pl.String),
+                "reason": TableColumn("Reason of the verdict on the model.", pl.String),
+                "reported": TableColumn("True for the values that every output shows.", pl.Boolean),
+            },
+        )
+    }
+)
+"""The table of the answer."""
 
 FIT = "fit"
 """Source of values that a search has found; others are of a set of the sweep."""
@@ -104,7 +118,7 @@ class _Source:
 
 
 def answer_table(results: Results) -> pl.DataFrame:
-    """Table of every value that a run has found, of fits and of sets, with the columns of :data:`ANSWER`.
+    """Table of every value that a run has found, of fits and of sets, with the columns of :data:`OF_ANSWER`.
 
     One fit or set is ``reported``: the joint fit, or the fit of the only spot, in the scenario that
     generalises; without a fit the set for all spots, or of the only spot. Where its model does not describe
@@ -112,13 +126,13 @@ def answer_table(results: Results) -> pl.DataFrame:
     """
     sources = _with_lead(results, list(_sources(results)))
     rows = [row for source in sources for row in _rows(results, source)]
-    return pl.DataFrame(rows, schema=ANSWER)
+    return OF_ANSWER["answer"].frame(rows)
 
 
 def searched_parameters(study: Study, design: Design, fit: FitResult) -> dict[str, Parameter]:
     """Parameters of the design by full name, and what a fit has searched besides, such as friction."""
     found = {p.name: p for p in design.parameters}
-    fitted_names = set(fit.table.columns)
+    fitted_names = set(fit.table.columns if fit.table.height else ())
     every = study.parametrisation.parameters(study.space, study.spot_names) if fitted_names else ()
     heads = {ParameterName.parse(p.name).shared: p for p in every}
     more = {name: replace(p, name=name) for name, p in heads.items() if name in fitted_names}
@@ -132,7 +146,7 @@ def _sources(results: Results) -> Iterator[_Source]:
     """Fits, then sets: the joint ones first, then by spot and scenario."""
     swept, sure = (
         _intervals_of(results.identifiability, "spot"),
-        _intervals_of(results.fit.certainty.intervals, "fit", level=LEVEL),
+        _intervals_of(results.fit.intervals, "fit", level=LEVEL),
     )
     weighed = {s.name: tuple(s.weighed) for s in results.study.scenarios}
     rows_of_sets = (*_set_for_all(results), *results.selection.iter_rows(named=True))
@@ -181,11 +195,8 @@ def _intervals_of(
 
 def _model(results: Results, fit: str, scenario: str) -> tuple[Adequacy, str]:
     """Verdict on the model of a fit, and the reasons."""
-    checks = results.fit.certainty.adequacy
-    if checks.is_empty():
-        return Adequacy.DESCRIBES, ""
     # Apparent moduli are still a result; what else fails takes it away.
-    own = checks.filter(pl.col("check") != "relaxation", fit=fit, scenario=scenario)
+    own = results.fit.adequacy.filter(pl.col("check") != "relaxation", fit=fit, scenario=scenario)
     reasons = own.filter(pl.col("verdict") != Adequacy.DESCRIBES.value)["message"]
     return worst_of(own["verdict"]), "; ".join(dict.fromkeys(reasons))
 

@@ -103,6 +103,12 @@ if TYPE_CHECKING:
     from palpate.plugins.provides import (
         Provides as Provides,
     )
+    from palpate.plugins.sections import Summary as Summary
+    from palpate.plugins.table import (
+        OF_ROW as OF_ROW,
+        StageTable as StageTable,
+        TableColumn as TableColumn,
+    )
     from palpate.progress import (
         SILENT as SILENT,
         Progress as Progress,
@@ -111,7 +117,6 @@ if TYPE_CHECKING:
     from palpate.stages.stage import (
         Run as Run,
         Stage as Stage,
-        Summary as Summary,
     )
     from palpate.units import (
         Quantity as Quantity,

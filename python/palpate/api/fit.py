@@ -108,18 +108,13 @@ if TYPE_CHECKING:
     )
     from palpate.run.result import (
         ALL_SPOTS as ALL_SPOTS,
-        DISAGREEMENTS as DISAGREEMENTS,
-        IDENTIFIABILITY as IDENTIFIABILITY,
         INCLUDED as INCLUDED,
         LEVEL as LEVEL,
         RISE as RISE,
         UNSEEN as UNSEEN,
         UNSETTLED as UNSETTLED,
         WIDENED as WIDENED,
-        CertaintyResult as CertaintyResult,
         FitResult as FitResult,
-        IdentifiabilityResult as IdentifiabilityResult,
-        PosteriorResult as PosteriorResult,
     )
     from palpate.stages.core_stages import (
         cases_of as cases_of,

@@ -72,9 +72,24 @@ if TYPE_CHECKING:
         is_run as is_run,
         keep_only as keep_only,
     )
+    from palpate.run.result import StudyInputs as StudyInputs
     from palpate.run.result_files import (
         Files as Files,
         parquet as parquet,
+    )
+    from palpate.run.tables import (
+        ASSESSED as ASSESSED,
+        CHANNEL_COLUMN as CHANNEL_COLUMN,
+        FIT_COLUMNS as FIT_COLUMNS,
+        FOPT_COLUMN as FOPT_COLUMN,
+        IDENTIFIABILITY_COLUMN as IDENTIFIABILITY_COLUMN,
+        INTERVAL_COLUMNS as INTERVAL_COLUMNS,
+        OF_A_FIT as OF_A_FIT,
+        PARAMETER_COLUMNS as PARAMETER_COLUMNS,
+        POINT_COLUMNS as POINT_COLUMNS,
+        SEARCHED as SEARCHED,
+        SPOT_COLUMN as SPOT_COLUMN,
+        VALUE_COLUMN as VALUE_COLUMN,
     )
     from palpate.scoring.completeness import (
         Completeness as Completeness,
@@ -109,6 +124,9 @@ if TYPE_CHECKING:
     )
     from palpate.simulation.sweep import (
         Simulations as Simulations,
+    )
+    from palpate.stages.adaptation import (
+        finer_inputs as finer_inputs,
     )
     from palpate.stages.core_stages import (
         best_sets as best_sets,

@@ -6,12 +6,14 @@ Numbers that are not finite are printed as null. A change that could break a scr
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Any, NotRequired
+from typing import Annotated, Any, NotRequired
 
-from pydantic import ConfigDict, TypeAdapter, with_config
+import polars as pl
+from pydantic import ConfigDict, Field, TypeAdapter, with_config
 from typing_extensions import TypedDict
 
 from palpate.domain.component import Component
+from palpate.plugins.table import StageTable
 
 VERSION = 4
 """Version of all that is described here."""
@@ -247,6 +249,22 @@ OUTPUTS: Mapping[str, Any] = MappingProxyType(
 """What each of the core's commands prints with ``--json``."""
 
 
+KINDS: Mapping[Any, type] = MappingProxyType(
+    {pl.String: str, pl.Boolean: bool, pl.Int64: int, pl.Float64: float}
+)
+"""Types of the values of columns."""
+
+
+def _row_of(table: StageTable) -> Any:  # noqa: ANN401 - a type
+    """Type of a row: its declared columns, each with its sentence and unit, and any others."""
+    columns = {
+        name: Annotated[KINDS[column.kind] | None, Field(description=str(column))]
+        for name, column in table.columns.items()
+    }
+    row = TypedDict("Row", columns, total=False)  # type: ignore[misc]
+    return with_config(ConfigDict(extra="allow", title=table.text))(row)
+
+
 NO_OTHERS: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -254,7 +272,8 @@ def output_of(command: str, stages: Mapping[str, type[Component]], others: Mappi
     """Type of what a command prints with ``--json``: of a stage its tables, and warnings."""
     if command in OUTPUTS or command in others:
         return OUTPUTS.get(command) or others[command]
-    tables: dict[str, Any] = dict.fromkeys(stages[command].tables, list[Row])  # type: ignore[attr-defined]
+    declared: Mapping[str, StageTable] = stages[command].tables  # type: ignore[attr-defined]
+    tables: dict[str, Any] = {name: list[_row_of(table)] for name, table in declared.items()}  # type: ignore[misc]
     named = TypedDict("StageOutput", tables | {"warnings": list[str]})  # type: ignore[misc]
     return with_config(ConfigDict(extra="forbid"))(named)
 

@@ -9,8 +9,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from palpate.cli.progress import StageProgress
+    from palpate.plugins.sections import Summary
     from palpate.stages.pipeline import RunResult
-    from palpate.stages.stage import Summary
     from palpate.study.reading import Study
 
 

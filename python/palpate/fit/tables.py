@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import polars as pl
 
 from palpate.domain import FloatArray, Response, channel_of, weighed_phases
 from palpate.fit.running import Fit
@@ -14,6 +13,7 @@ from palpate.fit.stage import Case
 from palpate.plugins.parametrisation import at_spot
 from palpate.plugins.score import weighted
 from palpate.run.result import UNSETTLED, FitResult
+from palpate.run.tables import OF_FIT
 from palpate.scoring.scores import relative_variance
 from palpate.simulation.sweep import Simulations
 
@@ -44,7 +44,9 @@ def fit_result(cases: Sequence[Case], simulations: Simulations) -> FitResult:
             responses[case.label, case.scenario.name, term.spot] = measured_like(term, values)
     traces = [row for case in cases for row in _trace(case, n_runs)]
     meshes = [row for case in cases for row in _mesh(case)]
-    return FitResult(table=_frame(rows), trace=_frame(traces), mesh=_frame(meshes), responses=responses)
+    made = {"fit": rows, "fit_trace": traces, "fit_mesh": meshes}
+    table, trace, mesh = (OF_FIT[name].frame(rows) for name, rows in made.items())
+    return FitResult(table=table, trace=trace, mesh=mesh, responses=responses)
 
 
 def _n_runs(cases: Sequence[Case], simulations: Simulations) -> dict[int, list[int]]:
@@ -66,10 +68,6 @@ def _n_runs(cases: Sequence[Case], simulations: Simulations) -> dict[int, list[i
 
 def _spent(case: Case, n_runs: Mapping[int, Sequence[int]]) -> int:
     return n_runs[id(case.fits[-1].problem)][-1] if case.fits else 0
-
-
-def _frame(rows: list[dict[str, Any]]) -> pl.DataFrame:
-    return pl.from_dicts(rows, infer_schema_length=None) if rows else pl.DataFrame()
 
 
 def _about(case: Case) -> dict[str, Any]:

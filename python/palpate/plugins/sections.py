@@ -228,3 +228,29 @@ def heading(column: str) -> str:
         if column.endswith(suffix):
             return column.removesuffix(suffix).replace("_", " ") + unit
     return column.replace("_", " ")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Summary:
+    """Results of a stage, as the terminal and the page show them.
+
+    Parameters
+    ----------
+    lines : sequence of str
+        Sentences.
+    labelled : mapping of word to str
+        Texts, each under its word, such as ``Warnings``.
+    figures : sequence of Figure
+        Of the page alone.
+    values : mapping
+        What ``palpate run --json`` has of the stage that comes last.
+    missing : str
+        What could not be found; the command then ends with exit code 1.
+    """
+
+    lines: Sequence[str] = ()
+    labelled: Mapping[str, str] = field(default_factory=dict)
+    tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)
+    figures: Sequence[Figure] = ()
+    values: Mapping[str, Any] = field(default_factory=dict)
+    missing: str = ""

@@ -8,18 +8,9 @@
     measured/<spot>.parquet  measured/<spot>.json  measured/plots/<spot>/
     design.parquet  design.json
     ledger.sqlite           simulations: states, attempts, timings, reasons, curves, states of the skin
-    scores.parquet  selection.parquet  generalisation.parquet
-    fit.parquet  fit_trace.parquet  fit_mesh.parquet  fine_meshes.parquet  fit_curves.parquet
-    intervals.parquet  budget.parquet  parameter_combinations.parquet  adequacy.parquet  draws.parquet
-    mesh_errors.parquet  between_spots.parquet  spot_draws.parquet
-    profile_planes.parquet  posterior.parquet  posterior_draws.parquet  profiles.parquet
-    profile_ends.parquet  sobol_indices.parquet  volumes.parquet  emulator.parquet  posterior_planes.parquet
-    identifiability.parquet  disagreements.parquet
-    answer.parquet          every value that was found, and what may be read of it
+    TABLE.parquet           tables that the stages declare
     fit.json                how far the fit is, while it goes on
     next.json               which presses to make next
-    verification.parquet
-    surface.parquet         which simulations have the skin of each spot
     stages.json             checksums of these files, and what each stage was made from
     report/
 
@@ -31,7 +22,7 @@ import io
 import json
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -58,8 +49,9 @@ from palpate.run.manifest import (
 )
 from palpate.run.ownership import check_claimable, claim, refuse_other, tidy, writing_in
 from palpate.run.provenance import StageRecords
-from palpate.run.result import CertaintyResult, FitResult, IdentifiabilityResult, PosteriorResult
+from palpate.run.result import FitResult
 from palpate.run.result_files import Files, frame_of, parquet, response_of, responses_of
+from palpate.run.tables import ASSESSED, OF_A_FIT, OF_FIT
 from palpate.study.reading import Study
 
 RESULT = "result.json"
@@ -267,29 +259,19 @@ class RunDirectory:
         return found
 
     def fit(self) -> FitResult:
-        """Read the fit with its intervals; empty where there is none."""
+        """Read the fit, with what is known of its intervals; empty where there is none."""
+        declared = {**OF_FIT, **{name: ASSESSED[name] for name in OF_A_FIT}}
+        found = {name: self.table(name) for name in declared}
+        found = {name: frame if frame.width else declared[name].empty() for name, frame in found.items()}
         return FitResult(
-            table=self.table("fit"),
-            trace=self.table("fit_trace"),
-            mesh=self.table("fit_mesh"),
-            responses=responses_of(self.table("fit_curves")),
-            certainty=CertaintyResult(
-                **{each.name: self.table(each.name) for each in fields(CertaintyResult)}
-            ),
-        )
-
-    def posterior(self) -> PosteriorResult:
-        """Read the posteriors; empty where there are none of this fit."""
-        if not self.records.is_current("certainty"):
-            return PosteriorResult()
-        return PosteriorResult(**{each.name: self.table(each.name) for each in fields(PosteriorResult)})
-
-    def identifiability(self) -> IdentifiabilityResult:
-        """Read what the sweep allows; without rows where it was not assessed, or other sets were."""
-        if not self.records.is_current("identifiability"):
-            return IdentifiabilityResult()
-        return IdentifiabilityResult(
-            **{each.name: self.table(each.name) for each in fields(IdentifiabilityResult)}
+            table=found["fit"],
+            trace=found["fit_trace"],
+            mesh=found["fit_mesh"],
+            responses=responses_of(found["fit_curves"]),
+            intervals=found["intervals"],
+            adequacy=found["adequacy"],
+            reported=found["reported"],
+            reported_curves=found["reported_curves"],
         )
 
     def comparisons(self) -> dict[str, Any]:

@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from types import MappingProxyType
 
 import polars as pl
 
+from palpate.answer.table import OF_ANSWER
 from palpate.domain import Design, RegionMaterial, weighed_phases
 from palpate.domain.curves import abscissae_of
 from palpate.errors import StudyError
@@ -15,6 +15,7 @@ from palpate.fit.stage import Case, FitStage
 from palpate.fit.surfaces import simulate_surfaces
 from palpate.fit.tables import fit_result
 from palpate.limb.loading import fine_meshes, refinement
+from palpate.plugins.sections import Summary
 from palpate.progress import Progress, ShowsPlace
 from palpate.run.directory import design_files, measured_files
 from palpate.run.fit_state import FitState, write_fit_state
@@ -22,6 +23,7 @@ from palpate.run.keys import identity
 from palpate.run.provenance import described, sha256
 from palpate.run.result import FitResult, SelectionResult
 from palpate.run.result_files import Files, curves_of
+from palpate.run.tables import OF_EXPERIMENT, OF_FIT, OF_SAMPLE, OF_SCORE, OF_SELECT, OF_SURFACE, OF_VERIFY
 from palpate.sampling.study_design import draw_study
 from palpate.scoring import scores as scoring, selection
 from palpate.scoring.completeness import completeness, described as named, without_result
@@ -31,7 +33,7 @@ from palpate.simulation.cost import n_of_fit
 from palpate.simulation.forecast import FINE
 from palpate.simulation.sweep import KeptSimulations, Simulations
 from palpate.simulation.verification import verify
-from palpate.stages.stage import Run, Stage, Summary
+from palpate.stages.stage import Run, Stage
 from palpate.study.reading import Study
 
 
@@ -53,7 +55,7 @@ class Experiment(OfEveryRun):
     """Measured curves."""
 
     name, summary = "experiment", "Read the measured curves."
-    tables = MappingProxyType({"measured": "Points of the measured curves of each spot."})
+    tables = OF_EXPERIMENT
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """Files and loader of each spot; None for files that are not there any more."""
@@ -79,7 +81,7 @@ class Sample(OfEveryRun):
     """Parameter sets."""
 
     name, summary = "sample", "Draw the parameter sets."
-    tables = MappingProxyType({"design": "Parameters of each set."})
+    tables = OF_SAMPLE
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """Settings that decide the first ``n_sets`` sets of the design."""
@@ -135,7 +137,7 @@ class Score(OfEveryRun):
 
     name, summary = "score", "Compare simulated with measured curves."
     needs = ("experiment", "sample", "simulate")
-    tables = MappingProxyType({"scores": "NMSE, R² and coverage of each set in each channel."})
+    tables = OF_SCORE
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """Rules of the comparison."""
@@ -178,12 +180,7 @@ class Select(OfEveryRun):
 
     name, summary = "select", "Choose the best set by scenario and over all spots."
     needs = ("score",)
-    tables = MappingProxyType(
-        {
-            "selection": "Set with the least Fopt by spot and scenario.",
-            "generalisation": "Set with the least mean Fopt over the spots.",
-        }
-    )
+    tables = OF_SELECT
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """Scenarios, and which generalises."""
@@ -213,7 +210,7 @@ class Verify(OfEveryRun):
 
     name, summary = "verify", "Verify the selected sets, such as with halved steps."
     needs = ("select",)
-    tables = MappingProxyType({"verification": "Which selected sets passed, with the solver's figures."})
+    tables = OF_VERIFY
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Verification of each selected set that was not verified before."""
@@ -248,15 +245,7 @@ class SearchForBest(OfEveryRun):
     name, summary = "fit", "Search the parameters for which the curves fit best."
     one_after_other = True
     needs = ("select",)
-    tables = MappingProxyType(
-        {
-            "fit": "Where each search ended.",
-            "fit_trace": "Every evaluation of the searches.",
-            "fit_mesh": "What finer meshes changed.",
-            "fine_meshes": "Edges and nodes of the meshes that were refined.",
-            "fit_curves": "Curves where each search ended.",
-        }
-    )
+    tables = OF_FIT
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """Search, what is searched, and how meshes are corrected."""
@@ -296,7 +285,7 @@ class Surface(CoreStage):
 
     name, summary = "surface", "Simulate the skin under the press with the fitted parameters."
     needs = ("select", "fit")
-    tables = MappingProxyType({"surface": "Simulation that has the states of the skin, by spot."})
+    tables = OF_SURFACE
 
     def is_in_run(self, study: Study) -> bool:
         """True if the solver gives the states of the skin."""
@@ -317,7 +306,7 @@ class Answer(OfEveryRun):
     name, summary = "answer", "List every value that was found, with its interval and its verdict."
     needs = ("select",)
     comes_last = True
-    tables = MappingProxyType({"answer": "Values of fits and sets, which of them is reported, and why."})
+    tables = OF_ANSWER
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """One row for each fit or set and value."""

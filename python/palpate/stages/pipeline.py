@@ -25,6 +25,7 @@ from palpate.fit.searches import BestSet
 from palpate.limb.loading import limb_warnings, load_limbs
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.optional import PressDrawer
+from palpate.plugins.sections import Summary
 from palpate.progress import SILENT, Progress
 from palpate.run.directory import RunDirectory, measured_files
 from palpate.run.fit_state import remove_fit_state
@@ -36,9 +37,8 @@ from palpate.sampling.study_design import draw_study
 from palpate.scoring import scores as scoring
 from palpate.simulation import jobs as simulation
 from palpate.simulation.forecast import Part
-from palpate.stages.adaptation import finer_inputs
 from palpate.stages.core_stages import selected
-from palpate.stages.stage import Run, Stage, Summary, in_order, read_run, stages_of, stages_of_run
+from palpate.stages.stage import Run, Stage, in_order, read_run, stages_of, stages_of_run
 from palpate.study.checks import setting_warnings
 from palpate.study.reading import Study
 
@@ -176,9 +176,8 @@ def run_study(
                     remove_fit_state(run_folder)
                 run.expect(wanted[i:])
                 _make(run, stage, made_from if stage.name == "experiment" else None)
-                if "budget" in stage.tables:
-                    first = wanted.index(stages["fit"])
-                    run = _refined(run, wanted[first:], i + 1 - first)
+                if stage.needs:
+                    run = _again(run, stage, wanted)
             remove_fit_state(run_folder)
             return RunResult(
                 folder=run_folder,
@@ -208,16 +207,14 @@ def _make(run: Run, stage: Stage, made_from: Mapping[str, str] | None) -> None:
         run.directory.write_measured_to_manifest(run.study)
 
 
-def _refined(run: Run, stages: Sequence[Stage], n_again: int) -> Run:
-    """Run whose fit is made again with finer meshes, until these are little of what it is uncertain by.
-
-    Of the ``stages`` from the fit on, ``n_again`` are made again.
-    """
-    while finer := finer_inputs(run):
-        run = run.with_inputs(finer)
-        for i, stage in enumerate(stages[:n_again]):
-            run.expect(stages[i:])
-            _make(run, stage, None)
+def _again(run: Run, last: Stage, wanted: Sequence[Stage]) -> Run:
+    """Run whose stages from the fit to ``last`` are made again with the inputs that ``last`` asks for."""
+    names = [stage.name for stage in wanted]
+    while inputs := last.again(run):
+        run = run.with_inputs(inputs)
+        for i in range(names.index("fit"), names.index(last.name) + 1):
+            run.expect(wanted[i:])
+            _make(run, wanted[i], None)
     return run
 
 

@@ -116,7 +116,7 @@ class SavedRun:
     @property
     def intervals(self) -> pl.DataFrame:
         """A row for each fit, scenario and parameter with its 95 % interval and the word for it; or none."""
-        return self._found.certainty.intervals
+        return self._found.intervals
 
     @property
     def answer(self) -> pl.DataFrame:

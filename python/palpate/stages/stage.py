@@ -2,7 +2,7 @@
 
 import contextlib
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,50 +21,20 @@ from palpate.limb.loading import load_limbs, with_edges
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.guard import answering_for
 from palpate.plugins.registry import MORE, suggestion
-from palpate.plugins.sections import Figure, Section
+from palpate.plugins.sections import Section, Summary
+from palpate.plugins.table import StageTable
 from palpate.progress import SILENT, FollowsSimulations, Progress
 from palpate.run.directory import RunDirectory
 from palpate.run.keys import answers_key
 from palpate.run.provenance import described, fingerprint
-from palpate.run.result import (
-    CertaintyResult,
-    FitResult,
-    IdentifiabilityResult,
-    PosteriorResult,
-    StudyInputs,
-)
+from palpate.run.result import FitResult, StudyInputs
 from palpate.run.result_files import Files
+from palpate.run.tables import ASSESSED, OF_A_FIT
 from palpate.simulation import jobs as simulation
 from palpate.simulation.cost import SWEEP, n_workers
 from palpate.simulation.forecast import Forecast, Part
 from palpate.simulation.sweep import Simulations
 from palpate.study.reading import Study
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Summary:
-    """Results of a stage, as the terminal and the page show them.
-
-    Parameters
-    ----------
-    lines : sequence of str
-        Sentences.
-    labelled : mapping of word to str
-        Texts, each under its word, such as ``Warnings``.
-    figures : sequence of Figure
-        Of the page alone.
-    values : mapping
-        What ``palpate run --json`` has of the stage that comes last.
-    missing : str
-        What could not be found; the command then ends with exit code 1.
-    """
-
-    lines: Sequence[str] = ()
-    labelled: Mapping[str, str] = field(default_factory=dict)
-    tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)
-    figures: Sequence[Figure] = ()
-    values: Mapping[str, Any] = field(default_factory=dict)
-    missing: str = ""
 
 
 class Stage(Component[SettingsT]):
@@ -78,8 +48,8 @@ class Stage(Component[SettingsT]):
     needs: ClassVar[tuple[str, ...]] = ()
     """Stages whose results it reads."""
 
-    tables: ClassVar[Mapping[str, str]] = MappingProxyType({})
-    """A sentence on each table that it makes; ``name`` is the file ``name.parquet``."""
+    tables: ClassVar[Mapping[str, StageTable]] = MappingProxyType({})
+    """Tables that it makes, with their columns; ``name`` is the file ``name.parquet``."""
 
     may_fail: ClassVar[bool] = True
     """True if ``palpate run`` goes on, with a warning, where it cannot be made."""
@@ -95,6 +65,12 @@ class Stage(Component[SettingsT]):
 
     is_on_page: ClassVar[bool] = False
     """True if the page has sections on its tables, so that its summary is not another one."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        for name, table in cls.tables.items():
+            if not isinstance(table, StageTable):
+                raise TypeError(f"class {cls.__name__}: table '{name}' is no palpate.api.StageTable")
 
     def is_in_run(self, study: Study) -> bool:
         """True if ``palpate run`` includes the stage though the study has no table ``[stages.NAME]``."""
@@ -142,6 +118,13 @@ class Stage(Component[SettingsT]):
         PalpateError
             The tables cannot be made, and what to do.
         """
+
+    def again(self, inputs: "Run") -> StudyInputs | None:
+        """Inputs with which ``palpate run`` makes the fit, and the stages up to this one, once more.
+
+        None, as here, where the results are good enough.
+        """
+        return None
 
     def summarise(self, inputs: "Run") -> Summary:
         """Summary of the tables that the run holds; by itself the tables as they are."""
@@ -211,7 +194,7 @@ class Run:
         design, measured = stored.design(), stored.measured(study.spot_names)
         if not self.is_copy:
             self.check("experiment", "sample")
-        chosen = self.current_table("fine_meshes", "fit")
+        chosen = self.current("fine_meshes")
         edges_mm = {row["spot"]: row["edge_mm"] for row in chosen.iter_rows(named=True)}
         limbs = load_limbs(with_edges(study, edges_mm), to_show=self.is_copy)
         for name in study.spot_names if self.is_copy and study.solver.provides.mesh else ():
@@ -275,14 +258,28 @@ class Run:
         return cast("tuple[Simulation, ...]", self.shared[SWEEP])
 
     def table(self, name: str, stage: str = "") -> pl.DataFrame:
-        """Table by name; empty where there is none, unless ``stage`` names the stage that must have made it.
+        """Table by name; without rows where there is none, unless ``stage`` names the stage that makes it.
 
         Raises
         ------
         StudyError
             Its file is damaged, or missing and must be there.
         """
-        return self.directory.table(name, stage)
+        found = self.directory.table(name, stage)
+        return found if found.width else self._empty(name)
+
+    def current(self, name: str) -> pl.DataFrame:
+        """Table that was made from what the stages before its own have now; else without rows."""
+        is_current = self.directory.records.is_current
+        made = any(is_current(stage) for stage in self._makers(name))
+        return self.table(name) if made else self._empty(name)
+
+    def _makers(self, *names: str) -> list[str]:
+        return [stage.name for stage in self.stages.values() if not stage.tables.keys().isdisjoint(names)]
+
+    def _empty(self, name: str) -> pl.DataFrame:
+        declared = (stage.tables.get(name) for stage in self.stages.values())
+        return next(filter(None, declared), ASSESSED.get(name, StageTable(""))).empty()
 
     def fitted(self) -> Fitted:
         """Values that the run has found for all spots together."""
@@ -298,24 +295,13 @@ class Run:
         StudyError
             It, or its intervals, were made from something else than the study has now.
         """
-        has, is_assessed = self.directory.records.has, "intervals" in self.stages
-        self.check(*filter(has, ("fit", "intervals") if is_assessed else ("fit",)))
+        assessors = self._makers(*OF_A_FIT)
+        self.check(*filter(self.directory.records.has, ("fit", *assessors)))
         found = self.directory.fit()
-        planes = self.current_table("profile_planes", "contours")
-        of_fit = replace(found.certainty, profile_planes=planes) if is_assessed else CertaintyResult()
-        return replace(found, certainty=of_fit)
-
-    def posterior(self) -> PosteriorResult:
-        """Posteriors of the present fit; empty where there are none, or their stage is not installed."""
-        return self.directory.posterior() if "certainty" in self.stages else PosteriorResult()
-
-    def identifiability(self) -> IdentifiabilityResult:
-        """Identifiability by the present sweep; without rows as :meth:`posterior` is."""
-        known = "identifiability" in self.stages
-        return self.directory.identifiability() if known else IdentifiabilityResult()
+        return found if assessors else found.without_assessment()
 
     def answer(self) -> pl.DataFrame:
-        """Every value that was found, with the columns of :data:`palpate.answer.table.ANSWER`.
+        """Every value that was found, with the columns of :data:`palpate.answer.table.OF_ANSWER`.
 
         In the units of the materials; by the present fit, intervals and sweep.
         """
@@ -330,22 +316,18 @@ class Run:
                 design=design,
                 selection=chosen,
                 generalisation=general,
-                identifiability=self.identifiability().identifiability,
+                identifiability=self.current("identifiability"),
                 fit=fit,
             )
         )
 
     def surfaces(self) -> Mapping[str, SurfaceStates]:
         """States of the skin by spot, as ``palpate surface`` has simulated them; empty where it has not."""
-        return stored_surfaces(self.directory.folder, self.current_table("surface", "surface"))
+        return stored_surfaces(self.directory.folder, self.current("surface"))
 
     def strains(self) -> dict[str, dict[str, Any]]:
         """Strains by spot and region under that press; empty without ``palpate surface``."""
-        return stored_strains(self.directory.folder, self.current_table("surface", "surface"))
-
-    def current_table(self, name: str, stage: str) -> pl.DataFrame:
-        """Table of a stage that was made from what the stages before it have now; else empty."""
-        return self.table(name) if self.directory.records.is_current(stage) else pl.DataFrame()
+        return stored_strains(self.directory.folder, self.current("surface"))
 
     # ------------------------------------------------------------------ what results were made from
 

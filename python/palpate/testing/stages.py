@@ -19,9 +19,11 @@ from palpate.errors import StudyError
 from palpate.executors.answers import plain
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.score import Score
+from palpate.plugins.sections import Summary
+from palpate.plugins.table import StageTable
 from palpate.progress import SILENT
 from palpate.run.directory import RunDirectory
-from palpate.stages.stage import Run, Stage, Summary, in_order, read_run
+from palpate.stages.stage import Run, Stage, in_order, read_run
 from palpate.study.reading import Study
 from palpate.testing.components import ComponentContract, overridden
 from palpate.testing.studies import StudyRunner
@@ -61,9 +63,11 @@ class StageContract(ComponentContract):
 
     def test_tables_have_names_of_files_and_a_sentence(self, stage: Stage, run: Run) -> None:
         others = {name for each in run.stages.values() if each is not stage for name in each.tables}
-        for name, sentence in stage.tables.items():
+        for name, declared in stage.tables.items():
             assert re.fullmatch(r"[a-z][a-z0-9_]*", name), f"table {name!r}: use lower case and underscores"
-            assert sentence.strip(), f"table '{name}' needs a sentence on what it holds"
+            assert isinstance(declared, StageTable), f"table '{name}' is no StageTable"
+            for text in (declared.text, *(column.text for column in declared.columns.values())):
+                assert text.strip(), f"table '{name}' needs a sentence on it, and on each column"
             assert name not in others, f"another stage has a table '{name}'; name yours otherwise"
 
     def test_what_decides_it_is_plain_and_repeats(self, stage: Stage, run: Run) -> None:
@@ -77,6 +81,9 @@ class StageContract(ComponentContract):
             assert name.partition(".")[0].partition("/")[0] in stage.tables, f"table '{name}' is not declared"
             if isinstance(table, pl.DataFrame) and isinstance(other := again[name], pl.DataFrame):
                 assert_frame_equal(table, other)
+                if declared := stage.tables.get(name):
+                    lacking = declared.missing(table)
+                    assert not lacking, f"table '{name}' has not the columns that it declares: {lacking}"
 
     def test_tables_are_refused_once_what_they_were_made_from_has_changed(
         self, stage: Stage, run: Run

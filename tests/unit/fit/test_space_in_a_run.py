@@ -169,7 +169,7 @@ def test_a_factor_of_a_state_is_in_the_tables(run):
     assert (rest["skin.e"], tense["skin.e"]) == pytest.approx((0.2, 0.2), rel=1e-3)
     assert rest["stiffness.skin"] is None
     assert tense["stiffness.skin"] == pytest.approx(2.5, rel=1e-3)
-    intervals = result.fit.certainty.intervals
+    intervals = result.fit.intervals
     assert "stiffness.skin@contracted" in intervals["parameter"].to_list()
 
 

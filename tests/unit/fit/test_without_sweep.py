@@ -53,5 +53,5 @@ def test_a_range_at_whose_end_a_fit_ends_is_widened_once_and_reported(tmp_path, 
     assert joint["specimen.c1"] == pytest.approx(0.1847019, rel=1e-3)
     assert joint["at_bound"] == ""
     assert f"range of specimen.c1 widened from {ends}" in joint["message"]
-    interval = found.certainty.intervals.row(0, named=True)
+    interval = found.intervals.row(0, named=True)
     assert interval["lower"] < joint["specimen.c1"] < interval["upper"]

@@ -8,10 +8,13 @@ import polars as pl
 import pytest
 
 from palpate.errors import PluginError, StudyError
+from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.registry import load_file
+from palpate.plugins.table import StageTable, TableColumn
 from palpate.progress import SILENT
+from palpate.run.directory import RunDirectory
 from palpate.stages import pipeline
-from palpate.stages.stage import Run, Stage, in_order
+from palpate.stages.stage import Run, Stage, in_order, read_run
 from palpate.testing import StageContract
 
 LOOP = Path(__file__).parents[3] / "examples" / "loop_work.py"
@@ -23,8 +26,11 @@ class TestLoopWork(StageContract):
         return load_file(LOOP).LoopWork()
 
 
+NUMBER = StageTable("One number.", {"number": TableColumn("It.", unit="mm")})
+
+
 class Table(Stage):
-    name, summary, tables = "table", "one table", {"table": "One number."}
+    name, summary, tables = "table", "one table", {"table": NUMBER}
 
     def run(self, inputs, progress):
         return {"table": pl.DataFrame({"number": [1.0]})}
@@ -81,3 +87,66 @@ def test_a_run_goes_on_without_a_stage_that_fails(make_study, plugins, tmp_path,
     assert result.selected.selection.height
     assert "warning: no results of `palpate table`: no such curve" in notes
     assert "table" not in json.loads((tmp_path / "run" / "stages.json").read_text())
+
+
+def test_every_stage_makes_the_columns_that_it_declares(make_study, plugins, tmp_path, one_figure):
+    study = make_study(n_sets=12, search=LeastSquares())
+    pipeline.run_study(study, tmp_path / "run", plugins)
+    run = read_run(study, RunDirectory(tmp_path / "run"), plugins)
+    declared = {name: table for stage in run.stages.values() for name, table in stage.tables.items()}
+    made = {name: run.directory.table(name) for name in declared}
+    assert {"scores", "fit", "intervals", "budget", "identifiability", "answer"} <= {
+        name for name, frame in made.items() if frame.width
+    }
+    assert {name: lacking for name in made if (lacking := declared[name].missing(made[name]))} == {}
+    for name, frame in made.items():
+        kinds = {column: frame.schema[column] for column in declared[name].columns if frame.height}
+        assert kinds == {column: declared[name].schema[column] for column in kinds}, name
+
+
+def test_a_table_that_is_not_there_has_its_columns(make_study, plugins, tmp_path):
+    run = read_run(make_study(), RunDirectory(tmp_path / "run"), plugins)
+    assert run.table("budget").columns == [*run.stages["intervals"].tables["budget"].columns]
+    assert run.current("budget").filter(cause="mesh").is_empty()
+    assert run.table("no_table").width == 0
+
+
+def test_a_table_that_is_declared_by_text_is_refused():
+    with pytest.raises(TypeError, match=r"class Bare: table 'table' is no palpate\.api\.StageTable"):
+        type("Bare", (Table,), {"tables": {"table": "One number."}})
+
+
+def test_rows_have_every_declared_column_and_its_type():
+    assert NUMBER.frame([]).schema == {"number": pl.Float64}
+    rows = NUMBER.frame([{"spot": "p1"}, {"spot": "p2", "more": 1}])
+    assert rows.to_dicts() == [
+        {"spot": "p1", "more": None, "number": None},
+        {"spot": "p2", "more": 1, "number": None},
+    ]
+    assert NUMBER.missing(pl.DataFrame({"other": [1]})) == ["number"]
+    assert NUMBER.missing(pl.DataFrame()) == []
+    assert str(NUMBER).splitlines() == ["One number.", "number: It. [mm]"]
+
+
+def test_a_stage_asks_for_the_fit_again_until_its_inputs_are_good_enough(
+    make_study, plugins, tmp_path, monkeypatch, one_figure
+):
+    asked = []
+
+    class Twice(Table):
+        needs, of_every_run = ("fit",), True
+
+        def again(self, inputs):
+            asked.append(inputs.inputs)
+            return inputs.inputs if len(asked) < 3 else None
+
+    monkeypatch.setattr(plugins.stages, "_entries", {**plugins.stages._entries, "table": (Twice, "test")})
+    made, make = [], Run.make
+
+    def counted(run, stage, *given):
+        made.append(stage.name)
+        make(run, stage, *given)
+
+    monkeypatch.setattr(Run, "make", counted)
+    pipeline.run_study(make_study(), tmp_path / "run", plugins)
+    assert (len(asked), made.count("fit"), made.count("table")) == (3, 3, 3)

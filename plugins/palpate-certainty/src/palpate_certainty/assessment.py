@@ -20,7 +20,7 @@ from palpate.api import (
     Simulation,
 )
 from palpate.api.executors import StoppedError
-from palpate.api.fit import Adequacy, Case, CertaintyResult, Fit, channel_of
+from palpate.api.fit import Adequacy, Case, Fit, channel_of
 from palpate.api.runs import Study, relaxation_of
 from palpate_certainty.adequacy import Check, Closeness, checks, closeness_of, is_beyond, misfits
 from palpate_certainty.error_sources import (
@@ -37,7 +37,7 @@ from palpate_certainty.linear_problem import PRIORS, LinearProblem, errors_of, l
 from palpate_certainty.mesh_error import SpotMesh, is_stated
 from palpate_certainty.noise_model import ResidualLayout, layout_of
 from palpate_certainty.profiles import planes_of_fits
-from palpate_certainty.tables import Assessed, certainty_result, density_of, most_likely
+from palpate_certainty.tables import Assessed, certainty_tables, density_of, most_likely
 
 NONE: Mapping[ErrorSource, str] = MappingProxyType({})
 
@@ -63,9 +63,9 @@ class Assessment:
     limbs: dict[str, Limb] = field(default_factory=dict)
     progress: Progress = SILENT
 
-    def run(self, cases: Sequence[Case]) -> CertaintyResult:
+    def run(self, cases: Sequence[Case]) -> dict[str, pl.DataFrame]:
         """Intervals of every case that has a result, and what they are made of."""
-        return certainty_result(self.assessed(cases), self.study)
+        return certainty_tables(self.assessed(cases), self.study)
 
     def assessed(self, cases: Sequence[Case], *, joint_only: bool = False) -> list[Assessed]:
         """Assess every case that has a result, or the joint fit of the scenario that generalises alone.

@@ -19,11 +19,8 @@ import scipy
 from palpate.api import BoolArray, Design, FloatArray, IntArray, Parameter, Response, Scenario
 from palpate.api.fit import (
     ALL_SPOTS,
-    DISAGREEMENTS,
-    IDENTIFIABILITY,
     UNCLEAR,
     FitResult,
-    IdentifiabilityResult,
     Residuals,
     channel_of,
     least_near,
@@ -33,6 +30,7 @@ from palpate.api.fit import (
     word_of,
 )
 from palpate.api.runs import Study, Swept, answering_for, objectives, scored_points
+from palpate_certainty.declared import OF_IDENTIFIABILITY
 from palpate_certainty.emulated_curves import best_and_first
 from palpate_certainty.emulator import Emulator, Runs
 
@@ -58,7 +56,7 @@ def assess_identifiability(
     selection: pl.DataFrame,
     generalisation: pl.DataFrame,
     fit: FitResult,
-) -> IdentifiabilityResult:
+) -> dict[str, pl.DataFrame]:
     """Find the interval of every parameter at every spot in every scenario, and over all spots.
 
     Parameters
@@ -87,12 +85,11 @@ def assess_identifiability(
         spots = of_all["spot"].to_list()
         best = of_all.row(0, named=True) | {"fopt": of_all["fopt"].mean()}
         cases.append(curves.case(ALL_SPOTS, scenarios[study.generalise_by], spots, best, fit))
-    return IdentifiabilityResult(
-        identifiability=pl.DataFrame([row for case in cases for row in case.rows()], schema=IDENTIFIABILITY),
-        disagreements=pl.DataFrame(
-            [row for a, b in combinations(cases, 2) for row in _disagreement(a, b)], schema=DISAGREEMENTS
-        ),
-    )
+    found = {
+        "identifiability": [row for case in cases for row in case.rows()],
+        "disagreements": [row for a, b in combinations(cases, 2) for row in _disagreement(a, b)],
+    }
+    return {name: OF_IDENTIFIABILITY[name].frame(rows) for name, rows in found.items()}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,6 +1,6 @@
 """Tables of posteriors, profiles, Sobol indices, volumes, and the emulator they are from."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -8,7 +8,7 @@ import polars as pl
 import scipy
 
 from palpate.api import FloatArray
-from palpate.api.fit import PosteriorResult
+from palpate_certainty.declared import OF_POSTERIORS
 from palpate_certainty.posterior_sampling import Posterior, Sampled
 from palpate_certainty.profiles import profile_planes
 
@@ -52,18 +52,20 @@ N_KEPT = 1000
 """Draws of each scenario in the table."""
 
 
-def posterior_result(found: Sampled, seed: int) -> PosteriorResult:
-    """Put what was sampled into tables."""
-    return PosteriorResult(
-        posterior=pl.from_dicts([row for each in found.posteriors for row in _posterior(each)]),
-        posterior_draws=pl.concat([_draws(each) for each in found.posteriors], how="diagonal"),
-        profiles=pl.from_dicts(list(_profiles(found))),
-        profile_ends=pl.from_dicts(list(_ends(found)), infer_schema_length=None),
-        sobol_indices=pl.from_dicts(list(_sobol_indices(found, seed))),
-        volumes=pl.from_dicts(list(_volumes(found))),
-        emulator=pl.from_dicts(list(_emulator(found))),
-        posterior_planes=profile_planes([each.assessed for each in found.posteriors], found.curves),
-    )
+def posterior_tables(found: Sampled, seed: int) -> dict[str, pl.DataFrame]:
+    """Tables of the sampled posteriors by name."""
+    rows: dict[str, Iterable[dict[str, Any]]] = {
+        "posterior": (row for each in found.posteriors for row in _posterior(each)),
+        "profiles": _profiles(found),
+        "profile_ends": _ends(found),
+        "sobol_indices": _sobol_indices(found, seed),
+        "volumes": _volumes(found),
+        "emulator": _emulator(found),
+    }
+    return {name: OF_POSTERIORS[name].frame(list(each)) for name, each in rows.items()} | {
+        "posterior_draws": pl.concat([_draws(each) for each in found.posteriors], how="diagonal"),
+        "posterior_planes": profile_planes([each.assessed for each in found.posteriors], found.curves),
+    }
 
 
 def _about(each: Posterior) -> dict[str, Any]:

@@ -1,34 +1,49 @@
 """Stages of how certain parameters are: intervals of fits, posteriors, and what a sweep allows."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
-from types import MappingProxyType
 
 import numpy as np
+import polars as pl
 
 from palpate.api import Indentation, Limb, Progress, Refinement, Run, Stage, StudyError, Summary
 from palpate.api.fit import (
     BestSet,
     Case,
-    CertaintyResult,
-    IdentifiabilityResult,
-    PosteriorResult,
     cases_of,
     refinement,
     reported_fits,
 )
-from palpate.api.runs import Files, Study, at_measured, job_for, mesh_note, size_at_contact
+from palpate.api.runs import (
+    Files,
+    Study,
+    StudyInputs,
+    at_measured,
+    finer_inputs,
+    job_for,
+    mesh_note,
+    size_at_contact,
+)
 from palpate_certainty.assessment import Assessment
-from palpate_certainty.error_sources import error_sources_of, n_differences
+from palpate_certainty.declared import (
+    OF_CONTOURS,
+    OF_IDENTIFIABILITY,
+    OF_INTERVALS,
+    OF_POSTERIORS,
+    OF_VALIDATE,
+)
+from palpate_certainty.error_sources import MESH, error_sources_of, n_differences
 from palpate_certainty.held_out import held_out, sentence
 from palpate_certainty.identifiability import assess_identifiability
 from palpate_certainty.mesh_error import SpotMesh, noted_errors
 from palpate_certainty.posterior_sampling import PosteriorSampling
-from palpate_certainty.posterior_tables import posterior_result
-from palpate_certainty.tables import Assessed, certainty_result
+from palpate_certainty.posterior_tables import posterior_tables
+from palpate_certainty.tables import Assessed, certainty_tables
 
 ENOUGH_SPOTS = 3
 """Spots from which on every run holds each of them out in turn."""
+
+MOST_OF_MESH = 0.2
+"""Share of the mesh in the variance of a parameter above which meshes are refined."""
 
 ASSESSED = "assessed"
 """Key of the assessed fits among what stages of one run share."""
@@ -42,20 +57,7 @@ class Intervals(Stage):
     is_on_page = True
     may_fail = False
     of_every_run = True
-    tables = MappingProxyType(
-        {
-            "intervals": "Value and 95 % interval of each parameter.",
-            "budget": "Share of each cause in the variance of each parameter, and its standard deviation.",
-            "parameter_combinations": "Combinations of parameters, the best known first.",
-            "adequacy": "Checks of whether the model describes the data.",
-            "mesh_errors": "Error of each fitted curve by its mesh, over the curve.",
-            "draws": "Draws from the density of each fit.",
-            "between_spots": "Standard deviation of each parameter between spots that differ.",
-            "spot_draws": "Draws from the density of a new spot's parameters.",
-            "reported": "Fopt, NMSE and R² of each fit at its reported values.",
-            "reported_curves": "Curves of each fit at its reported values.",
-        }
-    )
+    tables = OF_INTERVALS
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """Errors of the curves and the model, as the budget states them."""
@@ -86,9 +88,22 @@ class Intervals(Stage):
         stage = assessment_of(inputs, cases)
         assessed = inputs.shared[ASSESSED] = stage.assessed(cases)
         reported, curves = reported_fits([(each.case, each.values) for each in assessed], progress)
-        found = certainty_result(assessed, inputs.study)
-        made = tables_of(replace(found, reported=reported, reported_curves=curves))
-        return {name: table for name, table in made.items() if name in self.tables}
+        found = certainty_tables(assessed, inputs.study)
+        return {**found, "reported": reported, "reported_curves": curves}
+
+    def again(self, inputs: Run) -> StudyInputs | None:
+        """Inputs with finer meshes, where their error is much of the variance of a reported parameter."""
+        fit, budget, mesh_errors = inputs.fit(), inputs.table("budget"), inputs.table("mesh_errors")
+        if fit.intervals.is_empty():
+            return None
+        lead = inputs.fitted()
+        of_lead = {"fit": lead.fit, "scenario": lead.scenario}
+        shares = budget.filter(pl.col("share") > MOST_OF_MESH, **of_lead, cause=MESH).sort("share")
+        # A finer mesh lessens the error that two meshes show; the scatter between meshes of one size stays.
+        if shares.is_empty() or mesh_errors.filter(**of_lead, shown_by="two meshes").is_empty():
+            return None
+        share, parameter = shares.select("share", "parameter").row(-1)
+        return finer_inputs(inputs, f"the mesh is {100.0 * share:.0f} % of the variance of {parameter}")
 
 
 class ProfilePlanes(Stage):
@@ -98,7 +113,7 @@ class ProfilePlanes(Stage):
     needs = ("intervals",)
     is_on_page = True
     of_every_run = True
-    tables = MappingProxyType({"profile_planes": "Fopt over the planes of two parameters."})
+    tables = OF_CONTOURS
 
     def usual_simulations(self, inputs: Run) -> dict[str, int]:
         """No new ones; those of the fit are read again."""
@@ -119,7 +134,7 @@ class Validation(Stage):
 
     name, summary = "validate", "Predict each press, or each channel of one press, from the others."
     needs = ("intervals",)
-    tables = MappingProxyType({"held_out": "Each held-out curve against its prediction and its band."})
+    tables = OF_VALIDATE
 
     def is_in_run(self, study: Study) -> bool:
         """True where there are enough spots that leaving one out tells something, and a fit."""
@@ -152,18 +167,7 @@ class Posteriors(Stage):
     name, summary = "certainty", "Draw the posteriors of the joint fits; simulates some more sets."
     needs = ("intervals",)
     is_on_page = True
-    tables = MappingProxyType(
-        {
-            "posterior": "Quantiles of each parameter.",
-            "posterior_draws": "Draws.",
-            "profiles": "Least Fopt along each parameter.",
-            "profile_ends": "Ends of the profiles.",
-            "sobol_indices": "What each parameter does to the curves.",
-            "volumes": "Volumes of the posteriors by scenario.",
-            "posterior_planes": "Densities over the planes of two parameters.",
-            "emulator": "Errors of the emulated curves.",
-        }
-    )
+    tables = OF_POSTERIORS
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Draws of the posteriors, and what follows from them."""
@@ -173,8 +177,7 @@ class Posteriors(Stage):
         stage = PosteriorSampling(study=study, design=inputs.design, swept=inputs.swept(), progress=progress)
         if (sampled := stage.run(cases, assessed)) is None:
             raise no_intervals(inputs)
-        found = posterior_result(sampled, study.seed)
-        return tables_of(found)
+        return posterior_tables(sampled, study.seed)
 
     def summarise(self, inputs: Run) -> Summary:
         """The short tables."""
@@ -194,16 +197,11 @@ class Identifiability(Stage):
     needs = ("score", "select", "intervals")
     is_on_page = True
     of_every_run = True
-    tables = MappingProxyType(
-        {
-            "identifiability": "Interval of each parameter by the sweep, and the word for it.",
-            "disagreements": "Channels that no set describes together.",
-        }
-    )
+    tables = OF_IDENTIFIABILITY
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Intervals by the simulated curves; simulates nothing."""
-        found = assess_identifiability(
+        return assess_identifiability(
             inputs.study,
             inputs.design,
             inputs.measured,
@@ -213,12 +211,6 @@ class Identifiability(Stage):
             inputs.table("generalisation", "select"),
             inputs.fit(),
         )
-        return tables_of(found)
-
-
-def tables_of(found: CertaintyResult | PosteriorResult | IdentifiabilityResult) -> Files:
-    """Tables of a result by name."""
-    return {each.name: getattr(found, each.name) for each in fields(found)}
 
 
 def assessment_of(inputs: Run, cases: Sequence[Case]) -> Assessment:

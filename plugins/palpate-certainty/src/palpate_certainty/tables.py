@@ -1,6 +1,6 @@
 """A fit with its covariance, the directions in which it is known, and the tables of both."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,7 +15,6 @@ from palpate.api.fit import (
     UNCLEAR,
     Adequacy,
     Case,
-    CertaintyResult,
     Fit,
     Problem,
     SpotTerm,
@@ -25,6 +24,7 @@ from palpate.api.fit import (
 )
 from palpate.api.runs import Study
 from palpate_certainty.adequacy import ALLOWED, Check, Misfit
+from palpate_certainty.declared import OF_INTERVALS
 from palpate_certainty.error_sources import MESH
 from palpate_certainty.laplace import RANGE, Density, Laplace
 from palpate_certainty.linear_problem import NOISE, PRIORS, LinearProblem, ResidualErrors
@@ -185,23 +185,22 @@ def most_likely(found: Laplace, density: Density, problem: Problem) -> FloatArra
     return density.nearest
 
 
-def certainty_result(assessed: Sequence[Assessed], study: Study) -> CertaintyResult:
-    """Put what was assessed into tables."""
-    return CertaintyResult(
-        intervals=_frame(row for each in assessed for row in _intervals(each)),
-        budget=_frame(row for each in assessed for row in _budget(each)),
-        parameter_combinations=_frame(row for each in assessed for row in _parameter_combinations(each)),
-        adequacy=_frame(row for each in assessed for row in _adequacy(each, study)),
-        mesh_errors=_frame(_about(each) | row for each in assessed for row in each.mesh_errors),
-        draws=_frame(row for each in assessed for row in _draws(each)),
-        between_spots=_frame(row for each in assessed for row in _between_spots(each)),
-        spot_draws=_frame(row for each in assessed for row in _spot_draws(each)),
-    )
-
-
-def _frame(rows: Iterator[dict[str, Any]]) -> pl.DataFrame:
-    found = list(rows)
-    return pl.from_dicts(found, infer_schema_length=None) if found else pl.DataFrame()
+def certainty_tables(assessed: Sequence[Assessed], study: Study) -> dict[str, pl.DataFrame]:
+    """Tables of the assessed fits by name; the curves at the reported values are not among them."""
+    rows: dict[str, Callable[[Assessed], Iterable[dict[str, Any]]]] = {
+        "intervals": _intervals,
+        "budget": _budget,
+        "parameter_combinations": _parameter_combinations,
+        "adequacy": lambda each: _adequacy(each, study),
+        "mesh_errors": lambda each: (_about(each) | row for row in each.mesh_errors),
+        "draws": _draws,
+        "between_spots": _between_spots,
+        "spot_draws": _spot_draws,
+    }
+    return {
+        name: OF_INTERVALS[name].frame([row for each in assessed for row in rows_of(each)])
+        for name, rows_of in rows.items()
+    }
 
 
 def _about(each: Assessed) -> dict[str, Any]:

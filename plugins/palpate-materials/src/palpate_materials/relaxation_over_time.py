@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 
 from palpate.api import (
+    OF_ROW,
     FloatArray,
     Indentation,
     ParameterError,
@@ -20,13 +21,15 @@ from palpate.api import (
     RelaxingMaterial,
     Run,
     Stage,
+    StageTable,
     StudyError,
     Summary,
+    TableColumn,
     convert,
 )
 from palpate.api.fit import ALL_SPOTS, inputs_at, relaxing_space, relaxing_thetas
 from palpate.api.report import Figure
-from palpate.api.runs import Files, Study
+from palpate.api.runs import FIT_COLUMNS, INTERVAL_COLUMNS, Files, Study
 from palpate_materials.relaxation import loss_tangent, reduced_relaxation
 
 N_TIMES = 25
@@ -53,6 +56,9 @@ class _Draws(NamedTuple):
     shear_MPa: FloatArray
 
 
+REGION_COLUMN = {"region": TableColumn("Region of the limb.", pl.String)}
+
+
 class RelaxationOverTime(Stage):
     """Relaxation that a fit has found, with its band."""
 
@@ -60,10 +66,33 @@ class RelaxationOverTime(Stage):
     needs = ("intervals",)
     tables = MappingProxyType(
         {
-            "relaxation": "Share of the moduli that is left after each time, and the tangent of the loss "
-            "angle at the angular frequency of one over that time, each with its 95 % band.",
-            "relaxing_moduli": "Shear modulus of each region at once, after the relaxation that the record "
-            "tells, and of the long term where it tells all of it; with 95 % intervals.",
+            "relaxation": StageTable(
+                "Relaxation of the moduli in time, with 95 % bands.",
+                {
+                    **FIT_COLUMNS,
+                    **REGION_COLUMN,
+                    "time_s": TableColumn("Time after a step of the strain.", unit="s"),
+                    "left": TableColumn("Share of the moduli that is left."),
+                    "lower": TableColumn("Lower end of the share."),
+                    "upper": TableColumn("Upper end of the share."),
+                    "loss_tangent": TableColumn("Loss tangent at the angular frequency 1/time."),
+                    "loss_lower": TableColumn("Lower end of the loss tangent."),
+                    "loss_upper": TableColumn("Upper end of the loss tangent."),
+                },
+            ),
+            "relaxing_moduli": StageTable(
+                "Shear modulus of each region at once and later, with 95 % intervals.",
+                {
+                    **FIT_COLUMNS,
+                    **REGION_COLUMN,
+                    "shear_modulus": TableColumn(
+                        "At once, after the record, or in the long term.", pl.String
+                    ),
+                    "value": TableColumn("Shear modulus.", unit=OF_ROW),
+                    **INTERVAL_COLUMNS,
+                    "unit": TableColumn("Unit of the modulus.", pl.String),
+                },
+            ),
         }
     )
 
@@ -87,7 +116,7 @@ class RelaxationOverTime(Stage):
             over_time += [of | row for row in _over_time(regions, study, study.record_s)]
             moduli += [of | row for row in _moduli(regions, study, study.record_s)]
         found_any = {"relaxation": over_time, "relaxing_moduli": moduli}
-        return {name: pl.DataFrame(rows) for name, rows in found_any.items() if rows}
+        return {name: self.tables[name].frame(rows) for name, rows in found_any.items() if rows}
 
     def summarise(self, inputs: Run) -> Summary:
         """Summary: what is left after the record, the moduli, the loss tangent, and slower times."""
@@ -194,7 +223,7 @@ def _moduli(regions: Mapping[str, _Draws], study: Study, longest_s: float) -> It
 def _reported(inputs: Run, table: pl.DataFrame) -> pl.DataFrame:
     """Rows of the fit that the run reports."""
     found = inputs.fitted()
-    return table if table.is_empty() else table.filter(fit=found.fit, scenario=found.scenario)
+    return table.filter(fit=found.fit, scenario=found.scenario)
 
 
 def _by_region(table: pl.DataFrame) -> Iterator[pl.DataFrame]:

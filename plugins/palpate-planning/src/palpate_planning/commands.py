@@ -258,7 +258,7 @@ def _show_realised(
     """Show the intervals that were expected of a press next to those of the fit with it."""
     from palpate_planning.tables import realised, shown_realised
 
-    intervals = [fit.certainty.intervals for fit in fits]
+    intervals = [fit.intervals for fit in fits]
     if any(each.is_empty() for each in intervals):
         return
     found = realised(proposed, press, *(each.filter(scenario=study.generalise_by) for each in intervals))

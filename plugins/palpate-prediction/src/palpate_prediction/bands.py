@@ -1,6 +1,6 @@
 """Bands of predicted curves, from draws of the fitted values."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -8,7 +8,7 @@ import polars as pl
 import scipy
 
 from palpate.api import FRICTION, Curve, FloatArray, ParameterSpace, Simulation, StudyError
-from palpate.api.fit import STIFFNESS, FitResult, Fitted, PosteriorResult, at_spot
+from palpate.api.fit import STIFFNESS, Fitted, at_spot
 
 LEVEL = 0.90
 """Probability of a band."""
@@ -28,29 +28,36 @@ class SpotValues(NamedTuple):
     source: str = ""
 
 
-def values_at(spot: str, found: Fitted, fit: FitResult, posterior: PosteriorResult) -> SpotValues:
-    """Values of a spot that was fitted, or of a new one; where spots differ, each has its own."""
-    known, values, source = fit.certainty, found.values, ""
+def values_at(spot: str, found: Fitted, table: Callable[[str], pl.DataFrame]) -> SpotValues:
+    """Values of a spot that was fitted, or of a new one; where spots differ, each has its own.
+
+    Parameters
+    ----------
+    table : callable
+        From the name of a stage's table to its rows, such as ``run.current``.
+    """
+    values, source = found.values, ""
     if found.source != "fit":
         return SpotValues(values, [])
-    label, tables = found.fit, [posterior.posterior_draws, known.draws]
-    if _rows(known.spot_draws, label, found.scenario).height:
-        own = _rows(known.intervals, spot, found.scenario)
+
+    def rows_of(name: str, fit: str) -> pl.DataFrame:
+        rows = table(name)
+        return rows.filter(fit=fit, scenario=found.scenario) if rows.width else rows
+
+    label, tables = found.fit, ["posterior_draws", "draws"]
+    if rows_of("spot_draws", label).height:
+        own = rows_of("intervals", spot)
         if spot in found.spots and own.height:
             label, source = spot, f"fit of {spot} alone"
             values = dict(own.select("parameter", "value").iter_rows())
         else:
-            source, tables = "a new spot, drawn from the differences between the spots", [known.spot_draws]
-    rows = next((each for table in tables if (each := _rows(table, label, found.scenario)).height), None)
+            source, tables = "a new spot, drawn from the differences between the spots", ["spot_draws"]
+    rows = next((each for name in tables if (each := rows_of(name, label)).height), None)
     if rows is None:
         return SpotValues(values, [], source)
     some = rows[np.linspace(0, rows.height - 1, min(rows.height, MOST_DRAWS)).astype(int)]
     drawn = some.select(name for name in values if name in some.columns).to_dicts()
     return SpotValues(values, [dict(values) | row for row in drawn], source)
-
-
-def _rows(table: pl.DataFrame, fit: str, scenario: str) -> pl.DataFrame:
-    return table if table.is_empty() else table.filter(fit=fit, scenario=scenario)
 
 
 def linear(

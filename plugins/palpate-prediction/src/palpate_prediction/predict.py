@@ -165,9 +165,8 @@ def predict(stored: Run, tool: Tool, n_solved: int = 0) -> Prediction:
         The tool could not be pressed at any depth.
     """
     study, found, run = stored.study, stored.fitted(), stored.directory
-    fit, posterior = run.fit(), run.posterior()
     pressed = replace(tool.study(study), space=relaxing_space(study))
-    values = {spot: values_at(spot, found, fit, posterior) for spot in pressed.spot_names}
+    values = {spot: values_at(spot, found, stored.current) for spot in pressed.spot_names}
     n_draws = min(len(each.draws) for each in values.values())
     _check(stored, n_draws, n_solved)
     experiment = _experiment(stored)

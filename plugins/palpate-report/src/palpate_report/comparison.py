@@ -1,7 +1,6 @@
 """Several runs side by side: materials of one limb, or limbs of one material."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +9,7 @@ import polars as pl
 
 from palpate.api import FORCE, FloatArray, Indentation, ParameterName
 from palpate.api.files import write_atomically
-from palpate.api.fit import OTHER_RATE, CertaintyResult, channel_of, explained, mark_of
+from palpate.api.fit import OTHER_RATE, channel_of, explained, mark_of
 from palpate.api.runs import keep_only
 from palpate_report.answer.curves import for_all_spots, residuals, same_curves
 from palpate_report.answer.model_verdict import NO_PARAMETERS, model_verdict
@@ -210,7 +209,7 @@ def _residuals(data: ReportData) -> dict[str, list[FloatArray]]:
 
     Of the least Fopt: a criterion is of the largest likelihood.
     """
-    data = replace(data, fit=replace(data.fit, certainty=CertaintyResult()))
+    data = data.without_assessment()
     found: dict[str, list[FloatArray]] = {}
     channels = dict.fromkeys(map(channel_of, data.generalising.weighed))
     for spot in data.spots:

@@ -10,7 +10,7 @@ import polars as pl
 
 from palpate.api import SILENT, PluginError, Progress, Run, StudyError, Summary, about
 from palpate.api.files import write_atomically
-from palpate.api.fit import FitResult, IdentifiabilityResult, PosteriorResult
+from palpate.api.fit import FitResult
 from palpate.api.runs import (
     RESULT,
     Ledger,
@@ -36,6 +36,9 @@ from palpate_report.data.showable import checked
 from palpate_report.data.table_files import write_tables
 from palpate_report.data.tables import make_tables
 from palpate_report.settings import BY_ITSELF, ReportSettings
+
+READ = ("measured", "design", "scores", "selection", "generalisation", "verification", "surface", "answer")
+"""Tables that are fields of the data, or made for them."""
 
 
 def write_report(data: ReportData, folder: Path) -> Report:
@@ -73,7 +76,7 @@ def write_figures(data: ReportData, folder: Path) -> tuple[Path, ...]:
 def report_data(run: Run, *, unfinished: str = "") -> ReportData:
     """Everything that a report shows; of an unfinished run, the best sets so far."""
     study, inputs, swept = run.study, run.inputs, run.swept()
-    fit, posterior, identified = FitResult(), PosteriorResult(), IdentifiabilityResult()
+    tables: dict[str, pl.DataFrame] = {}
     if unfinished:
         fit = FitResult() if swept else fit_so_far(run)
         if not swept and fit.table.is_empty():
@@ -86,8 +89,9 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
         run.check("select")
         scores = run.table("scores", "score")
         chosen, general = (run.table(name, "select") for name in ("selection", "generalisation"))
-        fit, posterior = run.fit(), run.posterior()
-        identified = run.identifiability()
+        fit = run.fit()
+        names = (name for stage in run.stages.values() for name in stage.tables)
+        tables = {name: run.current(name) for name in names if name not in READ}
     return ReportData(
         study=study,
         channels=run.channels,
@@ -99,10 +103,8 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
         selection=chosen,
         generalisation=general,
         fit=fit,
-        posterior=posterior,
         responses={(s.job.spot, s.job.set_id): s.response for s in swept if s.response is not None},
-        identifiability=identified.identifiability,
-        disagreements=identified.disagreements,
+        tables=tables,
         convergence=by_spot(swept),
         contact=contact_along(swept),
         limbs=inputs.limbs,

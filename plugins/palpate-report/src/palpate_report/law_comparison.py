@@ -122,7 +122,7 @@ def fitted(session: Session, study: Study, folder: Path, progress: Progress) -> 
 def held_out_error(session: Session, study: Study, folder: Path, progress: Progress) -> float:
     """Root mean square error of the curves held out in turn, over their peaks; a PalpateError without any."""
     run = read_run(study, RunDirectory(folder), session.plugins, is_copy=False)
-    table = run.current_table(HELD_OUT, VALIDATE)
+    table = run.current(HELD_OUT)
     if table.is_empty():
         table = run_stage(VALIDATE, study, folder, session.plugins, progress).table(HELD_OUT, VALIDATE)
     if table.is_empty():

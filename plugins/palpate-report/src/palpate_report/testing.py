@@ -174,7 +174,7 @@ def _without_result(data: ReportData) -> ReportData:
         scores=data.scores.with_columns(nmse=pl.lit(None, pl.Float64), r2=pl.lit(None, pl.Float64)),
         selection=data.selection.clear(),
         generalisation=data.generalisation.clear(),
-        identifiability=data.identifiability.clear(),
+        tables={name: table.clear() for name, table in data.tables.items()},
         responses={},
     )
 

@@ -177,8 +177,7 @@ def apart_from_joint(data: ReportData) -> dict[str, list[str]]:
 
 def causes(data: ReportData) -> str:
     """Causes that the widest interval is mostly due to."""
-    certainty = data.fit.certainty
-    rows, budget = data.leading_rows(certainty.intervals), data.leading_rows(certainty.budget)
+    rows, budget = data.leading_rows(data.fit.intervals), data.leading_rows(data.table("budget"))
     if rows.is_empty() or budget.is_empty():
         return ""
     name = rows.sort("relative_width", descending=True)["parameter"][0]

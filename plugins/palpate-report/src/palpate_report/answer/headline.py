@@ -51,7 +51,7 @@ def _holds(value: Headline, truth: float) -> bool:
 
 def between_spots(data: ReportData) -> str:
     """Sentence on spots that differ: mean ± standard deviation of each parameter; empty where none do."""
-    rows = data.leading_rows(data.fit.certainty.between_spots).to_dicts()
+    rows = data.leading_rows(data.table("between_spots")).to_dicts()
     found = []
     for row in rows:
         mean, sd = (rounded(row[key], 0.0, row["sd"]) for key in ("value", "sd"))
@@ -155,7 +155,7 @@ def _verdict(verdicts: Verdicts, table: str, row: Mapping[str, object]) -> str:
 
 def draws_of(data: ReportData, scenario: str, most: int) -> pl.DataFrame:
     """Draws of the fit that leads: those of its posterior, else those of its normal density; else none."""
-    for frame in (data.posterior.posterior_draws, data.fit.certainty.draws):
+    for frame in (data.table("posterior_draws"), data.table("draws")):
         if not frame.is_empty():
             rows = frame.filter(pl.col("fit").is_in([data.together, ALL_SPOTS]), scenario=scenario)
             if not rows.is_empty():

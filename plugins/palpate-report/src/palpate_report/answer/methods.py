@@ -122,7 +122,7 @@ def _search(data: ReportData) -> Iterator[str]:
     yield f"The search {study.search.name} began at {began} and minimised {fopt}."
     (row,) = data.leading_rows(data.fit.ends).to_dicts()
     mean = "Mean Fopt over the spots" if len(data.spots) > 1 else "Fopt"
-    if data.leading_rows(data.fit.certainty.intervals).is_empty():
+    if data.leading_rows(data.fit.intervals).is_empty():
         yield f"The reported values have the least Fopt. {mean} is {row['fopt']:.3g}."
         return
     yield (
@@ -134,7 +134,7 @@ def _search(data: ReportData) -> Iterator[str]:
 
 
 def _intervals(data: ReportData, not_included: Sequence[str]) -> Iterator[str]:
-    budget = data.leading_rows(data.fit.certainty.budget)
+    budget = data.leading_rows(data.table("budget"))
     if budget.is_empty():
         return
     causes = budget.filter(status="included")["cause"].unique(maintain_order=True)

@@ -59,7 +59,7 @@ def model_verdict(data: ReportData) -> ModelVerdict:
 
 def _approximation(data: ReportData) -> str:
     """Sentence on the largest difference from the curves of what leads, and their range."""
-    space, checks = data.study.space, data.leading_rows(data.fit.certainty.adequacy)
+    space, checks = data.study.space, data.leading_rows(data.fit.adequacy)
     names = dict.fromkeys(r.material.name for r in space.regions if space.columns_of(r.region))
     law = " and ".join(names).replace("_", "-")
     difference = f"{100.0 * float(checks['difference'].max()):.2g}"  # type: ignore[arg-type]

@@ -120,7 +120,7 @@ def _relative_width(value: Headline) -> float:
 
 def _narrower(data: ReportData, worst: Headline) -> str:
     """Advice that makes the largest cause of an interval smaller."""
-    budget = data.leading_rows(data.fit.certainty.budget)
+    budget = data.leading_rows(data.table("budget"))
     if not budget.is_empty():
         budget = budget.filter(parameter=worst.name).drop_nulls("share").sort("share", descending=True)
     if budget.is_empty():
@@ -141,7 +141,7 @@ def _narrower(data: ReportData, worst: Headline) -> str:
 
 def _shows_misfit(data: ReportData) -> bool:
     """Whether the fit that leads misses more than the study states, though its checks have passed."""
-    checks = data.leading_rows(data.fit.certainty.adequacy)
+    checks = data.leading_rows(data.fit.adequacy)
     if checks.is_empty():
         return False
     least = checks.filter(check="discrepancy")["probability"].min()
@@ -169,7 +169,7 @@ def _more(data: ReportData, worst: Headline) -> str:
 
 def _is_scatter(data: ReportData) -> bool:
     """Whether a run that refines by itself would stop: the rest falls with the edge alone, and slowly."""
-    shown = data.fit.certainty.mesh_errors
+    shown = data.table("mesh_errors")
     return bool(shown.height) and set(shown["shown_by"]) == {"usual scatter"}
 
 

@@ -189,14 +189,15 @@ def make_conclusion(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Con
 
 def _not_included(data: ReportData) -> Iterator[str]:
     """Name what may be wrong and is in no interval: anatomy, and causes that are stated as none or failed."""
-    study, budget, certainty = data.study, data.study.budget, data.fit.certainty
+    study, budget = data.study, data.study.budget
     if study.solver.provides.mesh and study.protocol is not None:
-        counted = set() if certainty.budget.is_empty() else set(certainty.budget["cause"])
+        known = data.table("budget")
+        counted = set(known["cause"]) if known.height else set()
         anatomy = ("bone", "layers", "position") if len(study.space.regions) > 1 else ("bone", "position")
         yield from (name for name in anatomy if name not in counted)
-    if certainty.intervals.is_empty():
+    if data.fit.intervals.is_empty():
         return
-    searched = {ParameterName.parse(name).shared for name in certainty.intervals["parameter"]}
+    searched = {ParameterName.parse(name).shared for name in data.fit.intervals["parameter"]}
     if study.protocol is not None and budget.friction == 0.0 and "friction" not in searched:
         yield "friction (stated as exact)"
     for name, sd in budget.parameters.items():
@@ -207,8 +208,7 @@ def _not_included(data: ReportData) -> Iterator[str]:
 
 def _mesh(data: ReportData) -> str:
     """Largest relative error of each channel by the meshes of what leads, and where it matters most."""
-    certainty = data.fit.certainty
-    errors, budget = data.leading_rows(certainty.mesh_errors), data.leading_rows(certainty.budget)
+    errors, budget = (data.leading_rows(data.table(name)) for name in ("mesh_errors", "budget"))
     if errors.is_empty() or budget.is_empty():
         return ""
     rows = errors.sort("relative_error", descending=True)

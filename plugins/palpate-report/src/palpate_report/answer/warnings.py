@@ -175,7 +175,7 @@ class FailedCheck:
 
 def failed_checks(data: ReportData) -> Iterator[FailedCheck]:
     """Checks of all fits whose model does not describe the data within the budget."""
-    checks = data.fit.certainty.adequacy
+    checks = data.fit.adequacy
     if checks.is_empty():
         return
     # Apparent moduli are still a result; what else fails takes it away.
@@ -194,7 +194,7 @@ def failed_checks(data: ReportData) -> Iterator[FailedCheck]:
 def left_out(data: ReportData) -> dict[str, str]:
     """Causes that the intervals of what leads are without, since they could not be simulated, and why."""
     # Tables of earlier runs have no status, and no row without a share.
-    rows = data.leading_rows(data.fit.certainty.budget).iter_rows(named=True)
+    rows = data.leading_rows(data.table("budget")).iter_rows(named=True)
     return {row["cause"]: row["status"] for row in rows if row["share"] is None}
 
 
@@ -298,10 +298,10 @@ def _about_origins(data: ReportData) -> Iterator[ReportWarning]:
 
 
 def _about_disagreement(data: ReportData) -> Iterator[ReportWarning]:
-    if data.disagreements.is_empty():
+    if data.table("disagreements").is_empty():
         return
     causes = "" if data.study.protocol is None else CAUSES
-    for (first, second), rows in data.disagreements.group_by("first", "second", maintain_order=True):
+    for (first, second), rows in data.table("disagreements").group_by("first", "second", maintain_order=True):
         values = [
             f"{data.brief[row['parameter']].name} at {row['spot']}: {row['first_optimum']:.4g} by {first}, "
             + with_unit(f"{row['second_optimum']:.4g} by {second}", row["unit"])
@@ -330,8 +330,8 @@ def _about_ends(data: ReportData, bests: Sequence[Best], whose: str) -> Iterator
 
 
 def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
-    if not data.unfinished and data.identifiability.is_empty() and not data.selection.is_empty():
-        has_intervals = not data.fit.certainty.intervals.is_empty()
+    if not data.unfinished and data.table("identifiability").is_empty() and not data.selection.is_empty():
+        has_intervals = not data.fit.intervals.is_empty()
         what = "What the sweep allows" if has_intervals else "How well each parameter is identified"
         first = "`palpate intervals`, then " if data.is_fitted and not has_intervals else ""
         yield ReportWarning(
@@ -339,8 +339,8 @@ def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
             f"Run {first}`palpate identifiability` (of palpate-certainty), then `palpate report` again.",
         )
     rows, together = (data.identified(together=together) for together in (False, True))
-    if not data.fit.certainty.intervals.is_empty():
-        rows, together = rows.head(0), data.leading_rows(data.fit.certainty.intervals)
+    if not data.fit.intervals.is_empty():
+        rows, together = rows.head(0), data.leading_rows(data.fit.intervals)
     names = together.filter(identifiability="not")["parameter"].unique(maintain_order=True)
     if not names.is_empty():
         yield ReportWarning(
@@ -359,7 +359,7 @@ def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
         yield ReportWarning(
             "How well some parameters are identified is unclear",
             "Few sets were ranked, or their curves follow the parameters too unevenly. Run more sets."
-            if data.fit.certainty.intervals.is_empty()
+            if data.fit.intervals.is_empty()
             else "The usual error of a mesh is the largest cause of their intervals. Correct the fit by a "
             "finer mesh ([fit] fine_edge), or state the error of these meshes ([budget] mesh).",
         )
@@ -373,7 +373,7 @@ def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
 
 
 def _about_posterior(data: ReportData) -> Iterator[ReportWarning]:
-    table = data.posterior.posterior
+    table = data.table("posterior")
     if table.is_empty():
         return
     worst = table.group_by("scenario", maintain_order=True).agg(

@@ -7,11 +7,11 @@ from typing import Any, TypeVar
 import polars as pl
 
 from palpate.api import Design, ParameterName
-from palpate.api.fit import CertaintyResult, FitResult, PosteriorResult
+from palpate.api.fit import FitResult
 from palpate.api.runs import Study, in_units, unit_factors
 from palpate_report.data.report_data import ReportData
 
-Frames = TypeVar("Frames", ReportData, FitResult, CertaintyResult, PosteriorResult)
+Frames = TypeVar("Frames", ReportData, FitResult)
 
 VALUES = (
     *("value", "lower", "upper", "noise_lower", "noise_upper", "optimum", "first_optimum", "second_optimum"),
@@ -25,7 +25,6 @@ def in_display_units(data: ReportData) -> ReportData:
     study, design, factors = data.study, data.design, unit_factors(data.study)
     if not factors:
         return data
-    certainty = _converted(data.fit.certainty, study)
     return replace(
         _converted(data, study),
         factors=factors,
@@ -37,8 +36,8 @@ def in_display_units(data: ReportData) -> ReportData:
             n_drawn=design.n_drawn,
             n_kept=design.n_kept,
         ),
-        fit=replace(_converted(data.fit, study), certainty=certainty),
-        posterior=_converted(data.posterior, study),
+        fit=_converted(data.fit, study),
+        tables={name: rows_in_display_units(study, frame) for name, frame in data.tables.items()},
     )
 
 

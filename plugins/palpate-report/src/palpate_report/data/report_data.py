@@ -19,6 +19,7 @@ from palpate.api import (
     Response,
     Scenario,
     Simulation,
+    StageTable,
     Status,
     Summary,
     SurfaceStates,
@@ -29,14 +30,13 @@ from palpate.api.fit import (
     MODULUS,
     PARAMETER,
     FitResult,
-    PosteriorResult,
     Results,
     answer_table,
     searched_parameters,
     weighed_phases,
 )
 from palpate.api.report import Section
-from palpate.api.runs import Completeness, Study, completeness, without_result
+from palpate.api.runs import ASSESSED, Completeness, Study, completeness, without_result
 from palpate_report.data.best import Best, bests_of, headlines_of, weighted_channels
 from palpate_report.data.marks import Headline
 from palpate_report.settings import BY_ITSELF, ReportSettings
@@ -121,8 +121,8 @@ class ReportData:
         :mod:`palpate.scoring.generalisation` return them.
     responses : mapping of (spot, set_id) to Response
         Simulated curves of every selected and of the generalised set.
-    identifiability, disagreements : DataFrame
-        As in :class:`palpate.run.result.IdentifiabilityResult`.
+    tables : mapping of name to DataFrame
+        Tables of the stages, by the present fit and sweep.
     convergence : DataFrame
         As :func:`palpate_report.data.report_data.by_spot` returns it.
     contact : mapping of (spot, set_id) to mapping
@@ -166,9 +166,7 @@ class ReportData:
     generalisation: pl.DataFrame
     fit: FitResult
     responses: Mapping[tuple[str, int], Response]
-    posterior: PosteriorResult = field(default_factory=PosteriorResult)
-    identifiability: pl.DataFrame = field(default_factory=pl.DataFrame)
-    disagreements: pl.DataFrame = field(default_factory=pl.DataFrame)
+    tables: Mapping[str, pl.DataFrame] = field(default_factory=dict)
     convergence: pl.DataFrame = field(default_factory=pl.DataFrame)
     contact: Mapping[tuple[str, int], Contact] = field(default_factory=dict)
     limbs: Mapping[str, Limb] = field(default_factory=dict)
@@ -185,6 +183,15 @@ class ReportData:
     surfaces: Mapping[str, SurfaceStates] = field(default_factory=dict)
     summaries: Mapping[str, tuple[str, Summary]] = field(default_factory=dict)
     settings: ReportSettings = BY_ITSELF
+
+    def table(self, name: str) -> pl.DataFrame:
+        """Table of a stage; empty where its plugin is not installed."""
+        return self.tables.get(name, ASSESSED.get(name, StageTable("")).empty())
+
+    def without_assessment(self) -> "ReportData":
+        """The data of the sweep, and of the fit without its intervals."""
+        kept = {name: self.table(name) for name in ("identifiability", "disagreements")}
+        return replace(self, fit=self.fit.without_assessment(), tables=kept)
 
     @property
     def shown_scenarios(self) -> tuple[str, ...]:
@@ -229,7 +236,7 @@ class ReportData:
                 design=self.design,
                 selection=self.selection,
                 generalisation=self.generalisation,
-                identifiability=self.identifiability,
+                identifiability=self.table("identifiability"),
                 fit=self.fit,
                 factors=self.factors,
                 modulus_unit=self.modulus_unit,
@@ -317,7 +324,7 @@ class ReportData:
         together : bool
             Those of all spots together, or of the only spot; else those spot by spot.
         """
-        rows = self.identifiability.filter(pl.col("scenario") == self.generalising.name)
+        rows = self.table("identifiability").filter(pl.col("scenario") == self.generalising.name)
         of_all = pl.col("spot") == ALL_SPOTS
         if together:
             return rows.filter(of_all) if len(self.spots) > 1 else rows

@@ -66,18 +66,18 @@ def make_tables(data: ReportData) -> dict[str, pl.DataFrame]:
         "table2_nmse": nmse_by_scenario(data, data.selection),
         "unfitted_channels": unfitted_channels(data),
         "cross_channel": cross_channel(data),
-        "identifiability": data.identifiability,
+        "identifiability": data.table("identifiability"),
         "generalised": generalised(data),
         "cost_of_one_set": cost_of_one_set(data),
         "fit": data.fit.estimates,
-        "intervals": data.fit.certainty.intervals,
-        "budget": data.fit.certainty.budget,
-        "between_spots": data.fit.certainty.between_spots,
-        "parameter_combinations": data.fit.certainty.parameter_combinations,
-        "posterior": data.posterior.posterior,
-        "profile_ends": data.posterior.profile_ends,
-        "volumes": data.posterior.volumes,
-        "emulator": data.posterior.emulator,
+        "intervals": data.fit.intervals,
+        "budget": data.table("budget"),
+        "between_spots": data.table("between_spots"),
+        "parameter_combinations": data.table("parameter_combinations"),
+        "posterior": data.table("posterior"),
+        "profile_ends": data.table("profile_ends"),
+        "volumes": data.table("volumes"),
+        "emulator": data.table("emulator"),
         "inadequate": inadequate(data),
         "distance_to_truth": distance_to_truth(data),
         "verification": data.verification.drop("key", strict=False),
@@ -123,7 +123,7 @@ def _with_simulated(table: pl.DataFrame, found: Completeness) -> pl.DataFrame:
 
 def inadequate(data: ReportData) -> pl.DataFrame:
     """Checks of the fits that failed."""
-    checks = data.fit.certainty.adequacy
+    checks = data.fit.adequacy
     return checks if checks.is_empty() else checks.filter(pl.col("verdict") != Adequacy.DESCRIBES.value)
 
 

@@ -44,7 +44,7 @@ def paths(data: ReportData, fit: str, scenario: str, spot: str) -> list[pl.DataF
 
 def reported(data: ReportData, fit: str, scenario: str) -> dict[str, Any]:
     """Reported values of a fit with their Fopt, where they differ from the least Fopt; else nothing."""
-    if data.fit.certainty.intervals.is_empty():
+    if data.fit.intervals.is_empty():
         return {}
     rows = data.fit.ends.filter(fit=fit, scenario=scenario).to_dicts()
     return {name: value for row in rows for name, value in row.items() if value is not None}
@@ -81,11 +81,11 @@ class Contour:
 
 
 def planes_of(data: ReportData, scenario: str) -> pl.DataFrame:
-    """Fopt of the fit that leads, as ``profile_planes`` of :class:`palpate.run.result.CertaintyResult`.
+    """Fopt of the fit that leads, as the table ``profile_planes``.
 
     By the emulator of the posterior where there is one.
     """
-    for frame in (data.posterior.posterior_planes, data.fit.certainty.profile_planes):
+    for frame in (data.table("posterior_planes"), data.table("profile_planes")):
         if not frame.is_empty():
             return frame.filter(fit=data.together, scenario=scenario)
     return pl.DataFrame()

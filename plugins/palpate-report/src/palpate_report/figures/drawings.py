@@ -67,7 +67,7 @@ def _drawings(data: ReportData) -> Iterator[tuple[str, bool, Callable[[ReportDat
     has_sets = data.design.n_sets > 0
     yield "nmse_distribution", has_sets, nmse_distribution
     yield "intervals", bool(data.bests), interval_plot
-    yield "causes", not data.fit.certainty.budget.is_empty(), causes
+    yield "causes", not data.table("budget").is_empty(), causes
     yield "parameter_space", not has_sets and len(data.brief) > 1, partial(parameter_space, spot="")
     for spot in data.spots:
         yield f"parameter_space_{file_name(spot)}", has_sets, partial(parameter_space, spot=spot)
@@ -76,8 +76,8 @@ def _drawings(data: ReportData) -> Iterator[tuple[str, bool, Callable[[ReportDat
     yield "generalised", has_joint, generalised
     has_stress = not data.refusal and any(material_curves(data, data.generalising.name))
     yield "stress_strain", has_stress, stress_strain
-    yield "profiles", not data.posterior.profiles.is_empty(), profiles
-    yield "sobol_indices", not data.posterior.sobol_indices.is_empty(), sobol_indices
+    yield "profiles", not data.table("profiles").is_empty(), profiles
+    yield "sobol_indices", not data.table("sobol_indices").is_empty(), sobol_indices
     yield "limbs", not data.limbs.keys().isdisjoint(data.spots), limbs
     yield "pressures", bool(pressed(data)), pressures
     yield "contact", bool(data.contact), contact

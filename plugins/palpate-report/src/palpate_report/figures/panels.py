@@ -65,7 +65,7 @@ def colour_of(name: str) -> str:
 
 def budget_bars(data: ReportData) -> Iterator[tuple[str, list[tuple[str, float]]]]:
     """Causes of each interval that leads, with their shares in percent, the largest first."""
-    budget = data.leading_rows(data.fit.certainty.budget)
+    budget = data.leading_rows(data.table("budget"))
     if budget.is_empty():
         return
     for (name,), causes in budget.drop_nulls("share").group_by("parameter", maintain_order=True):
@@ -137,7 +137,7 @@ def limbs(data: ReportData) -> Figure:
 
 def profiles(data: ReportData) -> Figure:
     """Draw how much worse the fit is at each value, with the other parameters fitted again."""
-    table, truth = data.posterior.profiles, data.study.truth
+    table, truth = data.table("profiles"), data.study.truth
     names = list(dict.fromkeys(table["parameter"].to_list()))
     figure, axes = _panels(len(names), 50.0)
     for axis, name in zip(axes, names, strict=True):
@@ -152,7 +152,7 @@ def profiles(data: ReportData) -> Figure:
 
 def sobol_indices(data: ReportData) -> Figure:
     """Draw the share of each parameter in the variance along each curve, a row for each spot."""
-    table = data.posterior.sobol_indices
+    table = data.table("sobol_indices")
     spots, channels, names = (
         list(dict.fromkeys(table[column].to_list())) for column in ("spot", "channel", "parameter")
     )

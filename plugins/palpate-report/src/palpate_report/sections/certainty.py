@@ -36,7 +36,7 @@ class Certainty(Section):
         )
         if "posterior" in report.tables:
             found = tables(report, "posterior", "profile_ends", "volumes", "emulator")
-            if not data.posterior.sobol_indices.is_empty():
+            if not data.table("sobol_indices").is_empty():
                 yield Paragraph(
                     "Which parameter rules the curves where: its share of the variance over the ranges by "
                     "itself (first-order Sobol index), along the path."
