@@ -9,7 +9,7 @@ import pytest
 from palpate.domain import Response, Status
 from palpate.experiment.measured import load_measured
 from palpate.run.result import FitResult
-from palpate.run.tables import OF_FIT
+from palpate.run.tables import DECLARED
 from palpate.sampling.drawing import draw_design
 from palpate.scoring.generalisation import generalise
 from palpate.scoring.scores import at_measured, score
@@ -115,8 +115,8 @@ def test_no_interval_is_narrower_than_finer_meshes_moved_the_value(identified, c
     table = pl.DataFrame([about | values | {"spot": "p1", "fopt": 1e-6}])
     grip = {"parameter": "soft_tissue.grip", "coarse": coarse, "corrected": 20.0}
     alone, meshed = (
-        identified(fit=FitResult(table=table, mesh=OF_FIT["fit_mesh"].frame(mesh))).filter(spot="p1", scenario="I")
-        for mesh in ([], [about | grip | known_of])
+        identified(fit=FitResult(table=table, mesh=mesh)).filter(spot="p1", scenario="I")
+        for mesh in map(DECLARED["fit"]["fit_mesh"].frame, ([], [about | grip | known_of]))
     )
     assert meshed["lower"].to_list() == [alone["lower"][0], pytest.approx(20.0 - moved)]
     assert meshed["upper"].to_list() == [alone["upper"][0], pytest.approx(20.0 + moved)]

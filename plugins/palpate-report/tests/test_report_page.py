@@ -22,7 +22,7 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
 from palpate.plugins.sections import Drawing, Fold, Listing, ReportWarning, Section, Table
 from palpate.run.result import FitResult
-from palpate.run.tables import OF_FIT
+from palpate.run.tables import DECLARED
 from palpate_report.answer.result import make_conclusion
 from palpate_report.data.report_data import contact_along
 from palpate_report.data.tables import TITLES, make_tables
@@ -254,7 +254,7 @@ def test_fits_that_all_failed_without_a_sweep_have_a_whole_page(page):
     def failed(content):
         about = [{"fit": "all spots", "scenario": name} for name in ("I", "II", "III")]
         rows = [row | {"message": reason, "n_runs": 2, "n_fine": 0} for row in about]
-        table = OF_FIT["fit"].frame(rows)
+        table = DECLARED["fit"]["fit"].frame(rows)
         trace = content.fit.trace.with_columns(fopt=pl.lit(None), objective=pl.lit(None))
         return replace(content, fit=FitResult(table=table, trace=trace))
 

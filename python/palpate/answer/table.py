@@ -25,30 +25,23 @@ from palpate.domain import Design, FloatArray, Parameter, ParameterName
 from palpate.fit.fitted import reported_rows
 from palpate.plugins.table import OF_ROW, StageTable, TableColumn
 from palpate.run.result import ALL_SPOTS, LEVEL, FitResult
-from palpate.run.tables import (
-    IDENTIFIABILITY_COLUMN,
-    INTERVAL_COLUMNS,
-    PARAMETER_COLUMNS,
-    SCENARIO_COLUMN,
-    VALUE_COLUMN,
-)
+from palpate.run.tables import common
 from palpate.study.reading import Study
 
 OF_ANSWER = MappingProxyType(
     {
         "answer": StageTable(
-            "Every value that was found, with what may be read of it.",
+            "Every value that was found, with its interval, its verdict and the reason.",
             {
-                **SCENARIO_COLUMN,
+                **common("scenario"),
                 "spot": TableColumn("Name of the spot, or 'all spots'.", pl.String),
                 "source": TableColumn("'fit', or the set of the sweep.", pl.String),
                 "kind": TableColumn("'parameter' or 'modulus'.", pl.String),
-                **PARAMETER_COLUMNS,
-                **VALUE_COLUMN,
+                **common("parameter", "unit", "value"),
                 "optimum": TableColumn("Value where Fopt of emulated curves is least.", unit=OF_ROW),
-                **INTERVAL_COLUMNS,
+                **common("lower", "upper"),
                 "level": TableColumn("Probability of the interval; null for an interval by the sweep."),
-                **IDENTIFIABILITY_COLUMN,
+                **common("identifiability"),
                 "at_bound": TableColumn("True at an end of the range.", pl.Boolean),
                 "model": TableColumn("Verdict on the model.", pl.String),
                 "verdict": TableColumn("Verdict on the value.", pl.String),

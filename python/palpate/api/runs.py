@@ -79,17 +79,9 @@ if TYPE_CHECKING:
     )
     from palpate.run.tables import (
         ASSESSED as ASSESSED,
-        CHANNEL_COLUMN as CHANNEL_COLUMN,
-        FIT_COLUMNS as FIT_COLUMNS,
-        FOPT_COLUMN as FOPT_COLUMN,
-        IDENTIFIABILITY_COLUMN as IDENTIFIABILITY_COLUMN,
-        INTERVAL_COLUMNS as INTERVAL_COLUMNS,
         OF_A_FIT as OF_A_FIT,
-        PARAMETER_COLUMNS as PARAMETER_COLUMNS,
-        POINT_COLUMNS as POINT_COLUMNS,
         SEARCHED as SEARCHED,
-        SPOT_COLUMN as SPOT_COLUMN,
-        VALUE_COLUMN as VALUE_COLUMN,
+        common as common,
     )
     from palpate.scoring.completeness import (
         Completeness as Completeness,

@@ -13,7 +13,7 @@ from palpate.fit.stage import Case
 from palpate.plugins.parametrisation import at_spot
 from palpate.plugins.score import weighted
 from palpate.run.result import UNSETTLED, FitResult
-from palpate.run.tables import OF_FIT
+from palpate.run.tables import DECLARED
 from palpate.scoring.scores import relative_variance
 from palpate.simulation.sweep import Simulations
 
@@ -45,7 +45,7 @@ def fit_result(cases: Sequence[Case], simulations: Simulations) -> FitResult:
     traces = [row for case in cases for row in _trace(case, n_runs)]
     meshes = [row for case in cases for row in _mesh(case)]
     made = {"fit": rows, "fit_trace": traces, "fit_mesh": meshes}
-    table, trace, mesh = (OF_FIT[name].frame(rows) for name, rows in made.items())
+    table, trace, mesh = (DECLARED["fit"][name].frame(rows) for name, rows in made.items())
     return FitResult(table=table, trace=trace, mesh=mesh, responses=responses)
 
 

@@ -51,7 +51,7 @@ from palpate.run.ownership import check_claimable, claim, refuse_other, tidy, wr
 from palpate.run.provenance import StageRecords
 from palpate.run.result import FitResult
 from palpate.run.result_files import Files, frame_of, parquet, response_of, responses_of
-from palpate.run.tables import ASSESSED, OF_A_FIT, OF_FIT
+from palpate.run.tables import ASSESSED, DECLARED, OF_A_FIT
 from palpate.study.reading import Study
 
 RESULT = "result.json"
@@ -260,7 +260,7 @@ class RunDirectory:
 
     def fit(self) -> FitResult:
         """Read the fit, with what is known of its intervals; empty where there is none."""
-        declared = {**OF_FIT, **{name: ASSESSED[name] for name in OF_A_FIT}}
+        declared = {**DECLARED["fit"], **{name: ASSESSED[name] for name in OF_A_FIT}}
         found = {name: self.table(name) for name in declared}
         found = {name: frame if frame.width else declared[name].empty() for name, frame in found.items()}
         return FitResult(

@@ -9,7 +9,7 @@ import polars as pl
 
 from palpate.domain import Design, Limb, ParameterName, Response
 from palpate.run.result_files import responses_of
-from palpate.run.tables import ASSESSED, OF_A_FIT, OF_FIT
+from palpate.run.tables import ASSESSED, DECLARED, OF_A_FIT
 
 LEVEL = 0.95
 """Probability with which an interval holds the truth."""
@@ -91,17 +91,17 @@ class FitResult:
     Parameters
     ----------
     table, trace, mesh : DataFrame
-        Tables ``fit``, ``fit_trace`` and ``fit_mesh`` of :data:`palpate.run.tables.OF_FIT`. A fit whose every
-        evaluation failed has one row with its message.
+        Tables ``fit``, ``fit_trace`` and ``fit_mesh`` of :data:`palpate.run.tables.DECLARED`. A fit whose
+        every evaluation failed has one row with its message.
     responses : mapping of (fit, scenario, spot) to Response
         Curves of the least Fopt at the measured abscissae.
     intervals, adequacy, reported, reported_curves : DataFrame
         As in :data:`palpate.run.tables.ASSESSED`; without rows where no stage has assessed the fit.
     """
 
-    table: pl.DataFrame = field(default_factory=OF_FIT["fit"].empty)
-    trace: pl.DataFrame = field(default_factory=OF_FIT["fit_trace"].empty)
-    mesh: pl.DataFrame = field(default_factory=OF_FIT["fit_mesh"].empty)
+    table: pl.DataFrame = field(default_factory=DECLARED["fit"]["fit"].empty)
+    trace: pl.DataFrame = field(default_factory=DECLARED["fit"]["fit_trace"].empty)
+    mesh: pl.DataFrame = field(default_factory=DECLARED["fit"]["fit_mesh"].empty)
     responses: Mapping[tuple[str, str, str], Response] = field(default_factory=dict)
     intervals: pl.DataFrame = field(default_factory=ASSESSED["intervals"].empty)
     adequacy: pl.DataFrame = field(default_factory=ASSESSED["adequacy"].empty)

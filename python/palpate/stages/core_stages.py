@@ -23,7 +23,7 @@ from palpate.run.keys import identity
 from palpate.run.provenance import described, sha256
 from palpate.run.result import FitResult, SelectionResult
 from palpate.run.result_files import Files, curves_of
-from palpate.run.tables import OF_EXPERIMENT, OF_FIT, OF_SAMPLE, OF_SCORE, OF_SELECT, OF_SURFACE, OF_VERIFY
+from palpate.run.tables import DECLARED
 from palpate.sampling.study_design import draw_study
 from palpate.scoring import scores as scoring, selection
 from palpate.scoring.completeness import completeness, described as named, without_result
@@ -55,7 +55,7 @@ class Experiment(OfEveryRun):
     """Measured curves."""
 
     name, summary = "experiment", "Read the measured curves."
-    tables = OF_EXPERIMENT
+    tables = DECLARED[name]
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """Files and loader of each spot; None for files that are not there any more."""
@@ -81,7 +81,7 @@ class Sample(OfEveryRun):
     """Parameter sets."""
 
     name, summary = "sample", "Draw the parameter sets."
-    tables = OF_SAMPLE
+    tables = DECLARED[name]
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """Settings that decide the first ``n_sets`` sets of the design."""
@@ -137,7 +137,7 @@ class Score(OfEveryRun):
 
     name, summary = "score", "Compare simulated with measured curves."
     needs = ("experiment", "sample", "simulate")
-    tables = OF_SCORE
+    tables = DECLARED[name]
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """Rules of the comparison."""
@@ -180,7 +180,7 @@ class Select(OfEveryRun):
 
     name, summary = "select", "Choose the best set by scenario and over all spots."
     needs = ("score",)
-    tables = OF_SELECT
+    tables = DECLARED[name]
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """Scenarios, and which generalises."""
@@ -210,7 +210,7 @@ class Verify(OfEveryRun):
 
     name, summary = "verify", "Verify the selected sets, such as with halved steps."
     needs = ("select",)
-    tables = OF_VERIFY
+    tables = DECLARED[name]
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Verification of each selected set that was not verified before."""
@@ -245,7 +245,7 @@ class SearchForBest(OfEveryRun):
     name, summary = "fit", "Search the parameters for which the curves fit best."
     one_after_other = True
     needs = ("select",)
-    tables = OF_FIT
+    tables = DECLARED[name]
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """Search, what is searched, and how meshes are corrected."""
@@ -285,7 +285,7 @@ class Surface(CoreStage):
 
     name, summary = "surface", "Simulate the skin under the press with the fitted parameters."
     needs = ("select", "fit")
-    tables = OF_SURFACE
+    tables = DECLARED[name]
 
     def is_in_run(self, study: Study) -> bool:
         """True if the solver gives the states of the skin."""

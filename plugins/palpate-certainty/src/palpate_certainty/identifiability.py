@@ -30,7 +30,7 @@ from palpate.api.fit import (
     word_of,
 )
 from palpate.api.runs import Study, Swept, answering_for, objectives, scored_points
-from palpate_certainty.declared import OF_IDENTIFIABILITY
+from palpate_certainty.declared import DECLARED
 from palpate_certainty.emulated_curves import best_and_first
 from palpate_certainty.emulator import Emulator, Runs
 
@@ -89,7 +89,7 @@ def assess_identifiability(
         "identifiability": [row for case in cases for row in case.rows()],
         "disagreements": [row for a, b in combinations(cases, 2) for row in _disagreement(a, b)],
     }
-    return {name: OF_IDENTIFIABILITY[name].frame(rows) for name, rows in found.items()}
+    return {name: DECLARED["identifiability"][name].frame(rows) for name, rows in found.items()}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -8,7 +8,7 @@ import polars as pl
 import scipy
 
 from palpate.api import FloatArray
-from palpate_certainty.declared import OF_POSTERIORS
+from palpate_certainty.declared import DECLARED
 from palpate_certainty.posterior_sampling import Posterior, Sampled
 from palpate_certainty.profiles import profile_planes
 
@@ -62,7 +62,7 @@ def posterior_tables(found: Sampled, seed: int) -> dict[str, pl.DataFrame]:
         "volumes": _volumes(found),
         "emulator": _emulator(found),
     }
-    return {name: OF_POSTERIORS[name].frame(list(each)) for name, each in rows.items()} | {
+    return {name: DECLARED["certainty"][name].frame(list(each)) for name, each in rows.items()} | {
         "posterior_draws": pl.concat([_draws(each) for each in found.posteriors], how="diagonal"),
         "posterior_planes": profile_planes([each.assessed for each in found.posteriors], found.curves),
     }

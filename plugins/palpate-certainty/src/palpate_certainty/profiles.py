@@ -12,7 +12,7 @@ import scipy
 
 from palpate.api import BoolArray, Design, FloatArray, ParameterName, Simulation
 from palpate.api.fit import RISE, Problem, Residuals, channel_of, least_near, linear_least, pieces, slopes_at
-from palpate_certainty.declared import OF_CONTOURS
+from palpate_certainty.declared import DECLARED
 from palpate_certainty.emulated_curves import (
     EmulatedCurves,
     MeshCorrections,
@@ -274,7 +274,7 @@ def planes_of_fits(
     """
     first = next((each for each in assessed if each.case.scenario.name == main), None)
     if first is None:
-        return OF_CONTOURS["profile_planes"].empty()
+        return DECLARED["contours"]["profile_planes"].empty()
     joint = [first, *(a for a in assessed if a is not first and a.case.label == first.case.label)]
     channels = {channel_of(name) for a in joint for t in a.end.problem.terms for name in t.weights}
     simulated = SimulatedCurves(first.end.problem, sorted(channels))
@@ -285,7 +285,9 @@ def planes_of_fits(
 
 def profile_planes(joint: Sequence[Assessed], curves: EmulatedCurves) -> pl.DataFrame:
     """Table ``profile_planes`` of joint fits."""
-    return OF_CONTOURS["profile_planes"].frame([row for each in joint for row in _rows(each, curves)])
+    return DECLARED["contours"]["profile_planes"].frame(
+        [row for each in joint for row in _rows(each, curves)]
+    )
 
 
 def _rows(each: Assessed, curves: EmulatedCurves) -> Iterator[dict[str, Any]]:

@@ -24,13 +24,7 @@ from palpate.api.runs import (
     size_at_contact,
 )
 from palpate_certainty.assessment import Assessment
-from palpate_certainty.declared import (
-    OF_CONTOURS,
-    OF_IDENTIFIABILITY,
-    OF_INTERVALS,
-    OF_POSTERIORS,
-    OF_VALIDATE,
-)
+from palpate_certainty.declared import DECLARED
 from palpate_certainty.error_sources import MESH, error_sources_of, n_differences
 from palpate_certainty.held_out import held_out, sentence
 from palpate_certainty.identifiability import assess_identifiability
@@ -57,7 +51,7 @@ class Intervals(Stage):
     is_on_page = True
     may_fail = False
     of_every_run = True
-    tables = OF_INTERVALS
+    tables = DECLARED[name]
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """Errors of the curves and the model, as the budget states them."""
@@ -113,7 +107,7 @@ class ProfilePlanes(Stage):
     needs = ("intervals",)
     is_on_page = True
     of_every_run = True
-    tables = OF_CONTOURS
+    tables = DECLARED[name]
 
     def usual_simulations(self, inputs: Run) -> dict[str, int]:
         """No new ones; those of the fit are read again."""
@@ -134,7 +128,7 @@ class Validation(Stage):
 
     name, summary = "validate", "Predict each press, or each channel of one press, from the others."
     needs = ("intervals",)
-    tables = OF_VALIDATE
+    tables = DECLARED[name]
 
     def is_in_run(self, study: Study) -> bool:
         """True where there are enough spots that leaving one out tells something, and a fit."""
@@ -167,7 +161,7 @@ class Posteriors(Stage):
     name, summary = "certainty", "Draw the posteriors of the joint fits; simulates some more sets."
     needs = ("intervals",)
     is_on_page = True
-    tables = OF_POSTERIORS
+    tables = DECLARED[name]
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Draws of the posteriors, and what follows from them."""
@@ -197,7 +191,7 @@ class Identifiability(Stage):
     needs = ("score", "select", "intervals")
     is_on_page = True
     of_every_run = True
-    tables = OF_IDENTIFIABILITY
+    tables = DECLARED[name]
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Intervals by the simulated curves; simulates nothing."""

@@ -24,7 +24,7 @@ from palpate.api.fit import (
 )
 from palpate.api.runs import Study
 from palpate_certainty.adequacy import ALLOWED, Check, Misfit
-from palpate_certainty.declared import OF_INTERVALS
+from palpate_certainty.declared import DECLARED
 from palpate_certainty.error_sources import MESH
 from palpate_certainty.laplace import RANGE, Density, Laplace
 from palpate_certainty.linear_problem import NOISE, PRIORS, LinearProblem, ResidualErrors
@@ -198,7 +198,7 @@ def certainty_tables(assessed: Sequence[Assessed], study: Study) -> dict[str, pl
         "spot_draws": _spot_draws,
     }
     return {
-        name: OF_INTERVALS[name].frame([row for each in assessed for row in rows_of(each)])
+        name: DECLARED["intervals"][name].frame([row for each in assessed for row in rows_of(each)])
         for name, rows_of in rows.items()
     }
 

@@ -29,7 +29,7 @@ from palpate.api import (
 )
 from palpate.api.fit import ALL_SPOTS, inputs_at, relaxing_space, relaxing_thetas
 from palpate.api.report import Figure
-from palpate.api.runs import FIT_COLUMNS, INTERVAL_COLUMNS, Files, Study
+from palpate.api.runs import Files, Study, common
 from palpate_materials.relaxation import loss_tangent, reduced_relaxation
 
 N_TIMES = 25
@@ -56,9 +56,6 @@ class _Draws(NamedTuple):
     shear_MPa: FloatArray
 
 
-REGION_COLUMN = {"region": TableColumn("Region of the limb.", pl.String)}
-
-
 class RelaxationOverTime(Stage):
     """Relaxation that a fit has found, with its band."""
 
@@ -69,8 +66,8 @@ class RelaxationOverTime(Stage):
             "relaxation": StageTable(
                 "Relaxation of the moduli in time, with 95 % bands.",
                 {
-                    **FIT_COLUMNS,
-                    **REGION_COLUMN,
+                    **common("fit", "scenario"),
+                    "region": TableColumn("Region of the limb.", pl.String),
                     "time_s": TableColumn("Time after a step of the strain.", unit="s"),
                     "left": TableColumn("Share of the moduli that is left."),
                     "lower": TableColumn("Lower end of the share."),
@@ -83,13 +80,13 @@ class RelaxationOverTime(Stage):
             "relaxing_moduli": StageTable(
                 "Shear modulus of each region at once and later, with 95 % intervals.",
                 {
-                    **FIT_COLUMNS,
-                    **REGION_COLUMN,
+                    **common("fit", "scenario"),
+                    "region": TableColumn("Region of the limb.", pl.String),
                     "shear_modulus": TableColumn(
                         "At once, after the record, or in the long term.", pl.String
                     ),
                     "value": TableColumn("Shear modulus.", unit=OF_ROW),
-                    **INTERVAL_COLUMNS,
+                    **common("lower", "upper"),
                     "unit": TableColumn("Unit of the modulus.", pl.String),
                 },
             ),
