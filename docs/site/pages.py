@@ -17,6 +17,7 @@ from pygments.formatters.html import HtmlFormatter
 
 import palpate
 import palpate.testing
+from palpate_report.answer.warnings import kinds
 
 ROOT = Path(__file__).parents[2]
 TERMS = Path(__file__).with_name("glossary.toml")
@@ -51,6 +52,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
         {"Python": "reference/palpate.md"},
         {"Contract tests": "reference/testing.md"},
         {"Glossary": "reference/glossary.md"},
+        {"Warnings": "reference/warnings.md"},
         {"Gallery": "gallery.md"},
     ]
     config.nav = [
@@ -71,6 +73,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/palpate.md": api(palpate),
         "reference/testing.md": api(palpate.testing),
         "reference/glossary.md": glossary(),
+        "reference/warnings.md": warnings(),
         "gallery.md": gallery.page(),
         "pygments.css": HtmlFormatter().get_style_defs(".highlight"),
     }
@@ -106,6 +109,13 @@ def glossary() -> str:
     """Write the terms of the method."""
     terms = tomllib.loads(TERMS.read_text(encoding="utf-8"))
     return "# Glossary\n\n" + "\n".join(_term(name, **entry) for name, entry in terms.items())
+
+
+def warnings() -> str:
+    """Write the warnings of a report by code."""
+    head = "# Warnings of a report\n\nEach warning of a page and of a terminal has a code."
+    parts = (f"## {code}\n\n{of['when']} {of['why']}\n\n{of['remedy']}" for code, of in kinds().items())
+    return "\n\n".join([head, *parts])
 
 
 def _term(

@@ -290,7 +290,7 @@ def test_a_run_ends_with_its_lines_after_the_tables_that_are_asked_for(call: Cal
         assert k["lower"] <= 2000.0 <= k["upper"] + 1e-6
         whats = [warning.partition(". ")[0] for warning in found["warnings"]]
         assert whats
-        assert said["Warnings"].endswith(f": {'; '.join(whats)}")
+        assert re.sub(r" \[[a-z-]+\]", "", said["Warnings"]).endswith(f": {'; '.join(whats)}")
         assert said["Warnings"].startswith(str(len(whats)))
         assert re.search(r"Simulations: \d+, of these \d+ of the fit\.", said["Time"])
         assert said["Page"] == Path("runs/toy/report/index.html").resolve().as_uri()

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import palpate
+from palpate_report.answer.warnings import kinds
 
 ROOT = Path(__file__).parents[2]
 TERMS = ROOT / "docs" / "site" / "glossary.toml"
@@ -48,6 +49,11 @@ def test_nothing_is_fetched_from_the_network(site: Path) -> None:
     for style in site.rglob("*.css"):
         text = style.read_text(encoding="utf-8")
         assert not re.findall(r"(?:url\(|@import )['\"]?(?:https?:)?//", text), style
+
+
+def test_every_warning_has_a_place_on_a_page(site: Path) -> None:
+    page = (site / "reference" / "warnings.html").read_text(encoding="utf-8")
+    assert [code for code in kinds() if f'id="{code}"' not in page] == []
 
 
 def test_the_reference_has_every_public_name_and_every_term(site: Path) -> None:

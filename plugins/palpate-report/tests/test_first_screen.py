@@ -9,10 +9,10 @@ from palpate.domain import Relaxation
 from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.sections import Fold, Table, Word
 from palpate_report.answer.card import answer, apart_from_joint
+from palpate_report.answer.failed_checks import apparent
 from palpate_report.answer.law import typeset
 from palpate_report.answer.next_step import CAUSES
 from palpate_report.answer.result import Report, make_conclusion
-from palpate_report.answer.warnings import apparent
 from palpate_report.data.tables import make_tables, printed
 from palpate_report.figures.drawings import interval_plot
 from palpate_report.figures.panels import COLOURS, budget_bars, colour_of

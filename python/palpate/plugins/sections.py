@@ -161,12 +161,13 @@ Block = Paragraph | Heading | Listing | Table | Figure | Picture | Fold | Choice
 class ReportWarning:
     """A warning of the report: what is wrong, and why it matters or what to do.
 
-    A note is about a scenario that is not the reported one.
+    A note is about a scenario that is not the reported one. The documentation explains each ``code``.
     """
 
     what: str
     why: str
     is_note: bool = False
+    code: str = ""
 
     def __str__(self) -> str:
         return f"{self.what}. {self.why}"

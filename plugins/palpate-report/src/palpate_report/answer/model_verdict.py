@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from palpate.api.fit import NO_FIT_R2, Adequacy, channel_of
-from palpate_report.answer.warnings import CHECK, failed_checks
+from palpate_report.answer.failed_checks import failed_checks
+from palpate_report.answer.warnings import CHECK
 from palpate_report.data.marks import rounded
 from palpate_report.data.report_data import ReportData
 

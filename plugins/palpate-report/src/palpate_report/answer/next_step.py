@@ -5,7 +5,7 @@ from types import MappingProxyType
 
 from palpate.api import Indentation
 from palpate.api.fit import Adequacy
-from palpate_report.answer.warnings import failed_checks
+from palpate_report.answer.failed_checks import failed_checks
 from palpate_report.data.marks import Headline
 from palpate_report.data.report_data import ReportData
 

@@ -11,11 +11,12 @@ from palpate.api import ParameterName, PluginError
 from palpate.api.fit import ALL_SPOTS, UNCLEAR, WORDS
 from palpate.api.report import ReportWarning, Section
 from palpate.api.runs import Study, answering_for
+from palpate_report.answer.failed_checks import apparent, left_out
 from palpate_report.answer.headline import between_spots, holds_truth, missed_truth
 from palpate_report.answer.methods import methods
 from palpate_report.answer.model_verdict import ModelVerdict, model_verdict
 from palpate_report.answer.next_step import next_step
-from palpate_report.answer.warnings import apparent, left_out, report_warnings
+from palpate_report.answer.warnings import report_warnings, warn
 from palpate_report.data.best import Best
 from palpate_report.data.marks import Headline, with_unit
 from palpate_report.data.report_data import ReportData, label_of
@@ -50,7 +51,11 @@ def section_warnings(data: ReportData) -> Iterator[ReportWarning]:
                     )
             yield from found
         except PluginError as error:
-            yield ReportWarning("A section of the report has failed", f"{error}.")
+            yield warn("failed-section", "A section of the report has failed", f"{error}.")
+
+
+def _coded(warning: ReportWarning) -> str:
+    return f"{warning.what} [{warning.code}]" if warning.code else warning.what
 
 
 _ORDER = [*(word for _, word in WORDS), UNCLEAR]
@@ -135,7 +140,7 @@ class Conclusion:
         found = "; ".join(map(str, (*self.estimates, *self.moduli)))
         missing = f". NOT included in intervals: {', '.join(self.not_included)}" if self.not_included else ""
         worst = ", the worst first" if len(self.warnings) > 1 else ""
-        warned = f"{len(self.warnings)}{worst}: {'; '.join(warning.what for warning in self.warnings)}"
+        warned = f"{len(self.warnings)}{worst}: {'; '.join(map(_coded, self.warnings))}"
         return {
             "Conclusion": f"{study.name} ({data}): {self.headline or NOTHING}",
             **({"Mesh": self.mesh} if self.mesh else {}),

@@ -1,7 +1,10 @@
 """Warnings that limit the result of a run, and why."""
 
+import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from functools import cache
+from importlib.resources import files
 
 import polars as pl
 
@@ -14,9 +17,9 @@ from palpate.api.runs import (
     described,
     failures,
     measured_warnings,
-    relaxation_of,
     unranked,
 )
+from palpate_report.answer.failed_checks import apparent, failed_checks, left_out
 from palpate_report.data.best import Best
 from palpate_report.data.marks import with_unit
 from palpate_report.data.report_data import ReportData
@@ -33,14 +36,6 @@ CHECK = (
     "the ranges and the number of sets."
 )
 """What to do about a set that does not fit."""
-
-INADEQUATE = {
-    "discrepancy": "Look at the residuals, then check depth offset, friction, bias and mesh; else the "
-    "material law does not describe the tissue.",
-    "specimen": "Look at the residuals: this material law does not describe them within the budget.",
-    "ranges": "Widen the ranges, if the material law allows it; else it does not describe the tissue.",
-}
-"""What to do about a fit whose model does not describe the data, by check."""
 
 CAUSES = (
     "an offset of the depth, compliance of the robot or the mount, bias of a sensor, a lag between motion "
@@ -69,7 +64,7 @@ def report_warnings(
     """
     if data.unfinished:
         why = f"So far: {data.unfinished}. What is shown is the best of the simulations so far."
-        yield ReportWarning("The run has not ended", why)
+        yield warn("unfinished", "The run has not ended", why)
     bests = data.bests
     r2 = [
         (best.scenario, f"{best.where}: {channel}", at)
@@ -78,18 +73,19 @@ def report_warnings(
         if (at := best.r2.get(channel)) is not None
     ]
     wrong = [(scenario, f"{fit} R² {at:.3g}") for scenario, fit, at in r2 if at < NO_FIT_R2]
-    yield from _by_scenario(data, "{n} of the best sets {do} not fit", wrong, CHECK)
+    yield from _by_scenario(data, "no-fit", "{n} of the best sets {do} not fit", wrong, CHECK)
     yield from _about_adequacy(data)
     if missed:
         what = "An interval misses the true value" if len(missed) == 1 else "Intervals miss the true values"
         why = "By chance 1 of 20 intervals does. More of them show an error that the budget leaves out."
-        yield ReportWarning(f"{what} ({_some(missed)})", why)
+        yield warn("true-value-missed", f"{what} ({_some(missed)})", why)
     if sentence := apparent(data):
-        yield ReportWarning(sentence, REMEDY)
+        yield warn("apparent-moduli", sentence, REMEDY)
     yield from _about_missing(data)
     poor = [(scenario, f"{fit} R² {at:.3f}") for scenario, fit, at in r2 if NO_FIT_R2 <= at < GOOD_R2]
     yield from _by_scenario(
         data,
+        "poor-fit",
         "{n} of the best fits {is} poor",
         poor,
         "This material law may be wrong for this specimen."
@@ -99,6 +95,7 @@ def report_warnings(
     yield from _about_fits(data)
     yield from _by_scenario(
         data,
+        "partial-set",
         "A best set is of a simulation that did not finish",
         [(best.scenario, best.where) for best in bests if "unfinished" in best.found],
         "It is ranked by its partial curves.",
@@ -120,18 +117,31 @@ def report_warnings(
     for scenarios in ([data.generalising.name], others):
         if sentence := finding(tables, scenarios):
             what, _, why = sentence.partition(": ")
-            yield ReportWarning(what, why[:1].upper() + why[1:], is_note=scenarios is others)
+            yield warn("unfitted-channel", what, why[:1].upper() + why[1:], is_note=scenarios is others)
     yield from _about_conventions(data)
 
 
-def _listed(what: str, texts: Iterable[str], why: str = "") -> Iterator[ReportWarning]:
+@cache
+def kinds() -> dict[str, dict[str, str]]:
+    """Warnings by code: when each comes, why it matters, and what to do."""
+    text = files("palpate_report").joinpath("answer/warnings.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+def warn(code: str, what: str, why: str, *, is_note: bool = False) -> ReportWarning:
+    """Warning of a kind that :func:`kinds` has."""
+    assert code in kinds(), f"no warning has the code '{code}'"
+    return ReportWarning(what, why, is_note, code)
+
+
+def _listed(code: str, what: str, texts: Iterable[str], why: str = "") -> Iterator[ReportWarning]:
     """Warn where there is anything to list: the first of it, then why it matters or what to do."""
     if texts := list(texts):
-        yield ReportWarning(what, f"{_some(texts)}. {why}".rstrip())
+        yield warn(code, what, f"{_some(texts)}. {why}".rstrip())
 
 
 def _by_scenario(
-    data: ReportData, what: str, found: Iterable[tuple[str, str]], why: str = ""
+    data: ReportData, code: str, what: str, found: Iterable[tuple[str, str]], why: str = ""
 ) -> Iterator[ReportWarning]:
     """Warn of texts of the reported scenario, and note those of others; each is given with its scenario.
 
@@ -141,7 +151,7 @@ def _by_scenario(
     for is_note in (False, True):
         texts = [text for name, text in every if (name != data.generalising.name) == is_note]
         heading = what.format_map({"n": len(texts)} | _VERBS[len(texts) == 1])
-        for warning in _listed(heading, texts, why):
+        for warning in _listed(code, heading, texts, why):
             yield replace(warning, is_note=is_note)
 
 
@@ -157,68 +167,20 @@ def _some(texts: Sequence[str], most: int = 4) -> str:
     return "; ".join(texts[:most]) + more
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FailedCheck:
-    """A check that the model of a fit has failed; its kind is a key of :data:`INADEQUATE`."""
-
-    fit: str
-    scenario: str
-    kind: str
-    verdict: Adequacy
-    message: str
-
-    @property
-    def remedy(self) -> str:
-        """Sentence on what to do."""
-        return INADEQUATE[self.kind]
-
-
-def failed_checks(data: ReportData) -> Iterator[FailedCheck]:
-    """Checks of all fits whose model does not describe the data within the budget."""
-    checks = data.fit.adequacy
-    if checks.is_empty():
-        return
-    # Apparent moduli are still a result; what else fails takes it away.
-    failed = (pl.col("verdict") != Adequacy.DESCRIBES.value) & (pl.col("check") != "relaxation")
-    for row in checks.filter(failed).iter_rows(named=True):
-        kind = row["check"] if row["check"] in INADEQUATE else "discrepancy"
-        yield FailedCheck(
-            fit=row["fit"],
-            scenario=row["scenario"],
-            kind="specimen" if kind == "discrepancy" and data.study.protocol is None else kind,
-            verdict=Adequacy(row["verdict"]),
-            message=row["message"],
-        )
-
-
-def left_out(data: ReportData) -> dict[str, str]:
-    """Causes that the intervals of what leads are without, since they could not be simulated, and why."""
-    # Tables of earlier runs have no status, and no row without a share.
-    rows = data.leading_rows(data.table("budget")).iter_rows(named=True)
-    return {row["cause"]: row["status"] for row in rows if row["share"] is None}
-
-
-def apparent(data: ReportData) -> str:
-    """Sentence on moduli that are apparent ones, since the tissue relaxed; empty where they are not."""
-    if data.study.models_relaxation(data.generalising):
-        return ""
-    found = relaxation_of(data.measured, data.study.budget.gain)
-    return found.sentence[:1].upper() + found.sentence[1:] if found and found.is_beyond else ""
-
-
 def _about_adequacy(data: ReportData) -> Iterator[ReportWarning]:
     by_remedy: dict[tuple[Adequacy, str], list[tuple[str, str]]] = {}
     for each in failed_checks(data):
         text = f"{each.fit}, scenario {each.scenario}: {each.message}"
         by_remedy.setdefault((each.verdict, each.remedy), []).append((each.scenario, text))
     for (verdict, remedy), found in by_remedy.items():
-        yield from _by_scenario(data, f"The model {verdict} the data", found, remedy)
+        yield from _by_scenario(data, "model", f"The model {verdict} the data", found, remedy)
 
 
 def _about_missing(data: ReportData) -> Iterator[ReportWarning]:
     found = data.completeness
     if not found.is_complete:
-        yield ReportWarning(
+        yield warn(
+            "incomplete-sweep",
             "Incomplete sweep",
             f"{found}. A set that was not simulated may fit better; run `palpate run` again to "
             "simulate the rest.",
@@ -226,8 +188,9 @@ def _about_missing(data: ReportData) -> Iterator[ReportWarning]:
     if missing := data.without_result:
         n_pairs = len(data.spots) * len(data.study.scenarios)
         what = f"No result for {len(missing)} of {n_pairs} spots and scenarios"
-        yield ReportWarning(what, f"{described(missing)}.")
+        yield warn("no-result", what, f"{described(missing)}.")
     yield from _listed(
+        "channel-not-compared",
         "A measured channel could not be compared with any simulation",
         (
             f"{channel} at {spot}"
@@ -244,12 +207,14 @@ def _about_fits(data: ReportData) -> Iterator[ReportWarning]:
     ]
     yield from _by_scenario(
         data,
+        "failed-fit",
         "{n} of the fits {has} no result",
         failed,
         "What is shown there is the best set of the sweep, if there is one.",
     )
     yield from _by_scenario(
         data,
+        "undecided-value",
         "A fit has values that the curves do not decide",
         (
             (row["scenario"], f"{row['fit']}, scenario {row['scenario']}: {message}")
@@ -264,6 +229,7 @@ def _about_meshes(data: ReportData) -> Iterator[ReportWarning]:
     ends = list(data.fit.ends.iter_rows(named=True))
     yield from _by_scenario(
         data,
+        "mesh-not-settled",
         "The correction by finer meshes has not settled",
         (
             (row["scenario"], f"{row['fit']}, scenario {row['scenario']}")
@@ -273,7 +239,8 @@ def _about_meshes(data: ReportData) -> Iterator[ReportWarning]:
         "The values there still have part of the mesh's error; raise fine_runs, or refine the meshes.",
     )
     if ends and data.study.solver.provides.mesh and data.fit.mesh.is_empty():
-        yield ReportWarning(
+        yield warn(
+            "mesh-unknown",
             "How far the mesh moves the parameters is unknown",
             "No finer mesh corrected the fit; make finer ones with `palpate limb --fine`.",
         )
@@ -281,16 +248,18 @@ def _about_meshes(data: ReportData) -> Iterator[ReportWarning]:
 
 def _about_origins(data: ReportData) -> Iterator[ReportWarning]:
     odd = (*measured_warnings(data.measured), *cycle_warnings(data.study, data.measured))
-    yield from _listed("Something is odd about the measured curves", odd)
+    yield from _listed("odd-curves", "Something is odd about the measured curves", odd)
     curves = [curve for response in data.measured.values() for curve in response.curves.values()]
     if not data.notice and all(curve.std is None for curve in curves):
-        yield ReportWarning(
+        yield warn(
+            "no-spread",
             "No spread was measured",
             "Without repeated presses nothing is known of how much another press would differ from these "
             "curves; the intervals rest on the misfit alone.",
         )
     if names := list(data.manifest.get("trusted", {})):
-        yield ReportWarning(
+        yield warn(
+            "trusted-code",
             f"Results of earlier code are accepted: {', '.join(names)}",
             "Simulations of the sweep were made with other code than the local search and the verification. "
             "Run in a new folder to have all of the same code.",
@@ -308,6 +277,7 @@ def _about_disagreement(data: ReportData) -> Iterator[ReportWarning]:
             for row in rows.drop_nulls("parameter").iter_rows(named=True)
         ]
         yield from _listed(
+            "channels-disagree",
             f"{str(first).capitalize()} and {second} disagree".replace("_", " "),
             values or [f"At {', '.join(rows['spot'].unique(maintain_order=True))}"],
             "No set fits both about as well as each is fitted alone. "
@@ -318,6 +288,7 @@ def _about_disagreement(data: ReportData) -> Iterator[ReportWarning]:
 def _about_ends(data: ReportData, bests: Sequence[Best], whose: str) -> Iterator[ReportWarning]:
     return _by_scenario(
         data,
+        "end-of-range",
         f"{whose} values are at the end of their range",
         [
             (best.scenario, f"{value.parameter} at {best.where}")
@@ -334,7 +305,8 @@ def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
         has_intervals = not data.fit.intervals.is_empty()
         what = "What the sweep allows" if has_intervals else "How well each parameter is identified"
         first = "`palpate intervals`, then " if data.is_fitted and not has_intervals else ""
-        yield ReportWarning(
+        yield warn(
+            "not-assessed",
             f"{what} has not been assessed",
             f"Run {first}`palpate identifiability` (of palpate-certainty), then `palpate report` again.",
         )
@@ -343,20 +315,23 @@ def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
         rows, together = rows.head(0), data.leading_rows(data.fit.intervals)
     names = together.filter(identifiability="not")["parameter"].unique(maintain_order=True)
     if not names.is_empty():
-        yield ReportWarning(
+        yield warn(
+            "not-identified",
             f"Not identifiable: {', '.join(data.brief_name(name) for name in names)}",
             "Values that fit about as well reach across most of the range, or are as large as the value; "
             "do not read it as the tissue's.",
         )
     missing = [f"{cause}: {why}" for cause, why in left_out(data).items()]
     yield from _listed(
+        "cause-left-out",
         "Intervals are without causes that could not be simulated",
         missing,
         "They are too narrow by an unknown amount.",
     )
     is_explained = bool(apparent(data)) or bool(missing) or any(failed_checks(data))
     if UNCLEAR in [*rows["identifiability"], *together["identifiability"]] and not is_explained:
-        yield ReportWarning(
+        yield warn(
+            "unclear",
             "How well some parameters are identified is unclear",
             "Few sets were ranked, or their curves follow the parameters too unevenly. Run more sets."
             if data.fit.intervals.is_empty()
@@ -369,7 +344,8 @@ def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
         if known.height > 1 and known["lower"].max() > known["upper"].min():  # type: ignore[operator]
             lowest, highest = known.sort("upper")["spot"][0], known.sort("lower")["spot"][-1]
             apart.append(f"{brief.name} at {lowest} and {highest} have intervals that do not meet")
-    yield from _listed("The spots disagree", apart, "One material may not explain them all.")
+    why = "One material may not explain them all."
+    yield from _listed("spots-disagree", "The spots disagree", apart, why)
 
 
 def _about_posterior(data: ReportData) -> Iterator[ReportWarning]:
@@ -380,6 +356,7 @@ def _about_posterior(data: ReportData) -> Iterator[ReportWarning]:
         pl.col("converged").all(), pl.col("split_r", "autocorrelation").max()
     )
     yield from _listed(
+        "posterior-not-converged",
         "A posterior has not converged",
         (
             f"scenario {row['scenario']}: split-R̂ up to {row['split_r']:.4g}, autocorrelation time up to "
@@ -396,12 +373,13 @@ def _about_one_set(data: ReportData) -> Iterator[ReportWarning]:
         return
     costs = cost_of_one_set(data)
     if costs.is_empty() and not data.is_fitted:
-        yield ReportWarning("No set for all spots", "No set could be ranked at every spot.")
+        yield warn("one-set-missing", "No set for all spots", "No set could be ranked at every spot.")
         return
     costly = [] if data.is_fitted else costs.filter(pl.col("times") >= COSTLY).select("spot", "times").rows()
     if costly:
         times = _some([f"{spot} ({times:.3g} times)" for spot, times in costly])
-        yield ReportWarning(
+        yield warn(
+            "one-set-poor",
             "The set for all spots fits some spots much worse than their best set",
             f"Fopt of the one set, over the least there: {times}.",
         )
@@ -409,6 +387,7 @@ def _about_one_set(data: ReportData) -> Iterator[ReportWarning]:
 
 def _about_coarseness(data: ReportData, bests: Sequence[Best]) -> Iterator[ReportWarning]:
     return _listed(
+        "between-sets",
         "The optimum is between the sampled sets",
         (
             f"{value.parameter} at {best.spot}: set {value.value:.4g}, optimum {value.optimum:.4g}"
@@ -427,7 +406,8 @@ def _about_failures(data: ReportData) -> Iterator[ReportWarning]:
     n_failed = reasons["n"].sum()
     if n_failed > FAILED_SHARE * n_jobs:
         first = reasons.row(0, named=True)
-        yield ReportWarning(
+        yield warn(
+            "failed-simulations",
             f"{n_failed} of {n_jobs} simulations could not be ranked",
             f"Most often ({first['n']}): {first['reason'] or first['status']}. "
             f"What to try: {first['remedy']}.",
@@ -437,20 +417,24 @@ def _about_failures(data: ReportData) -> Iterator[ReportWarning]:
 def _about_simulations(data: ReportData) -> Iterator[ReportWarning]:
     messages = [part for row in data.fit.ends.iter_rows(named=True) for part in row["message"].split("; ")]
     known = (m for m in messages if m not in ("converged", UNSETTLED) and not m.startswith((UNSEEN, WIDENED)))
-    yield from _listed("A range was widened", dict.fromkeys(m for m in messages if m.startswith(WIDENED)))
-    yield from _listed("Not every search converged", () if data.unfinished else dict.fromkeys(known))
+    widened = dict.fromkeys(m for m in messages if m.startswith(WIDENED))
+    yield from _listed("range-widened", "A range was widened", widened)
+    ended = () if data.unfinished else dict.fromkeys(known)
+    yield from _listed("not-converged", "Not every search converged", ended)
     failed = [row for row in data.verification.iter_rows(named=True) if not row["passed"]]
     yield from _listed(
+        "failed-verification",
         f"{len(failed)} of {len(data.verification)} selected sets failed verification",
         [f"{row['spot']}, set {row['set_id']}: {row['message']}" for row in failed],
     )
     for file, comparison in data.comparisons.items():
         if not isinstance(comparison, Mapping) or comparison.get("passed") is not True:
             why = f"See the rows of {file} under provenance."
-            yield ReportWarning("The solvers were not found to agree", why)
+            yield warn("solvers-disagree", "The solvers were not found to agree", why)
     n_parameters, n_sets = len(data.design.parameters), min(data.completeness.simulated.values())
     if n_sets < FEW_SETS * n_parameters and data.fit.table.is_empty():
-        yield ReportWarning(
+        yield warn(
+            "thin-sweep",
             f"A thin sweep: {n_sets} sets for {n_parameters} parameters",
             "The best set is the best of few; raise n_sets, or name a search under [fit].",
         )
@@ -458,13 +442,15 @@ def _about_simulations(data: ReportData) -> Iterator[ReportWarning]:
 
 def _about_conventions(data: ReportData) -> Iterator[ReportWarning]:
     if getattr(data.study.scoring.score.settings, "normaliser", "") == "mean":
-        yield ReportWarning(
+        yield warn(
+            "mean-normaliser",
             "NMSE is over the mean of the measured curve",
             "Over a path to both sides, such as a twist, that is close to zero, and inflates the error.",
         )
     for region in data.study.space.regions:
         if region.convention != "textbook":
-            yield ReportWarning(
+            yield warn(
+                "convention",
                 f"Coefficients of {region.region} are in the convention '{region.convention}'",
                 f"The textbook's {region.material.name} has other numbers for the same material.",
             )

@@ -21,6 +21,7 @@ from palpate.api.runs import file_name
 from palpate_report.answer.card import IN_THE_OPEN, quality
 from palpate_report.answer.material import material_curves, rows_of
 from palpate_report.answer.result import Report
+from palpate_report.answer.warnings import kinds
 from palpate_report.data.best import Best
 from palpate_report.data.marks import Headline, with_unit
 from palpate_report.data.report_data import ReportData
@@ -74,6 +75,10 @@ class Warnings(Section):
             yield _listing(more)
         if notes:
             yield Fold(f"Notes on scenarios that are not reported ({len(notes)})", [_listing(notes)])
+        codes = dict.fromkeys(each.code for each in (*warnings, *notes) if each.code)
+        if codes:
+            explained = Listing([(f"{code}:", " ".join(kinds()[code].values())) for code in codes])
+            yield Fold("Explanation of the codes", [explained])
 
     def result(self, data: ReportData, report: Report) -> str:
         """Number of warnings and of notes."""
@@ -83,7 +88,10 @@ class Warnings(Section):
 
 
 def _listing(warnings: Sequence[ReportWarning]) -> Listing:
-    return Listing([(f"{warning.what}.", warning.why) for warning in warnings])
+    codes = (f" [{warning.code}]" if warning.code else "" for warning in warnings)
+    return Listing(
+        [(f"{each.what}.", f"{each.why}{code}") for each, code in zip(warnings, codes, strict=True)]
+    )
 
 
 class Values(Section):
