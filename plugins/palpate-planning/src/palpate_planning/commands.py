@@ -158,10 +158,9 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
     from palpate_report.api import rows_in_display_units
 
     tables = proposal_tables(found)
-    if found.failed_checks:
-        failed = ", ".join(found.failed_checks)
+    if found.failure:
         session.paragraph(
-            f"The model does not describe the data ({failed}), so the expected errors would mislead."
+            f"The model does not describe the data ({found.failure}), so the expected errors would mislead."
             f" First repeat the press at {found.check} as it was: if its curves repeat, the model is "
             "wrong, else the measurement. Presses to make if the model were right:"
         )

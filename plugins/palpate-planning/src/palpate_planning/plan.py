@@ -352,10 +352,10 @@ class Proposal:
         One after the other.
     refused : mapping of name to str
         Candidates that cannot be simulated or are beyond a limit, and why.
-    failed_checks : tuple of str
-        What says that the model does not describe the data.
+    failure : str
+        Reason of the run's answer why its model does not describe the data; empty where it does.
     check : str
-        Spot whose press should be repeated first, where a check has failed; else empty.
+        Spot whose press should be repeated first in that case.
     """
 
     goal: Goal
@@ -363,7 +363,7 @@ class Proposal:
     before: ExpectedError
     steps: tuple[Step, ...]
     refused: Mapping[str, str]
-    failed_checks: tuple[str, ...] = ()
+    failure: str = ""
     check: str = ""
 
     def intervals(self) -> list[tuple[FloatArray, FloatArray]]:

@@ -154,6 +154,11 @@ def propose(
             if len(presses) < n_allowed:
                 progress.note(f"{len(presses)} of {n_allowed} presses, which take no longer than the run did")
             found = stage.run(presses, replace(options, n_points=n_points, is_quick=False), limits)
+            reported = run.answer().filter("reported").head(1)
+            if reported["model"].to_list() == [Adequacy.FAILS]:
+                worst = run.fit().joint(study.generalise_by).sort("fopt")["spot"].to_list()
+                check = worst[-1] if worst else study.spot_names[0]
+                found = replace(found, failure=reported["reason"][0], check=check)
             run.directory.write_proposal(for_robot(found, run.limbs))
             return found
     limbs, directory = load_limbs(study), RunDirectory(run_folder)
@@ -215,9 +220,7 @@ class PlanningStage:
         check_options(design, options)
         self.progress.begin("fit again", 0)
         so_far, points = presses_so_far(design, self._points(options.n_points or MOST_POINTS))
-        found = choose_presses(design, so_far, presses, points, options, limits)
-        failed_checks = tuple(check.name for check in self.assessed.checks if check.verdict is Adequacy.FAILS)
-        return replace(found, failed_checks=failed_checks, check=self._worst_spot() if failed_checks else "")
+        return choose_presses(design, so_far, presses, points, options, limits)
 
     def design(self) -> DesignProblem:
         """Knowledge before the press."""
@@ -260,16 +263,6 @@ class PlanningStage:
         points = np.concatenate([self._best.point[None], drawn])
         accepted: FloatArray = points[problem.accepts(points)]
         return accepted
-
-    def _worst_spot(self) -> str:
-        """Spot whose curves the joint fit describes worst."""
-        residuals = self._best.residuals
-        assert residuals is not None
-        sizes, at = {}, 0
-        for term in self.assessed.end.problem.terms:
-            sizes[term.spot] = float(np.sum(residuals[at : at + term.n_points] ** 2))
-            at += term.n_points
-        return max(sizes, key=lambda spot: sizes[spot])
 
 
 def check_options(design: DesignProblem, options: PlanOptions) -> None:

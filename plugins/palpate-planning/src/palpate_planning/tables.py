@@ -31,7 +31,7 @@ class ProposalOutput(Closed):
     ranking: list[Row]
     protocols: dict[str, dict[str, Any]]
     refused: list[Row]
-    failed_checks: list[str]
+    failure: str | None
     check_spot: str | None
     warnings: list[str]
 
@@ -214,7 +214,7 @@ def for_robot(proposal: Proposal, limbs: Mapping[str, Limb]) -> dict[str, Any]:
             each.press.press.name: dict(each.press.press.keys) for each in proposal.steps[0].ranked
         },
         "refused": tables.refused.to_dicts(),
-        "failed_checks": list(proposal.failed_checks),
+        "failure": proposal.failure or None,
         "check_spot": proposal.check or None,
     }
 
