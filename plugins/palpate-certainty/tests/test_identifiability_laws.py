@@ -6,7 +6,7 @@ from hypothesis import assume, given, strategies as st
 from scipy.optimize import minimize
 
 from palpate_certainty.emulator import NO_SLOPES, GaussianProcess
-from palpate_certainty.identifiability import LEAST_Q2, QuadraticForm, together
+from palpate_certainty.identifiability import LEAST_Q2, QuadraticForm
 
 SEEDS = st.integers(0, 2**32 - 1)
 
@@ -86,15 +86,3 @@ def test_a_parameter_without_effect_reaches_across_its_range(seed, curved, noise
     missed = float((process.left_out**2).sum(axis=1).mean())
     low, high = form.interval(2, least + max(least, missed, 1e-6 * float(np.median(fopt))))
     assert high - low > 0.8
-
-
-@given(seed=SEEDS)
-def test_two_forms_together_are_no_less_than_each_alone(seed):
-    random = np.random.default_rng(seed)
-    forms = [
-        QuadraticForm(matrix=random.normal(size=(2, 2)), offset=random.normal(size=2), rest=0.1)
-        for _ in range(2)
-    ]
-    alone = [form(form.minimum()) for form in forms]
-    assert together([(0.5, form) for form in forms]) >= np.mean(alone) - 1e-9
-    assert together([(1.0, forms[0])]) == pytest.approx(alone[0], rel=1e-6)

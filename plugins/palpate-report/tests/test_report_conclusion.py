@@ -255,26 +255,6 @@ def test_a_set_that_does_not_fit_is_reported_first_instead_of_parameters(content
     assert conclusion(alone).lead.startswith("No parameters can be read")
 
 
-def test_channels_that_disagree_are_named_with_values_and_typical_causes(content):
-    made = content()
-    assert made.table("disagreements").is_empty()
-    row = {
-        "spot": "p1", "first": "torque", "second": "force", "parameter": "soft_tissue.stiffness",
-        "unit": "MPa", "first_optimum": 0.5, "second_optimum": 0.4,
-    }  # fmt: skip
-    apart = with_tables(made, disagreements=pl.DataFrame([row]))
-    why = about(apart, "Torque and force disagree")
-    assert why.startswith("stiffness at p1: 0.5 by torque, 0.4 by force MPa.")
-    assert "offset of the depth" in why
-    nothing_seen = (
-        made.table("disagreements")
-        .clear(1)
-        .with_columns(spot=pl.lit("p1"), first=pl.lit("torque"), second=pl.lit("force"))
-    )
-    why = about(with_tables(made, disagreements=nothing_seen), "Torque and force disagree")
-    assert why.startswith("At p1. No set fits both")
-
-
 def test_weights_that_are_not_1_are_shown_with_their_channels():
     assert weighted_channels(Scenario(name="a", weights={"force": 1.0, "torque": 1.0})) == "force + torque"
     mixed = Scenario(name="a", weights={"force": 0.7, "torque": 0.3, "slide": 0.0})

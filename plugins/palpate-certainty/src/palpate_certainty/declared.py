@@ -156,17 +156,6 @@ DECLARED: Mapping[str, Mapping[str, StageTable]] = MappingProxyType(
         },
         "identifiability": {
             "identifiability": ASSESSED["identifiability"],
-            "disagreements": StageTable(
-                "Pairs of scenarios that no set fits about as well as each alone, by parameter.",
-                {
-                    **common("spot"),
-                    "first": TableColumn("Channels of one scenario.", pl.String),
-                    "second": TableColumn("Channels of the other scenario.", pl.String),
-                    **common("parameter", "unit"),
-                    "first_optimum": TableColumn("Optimum by the one.", unit=OF_ROW),
-                    "second_optimum": TableColumn("Optimum by the other.", unit=OF_ROW),
-                },
-            ),
         },
     }
 )

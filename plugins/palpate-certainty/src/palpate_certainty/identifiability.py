@@ -6,10 +6,9 @@ a quadratic over the box of the ranges: the interval of a parameter ends where i
 other parameters adjusted. It needs no further simulation.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -36,9 +35,6 @@ from palpate_certainty.emulator import Emulator, Runs
 
 FLOOR = 1e-6
 """Smallest threshold, as a share of the median Fopt: simulated curves are not exact."""
-
-APART = 0.05
-"""Share of a range by which two fits must differ to be called in disagreement."""
 
 LEAST_Q2 = 0.8
 """Smallest share of the curves' variation that is predicted at sets left out of the emulator."""
@@ -85,11 +81,8 @@ def assess_identifiability(
         spots = of_all["spot"].to_list()
         best = of_all.row(0, named=True) | {"fopt": of_all["fopt"].mean()}
         cases.append(curves.case(ALL_SPOTS, scenarios[study.generalise_by], spots, best, fit))
-    found = {
-        "identifiability": [row for case in cases for row in case.rows()],
-        "disagreements": [row for a, b in combinations(cases, 2) for row in _disagreement(a, b)],
-    }
-    return {name: DECLARED["identifiability"][name].frame(rows) for name, rows in found.items()}
+    table = DECLARED["identifiability"]["identifiability"]
+    return {"identifiability": table.frame([row for case in cases for row in case.rows()])}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -148,15 +141,6 @@ class QuadraticForm:
         widths = np.sqrt(np.diag(covariance))
         correlation: FloatArray = covariance / np.outer(widths, widths)
         return correlation
-
-
-def together(forms: Iterable[tuple[float, QuadraticForm]]) -> float:
-    """Least value over the box of the sum of weight · Fopt of several forms."""
-    weighted = list(forms)
-    matrix = np.concatenate([np.sqrt(weight) * form.matrix for weight, form in weighted])
-    offset = np.concatenate([np.sqrt(weight) * form.offset for weight, form in weighted])
-    u = _least_in_box(matrix, offset)
-    return sum(weight * form(u) for weight, form in weighted)
 
 
 def _least_in_box(matrix: FloatArray, offset: FloatArray) -> FloatArray:
@@ -296,12 +280,6 @@ class _Fit:
     margin: float
     q2: float
 
-    def beyond(self) -> QuadraticForm:
-        """Fopt above the least, in margins: up to 1 a set is about as good."""
-        scale = np.sqrt(self.margin)
-        rest = (self.form.rest - self.least) / self.margin
-        return QuadraticForm(matrix=self.form.matrix / scale, offset=self.form.offset / scale, rest=rest)
-
 
 @dataclass(frozen=True, kw_only=True)
 class _Case:
@@ -415,33 +393,6 @@ class _Case:
             "most_correlated_with": None if partner is None else self.parameters[partner].name,
             "correlation": None if partner is None else correlation[i, partner],
         }
-
-
-def _disagreement(a: _Case, b: _Case) -> Iterator[dict[str, Any]]:
-    """Rows on two fits at a spot that have no point in common, where no set is about as good in both."""
-    channels = [list(case.scenario.weighed) for case in (a, b)]
-    is_shared = any(map(a.scenario.fits, channels[1])) or any(map(b.scenario.fits, channels[0]))
-    if a.spot != b.spot or is_shared or not (a.is_usable and b.is_usable):
-        return
-    fits = [case.fit for case in (a, b) if case.fit is not None]
-    first, second = (fit.beyond() for fit in fits)
-    if max(together([(w, first), (1.0 - w, second)]) for w in np.linspace(0.05, 0.95, 19)) <= 1.0:
-        return
-    by_name = [{row["parameter"]: row for row in case.rows()} for case in (a, b)]
-    seen = [
-        (i, parameter)
-        for i, parameter in enumerate(a.parameters)
-        if all(rows[parameter.name]["identifiability"] != "not" for rows in by_name)
-    ]
-    if seen and max(abs(fits[0].optimum[i] - fits[1].optimum[i]) for i, _ in seen) <= APART:
-        return
-    head = {"spot": a.spot, "first": " + ".join(channels[0]), "second": " + ".join(channels[1])}
-    if not seen:
-        yield head
-    for _, parameter in seen:
-        optima = (rows[parameter.name]["optimum"] for rows in by_name)
-        values = dict(zip(("first_optimum", "second_optimum"), optima, strict=True))
-        yield {**head, "parameter": parameter.name, "unit": parameter.unit, **values}
 
 
 def _scaled(parameters: tuple[Parameter, ...], values: FloatArray) -> FloatArray:

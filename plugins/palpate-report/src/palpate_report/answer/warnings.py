@@ -21,7 +21,6 @@ from palpate.api.runs import (
 )
 from palpate_report.answer.failed_checks import apparent, failed_checks, left_out
 from palpate_report.data.best import Best
-from palpate_report.data.marks import with_unit
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import cost_of_one_set, finding
 
@@ -36,12 +35,6 @@ CHECK = (
     "the ranges and the number of sets."
 )
 """What to do about a set that does not fit."""
-
-CAUSES = (
-    "an offset of the depth, compliance of the robot or the mount, bias of a sensor, a lag between motion "
-    "and force, a wrong friction, "
-)
-"""Why force and torque of a press may disagree."""
 
 FAILED_SHARE = 0.1
 """Share of simulations without a rank from which it is a warning."""
@@ -102,7 +95,6 @@ def report_warnings(
     )
     yield from _about_one_set(data)
     yield from _about_failures(data)
-    yield from _about_disagreement(data)
     reported = [best for best in bests if best.is_reported] or list(bests)
     yield from _about_ends(data, reported, "Best")
     yield from _about_identifiability(data)
@@ -263,25 +255,6 @@ def _about_origins(data: ReportData) -> Iterator[ReportWarning]:
             f"Results of earlier code are accepted: {', '.join(names)}",
             "Simulations of the sweep were made with other code than the local search and the verification. "
             "Run in a new folder to have all of the same code.",
-        )
-
-
-def _about_disagreement(data: ReportData) -> Iterator[ReportWarning]:
-    if data.table("disagreements").is_empty():
-        return
-    causes = "" if data.study.protocol is None else CAUSES
-    for (first, second), rows in data.table("disagreements").group_by("first", "second", maintain_order=True):
-        values = [
-            f"{data.brief[row['parameter']].name} at {row['spot']}: {row['first_optimum']:.4g} by {first}, "
-            + with_unit(f"{row['second_optimum']:.4g} by {second}", row["unit"])
-            for row in rows.drop_nulls("parameter").iter_rows(named=True)
-        ]
-        yield from _listed(
-            "channels-disagree",
-            f"{str(first).capitalize()} and {second} disagree".replace("_", " "),
-            values or [f"At {', '.join(rows['spot'].unique(maintain_order=True))}"],
-            "No set fits both about as well as each is fitted alone. "
-            f"Typical causes: {causes}a material law that cannot describe both.",
         )
 
 

@@ -190,7 +190,7 @@ class ReportData:
 
     def without_assessment(self) -> "ReportData":
         """The data of the sweep, and of the fit without its intervals."""
-        kept = {name: self.table(name) for name in ("identifiability", "disagreements")}
+        kept = {"identifiability": self.table("identifiability")}
         return replace(self, fit=self.fit.without_assessment(), tables=kept)
 
     @property
