@@ -256,14 +256,11 @@ def row_of(truth: Truth, found: Assessed) -> str:
 
 
 def held(row: np.ndarray, found: Assessed) -> np.ndarray:
-    """Which intervals, and the joint region, hold the truth: by all causes, then by the noise alone."""
+    """Which intervals, and the joint region, hold the truth."""
     box = found.end.problem.box
     at = (row - box.lower) / (box.upper - box.lower)
-    both = []
-    for density in (found.density, found.noise_only.within()):
-        low, high = density.interval(found.point)
-        both.append(np.append((low <= at) & (at <= high), density.holds(at)))
-    return np.stack(both)
+    low, high = found.density.interval(found.point)
+    return np.append((low <= at) & (at <= high), found.density.holds(at))
 
 
 def main() -> None:
@@ -291,9 +288,9 @@ def main() -> None:
             counts.append(held(truth.row, found))
     if counts:
         total = np.sum(counts, axis=0)
-        say(f"\n| 95 % interval of | holds the truth, of {len(counts)} | by the noise |\n|---|---|---|")
-        for name, of_all, of_noise in zip([*study.space.names, "joint region"], *total.tolist(), strict=True):
-            say(f"| {name} | {of_all} | {of_noise} |")
+        say(f"\n| 95 % interval of | holds the truth, of {len(counts)} |\n|---|---|")
+        for name, of_all in zip([*study.space.names, "joint region"], total.tolist(), strict=True):
+            say(f"| {name} | {of_all} |")
 
 
 if __name__ == "__main__":

@@ -33,7 +33,8 @@ def layout():
 def test_curves_that_belong_are_inside_as_often_as_the_band_says(monkeypatch):
     rng, rows = np.random.default_rng(5), layout()
     errors = NoiseModel(
-        of_lengths={(0.0, 0.35): ({0: 1e-4, 1: 2e-4}, {0: 4e-4, 1: 1e-4})}, correlations={(0.0, 0.35): 1.0}
+        of_lengths={(0.0, 0.35): ({0: 1e-4, 1: 2e-4}, {0: 4e-4, 1: 1e-4}, {0: 4e-4, 1: 1e-4})},
+        correlations={(0.0, 0.35): 1.0},
     )
     jacobian = rng.normal(size=(rows.spot.size, 3)) * rows.envelope[:, None] + np.array([1.0, 0.0, 0.5])
     gains = 0.02 * np.stack([rows.channel == 0, rows.channel == 1], axis=1) * rows.envelope[:, None]
@@ -57,7 +58,7 @@ def test_curves_that_belong_are_inside_as_often_as_the_band_says(monkeypatch):
         )
         terms = [SimpleNamespace(spot=spot) for spot in SPOTS]
         end = SimpleNamespace(problem=SimpleNamespace(terms=terms))
-        assessed = SimpleNamespace(linear=linear, end=end, errors=known_errors, is_like_fopt=False)
+        assessed = SimpleNamespace(linear=linear, end=end, errors=known_errors)
         inside += held_out(assessed)["inside"].to_list()
     assert np.mean(inside) == pytest.approx(BAND, abs=0.05)
 

@@ -191,8 +191,6 @@ ASSESSED = MappingProxyType(
             "Value and 95 % interval of each parameter.",
             {
                 **common("fit", "scenario", "parameter", "unit", "value", "lower", "upper"),
-                "noise_lower": TableColumn("Lower end by the noise alone.", unit=OF_ROW),
-                "noise_upper": TableColumn("Upper end by the noise alone.", unit=OF_ROW),
                 "relative_width": TableColumn("Width over the value or over the range, whichever is more."),
                 **common("identifiability"),
             },
@@ -207,6 +205,10 @@ ASSESSED = MappingProxyType(
                 "verdict": TableColumn("'describes', 'approximates' or 'does not describe'.", pl.String),
                 "difference": TableColumn("Largest difference from the channel over its peak; null for all."),
                 "r2": TableColumn("Least R² of a spot at the reported values; null for all."),
+                "visible": TableColumn(
+                    "Discrepancy of a law, as a standard deviation over the peak, that nine of ten such "
+                    "experiments show; null for all."
+                ),
                 **common("message"),
             },
         ),

@@ -1,6 +1,7 @@
 """The certainty of a study's fits: intervals, their causes, and whether the model describes the data."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -22,7 +23,16 @@ from palpate.api import (
 from palpate.api.executors import StoppedError
 from palpate.api.fit import Adequacy, Case, Fit, channel_of
 from palpate.api.runs import Study, relaxation_of
-from palpate_certainty.adequacy import Check, Closeness, checks, closeness_of, is_beyond, misfits
+from palpate_certainty.adequacy import (
+    Check,
+    Closeness,
+    checks,
+    closeness_of,
+    is_beyond,
+    misfits,
+    shape_of,
+)
+from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.error_sources import (
     MESH,
     Columns,
@@ -33,13 +43,11 @@ from palpate_certainty.error_sources import (
     mesh_errors,
 )
 from palpate_certainty.likeliest import likeliest
-from palpate_certainty.linear_problem import PRIORS, LinearProblem, errors_of, linearised
+from palpate_certainty.linear_problem import PRIORS, LinearProblem, ResidualErrors, errors_of, linearised
 from palpate_certainty.mesh_error import SpotMesh, is_stated
 from palpate_certainty.noise_model import ResidualLayout, layout_of
 from palpate_certainty.profiles import planes_of_fits
 from palpate_certainty.tables import Assessed, certainty_tables, density_of, most_likely
-
-NONE: Mapping[ErrorSource, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,45 +84,34 @@ class Assessment:
         by = next((c for c in ended if c.scenario.name == self.study.generalise_by), None)
         if by is None:
             return []
-        try:
+        found: list[Assessed] = []
+        with self._noting("intervals"):
             self._check_score(by)
             columns, failures = self.columns(by)
-            first = self.assess(by, columns, failures)
-        except StoppedError:
-            raise
-        except (PalpateError, np.linalg.LinAlgError) as error:
-            self.progress.note(f"warning: no intervals: {error}")
-            return []
-        others = [] if joint_only else [case for case in ended if case is not by]
-        found = [
-            first,
-            *(each for case in others if (each := self._assessed(case, columns, failures, first))),
-        ]
+            found.append(self.assess(by, columns, failures))
+        for case in ended if found and not joint_only else ():
+            if case is not by:
+                with self._noting(f"intervals for {case.label}, scenario {case.scenario.name}"):
+                    found.append(self.assess(case, columns, failures, found[0]))
         return sorted(found, key=lambda each: ended.index(each.case))
 
     def profile_planes(
         self, assessed: Sequence[Assessed], design: Design, swept: Sequence[Simulation]
     ) -> pl.DataFrame:
         """Fopt of the joint fits in the planes of the parameters; empty where there is no emulator."""
-        try:
+        with self._noting("contours of Fopt"):
             return planes_of_fits(assessed, design, swept, main=self.study.generalise_by)
-        except StoppedError:
-            raise
-        except (PalpateError, np.linalg.LinAlgError) as error:
-            self.progress.note(f"warning: no contours of Fopt: {error}")
-            return pl.DataFrame()
+        return pl.DataFrame()
 
-    def _assessed(
-        self, case: Case, columns: Columns, failures: Mapping[ErrorSource, str], first: Assessed
-    ) -> Assessed | None:
+    @contextmanager
+    def _noting(self, what: str) -> Iterator[None]:
+        """Warn that there is no ``what`` where it cannot be made."""
         try:
-            return self.assess(case, columns, failures, first)
+            yield
         except StoppedError:
             raise
         except (PalpateError, np.linalg.LinAlgError) as error:
-            where = f"{case.label}, scenario {case.scenario.name}"
-            self.progress.note(f"warning: no intervals for {where}: {error}")
-            return None
+            self.progress.note(f"warning: no {what}: {error}")
 
     def columns(self, case: Case) -> tuple[Columns, dict[ErrorSource, str]]:
         """Change of each curve by one standard deviation of each cause, and why some have no derivative."""
@@ -132,7 +129,7 @@ class Assessment:
         self,
         case: Case,
         columns: Columns,
-        failures: Mapping[ErrorSource, str] = NONE,
+        failures: Mapping[ErrorSource, str] = MappingProxyType({}),
         first: Assessed | None = None,
     ) -> Assessed:
         """Assess a case, with curves that are linear around the end of its fit, or around likelier values.
@@ -141,63 +138,61 @@ class Assessment:
         where Fopt weighs the curves, the fit has ended there. With a mesh, curves of a tissue that relaxes,
         which go with products of moduli and shares, are linear once more around the most likely values.
         """
-        found = self._linearised(case, columns, failures, first)
-        if found.is_like_fopt:
+        assert case.end is not None
+        points = self._points(case.end, columns, first, None)
+        found = self._weighed(case, points, failures, first)
+        if found.linear.is_like_fopt:
             return found
         if not self.study.solver.provides.mesh:
-            found = self._linearised(case, columns, failures, found, likeliest(found), is_likeliest=True)
+            likely = likeliest(found)
+            there = self._points(case.end, columns, found, likely)
+            found = self._weighed(case, there, failures, found, likely, is_likeliest=True)
         elif self.study.relaxes:
-            found = self._linearised(case, columns, failures, first, found)
-        if _leaves_a_curve(found):
-            return self._linearised(case, columns, failures, first, like_fopt=True)
+            there = self._points(case.end, columns, first, found)
+            found = self._weighed(case, there, failures, first, found)
         return found
 
-    def _linearised(
+    def _weighed(
         self,
         case: Case,
-        columns: Columns,
+        points: LinearProblem,
         failures: Mapping[ErrorSource, str],
         first: Assessed | None,
         again: Assessed | None = None,
         *,
         is_likeliest: bool = False,
-        like_fopt: bool = False,
     ) -> Assessed:
         """Assess a case: its covariance, and whether the model describes its data.
-
-        Curves are taken as linear around the end of the fit, or around other values.
 
         Parameters
         ----------
         case : Case
-        columns : Columns
-            Of the causes that could be simulated.
+        points : LinearProblem
+            Of every measured point, around the end of the fit or around other values.
         failures : mapping of ErrorSource to str
-            Why the others could not.
+            Why some causes could not be simulated.
         first : Assessed, optional
             One whose noise and discrepancy are those of this one too, if it has all of its channels: errors
             of some curves are no smaller because others are left out.
         again : Assessed, optional
-            One of the same case, around whose values curves are linear. What a curve misses is that of the
-            fit.
+            One of the same case, around whose values curves are linear; its misfits count.
         is_likeliest : bool
             Whether these values are the most likely ones.
-        like_fopt : bool
-            Whether the curves count as in Fopt, as they do where the model differs by more than its errors.
         """
         end = case.end
         assert end is not None
         assert end.best is not None
-        points = self._points(end, columns, first, again)
         linear = points.averaged()
         errors = errors_of(linear, first.errors if first else None)
         missed = again.misfits if again else misfits(points, linear, errors)
-        like_fopt |= any(is_beyond(each, linear.expected[channel]) for channel, each in missed.items())
-        of_all, in_range = linear.weighed(errors, is_likeliest=is_likeliest, like_fopt=like_fopt)
+        shape = again.shape if again else shape_of(linear, errors)
+        if shape[0] < ASSUMED.unusual or any(is_beyond(m, linear.expected[i]) for i, m in missed.items()):
+            linear, errors = linear.like_fopt(errors)
+        of_all, in_range = linear.weighed(errors, is_likeliest=is_likeliest)
         density = density_of(of_all, end.problem)
         point = most_likely(of_all, density, end.problem)
-        close = _closeness(end, points, point)
-        made = checks(missed, linear.expected, close, errors.alike, of_all.in_ranges)
+        close = _closeness(end, points, point, errors)
+        made = checks(missed, linear.expected, close, shape, errors.alike, of_all.in_ranges)
         return Assessed(
             case=case,
             end=end,
@@ -207,8 +202,8 @@ class Assessment:
             laplace=of_all,
             in_range=in_range,
             density=density,
-            is_like_fopt=like_fopt,
             misfits=missed,
+            shape=shape,
             checks=(*made, *self._relaxation(case)),
             mesh_errors=tuple(self._mesh_errors(end, points)),
             has_usual_mesh_error=self._has_usual_mesh_error(end),
@@ -300,18 +295,16 @@ class Assessment:
         return known | {PRIORS: np.diag(np.where(rows.channel < 0, end.problem.noise, 0.0))}
 
 
-def _leaves_a_curve(found: Assessed) -> bool:
-    """True if the weights of errors lead away from a channel that the fit approximates."""
-    residuals = found.end.at_end().residuals
-    assert residuals is not None
-    at_fit = closeness_of(residuals, found.end.problem.terms, found.linear.channels)
-    close = {check.channel: check.closeness for check in found.checks if check.closeness is not None}
-    return any(at_fit[channel].is_close and not each.is_close for channel, each in close.items())
+def _closeness(
+    end: Fit, points: LinearProblem, point: FloatArray, errors: ResidualErrors
+) -> Mapping[int, Closeness]:
+    """Closeness of the curves at the most likely values to each measured channel.
 
-
-def _closeness(end: Fit, points: LinearProblem, point: FloatArray) -> Mapping[int, Closeness]:
-    """Closeness of the curves at the most likely values to each measured channel."""
+    Where spots differ, each is at values of its own.
+    """
     there = points.residuals + points.jacobian @ (point - points.point)
+    if errors.between is not None:
+        there = points.residuals + errors.between.changes(points.jacobian, points.rows)
     return closeness_of(there, end.problem.terms, points.channels)
 
 

@@ -57,6 +57,14 @@ class SpotDifferences:
             [jacobian[:, self.shared] * self.sd * inside[:, None] for inside in _spots(rows)], axis=1
         )
 
+    def changes(self, jacobian: FloatArray, rows: ResidualLayout) -> FloatArray:
+        """Change of the residuals (n,) from the joint fit to the own values of each spot."""
+        each = zip(self.own, _spots(rows), strict=True)
+        changes: FloatArray = sum(
+            (inside * (jacobian[:, self.shared] @ own) for own, inside in each), np.zeros(rows.spot.size)
+        )
+        return changes
+
     def freedom_with(self, share: FloatArray, others: float) -> float:
         """Least degrees of freedom of variances of this ``share``, the rest with others (Satterthwaite)."""
         inverse = share**2 / self.freedom + (1.0 - share) ** 2 / others

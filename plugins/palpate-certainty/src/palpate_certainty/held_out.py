@@ -13,8 +13,8 @@ import polars as pl
 import scipy
 
 from palpate.api import BoolArray, FloatArray
-from palpate_certainty.between_spots import SPOTS, same_spot
-from palpate_certainty.laplace import FLAT_SD, estimator, weights_of
+from palpate_certainty.between_spots import SPOTS
+from palpate_certainty.laplace import FLAT_SD, estimator
 from palpate_certainty.linear_problem import errors_without
 from palpate_certainty.tables import Assessed
 
@@ -83,10 +83,8 @@ def _predicted(assessed: Assessed, out: BoolArray) -> tuple[FloatArray, FloatArr
     errors, rest = errors_without(linear, kept, assessed.errors), linear.only(kept)
     covariance, scores = linear.covariance(errors), rest.scores
     of_scores = scores.T @ covariance[np.ix_(kept, kept)] @ scores
-    together = None if errors.between is None else same_spot(scores, rest.rows)
-    weighed_by = weights_of(of_scores, together, like_fopt=assessed.is_like_fopt)
     prior = np.eye(linear.point.size) / FLAT_SD**2
-    of_point, step = estimator(scores.T @ rest.jacobian, weighed_by, prior)
+    of_point, step = estimator(scores.T @ rest.jacobian, of_scores * rest.together(errors), prior)
     through = step @ scores.T
     # Where the others tell nothing, a value is anywhere in its range.
     moved = -through @ rest.residuals - of_point @ prior @ (linear.point - 0.5)

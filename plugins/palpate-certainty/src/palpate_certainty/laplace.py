@@ -5,8 +5,9 @@ orthonormal columns U that span its slopes. The scores of all curves, with slope
 are weighed by what they may be wrong by (generalised method of moments: Hansen, Econometrica 50, 1982): the
 information is Gᵀ(UᵀCU)⁻¹G, and one step leads from the fit to the most likely values. Fopt's weights and zero
 are among these, so that no further curve takes information away. Weights of single points (generalised least
-squares) would rest on the shape of each error as well. Where the model differs from the curves by more than
-its stated errors, these are no weights, and Fopt's stay. What is outside of the ranges is cut off.
+squares) would rest on the shape of each error as well. Scores that span the slopes of all curves together
+are those of Fopt itself: as many as parameters, whatever weighs them. What is outside of the ranges is cut
+off.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -61,11 +62,6 @@ class Laplace:
         variance = np.diag(self.covariance)
         # Rounding may make a part less than nothing.
         return {name: np.maximum(np.diag(part) / variance, 0.0) for name, part in self.parts.items()}
-
-    def by(self, *causes: str) -> "Laplace":
-        """Normal density by some of the causes alone, whose scale is known."""
-        parts = {name: self.parts[name] for name in causes}
-        return replace(self, covariance=np.sum(list(parts.values()), axis=0), parts=parts, freedom=np.inf)
 
     @property
     def sd(self) -> FloatArray:
@@ -182,8 +178,7 @@ def laplace(
     *,
     range_sd: float = RANGE_SD,
     freedom: float = np.inf,
-    together: FloatArray | None = None,
-    like_fopt: bool = False,
+    together: FloatArray | float = 1.0,
 ) -> Laplace:
     """Density around the most likely values, and the part of each cause in its covariance.
 
@@ -202,32 +197,20 @@ def laplace(
         Standard deviation of each parameter before any curve; infinite for none.
     freedom : float
         Degrees of freedom of the errors' scale.
-    together : (k, k) array, optional
+    together : (k, k) array or 1
         1 for scores that are weighed by their common errors, else 0; by default all are.
-    like_fopt : bool
-        Whether all scores have one weight, as in Fopt: the errors are not known well enough to weigh by them.
     """
     parts = {name: _gram(scores.T @ factor) for name, factor in causes.items()}
     slopes = scores.T @ jacobian
     total = np.sum(list(parts.values()), axis=0)
-    weighed_by = weights_of(total, together, like_fopt=like_fopt)
     prior = np.eye(jacobian.shape[1]) / range_sd**2
-    of_weights, through = estimator(slopes, weighed_by, prior)
+    of_weights, through = estimator(slopes, total * together, prior)
     made = {name: through @ part @ through.T for name, part in parts.items()}
     made[RANGE] = of_weights @ prior @ of_weights
-    is_efficient = together is None and not like_fopt
-    covariance = of_weights if is_efficient else np.sum(list(made.values()), axis=0)
+    covariance = np.sum(list(made.values()), axis=0)
     centre = point - through @ (scores.T @ residuals)
     symmetric = (covariance + covariance.T) / 2.0
     return Laplace(centre=centre, covariance=symmetric, parts=made, freedom=freedom)
-
-
-def weights_of(covariance: FloatArray, together: FloatArray | None, *, like_fopt: bool) -> FloatArray:
-    """Covariance (k, k) by which scores are weighed; arguments as of :func:`laplace`."""
-    if like_fopt:
-        even: FloatArray = np.eye(len(covariance)) * np.trace(covariance) / len(covariance)
-        return even
-    return covariance if together is None else covariance * together
 
 
 def estimator(slopes: FloatArray, covariance: FloatArray, prior: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -83,6 +83,8 @@ class LinearProblem:
         Discrepancy that the study expects, over the largest ordinate.
     groups : (n, n_points) array
         As :func:`~palpate_certainty.noise_model.groups_of` returns them, where residuals are averages.
+    is_like_fopt : bool
+        The curves count as in Fopt, for the model differs from them by more than its stated errors.
     """
 
     point: FloatArray
@@ -93,6 +95,7 @@ class LinearProblem:
     channels: tuple[str, ...]
     expected: Mapping[int, float]
     groups: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+    is_like_fopt: bool = False
 
     @property
     def n_points(self) -> IntArray:
@@ -136,8 +139,21 @@ class LinearProblem:
 
     @cached_property
     def scores(self) -> FloatArray:
-        """Orthonormal columns (n, m) that span the slopes of each curve."""
-        return scores_of(self.jacobian, self.rows.curve)
+        """Orthonormal columns (n, m) that span the slopes of each curve, or of all curves as one."""
+        curves = np.zeros_like(self.rows.curve) if self.is_like_fopt else self.rows.curve
+        return scores_of(self.jacobian, curves)
+
+    def together(self, errors: ResidualErrors) -> FloatArray | float:
+        """1 for pairs of scores that are weighed by their common errors, else 0."""
+        is_one = errors.between is None or self.is_like_fopt
+        return 1.0 if is_one else same_spot(self.scores, self.rows)
+
+    def like_fopt(self, errors: ResidualErrors) -> tuple[Self, ResidualErrors]:
+        """Problem whose curves count as in Fopt, and its errors: the discrepancy is as large as it may be."""
+        noise = errors.noise.at_most
+        free = self.free if errors.between is None else _free_by_spot(self)
+        scale = error_scale(self.residuals, free, self.stated, self.rest(noise))
+        return replace(self, is_like_fopt=True), replace(errors, noise=noise, scale=scale)
 
     @property
     def has_shared(self) -> bool:
@@ -172,19 +188,14 @@ class LinearProblem:
         noise, discrepancy = model.covariances(self.rows)
         return noise + discrepancy
 
-    def weighed(
-        self, errors: ResidualErrors, *, is_likeliest: bool = False, like_fopt: bool = False
-    ) -> tuple[Laplace, Laplace]:
+    def weighed(self, errors: ResidualErrors, *, is_likeliest: bool = False) -> tuple[Laplace, Laplace]:
         """Density of the parameters by all errors, and one where each is known to be in its range.
 
         Parameters
         ----------
         is_likeliest : bool
             Whether ``point`` is the most likely one, from which no step leads.
-        like_fopt : bool
-            As :func:`~palpate_certainty.laplace.laplace` takes it.
         """
-        together = None if errors.between is None else same_spot(self.scores, self.rows)
         missed = np.zeros_like(self.residuals) if is_likeliest else self.residuals
         density = partial(
             laplace,
@@ -194,8 +205,7 @@ class LinearProblem:
             self.columns(errors),
             self.scores,
             freedom=errors.scale.freedom,
-            together=together,
-            like_fopt=like_fopt,
+            together=self.together(errors),
         )
         of_all, in_range = density(), density(range_sd=FLAT_SD)
         if errors.between is not None:
@@ -228,7 +238,7 @@ def linearised(fit: Fit, at: FloatArray | None) -> tuple[FloatArray, FloatArray,
 def errors_of(linear: LinearProblem, first: ResidualErrors | None = None) -> ResidualErrors:
     """Sizes of the errors of a fit, with the differences between its spots where these are not alike.
 
-    They are then those of each spot with parameters of its own.
+    Each spot then has parameters of its own.
 
     Parameters
     ----------
@@ -283,6 +293,7 @@ def _sizes(
     noise = estimate(
         residuals, free, stated, linear.rows, expected=linear.expected, lengths=lengths, common=common
     )
+    noise = noise.at_most if linear.is_like_fopt else noise
     return ResidualErrors(noise=noise, scale=error_scale(residuals, free, stated, linear.rest(noise)))
 
 

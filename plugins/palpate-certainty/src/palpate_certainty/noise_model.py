@@ -189,17 +189,18 @@ class NoiseModel:
 
     Parameters
     ----------
-    of_lengths : mapping of (points, length) to (noise, discrepancy)
+    of_lengths : mapping of (points, length) to (noise, discrepancy, most)
         Of each pair of correlation lengths, of noise and discrepancy, the variances of both by the number of
         the channel, over the square of the largest ordinate, times the probability of the pair; and of the
-        discrepancy that is not seen.
+        discrepancy that is not seen. The discrepancy is the mean over its size, and at ``most`` one that
+        residuals do not exclude.
     correlations : mapping of (points, length) to float
         Probability of each pair.
     common : float
         Share of the discrepancy's variance that all sites have in common.
     """
 
-    of_lengths: Mapping[tuple[float, float], tuple[Mapping[int, float], Mapping[int, float]]]
+    of_lengths: Mapping[tuple[float, float], tuple[Mapping[int, float], ...]]
     correlations: Mapping[tuple[float, float], float]
     common: float = ASSUMED.common
 
@@ -213,10 +214,15 @@ class NoiseModel:
         """Standard deviation by channel, over the largest ordinate."""
         return self._sizes(1)
 
+    @property
+    def at_most(self) -> "NoiseModel":
+        """Model whose discrepancy is as large as the residuals do not exclude."""
+        return replace(self, of_lengths={key: (of[0], of[2], of[2]) for key, of in self.of_lengths.items()})
+
     def lengths(self, channel: int) -> dict[float, float]:
         """Share of the variance of a channel's discrepancy by correlation length."""
         found: dict[float, float] = {}
-        for (_, length), (_, variances) in self.of_lengths.items():
+        for (_, length), (_, variances, _) in self.of_lengths.items():
             found[length] = found.get(length, 0.0) + variances[channel]
         total = sum(found.values())
         return {length: variance / total for length, variance in found.items()}
@@ -228,7 +234,7 @@ class NoiseModel:
     def covariances(self, rows: ResidualLayout) -> tuple[FloatArray, FloatArray]:
         """Covariance (n, n) of residuals by noise, and that by discrepancy."""
         noise, discrepancy = np.zeros((2, rows.spot.size, rows.spot.size))
-        for (points, length), (of_noise, of_discrepancy) in self.of_lengths.items():
+        for (points, length), (of_noise, of_discrepancy, _) in self.of_lengths.items():
             for channel in rows.channels:
                 noise += of_noise[channel] * rows.noise(channel, points)
                 discrepancy += of_discrepancy[channel] * rows.discrepancy(channel, length, self.common)
@@ -292,15 +298,14 @@ def estimate(
     for weight, mode in zip(weights, modes, strict=True):
         if weight < LEAST:
             continue
-        squares = mode.squares.copy()
-        for i in range(k):
-            squares[k + i] = mode.likelihood.averaged(mode.squares, i)
-        both = (weight * squares).reshape(2, k)
-        noise, discrepancy = (dict(zip(channels, each.tolist(), strict=True)) for each in both)
-        of_lengths[mode.lengths], likely[mode.lengths] = (noise, discrepancy), float(weight)
-    seen = {channel: sum(of[channel] for _, of in of_lengths.values()) for channel in channels}
+        sizes = [mode.squares[:k], *np.transpose([mode.likelihood.sizes(mode.squares, i) for i in range(k)])]
+        of_lengths[mode.lengths] = tuple(
+            dict(zip(channels, (weight * each).tolist(), strict=True)) for each in sizes
+        )
+        likely[mode.lengths] = float(weight)
+    seen = {channel: sum(of[1][channel] for of in of_lengths.values()) for channel in channels}
     unseen = {channel: max(expected[channel] ** 2 - size, 0.0) for channel, size in seen.items()}
-    of_lengths[0.0, ASSUMED.unseen_length] = dict.fromkeys(channels, 0.0), unseen
+    of_lengths[0.0, ASSUMED.unseen_length] = dict.fromkeys(channels, 0.0), unseen, unseen
     return NoiseModel(
         of_lengths=of_lengths,
         correlations={lengths: weight / sum(likely.values()) for lengths, weight in likely.items()},
@@ -418,8 +423,8 @@ class _Likelihood:
         found = scipy.optimize.minimize(self._loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
         return np.exp(2.0 * found.x), -float(found.fun)
 
-    def averaged(self, squares: FloatArray, i: int) -> float:
-        """Mean square of the discrepancy of one channel."""
+    def sizes(self, squares: FloatArray, i: int) -> tuple[float, float]:
+        """Mean square of the discrepancy of one channel, and the largest that is not excluded."""
         sizes = self.expected[i] * SIZES
         sizes = sizes[sizes <= self.most[i]]
         logs = np.log(sizes)
@@ -430,7 +435,8 @@ class _Likelihood:
             values.append(-self._loss(0.5 * np.log(tried), slopes=False)[0])
         weights = np.exp(np.array(values) - max(values)) * np.gradient(logs)
         weights /= weights.sum()
-        return float(weights @ sizes**2)
+        most = float(np.interp(ASSUMED.not_excluded, np.cumsum(weights), sizes))
+        return float(weights @ sizes**2), max(most**2, float(weights @ sizes**2))
 
     def _loss(self, logs: FloatArray, slopes: bool = True) -> tuple[float, FloatArray]:
         squares = np.exp(2.0 * logs)

@@ -24,10 +24,11 @@ from palpate.api.fit import (
 )
 from palpate.api.runs import Study
 from palpate_certainty.adequacy import ALLOWED, Check, Misfit
+from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.declared import DECLARED
 from palpate_certainty.error_sources import MESH
-from palpate_certainty.laplace import RANGE, Density, Laplace
-from palpate_certainty.linear_problem import NOISE, PRIORS, LinearProblem, ResidualErrors
+from palpate_certainty.laplace import Density, Laplace
+from palpate_certainty.linear_problem import LinearProblem, ResidualErrors
 
 LEAST_POWER = 0.15
 """Power of a parameter, over the largest one, below which it is left out."""
@@ -107,9 +108,9 @@ class Assessed:
         The same, where every value is known to be within its range: as wide as the intervals.
     density : Density
         By all causes, within the ranges and the filters.
-    is_like_fopt : bool
-        The curves count as in Fopt, since the model differs from them by more than its stated errors.
     misfits : mapping of channel number to Misfit
+    shape : (float, mapping)
+        As :func:`~palpate_certainty.adequacy.shape_of` returns it.
     checks : tuple of Check
     mesh_errors : tuple of mapping
         Rows of :func:`~palpate_certainty.error_sources.mesh_errors`.
@@ -128,10 +129,10 @@ class Assessed:
     in_range: Laplace
     density: Density
     misfits: Mapping[int, Misfit]
+    shape: tuple[float, Mapping[int, float]]
     checks: tuple[Check, ...]
     mesh_errors: tuple[dict[str, Any], ...] = ()
     has_usual_mesh_error: bool = False
-    is_like_fopt: bool = False
     left_out: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -149,11 +150,6 @@ class Assessed:
     def verdict(self) -> Adequacy:
         """Verdict on the model: the worst of its checks."""
         return worst_of(check.verdict for check in self.checks)
-
-    @property
-    def noise_only(self) -> Laplace:
-        """Density by the noise alone."""
-        return self.laplace.by(NOISE, PRIORS, RANGE)
 
 
 def density_of(found: Laplace, problem: Problem) -> Density:
@@ -210,13 +206,9 @@ def _about(each: Assessed) -> dict[str, Any]:
 def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
     box = each.end.problem.box
     failed = bool(each.left_out) or each.verdict is Adequacy.FAILS
-    ends = [
-        box.lower + (box.upper - box.lower) * end
-        for of in (each.density, each.noise_only.within())
-        for end in of.interval(each.point)
-    ]
+    ends = [box.lower + (box.upper - box.lower) * end for end in each.density.interval(each.point)]
     for i, parameter in enumerate(box.parameters):
-        value, (lower, upper, *of_noise) = float(each.values[i]), (float(end[i]) for end in ends)
+        value, (lower, upper) = float(each.values[i]), (float(end[i]) for end in ends)
         over_value = (upper - lower) / abs(value) if value else np.inf
         over_range = (upper - lower) / (parameter.upper - parameter.lower)
         width = max(over_value if parameter.lower * parameter.upper > 0.0 else 0.0, over_range)
@@ -226,8 +218,6 @@ def _intervals(each: Assessed) -> Iterator[dict[str, Any]]:
             "value": value,
             "lower": lower,
             "upper": upper,
-            "noise_lower": of_noise[0],
-            "noise_upper": of_noise[1],
             "relative_width": width,
             "identifiability": UNCLEAR if failed or _is_mostly_mesh(each, i) else word_of(width),
         }
@@ -305,6 +295,10 @@ def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
         channel = each.linear.channels[check.channel] if check.channel >= 0 else None
         said = {
             "discrepancy": "" if channel is None else _missed(each, check.channel, study),
+            "shape": (
+                "the residuals have a shape along the path that errors of the budget have with a probability "
+                f"of {100.0 * check.probability:.2g} %, less than {100.0 * ASSUMED.unusual:g} %"
+            ),
             "ranges": "the curves ask for parameters outside of their ranges",
             "relaxation": check.message,
         }
@@ -315,6 +309,7 @@ def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
             "verdict": check.verdict.value,
             "difference": None if check.closeness is None else check.closeness.difference,
             "r2": None if check.closeness is None else check.closeness.r2,
+            "visible": check.visible,
             "message": "" if check.verdict is Adequacy.DESCRIBES else said.get(check.name, ""),
         }
 

@@ -22,10 +22,13 @@ class ModelVerdict:
     sentence : str
         Reason and remedy, or how close an approximation is and over which range; empty where the model
         describes the curves.
+    power : str
+        Sentence on the least error of a law that the curves would show; empty where they show one.
     """
 
     verdict: Adequacy = Adequacy.DESCRIBES
     sentence: str = ""
+    power: str = ""
 
     @property
     def failure(self) -> str:
@@ -43,7 +46,7 @@ def model_verdict(data: ReportData) -> ModelVerdict:
     rows = data.answer.filter("reported")
     verdict = Adequacy(rows["model"][0]) if rows.height else Adequacy.DESCRIBES
     if verdict is Adequacy.DESCRIBES:
-        return ModelVerdict()
+        return ModelVerdict(power=_power(data))
     if verdict is Adequacy.APPROXIMATES:
         return ModelVerdict(verdict=verdict, sentence=_approximation(data))
     wrong = [f"{name} at {spot} (R² {r2:.3g})" for name, spot, r2 in r2_by_spot(data) if r2 < NO_FIT_R2]
@@ -58,15 +61,32 @@ def model_verdict(data: ReportData) -> ModelVerdict:
     return ModelVerdict(verdict=verdict, sentence=f"{NO_PARAMETERS}: {reasons}. {remedies}")
 
 
+def _power(data: ReportData) -> str:
+    """Sentence on the error of a law that the curves show; empty without one."""
+    checks = data.leading_rows(data.fit.adequacy)
+    if checks.is_empty() or "visible" not in checks.columns:  # tables of earlier runs have none
+        return ""
+    rows = checks.drop_nulls(["visible", "channel"]).iter_rows(named=True)
+    sizes = [f"{100.0 * row['visible']:.2g} % of the {row['channel'].replace('_', ' ')}" for row in rows]
+    if not sizes:
+        return ""
+    return (
+        f"Nine of ten such experiments show a law that is wrong by {' and '.join(sizes)} "
+        "(standard deviation over the peak)."
+    )
+
+
 def _approximation(data: ReportData) -> str:
     """Sentence on the largest difference from the curves of what leads, and their range."""
     space, checks = data.study.space, data.leading_rows(data.fit.adequacy)
     names = dict.fromkeys(r.material.name for r in space.regions if space.columns_of(r.region))
     law = " and ".join(names).replace("_", "-")
-    difference = f"{100.0 * float(checks['difference'].max()):.2g}"  # type: ignore[arg-type]
+    difference = f"{max(100.0 * float(checks['difference'].max()), 0.1):.2g}"  # type: ignore[arg-type]
+    is_by_spot = not data.leading_rows(data.table("between_spots")).is_empty()
+    own = ", with values of its own at each spot" if is_by_spot else ""
     return (
         f"Effective parameters: {law[:1].upper()}{law[1:]} describe{'s' if len(names) == 1 else ''} these "
-        f"curves to within {difference} % of their peak, for {' and '.join(_ranges(data))}."
+        f"curves to within {difference} % of their peak{own}, for {' and '.join(_ranges(data))}."
     )
 
 

@@ -156,7 +156,7 @@ class Conclusion:
     def sentences(self) -> tuple[str, ...]:
         """Sentences on what was found, at which rate, how well it is identified, and what it cost."""
         apparent = f"{self.apparent}." if self.apparent else ""
-        found = (self.lead, apparent, *self.identifiability, self.spent)
+        found = (self.lead, self.model.power, apparent, *self.identifiability, self.spent)
         return tuple(sentence for sentence in found if sentence)
 
 

@@ -14,7 +14,7 @@ from palpate_report.data.report_data import ReportData
 Frames = TypeVar("Frames", ReportData, FitResult)
 
 VALUES = (
-    *("value", "lower", "upper", "noise_lower", "noise_upper", "optimum", "first_optimum", "second_optimum"),
+    *("value", "lower", "upper", "optimum", "first_optimum", "second_optimum"),
     *("sd", "mean", "mean_solved", "value_solved", "coarse", "corrected", "mesh_bias"),
 )
 """Columns in the unit of the parameter that their row names."""
