@@ -152,6 +152,16 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
         "Korean machine": lambda: made(["시간(s),변위(mm),하중(N)", *rows(SECONDS, DEPTH, FORCE)], "curve"),
         "Polish machine": lambda: made(
             ["Czas [s];Przemieszczenie [mm];Siła [N]", *rows(SECONDS, DEPTH, FORCE, between=";", decimal=","), "Maksimum;8,00;9,05"], "curve"),
+        "Spanish words for units": lambda: made(
+            ["Desplazamiento;Carga", "milímetros;kilogramos-fuerza", *rows(DEPTH, FORCE / 9.80665, between=";", decimal=",", form="{:.9g}")], "curve"),
+        "names on each page": lambda: made(
+            ["Depth (mm),Force (N)", *rows(DEPTH[:20], FORCE[:20]), "Page 2", "Depth (mm),Force (N)", *rows(DEPTH[20:], FORCE[20:])], "curve"),
+        "columns of fixed width": lambda: made(
+            ["DEPTH      FORCE", "MM         N", *[f"{d:<10.4f} {f:<10.4f}" for d, f in zip(DEPTH, FORCE, strict=True)]], "curve", "prn"),
+        "rheometer's gap": lambda: made(["Gap (mm),Normal force (N)", *rows(20.0 - DEPTH, FORCE)], "curve"),
+        "specimen by strain and force": lambda: made(["Engineering strain (%),Load (N)", *rows(100.0 * STRAIN, FORCE)], "question"),
+        "force over time alone": lambda: made(["Time (s),Force (N)", *rows(SECONDS, FORCE)], "question"),
+        "turn in German degrees": lambda: made(["Winkel (grad),Moment (Nmm)", *rows(DEPTH, FORCE)], "question"),
         "marks between thousands": lambda: made(
             ['"Travel (um)","Load (mN)"', *[f'"{d:,.1f}","{f:,.2f}"' for d, f in zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)]], "question"),
         "two columns without names": lambda: made(["a,b", *rows(DEPTH, FORCE)], "question"),

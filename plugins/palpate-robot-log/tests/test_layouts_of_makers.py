@@ -26,6 +26,9 @@ ENDS = {
 """Channel, and least and largest abscissa and ordinate, of what a file holds."""
 QUESTIONS = {
     "Arduino and HX711": "which is the depth, and which the force",
+    "specimen by strain and force": "give scale, by the area of the specimen",
+    "force over time alone": "a curve needs depth and force at each time; log both",
+    "turn in German degrees": "the file gives 'grad', which is no unit of angle",
     "marks between thousands": "has marks between its thousands",
     "two columns without names": "which is the depth, and which the force",
     "stress by a letter": "true, second Piola-Kirchhoff or nominal",
@@ -54,6 +57,8 @@ FAST = (
     "machine in revolutions",
     "sensor in volts",
     "strain gauge in microstrain",
+    "names on each page",
+    "specimen by strain and force",
     "Russian machine",
     "marks between thousands",
     "two columns without names",

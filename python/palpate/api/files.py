@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         factor_to_base as factor_to_base,
         factors_of as factors_of,
         kind_of as kind_of,
+        plain_letters as plain_letters,
         unit_in as unit_in,
     )
     from palpate.experiment.delimited.layout import DELIMITERS as DELIMITERS, TextFormat as TextFormat

@@ -1,6 +1,7 @@
 """Units in the names of columns: ``fx_N``, ``x [m]``, ``Fz (N)``, ``torque_N_m``, ``Time, s``."""
 
 import re
+import unicodedata
 from functools import cache
 from types import MappingProxyType
 from typing import Literal
@@ -34,41 +35,28 @@ _MEASURES: tuple[tuple[Kind, str, float], ...] = (
 """Kinds, a unit that measures each, and its factor to the kind's base: a load in kg is its weight."""
 
 _FOREIGN = {
-    "秒": "s",
-    "毫秒": "ms",
-    "毫米": "mm",
-    "微米": "um",
-    "ミリ": "mm",
-    "牛": "N",
-    "牛顿": "N",
-    "千牛": "kN",
-    "ニュートン": "N",
-    "度": "deg",
-    "克": "g",
-    "公斤": "kg",
-    "兆帕": "MPa",
-    "千帕": "kPa",
-    "帕": "Pa",
-    "초": "s",
-    "с": "s",
-    "сек": "s",
-    "мс": "ms",
-    "мин": "min",
-    "мм": "mm",
-    "см": "cm",
-    "мкм": "um",
-    "Н": "N",
-    "мН": "mN",
-    "кН": "kN",
-    "г": "g",
-    "кг": "kg",
-    "кгс": "kgf",
-    "МПа": "MPa",
-    "кПа": "kPa",
-    "Па": "Pa",
-    "град": "deg",
+    word: unit
+    for unit, words in {
+        "s": "秒 초 с сек sekunde sekunden segundos secondi secondes",
+        "ms": "毫秒 мс",
+        "min": "мин minuten minutos minuti",
+        "mm": "毫米 ミリ мм millimetri milimetros milimetry",
+        "cm": "см",
+        "um": "微米 мкм mikrometer",
+        "N": "牛 牛顿 ニュートン Н",
+        "mN": "毫牛 мН",
+        "kN": "千牛 кН kilonewtons",
+        "kgf": "千克力 公斤力 кгс kilogramos-fuerza",
+        "g": "克 г gramm gramos grammi",
+        "kg": "公斤 千克 кг kilogramm kilogramos",
+        "deg": "度 град grados gradi degres Grad",
+        "MPa": "兆帕 МПа",
+        "kPa": "千帕 кПа",
+        "Pa": "帕 Па",
+    }.items()
+    for word in words.split()
 }
-"""Units in Chinese, Japanese, Korean and Russian."""
+"""Units in other languages, in their own letters or without accents."""
 
 _RATIOS = {
     **dict.fromkeys(("strain", "ε"), 1.0),
@@ -109,6 +97,8 @@ _SPELT = {
     "revs": "turn",
     "pct": "percent",
     "mil": "thou",
+    "grad": "?",  # a gon, or a degree in German
+    "MN": "?",
     "lb-f": "lbf",
     "kgs": "kg",
     "grf": "gf",
@@ -119,13 +109,15 @@ _SPELT = {
     **_FOREIGN,
 }
 _OTHER_CASE = {
-    unit.lower(): unit for unit in ("kN", "kg", "kgf", "gf", "lbf", "lb", "psi", "kPa", "MPa", "mm", "deg")
+    unit.lower(): unit
+    for unit in ("kN", "kg", "kgf", "gf", "lbf", "lb", "psi", "kPa", "MPa", "mm", "cm", "deg", "rad", "sec")
 }
 _ANNOTATIONS = frozenset(
     ("x", "y", "z", "w", "filtered", "smoothed", "measured", "meas", "actual", "corrected", "mean", "average")
 )
 """Words in brackets that are no units."""
 
+_PLAIN = str.maketrans({"ł": "l", "Ł": "L", "ø": "o", "Ø": "O", "ı": "i", "ß": "ss", "µ": "u", "μ": "u"})
 _BRACKETED = re.compile(r"\s*(?P<label>.*?)[\s_]*[\[({<]\s*(?P<unit>[^\[\](){}<>]*?)\s*[\])}>]\s*")
 _INDEX = re.compile(r"[\d:,\s]*")
 _NEWTON = re.compile(r"([kmuµμn]?N)(mm|cm|m)")
@@ -161,13 +153,22 @@ def bare_unit(cell: str) -> str:
     return "" if bare in {"-", "--", "1"} else bare
 
 
+def plain_letters(text: str) -> str:
+    """Text whose Latin letters have no accents."""
+    letters = (unicodedata.normalize("NFKD", c)[0] if c < "\u0370" and c != "°" else c for c in text)
+    return "".join(letters).translate(_PLAIN)
+
+
 @cache
 def factors_of(unit: str) -> MappingProxyType[Kind, float]:
     """Factors to the recording's unit of each kind that a unit may measure: the first is its own kind.
 
     They are empty where the unit is unknown, and those of ``other`` for one of which no log is made.
     """
-    spelt = _SPELT.get(unit, unit)
+    plain = plain_letters(unit)
+    spelt = _SPELT.get(unit) or _SPELT.get(plain.lower(), unit if plain.isupper() else plain)
+    if len(spelt) > 1 and spelt.isupper():
+        spelt = _OTHER_CASE.get(spelt.lower(), spelt)
     spelt = spelt.replace("²", "2").replace("³", "3").replace("⋅", "*").replace("·", "*").replace("×", "*")
     spelt = _POWER.sub(r"**\1", _NEWTON.sub(r"\1*\2", _PRODUCT.sub("*", spelt)))
     if not units.is_unit(spelt):

@@ -376,8 +376,30 @@ def _blocks(lines: "pl.DataFrame", layout: Layout) -> tuple["pl.DataFrame", list
         .agg(first=pl.col("line").min(), last=pl.col("line").max(), n=pl.len())
     )
     found = [(first, last) for part, first, last, n in tables.iter_rows() if part == 0 or n > 1]
-    end = found[0][1] if found else rows["line"][-1]
-    return rows, [(layout.first_line, end), *found[1:]]
+    found = [(layout.first_line, found[0][1] if found else rows["line"][-1]), *found[1:]]
+    return _joined(rows, found, layout, lines["text"][: layout.first_line - 1].to_list())
+
+
+def _joined(
+    rows: "pl.DataFrame", tables: list[tuple[int, int]], layout: Layout, heads: Sequence[str]
+) -> tuple["pl.DataFrame", list[tuple[int, int]]]:
+    """Tables with each page joined to the one before: no other names are between, and its steps go on."""
+    import polars as pl
+
+    line, joined = pl.col("line"), tables[:1]
+    is_head = pl.col("text").is_in(heads) | (pl.col("n_cells") != len(layout.names))
+    for table in tables[1:]:
+        is_between = line.is_between(joined[-1][1] + 1, table[0] - 1)
+        parts = [rows.filter(line.is_between(*each)) for each in (joined[-1], table)]
+        ends = pl.concat([parts[0].tail(2), parts[1].head(2)])
+        cells = cells_of(ends, layout.delimiter, {layout.first_number})[str(layout.first_number)]
+        steps = np.diff(_numbers(cells, layout.decimal, None)[0])
+        goes_on = steps.size == 3 and steps[0] != 0.0 and bool(np.all(abs(steps / steps[0] - 1.25) < 0.75))
+        if goes_on and rows.filter(is_between & ~is_head).is_empty():
+            rows, joined[-1] = rows.filter(~is_between), (joined[-1][0], table[1])
+        else:
+            joined.append(table)
+    return rows, joined
 
 
 def _typed(text: str, layout: Layout) -> "pl.DataFrame | None":

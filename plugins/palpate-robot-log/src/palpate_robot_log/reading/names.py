@@ -4,14 +4,13 @@ A word is looked up without accents and in small letters; German compounds are k
 """
 
 import re
-import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain, pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from palpate.api.files import Column, Kind, factors_of, kind_of, unit_in
+from palpate.api.files import Column, Kind, factors_of, kind_of, plain_letters, unit_in
 
 _WORD = re.compile(
     r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[\u0370-\u04ff]+|[\u3040-\u30ff\u4e00-\u9fff\uac00-\ud7a3]+"
@@ -51,7 +50,6 @@ _MEANINGS: Mapping[str, str] = {
 A sign that is in none of them is a word of its own.
 """
 _FOREIGN_WORD = re.compile("|".join([*sorted(_MEANINGS, key=len, reverse=True), r"[\u0370-\u04ff]+", "."]))
-_PLAIN = str.maketrans({"ł": "l", "Ł": "L", "ø": "o", "Ø": "O", "ı": "i", "ß": "ss", "µ": "u"})
 
 
 class Role(NamedTuple):
@@ -150,15 +148,9 @@ def words_of(name: str) -> tuple[str, ...]:
     """
     words = (
         _FOREIGN_WORD.findall(word.lower()) if word[0] >= _FIRST_FOREIGN else [word.lower()]
-        for word in _WORD.findall(_plain(unit_in(name)[0]))
+        for word in _WORD.findall(plain_letters(unit_in(name)[0]))
     )
     return tuple(_MEANINGS.get(word, word) for word in chain.from_iterable(words))
-
-
-def _plain(name: str) -> str:
-    """Name with Latin letters that have no accents."""
-    letters = (unicodedata.normalize("NFKD", c)[0] if c < _FIRST_FOREIGN else c for c in name)
-    return "".join(letters).translate(_PLAIN)
 
 
 def factor_of(column: Column, kind: Kind) -> float | None:

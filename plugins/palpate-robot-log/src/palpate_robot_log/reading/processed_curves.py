@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from palpate.api import FORCE, Curve, CurveError, ExperimentLoader, FloatArray
-from palpate.api.files import Column, toml_value
+from palpate.api.files import Column, kind_of, toml_value
 from palpate_indentation.api import FOREARM, HOMOGENEOUS, CsvLoader, problem_of, units_of
 from palpate_robot_log.columns_loader import ColumnsLoader
 from palpate_robot_log.processing.contact import place_of_contact
@@ -129,11 +129,15 @@ def curves_of(log: RawLog) -> Proposed | None:
 
 
 def _unnamed(columns: Sequence[Column]) -> Proposed | None:
-    """Question for depth and force among a few columns, which are too few for a robot's log."""
+    """Question for what a few columns lack to be a curve; a robot's log has more columns."""
     if not 2 <= len(columns) < _FEWEST_OF_ROBOT:
         return None
+    if (specimen := _specimen(columns)) is not None:
+        return specimen
     names = [column.name for column in columns]
     ask = f"{', '.join(names)}: which is the depth, and which the force? name them, with factors to mm and N"
+    if any(kind_of(column.shown_unit) == "time" for column in columns) and len(columns) == 2:
+        ask = f"{', '.join(names)}: a curve needs depth and force at each time; log both"
     channels = {
         "abscissa": {"name": names[-2], "scale": "factor to mm"},
         "ordinate": {"name": names[-1], "scale": "factor to N"},
@@ -177,18 +181,33 @@ def _curves(columns: Sequence[Column]) -> Proposed | None:
         return Proposed(channels={}, questions=tuple(questions)) if questions else None
     names = {word for column in columns for word in words_of(column.name)}
     if names & TENSILE and FORCE.name in channels:
-        scales = {
-            "abscissa": ("travel", "1 / length in mm", 1.0),
-            "ordinate": ("force", "1 / area in mm²", 0.0),
-        }
-        open_scales = {
-            key: {"name": found.column.name, "scale": scale} | ({"offset": offset} if offset else {})
-            for key, (role, scale, offset) in scales.items()
-            if (found := pick(columns, role)) is not None
-        }
-        ask = "a tensile test: give both scales, by the length and the area of the specimen"
-        return Proposed(channels={"uniaxial": open_scales}, mode="uniaxial", questions=(ask,))
+        return _specimen(columns)
     return Proposed(channels=channels, remarks=tuple(remarks), questions=tuple(questions))
+
+
+_SIZES: Mapping[str, tuple[str, str, str, float]] = {
+    "abscissa": ("strain", "travel", "length in mm", 1.0),
+    "ordinate": ("stress", "force", "area in mm²", 0.0),
+}
+"""Roles of a specimen's test: what a size of the specimen makes of what, and the offset to a stretch."""
+
+
+def _specimen(columns: Sequence[Column]) -> Proposed | None:
+    """Test of a specimen by strain and stress, or by travel and force, whose scales are asked for."""
+    channels, sizes = dict[str, Any](), list[str]()
+    for key, (role, instead, size, offset) in _SIZES.items():
+        if (found := pick(columns, role)) is not None:
+            channels[key] = _column(found, offset=offset)
+        elif (found := pick(columns, instead)) is not None and found.factor is not None:
+            channels[key] = {"name": found.column.name, "scale": f"1 / {size}"} | (
+                {"offset": offset} if offset else {}
+            )
+            sizes.append(size.partition(" ")[0])
+    if len(channels) < len(_SIZES):
+        return None
+    scales = "both scales" if len(sizes) > 1 else "scale"
+    ask = f"a test of a specimen: give {scales}, by the {' and the '.join(sizes)} of the specimen"
+    return Proposed(channels={"uniaxial": channels}, mode="uniaxial", questions=(ask,) if sizes else ())
 
 
 def _column(one: Picked, times: float = 1.0, offset: float = 0.0) -> str | dict[str, Any]:
