@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from palpate.domain import FloatArray
 
+Table = dict[str, FloatArray]
 FORCE_N, DEPTH_MM, TORQUE_NMM = 12.65, 10.0, 25.0
 
 
@@ -71,3 +72,17 @@ def press(
         # The arm yields by 0.04 mm/N.
         commanded_mm=tip + 0.04 * size[:, None] * inward,
     )
+
+
+def named(names: str, *values: FloatArray) -> Table:
+    return dict(zip(names.split(), np.column_stack(values).T, strict=True))
+
+
+def robot(made: Press) -> Table:
+    """Pose and wrench without a time."""
+    names = "x_mm y_mm z_mm qx qy qz qw fx_N fy_N fz_N tx_Nm ty_Nm tz_Nm"
+    return named(names, made.tip_mm, made.pose.as_quat(), made.force_N, made.moment_Nm)
+
+
+def wrench(made: Press, names: str = "Fx Fy Fz Mx My Mz") -> Table:
+    return named(names, made.force_N, made.moment_Nm)

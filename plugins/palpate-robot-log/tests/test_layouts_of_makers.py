@@ -16,6 +16,8 @@ from palpate_robot_log.reading.inspection import inspect_log
 from .known_presses import DEPTH_MM, FORCE_N, TORQUE_NMM, press
 from .layouts_of_makers import LAYOUTS, rows
 
+pytestmark = pytest.mark.usefixtures("in_this_process")
+
 ENDS = {
     "curve": ("force", (0.0, 8.0), (0.0, 9.0510)),
     "micro": ("force", (0.0, 8e-3), (0.0, 9.0510e-6)),

@@ -10,29 +10,21 @@ import pytest
 
 from palpate.api.files import Column
 from palpate.domain import FloatArray
-from palpate.errors import CurveError
 from palpate_indentation import CsvLoader, CsvSettings
 from palpate_robot_log import RobotLogLoader
-from palpate_robot_log.reading import assembly, inspection
 from palpate_robot_log.reading.clock import time_of
-from palpate_robot_log.reading.formats import read_here
 from palpate_robot_log.reading.inspection import inspect_log
 from palpate_robot_log.reading.names import pick, test_of as measures_of
 from palpate_robot_log.reading.raw import Stream
 from palpate_robot_log.robot_log import RobotLogSettings
 
 from . import log_writers as write
-from .known_presses import DEPTH_MM, FORCE_N, TORQUE_NMM, Press, press
+from .known_presses import DEPTH_MM, FORCE_N, Table, press, robot
 
 DATA = Path(__file__).parent / "data" / "tables"
-Table = dict[str, FloatArray]
 
 
-@pytest.fixture(autouse=True)
-def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A process of its own for each file takes longer than what is tested here."""
-    for module in (inspection, assembly):
-        monkeypatch.setattr(module, "read_log", read_here)
+pytestmark = pytest.mark.usefixtures("in_this_process")
 
 
 def experiment(path: Path) -> Any:
@@ -334,183 +326,6 @@ def test_a_clock_that_is_coarser_than_the_rows_keeps_the_first(tmp_path: Path) -
     assert found.record["problem"] == ""
     assert found.record["channels"]["repeated_time"] == "keep_first"
     assert any("rows repeat the time of the row before" in finding for finding in found.findings)
-
-
-# --------------------------------------------------------------------------- robots
-
-
-def named(names: str, *values: FloatArray) -> Table:
-    return dict(zip(names.split(), np.column_stack(values).T, strict=True))
-
-
-def robot(made: Press) -> Table:
-    """Pose and wrench without a time."""
-    names = "x_mm y_mm z_mm qx qy qz qw fx_N fy_N fz_N tx_Nm ty_Nm tz_Nm"
-    return named(names, made.tip_mm, made.pose.as_quat(), made.force_N, made.moment_Nm)
-
-
-def wrench(made: Press, names: str = "Fx Fy Fz Mx My Mz") -> Table:
-    return named(names, made.force_N, made.moment_Nm)
-
-
-def in_base(made: Press) -> FloatArray:
-    return np.column_stack([made.pose.apply(made.force_N), made.pose.apply(made.moment_Nm)])
-
-
-def numbered(name: str, values: FloatArray) -> Table:
-    return {name.format(k): column for k, column in enumerate(values.T)}
-
-
-def universal_robots(made: Press) -> Table:
-    pose = [np.column_stack([1e-3 * x, made.pose.as_rotvec()]) for x in (made.tip_mm, made.commanded_mm)]
-    return (
-        {"timestamp": 71.5 + made.time_s}
-        | numbered("target_TCP_pose_{}", pose[1])
-        | numbered("actual_TCP_pose_{}", pose[0])
-        | numbered("actual_TCP_force_{}", in_base(made))
-    )
-
-
-def franka(made: Press) -> Table:
-    transforms = []
-    for tip in (made.tip_mm, made.commanded_mm):
-        transform = np.tile(np.eye(4), (tip.shape[0], 1, 1))
-        transform[:, :3, :3], transform[:, :3, 3] = made.pose.as_matrix(), 1e-3 * tip
-        transforms.append(transform.transpose(0, 2, 1).reshape(-1, 16))
-    return (
-        {"time": made.time_s}
-        | numbered("O_T_EE_d_{}", transforms[1])
-        | numbered("O_T_EE_{}", transforms[0])
-        | numbered("O_F_ext_hat_K_{}", in_base(made))
-    )
-
-
-def kuka_rsi(made: Press) -> Table:
-    angles = made.pose.as_euler("ZYX", degrees=True)
-    poses = [
-        named(f"X_{word} Y_{word} Z_{word} A_{word} B_{word} C_{word}", tip, angles)
-        for word, tip in (("RSol", made.commanded_mm), ("RIst", made.tip_mm))
-    ]
-    return {"IPOC": 1e3 * made.time_s + 12.1e8} | poses[0] | poses[1] | wrench(made)
-
-
-def iiwa(made: Press) -> Table:
-    angles = made.pose.as_euler("ZYX")
-    return (
-        {"time [s]": made.time_s}
-        | named("commandedX commandedY commandedZ", made.commanded_mm)
-        | named("measuredX measuredY measuredZ measuredA measuredB measuredC", made.tip_mm, angles)
-        | named("Fx[N] Fy[N] Fz[N] Tx[Nm] Ty[Nm] Tz[Nm]", made.force_N, made.moment_Nm)
-    )
-
-
-def abb(made: Press) -> Table:
-    quaternion = made.pose.as_quat()[:, [3, 0, 1, 2]]
-    return {"t_ms": 1e3 * made.time_s} | named("X Y Z q1 q2 q3 q4", made.tip_mm, quaternion) | wrench(made)
-
-
-def xarm(made: Press) -> Table:
-    angles = made.pose.as_euler("xyz", degrees=True)
-    ft = "ext_force_x ext_force_y ext_force_z ext_torque_x ext_torque_y ext_torque_z"
-    return (
-        {"time_s": made.time_s}
-        | named("target_x target_y target_z target_roll target_pitch target_yaw", made.commanded_mm, angles)
-        | named("x y z roll pitch yaw", made.tip_mm, angles)
-        | wrench(made, ft)
-    )
-
-
-def optotrak(made: Press) -> Table:
-    quaternion = made.pose.as_quat()[:, [3, 0, 1, 2]]
-    return (
-        {"Frame": np.arange(1.0, made.time_s.size + 1), "Time": made.time_s}
-        | named("Q0 Qx Qy Qz Tx Ty Tz", quaternion, made.tip_mm)
-        | wrench(made)
-    )
-
-
-def vicon(made: Press) -> Table:
-    return (
-        {"Frame": np.arange(made.time_s.size * 1.0), "Sub Frame": 0.0 * made.time_s, "Time (s)": made.time_s}
-        | named("TX_mm TY_mm TZ_mm", made.tip_mm)
-        | named("RX_rad RY_rad RZ_rad", made.pose.as_rotvec())
-        | named("Fx_N Fy_N Fz_N Mx_Nmm My_Nmm Mz_Nmm", made.force_N, 1e3 * made.moment_Nm)
-    )
-
-
-def camera(made: Press) -> Table:
-    return (
-        {"time_s": made.time_s}
-        | named("cmd_px cmd_py cmd_pz", 1e-3 * made.commanded_mm)
-        | named("cam_px_rel cam_py_rel cam_pz_rel", made.tip_mm)
-        | named("ox oy oz ow", made.pose.as_quat())
-        | wrench(made, "fx_N fy_N fz_N tx_Nm ty_Nm tz_Nm")
-    )
-
-
-def suffixes(made: Press) -> Table:
-    return (
-        {"time_s": made.time_s}
-        | named("x_des y_des z_des", made.commanded_mm)
-        | named("desired_x desired_y desired_z", made.commanded_mm)
-        | named("x_meas y_meas z_meas", made.tip_mm)
-        | named("qx qy qz qw", made.pose.as_quat())
-        | wrench(made, "force_x_N force_y_N force_z_N torque_x_Nm torque_y_Nm torque_z_Nm")
-    )
-
-
-def load_cell(made: Press) -> Table:
-    names = "x_mm y_mm z_mm qx qy qz qw"
-    return (
-        {"time_s": made.time_s}
-        | named(names, made.tip_mm, made.pose.as_quat())
-        | {"Load (N)": made.force_N[:, 2]}
-    )
-
-
-def forces_alone(made: Press) -> Table:
-    names = "x_mm y_mm z_mm qx qy qz qw Fx Fy Fz"
-    return {"time": made.time_s} | named(names, made.tip_mm, made.pose.as_quat(), made.force_N)
-
-
-ROBOTS = (
-    *(universal_robots, franka, kuka_rsi, iiwa, abb, xarm, optotrak, vicon, camera, suffixes),
-    *(load_cell, forces_alone),
-)
-
-
-@pytest.mark.parametrize("twist", [False, pytest.param(True, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("layout", ROBOTS, ids=lambda layout: layout.__name__)
-def test_a_robot_gives_the_truth_of_its_press(
-    layout: Callable[[Press], Table], twist: bool, tmp_path: Path
-) -> None:
-    write.write_text(tmp_path / "log.csv", layout(press(twist=twist)))
-    found = inspect_log(tmp_path / "log.csv")
-    assert found.record["problem"] == ""
-    settings = tomllib.loads(found.study_text)["experiment"]["settings"]
-    response = RobotLogLoader(RobotLogSettings.model_validate(settings)).load(tmp_path / "log.csv")
-    force = response.curves["force"]
-    assert force.ordinate[-1] == pytest.approx(FORCE_N, rel=0.01)
-    assert force.abscissa[-1] == pytest.approx(DEPTH_MM, abs=0.08)  # 10.5 mm were commanded
-    has_moment = layout not in (load_cell, forces_alone)
-    assert ("torque" in response.curves) == (twist and has_moment)
-    if twist and has_moment:
-        assert np.abs(response.curves["torque"].ordinate).max() == pytest.approx(TORQUE_NMM, rel=0.03)
-    if twist and not has_moment:
-        (warning,) = response.record["warnings"]
-        assert "no moment, so the twist gives no torque" in warning
-        with pytest.raises(CurveError, match="no moment"):
-            RobotLogLoader(RobotLogSettings.model_validate(settings)).load(tmp_path / "log.csv", "torque")
-
-
-def test_a_pose_that_is_commanded_alone_is_named(tmp_path: Path) -> None:
-    made = press()
-    table = {"time_s": made.time_s} | robot(made)
-    commanded = {f"cmd_{name}" if name[1:] == "_mm" else name: column for name, column in table.items()}
-    write.write_text(tmp_path / "log.csv", commanded)
-    found = inspect_log(tmp_path / "log.csv")
-    assert any("position: these columns are commanded, not measured" in text for text in found.findings)
-    assert "# check position: these columns are commanded" in found.study_text
 
 
 @pytest.mark.parametrize(

@@ -252,15 +252,15 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
     if names[-1].lower() in _REMARKS and len(names) > width:
         names = names[:width]
     above = every.filter(every["line"] < numbers[below])["text"].to_list()
-    labels = {row[0].lower(): row for row in (_labelled(line, delimiter) for line in above)}
-    labelled = [row for label, row in labels.items() if label in _UNIT_LABELS]
+    between = None if delimiter == BLANKS else delimiter
+    parted = ([cell.strip(' "') for cell in line.split(between)] for line in above if line)
+    labels = {label.lower(): cells for label, *cells in parted}
     if below > 0 and header != below - 1 and _is_units_line(rows[below - 1]):
         units = [bare_unit(cell) for cell in rows[below - 1]]
     else:  # a name's own unit counts first: LabVIEW labels what nobody has set with volts
-        given = zip(names, labelled[-1], strict=False) if labelled else ()
-        units = [
-            "" if i == 0 or unit_in(name)[1] else bare_unit(cell) for i, (name, cell) in enumerate(given)
-        ]
+        labelled = next((labels[label] for label in reversed(labels) if label in _UNIT_LABELS), [])
+        given = zip(names[1:], labelled, strict=False)
+        units = ["", *("" if unit_in(name)[1] else bare_unit(cell) for name, cell in given)]
     kinds_of = _kinds(len(names), rows[below : below + _SAMPLED_ROWS], decimal)
     units = [*units, *[""] * len(names)][: len(names)]
     for index in (k for k, kind in enumerate(kinds_of) if kind == "quantity"):
@@ -287,20 +287,13 @@ def _refuse_messages(source: str, lines: "pl.Series") -> None:
         )
 
 
-def _labelled(line: str, delimiter: str) -> list[str]:
-    """Cells of a line above the names; the first is its label."""
-    return [cell.strip().strip('"') for cell in line.split(delimiter if delimiter != BLANKS else None)] or [
-        ""
-    ]
-
-
 def _steps(labels: Mapping[str, Sequence[str]]) -> tuple[float, float] | None:
     """First time and time between rows [s] in the lines X0 and Delta_X of LabVIEW."""
-    found = [labels.get(label, ["", ""])[1].replace(",", ".") for label in ("x0", "delta_x")]
-    is_time = labels.get("x_dimension", ["", "Time"])[1] == "Time"
-    if not is_time or not all(re.fullmatch(NUMBERS["."], cell) for cell in found):
-        return None
-    return float(found[0]), float(found[1])
+    values = {label: cells[0].replace(",", ".") for label, cells in labels.items() if cells}
+    found = [values.get(label, "") for label in ("x0", "delta_x")]
+    is_time = values.get("x_dimension", "Time") == "Time"
+    are_numbers = all(re.fullmatch(NUMBERS["."], cell) for cell in found)
+    return (float(found[0]), float(found[1])) if is_time and are_numbers else None
 
 
 def _comment_of(lines: Sequence[str]) -> str:

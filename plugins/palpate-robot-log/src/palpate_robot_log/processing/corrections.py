@@ -136,7 +136,7 @@ class ToolLoad:
 
 
 def without_weight(recording: Recording, tool: ToolLoad, direction: FloatArray) -> Recording:
-    """Wrench without the tool's weight; ``direction`` (3,) is that of gravity in the base frame."""
+    """Wrench without the tool's weight; ``direction`` (3,) is of gravity, in the base frame."""
     pull = tool.weight_N * gravity_in_sensor(recording, direction)
     return recording.less(pull, cross(tool.centre_mm, pull))
 
@@ -154,7 +154,7 @@ def tool_of(recording: Recording, free: IntArray, gravity: Gravity) -> ToolLoad 
 
 
 def fit_tool(recording: Recording, free: IntArray, direction: FloatArray) -> ToolLoad:
-    """Weight and centre from the rows ``free`` in free air; ``direction`` (3,) is that of gravity."""
+    """Weight and centre from the rows ``free`` in free air; ``direction`` (3,) is of gravity."""
     part, _ = thinned(recording.part(free), _WEIGHED_ROWS)
     down = gravity_in_sensor(part, direction)
     # Without its mean, what the bias imitates is gone from the unknown weight.

@@ -88,7 +88,7 @@ def curve_of(
 
 
 def _steepness(abscissa: FloatArray, ordinate: FloatArray) -> FloatArray:
-    """Magnitude (n,) of the slope of a curve whose abscissa rises, without that of its noise."""
+    """Magnitude (n,) of the slope of a curve whose abscissa rises, without its noise's slope."""
     grid = np.linspace(abscissa[0], abscissa[-1], min(_SLOPE_POINTS, abscissa.size))
     rising = np.concatenate([[True], np.diff(abscissa) > 0.0])
     slope = np.gradient(np.interp(grid, abscissa[rising], ordinate[rising]), grid)
@@ -100,7 +100,7 @@ def _steepness(abscissa: FloatArray, ordinate: FloatArray) -> FloatArray:
 class Smoothed:
     """A branch after smoothing; arrays (n,) at the times that were given.
 
-    ``std`` is that of the smoothed values, ``noise`` that of the given ones, ``bias`` the
+    ``std`` belongs to the smoothed values, ``noise`` to the given ones; ``bias`` is the
     largest change that smoothing once more would make, and ``window_s`` the window's length.
     """
 

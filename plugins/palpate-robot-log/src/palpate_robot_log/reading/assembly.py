@@ -49,23 +49,8 @@ def read_recording(
 ) -> Reading:
     """Recording of a robot's log that was read in a process of its own, checked for what needs no physics.
 
-    Parameters
-    ----------
-    path : Path
-        Delimited text, Parquet, MATLAB, HDF5, NumPy, or a bag of ROS 1 or 2.
-    channels : ChannelMap
-        What its columns mean.
-    text : TextFormat, optional
-        How delimited text is laid out; guessed where left out.
-    limits : ReadingLimits, optional
-        Of size, memory and time.
-    files : LogFiles, optional
-        Names where the wrench has a file of its own; ``path`` is that of the pose.
-
-    Raises
-    ------
-    CurveError
-        Naming the file, rows, time stamps and column.
+    Where ``files`` names a file of the wrench, ``path`` is the pose's. A CurveError names file, rows, time
+    stamps and column.
     """
     is_fixed = channels.orientation.form == "fixed"
     sources = [s for s in _sources(channels).values() if s is not channels.orientation or not is_fixed]

@@ -118,7 +118,7 @@ class LogFiles(Settings):
         return name
 
     def wrench_of(self, pose: Path) -> Path:
-        """File of the wrench next to that of the pose; a CurveError where the name does not fit."""
+        """File of the wrench next to the file of the pose; a CurveError where the name does not fit."""
         found = re.fullmatch(re.escape(self.pose).replace(re.escape("{}"), "(.*)"), pose.name)
         if found is None:
             raise CurveError(

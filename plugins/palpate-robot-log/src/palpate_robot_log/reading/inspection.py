@@ -97,7 +97,7 @@ def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
 
 
 def _found(log: RawLog, path: Path, proposal: Proposal) -> tuple[Proposal, Proposed | None, list[str], str]:
-    """Proposal of a log, or else that of curves; findings, and the problem of reading it so."""
+    """Proposal of a log, or else of curves; findings, and the problem of reading it so."""
     # A pose is a robot's, whatever else the log has of depth.
     if "position" not in proposal.guesses and not {"orientation", "force"} <= {*proposal.guesses}:
         curves, machine = curves_of(log), machine_of(log)

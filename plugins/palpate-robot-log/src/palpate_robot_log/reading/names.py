@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from palpate.api.files import Column, Kind, factors_of, kind_of, plain_letters, unit_in
+from palpate.api.files import BASE_UNITS, Column, Kind, factors_of, kind_of, plain_letters, unit_in
 
 _WORD = re.compile(
     r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[\u0370-\u04ff]+|[\u3040-\u30ff\u4e00-\u9fff\uac00-\ud7a3]+"
@@ -158,6 +158,12 @@ def factor_of(column: Column, kind: Kind) -> float | None:
     return factors_of(column.shown_unit).get(kind) if column.shown_unit else None
 
 
+def unit_of(role: str) -> str:
+    """Unit of a role in a curve."""
+    kind = ROLES[role].kind
+    return "degrees" if kind == "angle" else BASE_UNITS[kind]
+
+
 # ------------------------------------------------------------------ one column for a role
 
 
@@ -168,13 +174,13 @@ class Picked(NamedTuple):
     factor: float | None
     remarks: tuple[str, ...]
 
-    def question(self, kind: str, base: str) -> str:
+    def question(self, role: str) -> str:
         """Question for the unit where the file shows one that is not known; else empty."""
         shown = self.column.shown_unit
         if self.factor is not None or not shown:
             return ""
-        ask = f"the file gives '{shown}', which is no unit of {kind}"
-        return f"{self.column.name}: {ask}; give scale, the factor to {base}"
+        ask = f"the file gives '{shown}', which is no unit of {role}"
+        return f"{self.column.name}: {ask}; give scale, the factor to {unit_of(role)}"
 
 
 def pick(columns: Sequence[Column], role: str) -> Picked | None:
@@ -243,12 +249,12 @@ def _simple(word: str) -> str:
 
 
 def _is_other(words: Sequence[str], role: str) -> bool:
-    """Whether words are those of another role."""
+    """Whether words name another role."""
     return any({*map(_simple, words)} & {*other.words} for name, other in ROLES.items() if name != role)
 
 
 def has_role(words: Sequence[str]) -> bool:
-    """Whether a name is that of a quantity other than time."""
+    """Whether a name is a quantity's, and not a time's."""
     return any({*map(_simple, words)} & {*role.words} for role in ROLES.values())
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from palpate.api import FORCE, Curve, CurveError, ExperimentLoader, FloatArray
-from palpate.api.files import Column, kind_of, toml_value
-from palpate_indentation.api import FOREARM, HOMOGENEOUS, CsvLoader, problem_of, units_of
+from palpate.api.files import Column, kind_of
+from palpate_indentation.api import CsvLoader, problem_of, units_of
 from palpate_robot_log.columns_loader import ColumnsLoader
 from palpate_robot_log.processing.contact import place_of_contact
 from palpate_robot_log.reading.names import (
@@ -23,13 +23,13 @@ from palpate_robot_log.reading.names import (
     rivals,
     spread_of,
     test_of,
+    unit_of,
     words_of,
 )
+from palpate_robot_log.reading.proposal import pairs, tables_text
 from palpate_robot_log.reading.raw import RawLog
 
-_DEGREES_PER_RADIAN = 57.29577951308232
 _ROLES = {"force": ("travel", "force"), "torque": ("angle", "moment")}
-_LENGTHS = frozenset({"travel"})
 _LARGEST_STRAIN = 10.0
 _FEWEST_OF_ROBOT = 7  # a time, a position and a force
 _AT_REST = 0.02
@@ -42,8 +42,6 @@ _FEWEST_ROWS, _FEWEST_FREE = 20, 8
 _LEAST_APPROACH, _FREE, _SURE, _FLAT = 0.05, 0.8, 3.0, 1e-3
 """Shares of the travel that is an approach, and of the approach that is surely free; standard errors, and
 share of the force, up to which it does not rise."""
-
-_UNIT_OF = {"travel": "mm", "force": "N", "moment": "N·mm", "angle": "degrees", "stress": "MPa"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,37 +69,20 @@ class Proposed:
         """Name of the loader that reads the file."""
         return "csv" if self.is_text else "columns"
 
-    def settings(self) -> dict[str, Any]:
-        """Settings of the loader, without the columns that it looks for by itself."""
-        known = {**FOREARM, **HOMOGENEOUS}
-        is_usual = all(
-            columns == {"abscissa": known[name].abscissa.name, "ordinate": known[name].ordinate.name}
-            for name, columns in self.channels.items()
-        )
-        is_whole = bool(self.mode) or {*self.channels} == {*FOREARM}
-        named = {} if is_usual and is_whole else {"channels": dict(self.channels)}
-        return {**self.layout, **named}
-
     def text(self) -> str:
         """Tables of study.toml, in comments where a question is open."""
-        measured = f"measured = {{ {self.mode} = {json.dumps(self.file)} }}"
-        lines = [f"# [[spot]] {measured}: the key is the mode of the test"] if self.mode else []
-        lines += ["[experiment]", f'loader = "{self.loader}"']
-        settings = self.settings()
-        channels = settings.pop("channels", {})
-        lines += [f"settings.{key} = {toml_value(value)}" for key, value in settings.items()]
-        for channel, columns in channels.items():
-            lines += ["", f"[experiment.settings.channels.{channel}]"]
-            lines += [f"{key} = {toml_value(value)}" for key, value in columns.items()]
-        if self.questions:
-            asked = [f"# {question}" for question in self.questions]
-            return "\n".join([*asked, *(f"# {line}".rstrip() for line in lines)]) + "\n"
-        return "\n".join(lines) + "\n"
+        measured = f"[[spot]] measured = {{ {self.mode} = {json.dumps(self.file)} }}"
+        settings = [f"settings.{line}" for line in pairs(self.layout)]
+        channels = {f"experiment.settings.channels.{name}": pairs(of) for name, of in self.channels.items()}
+        text = tables_text({"experiment": [f'loader = "{self.loader}"', *settings], **channels})
+        text = f"# {measured}: the key is the mode of the test\n{text}" if self.mode else text
+        commented = "".join(f"# {line}".rstrip() + "\n" for line in [*self.questions, *text.splitlines()])
+        return commented if self.questions else text
 
     def tried(self, path: Path) -> str:
         """Sentence on the curves that these settings read; a CurveError where they read none."""
         loader: type[ExperimentLoader[Any]] = CsvLoader if self.is_text else ColumnsLoader
-        settings = self.settings()
+        settings = {**self.layout, "channels": dict(self.channels)}
         try:
             curves = loader(loader.Settings.model_validate(settings)).load(path, self.mode or None).curves
         except ValidationError as error:
@@ -160,21 +141,19 @@ def _curves(columns: Sequence[Column]) -> Proposed | None:
             continue
         remarks += [*along.remarks, *of.remarks]
         for role, one in zip(roles, (along, of), strict=True):
-            if question := one.question(role, _UNIT_OF[role]):
+            if question := one.question(role):
                 questions.append(question)
             elif one.factor is None:
-                remarks.append(f"check the unit of {one.column.name}: {_UNIT_OF[role]} is assumed")
+                remarks.append(f"check the unit of {one.column.name}: {unit_of(role)} is assumed")
         if {"extension", "ext"} & {*words_of(along.column.name)}:
             ask = "if a specimen is pulled, give its stress and strain instead"
             remarks.append(f"check {along.column.name}: a press is assumed; {ask}")
-        if roles[0] in _LENGTHS:
-            settings, placed = _placed(along, of)
-            channels[channel], remarks = settings, remarks + placed
+        if channel == FORCE.name:
+            channels[channel], placed = _placed(along, of)
+            remarks += placed
         else:
-            channels[channel] = {
-                "abscissa": _column(along, _DEGREES_PER_RADIAN if along.factor else 1.0),
-                "ordinate": _column(of),
-            }
+            turn = _column(along, float(np.degrees(1.0)) if along.factor else 1.0)
+            channels[channel] = {"abscissa": turn, "ordinate": _column(of)}
         if (spread := spread_of(columns, roles[1])) is not None:
             channels[channel]["std"] = _column(spread)
     if not channels:
@@ -302,11 +281,7 @@ def _homogeneous(columns: Sequence[Column]) -> Proposed | None:
     questions = list(test.questions)
     if not {*words_of(stress.column.name)} & {*ROLES["stress"].words}:
         questions.append(f"{stress.column.name}: true, second Piola-Kirchhoff or nominal? write it as stress")
-    questions += [
-        each
-        for one, kind in ((stress, "stress"), (along, "strain"))
-        if (each := one.question(kind, "MPa" if kind == "stress" else "1"))
-    ]
+    questions += filter(None, (stress.question("stress"), along.question("strain")))
     if stress.factor is None and not stress.column.shown_unit:
         questions.append(f"{stress.column.name} shows no unit of stress: give scale, the factor to MPa")
     largest = float(np.nanmax(np.abs(along.column.values), initial=0.0))

@@ -273,45 +273,52 @@ def is_machine(proposal: Proposal) -> bool:
 
 def study_text(log: RawLog, proposal: Proposal) -> str:
     """Tables of study.toml that read this file, ready to be pasted."""
-    lines = ["[experiment]", 'loader = "robot_log"', ""]
-    if log.layout:
-        lines += ["[experiment.settings.text]", *_pairs(log.layout), ""]
-    if proposal.files:
-        lines += ["[experiment.settings.files]  # {} stands for the part that both names of a press share"]
-        lines += [*_pairs(proposal.files), ""]
-    lines.append("[experiment.settings.channels]")
-    chosen = channel_map(proposal)
-    time = _first_time(proposal)
-    lines += _commented("time", chosen, time)
-    for quantity in QUANTITIES:
-        guess = proposal.guesses.get(quantity)
-        lines += _commented(quantity, chosen, guess)
-        for other in guess.also if guess else ():
-            lines.append(f"# or {quantity} = {toml_value(_entry(other, time, proposal))}")
-    lines += [f"# {proposal.wrench_reason}"] if is_machine(proposal) else _sides(proposal)
-    if proposal.skips_missing:
-        lines.append('missing = "skip"  # rows of one topic have no values of another')
-    if proposal.repeats_time:
-        lines.append('repeated_time = "keep_first"  # the clock is coarser than the rows')
-    if proposal.files:
-        clocks = {"own": '"common": one clock stamped both files', "common": '"own": each file has its clock'}
-        lines.append(f'clocks = "{proposal.clocks}"  # or {clocks[proposal.clocks]}')
-    if proposal.ends_in_contact:
-        lines += [
-            "",
-            "[experiment.settings.drift]",
-            "enabled = false  # no free air after the press shows it",
-        ]
-    if is_machine(proposal):
-        return "\n".join(lines) + "\n"
-    lines += [
-        "",
-        "[experiment.settings.gravity]",
+    files = ["# {} is the part that both names of a press share", *pairs(proposal.files or {})]
+    gravity = [
         'method = "off"  # or "fit" from poses in air, or "known" with the weight that the sensor carries:',
         '# weight = "1 N"',
         '# centre = ["0 mm", "0 mm", "-30 mm"]',
     ]
-    return "\n".join(lines) + "\n"
+    tables = {
+        "experiment": ['loader = "robot_log"'],
+        "experiment.settings.text": pairs(log.layout),
+        "experiment.settings.files": files if proposal.files else [],
+        "experiment.settings.channels": [*_channels(proposal)],
+        "experiment.settings.drift": ["enabled = false  # no free air after the press shows it"]
+        if proposal.ends_in_contact
+        else [],
+        "experiment.settings.gravity": [] if is_machine(proposal) else gravity,
+    }
+    return tables_text(tables)
+
+
+def tables_text(tables: Mapping[str, Sequence[str]]) -> str:
+    """Text of the tables that have lines, by their names."""
+    return "\n".join("\n".join([f"[{name}]", *lines, ""]) for name, lines in tables.items() if lines)
+
+
+def pairs(table: Mapping[str, object]) -> list[str]:
+    """Lines of a table of values."""
+    return [f"{key} = {toml_value(value)}" for key, value in table.items()]
+
+
+def _channels(proposal: Proposal) -> Iterable[str]:
+    """Lines of the channel map, with what is to be checked and what it may be instead."""
+    chosen, time = channel_map(proposal), _first_time(proposal)
+    yield from _commented("time", chosen, time)
+    for quantity in QUANTITIES:
+        guess = proposal.guesses.get(quantity)
+        yield from _commented(quantity, chosen, guess)
+        for other in guess.also if guess else ():
+            yield f"# or {quantity} = {toml_value(_entry(other, time, proposal))}"
+    yield from [f"# {proposal.wrench_reason}"] if is_machine(proposal) else _sides(proposal)
+    if proposal.skips_missing:
+        yield 'missing = "skip"  # rows of one topic have no values of another'
+    if proposal.repeats_time:
+        yield 'repeated_time = "keep_first"  # the clock is coarser than the rows'
+    if proposal.files:
+        clocks = {"own": '"common": one clock stamped both files', "common": '"own": each file has its clock'}
+        yield f'clocks = "{proposal.clocks}"  # or {clocks[proposal.clocks]}'
 
 
 def _sides(proposal: Proposal) -> Iterable[str]:
@@ -336,7 +343,3 @@ def _commented(quantity: str, chosen: Mapping[str, object], guess: Guess | None)
     for check in guess.to_check:
         yield f"# check {check}"
     yield f"{quantity} = {toml_value(chosen[quantity])}"
-
-
-def _pairs(table: Mapping[str, object]) -> Iterable[str]:
-    return (f"{key} = {toml_value(value)}" for key, value in table.items())

@@ -163,7 +163,7 @@ def _gather(
     number: int,
     received_ns: int,
 ) -> None:
-    """Add a message to the stream of its topic, a transform to that of its two frames."""
+    """Add a message to the stream of its topic, a transform to the stream of its two frames."""
     header = getattr(part, "header", None)
     frame = header.frame_id if header else ""
     name = connection.topic
