@@ -37,9 +37,6 @@ COVERED_SHARE = 0.98
 TURN_SLACK = 0.1
 """Share of the protocol's travel by which a turning point may differ from the protocol's."""
 
-_UNITS = {"deg": "degrees"}
-"""Units of abscissae that messages spell otherwise than columns."""
-
 _OTHER_UNITS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"mm": ("m", "cm", "inch", "µm"), "deg": ("rad",), "s": ("ms", "min")}
 )
@@ -365,7 +362,7 @@ def _as_measured(curve: Curve, abscissa: str, asked: FloatArray, slack: float) -
 def _departures(
     curve: Curve, channel: Channel, asked: FloatArray, written_unit: str, minimum_coverage: float
 ) -> Iterator[str]:
-    unit = _UNITS.get(written_unit, written_unit)
+    unit = "degrees" if written_unit == "deg" else written_unit
     low, high = float(asked.min()), float(asked.max())
     least, most = float(curve.abscissa.min()), float(curve.abscissa.max())
     covered = f"covers {least:g} to {most:g} {unit} where the protocol runs from {low:g} to {high:g} {unit}"

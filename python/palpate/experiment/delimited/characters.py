@@ -2,6 +2,8 @@
 
 import re
 import zipfile
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -9,16 +11,13 @@ from palpate.errors import CurveError
 
 Encoding = Literal["utf-8", "utf-16", "latin-1", "cp1252", "cp1251", "shift_jis", "gb18030"]
 
-_MARKS: tuple[tuple[bytes, Encoding], ...] = (
-    (b"\xef\xbb\xbf", "utf-8"),
-    (b"\xff\xfe", "utf-16"),
-    (b"\xfe\xff", "utf-16"),
-)
-_USUAL_PAIRS: tuple[tuple[re.Pattern[bytes], Encoding], ...] = (
-    (re.compile(rb"[\x81-\x83\x88-\x97][\x40-\x7e\x80-\xfc]"), "shift_jis"),
-    (re.compile(rb"[\xa1-\xa3\xb0-\xd7][\xa1-\xfe]"), "gb18030"),
-    (re.compile(rb"[\xc0-\xff]{3,}"), "cp1251"),
-)
+_ASCII = bytes(range(128))
+_MARKS: Mapping[bytes, Encoding] = {BOM_UTF8: "utf-8", BOM_UTF16_LE: "utf-16", BOM_UTF16_BE: "utf-16"}
+_USUAL_PAIRS: Mapping[Encoding, bytes] = {
+    "shift_jis": rb"[\x81-\x83\x88-\x97][\x40-\x7e\x80-\xfc]",
+    "gb18030": rb"[\xa1-\xa3\xb0-\xd7][\xa1-\xfe]",
+    "cp1251": rb"[\xc0-\xff]{3,}",
+}
 """Two bytes of the most frequent characters of Japanese and Chinese text, and words of Russian text."""
 _NEVER_READ = (
     (b"\x1f\x8b", "is compressed by gzip; unpack it first"),
@@ -76,7 +75,7 @@ def decoded(path: Path, given: Encoding | None) -> tuple[str, Encoding]:
             f"{path}: is {kind}, and this loader reads text alone; see "
             "'palpate experiment inspect' for the loader that reads it, or save its columns as CSV"
         )
-    marked = given or next((encoding for mark, encoding in _MARKS if raw.startswith(mark)), None)
+    marked = given or next((encoding for mark, encoding in _MARKS.items() if raw.startswith(mark)), None)
     guesses: tuple[Encoding, ...] = ("utf-8", *_of_pairs(raw[:100_000]), "cp1252", "latin-1")
     for encoding in (marked,) if marked else guesses:
         try:
@@ -98,9 +97,6 @@ def decoded(path: Path, given: Encoding | None) -> tuple[str, Encoding]:
 
 def _of_pairs(raw: bytes) -> tuple[Encoding, ...]:
     """Encoding of Japanese or Chinese text, where most bytes outside of ASCII are in its usual pairs."""
-    n_others = len(re.findall(rb"[\x80-\xff]", raw))
-    n_paired = {
-        encoding: sum(map(len, re.findall(rb"[\x80-\xff]", b"".join(pairs.findall(raw)))))
-        for pairs, encoding in _USUAL_PAIRS
-    }
-    return tuple(encoding for encoding, n in n_paired.items() if 0.7 * n_others < n)
+    n_others = len(raw.translate(None, _ASCII))
+    paired = {encoding: b"".join(re.findall(pairs, raw)) for encoding, pairs in _USUAL_PAIRS.items()}
+    return tuple(key for key, part in paired.items() if 0.7 * n_others < len(part.translate(None, _ASCII)))

@@ -3,6 +3,7 @@
 import re
 import unicodedata
 from functools import cache
+from itertools import product
 from types import MappingProxyType
 from typing import Literal
 
@@ -59,31 +60,26 @@ _FOREIGN = {
 """Units in other languages, in their own letters or without accents."""
 
 _RATIOS = {
-    **dict.fromkeys(("strain", "ε"), 1.0),
-    **dict.fromkeys(("‰", "permille", "millistrain", "mstrain", "mε"), 1e-3),
-    **dict.fromkeys(("ppm", "microstrain", "microstrains"), 1e-6),
-    **{f"{micro}{strain}": 1e-6 for micro in "uµμ" for strain in ("ε", "e", "strain", "-strain")},
+    unit: factor
+    for factor, units_of in {
+        1.0: "strain ε",
+        1e-3: "‰ permille mstrain millistrain mε",
+        1e-6: "ppm microstrain microstrains uε ue ustrain u-strain",
+    }.items()
+    for unit in units_of.split()
 }
 """Factors of units of strain, in small letters."""
 
-UNITS = (
-    frozenset(_FOREIGN)
-    | frozenset(_RATIOS) - {"strain", "ε"}
-    | frozenset(
-        unit.replace("~", " ")
-        for unit in re.split(
-            r"\s+",
-            "s sec secs second seconds ms msec milliseconds us µs μs usec microseconds ns nsec nanoseconds "
-            "m meter meters metre metres cm mm millimeter millimetre um µm μm nm in inch "
-            "N newton newtons kN mN uN µN μN nN kgf kp gf lbf ozf kg lb lbs "
-            "Nm N~m N·m N*m N.m N-m N_m Nmm N~mm N·mm N*mm N.mm N-mm N_mm mNm mN~m mN·m mN*m mN.m mN-m mN_m "
-            "Ncm N~cm N·cm N*cm N_cm lbf·in lbf-in lbf_in in·lb in-lb in-lbf ozf·in ozf-in oz-in "
-            "rad radian radians mrad deg degree degrees ° % percent pct MPa kPa Pa psi mm/mm in/in m/m mm/m "
-            "um/m µm/m mm/s mm/min °C",
-        )
-    )
+_USUAL = (
+    "s sec secs second seconds ms msec milliseconds us usec microseconds ns nsec nanoseconds "
+    "m meter meters metre metres cm mm millimeter millimetre um nm in inch N newton newtons kN mN uN nN kgf "
+    "kp gf lbf ozf kg lb lbs lbf·in lbf-in lbf_in in·lb in-lb in-lbf ozf·in ozf-in oz-in rad radian radians "
+    "mrad deg degree degrees ° % percent pct MPa kPa Pa psi mm/mm in/in m/m mm/m um/m mm/s mm/min °C"
 )
-"""Units that are believed behind a name without brackets, or alone in a cell."""
+UNITS = frozenset({*_FOREIGN, *_RATIOS, *_USUAL.split()} - {"strain", "ε"}) | frozenset(
+    map("".join, product(("N", "mN"), ("", *" ·*.-_"), ("m", "mm", "cm")))
+)
+"""Units that are believed behind a name without brackets, or alone in a cell, without accents."""
 
 _OF_LABELS = {
     **dict.fromkeys(("min", "h", "hr"), frozenset(("time", "t", "zeit", "elapsed"))),
@@ -102,10 +98,7 @@ _SPELT = {
     "lb-f": "lbf",
     "kgs": "kg",
     "grf": "gf",
-    "gr": "?",
-    "a.u.": "?",
-    "au": "?",
-    "px": "?",
+    **dict.fromkeys(("gr", "a.u.", "au", "px"), "?"),
     **_FOREIGN,
 }
 _OTHER_CASE = {
@@ -141,10 +134,16 @@ def unit_in(name: str) -> tuple[str, str]:
     for unit in re.findall(r"(?=(?:^|[_\s,/])([^\s_,/].*)$)", name.strip()):
         label = name.strip()[: -len(unit)].rstrip("_ /\t,")
         words = {word.lower() for word in re.split(r"[\W_]+", label)}
-        if label and (unit in UNITS or words & _OF_LABELS.get(unit, frozenset())):
+        if label and (is_believed(unit) or words & _OF_LABELS.get(unit, frozenset())):
             return label, unit
-    is_both = name.strip().lower().endswith("strain") and _RATIOS.get(name.strip().lower(), 1.0) < 1.0
-    return ("strain", name.strip()) if is_both else (name.strip(), "")  # Microstrain
+    is_both = _RATIOS.get(name.strip().lower(), 1.0) < 1.0  # Microstrain
+    return ("strain", name.strip()) if is_both and "strain" in name.lower() else (name.strip(), "")
+
+
+def is_believed(unit: str) -> bool:
+    """Whether a word is one of ``UNITS``, a long one in letters of any size."""
+    plain = plain_letters(unit)
+    return not UNITS.isdisjoint({unit, plain, plain.lower() if len(plain) > 3 else plain})
 
 
 def bare_unit(cell: str) -> str:

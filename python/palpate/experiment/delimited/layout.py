@@ -11,7 +11,7 @@ from pydantic import Field
 from palpate.domain.component import Settings
 from palpate.errors import CurveError
 from palpate.experiment.delimited.characters import Encoding
-from palpate.experiment.delimited.header_units import UNITS, bare_unit, kind_of, plain_letters, unit_in
+from palpate.experiment.delimited.header_units import bare_unit, is_believed, kind_of, unit_in
 
 if TYPE_CHECKING:
     import polars as pl
@@ -44,8 +44,7 @@ _UNIT_LABELS = frozenset(("y_unit_label", "unit", "units", "einheit", "einheiten
 _COMMENT_LABEL = re.compile(r"(columns?|fields?|names?|spalten)\s*[:=]\s*", re.IGNORECASE)
 _WHOLE = ("date", "list", "quantity")
 """Kinds that every cell of a column has."""
-_SNIFFED_LINES, _SAMPLED_LINES, _SAMPLED_ROWS, _LONGEST_LINE = 400, 60, 20, 100_000
-_LONGEST_UNIT = 20
+_SNIFFED_LINES, _SAMPLED_LINES, _SAMPLED_ROWS, _LONGEST_LINE, _LONGEST_UNIT = 400, 60, 20, 100_000, 20
 
 Mark = Literal[".", ","]
 _Kinds = Sequence[str]
@@ -401,11 +400,7 @@ def _is_under_names(kinds: Sequence[_Kinds], index: int) -> bool:
 def _is_units_line(cells: Sequence[str]) -> bool:
     """Whether most cells of a line are units, as some loggers write them under the names."""
     filled = [cell for cell in cells if bare_unit(cell)]
-    known = [
-        c
-        for c in filled
-        if {c, plain_letters(c).lower()} & UNITS or (bare_unit(c) != c and kind_of(bare_unit(c)))
-    ]
+    known = [c for c in filled if is_believed(c) or (bare_unit(c) != c and kind_of(bare_unit(c)))]
     return 0 < len(filled) <= 2 * len(known) and all(len(cell) <= _LONGEST_UNIT for cell in filled)
 
 

@@ -238,19 +238,18 @@ class TextTable:
 
     def _check_marks(self) -> None:
         """Refuse a file that has columns under other marks than the settings give."""
-        given = self.text_format
-        if given.delimiter is None and given.decimal is None:
+        given = self.text_format.model_dump(include={"delimiter", "decimal"}, exclude_none=True)
+        if not given:
             return
+        guessed = self.text_format.model_copy(update=dict.fromkeys(given))
         try:
-            found = TextTable(
-                self.path, given.model_copy(update={"delimiter": None, "decimal": None})
-            ).settings()
+            found = {key: str(mark) for key, mark in TextTable(self.path, guessed).settings().items()}
         except CurveError:
             return
         marks = [
             f'{key} = "{found[key]}"'
-            for key, mark in (("decimal", given.decimal), ("delimiter", given.delimiter))
-            if mark is not None and DELIMITERS.get(mark, mark) != DELIMITERS.get(str(found[key]), found[key])
+            for key, mark in sorted(given.items())
+            if DELIMITERS.get(mark, mark) != DELIMITERS.get(found[key], found[key])
         ]
         if marks:
             raise CurveError(
@@ -461,8 +460,7 @@ def _seconds(cells: "pl.Series") -> tuple[FloatArray, "pl.Series"]:
     text = text.str.replace(r"^(\d{1,2}:)", "1970-01-01 ${1}").str.replace(r"[T ]+", " ").str.to_uppercase()
     tried = (text.str.to_datetime(each, strict=False, time_unit="ns") for each in _FORMATS)
     stamps = min(tried, key=lambda found: found.null_count())
-    ticks = (
-        stamps.to_physical()
-    )  # whole nanoseconds: seconds since 1970 would leave a quarter of a microsecond
+    # Whole nanoseconds: seconds since 1970 would leave a quarter of a microsecond.
+    ticks = stamps.to_physical()
     since = (ticks - ticks.drop_nulls().first()).cast(float).fill_null(math.nan)
     return np.array(since.to_numpy() * 1e-9), stamps.is_null()
