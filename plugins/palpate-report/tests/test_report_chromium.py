@@ -180,6 +180,25 @@ INK = (
 )
 
 
+EDGES = (
+    "(c => { const [w, h] = [c.width - 80 * devicePixelRatio, c.height], of = c.getContext('2d');"
+    " return [[0, 0, w, 2], [0, h - 2, w, 2], [0, 0, 2, h], [w - 2, 0, 2, h]].map(at =>"
+    " [...of.getImageData(...at).data].filter((v, i) => i % 4 === 3 && v).length); })"
+    "(document.getElementById('skin'))"
+)
+
+
+def test_the_first_view_has_the_whole_skin(browser, page):
+    path = page(pressed)
+    for width in (1100, 400):
+        unfolded(browser, path, width)
+        for _ in range(4):
+            assert browser.value(EDGES) == [0, 0, 0, 0]
+            browser.value("document.querySelector('[data-turn-skin=left]').click()")
+        browser.value("document.querySelector('[data-turn-skin=in]').click()")
+        assert any(browser.value(EDGES))
+
+
 def test_the_skin_moves_with_the_slider_turns_plays_and_has_two_colours(browser, page, until):
     path = page(pressed)
     for width, dark in ((1100, False), (400, True)):

@@ -2,8 +2,6 @@
 /** The skin under the press, drawn on a canvas: from the farthest triangle to the nearest. */
 const makeSkin = ({ data, state, element, isShown, colour }) => {
   const START = { turn: -0.9, tilt: 0.7, zoom: 1 };
-  /** How far from the spot the picture reaches, over the size of the indenter. */
-  const REACH = 2.4;
   const TOOL = "#597399", BETWEEN_MS = 250;
   let playing = 0;
   const eye = { ...START }, known = new Map();
@@ -22,9 +20,7 @@ const makeSkin = ({ data, state, element, isShown, colour }) => {
     if (skin && !known.has(spot)) {
       const [points, displacements, pressures] = ["points", "displacements", "pressures"].map((name) => unpacked(skin[name]));
       const moves = Float32Array.from(pressures, (_, i) => Math.hypot(...displacements.subarray(3 * i, 3 * i + 3)));
-      const size = pressures.slice(0, skin.n).reduce((most, _, i) => Math.max(most, Math.hypot(...points.subarray(3 * i, 3 * i + 3))), 1e-9);
-      const tool = skin.indenter.reduce((most, x) => Math.max(most, Math.hypot(...x)), 0);
-      known.set(spot, { ...skin, points, displacements, size: tool ? Math.min(size, REACH * tool) : size, quantities: { displacement: moves, pressure: pressures, slip: slips({ ...skin, points, displacements, pressures }) } });
+      known.set(spot, { ...skin, points, displacements, quantities: { displacement: moves, pressure: pressures, slip: slips({ ...skin, points, displacements, pressures }) } });
     }
     return known.get(spot);
   }
@@ -47,6 +43,17 @@ const makeSkin = ({ data, state, element, isShown, colour }) => {
   function view() {
     const [s, c] = [Math.sin(eye.turn), Math.cos(eye.turn)], [st, ct] = [Math.sin(eye.tilt), Math.cos(eye.tilt)];
     return [[-s, c, 0], [-st * c, -st * s, ct], [ct * c, ct * s, st]];
+  }
+
+  /** Middle of the whole skin and of the indenter as seen along these axes, and their width and height. */
+  function extent(skin, axes) {
+    const { first, positions, rotations } = skin, seen = [];
+    for (let i = 0; i < skin.n; i += 1) seen.push(skin.points.subarray(3 * i, 3 * i + 3));
+    skin.indenter.forEach((x) => seen.push(positions[first].map((o, d) => o + dot(rotations[first][d], x))));
+    return [0, 1].map((k) => {
+      const along = seen.map((p) => dot(axes[k], p)), [low, high] = [along.reduce((a, b) => Math.min(a, b)), along.reduce((a, b) => Math.max(a, b))];
+      return { middle: (low + high) / 2, length: Math.max(high - low, 1e-9) };
+    });
   }
 
   /** Corners of the smallest convex shape around points of the plane (Andrew, 1979). */
@@ -143,9 +150,10 @@ const makeSkin = ({ data, state, element, isShown, colour }) => {
     const [width, height] = [canvas.clientWidth, canvas.clientHeight], fine = window.devicePixelRatio || 1;
     [canvas.width, canvas.height] = [width * fine, height * fine];
     const context = canvas.getContext("2d"), axes = view(), right = width - 80;
-    const size = (eye.zoom * 0.5 * Math.min(right, 1.7 * height)) / skin.size;
+    const [across, up] = extent(skin, axes), size = 0.96 * eye.zoom * Math.min(right / across.length, height / up.length);
     context.scale(fine, fine);
-    const place = (p) => [0.5 * right + size * p[0], 0.5 * height - size * p[1]];
+    // All of it at first; what comes closer is the spot.
+    const place = (p) => [0.5 * right + size * (p[0] - across.middle / eye.zoom), 0.5 * height - size * (p[1] - up.middle / eye.zoom)];
     context.save();
     context.beginPath();
     context.rect(0, 0, right, height); // the scale stays readable
