@@ -1,4 +1,4 @@
-"""Components of the core, provided through the same hooks as those of plugins."""
+"""Components of the core, provided through the same hooks as components of plugins."""
 
 from typing import TYPE_CHECKING
 

@@ -365,7 +365,7 @@ def test_identifiability_that_was_not_assessed_names_the_commands(content, searc
 def test_intervals_without_what_the_sweep_allows_name_its_command(content):
     made = content(search=LeastSquares())
     made = with_tables(made, identifiability=made.table("identifiability").clear())
-    assert about(made, "What the sweep allows has not been assessed").startswith(
+    assert about(made, "Identifiability by the sweep has not been assessed").startswith(
         "Run `palpate identifiability`"
     )
 

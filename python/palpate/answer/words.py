@@ -44,7 +44,7 @@ def word_of(relative_width: float) -> str:
 
 
 def share_of_range(parameter: Parameter, value: float) -> float:
-    """Position of a value in its range, 0 to 1, or in that of its logarithm if that is spread evenly."""
+    """Position of a value in its range, 0 to 1; by logarithms if these are spread evenly."""
     if parameter.scale == "log":
         return float(np.log(value / parameter.lower) / np.log(parameter.upper / parameter.lower))
     return (value - parameter.lower) / (parameter.upper - parameter.lower)

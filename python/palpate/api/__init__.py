@@ -1,4 +1,4 @@
-"""Names that plugins may import, with those of its submodules. Nothing else of palpate is public.
+"""Names that plugins may import, here and in the submodules. Nothing else of palpate is public.
 
 Here are the values of a study, the base classes of what a plugin provides, and errors. Submodules:
 :mod:`palpate.api.experiment`, :mod:`palpate.api.mesh`, :mod:`palpate.api.mechanics`,

@@ -166,9 +166,7 @@ def new_plugin(
             autocompletion=completion.templates,
         ),
     ],
-    name: Annotated[
-        str, typer.Argument(metavar="NAME", help="What a study will call it: lower case, an identifier.")
-    ],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name in a study: lower case, an identifier.")],
     into: Annotated[
         Path, typer.Option("--into", metavar="FOLDER", help="Where to make the folder palpate-NAME.")
     ] = Path(),

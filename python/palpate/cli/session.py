@@ -49,7 +49,7 @@ class Session:
     make_app : callable
         Builds the application with the core's commands, to which plugins add theirs.
     given : sequence of Path, optional
-        Those of the files that the command line names: no other one is refused because it is broken.
+        Files that the command line names: no other one is refused because it is broken.
     """
 
     def __init__(

@@ -64,8 +64,8 @@ class Channel:
     """Kind of a curve: one quantity over another.
 
     ``abscissa`` and ``ordinate`` are column names that carry their unit, such as
-    ``depth_mm`` and ``force_N``; the labels are for figures. ``degree`` is that of the
-    ordinate in the moduli: 1 if it doubles when all of them double (a force, a torque, a
+    ``depth_mm`` and ``force_N``; the labels are for figures. ``degree`` is the degree of the ordinate in
+    the moduli: 1 if it doubles when all of them double (a force, a torque, a
     stress), 0 if it does not change (a displacement, an angle, a ratio).
 
     The other declarations are checked on each measured curve of any loader: ``non_negative``
@@ -272,7 +272,7 @@ class Curve:
         )
 
     def counted(self, name: str) -> BoolArray:
-        """Points (n,) that a weight counts: all for a channel, those of the phase for ``torque/unload``.
+        """Points (n,) that a weight counts: all for a channel, the phase's own for ``torque/unload``.
 
         A turning point, and the point where the abscissa comes back to zero, belong to the earlier phase.
         """

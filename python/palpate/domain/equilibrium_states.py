@@ -56,7 +56,7 @@ class EquilibriumStates:
     slopes : mapping of parameter to (k, 6) array
         Derivatives of the wrench in the parameters and the friction, as in a curve; empty if not requested.
     pose_slopes : mapping of parameter to (k, 6) array
-        Those of the pose, where loads are prescribed.
+        Slopes of the pose, where loads are prescribed.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def _ordinate(channel: Channel, columns: Mapping[str, FloatArray]) -> FloatArray
 def _rate(
     channel: Channel, columns: Mapping[str, FloatArray], rates: Mapping[str, FloatArray], rows: slice
 ) -> FloatArray:
-    """Derivative (k,) of the ordinate at a fixed abscissa, from ``rows`` of those of columns.
+    """Derivative (k,) of the ordinate at a fixed abscissa, from ``rows`` of the derivatives of columns.
 
     Other columns are fixed.
     """
@@ -196,7 +196,7 @@ def _rate(
 
 
 def _steepness(abscissa: FloatArray, ordinate: FloatArray) -> FloatArray:
-    """Derivative (k,) of a curve along itself, of second order; before a turning point that of the branch."""
+    """Derivative (k,) of a curve along itself, of second order; before a turning point of the branch."""
     steps, rises = np.diff(abscissa), np.diff(ordinate)
     still = np.abs(steps) <= 1e-9 * np.ptp(abscissa)
     slopes = np.where(still, 0.0, rises / np.where(still, 1.0, steps))

@@ -19,8 +19,8 @@ RAY_STEPS = 100
 class Indenter(Component[SettingsT]):
     """A rigid body that is pressed into the limb.
 
-    It is given by its signed distance in a frame of its own: z points away from the limb, and x and y
-    are those of the spot's frame (:func:`palpate.mesh.spot_frame.spot_axes`) at rotation 0. At depth 0
+    It is given by its signed distance in a frame of its own: z points away from the limb, and x and y are
+    the axes of the spot's frame (:func:`palpate.mesh.spot_frame.spot_axes`) at rotation 0. At depth 0
     the frame's origin is at the spot, where a body with one lowest point has that point. Normals and
     curvature follow from the distance. ``__init__`` sets the three sizes from the settings.
     """

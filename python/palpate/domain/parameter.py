@@ -68,7 +68,7 @@ class ParameterName:
         return type(self)(self.region, self.name, spot)
 
     def counts_at(self, spot: str, states: Mapping[str, str] = NO_STATES) -> bool:
-        """True if its value is that of the spot, of the spot's state, or of all spots."""
+        """True if its value belongs to the spot, to the spot's state, or to all spots."""
         return self.spot in ("", spot, states.get(spot, spot))
 
 

@@ -14,7 +14,7 @@ from palpate.errors import SamplingError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tie:
-    """Tie of a parameter to another: its value is ``factor`` times that of ``source``.
+    """Tie of a parameter to another: its value is ``factor`` times the value of ``source``.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ class ParameterSpace:
         return tuple(i for i, name in enumerate(self.names) if name in roots)
 
     def complete(self, known: Mapping[str, float]) -> dict[str, float]:
-        """Values of all parameters by full name, from those of the searched ones at least.
+        """Values of all parameters by full name, from the values of at least the searched parameters.
 
         What is not known is what the study fixes it to, or follows by its tie; NaN where neither gives it.
         """

@@ -26,7 +26,7 @@ def average(repeats: Mapping[str, Curve]) -> Curve:
     if every press has a standard deviation, it is no less than their
     root mean square. Times are averaged too, if every press has them. A single press is returned as it is.
 
-    A CurveError names the file whose path turns otherwise than that of the first.
+    A CurveError names the file whose path turns otherwise than the path of the first file.
     """
     (first_file, first), *others = repeats.items()
     if not others:

@@ -51,7 +51,7 @@ class RatioRange(Settings):
 
     lower: Ratio = Field(ge=0.0, description="Lower end.")
     upper: Ratio = Field(description="Upper end.")
-    prior: KnownRatio | None = Field(default=None, description="What is known of it.")
+    prior: KnownRatio | None = Field(default=None, description="Prior knowledge of the value.")
     by: Literal["spot", "state", "all"] | None = Field(
         default=None,
         description="One value for each spot (by itself for offset and gains), for each state of the person "
@@ -88,7 +88,7 @@ class LengthRange(RatioRange):
 
     lower: Length = Field(description="Lower end, with its unit.")
     upper: Length = Field(description="Upper end, with its unit.")
-    prior: KnownLength | None = Field(default=None, description="What is known of it.")
+    prior: KnownLength | None = Field(default=None, description="Prior knowledge of the value.")
 
 
 class StandardSettings(Settings):

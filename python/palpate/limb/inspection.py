@@ -1,4 +1,4 @@
-"""What a mesh file holds, and the tables of study.toml that read it, tried before they are shown."""
+"""Content of a mesh file, and the tables of study.toml that read it, tried before they are shown."""
 
 import json
 import re

@@ -2,13 +2,13 @@
 
 The spot is the origin and z its outward normal. The three signs depend on z alone:
 
-* force is that of the tissue on the indenter along z: positive in compression;
+* force is the force of the tissue on the indenter along z: positive in compression;
 * rotation is about z by the right-hand rule: positive is counter-clockwise, seen from outside;
 * torque is the moment of the indenter on the tissue about z: positive with a positive rotation.
 
 No force along z and no moment about it depends on x and y, but by the turn of an indenter that is not
-round, and the direction of a tilt. All six components of pose and wrench are those of
-:mod:`palpate.domain.equilibrium_states`.
+round, and the direction of a tilt. :mod:`palpate.domain.equilibrium_states` has all six components of pose
+and wrench.
 """
 
 from dataclasses import dataclass, replace

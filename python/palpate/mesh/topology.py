@@ -1,6 +1,6 @@
 """Numbering of the nodes of an element: the only table of it.
 
-The numbering is that of VTK, meshio and FEBio: corners first, then the nodes in the middle of
+The numbering is the same as in VTK, meshio and FEBio: corners first, then the nodes in the middle of
 the edges. A mesh in any of these formats needs no permutation.
 """
 

@@ -22,7 +22,7 @@ class Command:
     Parameters
     ----------
     function : callable
-        A Typer command; its name is that of the command.
+        A Typer command; its name is the name of the command.
     stage : str
         "experiment" or "limb"; empty for a command of its own.
     panel : str

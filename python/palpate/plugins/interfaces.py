@@ -43,7 +43,7 @@ class ExperimentLoader(Component[SettingsT]):
     def load_presses(self, path: Path, channel: str | None = None) -> Mapping[str, Response]:
         """Read every press of one file that may hold several of one spot; by default there is one.
 
-        Parameters are those of :meth:`load`, which gives the last of them.
+        The parameters of :meth:`load`, which gives the last press.
 
         Returns
         -------

@@ -154,7 +154,7 @@ class RangeProposer(Protocol):
     """A material whose ranges follow from the deformation of a homogeneous test."""
 
     def proposed_ranges(self, shear_MPa: float, invariant: float) -> Mapping[str, tuple[float, float]]:
-        """Ranges by parameter, in the material's units; those of the volume are left out.
+        """Ranges by parameter, in the material's units; parameters of the volume are left out.
 
         Parameters
         ----------

@@ -55,7 +55,7 @@ KITS: Mapping[str, Kit] = MappingProxyType(
 def new_plugin(kind: str, name: str, into: Path, plugins: Plugins) -> Path:
     """Write a plugin of one working component, its tests and its README; returns the new directory.
 
-    ``kind`` is one of ``KITS``, ``name`` that of the component in a study, and ``into`` where the directory
+    ``kind`` is one of ``KITS``, ``name`` the component's in a study, and ``into`` where the directory
     ``palpate-<name>`` is made. A PluginError where there is no such kind, the name is no identifier in lower
     case or is taken, or the directory exists or cannot be written.
     """

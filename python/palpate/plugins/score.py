@@ -160,9 +160,7 @@ Otherwise one point with almost no std would outweigh all the others.
 class NmseSettings(Settings):
     """Settings of the score ``nmse``."""
 
-    normaliser: Normaliser = Field(
-        default=Normaliser.MEAN_ABS, description="What the squared error is divided by."
-    )
+    normaliser: Normaliser = Field(default=Normaliser.MEAN_ABS, description="Divisor of the squared error.")
     point_weighting: PointWeighting = Field(
         default=PointWeighting.EQUAL,
         description="Whether each measured point counts the same, or by its standard deviation.",
@@ -172,7 +170,7 @@ class NmseSettings(Settings):
 class Nmse(Score[NmseSettings]):
     """NMSE = Σ w (sim − exp)² / (Σ w · normaliser²), with w = 1 or 1/std² of each measured point.
 
-    The normaliser is of the whole curve, without weights; that of a phase is the same.
+    The normaliser is of the whole curve, without weights; the NMSE of a phase has the same divisor.
     """
 
     name = "nmse"

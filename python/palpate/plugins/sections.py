@@ -219,7 +219,7 @@ _SUFFIXES = {"_s": " (s)", "_percent": " (%)"}
 
 
 def heading(column: str) -> str:
-    """Name of a column for people; that of a parameter is what the study calls it."""
+    """Name of a column for people; the heading of a parameter is its name in the study."""
     measure, _, name = column.partition("_")
     if measure in _MEASURES:
         return f"{_MEASURES[measure]} {name}".rstrip()

@@ -129,7 +129,7 @@ class RunDirectory:
         return dict(self.manifest().get("fit_start", {}))
 
     def with_trusted_code(self, study: Study, names: Collection[str] = ()) -> Study:
-        """The study with the results of earlier code that this run accepts, and those of ``names``."""
+        """The study with the results of earlier code that this run accepts, or that ``names`` lists."""
         return with_trusted_code(study, self.manifest() if self.exists else {}, names)
 
     @contextlib.contextmanager
@@ -162,7 +162,7 @@ class RunDirectory:
             refuse_other(self.folder, self.folder / self.manifest()["study_file"], study.file)
 
     def _origin(self, file: Path, before: Iterable[str]) -> str:
-        """Path of a file from this folder, with which it may move; of a kept copy, that of its original."""
+        """Path of a file, or of the original of a kept copy, from this folder, with which it may move."""
         if not is_kept(self.folder, file):
             return _from(self.folder, file)
         for number, place in enumerate(before):

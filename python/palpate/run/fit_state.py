@@ -24,7 +24,7 @@ class FitState:
     fopt : float or None
         Least Fopt of that search so far; None where every evaluation failed.
     n_simulations : int
-        Simulations so far, besides those of the sweep.
+        Simulations so far, without the sweep.
     n_left : int or None
         Simulations that the run has still to make, about; None where that is not known.
     seconds_left : float or None

@@ -34,7 +34,7 @@ def job_key(job: Job, limb: Limb | None, solver: Solver, trusted: Mapping[str, s
     That is the mesh, the spot, each region's material with its code, settings and values, the
     protocol, the solver with its version, code and settings, the warm starts, whether slopes or the skin are
     wanted, and which channels beyond force and torque. The ``set_id`` is a name and decides nothing.
-    ``trusted`` has fingerprints of earlier code whose results count as those of the code as it is, by
+    ``trusted`` has fingerprints of earlier code whose results count as results of the present code, by
     ``material:NAME`` or ``solver:NAME``.
     """
     return JobKeys(solver, {} if limb is None else {job.limb_name: limb}, trusted).key(job)
@@ -58,7 +58,7 @@ def solver_key(solver: Solver, trusted: Mapping[str, str] = NOTHING_TRUSTED) -> 
 
 
 def identity(component: Component) -> str:
-    """Fingerprint of a component's code; of a solver with its version and that of palpate."""
+    """Fingerprint of a component's code; of a solver with its version and the version of palpate."""
     with answering_for(component, "asking for its version and fingerprint"):
         parts = [component.fingerprint()]
         if isinstance(component, Solver):  # it computes with palpate's own elements and stresses

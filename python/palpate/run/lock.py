@@ -4,7 +4,7 @@
 ends. ``runner.json`` names the runner for messages and `palpate status`. It is rewritten every
 :data:`BEAT_S`, for file systems whose locks do not reach other machines (some NFS and Lustre
 mounts): there a runner of another machine is taken for dead once its record has not changed for
-:data:`LEASE_S` of the observer's own clock. No clock is compared with that of another machine.
+:data:`LEASE_S` of the observer's own clock. No clock is compared with the clock of another machine.
 """
 
 import contextlib

@@ -220,7 +220,7 @@ def fingerprints(study: Study) -> dict[str, str]:
 
 
 def with_trusted_code(study: Study, manifest: Mapping[str, Any], names: Collection[str] = ()) -> Study:
-    """The study with the results that its run directory accepts, and those of ``names`` from now on.
+    """The study with the results that its run directory accepts, and from now on results of ``names``.
 
     ``manifest`` is empty for a new run. A StudyError where the study has no component of such a name,
     ``material:NAME`` or ``solver:NAME``, or the run directory no results of it.

@@ -117,7 +117,7 @@ class FitResult:
     def estimates(self) -> pl.DataFrame:
         """The table with the values that are reported, and Fopt, NMSE and R² of these.
 
-        Where there are intervals they weigh every curve by its error. ``fopt_least`` is that of the search.
+        Where there are intervals they weigh every curve by its error. ``fopt_least`` is the search's.
         """
         known, keys = self.intervals, ["fit", "scenario", "spot"]
         table = self.table.with_columns(fopt_least="fopt").update(self.reported, on=keys, how="left")

@@ -58,8 +58,8 @@ class OptimisedLatinHypercubeSettings(LatinHypercubeSettings):
 class OptimisedLatinHypercube(Sampler[OptimisedLatinHypercubeSettings]):
     """Latin hypercube whose values are ordered, within each parameter, so that the sets are far apart.
 
-    A threshold-accepting search exchanges two values of a parameter at a time. Its criterion
-    never gets worse than that of the plain Latin hypercube with the same seed.
+    A threshold-accepting search exchanges two values of a parameter at a time. Its criterion is never
+    worse than the criterion of the plain Latin hypercube with the same seed.
     """
 
     name = "optimised_lhs"
@@ -85,8 +85,8 @@ class OptimisedLatinHypercube(Sampler[OptimisedLatinHypercubeSettings]):
 class Sobol(Sampler):
     """Sobol' sequence with Owen's nested uniform scrambling.
 
-    The directions are those of Joe and Kuo (2008), as SciPy has them, for up to 21201
-    parameters. The balance is best when ``n_sets`` is a power of 2. A longer draw of a seed
+    The directions of Joe and Kuo (2008), as SciPy has them, for up to 21201 parameters.
+    The balance is best when ``n_sets`` is a power of 2. A longer draw of a seed
     begins with the shorter one.
     """
 

@@ -27,7 +27,7 @@ def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:
     ------
     SamplingError
     StudyError
-        The study has no sets, and its search needs those of a sweep.
+        The study has no sets, and its search needs a sweep.
     """
     if study.search.name == "sweep" and not (study.n_sets or study.n_total):
         raise StudyError(

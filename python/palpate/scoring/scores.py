@@ -157,7 +157,7 @@ class _Scored:
 def _scored(
     simulations: Sequence[Simulation], measured: Curve, score: Score, counted: BoolArray
 ) -> list[_Scored]:
-    """Score all sets together that were simulated at the same abscissae, as those of a sweep are."""
+    """Score all sets together that were simulated at the same abscissae, as in a sweep."""
     curves = [_curve(s, measured.channel) for s in simulations]
     scored = [_Scored(status, message) for _, status, message in curves]
     ordinates: dict[bytes, dict[int, FloatArray]] = {}

@@ -162,7 +162,7 @@ def with_parameters(frame: pl.DataFrame, design: Design) -> pl.DataFrame:
 
 
 def with_tied(frame: pl.DataFrame, space: ParameterSpace) -> pl.DataFrame:
-    """Add a column <region.parameter> for each parameter that is tied to those of the row."""
+    """Add a column <region.parameter> for each parameter that is tied to a parameter of the row."""
     rows = [space.complete(row) for row in frame.iter_rows(named=True)]
     return frame.with_columns(
         pl.Series(name, [row[name] for row in rows], dtype=pl.Float64) for name in space.ties
@@ -205,7 +205,7 @@ def failures(failed: pl.DataFrame) -> pl.DataFrame:
 def by_reason(found: pl.DataFrame) -> pl.DataFrame:
     """Join failures whose messages differ in their numbers alone: status, reason, n, example, remedy.
 
-    The numbers of a reason are those of the messages where there is one, and … where they differ.
+    A number in a reason is the number of the messages, and … where the messages differ.
     """
     number, message = r"\d+(\.\d+)?([eE][+-]?\d+)?", pl.col("message")
     alike = message.str.replace_all(number, "…").alias("alike")

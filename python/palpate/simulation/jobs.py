@@ -195,8 +195,8 @@ def stored(
 ) -> tuple[Simulation, ...]:
     """Results in ``folder`` that belong to this study, in the order of :func:`jobs`; computes nothing.
 
-    ``wanted`` narrows them to these pairs of spot and set_id. Without ``limbs`` they are those of
-    the last sweep in the folder.
+    ``wanted`` narrows them to these pairs of spot and set_id. Without ``limbs`` the simulations of the
+    last sweep in the folder.
     """
     every = jobs(study, design, measured)
     to_do = [job for job in every if wanted is None or (job.spot, job.set_id) in wanted]

@@ -78,7 +78,7 @@ def _selected(run: RunDirectory) -> Iterator[SimulationId]:
 
 
 def _key(study: Study, simulation: Simulation, limb: Limb | None) -> str:
-    """Inputs of a simulation and all settings, also those of the verification only."""
+    """Inputs of a simulation and all settings, with the settings of the verification."""
     settings = repr(sorted(dict(study.solver.settings).items(), key=str))
     key = job_key(simulation.job, limb, study.solver, study.trusted)
     return hashlib.sha256(f"{key} {settings}".encode()).hexdigest()

@@ -11,7 +11,7 @@ SHORTER = 0.7
 
 
 def finer_inputs(run: Run, worst: str) -> StudyInputs | None:
-    """Inputs with finer meshes than those of a run's fit; None where the meshes may not be finer.
+    """Inputs with finer meshes than a run's fit had; None where the meshes may not be finer.
 
     Only meshes whose edges the study leaves to the run are refined, up to its ``fine_nodes``.
 

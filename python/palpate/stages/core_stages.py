@@ -190,7 +190,7 @@ class Select(OfEveryRun):
         }
 
     def run(self, inputs: Run, progress: Progress) -> Files:
-        """Best sets, with the parameters that are tied to those of the sets."""
+        """Best sets, with the parameters that are tied to searched parameters."""
         scores = inputs.table("scores")
         chosen, general = best_sets(inputs.study, inputs.design, scores)
         _warn_of_missing(inputs, scores, progress)

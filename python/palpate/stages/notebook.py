@@ -191,8 +191,8 @@ def open_problem(
         Spots that are fitted together; all of the study when left out.
     folder : Path, optional
         Run directory where every simulation is kept, so that none is computed twice; nowhere when left out.
-        Where it holds a fit of the study, curves have the corrections by finer meshes of that fit, and Fopt
-        is that of its report; elsewhere curves are those of the coarse meshes.
+        Where it holds a fit of the study, curves have the corrections by finer meshes of that fit, and
+        Fopt is the Fopt of its report; elsewhere curves are of the coarse meshes.
     plugins : Plugins, optional
         The installed ones when left out.
 
@@ -239,7 +239,7 @@ def _corrections(
 ) -> dict[str, Mapping[str, Correction]]:
     """Corrections by finer meshes, by spot and channel, of the fit in a run directory; none without one.
 
-    Of one spot they are those of its own fit, else those of the joint one.
+    The fit of one spot has its own; else the joint fit has them.
     """
     directory = RunDirectory(folder)
     if not directory.records.has("fit"):
@@ -297,7 +297,7 @@ def _design(study: Study, frame: pl.DataFrame) -> Design:
 
 
 def _by_row(scores: pl.DataFrame, design: pl.DataFrame) -> pl.DataFrame:
-    """Scores with a set's row in the design in place of its set_id; those of other sets are left out."""
+    """Scores with a set's row in the design in place of its set_id; rows of other sets are left out."""
     _check_columns("scores", scores, ("spot", "set_id", "channel", "nmse"), "palpate.score")
     rows = design.select("set_id", row=pl.int_range(pl.len()))
     joined = scores.join(rows, on="set_id", how="inner", maintain_order="left")

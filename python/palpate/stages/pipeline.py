@@ -47,8 +47,8 @@ from palpate.study.reading import Study
 class RunResult:
     """Everything a run found.
 
-    ``summary`` is that of its last stage, and ``report`` what the stage ``report`` of palpate-report has
-    made; None without that plugin.
+    ``summary`` is the summary of its last stage, and ``report`` the report of palpate-report;
+    None without that plugin.
     """
 
     folder: Path

@@ -31,7 +31,7 @@ class CurveDrawer(Protocol):
     """A stage that draws the curves of a run, for :meth:`SavedRun.plot`."""
 
     def draw_curves(self, run: Run) -> "Figure":
-        """Figure of the measured curves of each spot with those of the fit."""
+        """Figure of the measured and the fitted curves of each spot."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,7 +184,7 @@ class SavedRun:
         return FittedMaterial(region=chosen, values=values, intervals=known)
 
     def plot(self) -> "Figure":
-        """Figure of the measured curves of each spot with those of the fit, as the report draws it.
+        """Figure of the measured and the fitted curves of each spot, as the report draws it.
 
         Raises
         ------

@@ -38,7 +38,7 @@ from palpate.study.reading import Study
 
 
 class Stage(Component[SettingsT]):
-    """A step from tables to tables: the core's own, such as ``fit``, and those of plugins.
+    """A step from tables to tables: the core's own, such as ``fit``, or a plugin's.
 
     ``palpate NAME STUDY`` runs it, and ``palpate run`` does after the stages that it needs where the study
     has a table ``[stages.NAME]``, which holds its settings. Its tables are files of the run directory,
@@ -144,14 +144,14 @@ class Run:
     channels : mapping of name to Channel
         Those that plugins declare.
     sections : mapping of name to type of Section
-        Those of the page.
+        Sections of the page.
     check_lock : callable
         Raises where the lock on the folder, which the caller holds, is lost.
     fresh : StudyInputs, optional
         Inputs as the study's files are now, where these have just been read.
     is_copy : bool
-        Whether the study is the run's own copy: the meshes need not exist, and the simulations are those of
-        the last sweep.
+        Whether the study is the run's own copy: the meshes need not exist, and the simulations are the
+        last sweep's.
     more_limbs : mapping of limb name to Limb
         Those that are simulated besides the study's.
     forecast : Forecast
@@ -186,7 +186,7 @@ class Run:
         Raises
         ------
         StudyError
-            They are those of other inputs than the study's now.
+            They were made from other inputs than the study has now.
         """
         if self.fresh is not None:
             return self.fresh
@@ -379,7 +379,7 @@ class Run:
             self.directory.records.refuse_missing(stage.name, next(iter(stage.tables)), command)
 
     def _check_simulated(self) -> None:
-        """Refuse scores of simulations that are not those of the study."""
+        """Refuse scores of simulations that are not the study's."""
         n_found = len(self.swept())
         n_scored = self.table("scores").select("spot", "set_id").n_unique()
         if n_found < n_scored:
@@ -483,7 +483,7 @@ def in_order(stages: Mapping[str, Stage], wanted: Iterable[str]) -> list[Stage]:
 
 
 def stages_of_run(study: Study, stages: Mapping[str, Stage]) -> Iterator[Stage]:
-    """Stages of a whole run, in order: those of every run, and those that the study asks for.
+    """Stages of a whole run, in order: the stages of every run, and the stages that the study asks for.
 
     What a run cannot do without comes before what may fail.
     """

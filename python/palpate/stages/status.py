@@ -26,7 +26,7 @@ class RunStatus:
     runner : Runner or None
         The process that runs there now.
     n_simulations : int
-        Simulations of the whole run, those of its fit about; jobs that ask for the same one count once.
+        Simulations of the whole run, with an estimate for its fit; jobs that ask for the same one count once.
     states : mapping of state to number
         Of the finished simulations.
     seconds_left : float or None

@@ -1,4 +1,4 @@
-"""Units in which a study gives its ranges; the stages have those of the materials."""
+"""Units in which a study gives its ranges; the stages have the units of the materials."""
 
 from collections.abc import Iterable
 from dataclasses import replace

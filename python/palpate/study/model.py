@@ -54,7 +54,7 @@ class StudyTable(Table):
     """Name of the study, its description and where its data come from."""
 
     name: Name = Field(description="Name of the study; its runs are kept under it.")
-    description: str = Field(default="", description="What is studied, in a sentence.")
+    description: str = Field(default="", description="Subject of the study, in a sentence.")
     data: Literal["measured", "simulated"] = Field(
         description="Whether the experiment is real; shown wherever results are."
     )
@@ -101,15 +101,15 @@ class IndenterTable(OpenTable):
 class ProtocolTable(OpenTable):
     """Motion of the indenter against the limb; the other keys are the settings of the motion."""
 
-    indenter: IndenterTable = Field(description="What touches the limb.")
+    indenter: IndenterTable = Field(description="Indenter that touches the limb.")
     motion: str = Field(default="press_and_twist", description="Name of a motion.")
     friction: float | None = Field(default=None, ge=0.0, description="Coulomb coefficient of any indenter.")
 
 
 class SpotProtocolTable(OpenTable):
-    """Protocol of one spot; each key takes the place of that of [protocol]."""
+    """Protocol of one spot; each key takes the place of the same key of [protocol]."""
 
-    indenter: IndenterTable | None = Field(default=None, description="What touches the limb here.")
+    indenter: IndenterTable | None = Field(default=None, description="Indenter that touches the limb here.")
     motion: str | None = Field(default=None, description="Name of a motion; its settings are given here.")
     friction: float | None = Field(default=None, ge=0.0, description="Coulomb coefficient here.")
 
@@ -138,7 +138,7 @@ class SpotTable(Table):
         default=None, description="State of the person, such as rest or contracted; of each spot or of none."
     )
     protocol: SpotProtocolTable | None = Field(
-        default=None, description="What is done otherwise at this spot, such as another indenter."
+        default=None, description="Differences at this spot, such as another indenter."
     )
     settings: dict[str, Any] = Field(
         default={},
@@ -185,9 +185,11 @@ class SearchedRange(Table):
     scale: Literal["linear", "log"] = Field(
         default="linear", description="Whether sets are spread evenly over the values or their logarithms."
     )
-    prior: PriorTable | None = Field(default=None, description="What is known of it; it counts in a fit.")
+    prior: PriorTable | None = Field(
+        default=None, description="Prior knowledge of the value; it counts in a fit."
+    )
     by: Literal["spot", "state"] | None = Field(
-        default=None, description="What a fit of several spots finds a value for each of."
+        default=None, description="Groups of which a fit of several spots finds a value for each."
     )
 
 
@@ -348,7 +350,7 @@ class FitTable(Table):
     parametrisation: str = Field(default="standard", description="Name of a parametrisation.")
     searched: dict[str, Any] = Field(
         default={},
-        description="What is searched besides the materials' parameters: settings of the parametrisation.",
+        description="Searched values besides the materials' parameters: settings of the parametrisation.",
     )
     noise: float = Field(
         default=0.01,
@@ -436,7 +438,7 @@ class BudgetTable(Table):
     )
     discrepancy: Annotated[Shares, AfterValidator(_more_than_zero)] = Field(
         default={"": USUAL_DISCREPANCY},
-        description="What a good model leaves unexplained, over the largest ordinate: one number, or one for "
+        description="Residual that a good model leaves, over the largest ordinate: one number, or one for "
         "each channel, 0.5 % of others. Intervals allow for no less, for parameters may hide it. A model "
         "that leaves four times as much does not describe the data.",
     )
@@ -453,7 +455,7 @@ class ScenarioTable(Table):
     weights: dict[str, float] = Field(
         description='Weight in Fopt of the NMSE of each channel, or phase such as "torque/unload".'
     )
-    description: str = Field(default="", description="What the scenario is for.")
+    description: str = Field(default="", description="Purpose of the scenario.")
 
 
 class StudyFile(Table):

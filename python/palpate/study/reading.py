@@ -96,7 +96,7 @@ class Study:
     n_total : int
         Sets that the design of ``n_sets`` is extended, or cut, to; 0: neither.
     trusted : mapping of component to fingerprint
-        Fingerprints of earlier code whose results count as those of the code as it is, by
+        Fingerprints of earlier code whose results count as results of the present code, by
         ``material:NAME`` or ``solver:NAME``.
     """
 

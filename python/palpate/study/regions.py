@@ -226,7 +226,7 @@ def _value(parameter: Parameter, given: object, usual: str = "") -> float:
 
 
 def _unit_nearby(parameter: Parameter, given: Mapping[str, ParameterTable]) -> str:
-    """Unit in which other quantities of a parameter, else those of its neighbours, are written."""
+    """Unit in which other quantities of a parameter, else its neighbours, are written."""
     for table in (given[parameter.name], *given.values()):
         for text in (table.lower, table.upper, table.value):
             if isinstance(text, str) and (unit := unit_of(text)):

@@ -22,7 +22,7 @@ def check_solver(
     scenarios: Sequence[Scenario],
     protocols: Sequence[Protocol | None],
 ) -> None:
-    """Refuse what the solver does not provide; the first protocol is that of the study, then of each spot."""
+    """Refuse what the solver does not provide; first the protocol of the study, then of each spot."""
     _check_body(context, solver, tables)
     _check_regions(context, solver, tables, space)
     check_protocols(context, solver, named_protocols(protocols))
@@ -31,7 +31,7 @@ def check_solver(
 
 
 def named_protocols(protocols: Sequence[Protocol | None]) -> Iterator[tuple[Key, Protocol | None]]:
-    """Each protocol with the key of its table; the first is that of the study, then of each spot."""
+    """Each protocol with the key of its table; first the protocol of the study, then of each spot."""
     keys: list[Key] = [("protocol",), *(("spot", i, "protocol") for i in range(len(protocols) - 1))]
     return zip(keys, protocols, strict=True)
 

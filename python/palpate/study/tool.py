@@ -66,7 +66,7 @@ class Tool:
     name : str
         Of its file.
     pressure_unit : str
-        In which pressures are reported: that of the threshold, else of the study's first modulus.
+        Unit of reported pressures: the threshold's, else the unit of the study's first modulus.
     fine_edge_mm : float or None
         Longest edge under the tool, to which meshes are refined; 0: as they are; None: chosen by the mesh.
     fine_reach_mm : float

@@ -24,7 +24,7 @@ class ScenarioContract:
 
     @pytest.fixture
     def channels(self) -> Collection[str]:
-        """Provide the names of all channels: those of every installed plugin."""
+        """Provide the names of the channels of every installed plugin."""
         from palpate.plugins.catalogue import Plugins
 
         return set(Plugins.load().channels)
@@ -64,7 +64,7 @@ class ChannelContract:
 
     @pytest.fixture
     def states(self) -> EquilibriumStates:
-        """Provide states, from rest on, in which every column moves; with ``others``, those of its solver.
+        """Provide states, from rest on, in which every column moves; with ``others``, its solver's.
 
         The second is pressed only: a channel over a shift, tilt or rotation starts there.
         """

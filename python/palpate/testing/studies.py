@@ -56,7 +56,7 @@ class SmallStudy:
 class StudyRunner:
     """Makes a study of one spot in a folder, and runs its stages in this process.
 
-    Its measured curves are those of the study's own solver, in the middle of every range.
+    The study's own solver simulates its measured curves, in the middle of every range.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -103,7 +103,7 @@ class StudyRunner:
         )
 
     def study(self, *plugins: object, mesh: str = "", **tables: Mapping[str, Any]) -> tuple[Study, Plugins]:
-        """Write a study with the curves of its own solver, and read it; the arguments are those of a call."""
+        """Write a study with the curves of its own solver, and read it; the arguments are the arguments of a call."""
         from palpate.simulation.synthesis import synthesise
         from palpate.study.reading import read_study
 

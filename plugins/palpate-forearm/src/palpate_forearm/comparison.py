@@ -25,7 +25,7 @@ TITLES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """The paper's figures next to those of a reproduction.
+    """The figures of the paper next to the figures of a reproduction.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Comparison:
 
 
 def compare(outcome: ReproductionResult) -> Comparison:
-    """Compare the paper's figures with those of the runs, by material name."""
+    """Compare the figures of the paper with the runs, by material name."""
     results = outcome.results
     return Comparison(
         tables=side_by_side(results),
@@ -79,12 +79,12 @@ def _markdown(comparison: Comparison, results: Mapping[str, RunResult], folder: 
     ]
     parts = [
         "# The paper's study, repeated",
-        "**The curves are simulated.** What this cannot have in common with the paper:",
+        "**The curves are simulated.** Differences from the paper by construction:",
         "\n".join(f"- {line}" for line in comparison.not_shared),
         "Compare the pattern of the rows: the spots are not the paper's points.",
         *(f"**Nothing of {name}:** {why}" for name, why in comparison.failed.items()),
         *(f"## {markdown(TITLES[name], frame)}" for name, frame in comparison.tables.items()),
-        f"## {markdown('What in the paper does not fit', pl.DataFrame(comparison.errata))}",
+        f"## {markdown('Inconsistencies in the paper', pl.DataFrame(comparison.errata))}",
         "## Reports",
         "\n".join(pages),
     ]

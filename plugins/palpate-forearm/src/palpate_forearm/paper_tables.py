@@ -33,7 +33,7 @@ def _printed(name: str) -> pl.DataFrame:
 
 
 def side_by_side(results: Mapping[str, RunResult]) -> dict[str, pl.DataFrame]:
-    """The paper's tables next to those of a reproduction.
+    """The tables of the paper next to the tables of a reproduction.
 
     Parameters
     ----------

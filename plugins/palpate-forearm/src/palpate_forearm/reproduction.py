@@ -90,7 +90,7 @@ def prepare(
     Parameters
     ----------
     folder : Path
-        New, empty, or that of an earlier reproduction, whose studies stay as they are.
+        New, empty, or the folder of an earlier reproduction, whose studies stay as they are.
     materials : sequence of str
         Of "ogden", "yeoh", "neo_hookean".
     n_sets : int

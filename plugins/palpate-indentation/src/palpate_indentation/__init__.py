@@ -31,7 +31,7 @@ if not TYPE_CHECKING:
 
 @hookimpl
 def palpate_channels() -> "list[Channel]":
-    """Provide the paper's two variables, and those of a slide and of a tilt."""
+    """Provide the paper's two variables, and the variables of a slide and of a tilt."""
     from palpate.api import EQUILIBRIUM_CHANNELS
 
     return list(EQUILIBRIUM_CHANNELS)

@@ -307,7 +307,7 @@ class Model:
         return move
 
     def written(self, name: str) -> str:
-        """Name of a set as the file writes it, that of its instance before a point."""
+        """Name of a set as the file writes it, with the name of its instance before a point."""
         return ".".join(self.titles.get(word, word) for word in name.split("."))
 
     def _late_set(self, keyword: Keyword) -> None:

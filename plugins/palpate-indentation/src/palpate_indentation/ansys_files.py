@@ -137,7 +137,7 @@ class _Archive:
             raise self.refused("the last element has too few nodes; the file may be cut off: write it again")
 
     def _element(self, row: list[int]) -> None:
-        """One element; nodes of a tetrahedron are those of the brick that it is, or just its own."""
+        """One element; nodes of a tetrahedron are the eight of a degenerate brick, or its own four."""
         kind, nodes = self.types.get(row[1], 0), row[_HEADER_FIELDS:]
         if kind not in SOLIDS:
             self._leave_out(f"SOLID{kind}" if not kind else f"{kind}")

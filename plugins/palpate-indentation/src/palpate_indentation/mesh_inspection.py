@@ -111,7 +111,7 @@ def _names(content: MeshFile) -> list[str]:
 
 
 def _plain(names: Collection[str]) -> list[str]:
-    """Names without those of an instance that are there without it too."""
+    """Names, without a name of an instance that is there without the instance too."""
     return [name for name in names if "." not in name or name.rpartition(".")[2] not in names]
 
 

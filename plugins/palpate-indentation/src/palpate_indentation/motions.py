@@ -83,7 +83,7 @@ class Move(Settings):
 class MovesSettings(Settings):
     """Settings of the motion ``moves``."""
 
-    moves: tuple[Move, ...] = Field(min_length=1, description="What is done, in order.")
+    moves: tuple[Move, ...] = Field(min_length=1, description="Moves, in order.")
     depth_limit: Length | None = Field(None, gt=0.0, description="Deepest a force may press [mm].")
     slide_limit: Length | None = Field(
         None, gt=0.0, description="Farthest a slide_force may push, along each of x and y [mm]."

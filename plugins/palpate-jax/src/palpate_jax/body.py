@@ -42,7 +42,7 @@ class Block:
     fields : mapping of name to (n_elements, q) or (n_elements, q, 3) array
         Cell fields of the mesh, in its frame.
     rows : (n_cells,) array
-        Cells of the mesh that it was made of, among those of their kind.
+        Cells of the mesh that it was made of, numbered among the cells of their kind.
     places : (n_cells, p) element numbers and (n_cells, p) point numbers
         Quadrature points of each of these cells.
     """
@@ -130,7 +130,7 @@ def _by_patch(block: Block, labels: IntArray) -> Block:
 
 
 def _places(labels: IntArray) -> IntArray:
-    """Running number of each entry among those of the same label."""
+    """Running number of each entry among the entries with its label."""
     order = np.argsort(labels, kind="stable")
     starts = np.concatenate([[0], np.cumsum(np.bincount(labels))[:-1]])
     places = np.empty_like(labels)
@@ -194,7 +194,7 @@ class Body:
         self._n_entries = n_entries
 
     def at_rest(self, *leading: int) -> Histories:
-        """History of a body at rest; with leading axes, that of derivatives. Empty where nothing relaxes."""
+        """History of a body at rest, or with leading axes its derivatives; empty where nothing relaxes."""
         return {number: each.at_rest(*leading) for number, each in self._relaxations.items()}
 
     def in_step(

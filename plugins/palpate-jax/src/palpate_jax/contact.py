@@ -46,7 +46,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Velocity:
-    """Velocity of the indenter: that of its lowest point (3,) [mm], and its spin (3,) [radians]."""
+    """Velocity of the indenter's lowest point (3,) [mm], and its spin (3,) [radians]."""
 
     tip: FloatArray
     spin: FloatArray

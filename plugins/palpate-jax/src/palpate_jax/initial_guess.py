@@ -1,4 +1,4 @@
-"""Initial guesses of a set's displacements from those of its warm starts: the sets that it may start from.
+"""Initial guesses of a set's displacements from its warm starts: the sets that it may start from.
 
 With prescribed motion the displacements of all sets are similar: they do not change when all moduli
 are scaled, and depend smoothly on the other parameters. So they are interpolated between the warm starts at

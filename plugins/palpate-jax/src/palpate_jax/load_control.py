@@ -144,7 +144,7 @@ class LoadControl:
         return self._tolerance * np.array([*[force] * 3, *[moment] * 3])[aim.free]
 
     def _change(self, at: LoadTrial, memory: Memory, aim: Aim) -> tuple[FloatArray, FloatArray]:
-        """Change (n_free,) of the free components by Newton's method, and that of the displacements."""
+        """Change (n_free,) of the free components by Newton's method, and change of the displacements."""
         free = aim.free
         if not at.loads.any():  # off the skin: down to it, first to depth 0
             wanted = np.where(free == DEPTH, max(self._steps[DEPTH], -at.position[DEPTH]), 0.0)

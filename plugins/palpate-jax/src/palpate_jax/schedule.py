@@ -65,7 +65,7 @@ def wrench(answer: Answer, tip: FloatArray) -> FloatArray:
 def wrench_rates(
     force_N: FloatArray, moment_Nmm: FloatArray, answer: Answer, tip: FloatArray, way: FloatArray
 ) -> FloatArray:
-    """Change of the loads (..., 6) for those of force and moment (..., 3) and of the position (..., 6)."""
+    """Change of the loads (..., 6) for changes of force and moment (..., 3) and of the position (..., 6)."""
     tips = np.stack([way[..., 1], way[..., 2], -way[..., 0]], axis=-1)
     moment = moment_Nmm + np.cross(tip, force_N) + np.cross(tips, answer.force_N)
     return np.concatenate([force_N[..., 2:], -force_N[..., :2], moment], axis=-1)
@@ -204,7 +204,7 @@ def schedule(
 ) -> Schedule:
     """Targets of a protocol, with its waypoints and without the rest.
 
-    Shifts take steps of the depth's length, tilts those of the rotation, and a load as many as the depth;
+    Shifts take steps of the depth's length, tilts of the rotation, and a load as many as the depth;
     a load that was not prescribed before takes all of them, as nobody knows by how much it changes. A dwell
     has steps where something relaxes, ``fastest_s`` being its shortest time constant.
     """

@@ -111,7 +111,7 @@ class Rates:
         return self._model.answer(self._displacements, self._thetas, self._load)
 
     def carried(self, moved: FloatArray, motion: Velocity) -> FloatArray:
-        """Rates of the nodes with those of the bonded ones, which move with the indenter."""
+        """Rates of all nodes; the bonded nodes move with the indenter."""
         model, result = self._model, moved.copy()
         places = (model.points + self._displacements)[model.bonded]
         result[model.bonded] = self._with_indenter(places, motion)

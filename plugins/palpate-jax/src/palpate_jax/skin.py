@@ -69,9 +69,9 @@ class NodalTractions:
 def nodal_tractions(contact: Contact, rest_mm: FloatArray, state: LoadStep) -> NodalTractions:
     """Means over the quadrature points around each node, n_nodes of them.
 
-    A point counts at the nodes of its face by shares that are positive and add up to 1, so the force is
-    that of the points to rounding, and no mean exceeds the limit of friction that its points obey. The
-    shares reproduce positions, so the moment is that of the points too, but on faces of tet10 that bend.
+    A point counts at the nodes of its face by shares that are positive and add up to 1, so the sum of the
+    forces is kept to rounding, and no mean exceeds the limit of friction that its points obey. The
+    shares reproduce positions, so the moment is kept too, but on faces of tet10 that bend.
     """
     pose, memory, law = state.load.pose, state.load.memory, state.load.law
     points = Points(pose.into(contact.positions(state.displacements)), memory.anchors, memory.anchored, law)

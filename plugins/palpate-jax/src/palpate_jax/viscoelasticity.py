@@ -4,15 +4,15 @@ The second Piola–Kirchhoff stress relaxes by g(t) = 1 - Σ γ_i (1 - e^(-t/τ_
 
     S = Sᵉ - Σ γ_i (Sʳ - H_i),    H_i(t) = ∫ e^(-(t - s)/τ_i) dSʳ(s)
 
-where Sʳ is Sᵉ, the stress of the energy Ψ, or that of its isochoric part Ψ(J^(-1/3) F) (Simo 1987; Simo &
+where Sʳ is Sᵉ, the stress of the energy Ψ or of its isochoric part Ψ(J^(-1/3) F) (Simo 1987; Simo &
 Hughes, Computational Inelasticity, 1998, section 10.3). It is objective: stresses that relax turn with the
 tissue. Sʳ is straight in time within a load step of duration Δt, so that with k_i = e^(-Δt/τ_i) and
 a_i = (1 - k_i) τ_i / Δt
 
     H_i ← k_i H_i + a_i ΔSʳ,    S = Sᵉ - (1 - c) Sʳ + S⁰,    c = 1 - Σ γ_i (1 - a_i)
 
-and S⁰ = Σ γ_i (k_i H_i - a_i Sʳ) of the beginning of the step. Forces and tangent are therefore those of the
-energy Ψ - (1 - c) Ψʳ, plus those of the constant S⁰: a matrix times the positions of the nodes, and this
+and S⁰ = Σ γ_i (k_i H_i - a_i Sʳ) of the beginning of the step. Forces and tangent therefore follow from
+the energy Ψ - (1 - c) Ψʳ and from the constant S⁰: a matrix times the positions of the nodes, and this
 geometric stiffness itself.
 """
 
@@ -196,7 +196,7 @@ class BlockRelaxation:
         self._places = np.stack([places[:, i::3, i::3][self._first_of_pair] for i in range(3)])
 
     def at_rest(self, *leading: int) -> Stresses:
-        """History of a body at rest; with leading axes, that of derivatives."""
+        """History of a body at rest; with leading axes, the state of derivatives."""
         shape = (*leading, *self._gradients.shape[:2], 3, 3)
         return Stresses(np.zeros(shape), np.zeros((self.times_s.size, *shape)))
 
@@ -236,7 +236,7 @@ class BlockRelaxation:
         Parameters
         ----------
         rates : (p + 2, n_nodes, 3) array
-            Those of the weighted material's forces.
+            Rates of the weighted material's forces.
         """
         totals += rates[:-2]
         for i, total in enumerate(totals[len(totals) - self.times_s.size :]):
@@ -273,7 +273,7 @@ class BlockRelaxation:
         return slopes.after(rates, held.weights)
 
     def _held(self, shares: FloatArray, before: Stresses, weights: Weights) -> FloatArray:
-        """S⁰ (e, q, 3, 3) [MPa], or the part of its derivative that comes from that of the history."""
+        """S⁰ (e, q, 3, 3) [MPa], or the part of its derivative by the history."""
         return np.asarray(sum(share * before.held(i, weights) for i, share in enumerate(shares)))
 
     def _matrix(self, stress: FloatArray) -> csr_array:

@@ -1,7 +1,7 @@
 """Relaxation of a tissue under its press: quasi-linear viscoelasticity, from elastic curves.
 
 All moduli relax alike, by g(t) = 1 - Σ γ_i (1 - e^(-t/τ_i)). Under a prescribed motion the elastic
-deformation is then also that of the relaxing tissue, and a curve is g convolved with the elastic one,
+deformation is then also the relaxing tissue's, and a curve is g convolved with the elastic one,
 
     F(t) = ∫ g(t - s) dFᵉ(s) = Fᵉ(t) - Σ γ_i (Fᵉ(t) - h_i(t)),    h_i(t) = ∫ e^(-(t - s)/τ_i) dFᵉ(s)
 
@@ -100,7 +100,7 @@ def relaxed(time_s: FloatArray, ordinate: FloatArray, times_s: FloatArray, share
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Relaxed:
-    """Response of a relaxing tissue, from that of the elastic one.
+    """Response of a relaxing tissue, from the response of the elastic tissue.
 
     Parameters
     ----------

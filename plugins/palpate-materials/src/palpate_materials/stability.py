@@ -50,7 +50,7 @@ class Drucker(SetFilter[DruckerSettings]):
     planar         t, 1, t^(−1)  (pure shear)
     =============  ==============================
 
-    At J = 1 the Hessian of an uncoupled energy is that of its isochoric part on
+    At J = 1 the Hessian of an uncoupled energy is the Hessian of its isochoric part on
     the increments of constant volume, plus κ on the volumetric one. So for
     these materials the condition is the classic one of incompressible rubber (a
     positive definite 2 × 2 stiffness between true stress and logarithmic strain)

@@ -282,8 +282,8 @@ class Demiray(Uncoupled):
 
     Ψ = μ / (2b) (exp(b (Ĩ1 − 3)) − 1) + κ/2 (ln J)²
 
-    Initial shear modulus μ, bulk modulus κ. The range of μ is that of the
-    paper's Ogden region, 0.015…0.1 MPa.
+    Initial shear modulus μ, bulk modulus κ. The range of μ is the range of the paper's Ogden region,
+    0.015…0.1 MPa.
 
     >>> import numpy as np
     >>> theta = np.array([0.04, 1.0, 1.0])

@@ -120,7 +120,7 @@ def half_space(
     contact_radius_mm : float
         Expected radius of the contact; a ring of nodes is there.
     n_radius : int
-        Rings within the contact, more than ``n_core``/2; those of the core fill half of it.
+        Rings within the contact, more than ``n_core``/2; the cells of the core fill half of it.
     n_core : int
         Cells across the core; see :func:`cylinder`.
     fine : float

@@ -56,7 +56,7 @@ def report_warnings(
         Intervals that do not hold the true value.
     """
     if data.unfinished:
-        why = f"So far: {data.unfinished}. What is shown is the best of the simulations so far."
+        why = f"So far: {data.unfinished}. The page shows the best of the simulations so far."
         yield warn("unfinished", "The run has not ended", why)
     bests = data.bests
     r2 = [
@@ -202,7 +202,7 @@ def _about_fits(data: ReportData) -> Iterator[ReportWarning]:
         "failed-fit",
         "{n} of the fits {has} no result",
         failed,
-        "What is shown there is the best set of the sweep, if there is one.",
+        "The page shows the best set of the sweep there, if there is one.",
     )
     yield from _by_scenario(
         data,
@@ -276,7 +276,7 @@ def _about_ends(data: ReportData, bests: Sequence[Best], whose: str) -> Iterator
 def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
     if not data.unfinished and data.table("identifiability").is_empty() and not data.selection.is_empty():
         has_intervals = not data.fit.intervals.is_empty()
-        what = "What the sweep allows" if has_intervals else "How well each parameter is identified"
+        what = "Identifiability by the sweep" if has_intervals else "How well each parameter is identified"
         first = "`palpate intervals`, then " if data.is_fitted and not has_intervals else ""
         yield warn(
             "not-assessed",

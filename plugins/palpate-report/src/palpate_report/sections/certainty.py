@@ -16,7 +16,7 @@ from palpate_report.sections.tables import picture, tables
 class Certainty(Section):
     """Intervals of the fit and their causes."""
 
-    name, title, entry = "certainty", "What the intervals come from", "Certainty"
+    name, title, entry = "certainty", "Sources of the intervals", "Certainty"
     summary = "causes of the 95 % intervals, and combinations of parameters that are known better"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
@@ -27,7 +27,9 @@ class Certainty(Section):
             "If the error budget is right, 95 of 100 such intervals contain the true value. "
             "Contribution of each error source:"
         )
-        yield from picture(report, "causes", "What widens each interval; the shares are in the table below")
+        yield from picture(
+            report, "causes", "Error sources of each interval; the shares are in the table below"
+        )
         yield from tables(report, "inadequate")
         yield from tables(report, "between_spots")
         yield Paragraph(
@@ -56,7 +58,7 @@ class Certainty(Section):
 class Identifiability(Section):
     """Section on the values that the sets of the sweep allow."""
 
-    name, title, entry = "identifiability", "What the sweep allows", "Identifiability"
+    name, title, entry = "identifiability", "Identifiability by the sweep", "Identifiability"
     summary = "values with which sets of the sweep fit about as well as the best"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:

@@ -67,9 +67,7 @@ class Pictures(Section):
         if not folds and not n_left_out:
             return
         more = f" {n_left_out} more are in the run directory." if n_left_out else ""
-        yield Paragraph(
-            f"What was drawn of the limb when it was meshed, and of each press when it was read.{more}"
-        )
+        yield Paragraph(f"Pictures of the limb as it was meshed, and of each press as it was read.{more}")
         yield from folds
 
 
@@ -164,7 +162,7 @@ class Provenance(Section):
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show the manifest."""
-        yield Paragraph("What every number of this page depended on.")
+        yield Paragraph("Inputs, versions and settings behind every number of this page.")
         found = [name for name in ("table1_fit", "table1_coefficients") if name in report.tables]
         if found:
             files = " and ".join(f"tables/{name}.csv" for name in found)

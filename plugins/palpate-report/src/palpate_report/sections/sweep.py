@@ -71,7 +71,7 @@ class OtherChannels(Section):
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show what each fit misses."""
-        yield Paragraph("What a fit to some channels misses in the others, such as a fit to force in torque.")
+        yield Paragraph("Misfit in the channels that a fit leaves out, such as the torque in a fit to force.")
         yield from tables(report, "unfitted_channels", "cross_channel")
 
 
