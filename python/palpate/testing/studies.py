@@ -103,7 +103,7 @@ class StudyRunner:
         )
 
     def study(self, *plugins: object, mesh: str = "", **tables: Mapping[str, Any]) -> tuple[Study, Plugins]:
-        """Write a study with the curves of its own solver, and read it; the arguments are the arguments of a call."""
+        """Write a study with the curves of its own solver, and read it; the arguments are as in a call."""
         from palpate.simulation.synthesis import synthesise
         from palpate.study.reading import read_study
 
