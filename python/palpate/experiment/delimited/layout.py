@@ -44,7 +44,7 @@ _UNIT_LABELS = frozenset(("y_unit_label", "unit", "units", "einheit", "einheiten
 _COMMENT_LABEL = re.compile(r"(columns?|fields?|names?|spalten)\s*[:=]\s*", re.IGNORECASE)
 _WHOLE = ("date", "list", "quantity")
 """Kinds that every cell of a column has."""
-_SNIFFED_LINES, _SAMPLED_LINES, _SAMPLED_ROWS, _LONGEST_LINE, _LONGEST_UNIT = 400, 60, 20, 100_000, 20
+SNIFFED_LINES, _SAMPLED_LINES, _SAMPLED_ROWS, _LONGEST_LINE, _LONGEST_UNIT = 400, 60, 20, 100_000, 20
 
 Mark = Literal[".", ","]
 _Kinds = Sequence[str]
@@ -98,18 +98,14 @@ class Layout:
 # ------------------------------------------------------------------------------- lines and cells
 
 
-def lines_of(text: str) -> "pl.DataFrame":
-    """Lines of a text, counted from 1."""
+def lines_of(text: str, most: int | None = None) -> "pl.DataFrame":
+    """Lines of a text, counted from 1; all of them, or the first."""
     import polars as pl
 
-    lines = pl.DataFrame({"text": text.split("\n")}).with_row_index("line", offset=1)
+    lines = pl.DataFrame(
+        {"text": text[: start_of(text, most + 1) if most else None].split("\n")}
+    ).with_row_index("line", offset=1)
     return lines.with_columns(pl.col("text").str.strip_chars(" \r"))
-
-
-def first_lines(text: str, wanted: "TextFormat") -> "pl.DataFrame":
-    """Lines of a text from which its layout is guessed, with the skipped ones."""
-    n_lines = (wanted.skip_lines or 0) + _SNIFFED_LINES
-    return lines_of(text[: start_of(text, n_lines + 1)])
 
 
 def start_of(text: str, line: int) -> int:
@@ -208,11 +204,11 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
     A CurveError where there is no line of names, or are no rows of numbers.
     """
     every, skipped = lines, wanted.skip_lines or 0
-    _refuse_messages(source, every["text"].head(_SNIFFED_LINES))
+    _refuse_messages(source, every["text"].head(SNIFFED_LINES))
     if wanted.skip_lines is None and every["text"].head(1).str.starts_with(_LABVIEW).any():
         heads = every.filter(every["text"].str.starts_with(_LABVIEW_HEAD))["line"].head(2).to_list()
         skipped = max(heads, default=0)
-    lines = lines.filter(lines["line"] > skipped).head(_SNIFFED_LINES)
+    lines = lines.filter(lines["line"] > skipped).head(SNIFFED_LINES)
     if lines.filter(lines["text"].str.len_bytes() > _LONGEST_LINE).height:
         raise CurveError(
             f"{source}: a line of more than {_LONGEST_LINE} characters; this is no table of numbers"

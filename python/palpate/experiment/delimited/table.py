@@ -20,13 +20,13 @@ from palpate.experiment.delimited.layout import (
     DELIMITERS,
     NO_VALUE,
     NUMBERS,
+    SNIFFED_LINES,
     THOUSANDS,
     Layout,
     TextFormat,
     body_of,
     cells_of,
     find_layout,
-    first_lines,
     kind_of_cell,
     lines_of,
     numbers_in,
@@ -96,7 +96,8 @@ class TextTable:
         text, self.encoding = decoded(path, self.text_format.encoding)
         self._is_ended = text.endswith("\n")
         try:
-            self.layout = find_layout(str(path), first_lines(text, self.text_format), self.text_format)
+            first = lines_of(text, (self.text_format.skip_lines or 0) + SNIFFED_LINES)
+            self.layout = find_layout(str(path), first, self.text_format)
         except CurveError:
             self._check_marks()
             raise
