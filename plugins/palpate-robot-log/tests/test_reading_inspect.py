@@ -184,7 +184,15 @@ def test_nothing_is_proposed_out_of_nothing() -> None:
 @pytest.mark.parametrize(
     ("header", "settings"),
     [
-        ("depth_mm,angle_deg,force_N,torque_Nmm", {}),
+        (
+            "depth_mm,angle_deg,force_N,torque_Nmm",
+            {
+                "channels": {
+                    "force": {"abscissa": "depth_mm", "ordinate": "force_N"},
+                    "torque": {"abscissa": "angle_deg", "ordinate": "torque_Nmm"},
+                }
+            },
+        ),
         ("depth_mm,force_N", {"channels": {"force": {"abscissa": "depth_mm", "ordinate": "force_N"}}}),
         (
             "Depth [m];Load (kN);Twist [rad];Torque_N_m",
@@ -214,7 +222,7 @@ def test_curves_that_are_processed_already_are_for_the_loader_csv(
     table = tomllib.loads(found.study_text)["experiment"]
     assert (table["loader"], table.get("settings", {})) == ("csv", settings)
     curves = CsvLoader(CsvSettings.model_validate(settings)).load(path)
-    assert list(curves) == list(settings.get("channels", ("force", "torque")))
+    assert list(curves) == list(settings["channels"])
 
 
 def test_a_log_with_a_column_of_depth_stays_a_log(tmp_path: Path) -> None:
@@ -227,7 +235,10 @@ def test_a_log_with_a_column_of_depth_stays_a_log(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("header", "settings"),
     [
-        ("stretch,stress_MPa", {}),
+        (
+            "stretch,stress_MPa",
+            {"channels": {"uniaxial": {"abscissa": "stretch", "ordinate": "stress_MPa"}}},
+        ),
         (
             "strain,stress_kPa",
             {
