@@ -82,7 +82,7 @@ def test_a_weight_that_is_left_in_is_a_warning():
     off = type(one.loader)(one.loader.settings.model_copy(update={"gravity": Gravity()}))
     (warning,) = measured_warnings(load_measured(replace(one, loader=off), plugins().channels))
     assert "the force in free air is 1.6 N (13% of the peak) and the tool tilts by 11 degrees" in warning
-    assert warning.endswith("up to 0.29 N of it stay in the curves: give gravity.method")
+    assert warning.endswith("up to 0.29 N of it stay in the curves; give gravity.method")
     assert measured_warnings(measured()) == ()
 
 
