@@ -20,6 +20,24 @@ from typing import Any
 NONE: Mapping[str, str] = MappingProxyType({})
 
 
+@functools.cache
+def _homes(module: str) -> dict[str, str]:
+    """Modules of the names that a module imports for type checkers as themselves, by name."""
+    import ast
+
+    loader: Any = getattr(sys.modules[module].__spec__, "loader", None)
+    source = loader.get_source(module) or ""
+    return {
+        alias.name: str(imported.module)
+        for block in ast.parse(source).body
+        if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING"
+        for imported in block.body
+        if isinstance(imported, ast.ImportFrom)
+        for alias in imported.names
+        if alias.asname == alias.name
+    }
+
+
 def deferred(module: str, moved: Mapping[str, str] = NONE) -> Callable[[str], object]:
     """Make the ``__getattr__`` of a module; it has a ``__dir__`` that lists the names too.
 
@@ -37,34 +55,18 @@ def deferred(module: str, moved: Mapping[str, str] = NONE) -> Callable[[str], ob
         Imports a name; raises AttributeError for any other.
     """
 
-    @functools.cache
-    def homes() -> dict[str, str]:
-        import ast
-
-        loader: Any = getattr(sys.modules[module].__spec__, "loader", None)
-        source = loader.get_source(module) or ""
-        return {
-            alias.name: str(imported.module)
-            for block in ast.parse(source).body
-            if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING"
-            for imported in block.body
-            if isinstance(imported, ast.ImportFrom)
-            for alias in imported.names
-            if alias.asname == alias.name
-        }
-
     def get(name: str) -> object:
         if name == "__all__":
-            return sorted(homes())
+            return sorted(_homes(module))
         if name == "__dir__":
-            return lambda: sorted({*vars(sys.modules[module]), *homes()})
+            return lambda: sorted({*vars(sys.modules[module]), *_homes(module)})
         if name in moved:
             place = f"{moved[name]}.{name}"
             warnings.warn(f"{module}.{name} is {place} now; import it from there", DeprecationWarning, 3)
             return getattr(importlib.import_module(moved[name]), name)
-        if name.startswith("__") or name not in homes():
+        if name.startswith("__") or name not in _homes(module):
             raise AttributeError(f"module '{module}' has no attribute '{name}'")
-        value: object = getattr(importlib.import_module(homes()[name]), name)
+        value: object = getattr(importlib.import_module(_homes(module)[name]), name)
         return value
 
     return get

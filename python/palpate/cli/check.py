@@ -126,8 +126,23 @@ def _as_json(study: "Study", checked: "StudyInputs", left: "Cost") -> "CheckOutp
     }
 
 
-def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
+def _show_spots(session: Session, study: "Study", checked: "StudyInputs") -> None:
     from palpate.limb.outer_surface import surface_shares
+
+    heads = ("nodes (edge under the indenter)", "outer surface: fixed, in contact, free")
+    rows = [
+        [
+            spot,
+            ", ".join(_peak(session, curve) for curve in response.curves.values()),
+            _meshes(study, checked, spot),
+            str(surface_shares(checked.limbs[spot].mesh)) if spot in checked.limbs else None,
+        ]
+        for spot, response in checked.measured.items()
+    ]
+    session.table("Spots", ["spot", "channels and peaks", *heads], rows)
+
+
+def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
     from palpate.study.display_units import in_units
 
     odd = f", warnings on stderr: {len(checked.warnings)}" if checked.warnings else ""
@@ -146,24 +161,7 @@ def _show(session: Session, study: "Study", checked: "StudyInputs") -> None:
     )
     for name, tie in study.space.ties.items():
         session.say(f"{name} = {tie}")
-    session.table(
-        "Spots",
-        [
-            "spot",
-            "channels and peaks",
-            "nodes (edge under the indenter)",
-            "outer surface: fixed, in contact, free",
-        ],
-        [
-            [
-                spot,
-                ", ".join(_peak(session, curve) for curve in response.curves.values()),
-                _meshes(study, checked, spot),
-                str(surface_shares(checked.limbs[spot].mesh)) if spot in checked.limbs else None,
-            ]
-            for spot, response in checked.measured.items()
-        ],
-    )
+    _show_spots(session, study, checked)
     show_cycles(session, checked.measured)
     n_sets = checked.design.n_sets
     solver = f"solver '{study.solver.name}'"

@@ -1,6 +1,6 @@
 """``palpate experiment``: measured curves of a study, and what a file without a study holds."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +21,24 @@ Plots = Annotated[
 ]
 
 
+def _rows(session: Session, spot: str, response: "Response") -> Iterator[dict[str, Any]]:
+    """Row of each measured curve of a spot."""
+    averages = response.record.get("averages", {})
+    for name, curve in response.curves.items():
+        along, unit = session.plugins.channels[name].units
+        yield {
+            "spot": spot,
+            "channel": name,
+            "n_points": curve.abscissa.size,
+            "n_presses": averages[name]["n_presses"] if name in averages else 1,
+            "over": f"{curve.abscissa.min():.4g} to {curve.abscissa.max():.4g} {along}".rstrip(),
+            "least": float(curve.ordinate.min()),
+            "largest": float(curve.ordinate.max()),
+            "unit": unit,
+            "largest_std": None if curve.std is None else float(curve.std.max()),
+        }
+
+
 def experiment(
     context: typer.Context,
     study: StudyOrRun,
@@ -37,23 +55,7 @@ def experiment(
     session, checked, folder = opened(context, study, out, trust=trust_plugins)
     with StageProgress(session) as progress:
         measured = pipeline.measure(checked, folder, session.plugins, progress, plots=plots)
-    rows: list[dict[str, Any]] = []
-    for spot in checked.spots:
-        averages = measured[spot.spot.name].record.get("averages", {})
-        for name, curve in measured[spot.spot.name].curves.items():
-            along, unit = session.plugins.channels[name].units
-            row = {
-                "spot": spot.spot.name,
-                "channel": name,
-                "n_points": curve.abscissa.size,
-                "n_presses": averages[name]["n_presses"] if name in averages else 1,
-                "over": f"{curve.abscissa.min():.4g} to {curve.abscissa.max():.4g} {along}".rstrip(),
-                "least": float(curve.ordinate.min()),
-                "largest": float(curve.ordinate.max()),
-                "unit": unit,
-                "largest_std": None if curve.std is None else float(curve.std.max()),
-            }
-            rows.append(row)
+    rows = [row for spot in checked.spot_names for row in _rows(session, spot, measured[spot])]
     if as_json:
         session.json(rows)
         return

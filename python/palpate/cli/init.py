@@ -151,6 +151,18 @@ def own_test_text(session: Session, ready: Path, folder: Path, measured: Sequenc
     return "\n".join([*own, found.study_text, *tables, '[selection]\nscenarios = ["test"]\n', weights])
 
 
+def _check_pairs(measured: Sequence[Path], meshes: Sequence[Path]) -> None:
+    """Refuse anything but one mesh that is there for each file of curves that is there."""
+    if not measured or len(measured) != len(meshes):
+        raise StudyError(
+            f"{len(measured)} files with --measured and {len(meshes)} with --mesh; give one of each for "
+            "every spot, in the same order"
+        )
+    for file in (*measured, *meshes):
+        if not file.exists() or (file.is_dir() and file in meshes):
+            raise StudyError(f"{file}: no such file; give a file that is there")
+
+
 def own_study_text(
     session: Session,
     ready: Path,
@@ -165,14 +177,7 @@ def own_study_text(
     """
     from palpate.study.reading import parse_toml
 
-    if not measured or len(measured) != len(meshes):
-        raise StudyError(
-            f"{len(measured)} files with --measured and {len(meshes)} with --mesh; give one of each for "
-            "every spot, in the same order"
-        )
-    for file in (*measured, *meshes):
-        if not file.exists() or (file.is_dir() and file in meshes):
-            raise StudyError(f"{file}: no such file; give a file that is there")
+    _check_pairs(measured, meshes)
     found = look_into(measured[0], wrench, session, None)
     measured = [_file_of(file, session) for file in measured]
     looks = [_look(session, mesh) for mesh in meshes]

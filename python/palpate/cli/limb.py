@@ -17,6 +17,17 @@ if TYPE_CHECKING:
     from palpate.plugins.optional import Inspection
 
 
+def _neither(context: typer.Context, file: Path) -> StudyError:
+    """Error of a file that is neither a study nor a scan."""
+    stage = context.parent and context.parent.command
+    kinds = stage.suffixes.values() if isinstance(stage, StageGroup) else ()
+    others = ", ".join(sorted(set().union(*kinds)))
+    return StudyError(
+        f"{file}: neither a study (study.toml) nor a file that a plugin makes a mesh of "
+        f"({others or 'no plugin that does is installed'}); name one of the two"
+    )
+
+
 def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> None:
     """Read and check the mesh around every spot of a study; `palpate limb SCAN` makes meshes of a scan."""
     from palpate.limb.loading import limb_warnings
@@ -24,13 +35,7 @@ def limb(context: typer.Context, study: StudyPath, as_json: AsJson = False) -> N
 
     session = Session.of(context)
     if study.is_file() and study.suffix.lower() != ".toml":
-        stage = context.parent and context.parent.command
-        kinds = stage.suffixes.values() if isinstance(stage, StageGroup) else ()
-        others = ", ".join(sorted(set().union(*kinds)))
-        raise StudyError(
-            f"{study}: neither a study (study.toml) nor a file that a plugin makes a mesh of "
-            f"({others or 'no plugin that does is installed'}); name one of the two"
-        )
+        raise _neither(context, study)
     with StageProgress(session, keeps=False) as progress:
         progress.begin("limb", 1)
         checked = session.study(study)

@@ -106,10 +106,7 @@ def run_program(
     working_directory : Path, optional
         The folder when left out.
 
-    Raises
-    ------
-    PluginError
-        The program cannot be started.
+    A PluginError where the program cannot be started.
     """
     started = time.monotonic()
     # A file, not a pipe: it needs nobody to drain it, nor waits for a grandchild that holds it.

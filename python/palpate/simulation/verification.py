@@ -47,9 +47,7 @@ def verify(
     if not isinstance(study.solver, Verifier):
         return pl.DataFrame()
     found = stored(study, design, limbs, measured, run.folder, set(_selected(run)))
-    known: dict[str, dict[str, Any]] = {}
-    with contextlib.suppress(StudyError):  # corrupt: all are verified again
-        known = {row["key"]: row for row in run.table("verification").iter_rows(named=True) if row["key"]}
+    known = _known(run)
     rows: list[dict[str, Any]] = []
     progress.begin("verify", len(found))
     for simulation in found:
@@ -69,6 +67,13 @@ def verify(
             run.write_stage("verify", {"verification": every}, {})  # each row costs as much as a simulation
         progress.step("" if row is None or row["passed"] else row["message"])
     return _frame(rows)
+
+
+def _known(run: RunDirectory) -> dict[str, dict[str, Any]]:
+    """Rows of earlier verifications by key; none where the table is corrupt."""
+    with contextlib.suppress(StudyError):
+        return {row["key"]: row for row in run.table("verification").iter_rows(named=True) if row["key"]}
+    return {}
 
 
 def _selected(run: RunDirectory) -> Iterator[SimulationId]:

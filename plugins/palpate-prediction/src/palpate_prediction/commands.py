@@ -61,6 +61,14 @@ def _programs(incomplete: str) -> list[str]:
     return [program for program in PROGRAMS if program.startswith(incomplete)]
 
 
+def _write_new(file: Path, text: str) -> None:
+    from palpate.api.files import write_atomically
+
+    if file.exists():
+        raise StudyError(f"{file}: exists and is not overwritten; move it, or name another file")
+    write_atomically(file, text.encode())
+
+
 def card(
     context: typer.Context,
     run: RunPath = None,
@@ -83,7 +91,6 @@ def card(
     as_json: AsJson = False,
 ) -> None:
     """Write the fitted material for another program: values, formula of the stress, moduli, valid range."""
-    from palpate.api.files import write_atomically
     from palpate.api.runs import RunDirectory, read_run
     from palpate_prediction.cards.programs import PROGRAMS, cards_of, joined
 
@@ -101,9 +108,7 @@ def card(
     cards = {data.region: PROGRAMS[program](data) for data in wanted}
     text = joined(program, cards)
     if into is not None:
-        if into.exists():
-            raise StudyError(f"{into}: exists and is not overwritten; move it, or name another file")
-        write_atomically(into, text.encode())
+        _write_new(into, text)
     if as_json:
         output: CardOutput = json.loads(text) if program == "json" else dict(cards)
         session.json(output)

@@ -97,11 +97,10 @@ def compare(
         return
     for name, table in made["tables"].items():
         session.frame(name.capitalize(), table)
-    conclusion = made["notes"][0] if materials is not None else ""
-    for note in filter(lambda note: note != conclusion, made["notes"]):
+    # The first note on laws concludes, and so comes last.
+    notes = made["notes"] if materials is None else [*made["notes"][1:], *made["notes"][:1]]
+    for note in notes:
         session.paragraph(note)
-    if conclusion:
-        session.paragraph(conclusion)
     session.say(f"Page: {(into / 'index.html').resolve().as_uri()}")
 
 

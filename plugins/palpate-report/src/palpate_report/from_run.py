@@ -78,11 +78,7 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
     study, inputs, swept = run.study, run.inputs, run.swept()
     tables: dict[str, pl.DataFrame] = {}
     if unfinished:
-        fit = FitResult() if swept else fit_so_far(run)
-        if not swept and fit.table.is_empty():
-            n = int(_simulated(run.directory.folder).get("n_simulations", 0))
-            ended = f"{n} simulations have ended, too few for a fit" if n else "no simulation has ended yet"
-            raise StudyError(f"{run.directory.folder}: {ended}; watch it with `palpate status`")
+        fit = FitResult() if swept else _fit_so_far(run)
         scores = score(swept, inputs.measured, study.scoring, study.scenarios)
         chosen, general = best_sets(study, inputs.design, scores)
     else:
@@ -119,6 +115,16 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
             (s for each in run.stages.values() if isinstance(s := each.settings, ReportSettings)), BY_ITSELF
         ),
     )
+
+
+def _fit_so_far(run: Run) -> FitResult:
+    """Fit as far as it is; a StudyError before its first evaluation."""
+    fit = fit_so_far(run)
+    if fit.table.is_empty():
+        n = int(_simulated(run.directory.folder).get("n_simulations", 0))
+        ended = f"{n} simulations have ended, too few for a fit" if n else "no simulation has ended yet"
+        raise StudyError(f"{run.directory.folder}: {ended}; watch it with `palpate status`")
+    return fit
 
 
 def report(

@@ -39,8 +39,7 @@ def block(
     grading : float
         Above 1, nodes crowd towards the spot: coordinates follow |t|^grading.
     layers_mm : mapping of region to thickness, from the top, optional
-        Cells whose middle is deeper than all of them, or all cells without it,
-        belong to ``soft_tissue``.
+        Cells whose middle is deeper than all of them belong to ``soft_tissue``.
 
     Returns
     -------

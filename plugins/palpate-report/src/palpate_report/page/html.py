@@ -138,6 +138,13 @@ def write_page(
     return path
 
 
+def _by_stem(files: Iterable[Path]) -> dict[str, list[Path]]:
+    found: dict[str, list[Path]] = {}
+    for file in files:
+        found.setdefault(file.stem, []).append(file)
+    return found
+
+
 def render(
     data: ReportData,
     tables: Mapping[str, pl.DataFrame],
@@ -154,13 +161,11 @@ def render(
     pictures : mapping of str to bytes
         SVG of each figure by its name.
     """
-    names = ("page.css", "skin.js", "page.js")
-    style, *scripts = ((_FOLDER / name).read_text(encoding="utf-8") for name in names)
+    style, *scripts = (
+        (_FOLDER / name).read_text(encoding="utf-8") for name in ("page.css", "skin.js", "page.js")
+    )
     script = "\n".join(scripts)
     source, packed = library()
-    by_stem: dict[str, list[Path]] = {}
-    for file in files:
-        by_stem.setdefault(file.stem, []).append(file)
     report = Report(tables=tables, files=tuple(files), conclusion=conclusion, pictures=pictures)
     sections = laid_out(data, report)
     figures = [figure for section in sections for figure in section.figures]
@@ -181,7 +186,7 @@ def render(
         number_of=lambda figure: numbers[id(figure)],
         data=page_data(data) | {"figures": [figure_data(figure) for figure in figures]},
         generalises="generalised" in tables and len(data.spots) > 1,
-        files=by_stem,
+        files=_by_stem(files),
         # These come from palpate's own files and hold no name of anybody's study.
         style=Markup(style),
         script=Markup(script),
