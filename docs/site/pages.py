@@ -53,6 +53,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
         {"Contract tests": "reference/testing.md"},
         {"Glossary": "reference/glossary.md"},
         {"Warnings": "reference/warnings.md"},
+        {"Tables of a run": "reference/tables.md"},
         {"Gallery": "gallery.md"},
     ]
     config.nav = [
@@ -74,6 +75,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/testing.md": api(palpate.testing),
         "reference/glossary.md": glossary(),
         "reference/warnings.md": warnings(),
+        "reference/tables.md": tables(),
         "gallery.md": gallery.page(),
         "pygments.css": HtmlFormatter().get_style_defs(".highlight"),
     }
@@ -116,6 +118,19 @@ def warnings() -> str:
     head = "# Warnings of a report\n\nEach warning of a page and of a terminal has a code."
     parts = (f"## {code}\n\n{of['when']} {of['why']}\n\n{of['remedy']}" for code, of in kinds().items())
     return "\n\n".join([head, *parts])
+
+
+def tables() -> str:
+    """Write the tables that stages make, with their columns."""
+    parts = ["# Tables of a run\n\n`NAME.parquet` in the run directory; the heading of a section is a stage."]
+    for stage, kind in sorted(palpate.Plugins.load().stages.items()):
+        parts += [f"## {stage}"] if kind.tables else []
+        for name, table in kind.tables.items():
+            rows = [f"| `{column}` | {of} |" for column, of in table.columns.items()]
+            head = ["| column | content |", "|---|---|"] if rows else []
+            more = [table.more] if table.more else []
+            parts += [f"### {stage}: {name}\n\n{table.text}", "\n".join([*head, *rows]), *more]
+    return "\n\n".join(filter(None, parts))
 
 
 def _term(

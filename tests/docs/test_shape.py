@@ -15,13 +15,13 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_228,
-    "lines of the core": 32_930,
+    "lines": 78_270,
+    "lines of the core": 32_959,
     "classes": 659,
     "constants": 1118,
     "long files": 0,
-    "long functions": 46,
-    "docstrings without a noun first": 4,
+    "long functions": 36,
+    "docstrings without a noun first": 0,
     "docstrings with that of or those of": 131,
 }
 Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef

@@ -51,6 +51,14 @@ def test_nothing_is_fetched_from_the_network(site: Path) -> None:
         assert not re.findall(r"(?:url\(|@import )['\"]?(?:https?:)?//", text), style
 
 
+def test_every_table_of_a_stage_has_its_columns_on_a_page(site: Path) -> None:
+    page = (site / "reference" / "tables.html").read_text(encoding="utf-8")
+    for kind in palpate.Plugins.load().stages.values():
+        for name, table in kind.tables.items():
+            assert f": {name}<a" in page
+            assert [column for column in table.columns if f"<code>{column}</code>" not in page] == []
+
+
 def test_every_warning_has_a_place_on_a_page(site: Path) -> None:
     page = (site / "reference" / "warnings.html").read_text(encoding="utf-8")
     assert [code for code in kinds() if f'id="{code}"' not in page] == []

@@ -77,24 +77,7 @@ def init(
     """Copy a ready study into FOLDER, or write one for your presses; list the ready ones without FOLDER."""
     session = Session.of(context)
     if folder is None:
-        studies = session.only("studies").studies
-        rows = [
-            {
-                "name": name,
-                "plugin": studies.provider(name),
-                "simulations": n_simulations(Path(studies[name].directory)),
-                "summary": studies[name].summary,
-            }
-            for name in sorted(studies, key=lambda name: name != FIRST)
-        ]
-        if as_json:
-            session.json(rows)
-            return
-        shown = ("name", "simulations", "summary")
-        heads = ("name", "sweep", "summary")
-        session.table("Ready studies", heads, [[row[key] for key in shown] for row in rows])
-        session.next("init --study NAME FOLDER")
-        session.note("for your presses: palpate init FOLDER --measured FILE --mesh FILE")
+        _list_ready(session, as_json=as_json)
         return
     studies = session.plugins.studies
     test = "" if not measured or mesh or wrench else look_into(measured[0], None, session, None).test
@@ -161,6 +144,29 @@ def _check_pairs(measured: Sequence[Path], meshes: Sequence[Path]) -> None:
     for file in (*measured, *meshes):
         if not file.exists() or (file.is_dir() and file in meshes):
             raise StudyError(f"{file}: no such file; give a file that is there")
+
+
+def _list_ready(session: Session, *, as_json: bool) -> None:
+    """List the ready studies, the first press before the others."""
+    studies = session.only("studies").studies
+    rows = [
+        {
+            "name": name,
+            "plugin": studies.provider(name),
+            "simulations": n_simulations(Path(studies[name].directory)),
+            "summary": studies[name].summary,
+        }
+        for name in sorted(studies, key=lambda name: name != FIRST)
+    ]
+    if as_json:
+        session.json(rows)
+        return
+    shown = ("name", "simulations", "summary")
+    session.table(
+        "Ready studies", ("name", "sweep", "summary"), [[row[key] for key in shown] for row in rows]
+    )
+    session.next("init --study NAME FOLDER")
+    session.note("for your presses: palpate init FOLDER --measured FILE --mesh FILE")
 
 
 def own_study_text(

@@ -383,11 +383,17 @@ def _departures(
     if 1.0 - outside.mean() < minimum_coverage:
         remedy = _as_measured(curve, channel.abscissa, asked, slack)
         yield f"{covered}; {remedy or 'cut the curve or extend the protocol'}"
+    yield from _turns(curve, asked, unit)
+
+
+def _turns(curve: Curve, asked: FloatArray, unit: str) -> Iterator[str]:
+    """Departures of the turning points of a curve from the turning points of its protocol."""
+    span = float(asked.max() - asked.min())
     path = np.ascontiguousarray(asked[moving_span(asked)])
     planned = [float(path[stop - 1]) for _, stop in _core.branches(path)]
     travelled = [float(curve.abscissa[stop - 1]) for _, stop in curve.branches]
     turns, allowed = len(travelled) - 1, len(planned) - 1
-    if turns > allowed == 0 and abs(travelled[0] - planned[0]) <= TURN_SLACK * (high - low):
+    if turns > allowed == 0 and abs(travelled[0] - planned[0]) <= TURN_SLACK * span:
         yield (
             f"goes to {travelled[0]:g} {unit} and has a way back, which the protocol has not; to keep the "
             f'rows up to there, set with loader csv rows = "loading" in channels.{curve.channel} of '
@@ -400,7 +406,7 @@ def _departures(
             f"{turning_point}, {curve.abscissa[turning_point]:g} {unit}); smooth its abscissa"
         )
     for k, (end, goal) in enumerate(zip(travelled[:-1], planned[:-1], strict=False)):
-        if abs(end - goal) > TURN_SLACK * (high - low):
+        if abs(end - goal) > TURN_SLACK * span:
             yield (
                 f"goes to {end:g} {unit} {'then' if k else 'first'} where the protocol goes to {goal:g} "
                 f"{unit}; give [protocol] the order and signs of the measured path, or turn the sign of "

@@ -1,6 +1,6 @@
 """Supports of a mesh file: which nodes its conditions hold, and which of them hold a node in part."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,6 +39,32 @@ class FixedNodes:
     warnings: tuple[str, ...] = ()
 
 
+def _not_named(
+    supports: Sequence[Support], in_limb: BoolArray, named: IntArray, setting: str
+) -> Iterator[str]:
+    """Warnings of nodes that the file holds and the setting does not name."""
+    free = in_limb.copy()
+    free[named] = False
+    for each in supports:
+        if free[each.nodes].any():
+            yield (
+                f"the file holds {np.count_nonzero(free[each.nodes])} more nodes by {each.name}"
+                f"{_in_part(each.axes)}, which {setting} does not name, so these nodes are free; "
+                "name them there too"
+            )
+
+
+def _partly_held(supports: Sequence[Support], partly: BoolArray) -> Iterator[str]:
+    """Warnings of nodes that are held in some directions alone."""
+    for each in supports:
+        if partly[each.nodes].any() and each.axes:
+            yield (
+                f"{np.count_nonzero(partly[each.nodes])} nodes are held in {_listed(each.axes)} alone by "
+                f"{each.name}; palpate fixes a node in x, y and z or not at all, so these nodes are free; "
+                "fix them in all three in the file, or name their set in the setting for fixed nodes"
+            )
+
+
 def fixed_nodes(
     path: Path,
     supports: Sequence[Support],
@@ -72,16 +98,7 @@ def fixed_nodes(
         Nothing is named, and no condition of the file holds a node.
     """
     if named is not None:
-        free = in_limb.copy()
-        free[named] = False
-        left_out = (
-            f"the file holds {np.count_nonzero(free[each.nodes])} more nodes by {each.name}"
-            f"{_in_part(each.axes)}, which {setting} does not name, so these nodes are free; "
-            "name them there too"
-            for each in supports
-            if free[each.nodes].any()
-        )
-        return FixedNodes(nodes=named, warnings=tuple(left_out))
+        return FixedNodes(nodes=named, warnings=tuple(_not_named(supports, in_limb, named, setting)))
     held = _held(supports, in_limb)
     fixed = np.flatnonzero(held.all(axis=1))
     by = ", ".join(
@@ -90,13 +107,7 @@ def fixed_nodes(
         if in_limb[support.nodes].any()
     )
     partly: BoolArray = np.asarray(held.any(axis=1) & ~held.all(axis=1))
-    warnings = tuple(
-        f"{np.count_nonzero(partly[each.nodes])} nodes are held in {_listed(each.axes)} alone by "
-        f"{each.name}; palpate fixes a node in x, y and z or not at all, so these nodes are free; fix "
-        "them in all three in the file, or name their set in the setting for fixed nodes"
-        for each in supports
-        if partly[each.nodes].any() and each.axes
-    )
+    warnings = tuple(_partly_held(supports, partly))
     if not fixed.size:
         raise MeshError(
             f"{path}: no condition of the file holds nodes of the limb in x, y and z "

@@ -72,7 +72,3 @@ class StageTable:
     def missing(self, frame: pl.DataFrame) -> list[str]:
         """Declared columns that a made table lacks; a table without columns is not there, and lacks none."""
         return [name for name in self.columns if frame.width and name not in frame.columns]
-
-    def __str__(self) -> str:
-        lines = (f"{name}: {column}" for name, column in self.columns.items())
-        return "\n".join([self.text, *lines, *([self.more] if self.more else [])])

@@ -168,7 +168,7 @@ def best_and_first(misfit: FloatArray) -> IntArray:
 
 
 class MeshCorrections:
-    """What finer meshes add to the curves of a problem, at many values at once.
+    """Corrections of the curves of a problem by finer meshes, at many values at once.
 
     What is added to curves as large as the coarse one is linear in the materials' textbook values; it is
     taken as linear in the searched ones around the fit.
@@ -200,7 +200,7 @@ class MeshCorrections:
     def _linear(
         self, problem: Problem, term: SpotTerm, correction: Correction
     ) -> tuple[FloatArray, FloatArray]:
-        """What is added (n,) at the fit, and its change (n_parameters, n) by each value."""
+        """Correction (n,) at the fit, and its change (n_parameters, n) by each value."""
 
         def added(values: FloatArray) -> FloatArray:
             return correction.added_at(problem.inputs_at(term, values), term.materials)

@@ -133,7 +133,7 @@ class Density:
 
     @property
     def nearest(self) -> FloatArray:
-        """Of the points with a weight, that where the normal density is largest (n_parameters,)."""
+        """Point with a weight where the normal density is largest (n_parameters,)."""
         points = self.points[self.weights > 0.0]
         nearest: FloatArray = points[np.argmin(self._squares(points))]
         return nearest

@@ -292,7 +292,7 @@ def _steps(labels: Mapping[str, Sequence[str]]) -> tuple[float, float] | None:
 
 
 def _comment_of(lines: Sequence[str]) -> str:
-    """What comments begin with: as the first line does where others do not."""
+    """Mark at the start of comments: as the first line has it where others do not."""
     first, second = [*filter(None, lines), "", ""][:2]
     # %time is a name of ROS; "% time", or a second such line, is a comment.
     found = (

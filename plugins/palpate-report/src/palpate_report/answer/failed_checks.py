@@ -37,8 +37,6 @@ class FailedCheck:
 def failed_checks(data: ReportData) -> Iterator[FailedCheck]:
     """Checks of all fits whose model does not describe the data within the budget."""
     checks = data.fit.adequacy
-    if checks.is_empty():
-        return
     # Apparent moduli are still a result; what else fails takes it away.
     failed = (pl.col("verdict") != Adequacy.DESCRIBES.value) & (pl.col("check") != "relaxation")
     for row in checks.filter(failed).iter_rows(named=True):
