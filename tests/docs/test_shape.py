@@ -15,14 +15,14 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_270,
+    "lines": 78_269,
     "lines of the core": 32_959,
     "classes": 659,
     "constants": 1118,
     "long files": 0,
     "long functions": 36,
     "docstrings without a noun first": 0,
-    "docstrings with that of or those of": 131,
+    "docstrings with that of or those of": 86,
 }
 Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 

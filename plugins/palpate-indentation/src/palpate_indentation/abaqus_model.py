@@ -394,7 +394,7 @@ def _face(kind: str, nodes: list[int], face: int | None) -> list[int]:
 
 
 def _keywords(path: Path, by: frozenset[Path] = frozenset()) -> Iterator[Keyword]:
-    """Keywords of a file with their data lines, those of included files in their place."""
+    """Keywords of a file with their data lines; keywords of included files stand in their place."""
     current: Keyword | None = None
     open_line = False
     for number, text in _lines(path):
@@ -425,7 +425,7 @@ def _cells(text: str) -> list[str]:
 
 
 def _given(path: Path, keyword: Keyword, by: frozenset[Path]) -> Iterator[Keyword]:
-    """Keyword with its data lines, also those of another file, or the keywords that it includes."""
+    """Keyword with its data lines, also lines of another file, or the keywords that it includes."""
     if keyword.name != "INCLUDE" and not (keyword.name in _WITH_FILE and "INPUT" in keyword.options):
         yield keyword
         return

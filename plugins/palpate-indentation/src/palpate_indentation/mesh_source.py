@@ -83,8 +83,8 @@ class MeshioSource(LimbSource[MeshioSettings]):
     """Limbs from any mesh file that meshio reads: VTU, VTK, Gmsh, Abaqus, XDMF and more.
 
     Elements ``tetra``, ``tetra10`` and ``hexahedron`` become ``tet4``, ``tet10``
-    and ``hex8`` with their nodes in the file's order as meshio gives it, that of
-    :mod:`palpate.api.mesh`. Edges may be curved. A mesh with quadratic hexahedra, wedges or pyramids is cut
+    and ``hex8`` with their nodes in the order of meshio, as in :mod:`palpate.api.mesh`.
+    Edges may be curved. A mesh with quadratic hexahedra, wedges or pyramids is cut
     into tetrahedra. Points, lines and faces are ignored; any other element is refused. Cell data of one
     number or one vector for each element, such as the direction of fibres, are passed to the materials that
     name them.

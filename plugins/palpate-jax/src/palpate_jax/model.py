@@ -140,7 +140,7 @@ class Model:
     ) -> "Linearised":
         """Derivative of the forces of a state, cached for the next call with the same state.
 
-        If the state is ``nearly`` that of the last call, the body's tangent of that one serves, and the
+        If the state is ``nearly`` the last one, the body's tangent of that one serves, and the
         contact's is of this state. Not with bonded nodes, which need the internal forces too.
         """
         last = self._last

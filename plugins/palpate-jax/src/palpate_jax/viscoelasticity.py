@@ -68,7 +68,7 @@ class Weights:
 
     @classmethod
     def of(cls, duration_s: float, times_s: FloatArray) -> "Weights":
-        """Weights of a duration; of none, those of a jump."""
+        """Weights of a duration; without one, of a jump."""
         steps = duration_s / times_s
         added = -np.expm1(-steps) / steps if duration_s > 0.0 else np.ones_like(steps)
         return cls(np.exp(-steps), added)

@@ -220,7 +220,7 @@ def turned(moves: Sequence[Mapping[str, Any]]) -> Iterator[list[dict[str, Any]]]
 
 
 def _turned(move: Mapping[str, Any], angle_rad: float) -> dict[str, Any]:
-    """A move whose slide, and those of the moves that it repeats, is turned about the normal."""
+    """A move whose slide is turned about the normal, and the slides of the moves that it repeats."""
     found = dict(move)
     if "moves" in move:
         found["moves"] = [_turned(each, angle_rad) for each in move["moves"]]
@@ -238,7 +238,7 @@ def _is_rest(move: Mapping[str, Any]) -> bool:
 
 
 def _lasting(move: Mapping[str, Any], of_rests: float, of_others: float) -> dict[str, Any]:
-    """A move whose duration, and those of the moves that it repeats, is multiplied."""
+    """A move whose duration is multiplied, and the durations of the moves that it repeats."""
     found = dict(move)
     if "moves" in move:
         found["moves"] = [_lasting(each, of_rests, of_others) for each in move["moves"]]
@@ -375,7 +375,7 @@ def _combinations(protocol: Mapping[str, Sequence[Any]]) -> Iterator[dict[str, A
 
 
 def _free_names(study: Study, spots: Sequence[str]) -> list[str]:
-    """Name of each press: its spot and a number, none of them that of a spot."""
+    """Name of each press: its spot and a number, none of them the name of a spot."""
     taken, names = set(study.spot_names), []
     for spot in spots:
         number = itertools.count(1)

@@ -254,7 +254,7 @@ def extend(
 def _show_realised(
     session: Session, study: "Study", press: str, proposed: Mapping[str, Any], fits: "Sequence[FitResult]"
 ) -> None:
-    """Show the intervals that were expected of a press next to those of the fit with it."""
+    """Show the intervals that were expected of a press next to the intervals of the fit with it."""
     from palpate_planning.tables import realised, shown_realised
 
     intervals = [fit.intervals for fit in fits]

@@ -120,7 +120,7 @@ class ExpectedError:
 @final
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FisherInformation:
-    """Information of some presses on the parameters; the sum of two is that of both.
+    """Information of some presses on the parameters; the sum of two is the information of both.
 
     With white noise and the columns F of all causes, residuals have the covariance LLᵀ = 1 + FFᵀ. A further
     press adds rows to L: only what it shares with the presses so far, and its own block, is factorised.
@@ -182,7 +182,7 @@ class FisherInformation:
         return ExpectedError(covariance=covariance, by_meshes=columns)
 
     def _shared(self, other: Self) -> FloatArray:
-        """Covariance (n, n_other) of the rows with those of others, by the error sources of both."""
+        """Covariance (n, n_other) of the rows with the rows of others, by the error sources of both."""
         blocks = [[_covariance(mine, theirs) for theirs in other.causes] for mine in self.causes]
         return np.block(blocks).astype(np.float64)
 

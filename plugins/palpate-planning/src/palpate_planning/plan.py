@@ -294,7 +294,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Expected:
-    """Density of the parameters that presses share: that of the fit now, as further presses narrow it.
+    """Density of the parameters that presses share: from the fit now, as further presses narrow it.
 
     Parameters
     ----------

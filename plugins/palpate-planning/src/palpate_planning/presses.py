@@ -371,7 +371,7 @@ def observed(problem: Problem, point: FloatArray, simulation: Simulation) -> Sim
 
 
 def point_in(design: DesignProblem, problem: Problem, point: FloatArray) -> FloatArray:
-    """Find a point of the box of the fit in that of another problem, by the names of the values."""
+    """Find a point of the box of the fit in the box of another problem, by the names of the values."""
     values = dict(zip(design.problem.names, design.problem.box.values(point).tolist(), strict=True))
     return problem.point_of(values)
 
@@ -395,7 +395,7 @@ def _term(design: DesignProblem, press: CandidatePress, measured: Response) -> S
 
 
 def _as_measured(design: DesignProblem, press: CandidatePress, simulation: Simulation) -> Response:
-    """Simulated curves as they would be measured: with as many points as those of the spot have."""
+    """Simulated curves as they would be measured: with as many points as the measured curves of the spot."""
     assert simulation.response is not None
     known = design.measured.get(press.spot) or next(iter(design.measured.values()), Response(curves={}))
     curves, further = {}, {each.name for of in design.limited.values() for each in of}

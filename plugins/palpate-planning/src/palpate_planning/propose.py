@@ -349,7 +349,7 @@ def _goal(design: DesignProblem, options: PlanOptions, point: FloatArray) -> Goa
 
 
 def _expected(design: DesignProblem, goal: Goal, before: FloatArray) -> Expected:
-    """State the density now: that of the fit, or around the goal's values before any press."""
+    """State the density now: of the fit, or around the goal's values before any press."""
     if design.laplace is None:
         usual = Laplace(centre=shares_of(goal), covariance=before, parts={})
         return Expected(fit=usual, within=Laplace.within, shared=range(len(before)), before=before)

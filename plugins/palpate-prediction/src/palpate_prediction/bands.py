@@ -69,7 +69,7 @@ def linear(
 ) -> FloatArray:
     """Ordinates (n_draws, n) by the slopes of a curve; empty where it has none.
 
-    Each draw has a friction of its own, of a standard deviation around that of the tool.
+    Each draw has a friction of its own, with a standard deviation around the friction of the tool.
     """
     if not curve.slopes or not drawn:
         return np.empty((0, curve.ordinate.size))
@@ -132,7 +132,7 @@ TOLERANCE = 1e-3
 def exceedances(
     experiment: Mapping[str, Mapping[str, Any]], predicted: Mapping[str, Simulation]
 ) -> pl.DataFrame:
-    """Compare the strains of a prediction with those of the experiment at all of its spots.
+    """Compare the strains of a prediction with the strains of the experiment at all of its spots.
 
     Returns
     -------

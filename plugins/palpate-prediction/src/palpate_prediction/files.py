@@ -19,7 +19,7 @@ from palpate_prediction.summary import QUANTITIES
 class PredictOutput(Closed):
     """A prediction: tables as rows, and its files; ``notes`` are the sentences of its page.
 
-    ``source`` is ``fit`` or the set whose values are used, ``n_draws`` those of the linear bands (0: none).
+    ``source`` is ``fit`` or the set whose values are used, ``n_draws`` counts draws of linear bands.
     ``verdict`` is the verdict on the model: "describes", "approximates" or "does not describe".
     """
 
@@ -87,7 +87,7 @@ def write_prediction(
 
 
 def write_surface(path: Path, states: SurfaceStates, state: int) -> None:
-    """Write one state of the skin as VTU, which ParaView reads; points are those of the undeformed limb."""
+    """Write one state of the skin as VTU, which ParaView reads; points are of the undeformed limb."""
     import meshio  # here: slow to import
 
     meshio.write_points_cells(

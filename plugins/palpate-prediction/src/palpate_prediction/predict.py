@@ -134,7 +134,7 @@ class Prediction:
 
     @property
     def summary(self) -> pl.DataFrame:
-        """One row per spot and quantity: value, ends of the linear band, and those of the solved draws."""
+        """One row per spot and quantity: value, ends of the linear band, and of the band of solved draws."""
         return frame_rows([row for each in self.spots.values() for row in each.summary])
 
     @property
@@ -159,8 +159,8 @@ def predict(stored: Run, tool: Tool, n_solved: int = 0) -> Prediction:
     Raises
     ------
     StudyError
-        The solver gives no surface, or no slopes where no draw is simulated, or the fitted values are not
-        those of the tool's spots.
+        The solver gives no surface, or no slopes where no draw is simulated, or the tool's spots have no
+        fitted values.
     SolverError
         The tool could not be pressed at any depth.
     """
@@ -251,7 +251,7 @@ class _Plan:
 
     @property
     def friction_sd(self) -> float:
-        """Standard deviation of the tool's friction: relative to it, that of the experiment's."""
+        """Standard deviation of the tool's friction, in proportion to the experiment's."""
         sd, protocol, friction = (
             self.stored.study.budget.friction,
             self.stored.study.protocol,

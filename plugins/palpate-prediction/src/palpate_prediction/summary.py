@@ -213,7 +213,7 @@ def curve_errors(
     left_over: Mapping[str, float],
     least: Mapping[str, float],
 ) -> dict[str, float]:
-    """Relative standard deviation of each channel by its mesh: that of its largest ordinate."""
+    """Relative standard deviation of the largest ordinate of each channel by its mesh."""
     others = {} if coarser is None else {name: _largest(curve) for name, curve in coarser.items()}
     return {n: mesh_error(_largest(c), others.get(n), left_over[n], least[n]) for n, c in curves.items()}
 
@@ -245,7 +245,7 @@ def with_mesh(values: FloatArray, sd: float) -> FloatArray:
 
 
 def stiffer_by(curve: Curve | None, lines: FloatArray | None) -> FloatArray:
-    """Force of each draw (n,) over that of the fit, where this is largest; empty where none is known."""
+    """Force of each draw (n,) over the largest force of the fit, there; empty where none is known."""
     if curve is None or lines is None or not len(lines) or not curve.ordinate.max() > 0.0:
         return np.empty(0)
     at = int(np.argmax(curve.ordinate))
@@ -286,7 +286,7 @@ def summary_rows(
     pressure_unit: str = "MPa",
     coarser: PressStates | None = None,
 ) -> Iterator[dict[str, Any]]:
-    """Value, ends of the linear band, and those of simulated draws, of each quantity at a spot.
+    """Value, ends of the linear band, and ends of the band of simulated draws, of each quantity at a spot.
 
     ``coarser`` is of the fitted values on the mesh of the draws, where that is not the one of ``pressed``.
     """

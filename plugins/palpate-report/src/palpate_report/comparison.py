@@ -245,7 +245,7 @@ def write_comparison(
 ) -> dict[str, Any]:
     """Write ``tables/``, ``figures/`` and ``index.html``; return tables, notes and files.
 
-    Tables that come ``first`` and a conclusion are those of laws that were fitted for the comparison.
+    Laws that were fitted for the comparison have tables that come ``first`` and a conclusion.
     """
     from palpate_report.figures.drawings import write_comparison_figures
     from palpate_report.page.html import comparison_page

@@ -133,8 +133,7 @@ def report(
     """Write tables and figures under ``report/``; recomputes nothing.
 
     With ``as_run`` the study is the copy in the folder: neither its files nor its meshes need exist,
-    and the simulations are those of the folder's last sweep. Of a run that has not ended, the best sets
-    are those of the simulations so far.
+    and the simulations are the folder's last sweep. A run that has not ended shows its best sets so far.
     """
     directory = RunDirectory(run_folder)
     read_run(study, directory, plugins).require("sample")  # before a folder is made

@@ -168,7 +168,7 @@ def _too_many(data: ReportData, n_searched: int) -> str:
 
 
 def _cost(session: Session, studies: Sequence[Study], timed: Path) -> str:
-    """Sentence on the simulations to come, by the time of those of a run that has ended."""
+    """Sentence on the simulations to come, by the time of a run that has ended."""
     n = sum(
         part.n
         for study in studies

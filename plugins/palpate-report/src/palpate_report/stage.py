@@ -71,7 +71,7 @@ class ReportStage(Stage[ReportSettings]):
         return summary_of(inputs.study, report) if report else Summary()
 
     def draw_curves(self, run: Run) -> "Figure":
-        """Figure of the measured curves of each spot with those of the fit, for a notebook."""
+        """Figure of the measured and the fitted curves of each spot, for a notebook."""
         from palpate_report.figures import drawings
 
         return drawings.for_notebook(in_display_units(report_data(run)))

@@ -1,6 +1,6 @@
 """The contract test of a plugin's section, on runs of a small study.
 
-As those of :mod:`palpate.testing`: subclass it and override the fixture ``section``.
+Subclass it and override the fixture ``section``, as with :mod:`palpate.testing`.
 """
 
 import importlib.util
@@ -74,7 +74,7 @@ def small_run(folder: Path, plugins: Iterable[object], tables: Mapping[str, Any]
     Parameters
     ----------
     plugins : iterable of module or object
-        Besides those of :mod:`palpate.testing.bench`, and palpate-certainty where that is installed.
+        Besides the plugins of :mod:`palpate.testing.bench`, and palpate-certainty where it is installed.
     tables : mapping
         Tables of the study, as :class:`palpate.testing.StudyRunner` takes them.
     """

@@ -160,7 +160,7 @@ def _spots(data: ReportData, conclusion: Conclusion) -> str:
 
 
 def apart_from_joint(data: ReportData) -> dict[str, list[str]]:
-    """Parameters by spot whose 95 % interval does not meet that of the fit that leads."""
+    """Parameters by spot whose 95 % interval does not meet the interval of the fit that leads."""
     lead = data.lead
     found: dict[str, list[str]] = {}
     for best in data.bests:

@@ -40,7 +40,7 @@ def for_all_spots(data: ReportData, spot: str) -> tuple[str, Mapping[str, Curve]
 
 
 def fit_of(data: ReportData, spot: str, scenario: str) -> tuple[str, Mapping[str, Curve]]:
-    """Label and curves of a scenario at a spot: the fitted ones, else those of the selected set."""
+    """Label and curves of a scenario at a spot: the fitted ones, else the curves of the selected set."""
     if (fitted := data.fit.curves.get((spot, scenario, spot))) is not None:
         return f"scenario {scenario}, fit", fitted.curves
     for set_id in data.selection.filter(spot=spot, scenario=scenario)["set_id"]:

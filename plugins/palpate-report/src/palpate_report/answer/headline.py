@@ -154,7 +154,7 @@ def _verdict(verdicts: Verdicts, table: str, row: Mapping[str, object]) -> str:
 
 
 def draws_of(data: ReportData, scenario: str, most: int) -> pl.DataFrame:
-    """Draws of the fit that leads: those of its posterior, else those of its normal density; else none."""
+    """Draws of the fit that leads, from its posterior or else from its normal density; else none."""
     for frame in (data.table("posterior_draws"), data.table("draws")):
         if not frame.is_empty():
             rows = frame.filter(pl.col("fit").is_in([data.together, ALL_SPOTS]), scenario=scenario)

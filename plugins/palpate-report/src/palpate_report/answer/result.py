@@ -87,7 +87,7 @@ class Conclusion:
     warnings, notes : tuple of ReportWarning
         The most severe first; notes are about scenarios that are not reported.
     apparent : str
-        Why the parameters are those of one rate; empty where nothing shows it.
+        Why the parameters are of one rate alone; empty where nothing shows it.
     not_included : tuple of str
         What may be wrong and is in no interval.
     known : str

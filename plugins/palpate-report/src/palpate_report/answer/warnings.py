@@ -135,7 +135,7 @@ def _listed(code: str, what: str, texts: Iterable[str], why: str = "") -> Iterat
 def _by_scenario(
     data: ReportData, code: str, what: str, found: Iterable[tuple[str, str]], why: str = ""
 ) -> Iterator[ReportWarning]:
-    """Warn of texts of the reported scenario, and note those of others; each is given with its scenario.
+    """Warn of texts of the reported scenario, and note texts of others; each is given with its scenario.
 
     ``what`` may have ``{n}``, the number of texts, and a verb with it: ``{is}``, ``{has}`` or ``{do}``.
     """

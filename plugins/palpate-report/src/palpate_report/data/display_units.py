@@ -1,4 +1,4 @@
-"""Results in the units in which a study gives its ranges; the stages have those of the materials."""
+"""Results in the units in which a study gives its ranges; the stages have the units of the materials."""
 
 from collections.abc import Mapping
 from dataclasses import fields, replace

@@ -48,7 +48,7 @@ class Headline:
     identifiability : str
         Word of :mod:`palpate.answer.words`; empty where none is known.
     level : float or None
-        0.95 where the interval is that of a fit; None where it is what fits about as well in the sweep.
+        0.95 for the interval of a fit; None for the values that fit about as well in the sweep.
     at_bound : bool
         The value is at an end of its range.
     model : Adequacy

@@ -160,7 +160,7 @@ def write_tables(
     paper: Mapping[str, str] = MappingProxyType({}),
     failures: Sequence[str] = (),
 ) -> tuple[Path, ...]:
-    """Write each table as CSV, LaTeX and Markdown, and those of a paper, which are LaTeX already.
+    """Write each table as CSV, LaTeX and Markdown, and the tables of a paper, which are LaTeX already.
 
     Parameters
     ----------

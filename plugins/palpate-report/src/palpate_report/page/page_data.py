@@ -75,7 +75,7 @@ def page_data(data: ReportData) -> dict[str, Any]:
 
 
 def _searches(data: ReportData, spot: str, scenario: Scenario) -> list[dict[str, Any]]:
-    """Ways of the joint fit and of that of a spot."""
+    """Ways of the joint fit and of the fit of a spot."""
     return [
         {
             "fit": fit,

@@ -1,4 +1,4 @@
-"""The core's sections of the page, provided through the same hook as those of plugins."""
+"""The core's sections of the page, provided through the same hook as sections of plugins."""
 
 from palpate.api.report import Section
 from palpate_report.sections.certainty import Certainty, Identifiability

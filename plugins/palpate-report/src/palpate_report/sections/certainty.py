@@ -62,7 +62,7 @@ class Identifiability(Section):
     summary = "values with which sets of the sweep fit about as well as the best"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
-        """Show the intervals of the scenario that generalises, then those of the others."""
+        """Show the intervals of the scenario that generalises, then the intervals of the others."""
         if "identifiability" not in report.tables or not data.design.n_sets:
             return
         yield Paragraph(

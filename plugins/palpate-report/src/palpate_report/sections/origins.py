@@ -49,7 +49,7 @@ class Pictures(Section):
     summary = "pictures of the scanned limb, and of how each press was processed"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
-        """Show the pictures of each spot, those of the first spots first, as far as there is room."""
+        """Show the pictures of each spot, in the order of the spots, as far as there is room."""
         left, n_left_out = MOST_BYTES, 0
         folds = []
         for spot, paths in data.pictures.items():
