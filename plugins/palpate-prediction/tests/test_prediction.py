@@ -248,9 +248,13 @@ def test_what_a_fit_has_found_to_relax_is_pressed_by_a_solver_that_relaxes_it(
     shares = {"relaxed.1s": 0.2, "relaxed.10s": 0.1}
     found = replace(whole, values=dict(whole.values) | shares)
     monkeypatch.setattr(Run, "fitted", lambda self: found)
-    known = run.fit()
-    alike = replace(known, certainty=replace(known.certainty, spot_draws=pl.DataFrame()))
-    monkeypatch.setattr(RunDirectory, "fit", lambda self: alike)
+    current = Run.current
+
+    def of_equal_spots(run, name):
+        table = current(run, name)
+        return table.clear() if name == "spot_draws" else table
+
+    monkeypatch.setattr(Run, "current", of_equal_spots)
     monkeypatch.setattr(StandardParametrisation, "times_s", AllRelax.times_s)
     with pytest.raises(StudyError, match="solver 'pressed' does not provide materials that relax"):
         run_prediction(study, run, tool, plugins, SILENT)
