@@ -13,7 +13,7 @@ from palpate.api.files import Column, TextFormat
 from palpate.domain import FloatArray
 from palpate.errors import CurveError
 from palpate_robot_log.reading.assembly import read_recording
-from palpate_robot_log.reading.channel_map import ChannelMap
+from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles
 from palpate_robot_log.reading.formats import Request, read_here
 from palpate_robot_log.reading.inspection import inspect_log
 from palpate_robot_log.reading.raw import Stream
@@ -129,6 +129,29 @@ def test_two_files_that_count_since_1970_have_one_clock_where_they_overlap(
     found = inspect_log(tmp_path / "p1_pose.csv", tmp_path / "p1_wrench.csv")
     assert found.record["channels"]["clocks"] == clocks
     assert found.record["channels"]["time"]["column"] == "%time"
+
+
+def test_two_files_of_which_one_counts_its_rows_ask_for_its_rate(tmp_path: Path) -> None:
+    table = write.press()
+    pose = {name: table[name] for name in write.COLUMNS[:8]}
+    wrench = {"frame": np.arange(240.0)} | {name: table[name] for name in write.COLUMNS[8:]}
+    write.write_text(tmp_path / "p1_pose.csv", pose)
+    write.write_text(tmp_path / "p1_wrench.csv", wrench)
+    found = inspect_log(tmp_path / "p1_pose.csv", tmp_path / "p1_wrench.csv")
+    rate = 'time = { column = "frame", rate = "… Hz" }'
+    assert found.record["problem"] == f"not found: the time of wrench; give {rate} next to its columns"
+    known = "".join(
+        line.replace(" }", f", {rate.replace('…', '200')} }}")
+        if line.startswith(("force", "moment"))
+        else line
+        for line in found.study_text.splitlines(keepends=True)
+    )
+    settings = tomllib.loads(known)["experiment"]["settings"]
+    files, channels = (
+        kind.model_validate(settings[key]) for key, kind in (("files", LogFiles), ("channels", ChannelMap))
+    )
+    assert read_recording(tmp_path / "p1_pose.csv", channels, files=files).recording.n_rows > 100
+    assert found.record["channels"]["clocks"] == "own"
 
 
 def test_a_chain_of_transforms_is_the_pose_of_its_last_frame(tmp_path: Path) -> None:

@@ -72,8 +72,9 @@ def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
     else:
         log = read_both(path, wrench, Request())
         proposal = replace(propose(log), files=LogFiles.of(path, wrench).model_dump())
-        clocks = [_clock(log, log.stream(name), time) for name, time in proposal.time.items()]
-        if share_clock([(clock["begin_s"], clock["end_s"]) for clock in clocks]):
+        timed = {name: time for name, time in proposal.time.items() if not time.is_counter}
+        clocks = [_clock(log, log.stream(name), time) for name, time in timed.items()]
+        if len(timed) > 1 and share_clock([(clock["begin_s"], clock["end_s"]) for clock in clocks]):
             proposal = replace(proposal, clocks="common")
     proposal, curves, new, problem = _found(log, path, judged(log, proposal))
     streams = [_described(log, stream, proposal) for stream in log.streams]
@@ -213,10 +214,13 @@ def _read(log: RawLog, proposal: Proposal) -> Recording | str:
     """Recording by the proposal, or the problem of reading the log so."""
     chosen = channel_map(proposal)
     missing = [name for name in ("time", *QUANTITIES) if name not in chosen]
+    used = proposal.used_streams()
+    counters = [each for name, each in proposal.time.items() if each.is_counter and name in used]
+    rate = f'give time = {{ column = "{counters[0].names[0]}", rate = "… Hz" }}' if counters else ""
     if missing:
-        counters = [each.names[0] for each in proposal.time.values() if each.is_counter]
-        rate = f'; or give time = {{ column = "{counters[0]}", rate = "… Hz" }}' if counters else ""
-        return f"not found: {', '.join(missing)}; name their columns{rate}"
+        return f"not found: {', '.join(missing)}; name their columns{'; or ' * bool(rate)}{rate}"
+    if counters:
+        return f"not found: the time of {counters[0].stream}; {rate} next to its columns"
     try:
         return assemble(log, ChannelMap.model_validate(chosen)).recording
     except CurveError as error:

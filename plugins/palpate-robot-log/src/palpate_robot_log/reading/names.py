@@ -37,6 +37,8 @@ _MEANINGS: Mapping[str, str] = {
         "stress": "応力 应力 응력 напряжение σ",
         "gamma": "γ",
         "tau": "τ",
+        "theta": "θ",
+        "omega": "ω",
         "compression": "圧縮 压缩 압축 сжатие",
         "tensile": "引張 拉伸 인장 растяжение",
         "shear": "せん断 剪切 전단 сдвиг",
@@ -188,7 +190,7 @@ def pick(columns: Sequence[Column], role: str) -> Picked | None:
     ranked, kind = _ranked(columns, role), ROLES[role].kind
     if not ranked:
         alone = [
-            c for c in columns if factor_of(c, kind) is not None and not _is_other(words_of(c.name), role)
+            c for c in columns if factor_of(c, kind) is not None and not has_role(words_of(c.name), role)
         ]
         if len(alone) != 1 or role in ("stretch", "strain"):
             return None
@@ -248,14 +250,9 @@ def _simple(word: str) -> str:
     return next((end for end in _COMPOUND if word.endswith(end)), word)
 
 
-def _is_other(words: Sequence[str], role: str) -> bool:
-    """Whether words name another role."""
-    return any({*map(_simple, words)} & {*other.words} for name, other in ROLES.items() if name != role)
-
-
-def has_role(words: Sequence[str]) -> bool:
-    """Whether a name is a quantity's, and not a time's."""
-    return any({*map(_simple, words)} & {*role.words} for role in ROLES.values())
+def has_role(words: Sequence[str], but: str = "") -> bool:
+    """Whether a name is a quantity's, other than time and one more role."""
+    return any({*map(_simple, words)} & {*role.words} for name, role in ROLES.items() if name != but)
 
 
 # ------------------------------------------------------------------ strain and stress
