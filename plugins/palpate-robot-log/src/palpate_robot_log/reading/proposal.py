@@ -81,7 +81,11 @@ def propose(log: RawLog) -> Proposal:
     if {"position", "force"} <= {*ranked} and "orientation" not in ranked and not ranked["moment"][0].names:
         stage = Guess(entry=_DOWN, stream=ranked["position"][0].stream)
         ranked["orientation"] = [stage.with_check("no orientation is found: the tool never turns")]
-    force_extent = extent(complete_rows(_columns(log, ranked["force"][0]))) if "force" in ranked else 0.0
+    force_extent = (
+        extent(complete_rows(log.columns(ranked["force"][0].stream, ranked["force"][0].names)))
+        if "force" in ranked
+        else 0.0
+    )
     guesses = {name: with_unit(log, name, guesses[0], force_extent) for name, guesses in ranked.items()}
     return Proposal(
         guesses=guesses,
@@ -190,13 +194,16 @@ def _senses(travel: FloatArray, force: FloatArray) -> tuple[float, float]:
 
 def _lacks(log: RawLog, guess: Guess) -> bool:
     """Whether more rows have no value than a few that are damaged, as where topics share a table."""
-    lacking = [~np.isfinite(column.values) for column in _columns(log, guess)]
+    lacking = [~np.isfinite(column.values) for column in log.columns(guess.stream, guess.names)]
     return float(np.mean(np.any(lacking, axis=0))) > _SHARED_TABLE
 
 
 def with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) -> Guess:
     """Guess with a unit judged by magnitude, where the file shows none."""
-    columns, has_unit = _columns(log, guess), quantity != "orientation" or "sequence" in guess.entry
+    columns, has_unit = (
+        log.columns(guess.stream, guess.names),
+        quantity != "orientation" or "sequence" in guess.entry,
+    )
     has_unit = has_unit or guess.entry.get("form") == "axis_angle"
     if not has_unit or guess.unit or not columns:
         return guess
@@ -207,10 +214,6 @@ def with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) -> 
     unit = _likely_unit(quantity, complete_rows(columns), force_extent)
     check = f"the unit of {quantity}: {unit} is judged from the size of the numbers alone"
     return guess.with_check(check, unit=unit)
-
-
-def _columns(log: RawLog, guess: Guess) -> list[Column]:
-    return log.columns(guess.stream, guess.names)
 
 
 def _likely_unit(quantity: str, values: FloatArray, force_extent: float) -> str:

@@ -115,8 +115,7 @@ class RawLog:
 
     def columns(self, stream: str, names: Iterable[str]) -> list[Column]:
         """Columns of a stream by their names."""
-        its = self.stream(stream)
-        return [its.column(name) for name in names]
+        return [self.stream(stream).column(name) for name in names]
 
     def stream_of(
         self,
