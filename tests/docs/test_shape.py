@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from palpate.plugins.catalogue import Plugins
+from palpate.run.tables import ASSESSED
+
 ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
@@ -97,6 +100,30 @@ def counted() -> dict[str, list[str]]:
 def test_a_count_does_not_rise(what: str) -> None:
     found = counted()[what]
     assert len(found) <= MOST[what], f"{len(found)} {what}; {MOST[what]} are allowed"
+
+
+ALSO_OF_THE_CORE = {
+    "budget": "table of a study",
+    "certainty": "distribution that is released with the core",
+    "relaxation": "check of a model",
+    "report": "folder of a run, and the command that is named last",
+}
+"""Words of the core that are names of plugins' stages or tables too."""
+
+
+def test_the_core_names_no_stage_or_table_of_a_plugin() -> None:
+    every = Plugins.load().stages
+    stages = {name: kind for name, kind in every.items() if not kind.__module__.startswith("palpate.")}
+    assert {"intervals", "report"} <= stages.keys()
+    names = {*stages, *(table for kind in stages.values() for table in kind.tables)} - ASSESSED.keys()
+    found = {
+        node.value
+        for file, text in sources().items()
+        if file.is_relative_to("python/palpate")
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    }
+    assert names & found <= ALSO_OF_THE_CORE.keys()
 
 
 def test_the_counts_are_right() -> None:

@@ -47,8 +47,8 @@ from palpate.study.reading import Study
 class RunResult:
     """Everything a run found.
 
-    ``summary`` is the summary of its last stage, and ``report`` the report of palpate-report;
-    None without that plugin.
+    ``summary`` is the summary of its last stage, and ``report`` all that it has left in
+    memory for others; None where it has left nothing.
     """
 
     folder: Path
@@ -188,7 +188,7 @@ def run_study(
                 selected=selected(run),
                 fit=run.fit(),
                 summary=wanted[-1].summarise(run),
-                report=run.shared.get("report"),
+                report=run.shared.get(wanted[-1].name),
             )
 
 
