@@ -81,11 +81,8 @@ def propose(log: RawLog) -> Proposal:
     if {"position", "force"} <= {*ranked} and "orientation" not in ranked and not ranked["moment"][0].names:
         stage = Guess(entry=_DOWN, stream=ranked["position"][0].stream)
         ranked["orientation"] = [stage.with_check("no orientation is found: the tool never turns")]
-    force_extent = (
-        extent(complete_rows(log.columns(ranked["force"][0].stream, ranked["force"][0].names)))
-        if "force" in ranked
-        else 0.0
-    )
+    force = ranked["force"][0] if "force" in ranked else None
+    force_extent = extent(complete_rows(log.columns(force.stream, force.names))) if force else 0.0
     guesses = {name: with_unit(log, name, guesses[0], force_extent) for name, guesses in ranked.items()}
     return Proposal(
         guesses=guesses,
@@ -200,11 +197,8 @@ def _lacks(log: RawLog, guess: Guess) -> bool:
 
 def with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) -> Guess:
     """Guess with a unit judged by magnitude, where the file shows none."""
-    columns, has_unit = (
-        log.columns(guess.stream, guess.names),
-        quantity != "orientation" or "sequence" in guess.entry,
-    )
-    has_unit = has_unit or guess.entry.get("form") == "axis_angle"
+    columns, is_turn = log.columns(guess.stream, guess.names), guess.entry.get("form") == "axis_angle"
+    has_unit = quantity != "orientation" or "sequence" in guess.entry or is_turn
     if not has_unit or guess.unit or not columns:
         return guess
     if shown := columns[0].shown_unit:
