@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_269,
+    "lines": 78_315,
     "lines of the core": 32_959,
     "classes": 659,
-    "constants": 1118,
+    "constants": 1122,
     "long files": 0,
     "long functions": 36,
     "docstrings without a noun first": 0,

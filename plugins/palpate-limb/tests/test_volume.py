@@ -25,9 +25,9 @@ from palpate_limb.layers import _inside, below_skin, extruded
 from palpate_limb.meshing import GROWTH, MIDDLE, SKIN_FALLS, SizeField, run_ftetwild
 from palpate_limb.options import ScanOptions
 from palpate_limb.quality import assess, cell_volumes, check_quality, dihedral_angles_deg, scaled_jacobians
-from palpate_limb.segment import Segment, core_of, cut, gap_of_bones
+from palpate_limb.segment import Segment, cut, gap_of_bones
 from palpate_limb.surfaces import Surface
-from palpate_limb.volume import MeshPlan, mesh_segment, moved_to_contact
+from palpate_limb.volume import COVER_MM, MeshPlan, mesh_segment, moved_to_contact
 
 SMALL = Phantom(
     sections=tuple(
@@ -151,9 +151,10 @@ def test_extruded_layers_fill_what_is_between_core_and_skin(depths: tuple[float,
     top = (points[faces, 2] == 0.0).all(axis=1)
     square = np.array([[-40.0, -40, 3], [40, -40, 3], [40, 40, 3], [-40, 40, 3]])
     skin = Surface(name="plane", points_mm=square, faces=np.array([[0, 1, 2], [0, 2, 3]]))
-    points, tets, layers, boundary = extruded(
+    points, tets, layers, boundary, wanted = extruded(
         points, tets, {"skin": faces[top], "cut": faces[~top]}, skin, depths
     )
+    np.testing.assert_allclose(3.0 - points[~np.isnan(wanted), 2], wanted[~np.isnan(wanted)])
     volumes = np.abs(np.linalg.det(points[tets[:, 1:]] - points[tets[:, :1]])) / 6.0
     thickness = [*np.diff([0.0, *depths]), 18.0]
     np.testing.assert_allclose(np.bincount(layers, volumes), 36.0**2 * np.array(thickness))
@@ -186,7 +187,7 @@ def test_a_thick_layer_has_several_elements_through_it() -> None:
     sides = {"skin": faces[top], "cut": faces[~top]}
 
     def made(highest_mm: float) -> tuple[float, int]:
-        now, cells, layers, boundary = extruded(points, tets, sides, skin, (2.0, 20.0), highest_mm)
+        now, cells, layers, boundary, _ = extruded(points, tets, sides, skin, (2.0, 20.0), highest_mm)
         volumes = np.bincount(layers, np.abs(np.linalg.det(now[cells[:, 1:]] - now[cells[:, :1]])) / 6.0)
         np.testing.assert_allclose(volumes, 36.0**2 * np.array([2.0, 18.0, 18.0]))
         outer = {tuple(sorted(face)) for face in np.concatenate(list(boundary.values())).tolist()}
@@ -201,14 +202,48 @@ def test_a_thick_layer_has_several_elements_through_it() -> None:
     assert several > 2.0 * one, "no slivers"
 
 
+def test_layers_are_thinner_where_there_is_less_room_and_stay_whole() -> None:
+    core = block("tet4", n_across=6, n_down=2).mesh
+    tets, points = core.cells["tet4"], core.points_mm
+    faces = outer_faces("tet4", tets)
+    top = (points[faces, 2] == 0.0).all(axis=1)
+    # The core's upper side rises to 1.5 mm below the plane of the skin, as over a bone.
+    rises = points[:, 2] == 0.0
+    points = points + np.where(rises, 6.5 * np.exp(-(points[:, 0] ** 2) / 60.0), 0.0)[:, None] * [0, 0, 1.0]
+    square = np.array([[-40.0, -40, 8], [40, -40, 8], [40, 40, 8], [-40, 40, 8]])
+    skin = Surface(name="plane", points_mm=square, faces=np.array([[0, 1, 2], [0, 2, 3]]))
+    sides = {"skin": faces[top], "cut": faces[~top]}
+    now, cells, layers, boundary, depths = extruded(
+        points, tets, sides, skin, (2.0, 8.0), 2.0, room_mm=8.0 - points[:, 2]
+    )
+    volumes = np.abs(np.linalg.det(now[cells[:, 1:]] - now[cells[:, :1]])) / 6.0
+    assert volumes.min() > 1e-6
+    of_core = np.abs(np.linalg.det(points[tets[:, 1:]] - points[tets[:, :1]])).sum() / 6.0
+    assert volumes[layers < 2].sum() == pytest.approx(36.0**2 * 26.0 - of_core)
+    outer = {tuple(sorted(face)) for face in np.concatenate(list(boundary.values())).tolist()}
+    assert outer == {tuple(sorted(face)) for face in outer_faces("tet4", cells).tolist()}, "no crack"
+    between = np.intersect1d(cells[layers == 0], cells[layers == 1])
+    over_bone = np.abs(now[between, 0]) < 1e-9
+    np.testing.assert_allclose(depths[between[np.abs(now[between, 0]) > 17.0]], 2.0, atol=0.05)
+    assert 0.9 < depths[between[over_bone]].min() < 1.3, "the fat is thinner first"
+    through = np.bincount(layers, np.abs(now[cells].mean(axis=1)[:, 0]) < 4.0)
+    assert through[1] < through[0] * 2.5, "fewer elements through thin fat than three"
+
+
 @pytest.mark.slow
-def test_a_layer_that_reaches_a_bone_is_meshed_with_it() -> None:
-    deep = gap_of_bones(segment()) + 2.0
-    mesh = mesh_segment(segment(), MeshPlan(size=SIZE, layers_mm={"fat": deep})).mesh
-    volumes = np.bincount(mesh.cell_regions["tet10"], cell_volumes(mesh.points_mm, mesh.cells["tet10"]))
-    core = core_of(segment(), below_skin(segment(), deep)).tissue.volume_mm3
-    assert volumes.sum() == pytest.approx(segment().tissue.volume_mm3, rel=0.02)
-    assert volumes[1] == pytest.approx(core, rel=0.05)
+def test_layers_that_reach_a_bone_thin_above_it() -> None:
+    gap = gap_of_bones(segment())
+    plan = MeshPlan(size=replace(SIZE, fine_mm=3.2), layers_mm={"skin": 1.5, "fat": gap - 2.0})
+    limb = sound_mesh(segment(), plan)
+    quality = assess(limb, segment(), 6.0)
+    check_quality(quality, "p1", 3.2)
+    mesh = limb.mesh
+    cells, regions = mesh.cells["tet10"], mesh.cell_regions["tet10"]
+    in_layers = np.intersect1d(np.unique(cells[regions < 2]), mesh.node_sets["bone"])
+    assert not in_layers.size, "the core is around the bone"
+    gaps = segment().bones[0].nearest(mesh.points_mm[np.unique(cells[regions == 1])])[1]
+    assert gaps.min() > 0.6 * COVER_MM
+    assert quality.layers_mm["skin"][0] == pytest.approx(1.5, abs=0.05)
 
 
 @pytest.mark.slow
@@ -264,7 +299,7 @@ def with_layers(text: str) -> ScanOptions:
 
 def test_layers_have_their_own_thickness_at_a_spot() -> None:
     options = with_layers(
-        'size = "4 mm"\ncore = "muscle"\nlayer.skin = "2 mm"\n'
+        'size = "3.2 mm"\ncore = "muscle"\nlayer.skin = "2 mm"\n'
         'layer_at.p1 = { skin = "1.6 mm", fat = "4 mm" }\nlayer_at.p2 = { skin = "1.4 mm", fat = "8 mm" }'
     )
     assert options.layers == ("skin", "fat")
@@ -272,11 +307,10 @@ def test_layers_have_their_own_thickness_at_a_spot() -> None:
     assert dict(options.mesh_at("p1").layers_mm) == {"skin": 1.6, "fat": 4.0}
     with pytest.raises(MeshError, match="spot 'p3': layer 'fat' has a thickness at other spots"):
         options.mesh_at("p3")
-    with pytest.raises(
-        MeshError, match=r"spot 'p2': layer 'skin' is 1\.4 mm thick, .* needs 3\.5 mm or less"
-    ):
+    too_thin = r"'p2': layer 'skin' of 1\.4 mm is thinner than half an edge of 3\.2 mm.*size = \"2\.8 mm\""
+    with pytest.raises(MeshError, match=too_thin):
         options.mesh_at("p2")
-    small = options.model_copy(update={"size": 3.0}).mesh_at("p2")
+    small = options.model_copy(update={"size": 2.8}).mesh_at("p2")
     assert (dict(small.layers_mm), small.core) == ({"skin": 1.4, "fat": 8.0}, "muscle")
 
 
@@ -320,7 +354,7 @@ def test_layers_that_reach_a_bone_are_remarked() -> None:
 
 def filled(time_limit_s: float) -> None:
     body = segment().tissue
-    run_ftetwild(body.points_mm, body.faces, SIZE, 0.3, time_limit_s, nested=False)
+    run_ftetwild(body.points_mm, body.faces, SIZE, 0.3, time_limit_s)
 
 
 def test_a_mesher_that_is_slow_or_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -139,7 +139,10 @@ def layers_at_bone(segment: Segment, layers_mm: Mapping[str, float]) -> list[str
     reached = [f"'{name}', {gap:.3g} mm from the spot" for name, gap in gaps.items() if gap <= deep]
     if not reached:
         return []
-    return [f"layers of {deep:g} mm together reach bone {' and '.join(reached)}: check their thickness there"]
+    return [
+        f"layers of {deep:g} mm together reach bone {' and '.join(reached)}: they are thinner above it; give "
+        "the spot's own thicknesses (layer_at)"
+    ]
 
 
 def sound_mesh(segment: Segment, plan: MeshPlan) -> Limb:

@@ -91,8 +91,6 @@ def run_ftetwild(
     size: SizeField,
     tolerance_mm: float,
     time_limit_s: float,
-    *,
-    nested: bool,
 ) -> tuple[FloatArray, IntArray]:
     """Points (n, 3) and tetrahedra (m, 4) of positive volume that fill surfaces.
 
@@ -102,15 +100,12 @@ def run_ftetwild(
     Parameters
     ----------
     points_mm, faces : (n, 3), (m, 3) array
-        Surface of the body, and those that elements must follow inside of it.
+        Closed surface of the body, outwards.
     tolerance_mm : float
         Distance by which the mesh may leave the surfaces.
-    nested : bool
-        Whether there are several surfaces: everything within their box may be filled then, and the caller
-        keeps what is in the body.
     """
     what = "filling the surfaces by fTetWild"
-    points, tets = _run_tool(what, time_limit_s, _ftetwild, points_mm, faces, size, tolerance_mm, nested)
+    points, tets = _run_tool(what, time_limit_s, _ftetwild, points_mm, faces, size, tolerance_mm)
     if not len(tets):
         raise MeshError("fTetWild filled nothing; check that the surfaces are closed and outward")
     return points, tets
@@ -124,11 +119,10 @@ def run_mmg(
     Parameters
     ----------
     mesh : mapping of str to array
-        As is returned: ``points_mm`` (n, 3), ``tets`` (m, 4), their ``regions`` (m,), boundary ``faces``
-        (k, 3) and the ``surfaces`` (k,) that they are on, from 1; faces of two surfaces meet in an edge that
-        stays.
-    largest_mm : (n_regions,) array
-        Edge length that a region takes at most, ∞ where it may be coarse.
+        As is returned: ``points_mm`` (n, 3), ``tets`` (m, 4), boundary ``faces`` (k, 3) and the ``surfaces``
+        (k,) that they are on, from 1; faces of two surfaces meet in an edge that stays.
+    largest_mm : (n,) array
+        Longest edge at each point; edges under the indenter may be longer.
     deviation_mm : float
         Distance by which a straight face may leave the smooth surface.
     """
@@ -151,7 +145,6 @@ def _ftetwild(
     faces: IntArray,
     size: SizeField,
     tolerance_mm: float,
-    nested: bool,
 ) -> tuple[FloatArray, IntArray]:
     """Points and tetrahedra by Hu et al. 2020, who take any triangles and keep to them within a tolerance."""
     os.chdir(tempfile.gettempdir())  # fTetWild leaves files where it runs
@@ -171,7 +164,7 @@ def _ftetwild(
         6,  # log level
         True,  # quiet
         True,  # VTK's order: positive volumes
-        nested,  # keep everything
+        False,  # keep what is inside alone
         np.ascontiguousarray(grid, dtype=np.float64),
         np.ascontiguousarray(cells, dtype=np.int32),
         np.ascontiguousarray(sizes, dtype=np.float64),
@@ -193,29 +186,26 @@ def _pytetwild() -> ModuleType:
 
 def _adapted(now: Arrays, size: SizeField, largest_mm: FloatArray, deviation_mm: float) -> Arrays:
     from mmgpy import MmgMesh3D
+    from scipy.spatial import cKDTree
+
+    given = cKDTree(now["points_mm"])
 
     for _ in range(N_PASSES):
         points, tets, faces = now["points_mm"], now["tets"], now["faces"]
-        sizes = size.at(points)
-        for region, largest in enumerate(largest_mm):
-            nodes = np.unique(tets[now["regions"] == region])
-            sizes[nodes] = np.minimum(sizes[nodes], max(float(largest), size.fine_mm))
         mesh = MmgMesh3D()
         mesh.set_mesh_size(vertices=len(points), tetrahedra=len(tets), triangles=len(faces))
         mesh.set_vertices(points)
-        mesh.set_tetrahedra(tets.astype(np.int32), now["regions"].astype(np.int64))
+        mesh.set_tetrahedra(tets.astype(np.int32))
         mesh.set_triangles(faces.astype(np.int32), now["surfaces"].astype(np.int64))
-        mesh["metric"] = sizes[:, None]
+        largest = np.maximum(largest_mm[given.query(points)[1]], size.fine_mm)
+        mesh["metric"] = np.minimum(size.at(points), largest)[:, None]
         # An edge's neighbour may be this much longer: h grows by `growth` over a length of h, and a bit more.
         mesh.remesh(hausd=deviation_mm, hgrad=1.4 + size.growth, ar=RIDGE_DEG, verbose=-1)
-        new_tets, regions = mesh.get_elements_with_refs()
         new_faces, surfaces = mesh.get_triangles_with_refs()
-        outer = surfaces > 0  # the borders of regions come back as faces of no surface
         now = {
             "points_mm": np.asarray(mesh.get_vertices(), dtype=np.float64),
-            "tets": np.asarray(new_tets, dtype=np.int64),
-            "regions": np.asarray(regions, dtype=np.int64),
-            "faces": np.asarray(new_faces, dtype=np.int64)[outer],
-            "surfaces": np.asarray(surfaces, dtype=np.int64)[outer],
+            "tets": np.asarray(mesh.get_tetrahedra(), dtype=np.int64),
+            "faces": np.asarray(new_faces, dtype=np.int64),
+            "surfaces": np.asarray(surfaces, dtype=np.int64),
         }
     return now

@@ -209,8 +209,7 @@ class ScanOptions(Settings, strict=True):
             needed = FLATTEST * thickness
             if made.size.fine_mm > needed * (1.0 + 1e-9):
                 raise MeshError(
-                    f"spot '{spot}': layer '{name}' is {thickness:g} mm thick, too thin for elements of "
-                    f"{made.size.fine_mm:.3g} mm; it needs {needed:.3g} mm or less (size), or make it "
-                    "thicker, or one with its neighbour"
+                    f"spot '{spot}': layer '{name}' of {thickness:g} mm is thinner than half an edge of "
+                    f'{made.size.fine_mm:.3g} mm. Its elements would be slivers. Set size = "{needed:.3g} mm"'
                 )
         return made

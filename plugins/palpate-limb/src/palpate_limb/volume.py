@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from types import MappingProxyType
 from typing import TypeAlias
 
@@ -10,11 +9,11 @@ import numpy as np
 
 from palpate.api import BoolArray, FloatArray, IntArray, Limb, Mesh, MeshError, Spot
 from palpate.api.mesh import CELLS, outer_faces, with_midpoints
-from palpate_limb.layers import below_skin, extruded
+from palpate_limb.layers import Extruded, below_skin, extruded
 from palpate_limb.meshing import SizeField, run_ftetwild, run_mmg
 from palpate_limb.quality import scaled_jacobians
 from palpate_limb.segment import Segment, core_of, gap_of_bones
-from palpate_limb.surfaces import Surface, joined, parts_of, solid, surface_of
+from palpate_limb.surfaces import Surface, parts_of, solid, surface_of
 
 TISSUE = "soft_tissue"
 KIND = "tet10"
@@ -24,14 +23,19 @@ AXIS = "axis"
 NO_LAYERS: Mapping[str, float] = MappingProxyType({})
 FINER = 0.6
 """Edges of a finer mesh over those of the first: about three times as many nodes."""
-FLATTEST = 2.5
-"""Edges over a layer's thickness, at most, under the indenter and in layers that reach a bone."""
+FLATTEST = 2.0
+"""Edges over a layer's thickness, at most, under the indenter."""
 HIGHEST = 1.6
 """Height of an element of a layer over its edge under the indenter, at most: higher ones are slivers."""
 LEAST_BENT = 0.05
 """Scaled Jacobian below which an element is not bent further."""
-LEAST_CORE_MM = 0.5
-"""Tissue between layers and bones that a mesh of the core alone needs."""
+LEAST_LEFT = 0.3
+"""Share of its scaled Jacobian that an element keeps when it is bent, at least."""
+FLATTEST_FILM = 4.0
+"""Edges over the thickness of the tissue between the skin, or layers, and a bone, at most."""
+COVER_MM = 1.5
+"""Tissue of the core around a bone that the layers reach, and share of the bone's depth that it may be."""
+MOST_COVER = 0.4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,42 +71,20 @@ Boundary: TypeAlias = Mapping[str, IntArray]  # triangles (n, 3) by what they ar
 
 def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
     """Mesh a segment in the frame of its spot; a MeshError where the mesher or a surface of it fails."""
-    depths = np.cumsum(list(plan.layers_mm.values())).tolist()
-    interfaces = {
-        name: below_skin(segment, depth) for name, depth in zip(plan.layers_mm, depths, strict=True)
-    }
-    flat = bool(interfaces) and gap_of_bones(segment) > sum(plan.layers_mm.values()) + LEAST_CORE_MM
-    if flat:  # the core meshed alone, and the layers extruded from it to the skin
-        core, alone = core_of(segment, interfaces[[*interfaces][-1]]), replace(plan, layers_mm=NO_LAYERS)
-        alone = replace(alone, size=replace(plan.size, deep_mm=depths[-1]))
-        points, tets, _, boundary = _filled(core, {}, alone)
-        points, tets, regions, boundary = extruded(
-            points, tets, boundary, segment.skin, depths, HIGHEST * plan.size.fine_mm
-        )
+    if depths := np.cumsum(list(plan.layers_mm.values())).tolist():
+        points, tets, regions, boundary, node_depths = _layered(segment, plan, depths)
         tets = _positive(points, tets)
     else:
-        points, tets, regions, boundary = _filled(segment, interfaces, plan)
-    points, tets, on = _quadratic(points, tets, boundary)
-    outer = np.unique(np.concatenate([nodes for name, nodes in on.items() if name != "cut"]))
-    inner = {
-        name: (np.setdiff1d(_shared(tets, regions, i), outer), interface)
-        for i, (name, interface) in enumerate(interfaces.items())
-    }
-    between = []
-    if flat:  # nodes of each layer on neither of its surfaces, and these surfaces
-        above = [(on["skin"], segment.skin)]
-        above += [(_shared(tets, regions, i), surface) for i, surface in enumerate(interfaces.values())]
-        between = [
-            (np.setdiff1d(tets[regions == i], np.union1d(upper, lower)), skin, below)
-            for i, ((upper, skin), (lower, below)) in enumerate(pairwise(above))
-        ]
-    points = curved(points, tets, on, segment, inner, between)
+        points, tets, boundary = _filled(segment, plan)
+        regions, node_depths = np.zeros(len(tets), dtype=np.int64), np.full(len(points), np.nan)
+    points, tets, on, ends = _quadratic(points, tets, boundary)
+    points = curved(points, tets, on, segment, _with_midsides(node_depths, ends, tets[regions < len(depths)]))
     bones = [on[bone.name] for bone in segment.bones]
     mesh = Mesh(
         points_mm=points,
         cells={KIND: tets},
         cell_regions={KIND: regions},
-        regions=(*interfaces, plan.core),
+        regions=(*plan.layers_mm, plan.core),
         node_sets={
             "fixed": np.unique(np.concatenate([on["cut"], *bones])),
             "contact": on["skin"],
@@ -114,49 +96,66 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
     return Limb(spot=Spot(name=segment.name), mesh=mesh)
 
 
-Body: TypeAlias = tuple[FloatArray, IntArray, IntArray, Boundary]  # points, tetrahedra, their regions
+def _layered(segment: Segment, plan: MeshPlan, depths_mm: Sequence[float]) -> Extruded:
+    """The core meshed alone, and layers extruded from it to the skin, thinner over bones near the skin."""
+    gap = gap_of_bones(segment)
+    cover = min(COVER_MM, MOST_COVER * gap) if gap < depths_mm[-1] + COVER_MM else 0.0
+    below = below_skin(segment, depths_mm[-1], cover)
+    fine = plan.size.fine_mm / _stretch(below, segment.skin, plan.size.radius_mm)
+    alone = replace(plan, size=replace(plan.size, fine_mm=fine, deep_mm=depths_mm[-1]))
+    core = core_of(segment, below)
+    points, tets, boundary = _filled(core, alone)
+    room = np.full(len(points), np.inf)
+    if cover:
+        near = np.unique(boundary["skin"])
+        of_bones = [bone.nearest(points[near])[1] for bone in segment.bones]
+        room[near] = segment.skin.nearest(points[near])[1] + np.min(of_bones, axis=0) - cover
+    highest = HIGHEST * plan.size.fine_mm
+    return extruded(points, tets, boundary, segment.skin, depths_mm, highest, room)
 
 
-def _filled(segment: Segment, interfaces: Mapping[str, Surface], plan: MeshPlan) -> Body:
-    """All regions meshed at once, with elements of the sizes asked for."""
-    surfaces = [surface_of(solid(segment.tissue).simplify(plan.tolerance_mm), "tissue")]
-    half = 0.5 * segment.length_mm
-    for name, interface in interfaces.items():
-        body = solid(interface).simplify(plan.tolerance_mm)
-        for sign in (1.0, -1.0):
-            body = body.trim_by_plane((sign * segment.axis).tolist(), -half)
-        layer = surface_of(body, name)
-        along = layer.points_mm @ segment.axis  # the segment has flat faces of its own on the cuts
-        ends = [(np.abs(along - end) < 1e-6)[layer.faces].all(axis=1) for end in (-half, half)]
-        surfaces.append(replace(layer, faces=layer.faces[~(ends[0] | ends[1])]))
-    points, faces = joined(surfaces)
-    nested = len(surfaces) > 1
-    points, tets = run_ftetwild(points, faces, plan.size, plan.tolerance_mm, plan.time_limit_s, nested=nested)
-    if nested:
-        tets = tets[segment.tissue.contains(points[tets].mean(axis=1))]
+def _stretch(below: Surface, skin: Surface, near_mm: float) -> float:
+    """Edges of the skin under the indenter over the edges of the core from which they come."""
+    middles = below.points_mm[below.faces].mean(axis=1)
+    near = (np.hypot(middles[:, 0], middles[:, 1]) < near_mm) & (middles[:, 2] > middles[:, 2].mean())
+    lower = replace(below, faces=below.faces[near])
+    used, faces = np.unique(lower.faces, return_inverse=True)
+    upper = replace(below, points_mm=skin.nearest(below.points_mm[used])[0], faces=faces.reshape(-1, 3))
+    areas = [np.linalg.norm(each.face_areas_mm2, axis=1).sum() for each in (upper, lower)]
+    return float(np.sqrt(max(areas[0] / areas[1], 1.0))) if near.any() else 1.0
+
+
+def _filled(segment: Segment, plan: MeshPlan) -> tuple[FloatArray, IntArray, Boundary]:
+    """Points, tetrahedra and boundary of one region with elements of the sizes asked for."""
+    tissue = surface_of(solid(segment.tissue).simplify(plan.tolerance_mm), "tissue")
+    points, tets = run_ftetwild(
+        tissue.points_mm, tissue.faces, plan.size, plan.tolerance_mm, plan.time_limit_s
+    )
     points, tets = _largest(points, _positive(points, tets))
     boundary = classify(points, tets, segment)
-    names = list(boundary)
-    middles = points[tets].mean(axis=1)
-    below = np.zeros(len(tets), dtype=np.int64)  # how many interfaces each is below
-    for interface in interfaces.values():
-        below += interface.contains(middles)
     adapted = run_mmg(
         {
             "points_mm": points,
             "tets": tets,
-            "regions": below,
             "faces": np.concatenate(list(boundary.values())),
-            "surfaces": np.repeat(np.arange(len(names)) + 1, [len(faces) for faces in boundary.values()]),
+            "surfaces": np.repeat(np.arange(len(boundary)) + 1, [len(faces) for faces in boundary.values()]),
         },
         plan.size,
-        np.array([*(FLATTEST * t for t in plan.layers_mm.values()), np.inf]),
+        _largest_edges(points, segment),
         2.0 * plan.tolerance_mm,
         plan.time_limit_s,
     )
-    points = adapted["points_mm"]
-    faces_on = {name: adapted["faces"][adapted["surfaces"] == i + 1] for i, name in enumerate(names)}
-    return points, _positive(points, adapted["tets"]), adapted["regions"], faces_on
+    points, surfaces = adapted["points_mm"], adapted["surfaces"]
+    faces_on = {name: adapted["faces"][surfaces == i + 1] for i, name in enumerate(boundary)}
+    return points, _positive(points, adapted["tets"]), faces_on
+
+
+def _largest_edges(points: FloatArray, segment: Segment) -> FloatArray:
+    """Longest edges (n,) at points, for the tissue between skin and bones is a film in places."""
+    if not segment.bones:
+        return np.full(len(points), np.inf)
+    to_bone = np.min([bone.nearest(points)[1] for bone in segment.bones], axis=0)
+    return FLATTEST_FILM * np.asarray(segment.skin.nearest(points)[1] + to_bone)
 
 
 def _positive(points: FloatArray, tets: IntArray) -> IntArray:
@@ -204,8 +203,8 @@ def classify(points: FloatArray, tets: IntArray, segment: Segment) -> Boundary:
 
 def _quadratic(
     points: FloatArray, tets: IntArray, boundary: Boundary
-) -> tuple[FloatArray, IntArray, dict[str, IntArray]]:
-    """Points and cells with a node on every edge, and the nodes on each surface."""
+) -> tuple[FloatArray, IntArray, dict[str, IntArray], IntArray]:
+    """Points and cells with a node on every edge, the nodes on each surface, and the ends of each edge."""
     n = len(points)
     points, cells, ends = with_midpoints(points, tets)
     key = ends[:, 0] * n + ends[:, 1]  # ascending, for ends are unique rows in order
@@ -214,12 +213,15 @@ def _quadratic(
         edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
         middle = n + np.searchsorted(key, edges[:, 0] * n + edges[:, 1])
         on[name] = np.unique(np.concatenate([faces.ravel(), middle]))
-    return points, cells, on
+    return points, cells, on, ends
 
 
-def _shared(cells: IntArray, regions: IntArray, layer: int) -> IntArray:
-    """Nodes between a layer and what is below it."""
-    return np.intersect1d(cells[regions <= layer], cells[regions > layer])
+def _with_midsides(depths_mm: FloatArray, ends: IntArray, of_layers: IntArray) -> FloatArray:
+    """Depths (n,) of all nodes: midside nodes of the cells of layers are as deep as their ends on average."""
+    middle = depths_mm[ends].mean(axis=1)
+    within = np.zeros(len(depths_mm) + len(ends), dtype=np.bool_)
+    within[of_layers] = True
+    return np.concatenate([depths_mm, np.where(within[len(depths_mm) :], middle, np.nan)])
 
 
 def moved_to_contact(limb: Limb, radius_mm: float) -> tuple[Limb, float]:
@@ -251,39 +253,32 @@ def curved(
     cells: IntArray,
     on: Mapping[str, IntArray],
     segment: Segment,
-    inner: Mapping[str, tuple[IntArray, Surface]],
-    between: Sequence[tuple[IntArray, Surface, Surface]] = (),
+    depths_mm: FloatArray,
 ) -> FloatArray:
     """Points (n, 3) with those on a surface moved onto it, so that edges bend with them.
 
     A mesher keeps to the surfaces within a tolerance, and the chord of an edge of length l leaves a surface
     of radius ρ by l²/8ρ. Both errors go, except where moving a node would fold an element.
 
-    ``cells`` are (m, 10). ``on`` has the nodes on ``skin``, ``cut`` and bones, ``inner`` nodes
-    and lower surface of each layer, and ``between`` nodes of edges within a layer, which belong as deep in it
-    as the ends of their edge are on average.
+    ``cells`` are (m, 10). ``on`` has the nodes on ``skin``, ``cut`` and bones, and ``depths_mm`` (n,) is the
+    distance from the skin at which a node of a layer belongs, NaN of other nodes.
     """
     surfaces = {"skin": segment.skin, **{bone.name: bone for bone in segment.bones}}
-    places = [(on[name], surface) for name, surface in surfaces.items() if name in on]
-    places += list(inner.values())
     half, corner = 0.5 * segment.length_mm, np.zeros(len(points), dtype=np.bool_)
     corner[cells[:, :4]] = True
-    ends = np.zeros((len(points), 2), dtype=np.int64)  # of the edge that a midside node is on
-    ends[cells[:, 4:]] = cells[:, np.array(CELLS["tet10"].edges)]
+    deep = np.flatnonzero(depths_mm > 0.0)
 
     def targets(points: FloatArray, allowed: BoolArray) -> FloatArray:
         """Places of the nodes that may move, on their surfaces."""
         target = points.copy()
         for _ in range(2):  # twice, for the nodes where a surface meets a cut
-            for nodes, surface in places:
-                chosen = nodes[allowed[nodes]]
+            for name, surface in surfaces.items():
+                chosen = on[name][allowed[on[name]]]
                 target[chosen], _ = surface.nearest(target[chosen])
-            for nodes, upper, lower in between:  # midside nodes alone
-                chosen = nodes[allowed[nodes] & ~corner[nodes]]
-                above, below = (each.nearest(points[ends[chosen].ravel()])[1] for each in (upper, lower))
-                share = (above / (above + below)).reshape(-1, 2).mean(axis=1)[:, None]
-                onto = [each.nearest(target[chosen])[0] for each in (upper, lower)]
-                target[chosen] = (1.0 - share) * onto[0] + share * onto[1]
+            chosen = deep[allowed[deep]]
+            top, depth = segment.skin.nearest(target[chosen])
+            inwards = (target[chosen] - top) / np.maximum(depth, 1e-9)[:, None]
+            target[chosen] = top + depths_mm[chosen, None] * inwards
             chosen = np.unique(on["cut"][allowed[on["cut"]]])
             along = target[chosen] @ segment.axis
             target[chosen] += (np.sign(along) * half - along)[:, None] * segment.axis
@@ -297,7 +292,8 @@ def curved(
 def _accepted(points: FloatArray, target: FloatArray, cells: IntArray) -> FloatArray:
     """The points moved to their targets, but half as far or not at all in elements that would suffer."""
     share = np.ones(len(points))
-    least = np.minimum(scaled_jacobians(points, cells), LEAST_BENT)
+    before = scaled_jacobians(points, cells)
+    least = np.minimum(before, np.maximum(LEAST_BENT, LEAST_LEFT * before))
     for factor in (0.5, 0.0, 0.0):
         moved = points + share[:, None] * (target - points)
         bad = scaled_jacobians(moved, cells) < least
