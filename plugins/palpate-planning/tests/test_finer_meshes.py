@@ -153,7 +153,7 @@ def test_what_finer_meshes_leave_is_expected_as_the_fit_has_it(tmp_path, pressed
     widths = [_widths(RunDirectory(tmp_path / each).fit()) for each in ("run", "more")]
     expected = found.steps[0].chosen.widths
     # With the press the fit sees more of the scale of the errors.
-    np.testing.assert_allclose(widths[1] / widths[0], expected, rtol=0.15)
+    np.testing.assert_allclose(widths[1] / widths[0], expected, rtol=0.17)
 
 
 def _widths(fit):
