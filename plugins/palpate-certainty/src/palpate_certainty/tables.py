@@ -296,8 +296,8 @@ def _adequacy(each: Assessed, study: Study) -> Iterator[dict[str, Any]]:
         said = {
             "discrepancy": "" if channel is None else _missed(each, check.channel, study),
             "shape": (
-                "the residuals have a shape along the path that errors of the budget have with a probability "
-                f"of {100.0 * check.probability:.2g} %, less than {100.0 * ASSUMED.unusual:g} %"
+                "errors of the budget give residuals of this shape along the path in less than "
+                f"{100.0 * ASSUMED.unusual:g} of 100 cases"
             ),
             "ranges": "the curves ask for parameters outside of their ranges",
             "relaxation": check.message,
