@@ -273,6 +273,19 @@ def test_a_correction_is_exact_where_all_moduli_are_scaled(curves, size, missing
     assert np.array_equal(correction.at(coarse), correction.added)
 
 
+def corrected_by(curves, inputs, name, left_over=0.0):
+    """Correction of the force by ordinates of both meshes, and slopes of both in one name."""
+    coarse, fine, of_coarse, of_fine = curves
+    run = FineRun(
+        coarse={"force": coarse},
+        fine={"force": fine},
+        left_over={"force": left_over},
+        slopes={"force": {name: (of_coarse, of_fine)}},
+        inputs=inputs,
+    )
+    return run.corrections["force"]
+
+
 @given(
     curves=arrays(float, (4, 6), elements=st.floats(-10.0, 10.0)),
     left_over=st.sampled_from([0.0, 0.8]),
@@ -285,14 +298,7 @@ def test_with_slopes_of_both_meshes_a_corrected_curve_has_those_of_the_finer_one
         {"tissue": Ogden()},
         SpotInputs(thetas={"tissue": np.array([0.08, 4.0, 1.0])}, protocol=None),
     )
-    run = FineRun(
-        coarse={"force": coarse},
-        fine={"force": fine},
-        left_over={"force": left_over},
-        slopes={"force": {"tissue.m1": (of_coarse, of_fine)}},
-        inputs=base,
-    )
-    correction = run.corrections["force"]
+    correction = corrected_by(curves, base, "tissue.m1", left_over)
 
     def corrected(step):
         here = coarse + step * of_coarse
@@ -320,13 +326,7 @@ def test_a_corrected_curve_has_a_rigid_contact(curves, penalty):
         contact_penalty=penalty,
     )
     base = SpotInputs(thetas={}, protocol=press)
-    run = FineRun(
-        coarse={"force": coarse},
-        fine={"force": fine},
-        slopes={"force": {"contact_compliance": (of_coarse, of_fine)}},
-        inputs=base,
-    )
-    correction = run.corrections["force"]
+    correction = corrected_by(curves, base, "contact_compliance")
 
     def corrected(step):
         here = coarse + step * of_coarse
