@@ -111,7 +111,7 @@ def test_init_writes_a_study_of_own_presses(call: Call) -> None:
 
 @pytest.mark.parametrize("factor", [0.1, 7.0])
 def test_the_range_of_own_presses_follows_their_force(call: Call, factor: float) -> None:
-    """A tissue outside all ranges of the ready study is inside those of the own one."""
+    """A tissue outside all ranges of the ready study is inside the ranges of the own one."""
     call("init", "try", plugin=None)
     head, *rows = Path("try/measured/p1.csv").read_text(encoding="utf-8").splitlines()
     ends = []

@@ -64,7 +64,7 @@ REST = {"skin": [2.0], "soft tissue": [0.6], "fat": [0.4434]}
 
 
 def relaxing_job(isochoric=("skin", "soft tissue"), times_s=TIMES_S, protocol=TIMED):
-    """The materials of FEBio's recorded curves of relaxing blocks: those of ``job_of`` in the long term."""
+    """The materials of FEBio's recorded curves of relaxing blocks, in the long term as of ``job_of``."""
     materials = {r: relaxing(m, times_s, r in isochoric) for r, m in MATERIALS.items()}
     thetas = {
         r: np.array([*(v * (1.0 if (r, k) == ("skin", 1) else 1.4) for k, v in enumerate(own)), *REST[r]])

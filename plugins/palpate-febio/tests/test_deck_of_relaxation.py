@@ -33,7 +33,7 @@ def test_what_relaxes_is_written_around_its_elastic_material_of_the_long_term():
 
 
 def test_material_cards_have_the_same_numbers():
-    """Two writers of one convention: a card's element is that of the deck."""
+    """Two writers of one convention: a card has the element of the deck."""
     from palpate_prediction.cards.card import CardData
     from palpate_prediction.cards.programs import PROGRAMS
 

@@ -83,7 +83,7 @@ def test_a_linear_band_follows_the_slopes(space):
 
 
 def hertzian(stiffness=1.0):
-    """A press to 10 N, where force and pressure are those of a ball on elastic tissue."""
+    """A press to 10 N, with force and pressure of a ball on elastic tissue."""
     force = np.linspace(0.0, 10.0, 9)
     contact = contact_of(
         skin(np.outer(stiffness ** (2 / 3) * force ** (1 / 3), np.ones(4)), depths=force), None

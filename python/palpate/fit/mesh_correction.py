@@ -37,7 +37,7 @@ RANGE_VARIANCE = 1.0 / 12.0
 class FineRun:
     """One set at one spot on both meshes: ordinates (n,) at the measured points by channel.
 
-    The corrections are those of a mesh without error, extrapolated, and of a rigid contact.
+    The corrections lead to a mesh without error, extrapolated, and to a rigid contact.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class FineRun:
         slopes = {}
         for name, (of_coarse, of_fine) in self.slopes.get(channel, {}).items():
             larger = float(np.sum((coarse * of_coarse)[known])) / square if square else 0.0
-            # The corrected curve has a rigid contact, however much that of the coarse one gives way.
+            # The corrected curve has a rigid contact, however much the coarse contact gives way.
             further = -of_coarse if name == COMPLIANCE else whole * (of_fine - of_coarse)
             slopes[name] = np.where(known, further - larger * added, 0.0)
         return Correction(added=added, coarse=coarse, contact=contact, slopes=slopes, base=self.inputs)

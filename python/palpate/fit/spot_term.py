@@ -53,7 +53,7 @@ class Correction:
     Parameters
     ----------
     added : (n,) array
-        Ordinates of a mesh and contact without error less those of the coarse one; 0 where a curve is
+        Ordinates of a mesh and contact without error less the coarse ordinates; 0 where a curve is
         missing.
     coarse : (n,) array
         Ordinates of the coarse mesh at that set; NaN where the curve is missing.

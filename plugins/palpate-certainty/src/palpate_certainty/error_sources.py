@@ -464,7 +464,7 @@ def mesh_errors(
 
 
 def _size_of(correction: Correction, scale: FloatArray, inside: BoolArray, fitted: FloatArray) -> float:
-    """Size of a fitted curve over that of the corrected curve at the set of its correction."""
+    """Size of a fitted curve over the size of the corrected curve at the set of its correction."""
     fine = (scale * (correction.coarse + correction.added))[inside]
     known = np.isfinite(fine)
     return float(np.linalg.norm(fitted[known])) / max(float(np.linalg.norm(fine[known])), 1e-300)

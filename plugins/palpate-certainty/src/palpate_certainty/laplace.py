@@ -6,8 +6,8 @@ are weighed by what they may be wrong by (generalised method of moments: Hansen,
 information is Gᵀ(UᵀCU)⁻¹G, and one step leads from the fit to the most likely values. Fopt's weights and zero
 are among these, so that no further curve takes information away. Weights of single points (generalised least
 squares) would rest on the shape of each error as well. Scores that span the slopes of all curves together
-are those of Fopt itself: as many as parameters, whatever weighs them. What is outside of the ranges is cut
-off.
+are the scores of Fopt itself: as many as parameters, whatever weighs them. What is outside of the ranges is
+cut off.
 """
 
 from collections.abc import Callable, Mapping, Sequence
