@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_315,
-    "lines of the core": 32_959,
+    "lines": 78_377,
+    "lines of the core": 33_072,
     "classes": 659,
-    "constants": 1122,
+    "constants": 1123,
     "long files": 0,
     "long functions": 34,
     "docstrings without a noun first": 0,

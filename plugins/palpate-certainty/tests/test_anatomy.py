@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, strategies as st
 
 from palpate.domain import Response, Spot
+from palpate.mesh import layers
 from palpate.mesh.specimens import block
 from palpate.mesh.topology import CELLS
 from palpate.stages import pipeline
-from palpate_certainty import anatomy
 from palpate_certainty.anatomy import changed_limb
 from palpate_certainty.error_sources import ErrorSource, columns_of, error_sources_of
 from palpate_certainty.stages import joint_assessed
@@ -84,7 +84,7 @@ def test_regions_that_meet_at_an_edge_alone_are_no_neighbours(kind):
     sets = {**mesh.node_sets, "contact": np.flatnonzero(top)}
     regions = ("skin", "fat", "muscle")
     named = replace(mesh, regions=regions, cell_regions={kind: names}, node_sets=sets)
-    assert anatomy._levels(named) == {"skin": 0, "fat": 1, "muscle": 2}
+    assert layers._levels(named) == {"skin": 0, "fat": 1, "muscle": 2}
 
 
 def test_without_held_nodes_below_the_skin_there_is_no_bone():

@@ -15,6 +15,11 @@ if TYPE_CHECKING:
         Support as Support,
         fixed_nodes as fixed_nodes,
     )
+    from palpate.mesh.layers import (
+        layer_of as layer_of,
+        nodes_of_regions as nodes_of_regions,
+        surface_normals as surface_normals,
+    )
     from palpate.mesh.refinement import (
         automatic_edge_mm as automatic_edge_mm,
         refined as refined,

@@ -16,11 +16,15 @@ from palpate.limb.checks import check_depth, check_fine, check_limb, is_finer
 from palpate.limb.mesh_joints import holes
 from palpate.limb.outer_surface import partly_fixed
 from palpate.limb.tidying import tidied
+from palpate.mesh.layers import thickness_mm
 from palpate.mesh.refinement import automatic_edge_mm, refined
 from palpate.mesh.spot_frame import NEAR, RIM, contact_edge_mm, spot_axes
 from palpate.plugins.guard import answering_for
 from palpate.study.reading import Study, StudySpot
 from palpate.study.spots import mesh_note
+
+FLATTEST = 2.2
+"""Mean edge at the edge of the contact over the thickness of a layer, at most; `palpate limb` asks for 2."""
 
 
 def load_limbs(study: Study, *, to_show: bool = False) -> dict[str, Limb]:
@@ -205,7 +209,24 @@ def limb_warnings(study: Study, limbs: Mapping[str, Limb]) -> list[str]:
         found.extend(_coarse(study, name, limb))
         if name in study.spot_names:
             found.extend(_wide(study, limb))
+            found.extend(_thin(study, limb))
     return found
+
+
+def _thin(study: Study, limb: Limb) -> Iterator[str]:
+    """Name layers that are thinner under the indenter than half an edge at the edge of the contact."""
+    protocol, name = study.protocol_at(limb.spot.name), limb.spot.name
+    if not isinstance(protocol, Indentation):
+        return
+    edge_mm = contact_edge_mm(limb, *_refined_mm(study, name))
+    for region in sorted(limb.mesh.used_regions):
+        thick_mm = thickness_mm(limb, region, _near_mm(study, name))
+        if thick_mm is not None and edge_mm > FLATTEST * thick_mm:
+            yield (
+                f"spot '{name}': layer '{region}' is {thick_mm:.2g} mm thick, less than half of an edge "
+                f"there ({edge_mm:.2g} mm). Its bending is then wrong. Mesh the limb again with edges of at "
+                f"most {2.0 * thick_mm:.2g} mm (`palpate limb --size`)"
+            )
 
 
 def _wide(study: Study, limb: Limb) -> Iterator[str]:

@@ -365,23 +365,43 @@ def test_check_prints_warnings_about_a_limb(make_study, tissue, plugins, tmp_pat
     assert any(text.startswith("spot 'p1': a closed inner surface of") for text in checked.warnings)
 
 
-def test_an_edge_that_the_mesh_does_not_resolve_is_a_warning(make_study, tissue, tmp_path):
-    class Meshed(tissue.Analytic):
-        provides = Provides()
+@pytest.fixture
+def warned(make_study, tissue, tmp_path):
+    """Warnings about a block that a sphere presses."""
 
-    class Blocks(Source):
-        def load(self, path, spot):
-            return replace(block(width_mm=24.0), spot=spot)  # edges of 4 mm
+    def of(limb, radius_mm=7.5):
+        class Meshed(tissue.Analytic):
+            provides = Provides()
 
-    def warned(radius_mm):
+        class Blocks(Source):
+            def load(self, path, spot):
+                return replace(limb, spot=spot)
+
         press = Indentation(indenter=Sphere(radius_mm=radius_mm), path=[(0, 0), (1, 0)], friction=0.0)
-        spots = tuple(
-            replace(s, spot=Spot(name=s.spot.name), mesh=tmp_path / "a.vtu") for s in make_study().spots[:1]
-        )
+        first, *_ = make_study().spots
+        spots = (replace(first, spot=Spot(name=first.spot.name), mesh=tmp_path / "a.vtu"),)
         study = make_study(solver=Meshed(), limb_source=Blocks(), spots=spots, protocol=press)
+        (region,) = study.space.regions
+        regions = tuple(replace(region, region=name) for name in limb.mesh.regions)
+        study = replace(study, space=replace(study.space, regions=regions))
         return limb_warnings(study, load_limbs(study))
 
-    assert warned(7.5) == []
-    (text,) = warned(3.0)
+    return of
+
+
+def test_an_edge_that_the_mesh_does_not_resolve_is_a_warning(warned):
+    edges_of_4_mm = block(width_mm=24.0)
+    assert warned(edges_of_4_mm) == []
+    (text,) = warned(edges_of_4_mm, radius_mm=3.0)
     assert text.startswith("spot 'p1': edges of the mesh under the indenter are 4")
     assert "'sphere' is rounded by 3 mm: the pressure at its edge is not resolved" in text
+
+
+@pytest.mark.parametrize("kind", ["hex8", "tet10"])
+@pytest.mark.parametrize("thin", ["skin", "fat"])
+def test_a_layer_thinner_than_half_an_edge_is_a_warning(warned, kind, thin):
+    layers = {"skin": 3.0, "fat": 3.0} | {thin: 1.0}
+    (text,) = warned(block(kind, width_mm=24.0, n_down=18, layers_mm=layers))
+    assert text.startswith(f"spot 'p1': layer '{thin}' is 1 mm thick, less than half of an edge there")
+    assert "edges of at most 2" in text
+    assert warned(block(kind, width_mm=24.0, n_down=18, layers_mm={"skin": 3.0, "fat": 3.0})) == []

@@ -5,7 +5,6 @@ between what moves and what rests follow a graph's Laplace equation, Σ (uᵢ �
 the elements; those in the middle of an edge stay there.
 """
 
-from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache
 
@@ -13,7 +12,14 @@ import numpy as np
 import scipy
 
 from palpate.api import FloatArray, IntArray, Limb, Mesh
-from palpate.api.mesh import CELLS, outer_faces, spot_axes
+from palpate.api.mesh import (
+    CELLS,
+    layer_of,
+    nodes_of_regions,
+    outer_faces,
+    spot_axes,
+    surface_normals,
+)
 from palpate.api.runs import Study, mesh_note
 from palpate_certainty.assumptions import ASSUMED
 
@@ -88,7 +94,7 @@ def bone_displacements(limb: Limb) -> FloatArray:
     """
     mesh, normal = limb.mesh, limb.spot.normal
     bones = np.setdiff1d(_resting(mesh), mesh.node_sets["contact"])
-    facing = 0.5 - 0.5 * _normals(mesh, mesh.used_regions, bones) @ normal
+    facing = 0.5 - 0.5 * surface_normals(mesh, mesh.used_regions, bones) @ normal
     return _with_the_rest(mesh, bones, facing[:, None] * normal)
 
 
@@ -109,66 +115,9 @@ def _resting(mesh: Mesh) -> IntArray:
 @lru_cache(maxsize=32)
 def layer_displacements(limb: Limb, region: str) -> FloatArray:
     """Displacements (n_nodes, 3) that double a layer: zero for the deepest, or where there is none."""
-    mesh = limb.mesh
-    levels = _levels(mesh)
-    if (level := levels.get(region)) is None:
-        return np.zeros_like(mesh.points_mm)
-    own = _nodes_of(mesh, [region])
-    above = mesh.node_sets["contact"]
-    if level > 0:
-        above = _nodes_of(mesh, [name for name, other in levels.items() if other < level])
-    below = _nodes_of(mesh, [name for name, other in levels.items() if other > level])
-    top = np.intersect1d(own, above)
-    bottom = np.setdiff1d(np.intersect1d(own, below), above)
-    if not top.size or not bottom.size:
-        return np.zeros_like(mesh.points_mm)
-    normals = _normals(mesh, [region], top)
-    _, nearest = scipy.spatial.KDTree(mesh.points_mm[top]).query(mesh.points_mm[bottom])
-    away = mesh.points_mm[bottom] - mesh.points_mm[top[nearest]]
-    # Along the normal alone: the nearest node is not straight above.
-    thickness_mm = np.sum(away * normals[nearest], axis=1, keepdims=True)
-    return _with_the_rest(mesh, bottom, thickness_mm * normals[nearest])
-
-
-def _levels(mesh: Mesh) -> dict[str, int]:
-    """Number of regions between each region and the skin."""
-    levels: dict[str, int] = {}
-    reached, level = np.unique(mesh.node_sets["contact"]), 0
-    nodes = {region: _nodes_of(mesh, [region]) for region in mesh.used_regions}
-    while found := [r for r in nodes if r not in levels and _has_face(mesh, r, reached)]:
-        levels |= dict.fromkeys(found, level)
-        reached, level = np.unique(np.concatenate([reached, *(nodes[r] for r in found)])), level + 1
-    return levels
-
-
-def _has_face(mesh: Mesh, region: str, nodes: IntArray) -> bool:
-    """Whether an element of a region has a face of these nodes (n,)."""
-    every = (cells[:, np.array(CELLS[kind].faces)] for kind, cells in _cells_of(mesh, [region]).items())
-    return any(bool(np.isin(faces, nodes).all(axis=2).any()) for faces in every)
-
-
-def _cells_of(mesh: Mesh, regions: Iterable[str]) -> dict[str, IntArray]:
-    ids = [mesh.regions.index(region) for region in regions]
-    return {kind: cells[np.isin(mesh.cell_regions[kind], ids)] for kind, cells in mesh.cells.items()}
-
-
-def _nodes_of(mesh: Mesh, regions: Iterable[str]) -> IntArray:
-    return np.unique(np.concatenate([cells.ravel() for cells in _cells_of(mesh, regions).values()]))
-
-
-def _normals(mesh: Mesh, regions: Iterable[str], at: IntArray) -> FloatArray:
-    """Unit outward normals (n, 3) of the surface around regions, at nodes (n,) of it."""
-    is_there = np.zeros(mesh.n_nodes, dtype=np.bool_)
-    is_there[at] = True
-    normals = np.zeros_like(mesh.points_mm)
-    for kind, cells in _cells_of(mesh, regions).items():
-        faces = outer_faces(kind, cells)
-        faces = faces[is_there[faces].all(axis=1)]
-        a, b, c = (mesh.points_mm[faces[:, k]] for k in range(3))
-        for node in faces.T:
-            np.add.at(normals, node, np.cross(b - a, c - a))
-    found = normals[at]
-    return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-300))
+    if (layer := layer_of(limb.mesh, region)) is None:
+        return np.zeros_like(limb.mesh.points_mm)
+    return _with_the_rest(limb.mesh, *layer)
 
 
 def _with_the_rest(mesh: Mesh, moved: IntArray, by_mm: FloatArray) -> FloatArray:
@@ -185,7 +134,7 @@ def _with_the_rest(mesh: Mesh, moved: IntArray, by_mm: FloatArray) -> FloatArray
         known[nodes] = True
     n_regions = np.zeros(mesh.n_nodes, dtype=np.int64)
     for region in mesh.used_regions:
-        n_regions[_nodes_of(mesh, [region])] += 1
+        n_regions[nodes_of_regions(mesh, [region])] += 1
     known |= n_regions > 1
     found[moved] = by_mm
     free = np.setdiff1d(edges, np.flatnonzero(known))
