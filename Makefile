@@ -24,6 +24,8 @@ $(VENV)/installed: $(RUST) $(PYPROJECTS)
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install $(QUIET) --upgrade "pip>=25.1"
 	$(BIN)/python -m pip install $(QUIET) --group dev
+# A distribution whose folder has gone would be listed as a broken plugin.
+	$(BIN)/python -m pip list --editable | tail -n +3 | while read name version folder; do test -f "$$folder/pyproject.toml" || $(BIN)/python -m pip uninstall $(QUIET) --yes "$$name"; done
 	PATH="$(CURDIR)/$(BIN):$$PATH" $(BIN)/python -m pip install $(QUIET) --no-build-isolation -e . $(EDITABLE)
 	touch $@
 

@@ -38,7 +38,7 @@ def leaves(command, *names):
 
 def test_every_command_ends_with_examples_that_can_be_called(group):
     found = dict(leaves(group))
-    assert {("reproduce",), ("certify",), ("experiment", "inspect"), ("limb", "scan")} <= set(found)
+    assert {("next",), ("predict",), ("experiment", "inspect"), ("limb", "scan")} <= set(found)
     for words, command in found.items():
         lines = [line.strip() for line in (command.epilog or "").splitlines()[2:]]
         assert lines, words
@@ -59,7 +59,7 @@ def be_called(group, line):
     command.make_context(name, rest, parent=context)
 
 
-@pytest.mark.parametrize("name", ["", *CORE, "reproduce", "certify"])
+@pytest.mark.parametrize("name", ["", *CORE, "next", "predict-press"])
 def test_help_fits_into_80_columns_and_ends_with_the_examples(name, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     assert main([*([name] if name else []), "--help"]) == 0
@@ -86,7 +86,7 @@ def test_out_is_a_run_directory_and_other_files_go_into(group):
 def test_commands_are_under_headings_in_the_order_of_a_study(capsys):
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
-    places = [out.index(f"\n{heading}") for heading in ("Start:", "Run:", "Stages, each", "Verification:")]
+    places = [out.index(f"\n{heading}") for heading in ("Start:", "Run:", "Stages, each")]
     assert places == sorted(places)
     stages = [out.index(f"\n  {name_of(stage)} ") for stage in STAGES]
     assert stages == sorted(stages)
@@ -96,7 +96,7 @@ def test_commands_are_under_headings_in_the_order_of_a_study(capsys):
     ("words", "number", "offered"),
     [
         ("palpate ru", 1, "run"),
-        ("palpate rep", 1, "reproduce"),
+        ("palpate pre", 1, "predict-press"),
         ("palpate plugins mat", 2, "materials"),
         ("palpate run arm --go", 3, "--go-on"),
         ("palpate card runs/arm --for fe", 4, "febio"),

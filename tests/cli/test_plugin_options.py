@@ -178,15 +178,15 @@ def test_a_study_names_plugin_files(call: Call, study: Path) -> None:
 
 def test_plugins_shows_commands(call: Call) -> None:
     assert "limb scan" in call("plugins", "commands").out
-    assert "plugin: validation" in call("plugins", "commands", "certify").out
-    assert "did you mean 'certify'" in call("plugins", "commands", "certfy").err
+    assert "plugin: planning" in call("plugins", "commands", "next").out
+    assert "did you mean 'extend'" in call("plugins", "commands", "extand").err
 
 
 def test_an_installed_plugin_can_be_left_out(call: Call) -> None:
     found = call("--no-plugin", "palpate-materials", "plugins", "--json").json
     assert "yeoh" not in [m["name"] for m in found["materials"]]
     commands = {each["name"]: each["plugin"] for each in found["commands"]}
-    assert commands["certify"] == "validation"
+    assert commands["predict"] == "prediction"
     assert commands["limb scan"] == "limb"
     wrong = call("plugins", "--no-plugin=materails")
     assert wrong.code == 2

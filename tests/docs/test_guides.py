@@ -75,9 +75,10 @@ def test_links_lead_somewhere(guide):
 
 @pytest.fixture(scope="module")
 def group():
-    """The commands of the core and of every plugin."""
+    """The commands of the core, of every plugin, and of the repository's plugins of one file."""
     app = build_app()
-    assert add_commands(app, add_stage=partial(add_stage, app, "Stages")) == ()
+    files = [ROOT / "benchmarks" / "certify.py", ROOT / "examples" / "paper" / "reproduce.py"]
+    assert add_commands(app, files, add_stage=partial(add_stage, app, "Stages")) == ()
     return get_command(app)
 
 

@@ -18,14 +18,14 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 78_377,
-    "lines of the core": 33_072,
-    "classes": 659,
-    "constants": 1123,
+    "lines": 76_899,
+    "lines of the core": 33_070,
+    "classes": 653,
+    "constants": 1091,
     "long files": 0,
-    "long functions": 34,
+    "long functions": 33,
     "docstrings without a noun first": 0,
-    "docstrings with that of or those of": 82,
+    "docstrings with that of or those of": 81,
 }
 Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 

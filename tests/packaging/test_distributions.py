@@ -51,7 +51,7 @@ def test_a_wheel_has_the_package_with_its_data_and_licences(folder: Path) -> Non
         packed = {name: archive.read(name) for name in names if not name.endswith(".abi3.so")}
     assert packed == {path.relative_to(sources).as_posix(): path.read_bytes() for path in tracked(sources)}
     assert len(licences) == 2
-    data = " AND CC-BY-SA-4.0 AND CC-BY-SA-2.1-JP" if folder.name == "palpate-anatomy" else ""
+    data = " AND CC-BY-SA-4.0 AND CC-BY-SA-2.1-JP" if folder.name == "palpate-forearm" else ""
     assert f"License-Expression: {'(MIT OR Apache-2.0)' if data else 'MIT OR Apache-2.0'}{data}\n" in fields
     assert "Description-Content-Type: text/markdown" in fields
     assert any(name.endswith("/py.typed") for name in names)

@@ -1,7 +1,6 @@
 """Limbs from decks of others; what reaches outside or bombs is refused."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,9 +11,6 @@ from palpate.mesh.specimens import block
 from palpate.testing import LimbSourceContract
 from palpate_febio.deck_reader import read_deck
 from palpate_febio.limb_source import FebioDeckSettings, FebioDeckSource
-from palpate_indentation import MeshioSource
-from palpate_limb.limb_files import write_limb
-from palpate_validation import certify
 
 from .test_deck import SOLVER, job_of, mixed_limb
 
@@ -111,12 +107,6 @@ def test_regions_units_and_sets_by_name(deck):
     assert np.ptp(found.points_mm[:, 2]) == pytest.approx(1000.0)
     with pytest.raises(MeshError, match="named by no region"):
         FebioDeckSource(replace_settings(settings, regions={"outer": "1_skin"})).load(deck, SPOT)
-
-
-def test_a_mesh_is_compared_as_one_material_for_any_regions(tmp_path):
-    write_limb(tmp_path / "limb.vtu", block(n_across=2, n_down=2, layers_mm={"skin": 2.0}))
-    plugins = SimpleNamespace(limb_sources={"meshio": MeshioSource, "febio_deck": FebioDeckSource})
-    assert certify._read(plugins, tmp_path / "limb.vtu").mesh.regions == ("soft_tissue",)
 
 
 def replace_settings(settings, **change):

@@ -9,7 +9,6 @@ THIS_VERSION = "this is {}.{}; install another release of palpate, or of the plu
 FIRST_PARTY = frozenset(
     f"palpate-{name}"
     for name in (
-        "anatomy",
         "certainty",
         "dask",
         "febio",
@@ -22,7 +21,6 @@ FIRST_PARTY = frozenset(
         "prediction",
         "report",
         "robot-log",
-        "validation",
     )
 )
 """Distributions that are released with the core; a name that two plugins claim is theirs."""

@@ -61,7 +61,7 @@ class Binary:
             return ""
         return (
             f"FEBio {self.version} was not measured ({first[0]}.{first[1]} to {last[0]}.{last[1]} were): "
-            "`palpate certify` checks its convention of each material, and its curves"
+            "`palpate --plugin benchmarks/certify.py certify`, in palpate's sources, checks its curves"
         )
 
 

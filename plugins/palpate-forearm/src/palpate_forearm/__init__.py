@@ -1,4 +1,4 @@
-"""The paper's study: a simulated forearm, ready studies, and the command that repeats the paper.
+"""Limbs to begin with: a simulated forearm, ready studies of it, and ready studies of two real limbs.
 
 Names are imported when they are first used, so that loading the plugin is fast.
 """
@@ -10,7 +10,6 @@ from palpate.api import deferred, hookimpl
 
 if TYPE_CHECKING:
     from palpate.api import StudyTemplate
-    from palpate.api.cli import Command
     from palpate_forearm.phantom import (
         CrossSection as CrossSection,
         InkMark as InkMark,
@@ -29,28 +28,27 @@ if not TYPE_CHECKING:
 
 @hookimpl
 def palpate_studies() -> "list[StudyTemplate]":
-    """Provide the forearm studies, all on simulated data."""
+    """Provide the studies, all on simulated curves; a real limb is meshed first."""
     from palpate.api import StudyTemplate
 
-    summaries = {
+    on_the_phantom = {
         "first-press": "one press and twist, one parameter, found within its interval (simulated)",
         "forearm-demo": "four spots on coarse meshes; six minutes of processor time (simulated)",
         "forearm": "four spots in the paper's manner, 250 sets; hours (simulated)",
         "forearm-fibres": "muscle with fibres, from slides along and across them at one spot (simulated)",
         "forearm-layered": "skin over soft tissue, identified together at one spot (simulated)",
     }
-    folder = files("palpate_forearm") / "studies"
+    on_real_limbs = {
+        "forearm-real": "an adult's forearm with radius, ulna and skin; mesh it first (simulated; CC BY-SA)",
+        "residual-limb": "a mean residual limb at four clinical spots; mesh it first (simulated; CC BY-SA)",
+    }
+    folder, mesh = files("palpate_forearm") / "studies", "limb {folder}/skin.ply --options {folder}/limb.toml"
     return [
-        StudyTemplate(name=name, summary=summary, directory=str(folder / name))
-        for name, summary in summaries.items()
+        StudyTemplate(
+            name=name,
+            summary=summary,
+            directory=str(folder / name),
+            first_command=mesh if name in on_real_limbs else "check {folder}",
+        )
+        for name, summary in (on_the_phantom | on_real_limbs).items()
     ]
-
-
-@hookimpl
-def palpate_commands() -> "list[Command]":
-    """Provide the command that repeats the paper's study."""
-    from palpate.api.cli import RUN, Command, examples
-    from palpate_forearm.reproduce_command import reproduce
-
-    calls = examples("palpate reproduce --sets 20", "palpate reproduce", "palpate reproduce --fine")
-    return [Command(function=reproduce, panel=RUN, epilog=calls)]

@@ -134,7 +134,7 @@ class ReportData:
     verification : DataFrame
         As :func:`palpate.simulation.verification.verify` returns it; empty where the solver has none.
     comparisons : mapping of file name to its content
-        What ``palpate certify`` has written to the run directory.
+        Comparisons of solvers that ``benchmarks/certify.py`` has written to the run directory.
     factors : mapping of full parameter name to number
         Factors from the material's unit to the unit of the values here, where they differ.
     pictures : mapping of spot name to sequence of Path

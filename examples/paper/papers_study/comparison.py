@@ -11,9 +11,9 @@ import numpy as np
 import polars as pl
 
 from palpate.api.runs import RunResult
-from palpate_forearm.paper_tables import SETS_KEPT, side_by_side
-from palpate_forearm.reproduction import ReproductionResult
 from palpate_report.api import markdown
+from papers_study.paper_tables import SETS_KEPT, side_by_side
+from papers_study.reproduction import ReproductionResult
 
 TITLES = {
     "sets": "Sets and simulations",
@@ -30,7 +30,7 @@ class Comparison:
     Parameters
     ----------
     tables : mapping of name to DataFrame
-        As :func:`palpate_forearm.paper_tables.side_by_side` returns them.
+        As :func:`papers_study.paper_tables.side_by_side` returns them.
     errata : tuple of mapping
         As :func:`errata` returns them.
     not_shared : tuple of str
@@ -102,7 +102,7 @@ def errata(results: Mapping[str, RunResult]) -> list[dict[str, str]]:
 
 
 def _printed() -> dict[str, Any]:
-    text = (files("palpate_forearm") / "paper" / "errata.toml").read_text(encoding="utf-8")
+    text = (files("papers_study") / "printed" / "errata.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
 
 

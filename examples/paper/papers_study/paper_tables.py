@@ -29,7 +29,7 @@ def table2() -> pl.DataFrame:
 
 
 def _printed(name: str) -> pl.DataFrame:
-    return pl.read_csv((files("palpate_forearm") / "paper" / name).read_bytes())
+    return pl.read_csv((files("papers_study") / "printed" / name).read_bytes())
 
 
 def side_by_side(results: Mapping[str, RunResult]) -> dict[str, pl.DataFrame]:

@@ -1,24 +1,31 @@
-"""``palpate certify``: compare the installed solvers with each other and with FEBio."""
+"""Comparison of solvers with each other and with FEBio: a command in one file.
+
+``palpate --plugin benchmarks/certify.py certify``; it needs palpate-febio. The folder ``solver_comparison``
+next to it has the problems and the recorded results.
+"""
 
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from palpate.api import PalpateError, PluginError, StudyError
-from palpate.api.cli import AsJson, OutFolder, Session, run_folder
+from palpate.api import PalpateError, PluginError, StudyError, hookimpl
+from palpate.api.cli import AsJson, Command, OutFolder, Session, examples, run_folder
 from palpate.api.runs import FIRST_PARTY, answering_for
+from palpate_febio.api import FebioSolver, probe_theta, verified_sets
 
 if TYPE_CHECKING:
     from palpate.api import Limb, Solver
     from palpate.api.runs import Plugins
-    from palpate_febio.api import FebioSolver
-    from palpate_validation.comparison import SolverComparison
+    from solver_comparison.comparison import SolverComparison
 
+if (folder := str(Path(__file__).parent)) not in sys.path:
+    sys.path.append(folder)  # of solver_comparison
 
 HEADS = ("problem", "material", "quantity", "solver", "against")
 OF_SETS = ("spot", "set_id", "verdict", "halving", "hold", "force", "torque", "message")
@@ -84,8 +91,6 @@ def certify(
 
 def _verify_sets(session: Session, study: Path, run: Path | None, *, as_json: bool) -> None:
     """Show FEBio's checks of the torque of each selected set, and its difference from the run."""
-    from palpate_febio.api import verified_sets
-
     checked, rows = session.study(study), []
     for row in verified_sets(checked, run_folder(checked, run)):
         session.note(f"{row['spot']}, set {row['set_id']}: {row['verdict']}")
@@ -102,8 +107,8 @@ def _verify_sets(session: Session, study: Path, run: Path | None, *, as_json: bo
 def _compare(
     session: Session, material: str | None, mesh: Path | None, solvers: Sequence[str]
 ) -> SolverComparison:
-    from palpate_validation.comparison import SolverComparison
-    from palpate_validation.pairwise import not_shared
+    from solver_comparison.comparison import SolverComparison
+    from solver_comparison.pairwise import not_shared
 
     judged, febio, contenders, missing = _contenders(session.plugins, solvers)
     rows = []
@@ -155,8 +160,6 @@ def _contenders(plugins: Plugins, asked: Sequence[str]) -> tuple[list[str], Any,
 
 def _installed_febio(required: bool) -> tuple[FebioSolver | None, list[str]]:
     """FEBio, or None and what is missing; an error if it is required."""
-    from palpate_febio.api import FebioSolver
-
     febio = FebioSolver()
     try:
         febio.binary()
@@ -168,8 +171,6 @@ def _installed_febio(required: bool) -> tuple[FebioSolver | None, list[str]]:
 
 
 def _is_febio(solver: type[Solver]) -> bool:
-    from palpate_febio.api import FebioSolver
-
     return issubclass(solver, FebioSolver)
 
 
@@ -186,7 +187,7 @@ def _is_own(solver: type[Solver]) -> bool:
     return solver.__module__.split(".")[0].replace("_", "-") in FIRST_PARTY
 
 
-def _maker(solver: type[Solver]) -> Any:  # noqa: ANN401 -- a Contender
+def _maker(solver: type[Solver]) -> Any:
     """Make the solver for a case, with FEBio's element formulation if it has a choice."""
 
     def make(mean_dilatation: bool | tuple[str, ...]) -> Solver:
@@ -202,12 +203,11 @@ def _rows(
     wanted: str | None,
     mesh: Path | None,
     contenders: Mapping[str, Any],
-    febio: Any,  # noqa: ANN401
+    febio: Any,
 ) -> Iterator[Any]:
     from palpate.api.mesh import block
-    from palpate_febio.api import probe_theta
-    from palpate_validation.pairwise import twist_rows
-    from palpate_validation.recorded import NAMES, RECORDED_VALUES, block_rows, one_element
+    from solver_comparison.pairwise import twist_rows
+    from solver_comparison.recorded import NAMES, RECORDED_VALUES, block_rows, one_element
 
     materials = session.plugins.materials
     limb = None if mesh is None else _read(session.plugins, mesh)
@@ -242,8 +242,8 @@ def _read(plugins: Plugins, mesh: Path) -> Limb:
     return source(one_region).load(mesh, Spot(name=mesh.stem))
 
 
-def _show(session: Session, comparison: Any) -> None:  # noqa: ANN401 -- a SolverComparison
-    from palpate_validation.comparison import ENERGIES
+def _show(session: Session, comparison: Any) -> None:
+    from solver_comparison.comparison import ENERGIES
 
     heads = [*HEADS, "difference", "tolerance", "verdict", "note"]
     shown = {"difference": lambda d: "" if d is None else f"{d:.1e}", "tolerance": "{:.0e}".format}
@@ -259,3 +259,16 @@ def _show(session: Session, comparison: Any) -> None:  # noqa: ANN401 -- a Solve
     failed = [n for n, sound in comparison.by_solver.items() if not sound and comparison.counts(n)]
     agree = "agree" if comparison.passed else f"do not agree ({', '.join(failed) or 'nothing was compared'})"
     session.say(f"result: the solvers {agree}")
+
+
+@hookimpl
+def palpate_commands() -> list[Command]:
+    """Provide the command."""
+    call = "palpate --plugin benchmarks/certify.py certify"
+    lines = (
+        call,
+        f"{call} yeoh --mesh limb.vtu --into runs/arm/solver-comparison.json",
+        f"{call} --solver my_solver",
+        f"{call} --study arm --out /scratch/arm",
+    )
+    return [Command(function=certify, panel="Verification", epilog=examples(*lines))]

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from palpate.api.runs import read_options
-from palpate_anatomy import palpate_studies
+from palpate_forearm import palpate_studies
 from palpate_limb.from_scan import ReadScan, read_scan
 from palpate_limb.options import ScanOptions
 from palpate_limb.segment import cut
 
-STUDIES = {study.name: study for study in palpate_studies()}
-FOLDERS = {study.name: Path(study.directory) for study in palpate_studies()}
+STUDIES = {study.name: study for study in palpate_studies() if "skin.ply" in study.first_command}
+FOLDERS = {name: Path(study.directory) for name, study in STUDIES.items()}
 
 
 def options(name: str) -> ScanOptions:

@@ -2,7 +2,10 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
+import certify
 import numpy as np
 import pytest
 
@@ -15,10 +18,15 @@ from palpate.mesh.specimens import block
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.provides import Provides
 from palpate_febio.binary import find_binary
+from palpate_febio.limb_source import FebioDeckSource
+from palpate_indentation import MeshioSource
+from palpate_limb.limb_files import write_limb
 from palpate_materials import NeoHookean, Ogden, Yeoh
-from palpate_validation.comparison import Case, Row, SolverComparison, at, compared
-from palpate_validation.pairwise import TWIST_DEG, not_shared, twist_rows
-from palpate_validation.recorded import RECORDED_VALUES, block_rows, one_element, recorded_deviation
+from solver_comparison.comparison import Case, Row, SolverComparison, at, compared
+from solver_comparison.pairwise import TWIST_DEG, not_shared, twist_rows
+from solver_comparison.recorded import RECORDED_VALUES, block_rows, one_element, recorded_deviation
+
+CERTIFY = ("--plugin", str(Path(__file__).parents[1] / "certify.py"), "certify")
 
 MATERIALS = {"ogden": Ogden, "yeoh": Yeoh, "neo_hookean": NeoHookean}
 
@@ -27,7 +35,7 @@ MATERIALS = {"ogden": Ogden, "yeoh": Yeoh, "neo_hookean": NeoHookean}
 def test_the_embedded_solver_agrees_with_febios_curves(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.setenv("HOME", str(tmp_path))
-    assert main(["certify", "yeoh", "--into", str(tmp_path)]) == 0
+    assert main([*CERTIFY, "yeoh", "--into", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
     assert "the solvers agree" in shown
     assert "missing: FEBio itself" in shown
@@ -284,7 +292,7 @@ def palpate_solvers():
 def test_a_third_party_solver_is_compared_on_request(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", "/nowhere")
     monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setattr("palpate_validation.recorded.block_rows", lambda *_: iter(()))
+    monkeypatch.setattr("solver_comparison.recorded.block_rows", lambda *_: iter(()))
 
     def only_named(limb, material, theta, contenders, problem, references, channels):
         assert references == ["jax"]
@@ -293,9 +301,9 @@ def test_a_third_party_solver_is_compared_on_request(capsys, tmp_path, monkeypat
             yield Row(problem=problem, material="", quantity="", solver=name, against="", tolerance=1.0,
                       difference=0.0 if name == "jax" else None)  # fmt: skip
 
-    monkeypatch.setattr("palpate_validation.pairwise.twist_rows", only_named)
+    monkeypatch.setattr("solver_comparison.pairwise.twist_rows", only_named)
     (tmp_path / "alien.py").write_text(ALIEN)
-    call = ["--plugin", str(tmp_path / "alien.py"), "certify", "yeoh", "--json"]
+    call = ["--plugin", str(tmp_path / "alien.py"), *CERTIFY, "yeoh", "--json"]
     assert main(call) == 0
     own = json.loads(capsys.readouterr().out)
     assert list(own["solvers"]) == own["judged"] == ["jax"]
@@ -312,6 +320,12 @@ def test_a_third_party_solver_is_compared_on_request(capsys, tmp_path, monkeypat
     ):
         assert main([*call, "--solver", name]) == 2
         assert said in capsys.readouterr().err
+
+
+def test_a_mesh_is_compared_as_one_material_for_any_regions(tmp_path):
+    write_limb(tmp_path / "limb.vtu", block(n_across=2, n_down=2, layers_mm={"skin": 2.0}))
+    plugins = SimpleNamespace(limb_sources={"meshio": MeshioSource, "febio_deck": FebioDeckSource})
+    assert certify._read(plugins, tmp_path / "limb.vtu").mesh.regions == ("soft_tissue",)
 
 
 def test_the_recorded_block_is_the_one_that_is_simulated():

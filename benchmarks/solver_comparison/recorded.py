@@ -17,11 +17,11 @@ import numpy as np
 from palpate.api import FloatArray, Limb, Material, PalpateError, mechanics
 from palpate.api.mesh import block
 from palpate_febio.api import COMPONENTS, TOLERANCE, FebioSolver
-from palpate_validation.comparison import COUPLED, ENERGIES, RECORDED, Case, Contender, Row, compared
+from solver_comparison.comparison import COUPLED, ENERGIES, RECORDED, Case, Contender, Row, compared
 
 
 def _text(name: str) -> str:
-    return files("palpate_validation").joinpath(f"data/{name}").read_text()
+    return files("solver_comparison").joinpath(f"data/{name}").read_text()
 
 
 # ----------------------------------------------------------------- one element

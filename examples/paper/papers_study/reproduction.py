@@ -32,6 +32,9 @@ from palpate.api.runs import (
     run_study,
 )
 
+COMMAND = str(Path(__file__).parents[1] / "reproduce.py")
+"""One-file plugin that has the command."""
+
 PAPER_SETS = 250
 """Sets that the paper draws for each material."""
 
@@ -42,12 +45,12 @@ PHANTOMS = MappingProxyType({"coarse": "forearm-demo", "fine": "forearm"})
 """Ready study whose curves and meshes are taken: 1,500 or 3,600 nodes a spot."""
 
 REGIONS = ("ogden", "yeoh", "neo_hookean")
-"""Materials of the paper's three studies, in its order; ``paper/<material>.toml`` is what differs."""
+"""Materials of the paper's three studies, in its order; ``printed/<material>.toml`` is what differs."""
 
 
 def study_text(material: str, n_sets: int) -> str:
     """Text of the study file of one of the paper's materials."""
-    paper = files("palpate_forearm") / "paper"
+    paper = files("papers_study") / "printed"
     template = Template((paper / "study.toml.template").read_text(encoding="utf-8"))
     region = (paper / f"{material}.toml").read_text(encoding="utf-8")
     return template.substitute(material=material, n_sets=n_sets, region=region.strip())
@@ -214,8 +217,8 @@ def run(
             announce(f"{material}: {error}")
         except StoppedError as error:
             raise StoppedError(
-                f"stopped in {material}; simulations are kept, and `palpate reproduce "
-                f"{shlex.quote(str(reproduction.folder))}` goes on"
+                f"stopped in {material}; simulations are kept, and `palpate --plugin {shlex.quote(COMMAND)} "
+                f"reproduce {shlex.quote(str(reproduction.folder))}` goes on"
             ) from error
     if not results:
         raise NothingSelectableError("; ".join(f"{name}: {why}" for name, why in failed.items()))

@@ -19,7 +19,7 @@ from palpate.api import (
     Solver,
     Status,
 )
-from palpate_validation.comparison import Case, Contender, Row, answer
+from solver_comparison.comparison import Case, Contender, Row, answer
 
 DEPTH_MM = 2.0
 TWIST_DEG = -22.5

@@ -15,7 +15,7 @@ from palpate.plugins.score import Nmse, NmseSettings, ScoringRules
 from palpate.scoring.scores import check_scorable
 from palpate_materials.uncoupled import Ogden, Yeoh
 
-TABLE_2 = Path(str(files("palpate_forearm") / "paper" / "table2_nmse.csv"))
+TABLE_2 = Path(str(files("papers_study") / "printed" / "table2_nmse.csv"))
 YEOH = np.array([0.0129, -2.016e-3, 2.7623e-4, 0.8])
 
 

@@ -168,7 +168,7 @@ class Case:
             channels=self.channels,
         )
 
-    def row(self, **figures: Any) -> Row:  # noqa: ANN401 - fields of a row
+    def row(self, **figures: Any) -> Row:
         """Row of this problem and material."""
         return Row(problem=self.problem, material=self.name, **figures)
 

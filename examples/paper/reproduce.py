@@ -1,5 +1,10 @@
-"""``palpate reproduce``: the paper's study end to end, compared with the paper's tables."""
+"""The paper's study end to end, compared with the paper's tables: a command in one file.
 
+``palpate --plugin examples/paper/reproduce.py reproduce``. The folder ``papers_study`` next to it has the
+tables and the studies.
+"""
+
+import sys
 import textwrap
 from collections.abc import Mapping
 from pathlib import Path
@@ -7,10 +12,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.api.cli import TEXT_WIDTH, AsJson, Session, StageProgress
+from palpate.api import hookimpl
+from palpate.api.cli import RUN, TEXT_WIDTH, AsJson, Command, Session, StageProgress, examples
+from palpate.api.runs import Plugins
 
 if TYPE_CHECKING:
-    from palpate_forearm.reproduction import Reproduction
+    from papers_study.reproduction import Reproduction
+
+if (here := str(Path(__file__).parent)) not in sys.path:
+    sys.path.append(here)  # of papers_study
 
 MATERIALS = ("ogden", "yeoh", "neo_hookean")
 
@@ -45,30 +55,32 @@ def reproduce(
     Without --sets an existing reproduction continues with its sets, and a new one draws the paper's 250.
     Called again with more sets it keeps the simulations.
     """
-    from palpate_forearm.reproduction import prepare
+    from papers_study.reproduction import prepare
 
     session = Session.of(context)
     chosen, phantom = list(dict.fromkeys(material or MATERIALS)), "fine" if fine else "coarse"
-    size = n_sets or _size(session, folder, chosen)
-    made = prepare(folder, session.plugins, chosen, size, phantom).extended(size)
-    _go(session, made, as_json=as_json)
+    # Without this file, so that a run can be opened later without it.
+    plugins = Plugins.load(without=session.without)
+    size = n_sets or size_of(session, plugins, folder, chosen)
+    made = prepare(folder, plugins, chosen, size, phantom).extended(size)
+    _go(session, plugins, made, as_json=as_json)
 
 
-def _size(session: Session, folder: Path, materials: list[str]) -> int:
+def size_of(session: Session, plugins: Plugins, folder: Path, materials: list[str]) -> int:
     """Sets to draw: as many as there are, else as the paper's."""
-    from palpate_forearm.reproduction import PAPER_SETS, sets_of
+    from papers_study.reproduction import PAPER_SETS, sets_of
 
-    if n_sets := sets_of(folder, materials, session.plugins):
+    if n_sets := sets_of(folder, materials, plugins):
         session.note(f"continuing with {n_sets} sets of each material")
     return n_sets or PAPER_SETS
 
 
-def _go(session: Session, reproduction: "Reproduction", *, as_json: bool) -> None:
-    from palpate_forearm.comparison import TITLES, compare, write
-    from palpate_forearm.reproduction import run
+def _go(session: Session, plugins: Plugins, reproduction: "Reproduction", *, as_json: bool) -> None:
+    from papers_study.comparison import TITLES, compare, write
+    from papers_study.reproduction import run
 
     with StageProgress(session) as progress:
-        outcome = run(reproduction, session.plugins, progress, announce=progress.note)
+        outcome = run(reproduction, plugins, progress, announce=progress.note)
     comparison = compare(outcome)
     file = write(comparison, outcome.results, reproduction.folder)
     if as_json:
@@ -90,3 +102,11 @@ def _as_lines(erratum: Mapping[str, str]) -> str:
         if name != "where"
     ]
     return "\n".join([erratum["where"], *lines])
+
+
+@hookimpl
+def palpate_commands() -> list[Command]:
+    """Provide the command."""
+    call = "palpate --plugin examples/paper/reproduce.py reproduce"
+    calls = examples(f"{call} --sets 20", call, f"{call} --fine")
+    return [Command(function=reproduce, panel=RUN, epilog=calls)]

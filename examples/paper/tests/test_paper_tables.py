@@ -14,7 +14,7 @@ from palpate_materials.uncoupled import Yeoh
 
 pytestmark = pytest.mark.usefixtures("one_figure")
 
-TABLES = Path(str(files("palpate_forearm") / "paper"))
+TABLES = Path(str(files("papers_study") / "printed"))
 YEOH_RANGES = {"c1": (1.4e-3, 3e-2), "c2": (-3e-3, -4.14e-5), "c3": (3e-6, 3e-4)}
 
 

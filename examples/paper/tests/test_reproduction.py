@@ -16,13 +16,14 @@ from palpate.fit.searches import BestSet
 from palpate.mechanics import initial_moduli
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.provides import Provides
-from palpate_forearm import reproduction
-from palpate_forearm.comparison import compare, errata, write
-from palpate_forearm.paper_tables import GENERALISED, GENERALISED_FOPT, table1, table2
-from palpate_forearm.reproduction import REGIONS, Reproduction, prepare
+from papers_study import reproduction
+from papers_study.comparison import compare, errata, write
+from papers_study.paper_tables import GENERALISED, GENERALISED_FOPT, table1, table2
+from papers_study.reproduction import REGIONS, Reproduction, prepare
 
 pytestmark = pytest.mark.usefixtures("no_pictures")
 
+REPRODUCE = ("--plugin", reproduction.COMMAND, "reproduce")
 SETS = 9
 
 
@@ -232,7 +233,7 @@ def test_stopping_names_the_command_to_continue(tmp_path, plugins):
             return lambda *given: False
 
     made = scaled(prepare(tmp_path / "my runs", plugins, ["ogden"], 3))
-    with pytest.raises(StoppedError, match=r"stopped in ogden; .*`palpate reproduce '.*my runs'` goes on"):
+    with pytest.raises(StoppedError, match=r"stopped in ogden; .*\.py reproduce '.*my runs'` goes on"):
         reproduction.run(made, plugins, Stopping())
 
 
@@ -271,9 +272,9 @@ def test_a_changed_study_stays_changed(tmp_path, plugins):
 
 def test_a_call_that_cannot_work_is_refused(capsys, tmp_path):
     (tmp_path / "thesis.tex").touch()
-    assert main(["reproduce", str(tmp_path)]) == 2
+    assert main([*REPRODUCE, str(tmp_path)]) == 2
     assert "holds no reproduction" in capsys.readouterr().err
-    assert main(["reproduce", str(tmp_path / "new"), "--material", "yeho"]) == 2
+    assert main([*REPRODUCE, str(tmp_path / "new"), "--material", "yeho"]) == 2
     assert "it has ogden, yeoh" in capsys.readouterr().err
 
 
@@ -282,26 +283,26 @@ def test_the_command_runs_and_prints_json(monkeypatch, capsys, tmp_path):
     extended = Reproduction.extended
     monkeypatch.setattr(Reproduction, "extended", lambda self, n_sets: scaled(extended(self, n_sets)))
     folder = tmp_path / "here"
-    assert main(["reproduce", str(folder), "--sets", "6", "--material", "ogden", "--json"]) == 0
+    assert main([*REPRODUCE, str(folder), "--sets", "6", "--material", "ogden", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert Path(printed["file"]) == folder / "comparison.md"
     assert {row["material"] for row in printed["tables"]["table2"]} == {"ogden"}
     assert len(printed["not_shared"]) == 4
-    assert main(["reproduce", str(folder), "--sets", "8", "--material", "ogden"]) == 0
+    assert main([*REPRODUCE, str(folder), "--sets", "8", "--material", "ogden"]) == 0
     out, _ = capsys.readouterr()
     assert max(len(line) for line in out.split("isochoric")[1].split("Comparison:")[0].splitlines()) <= 80
-    assert main(["reproduce", str(folder), "--material", "ogden", "--json"]) == 0
+    assert main([*REPRODUCE, str(folder), "--material", "ogden", "--json"]) == 0
     out, err = capsys.readouterr()
     assert json.loads(out)["tables"]["sets"][0]["n_drawn"] == 8
     assert "continuing with 8 sets" in err
-    assert main(["reproduce", str(folder), "--sets", "3", "--material", "ogden"]) == 2
+    assert main([*REPRODUCE, str(folder), "--sets", "3", "--material", "ogden"]) == 2
     assert "cannot become 3" in capsys.readouterr().err
 
 
 def test_without_a_number_sets_are_those_there_are_or_the_papers(tmp_path, plugins):
     from palpate.cli.session import Session
-    from palpate_forearm.reproduce_command import _size
+    from reproduce import size_of
 
     prepare(tmp_path / "started", plugins, ["ogden"], 40)
     for folder, size in (("started", 40), ("new", 250)):
-        assert _size(Session(), tmp_path / folder, ["ogden"]) == size
+        assert size_of(Session(), plugins, tmp_path / folder, ["ogden"]) == size

@@ -1,0 +1,1 @@
+"""Comparison of solvers with each other and with recorded results."""
