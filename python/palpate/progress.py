@@ -63,6 +63,14 @@ class ShowsPlace(Protocol):
         """Show where the work is, such as a step of a search."""
 
 
+@runtime_checkable
+class OfCommand(Protocol):
+    """A :class:`Progress` of a command that began before its run was read."""
+
+    began_processor_s: float
+    """Processor time of this process when the command began."""
+
+
 class Silent:
     """A :class:`Progress` that prints nothing."""
 

@@ -10,7 +10,7 @@ import jsonschema
 import pytest
 
 import palpate_certainty
-from palpate.cli.app import COMMANDS, STAGES
+from palpate.cli.app import COMMANDS, STAGES, main
 from palpate.cli.options import name_of
 from palpate.cli.output import OUTPUTS, VERSION, schema
 from palpate.stages import core_stages
@@ -24,7 +24,7 @@ OF_CERTAINTY = {stage.name: stage for stage in palpate_certainty.palpate_stages(
 OF_REPORT = {"report": ReportOutput, "compare": CompareOutput}
 CORE_STAGES = {stage.name: stage for stage in core_stages.STAGES}
 
-PUBLISHED = {1: "7d784a0eff4752b7", 2: "0546410e5aeb8c1d", 3: "8b1545c8a87cf3c1", 4: "6e18012a91d7b0f0"}
+PUBLISHED = {1: "7d784a0eff4752b7", 2: "0546410e5aeb8c1d", 3: "8b1545c8a87cf3c1", 4: "12420e8218a6eede"}
 """Digest of all schemas of each version."""
 
 
@@ -104,3 +104,21 @@ def test_raw_writes_of_a_plugin_stay_out_of_the_results(tmp_path):
     assert json.loads(done.stdout)
     assert "raw at import" in done.stderr
     assert "raw in a hook" in done.stderr
+
+
+def test_the_cost_of_a_run_is_in_json_and_in_a_table(whole_run, capsys):
+    assert main(["status", str(whole_run), "--json"]) == 0
+    status = json.loads(capsys.readouterr().out)
+    rows = status["cost"]
+    assert {"start-up", "simulate", "report"} <= {row["stage"] for row in rows}
+    assert sum(row["n_simulations"] for row in rows if row["work"] != "slopes") == status["n_simulations"]
+    assert main(["status", str(whole_run), "--cost"]) == 0
+    shown = capsys.readouterr().out
+    assert f"{sum(row['processor_s'] for row in rows):.1f}" in shown
+    assert "Processor time" in (whole_run / "report" / "index.html").read_text()
+
+
+def test_a_run_without_a_record_of_its_cost_says_how_to_get_one(ran, capsys):
+    (ran / "processor_time.json").unlink()
+    assert main(["status", str(ran), "--cost"]) == 2
+    assert "`palpate run " in capsys.readouterr().err

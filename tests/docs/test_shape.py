@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 76_899,
-    "lines of the core": 33_070,
-    "classes": 653,
-    "constants": 1091,
+    "lines": 77_144,
+    "lines of the core": 33_300,
+    "classes": 655,
+    "constants": 1094,
     "long files": 0,
     "long functions": 33,
     "docstrings without a noun first": 0,

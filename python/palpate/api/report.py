@@ -23,6 +23,7 @@ if TYPE_CHECKING:
         Word as Word,
         heading as heading,
     )
+    from palpate.simulation.processor_time import COST_HEADS as COST_HEADS, cost_rows as cost_rows
 
 if not TYPE_CHECKING:
     __getattr__ = deferred(__name__)

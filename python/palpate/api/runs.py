@@ -114,6 +114,7 @@ if TYPE_CHECKING:
         jobs as jobs,
         stored as stored,
     )
+    from palpate.simulation.processor_time import processor_time as processor_time
     from palpate.simulation.sweep import (
         Simulations as Simulations,
     )

@@ -111,6 +111,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given, without = split_option("--no-plugin", given)
     app = build_app()
     session = Session([Path(file) for file in files], without, build_app)
+    if arguments is None:
+        session.began_processor_s = 0.0  # the whole process is this command's
     try:
         return _run(app, session, given)
     except Exception as error:

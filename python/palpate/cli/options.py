@@ -24,7 +24,11 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "palpate run runs/arm --sets 500 --fork runs/arm-500",
             "palpate run arm --json > arm.json",
         ),
-        "status": ("palpate status runs/arm", "palpate status runs/arm --watch"),
+        "status": (
+            "palpate status runs/arm",
+            "palpate status runs/arm --watch",
+            "palpate status runs/arm --cost",
+        ),
         "plugins": ("palpate plugins", "palpate plugins materials yeoh"),
         "new-plugin": (
             "palpate new-plugin material my_tissue",

@@ -148,7 +148,8 @@ class StatusOutput(Closed):
     """Progress of a run; ``states`` counts its simulations by how they ended.
 
     ``n_simulations`` is about, while a fit goes on. ``fit`` is null before a fit begins, and once it has
-    ended; ``result`` has the lines of a finished run, and ``intervals`` its table of that name.
+    ended; ``result`` has the lines of a finished run, and ``intervals`` its table of that name. ``cost`` is
+    the processor time by stage and work.
     """
 
     folder: str
@@ -161,6 +162,7 @@ class StatusOutput(Closed):
     result: dict[str, str]
     intervals: list[Row]
     fit: FitStateOutput | None
+    cost: list[Row]
 
 
 class SynthesiseOutput(Closed):

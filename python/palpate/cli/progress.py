@@ -47,6 +47,7 @@ class StageProgress:
     def __init__(self, session: Session, *, keeps: bool = True) -> None:
         self._keeps = keeps
         self._console = session.stderr
+        self.began_processor_s = session.began_processor_s
         self._bars: Progress | None = None
         self._stage = ""
         self._shown = self._run = _Steps()

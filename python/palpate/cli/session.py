@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
+from time import process_time
 from typing import TYPE_CHECKING, Any, cast
 
 import typer
@@ -65,6 +66,8 @@ class Session:
         self.make_app = make_app
         self.asked: Path | None = None
         """Study that was read last."""
+        self.began_processor_s = process_time()
+        """Processor time of this process when the command began."""
 
     @classmethod
     def of(cls, context: typer.Context) -> "Session":

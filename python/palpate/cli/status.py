@@ -9,6 +9,7 @@ import typer
 from palpate.cli.options import AsJson, RunPath
 from palpate.cli.runs import find_run
 from palpate.cli.session import Session
+from palpate.errors import StudyError
 from palpate.progress import about
 
 if TYPE_CHECKING:
@@ -25,6 +26,9 @@ def status(
     watch: Annotated[
         bool, typer.Option("--watch", help="Look again every two seconds until the run ends.")
     ] = False,
+    cost: Annotated[
+        bool, typer.Option("--cost", help="Show where the processor time of the run went.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Show the progress of a run and the reasons of failures; of a finished run, its result."""
@@ -38,6 +42,19 @@ def status(
         session.json(_as_json(seen))
         return
     _show(session, seen)
+    if cost:
+        _show_cost(session, seen)
+
+
+def _show_cost(session: Session, seen: "RunStatus") -> None:
+    from palpate.simulation.processor_time import COST_HEADS, cost_rows
+
+    if seen.cost.is_empty():
+        raise StudyError(
+            f"{seen.folder}: no processor time is recorded. An earlier palpate has made the run. "
+            f"Run `palpate run {seen.folder}` again."
+        )
+    session.table("Processor time", COST_HEADS, cost_rows(seen.cost))
 
 
 def _watched(session: Session, seen: "RunStatus") -> "RunStatus":
@@ -104,6 +121,7 @@ def _as_json(seen: "RunStatus") -> "StatusOutput":
         "seconds_left": seen.seconds_left,
         "failures": seen.failures.to_dicts(),
         "result": dict(seen.result),
+        "cost": seen.cost.to_dicts(),
         "intervals": [dict(row) for row in seen.intervals],
         "fit": cast("FitStateOutput | None", seen.fit and asdict(seen.fit)),
     }

@@ -1,9 +1,10 @@
 """Run jobs of one limb with a solver; every job gets a result."""
 
+import os
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from time import perf_counter
+from time import perf_counter, process_time
 
 from palpate.domain import Job, Limb, Simulation, Status
 from palpate.errors import CurveError
@@ -12,6 +13,18 @@ from palpate.plugins.interfaces import Solver
 
 LONGEST_TRACEBACK = 20_000
 """Most characters of a traceback that are kept."""
+
+PROCESSOR, SLOPES, WORKER = "processor_s", "slopes_s", "worker_s"
+"""Diagnostics of a simulation: its processor time, its part for slopes where the solver has measured that,
+and what its worker process has spent besides, on its start and on transfers."""
+
+_jobs_here_s = 0.0
+
+
+def spent_on_jobs_here() -> float:
+    """Processor time of this process that :func:`attempt` has spent on jobs."""
+    return _jobs_here_s
+
 
 Task = tuple[int, Job]
 """A job and its place among all jobs of the sweep."""
@@ -70,7 +83,7 @@ def attempt(
     started: Callable[[int], None],
     should_continue: Callable[[], bool] = lambda: True,
 ) -> Iterator[Result]:
-    """Results of jobs of one limb, each as it ends and exactly one for each job.
+    """Results of jobs of one limb, each as it ends, with its processor time; exactly one for each job.
 
     Parameters
     ----------
@@ -84,6 +97,33 @@ def attempt(
     A solver must not raise. If it raises during one job, that job has crashed and the others
     continue. If it raises during several, each is run alone to find the cause.
     """
+    global _jobs_here_s
+    attempted = _attempted(solver, limb, tasks, started, should_continue)
+    while True:
+        own_s, children_s = process_time(), _children_s()
+        result = next(attempted, None)
+        own_s = process_time() - own_s
+        if result is None:
+            return
+        _jobs_here_s += own_s
+        index, simulation = result
+        spent_s = own_s + _children_s() - children_s
+        yield index, replace(simulation, diagnostics={**simulation.diagnostics, PROCESSOR: spent_s})
+
+
+def _children_s() -> float:
+    """Processor time of the programs that this process has started and waited for."""
+    times = os.times()
+    return times.children_user + times.children_system
+
+
+def _attempted(
+    solver: Solver,
+    limb: Limb | None,
+    tasks: Sequence[Task],
+    started: Callable[[int], None],
+    should_continue: Callable[[], bool],
+) -> Iterator[Result]:
     left = list(tasks)
     while left and should_continue():
         flight = _InFlight(left, started, should_continue)

@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -21,7 +22,7 @@ from typing import IO, Any
 
 from palpate.domain import Limb
 from palpate.domain.component import Component
-from palpate.executors.attempts import attempt
+from palpate.executors.attempts import WORKER, Result, attempt, spent_on_jobs_here
 from palpate.plugins.registry import load_file
 
 _LENGTH = struct.Struct("<Q")
@@ -112,6 +113,16 @@ def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
         return
     tell("ready")
     limbs: dict[str, Limb] = {}
+    told_s = 0.0
+
+    def charged(result: Result) -> Result:
+        """Result with what this process has spent besides on jobs since the last one."""
+        nonlocal told_s
+        index, simulation = result
+        before_s, told_s = told_s, time.process_time() - spent_on_jobs_here()
+        spent = {**simulation.diagnostics, WORKER: told_s - before_s}
+        return index, replace(simulation, diagnostics=spent)
+
     while True:
         kind, *content = receive(inbox)
         if kind == "limb":
@@ -122,7 +133,7 @@ def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
             limb = limbs[tasks[0][1].limb_name] if has_limb else None
             started = partial(tell, "started")
             for result in attempt(solver, limb, tasks, started):
-                tell("done", result)
+                tell("done", charged(result))
             tell("idle")
 
 

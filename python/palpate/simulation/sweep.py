@@ -52,6 +52,8 @@ class Simulations:
         The run directory; nothing is written there before the first simulation.
     check : callable
         Raises where the lock on the folder is lost.
+    on_simulated : callable
+        Called with each simulation that was made, and neither kept nor cached.
 
     Attributes
     ----------
@@ -71,12 +73,14 @@ class Simulations:
         progress: Progress = SILENT,
         check: Callable[[], None] = _no_check,
         forecast: Forecast | None = None,
+        on_simulated: Callable[[Simulation], None] = lambda simulation: None,
     ) -> None:
         self.study = study
         self.folder = folder
         self.limbs = dict(limbs)
         self.progress = progress
         self.forecast = forecast or Forecast()
+        self._on_simulated = on_simulated
         self._is_time_said = False
         self._check = check
         self._keys = JobKeys(study.solver, self.limbs, study.trusted)
@@ -176,6 +180,7 @@ class Simulations:
             for index, simulation in results(
                 self.study, self._executor, jobs, self.limbs, self.progress, self.forecast
             ):
+                self._on_simulated(simulation)
                 self._writer.store(keys[index], simulation)
                 if self._cache is not None and simulation.status in _SHARED:
                     self._cache.store(keys[index], simulation)

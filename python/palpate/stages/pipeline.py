@@ -179,6 +179,7 @@ def run_study(
                 if stage.needs:
                     run = _again(run, stage, wanted)
             remove_fit_state(run_folder)
+            run.spent.write()
             return RunResult(
                 folder=run_folder,
                 measured=inputs.measured,

@@ -33,6 +33,7 @@ from palpate.run.tables import ASSESSED, OF_A_FIT
 from palpate.simulation import jobs as simulation
 from palpate.simulation.cost import SWEEP, n_workers
 from palpate.simulation.forecast import Forecast, Part
+from palpate.simulation.processor_time import ProcessorTime
 from palpate.simulation.sweep import Simulations
 from palpate.study.reading import Study
 
@@ -205,7 +206,9 @@ class Run:
     def with_inputs(self, inputs: StudyInputs) -> Self:
         """The run with other inputs, from which nothing has been made; it lets its workers go."""
         self._opened.close()
-        return replace(self, fresh=inputs, shared={})
+        run = replace(self, fresh=inputs, shared={})
+        run.spent = self.spent
+        return run
 
     @property
     def measured(self) -> Mapping[str, Response]:
@@ -226,9 +229,13 @@ class Run:
     def simulations(self) -> Simulations:
         """Simulations, each made once and kept in the run; open until the run's context ends."""
         limbs = {**self.limbs, **self.more_limbs}
-        folder, check = self.directory.folder, self.check_lock
-        opened = Simulations(self.study, folder, limbs, self.progress, check, self.forecast)
-        return self._opened.enter_context(opened)
+        given = self.study, self.directory.folder, limbs, self.progress, self.check_lock, self.forecast
+        return self._opened.enter_context(Simulations(*given, self.spent.simulated))
+
+    @cached_property
+    def spent(self) -> ProcessorTime:
+        """Processor time that this command spends on the run."""
+        return ProcessorTime.of_command(self.directory.folder, self.progress)
 
     def expect(self, stages: Iterable[Stage]) -> None:
         """Forecast the simulations of the stages that are to come."""
@@ -270,8 +277,7 @@ class Run:
 
     def current(self, name: str) -> pl.DataFrame:
         """Table that was made from what the stages before its own have now; else without rows."""
-        is_current = self.directory.records.is_current
-        made = any(is_current(stage) for stage in self._makers(name))
+        made = any(map(self.directory.records.is_current, self._makers(name)))
         return self.table(name) if made else self._empty(name)
 
     def _makers(self, *names: str) -> list[str]:
@@ -403,7 +409,7 @@ class Run:
             The stage cannot be run, or its plugin made a mistake.
         """
         made_from = self.made_from(stage) if made_from is None else made_from
-        with answering_for(stage, "running it"):
+        with self.spent.charging(stage.name), answering_for(stage, "running it"):
             found = stage.run(self, self.progress)
         for name, table in found.items():
             if name.partition(".")[0].partition("/")[0] not in stage.tables:

@@ -15,6 +15,7 @@ from palpate.run.fit_state import FitState, read_fit_state
 from palpate.run.ledger import Ledger
 from palpate.run.lock import Runner, living_runner_of
 from palpate.scoring import selection
+from palpate.simulation.processor_time import processor_time
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +41,8 @@ class RunStatus:
         while it goes on.
     intervals : sequence of mapping
         Rows of the table ``intervals`` of a finished run.
+    cost : DataFrame
+        Processor time by stage and work, as :func:`palpate.simulation.processor_time.processor_time` has it.
     """
 
     folder: Path
@@ -51,6 +54,7 @@ class RunStatus:
     fit: FitState | None
     result: Mapping[str, str] = field(default_factory=dict)
     intervals: Sequence[Mapping[str, Any]] = ()
+    cost: pl.DataFrame = field(default_factory=pl.DataFrame)
 
     @property
     def n_finished(self) -> int:
@@ -85,6 +89,7 @@ def status(folder: Path) -> RunStatus:
         fit=state,
         result=run.result() if is_ended else {},
         intervals=_intervals(run) if is_ended else [],
+        cost=processor_time(folder),
     )
 
 

@@ -116,7 +116,8 @@ def test_unusual_diagnostics_are_kept_as_text(sweep, tissue):
 
     sweep(solver=Wordy)
     found, _ = sweep(solver=Wordy)
-    assert found[0].diagnostics == {"n": 3, "x": [1.0, "nan"], "o": repr(object), "t": [1, None]}
+    kept = {name: value for name, value in found[0].diagnostics.items() if name != "processor_s"}
+    assert kept == {"n": 3, "x": [1.0, "nan"], "o": repr(object), "t": [1, None]}
 
 
 def test_a_value_outside_the_physical_range_is_refused_before_anything_runs(sweep, space, tmp_path):

@@ -66,7 +66,7 @@ def test_stages_that_cannot_be_ordered_are_refused(needs, message):
 )
 def test_what_is_no_table_is_refused(found, message, make_study, plugins, tmp_path, monkeypatch):
     monkeypatch.setattr(Table, "run", lambda self, inputs, progress: found)
-    directory = SimpleNamespace(write_stage=lambda *given: pytest.fail("written"))
+    directory = SimpleNamespace(folder=tmp_path, write_stage=lambda *given: pytest.fail("written"))
     with pytest.raises(PluginError, match=message):
         Run(study=make_study(), directory=directory).make(Table())
 

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
+from time import process_time
 
 import numpy as np
 
@@ -132,6 +133,7 @@ class LoadStepping:
         self.n_cuts = 0
         self.n_iterations = 0
         self.n_held = 0
+        self.slopes_s = 0.0
 
     def along(self, schedule: Schedule) -> Iterator[LoadStep | Stop]:
         """Balance at each target in turn; the last may be a ``Stop``."""
@@ -252,7 +254,9 @@ class LoadStepping:
             )
             if self._sensitivity is not None:
                 reached = None if self._control is None else replace(aim, position=position)
+                began_s = process_time()
                 self._sensitivity.balanced(state.displacements, load, self._thetas, reached)
+                self.slopes_s += process_time() - began_s
             if self._control is not None:
                 state.loads = self._control.loads(state.displacements, position, load)
             state.memory = self._model.contact.remember(state.displacements, load)

@@ -289,6 +289,7 @@ def _diagnostics(reached: list[LoadStep], stepping: LoadStepping) -> dict[str, A
         "contact_radius_mm": [s.answer.contact_radius_mm for s in reached],
         "penetration_mm": [s.answer.penetration_mm for s in reached],
         "sticking": [s.answer.sticking for s in reached],
+        **({"slopes_s": stepping.slopes_s} if stepping.slopes_s else {}),
         **_missing_slopes(reached),
     }
 

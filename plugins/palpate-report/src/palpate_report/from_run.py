@@ -23,6 +23,7 @@ from palpate.api.runs import (
     fit_so_far,
     keep_only,
     living_runner_of,
+    processor_time,
     read_fit_state,
     read_run,
     score,
@@ -111,6 +112,7 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
         **_simulated(run.directory.folder),
         surfaces=run.surfaces(),
         summaries={} if unfinished else _summaries(run),
+        processor_time=processor_time(run.directory.folder),
         settings=next(
             (s for each in run.stages.values() if isinstance(s := each.settings, ReportSettings)), BY_ITSELF
         ),

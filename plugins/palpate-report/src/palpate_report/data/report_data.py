@@ -153,6 +153,8 @@ class ReportData:
         Skin under the press with the fitted parameters; empty where it was not simulated.
     summaries : mapping of stage to (str, Summary)
         Purpose and summary of each stage of a plugin.
+    processor_time : DataFrame
+        As :func:`palpate.api.runs.processor_time` returns it.
     settings : ReportSettings
         Style of the figures.
     """
@@ -182,6 +184,7 @@ class ReportData:
     refusal: str = ""
     surfaces: Mapping[str, SurfaceStates] = field(default_factory=dict)
     summaries: Mapping[str, tuple[str, Summary]] = field(default_factory=dict)
+    processor_time: pl.DataFrame = field(default_factory=pl.DataFrame)
     settings: ReportSettings = BY_ITSELF
 
     def table(self, name: str) -> pl.DataFrame:

@@ -7,6 +7,7 @@ from typing import Any
 
 from palpate.api import SurfaceStates, convert
 from palpate.api.report import (
+    COST_HEADS,
     Block,
     Drawing,
     Fold,
@@ -16,6 +17,7 @@ from palpate.api.report import (
     Picture,
     Section,
     Table,
+    cost_rows,
 )
 from palpate_report.answer.result import Report
 from palpate_report.data.report_data import ReportData
@@ -169,6 +171,9 @@ class Provenance(Section):
             yield Paragraph(f"Coefficients, each in its convention: {files}.")
         for name, comparison in data.comparisons.items():
             yield from _comparison(name, comparison if isinstance(comparison, Mapping) else {})
+        if not data.processor_time.is_empty():
+            spent = cost_rows(data.processor_time)
+            yield Table("Processor time, without this page", COST_HEADS, spent)
         deep = {key: value for key, value in data.manifest.items() if isinstance(value, (Mapping, list))}
         single = {key: value for key, value in data.manifest.items() if key not in deep}
         rows = [leaf for group, value in (("study", single), *deep.items()) for leaf in _leaves(value, group)]
