@@ -174,6 +174,21 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
             ["Time (s),Tensile extension (mm),Load (N)", *rows(SECONDS, DEPTH, FORCE)], "question"),
         "stress of an unknown measure": lambda: made(
             ["Almansi strain,Stress (kPa)", *rows(STRAIN, STRESS_KPA)], "question"),
+        "R with row names": lambda: made(
+            ['"time" "depth_mm" "force_N"', *[f'"{i}" {line}' for i, line in enumerate(rows(SECONDS, DEPTH, FORCE, between=" "), 1)]], "curve", "txt"),
+        "R with dots for brackets": lambda: made(
+            ['"","Time..s.","Depth..um.","Force..mN."', *[f'"{i}",{line}' for i, line in enumerate(rows(SECONDS, 1e3 * DEPTH, 1e3 * FORCE), 1)]], "curve"),
+        "Origin with remarks": lambda: made(
+            ["Displacement\tForce", "mm\tN", "Sample 1\tSample 1", *rows(DEPTH, FORCE, between="\t")], "curve", "dat"),
+        "target and actual depth": lambda: made(
+            ["step,target_mm,actual_mm,force_N", *[f"{i},{line}" for i, line in enumerate(rows(1.01 * DEPTH, DEPTH, FORCE))]], "curve"),
+        "rheometer that turns": lambda: made(
+            ["Time (s),Torque (µN.m),Angular displacement (rad)", *rows(SECONDS, 1e3 * FORCE, np.radians(DEPTH), form="{:.12g}")], "torque"),
+        "first Piola-Kirchhoff stress": lambda: made(["Stretch ratio (mm/mm),PK1 (kPa)", *rows(1.0 + STRAIN, STRESS_KPA)], "uniaxial"),
+        "shear of a plate": lambda: made(
+            ["Shear displacement (mm),Shear force (N),Thickness (mm)", *rows(DEPTH, FORCE, 0.0 * DEPTH + 10.0)], "question"),
+        "percent that R has no letter for": lambda: made(["Strain....,Stress..kPa.", *rows(40.0 * STRAIN, STRESS_KPA)], "question"),
+        "force in volts by its name": lambda: made(["depth_mm,force_V", *rows(DEPTH, 0.1 * FORCE)], "question"),
     }  # fmt: skip
 
 
@@ -257,6 +272,14 @@ def _presses() -> Mapping[str, Callable[[], Layout]]:
         "machine in revolutions": lambda: named(
             "Elapsed Time (sec),Extension (in),Load (lbf),Rotation (rev),Torque (lbf-in)", t, (203.0 - tip[:, 2:]) / 25.4, -f[:, 2:] / 4.4482216152605,
             np.unwrap(zyx[:, :1], axis=0, period=360.0) / 360.0, moment[:, 2:] / 0.1129848290276),
+        "UR script's poses": lambda: made(
+            ["time;pose;Fx;Fy;Fz;Mx;My;Mz", *[f"{a};p[{place}];{wrench}" for a, place, wrench in zip(
+                t.tolist(), rows(m, rotvec, between=", ", form=digits), rows(f, moment, between=";", form=digits), strict=True)]], "press"),
+        "ABB robtargets": lambda: made(
+            ["t;robtarget;wrench", *[f"{a};[[{b}],[{c}]];[{d}]" for a, b, c, d in zip(
+                t.tolist(), *(rows(*each, form=digits) for each in ((tip,), (w_first,), (f, moment))), strict=True)]], "press"),
+        "names in groups": lambda: made(
+            [",pose,pose,pose,pose,pose,pose,pose,force,,,torque,,", "time,x,y,z,qx,qy,qz,qw,x,y,z,x,y,z", *rows(t, m, q, f, moment, form=digits)], "press"),
         "sensor in volts": lambda: named(
             "t_s,x_mm,y_mm,z_mm,qx,qy,qz,qw,Fx [V],Fy [V],Fz [V],Mx [V],My [V],Mz [V]", t, tip, q, f, moment)._replace(holds="question"),
         "sensor in counts": lambda: named(

@@ -20,6 +20,7 @@ pytestmark = pytest.mark.usefixtures("in_this_process")
 
 ENDS = {
     "curve": ("force", (0.0, 8.0), (0.0, 9.0510)),
+    "torque": ("torque", (0.0, 8.0), (0.0, 9.0510)),
     "micro": ("force", (0.0, 8e-3), (0.0, 9.0510e-6)),
     "uniaxial": ("uniaxial", (1.0, 1.2), (0.0, 0.012)),
     "simple_shear": ("simple_shear", (0.0, 0.2), (0.0, 0.012)),
@@ -38,6 +39,9 @@ QUESTIONS = {
     "specimen by force alone": "give both scales, by the length and the area of the specimen",
     "stress of an unknown measure": "palpate does not convert a measure 'almansi'",
     "biaxial machine": "XDisplacement_um or YDisplacement_um, and XForce_mN or YForce_mN? name one",
+    "shear of a plate": "give both scales, by the length and the area of the specimen",
+    "percent that R has no letter for": "the file gives '...', which is no unit of strain",
+    "force in volts by its name": "the file gives 'V', which is no unit of force",
     "sensor in volts": "the file gives the unit 'V', which is no unit of force",
     "sensor in counts": "the file gives the unit 'counts', which is not known",
 }
@@ -64,6 +68,10 @@ FAST = (
     "Russian machine",
     "marks between thousands",
     "two columns without names",
+    "R with dots for brackets",
+    "names in groups",
+    "ABB robtargets",
+    "shear of a plate",
 )
 
 

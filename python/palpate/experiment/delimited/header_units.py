@@ -74,7 +74,8 @@ _USUAL = (
     "s sec secs second seconds ms msec milliseconds us usec microseconds ns nsec nanoseconds "
     "m meter meters metre metres cm mm millimeter millimetre um nm in inch N newton newtons kN mN uN nN kgf "
     "kp gf lbf ozf kg lb lbs lbf·in lbf-in lbf_in in·lb in-lb in-lbf ozf·in ozf-in oz-in rad radian radians "
-    "mrad deg degree degrees ° % percent pct MPa kPa Pa psi mm/mm in/in m/m mm/m um/m mm/s mm/min °C"
+    "mrad deg degree degrees ° % percent pct MPa kPa Pa psi mm/mm in/in m/m mm/m um/m mm/s mm/min °C "
+    "V mV volt volts mV/V counts cts"
 )
 UNITS = frozenset({*_FOREIGN, *_RATIOS, *_USUAL.split()} - {"strain", "ε"}) | frozenset(
     map("".join, product(("N", "mN"), ("", *" ·*.-_"), ("m", "mm", "cm")))
@@ -126,13 +127,16 @@ def unit_in(name: str) -> tuple[str, str]:
     >>> unit_in("fx_N"), unit_in("Fz (lb)"), unit_in("torque_x_N_m"), unit_in("state")
     (('fx', 'N'), ('Fz', 'lb'), ('torque_x', 'N_m'), ('state', ''))
     """
+    # R replaces blanks, brackets and signs such as % by dots: Depth..mm. was Depth (mm).
+    if of_r := re.fullmatch(r"(.*?[^.])\.\.+(|[^.].*?)\.", name.strip()):
+        return of_r[1], of_r[2] or "..."
     bracketed = _BRACKETED.fullmatch(name)
     if bracketed and not _INDEX.fullmatch(bracketed["unit"]):
         if bracketed["unit"].lower() not in _ANNOTATIONS:
             return bracketed["label"], bare_unit(bracketed["unit"])
         return name.strip(), unit_in(bracketed["label"])[1]
-    for unit in re.findall(r"(?=(?:^|[_\s,/])([^\s_,/].*)$)", name.strip()):
-        label = name.strip()[: -len(unit)].rstrip("_ /\t,")
+    for unit in re.findall(r"(?=(?:^|[_\s,/.])([^\s_,/.].*)$)", name.strip()):
+        label = name.strip()[: -len(unit)].rstrip("_ /\t,.")
         words = {word.lower() for word in re.split(r"[\W_]+", label)}
         if label and (is_believed(unit) or words & _OF_LABELS.get(unit, frozenset())):
             return label, unit

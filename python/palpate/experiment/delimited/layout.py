@@ -4,6 +4,7 @@ import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
@@ -32,10 +33,11 @@ _DATE = (
     r"(?i:(\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ]+\d{1,2}:\d\d(:\d\d([.,]\d+)?)?|\d{1,2}:\d\d:\d\d([.,]\d+)?)"
     r"( ?[AP]M)?(Z|\+00:00)?)"
 )
-_LIST = re.compile(r"[\[(]\s*([^\[\]()]*?)\s*[\])]")
-_LIST_WITH_COMMAS = r'(^|,)\s*(\[[^\]"]*,[^\]"]*\])'
+_LIST = re.compile(r"[A-Za-z]*[\[(](.*)[\])]")  # p[…] is a pose of Universal Robots
+_LIST_WITH_COMMAS = r'(^|,)\s*([A-Za-z]*\[(?:[^\[\]"]|\[[^\[\]"]*\])*,(?:[^\[\]"]|\[[^\[\]"]*\])*\])'
+BETWEEN_NUMBERS = r"[\s,;\[\]()]+"
+"""Pattern of all that is between the numbers of a list, which may hold lists."""
 _COMMENTS = ("#", "%", "//", "!")
-_KEY_AND_VALUE = r"^\s*(- )?[A-Za-z_]\w*:(\s+\S.*)?$|^---$"
 _LABVIEW, _LABVIEW_HEAD = "LabVIEW Measurement", "***End_of_Header***"
 _REMARKS = frozenset(("comment", "comments", "kommentar"))
 """Names, in small letters, of a last column that rows without a remark leave out."""
@@ -102,20 +104,9 @@ def lines_of(text: str, most: int | None = None) -> "pl.DataFrame":
     """Lines of a text, counted from 1; all of them, or the first."""
     import polars as pl
 
-    lines = pl.DataFrame(
-        {"text": text[: start_of(text, most + 1) if most else None].split("\n")}
-    ).with_row_index("line", offset=1)
+    parted = text.split("\n") if most is None else text.split("\n", most)[:most]
+    lines = pl.DataFrame({"text": parted}).with_row_index("line", offset=1)
     return lines.with_columns(pl.col("text").str.strip_chars(" \r"))
-
-
-def start_of(text: str, line: int) -> int:
-    """Index of the first character of a line, counted from 1; that of the end where there are fewer lines."""
-    index = 0
-    for _ in range(line - 1):
-        index = text.find("\n", index) + 1
-        if not index:
-            return len(text)
-    return index
 
 
 def body_of(lines: "pl.DataFrame", comment: str) -> "pl.DataFrame":
@@ -178,7 +169,11 @@ def _rows(lines: "pl.DataFrame", delimiter: str) -> list[list[str]]:
 def numbers_in(cell: str) -> int:
     """Count of numbers in a cell that is a list of at least two; 0 for any other cell."""
     found = _LIST.fullmatch(cell)
-    parts = re.split(r"[\s,;]+", found[1]) if found else []
+    parts = (
+        re.split(BETWEEN_NUMBERS, re.sub(rf"^{BETWEEN_NUMBERS}|{BETWEEN_NUMBERS}$", "", found[1]))
+        if found
+        else []
+    )
     return len(parts) if len(parts) > 1 and all(re.fullmatch(NUMBERS["."], part) for part in parts) else 0
 
 
@@ -229,6 +224,10 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
     width = max(map(_filled, rows[start : start + _SAMPLED_ROWS]), default=0)
     header, below = _header(rows, kinds, start, wanted)
     names = _names(body["text"][header], delimiter, width) if header is not None else wanted.names or []
+    if header is not None and wanted.names is None:
+        over = body_of(every.filter(every["line"] == numbers[header] - 1), comment)
+        names = _apart(names, _rows(over, delimiter)[0] if len(over) else [])
+        names = _with_row_names(names, rows[below : below + _SAMPLED_ROWS], delimiter)
     if not names:
         above = lines.filter(lines["line"] < numbers[min(start, len(numbers) - 1)])["text"].to_list()
         names = _names_in_comment(above, comment, delimiter, width)
@@ -250,8 +249,9 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
     between = None if delimiter == BLANKS else delimiter
     parted = ([cell.strip(' "') for cell in line.split(between)] for line in above if line)
     labels = {label.lower(): cells for label, *cells in parted}
-    if below > 0 and header != below - 1 and _is_units_line(rows[below - 1]):
-        units = [bare_unit(cell) for cell in rows[below - 1]]
+    under = rows[below - 1 if header is None else header + 1 : below]
+    if below > 0 and (measured := [cells for cells in under if _is_units_line(cells)]):
+        units = [bare_unit(cell) for cell in measured[-1]]
     else:  # a name's own unit counts first: LabVIEW labels what nobody has set with volts
         labelled = next((labels[label] for label in reversed(labels) if label in _UNIT_LABELS), [])
         given = zip(names[1:], labelled, strict=False)
@@ -275,7 +275,8 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
 
 def _refuse_messages(source: str, lines: "pl.Series") -> None:
     """Refuse the text of messages, one key and value in each line."""
-    if lines.len() > _SAMPLED_ROWS and lines.str.contains(_KEY_AND_VALUE).sum() > 0.9 * lines.len():
+    pairs = lines.str.contains(r"^\s*(- )?[A-Za-z_]\w*:(\s+\S.*)?$|^---$")
+    if lines.len() > _SAMPLED_ROWS and pairs.sum() > 0.9 * lines.len():
         raise CurveError(
             f"{source}: lines of 'key: value', as of rostopic echo, and no table; write one row for each "
             "message with rostopic echo -p or ros2 topic echo --csv, or give the bag"
@@ -375,6 +376,9 @@ def _header(
     is_row = _is_damaged(kinds[header]) and kinds[header][:1] != ["text"] and header + 1 < len(rows)
     if is_row or _filled(rows[header]) < fewest:
         return None, start
+    above = rows[header - 1] if header > 1 and wanted.skip_lines is None else []
+    if _is_units_line(above) and len({*rows[header]}) < len(above) == _filled(rows[header - 2]):
+        header -= 2  # remarks under names and units, as of Origin
     is_units = header > 0 and wanted.skip_lines is None and _is_units_line(rows[header])
     if is_units and not _n_values(kinds[header - 1]) and _filled(rows[header - 1]) >= fewest:
         header -= 1
@@ -411,6 +415,27 @@ def _names(line: str, delimiter: str, width: int) -> list[str]:
         cells = next((each for each in (apart, with_units) if len(each) == width), cells)
     n_names = max(_filled(cells), min(len(cells), width))
     return [cell or f"column {index}" for index, cell in enumerate(cells[:n_names], start=1)]
+
+
+def _with_row_names(names: list[str], rows: Sequence[Sequence[str]], delimiter: str) -> list[str]:
+    """Names with one more for the first column, where R counts the rows and names no column for it."""
+    counts = [row[0] for row in rows if len(row) == len(names) + 1]
+    are_counts = len(counts) > 1 and counts == [str(k) for k in range(1, len(rows) + 1)]
+    return ["row", *names] if are_counts and delimiter != "," else names
+
+
+def _apart(names: list[str], above: Sequence[str]) -> list[str]:
+    """Names with the groups in the line above them, where the groups tell equal names apart."""
+    groups: Iterable[str] = accumulate(above, lambda before, cell: cell or before)
+    grouped = [f"{group} {name}".strip() for group, name in zip(groups, names, strict=False)]
+    is_one_table, n_names = period_of(names) == len(names), len({*names})
+    return grouped if is_one_table and n_names < len(names) == len({*grouped}) else names
+
+
+def period_of(names: Sequence[str]) -> int:
+    """Count of columns of the first of several tables side by side, which have the same names."""
+    n_names = len(names)
+    return next((n for n in range(2, n_names) if [*names] == [*names[:n]] * (n_names // n)), n_names)
 
 
 def _names_in_comment(lines: Sequence[str], comment: str, delimiter: str, width: int) -> list[str]:

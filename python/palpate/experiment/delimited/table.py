@@ -1,7 +1,6 @@
-"""Tables of numbers in text: polars reads plain ones at once, and the cells of others as text to be cast."""
+"""Tables of numbers in text: polars gives their cells as text, which are cast."""
 
 import difflib
-import io
 import math
 import re
 from collections.abc import Iterable, Sequence
@@ -16,6 +15,7 @@ from palpate.errors import CurveError
 from palpate.experiment.delimited.characters import decoded
 from palpate.experiment.delimited.header_units import unit_in
 from palpate.experiment.delimited.layout import (
+    BETWEEN_NUMBERS,
     BLANKS,
     DELIMITERS,
     NO_VALUE,
@@ -30,8 +30,8 @@ from palpate.experiment.delimited.layout import (
     kind_of_cell,
     lines_of,
     numbers_in,
+    period_of,
     split,
-    start_of,
 )
 
 if TYPE_CHECKING:
@@ -101,21 +101,14 @@ class TextTable:
         except CurveError:
             self._check_marks()
             raise
-        self.block = self.text_format.block or 1
-        self._typed = _typed(text, self.layout) if self.block == 1 else None
-        if self._typed is not None:
-            numbers = self.layout.first_line + np.arange(self._typed.height)
-            self._rows = pl.DataFrame({"line": numbers})
-            self.blocks = [(int(numbers[0]), int(numbers[-1]))]
-        else:
-            lines = lines_of(text)
-            self._rows, self.blocks = _blocks(lines, self.layout)
-            lengths = [last - first for first, last in self.blocks]
-            longest = next(i for i, length in enumerate(lengths, 1) if 2 * length >= max(lengths))
-            self.block = self.text_format.block or longest
-            if self.block > 1:
-                self.layout = self._layout_of(self.block, lines)
-                self._rows = _blocks(lines, self.layout)[0]
+        lines = lines_of(text)
+        self._rows, self.blocks = _blocks(lines, self.layout)
+        lengths = [last - first for first, last in self.blocks]
+        longest = next(i for i, length in enumerate(lengths, 1) if 2 * length >= max(lengths))
+        self.block = self.text_format.block or longest
+        if self.block > 1:
+            self.layout = self._layout_of(self.block, lines)
+            self._rows = _blocks(lines, self.layout)[0]
         self._after = self._rows["line"].filter(self._rows["line"] > self.blocks[-1][1])
         self._rows = self._rows.filter(pl.col("line").is_between(*self.blocks[self.block - 1]))
         self._columns = self._found_columns()
@@ -138,7 +131,7 @@ class TextTable:
 
     def _found_columns(self) -> dict[str, tuple[int, int | None]]:
         """Cell of each column, and place in its list, by name; a name that occurs twice is left out."""
-        kinds, names = self.layout.kinds, self.layout.names[: self._period]
+        kinds, names = self.layout.kinds, self.layout.names[: period_of(self.layout.names)]
         first = self._cells(range(len(names)), n_rows=1) if "list" in kinds else None
         found: dict[str, tuple[int, int | None]] = {}
         for index, (name, kind) in enumerate(zip(names, kinds, strict=False)):
@@ -152,17 +145,8 @@ class TextTable:
         return found
 
     def _cells(self, indices: Iterable[int], n_rows: int | None = None) -> "pl.DataFrame":
-        """Cells of columns by their index: numbers where the whole table was read so, else text."""
-        if self._typed is not None:
-            return self._typed.slice(0, n_rows)
+        """Cells of columns by their index."""
         return cells_of(self._rows.slice(0, n_rows), self.layout.delimiter, indices)
-
-    @property
-    def _period(self) -> int:
-        """Count of columns of the first of several tables side by side, which have the same names."""
-        names = self.layout.names
-        lengths = (n for n in range(2, len(names)) if names == names[:n] * (len(names) // n))
-        return next(lengths, len(names))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -194,8 +178,7 @@ class TextTable:
                 f"{self.path}: every column is text, or has the name of another "
                 f"({listed(self.layout.names)}); give names in the loader's settings"
             )
-        if self._typed is None:
-            self._check_cells()
+        self._check_cells()
         if lines.size < 2:
             raise CurveError(f"{self.path}: only {lines.size} row of data; export the file again")
         cells = self._cells({index for index, _ in chosen.values()})
@@ -227,7 +210,7 @@ class TextTable:
         if wanted is None:
             return {name: one for name, one in self._columns.items() if layout.kinds[one[0]] != "text"}
         for name in wanted:
-            if layout.names[: self._period].count(name) > 1:
+            if layout.names[: period_of(layout.names)].count(name) > 1:
                 raise CurveError(
                     f"{self.path}: line {layout.header_line} names column '{name}' more than once; "
                     "give each its own name, or give names in the loader's settings"
@@ -297,7 +280,7 @@ class TextTable:
         notes = []
         if text := [name for name, kind in zip(names, kinds, strict=True) if kind == "text"]:
             notes.append(f"columns of text passed over: {listed(text)}")
-        if (period := self._period) < len(names):
+        if (period := period_of(names)) < len(names):
             n_tables = len(names) // period
             notes.append(f"{n_tables} tables are side by side, with the same names; the first is read")
         elif twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
@@ -402,46 +385,16 @@ def _joined(
     return rows, joined
 
 
-def _typed(text: str, layout: Layout) -> "pl.DataFrame | None":
-    """Cells of a table of which every line is a row, numbers as such; None where any line is another.
-
-    A long log is read so in half of the time; all else needs its cells as text.
-    """
-    import polars as pl
-
-    body = text[start_of(text, layout.first_line) :]
-    is_other = '"' in body or (layout.decimal == "," and "." in body) or layout.delimiter == BLANKS
-    has_comments = layout.comment and (body.startswith(layout.comment) or f"\n{layout.comment}" in body)
-    if is_other or has_comments or layout.kinds[layout.first_number] != "number":
-        return None
-    types = {str(k): pl.Float64 if kind == "number" else pl.String for k, kind in enumerate(layout.kinds)}
-    try:
-        read = pl.read_csv(
-            io.BytesIO(body.encode()),
-            has_header=False,
-            schema=types,
-            separator=layout.delimiter,
-            quote_char=None,
-            decimal_comma=layout.decimal == ",",
-        )
-    except pl.exceptions.PolarsError:
-        return None
-    # A row that is cut off, and an empty line, have cells without a value.
-    n_lines = body.count("\n") + (not body.endswith("\n"))
-    is_whole = read.height == n_lines and not read.null_count().sum_horizontal().item()
-    are_finite = read.select(pl.all_horizontal(pl.col(pl.Float64).is_finite().all())).item()
-    return read if is_whole and are_finite else None
-
-
 def _numbers(cells: "pl.Series", decimal: str, place: int | None) -> tuple[FloatArray, "pl.Series"]:
     """Numbers of a column, NaN where there is none, and where a cell is neither number nor empty."""
     import polars as pl
 
-    if cells.dtype == pl.Float64:
-        return cells.to_numpy(), pl.Series([False])
     if place is not None:
-        inside = cells.str.strip_chars("[]()").str.strip_chars().str.replace_all(r"[\s,;]+", ";")
-        cells, decimal = inside.str.split(";").list.get(place, null_on_oob=True).fill_null("?"), "."
+        inside = cells.str.replace("^[A-Za-z]+", "").str.replace_all(BETWEEN_NUMBERS, ";")
+        cells, decimal = (
+            inside.str.strip_chars(";").str.split(";").list.get(place, null_on_oob=True).fill_null("?"),
+            ".",
+        )
     values = cells.cast(pl.Float64, strict=False)
     bad = pl.Series([False]).new_from_index(0, len(cells))
     if decimal == "," or values.null_count() or values.is_infinite().any():

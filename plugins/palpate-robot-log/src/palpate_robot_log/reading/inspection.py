@@ -218,7 +218,9 @@ def _read(log: RawLog, proposal: Proposal) -> Recording | str:
     counters = [each for name, each in proposal.time.items() if each.is_counter and name in used]
     rate = f'give time = {{ column = "{counters[0].names[0]}", rate = "… Hz" }}' if counters else ""
     if missing:
-        return f"not found: {', '.join(missing)}; name their columns{'; or ' * bool(rate)}{rate}"
+        turn = 'give orientation = { form = "fixed", value = [1, 0, 0, 0] } if the tool never turns'
+        others = [rate] * bool(rate) + [turn] * (missing == ["orientation"])
+        return f"not found: {', '.join(missing)}; {'; or '.join(['name their columns', *others])}"
     if counters:
         return f"not found: the time of {counters[0].stream}; {rate} next to its columns"
     try:

@@ -83,7 +83,7 @@ ROLES: Mapping[str, Role] = {
         "force load kraft last charge effort carga fuerza forza carico forca kracht sila kuvvet yuk fn "
         "fz fy fx normal f cell",
     ),
-    "angle": _role("angle", "rotation angle twist turn winkel drehwinkel angulo"),
+    "angle": _role("angle", "rotation angle twist turn winkel drehwinkel angulo angular"),
     "moment": _role("moment", "torque moment drehmoment couple par tz mz"),
     "stretch": _role("ratio", "stretch lambda streckung"),
     "strain": _role(
@@ -136,7 +136,7 @@ _STRESS_MEASURES: Mapping[str, frozenset[str]] = {
     "pk2": word_set("pk2 2pk spk second 2nd"),
     "": word_set("engineering eng nominal pk1 1pk first 1st technische"),
 }
-_SHEAR = word_set("shear scherung schub schubspannung gamma")
+SHEAR = word_set("shear scherung schub schubspannung gamma")
 _BIAXIAL = word_set("biaxial equibiaxial")
 
 
@@ -190,7 +190,10 @@ def pick(columns: Sequence[Column], role: str) -> Picked | None:
     ranked, kind = _ranked(columns, role), ROLES[role].kind
     if not ranked:
         alone = [
-            c for c in columns if factor_of(c, kind) is not None and not has_role(words_of(c.name), role)
+            c
+            for c in columns
+            if factor_of(c, kind) is not None
+            and not (has_role(words_of(c.name), role) or COMMANDED & {*words_of(c.name)})
         ]
         if len(alone) != 1 or role in ("stretch", "strain"):
             return None
@@ -283,6 +286,8 @@ def test_of(strain: Column, stress: Column) -> Test:
     )
     if not kind and "kirchhoff" in of:
         kind = [] if "piola" in of else ["true"]  # Kirchhoff's stress is J σ, and J is 1
+    if not (kind or of & {*ROLES["stress"].words}):
+        questions.append(f"{stress.name}: true, second Piola-Kirchhoff or nominal? write it as stress")
     if {"piola"} & of and not kind:
         questions.append(f'{stress.name}: first or second Piola-Kirchhoff? write stress = "nominal" or "pk2"')
     if measure and measure[0] and not kind and not questions:
@@ -291,7 +296,7 @@ def test_of(strain: Column, stress: Column) -> Test:
         if len(found) > 1:
             questions.append(f"{column.name}: the name has two measures; write one in the settings")
     mode = "uniaxial"
-    if both & _SHEAR:
+    if both & SHEAR:
         mode = "pure_shear" if {"pure", "planar"} & both else "simple_shear"
     elif {"planar"} & both:
         mode = "pure_shear"

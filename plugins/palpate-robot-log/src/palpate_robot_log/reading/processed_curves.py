@@ -15,7 +15,7 @@ from palpate_indentation.api import CsvLoader, problem_of, units_of
 from palpate_robot_log.columns_loader import ColumnsLoader
 from palpate_robot_log.processing.contact import place_of_contact
 from palpate_robot_log.reading.names import (
-    ROLES,
+    SHEAR,
     TENSILE,
     Picked,
     Test,
@@ -159,22 +159,23 @@ def _curves(columns: Sequence[Column]) -> Proposed | None:
     if not channels:
         return Proposed(channels={}, questions=tuple(questions)) if questions else None
     names = {word for column in columns for word in words_of(column.name)}
-    if names & TENSILE and FORCE.name in channels:
-        return _specimen(columns)
+    if names & (TENSILE | SHEAR) and FORCE.name in channels:
+        return _specimen(columns, "simple_shear" if names & SHEAR else "uniaxial")
     return Proposed(channels=channels, remarks=tuple(remarks), questions=tuple(questions))
 
 
-_SIZES: Mapping[str, tuple[str, str, str, float]] = {
-    "abscissa": ("strain", "travel", "length in mm", 1.0),
-    "ordinate": ("stress", "force", "area in mm²", 0.0),
+_SIZES: Mapping[str, tuple[str, str, str]] = {
+    "abscissa": ("strain", "travel", "length in mm"),
+    "ordinate": ("stress", "force", "area in mm²"),
 }
-"""Roles of a specimen's test: what a size of the specimen makes of what, and the offset to a stretch."""
+"""Roles of a specimen's test: what a size of the specimen makes of what."""
 
 
-def _specimen(columns: Sequence[Column]) -> Proposed | None:
+def _specimen(columns: Sequence[Column], mode: str = "uniaxial") -> Proposed | None:
     """Test of a specimen by strain and stress, or by travel and force, whose scales are asked for."""
     channels, sizes = dict[str, Any](), list[str]()
-    for key, (role, instead, size, offset) in _SIZES.items():
+    for key, (role, instead, size) in _SIZES.items():
+        offset = 1.0 if key == "abscissa" and mode == "uniaxial" else 0.0
         if (found := pick(columns, role)) is not None:
             channels[key] = _column(found, offset=offset)
         elif (found := pick(columns, instead)) is not None and found.factor is not None:
@@ -186,7 +187,7 @@ def _specimen(columns: Sequence[Column]) -> Proposed | None:
         return None
     scales = "both scales" if len(sizes) > 1 else "scale"
     ask = f"a test of a specimen: give {scales}, by the {' and the '.join(sizes)} of the specimen"
-    return Proposed(channels={"uniaxial": channels}, mode="uniaxial", questions=(ask,) if sizes else ())
+    return Proposed(channels={mode: channels}, mode=mode, questions=(ask,) if sizes else ())
 
 
 def _column(one: Picked, times: float = 1.0, offset: float = 0.0) -> str | dict[str, Any]:
@@ -279,8 +280,6 @@ def _homogeneous(columns: Sequence[Column]) -> Proposed | None:
     columns_of |= {"strain": test.strain} if test.strain else {}
     columns_of |= {"stress": test.stress} if test.stress else {}
     questions = list(test.questions)
-    if not {*words_of(stress.column.name)} & {*ROLES["stress"].words}:
-        questions.append(f"{stress.column.name}: true, second Piola-Kirchhoff or nominal? write it as stress")
     questions += filter(None, (stress.question("stress"), along.question("strain")))
     if stress.factor is None and not stress.column.shown_unit:
         questions.append(f"{stress.column.name} shows no unit of stress: give scale, the factor to MPa")
