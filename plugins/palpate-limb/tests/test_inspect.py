@@ -111,6 +111,17 @@ def test_the_command_prints_tables_and_draws(tmp_path: Path, capsys: pytest.Capt
     assert record["picture"] == str(tmp_path / "limb.png")
 
 
+def test_a_picture_of_the_user_is_never_written_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mesh, photograph = tmp_path / "limb.feb", tmp_path / "limb.png"
+    mesh.write_bytes(FILES[0].read_bytes())
+    photograph.write_bytes(b"a photograph")
+    assert main(["limb", "inspect", str(mesh)]) == 0
+    assert photograph.read_bytes() == b"a photograph"
+    assert "a file of yours is there; rename it" in capsys.readouterr().err.replace("\n", " ")
+
+
 @pytest.mark.parametrize(
     ("name", "message"), [("m.stl", "a surface and no mesh"), ("m.docx", "no mesh or deck")]
 )

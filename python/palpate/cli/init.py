@@ -185,6 +185,8 @@ def own_study_text(
 
     _check_pairs(measured, meshes)
     found = look_into(measured[0], wrench, session, None)
+    if found.test:
+        raise StudyError(f"{measured[0]}: a homogeneous test ({found.test}) needs no mesh; leave --mesh out")
     measured = [_file_of(file, session) for file in measured]
     looks = [_look(session, mesh) for mesh in meshes]
     spots = [_name_of(mesh.stem) for mesh in meshes]

@@ -100,7 +100,7 @@ def inspect(
         drawn = found.limb is not None and draw_limb(found.limb, picture)
     except OSError as error:
         drawn = False
-        session.note(f"no picture, since {picture} cannot be written ({error.strerror})")
+        session.note(f"no picture, since {picture} cannot be written: {error.strerror}")
     if as_json:
         session.json(
             {**found.record, "study_text": found.study_text, "picture": str(picture) if drawn else None}

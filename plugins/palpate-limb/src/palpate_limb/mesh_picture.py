@@ -1,5 +1,6 @@
 """A picture of a mesh: its outer surface from four sides, what is fixed, in contact and free in colours."""
 
+import errno
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,13 +24,22 @@ VIEWS = {
 
 
 def draw_limb(limb: Limb, path: Path) -> bool:
-    """Write the picture as PNG; False if there is nothing to draw."""
+    """Write the picture as PNG; False if there is nothing to draw.
+
+    Raises
+    ------
+    FileExistsError
+        The path is a file of the user.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     faces, states = _faces(limb.mesh)
     if not faces:
         return False
+    software = "palpate limb inspect"  # which the picture names in itself
+    if path.exists() and software.encode() not in path.read_bytes():
+        raise FileExistsError(errno.EEXIST, "a file of yours is there; rename it")
     figure = Figure(figsize=(16.0, 4.6), layout="constrained")
     FigureCanvasAgg(figure)
     for axes, (title, turn) in zip(figure.subplots(1, len(VIEWS)), VIEWS.items(), strict=True):
@@ -39,7 +49,7 @@ def draw_limb(limb: Limb, path: Path) -> bool:
         figure.axes[0].plot([], [], "s", color=colour, label=state)
     figure.axes[0].legend(loc="best", fontsize=8)
     figure.suptitle(f"{limb.spot.name}: {limb.mesh.n_nodes} nodes, {limb.mesh.n_cells} elements")
-    figure.savefig(path, dpi=100)
+    figure.savefig(path, dpi=100, metadata={"Software": software})
     return True
 
 
