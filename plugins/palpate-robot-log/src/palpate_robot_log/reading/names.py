@@ -55,19 +55,20 @@ _FOREIGN_WORD = re.compile("|".join([*sorted(_MEANINGS, key=len, reverse=True), 
 
 
 class Role(NamedTuple):
-    """Quantity of one column: the kind of its unit, and its words, the plainest first."""
+    """Quantity: the kind of its unit, the words of its one column, the plainest first, and of its vector."""
 
     kind: Kind
     words: tuple[str, ...]
-
-
-def _role(kind: Kind, words: str) -> Role:
-    return Role(kind, tuple(words.split()))
+    vector: frozenset[str]
 
 
 def word_set(words: str) -> frozenset[str]:
     """Words between blanks."""
     return frozenset(words.split())
+
+
+def _role(kind: Kind, words: str, vector: str = "") -> Role:
+    return Role(kind, tuple(words.split()), word_set(vector))
 
 
 ROLES: Mapping[str, Role] = {
@@ -82,9 +83,20 @@ ROLES: Mapping[str, Role] = {
         "force",
         "force load kraft last charge effort carga fuerza forza carico forca kracht sila kuvvet yuk fn "
         "fz fy fx normal f cell",
+        "f force forces kraft",
     ),
     "angle": _role("angle", "rotation angle twist turn winkel drehwinkel angulo angular"),
-    "moment": _role("moment", "torque moment drehmoment couple par tz mz"),
+    "moment": _role(
+        "moment",
+        "torque moment drehmoment couple par tz mz",
+        "t torque torques moment moments m tau drehmoment",
+    ),
+    "position": _role("length", "", "p pos position translation tcp tip tool point lage"),
+    "orientation": _role(
+        "angle",
+        "",
+        "q o quat quaternion orientation rotation rot r euler theta rotvec rvec rodrigues abc wpr",
+    ),
     "stretch": _role("ratio", "stretch lambda streckung"),
     "strain": _role(
         "ratio",
@@ -93,7 +105,7 @@ ROLES: Mapping[str, Role] = {
     ),
     "stress": _role("stress", "stress spannung contrainte esfuerzo tension sforzo sigma piola tau"),
 }
-"""Quantities that one column has, by role."""
+"""Quantities that a column or a vector has, by role."""
 
 TIME_WORDS = word_set(
     "time t timestamp stamp zeit prufzeit clock seconds secs received elapsed temps tiempo tempo tijd tid "

@@ -10,12 +10,10 @@ from palpate.api import FloatArray
 from palpate.api.files import Column, toml_value
 from palpate_robot_log.reading.channel_map import NO_COLUMN
 from palpate_robot_log.reading.clock import repeats_time, time_of
-from palpate_robot_log.reading.names import COMMANDED, factor_of, pick, words_of
+from palpate_robot_log.reading.names import COMMANDED, ROLES, factor_of, pick, words_of
 from palpate_robot_log.reading.raw import RawLog, Stream
 from palpate_robot_log.reading.vectors import (
-    KINDS,
     QUANTITIES,
-    WORDS,
     WRENCH_WORDS,
     Group,
     Guess,
@@ -60,10 +58,12 @@ def propose(log: RawLog) -> Proposal:
     found: dict[str, list[Guess]] = {quantity: [] for quantity in QUANTITIES}
     groups = [group for stream in log.streams for group in groups_of(stream)]
     turned = {
-        (group.stream, group.words[:-1]) for group in groups if WORDS["orientation"] & {*group.words[-1:]}
+        (group.stream, group.words[:-1])
+        for group in groups
+        if ROLES["orientation"].vector & {*group.words[-1:]}
     }
     has_moment = any(
-        (WORDS["moment"] - {"t"}) & {*group.words}
+        (ROLES["moment"].vector - {"t"}) & {*group.words}
         or (len(group.columns) == 6 and WRENCH_WORDS & {*group.words})
         for group in groups
     )
@@ -202,8 +202,10 @@ def with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) -> 
     if not has_unit or guess.unit or not columns:
         return guess
     if shown := columns[0].shown_unit:
-        known = factor_of(columns[0], KINDS[quantity]) is not None
-        check = f"the unit of {quantity}: the file gives '{shown}', no unit of {KINDS[quantity]}; write unit"
+        known = factor_of(columns[0], ROLES[quantity].kind) is not None
+        check = (
+            f"the unit of {quantity}: the file gives '{shown}', no unit of {ROLES[quantity].kind}; write unit"
+        )
         return guess if known else guess.with_check(check)
     unit = _likely_unit(quantity, complete_rows(columns), force_extent)
     check = f"the unit of {quantity}: {unit} is judged from the size of the numbers alone"

@@ -8,10 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from palpate.api import FloatArray
-from palpate.api.files import Column, Kind, kind_of
+from palpate.api.files import Column, kind_of
 from palpate_robot_log.measures import LARGEST_DEVIATION, off_turn, off_unit
 from palpate_robot_log.reading.channel_map import NO_COLUMN
-from palpate_robot_log.reading.names import MEASURED, factor_of, word_set, words_of
+from palpate_robot_log.reading.names import MEASURED, ROLES, factor_of, word_set, words_of
 from palpate_robot_log.reading.raw import Stream
 
 QUANTITIES = ("position", "orientation", "force", "moment")
@@ -22,20 +22,6 @@ _TURNS = {"roll": "x", "pitch": "y", "yaw": "z", "alpha": "x", "beta": "y", "gam
 _ANGLES = ("abc", "wpr")
 """Letters of three angles in degrees: A, B, C of KUKA, Doosan and others, and W, P, R of Fanuc."""
 
-WORDS: Mapping[str, frozenset[str]] = {
-    "position": word_set("p pos position translation tcp tip tool point lage"),
-    "orientation": word_set(
-        "q o quat quaternion orientation rotation rot r euler theta rotvec rvec rodrigues abc wpr"
-    ),
-    "force": word_set("f force forces kraft"),
-    "moment": word_set("t torque torques moment moments m tau drehmoment"),
-}
-KINDS: Mapping[str, Kind] = {
-    "position": "length",
-    "force": "force",
-    "moment": "moment",
-    "orientation": "angle",
-}
 WRENCH_WORDS = word_set("wrench ft force f sensor")
 _POSE_WORDS = word_set("pose tcp transform")
 _OF_MOTION = word_set("vel velocity speed twist acc accel acceleration omega gyro jerk error")
@@ -217,17 +203,17 @@ def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterator[tu
 def _of_three(column: Column, words: Set[str], *, is_turned: bool) -> Iterator[Part]:
     """Quantities of three columns by their words and the unit of the first, with scores."""
     unit = column.shown_unit
-    is_other = any(WORDS[other] & words for other in QUANTITIES[1:])
+    is_other = any(ROLES[other].vector & words for other in QUANTITIES[1:])
     for quantity in QUANTITIES:
         # A place may be a word of any vector: tcp_force, POS_ACT.A.
-        score = (1.0 if quantity == "position" and is_other else 2.0) * bool(WORDS[quantity] & words)
+        score = (1.0 if quantity == "position" and is_other else 2.0) * bool(ROLES[quantity].vector & words)
         if unit and (kind := kind_of(unit)) is not None:
             # A sensor in volts is asked about.
             odd = min(score, 1.0) if kind == "other" else -1.0
-            score = score + 3.0 if factor_of(column, KINDS[quantity]) is not None else odd
+            score = score + 3.0 if factor_of(column, ROLES[quantity].kind) is not None else odd
         elif quantity == "position" and is_turned:
             score = 2.0
-        elif quantity == "position" and not is_other and not WORDS[quantity] & words:
+        elif quantity == "position" and not is_other and not ROLES[quantity].vector & words:
             score = 1.5 if words & MEASURED else 0.5 if words else 1.0
         if score > 0.0:
             yield Part(quantity, _ALL, score, "angles" if quantity == "orientation" else "")
