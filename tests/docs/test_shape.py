@@ -18,14 +18,14 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_144,
-    "lines of the core": 33_300,
-    "classes": 655,
-    "constants": 1094,
+    "lines": 77_336,
+    "lines of the core": 33_324,
+    "classes": 656,
+    "constants": 1092,
     "long files": 0,
-    "long functions": 33,
+    "long functions": 10,
     "docstrings without a noun first": 0,
-    "docstrings with that of or those of": 81,
+    "docstrings with that of or those of": 80,
 }
 Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 

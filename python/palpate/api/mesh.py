@@ -12,6 +12,7 @@ if TYPE_CHECKING:
         region_name as region_name,
     )
     from palpate.limb.supports import (
+        FixedNodes as FixedNodes,
         Support as Support,
         fixed_nodes as fixed_nodes,
     )

@@ -78,40 +78,51 @@ def init(
     session = Session.of(context)
     if folder is None:
         _list_ready(session, as_json=as_json)
-        return
-    studies = session.plugins.studies
-    test = "" if not measured or mesh or wrench else look_into(measured[0], None, session, None).test
-    usual = FOR_TEST if test else FOR_OWN if measured or mesh or wrench else FIRST
-    name = study or usual
-    ready = Path(studies[name].directory)
-    if measured or mesh or wrench:
-        if test:
-            text = own_test_text(session, ready, folder, measured or [])
-        else:
-            text = own_study_text(session, ready, folder, measured or [], mesh or [], wrench)
-        check_new(folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "study.toml").write_text(text, encoding="utf-8")
-        from palpate.cli.half_space import with_own_ranges
-
-        kept = "ranges" if test else "protocol and ranges"
-        if with_own_ranges(folder / "study.toml", session.plugins, name):
-            kept = "lines marked CHANGE THIS"
+    elif measured or mesh or wrench:
+        _write_own(session, folder, study, measured or [], mesh or [], wrench, as_json=as_json)
     else:
-        copy_study(ready, folder)
+        ready = session.plugins.studies[study or FIRST]
+        copy_study(Path(ready.directory), folder)
         name_study(folder)
+        if as_json:
+            session.json({"study": ready.name, "folder": str(folder)})
+        else:
+            session.say(f"{ready.name} copied to {folder}")
+            session.next(ready.first_command.replace("{folder}", str(folder)))
+
+
+def _write_own(
+    session: Session,
+    folder: Path,
+    study: str | None,
+    measured: Sequence[Path],
+    meshes: Sequence[Path],
+    wrench: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Write a study of own presses, or of one homogeneous test, with everything else from a ready study."""
+    from palpate.cli.half_space import with_own_ranges
+
+    test = "" if not measured or meshes or wrench else look_into(measured[0], None, session, None).test
+    name = study or (FOR_TEST if test else FOR_OWN)
+    ready = Path(session.plugins.studies[name].directory)
+    if test:
+        text = own_test_text(session, ready, folder, measured)
+    else:
+        text = own_study_text(session, ready, folder, measured, meshes, wrench)
+    check_new(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "study.toml").write_text(text, encoding="utf-8")
+    has_marks = with_own_ranges(folder / "study.toml", session.plugins, name)
     if as_json:
         session.json({"study": name, "folder": str(folder)})
         return
-    command = "check {folder}"
-    if measured:
-        own = "test" if test else "presses and meshes"
-        session.say(f"{folder / 'study.toml'}: your {own}, everything else from {name}")
-        session.note(f"edit before you run: {kept} are copied from {name} and are not yours; check the units")
-    else:
-        session.say(f"{name} copied to {folder}")
-        command = studies[name].first_command
-    session.next(command.replace("{folder}", str(folder)))
+    own, kept = ("test", "ranges") if test else ("presses and meshes", "protocol and ranges")
+    kept = "lines marked CHANGE THIS" if has_marks else kept
+    session.say(f"{folder / 'study.toml'}: your {own}, everything else from {name}")
+    session.note(f"edit before you run: {kept} are copied from {name} and are not yours; check the units")
+    session.next(f"check {folder}")
 
 
 def own_test_text(session: Session, ready: Path, folder: Path, measured: Sequence[Path]) -> str:

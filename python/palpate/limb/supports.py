@@ -99,6 +99,18 @@ def fixed_nodes(
     """
     if named is not None:
         return FixedNodes(nodes=named, warnings=tuple(_not_named(supports, in_limb, named, setting)))
+    found = _held_by_file(supports, in_limb)
+    if not found.nodes.size:
+        raise MeshError(
+            f"{path}: no condition of the file holds nodes of the limb in x, y and z "
+            f"({'; '.join((*unused, *found.warnings)) or 'there are none'}); name held nodes in {setting} "
+            f"(there: {', '.join(there) or 'none'})"
+        )
+    return found
+
+
+def _held_by_file(supports: Sequence[Support], in_limb: BoolArray) -> FixedNodes:
+    """Nodes that the conditions of a file hold in x, y and z, with a warning where one holds less."""
     held = _held(supports, in_limb)
     fixed = np.flatnonzero(held.all(axis=1))
     by = ", ".join(
@@ -107,15 +119,8 @@ def fixed_nodes(
         if in_limb[support.nodes].any()
     )
     partly: BoolArray = np.asarray(held.any(axis=1) & ~held.all(axis=1))
-    warnings = tuple(_partly_held(supports, partly))
-    if not fixed.size:
-        raise MeshError(
-            f"{path}: no condition of the file holds nodes of the limb in x, y and z "
-            f"({'; '.join((*unused, *warnings)) or 'there are none'}); name held nodes in {setting} "
-            f"(there: {', '.join(there) or 'none'})"
-        )
     remark = f"the file fixes {fixed.size} nodes of the limb ({by})"
-    return FixedNodes(nodes=fixed, remarks=(remark,), warnings=warnings)
+    return FixedNodes(nodes=fixed, remarks=(remark,), warnings=tuple(_partly_held(supports, partly)))
 
 
 def _held(supports: Sequence[Support], in_limb: BoolArray) -> BoolArray:

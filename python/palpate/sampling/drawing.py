@@ -46,37 +46,31 @@ def draw_design(
     n_sets : int
         Accepted sets; 0 draws none, or just ``n_total``, of which the first ``FIRST_LOOK`` are one design.
     filters : sequence of SetFilter
-        Applied in order, each to what the ones before it kept.
+        Applied in order, each to the sets that the filters before it kept.
     max_draws : int
-        Most sets to draw for ``n_sets`` accepted ones, and in proportion for ``n_total``; 0 draws
-        up to ``DRAWS_EACH`` for each. No more than ``n_sets`` draws once and keeps what passes,
-        which may be fewer. ``n_drawn`` of the design counts the sets up to the last accepted one.
+        Most sets to draw for ``n_sets`` accepted ones, and in proportion for ``n_total``; 0 draws up to
+        ``DRAWS_EACH`` for each. No more than ``n_sets`` draws once, and keeps the accepted ones.
     n_total : int
-        Extend the design of ``n_sets`` to this many; the first sets stay the same. Less than
-        ``n_sets`` keeps only the first of them, for a cheap first look. 0 does neither.
+        Sets to which the design of ``n_sets`` is extended, or the first of it that are kept; 0: neither.
     kept : (n, n_parameters) array, optional
         Sets that the design begins with, as :func:`kept_sets` returns them; only the rest is drawn.
 
     Raises
     ------
     SamplingError
-        Nothing is searched, the sampler leaves the unit cube or changes points when it
-        extends them, no set is kept, or too few of ``max_draws``.
+        Nothing is searched, the sampler's points are invalid, or too few sets are accepted.
     """
-    parameters = space.parameters
+    parameters, n_wanted = space.parameters, n_total or n_sets
     if not parameters:
         raise SamplingError("design: every parameter is fixed; give at least one a range")
-    n_wanted = n_total or n_sets
-    if n_wanted == 0:
-        return Design(parameters=parameters, values=np.empty((0, len(parameters))), seed=seed, n_drawn=0)
+    first = np.empty((0, len(parameters)))
+    if kept is not None and kept.size:
+        first = kept[accepted_by_all(filters, space, kept)][:n_wanted]
+    if len(first) == n_wanted:
+        return Design(parameters=parameters, values=first, seed=seed, n_drawn=n_wanted, n_kept=n_wanted)
     points = _unit_points(sampler, n_sets or FIRST_LOOK, len(parameters), seed)
     draws_each = Fraction(max_draws, n_sets or n_total) if max_draws else DRAWS_EACH
-    if kept is None or not kept.size:
-        return _drawn(space, sampler, points, seed, filters, draws_each, n_wanted)
-    first = kept[accepted_by_all(filters, space, kept)][:n_wanted]
-    if (n_rest := n_wanted - len(first)) == 0:
-        return Design(parameters=parameters, values=first, seed=seed, n_drawn=n_wanted, n_kept=n_wanted)
-    rest = _drawn(space, sampler, points, seed, filters, draws_each, n_rest)
+    rest = _drawn(space, sampler, points, seed, filters, draws_each, n_wanted - len(first))
     values = np.concatenate([first, rest.values])
     return replace(rest, values=values, n_drawn=rest.n_drawn + len(first), n_kept=len(first))
 

@@ -18,7 +18,7 @@ from palpate.domain.curves import abscissae_of
 from palpate.errors import StudyError
 from palpate.experiment.measured import load_measured
 from palpate.fit.problem import Problem
-from palpate.fit.spot_term import Correction, term_of
+from palpate.fit.spot_term import Correction, SpotTerm, term_of
 from palpate.limb.loading import load_limbs
 from palpate.plugins.catalogue import Plugins
 from palpate.progress import SILENT, Progress
@@ -208,30 +208,45 @@ def open_problem(
         There is no such scenario or spot, it cannot be simulated, or the folder has another fit.
     """
     plugins = plugins or Plugins.load(study.plugin_files)
-    scenarios = {each.name: each for each in study.scenarios}
-    chosen = study.spot_names if spots is None else tuple(spots)
-    for kind, given, known in (
-        ("scenario", [scenario or study.generalise_by], list(scenarios)),
-        ("spot", chosen, list(study.spot_names)),
-    ):
-        for name in given:
-            if name not in known:
-                raise StudyError(f"{study.file}: no {kind} '{name}'; name one of {', '.join(known)}")
+    by, chosen = _chosen(study, scenario, spots)
     measured, limbs = load_measured(study, plugins.channels), load_limbs(study)
     scoring.check_scorable(measured, study.scoring)
     simulation.check_jobs(study, simulation.middle_jobs(study, measured), limbs)
-    by = scenarios[scenario or study.generalise_by]
-    abscissae = abscissae_of(plugins.channels)
-    corrections = _corrections(study, by, chosen, folder, plugins) if folder is not None else {}
-    terms = [
-        term_of(study, spot, by, measured[spot], abscissae, corrections.get(spot))
-        for spot in dict.fromkeys(chosen)
-    ]
-    if without := [term.spot for term in terms if not term.weights]:
-        raise StudyError(f"spot '{without[0]}' measures no channel of scenario '{by.name}'; leave it out")
+    terms = list(_terms(study, by, chosen, measured, folder, plugins))
     with _kept_in(folder) as kept, Simulations(study, kept, limbs, progress) as simulations:
         progress.begin("fit", 0)
         yield Problem(study, terms, simulations.of, study.parametrisation, noise=study.noise)
+
+
+def _terms(
+    study: Study,
+    by: Scenario,
+    spots: Sequence[str],
+    measured: Mapping[str, Response],
+    folder: Path | None,
+    plugins: Plugins,
+) -> Iterator[SpotTerm]:
+    """Term of each spot, with the corrections of a fit that the folder has."""
+    corrections = _corrections(study, by, spots, folder, plugins) if folder is not None else {}
+    abscissae = abscissae_of(plugins.channels)
+    for spot in dict.fromkeys(spots):
+        term = term_of(study, spot, by, measured[spot], abscissae, corrections.get(spot))
+        if not term.weights:
+            raise StudyError(f"spot '{spot}' measures no channel of scenario '{by.name}'; leave it out")
+        yield term
+
+
+def _chosen(
+    study: Study, scenario: str | None, spots: Sequence[str] | None
+) -> tuple[Scenario, tuple[str, ...]]:
+    """Scenario and spots of these names; by default the one that generalises, and all spots."""
+    scenarios = {each.name: each for each in study.scenarios}
+    name, chosen = scenario or study.generalise_by, study.spot_names if spots is None else tuple(spots)
+    for kind, given, known in (("scenario", [name], scenarios), ("spot", chosen, study.spot_names)):
+        for each in given:
+            if each not in known:
+                raise StudyError(f"{study.file}: no {kind} '{each}'; name one of {', '.join(known)}")
+    return scenarios[name], chosen
 
 
 def _corrections(

@@ -1,7 +1,7 @@
 """study.toml → Study: every name, unit and range checked, with the line in the message."""
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -25,6 +25,7 @@ from palpate.plugins.parametrisation import Parametrisation
 from palpate.plugins.score import ScoringRules
 from palpate.plugins.search import Search
 from palpate.study.build import (
+    Components,
     Context,
     build_components,
     build_scenarios,
@@ -350,21 +351,13 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     parts = build_components(context, tables)
     spots = build_spots(context, tables, need_measured)
     protocol = build_protocol(context, tables.protocol) if tables.protocol else None
-    states = {spot.spot.name: spot.state for spot in spots if spot.state}
+    states = {each.spot.name: each.state for each in spots if each.state}
     space = replace(build_space(context, tables.region), states=states)
     measured = {spot.spot.name: spot.measured.keys() for spot in spots}
     scenarios = build_scenarios(context, selection, tables.scenario, measured) if selection else ()
     truth = build_truth(context, tables, space)
-    _check_sizes(context, tables, parts.executor)
-    protocols = [protocol, *(spot.protocol for spot in spots)]
-    if tables.budget:
-        check_budget(context, tables.budget, space, protocols)
-    if parts.solver:
-        check_solver(context, parts.solver, tables, space, scenarios, protocols)
-    if parts.parametrisation:
-        check_times(context, relaxing_parts(space, parts.parametrisation), named_protocols(protocols))
-        check_parametrisation(context, parts.parametrisation, tables, measured, scenarios)
-    context.problems.raise_if_any()
+    presses = [protocol, *(each.protocol for each in spots)]
+    _refuse_problems(context, tables, parts, space, scenarios, presses, measured)
     study = Study(
         name=require(header).name,
         description=require(header).description,
@@ -395,19 +388,40 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
         time_limit_s=require(tables.solver).time_limit,
         plugin_files=context.plugins.files,
         channels=dict(context.plugins.channels),
-        one_frame=tables.limb is not None and tables.limb.one_frame,
-        linear_tetrahedra=tables.limb is not None and tables.limb.linear,
     )
     return _with_settings(study, tables, parts.executor, parts.stages)
+
+
+def _refuse_problems(
+    context: Context,
+    tables: Tables,
+    parts: Components,
+    space: ParameterSpace,
+    scenarios: tuple[Scenario, ...],
+    protocols: Sequence[Protocol | None],
+    measured: Mapping[str, Collection[str | None]],
+) -> None:
+    """Refuse a study with problems, those too of tables that do not go together."""
+    _check_sizes(context, tables, parts.executor)
+    if tables.budget:
+        check_budget(context, tables.budget, space, protocols)
+    if parts.solver:
+        check_solver(context, parts.solver, tables, space, scenarios, protocols)
+    if parts.parametrisation:
+        check_times(context, relaxing_parts(space, parts.parametrisation), named_protocols(protocols))
+        check_parametrisation(context, parts.parametrisation, tables, measured, scenarios)
+    context.problems.raise_if_any()
 
 
 def _with_settings(
     study: Study, tables: Tables, executor: Executor | None, stages: tuple[Component, ...]
 ) -> Study:
-    """Add how curves are fitted, and where the simulations run within which limits."""
+    """Add how meshes are read, how curves are fitted, and the limits of simulations."""
     fit, limits = require(tables.fit), tables.executor or ExecutorTable()
     return replace(
         study,
+        one_frame=tables.limb is not None and tables.limb.one_frame,
+        linear_tetrahedra=tables.limb is not None and tables.limb.linear,
         max_draws=require(tables.sampling).max_draws,
         noise=fit.noise,
         fine_runs=fit.fine_runs,

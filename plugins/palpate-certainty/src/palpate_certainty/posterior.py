@@ -1,6 +1,6 @@
 """The posterior of the parameters of a scenario, drawn by an ensemble of walkers (emcee)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,29 +94,32 @@ def draw(
         The filters accept no draw.
     """
     rng = np.random.default_rng(seed)
-    n_walkers = max(N_WALKERS, 8 * start.shape[1])
-    n_ensembles, n_draws = (N_ENSEMBLES, N_DRAWS) if to_convergence else (1, N_DRAWS // 4)
-    ensembles = [_Ensemble(misfit, _spread(start, n_walkers, rng), seed + i) for i in range(n_ensembles)]
-    steps = 0
-    while steps < (MOST_STEPS if to_convergence else CHUNK):
-        steps += CHUNK
-        chains = np.stack([each.run(CHUNK)[steps // 4 :] for each in ensembles])
-        times, split_r = _autocorrelation(chains), _split_r(chains)
-        if _is_converged(steps, times, split_r):
-            break
-    flat = chains.reshape(-1, start.shape[1])
+    n_ensembles, most_steps, n_draws = (
+        (N_ENSEMBLES, MOST_STEPS, N_DRAWS) if to_convergence else (1, CHUNK, N_DRAWS // 4)
+    )
+    ensembles = [_Ensemble(misfit, _spread(start, rng), seed + i) for i in range(n_ensembles)]
+    chains, n_steps = _chains(ensembles, most_steps)
+    times, flat = _autocorrelation(chains), chains.reshape(-1, start.shape[1])
     kept = flat[rng.permutation(len(flat))[:n_draws]]
-    accepted = accepts(kept)
-    if not accepted.any():
+    if not (accepted := accepts(kept)).any():
         raise ParameterError("no draw of the posterior is accepted by the filters of the study")
     return Draws(
         points=kept[accepted],
-        split_r=split_r,
+        split_r=_split_r(chains),
         autocorrelation=times,
-        n_steps=steps,
+        n_steps=n_steps,
         n_independent=float(len(flat) / times.max()),
         accepted=float(accepted.mean()),
     )
+
+
+def _chains(ensembles: "Sequence[_Ensemble]", most_steps: int) -> tuple[FloatArray, int]:
+    """Chains (n_ensembles, n_steps, n_walkers, n_parameters) without their first quarter, and all steps."""
+    for steps in range(CHUNK, most_steps + 1, CHUNK):
+        chains = np.stack([each.run(CHUNK)[steps // 4 :] for each in ensembles])
+        if _is_converged(steps, _autocorrelation(chains), _split_r(chains)):
+            break
+    return chains, steps
 
 
 def _is_converged(n_steps: int, autocorrelation: FloatArray, split_r: FloatArray) -> bool:
@@ -148,9 +151,9 @@ class _Ensemble:
         return chain
 
 
-def _spread(start: FloatArray, n: int, rng: np.random.Generator) -> FloatArray:
-    """Choose n different points near those of the start, within the box."""
-    chosen = start[rng.integers(len(start), size=n)]
+def _spread(start: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Different points for the walkers near the points of the start, within the box."""
+    chosen = start[rng.integers(len(start), size=max(N_WALKERS, 8 * start.shape[1]))]
     width = np.maximum(start.std(axis=0), 1e-4)
     spread: FloatArray = np.clip(chosen + 0.1 * width * rng.normal(size=chosen.shape), 1e-9, 1.0 - 1e-9)
     return spread

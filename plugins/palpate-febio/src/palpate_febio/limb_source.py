@@ -7,10 +7,12 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from palpate.api import IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
+from palpate.api import BoolArray, IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
 from palpate.api.files import InspectedTable, Inspection
 from palpate.api.mesh import (
     CELLS,
+    Cut,
+    FixedNodes,
     curved,
     cut,
     fixed_nodes,
@@ -100,51 +102,32 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
         deck = read_deck(path, self.settings.leave_out)
         if not deck.parts:
             raise MeshError(f"{path}: no deformable elements; palpate needs the limb, not only rigid bodies")
-        regions = self._regions(path, deck)
         used = np.unique(np.concatenate([part.cells.ravel() for part in deck.parts]))
         number = np.full(len(deck.points), -1)
         number[used] = np.arange(len(used))
-        cells: dict[str, list[IntArray]] = {}
-        ids: dict[str, list[IntArray]] = {}
-        names = tuple(dict.fromkeys(regions.values()))
         other = sorted({part.kind for part in deck.parts} & OTHER_SOLIDS.keys())
         made = cut(deck.points, tuple((_meshio(p.kind), p.cells) for p in deck.parts)) if other else None
-        for k, part in enumerate(deck.parts):
-            region, kind = names.index(regions[part.name]), "tet4" if made else part.kind
-            if not made:
-                cells.setdefault(kind, []).append(number[part.cells])
-            n_cells = len(made.origin[k] if made else part.cells)
-            ids.setdefault(kind, []).append(np.full(n_cells, region))
-        if made:
-            cells["tet4"] = [number[made.tets]]
-        named = [_nodes(path, deck, name) for name in _names(self.settings.fixed)]
-        fixed = fixed_nodes(
-            path,
-            deck.supports,
-            number >= 0,
-            np.unique(np.concatenate(named)) if named else None,
-            setting="the setting fixed",
-            there=_there(deck),
-            unused=deck.warnings,
-        )
-        remarks = fixed.remarks
+        fixed = self._fixed(path, deck, number >= 0)
         sets = {"fixed": fixed.nodes, "contact": self._contact(path, deck, fixed.nodes)}
+        regions, unit_mm = self._regions(path, deck), convert(f"1 {self.settings.unit}", "mm")
+        cells, ids = _elements(deck, regions, number, made)
         mesh = Mesh(
-            points_mm=deck.points[used] * convert(f"1 {self.settings.unit}", "mm"),
-            cells={kind: np.concatenate(blocks) for kind, blocks in cells.items()},
-            cell_regions={kind: np.concatenate(blocks) for kind, blocks in ids.items()},
-            regions=names,
+            points_mm=deck.points[used] * unit_mm,
+            cells=cells,
+            cell_regions=ids,
+            regions=tuple(dict.fromkeys(regions.values())),
             node_sets={name: number[nodes][number[nodes] >= 0] for name, nodes in sets.items()},
         )
+        remarks = [f"the rigid part '{part}' is left out" for part in deck.rigid]
         if made:
-            remarks = (f"elements {', '.join(other)} are cut into {len(made.tets)} tetrahedra", *remarks)
+            remarks.append(f"elements {', '.join(other)} are cut into {len(made.tets)} tetrahedra")
             if made.ends.size:
-                mesh = curved(
-                    mesh, number[made.ends], made.middles * convert(f"1 {self.settings.unit}", "mm")
-                )
-        left_out = (f"the rigid part '{part}' is left out" for part in deck.rigid)
+                mesh = curved(mesh, number[made.ends], made.middles * unit_mm)
         return Limb(
-            spot=spot, mesh=mesh, remarks=(*left_out, *remarks), warnings=(*deck.warnings, *fixed.warnings)
+            spot=spot,
+            mesh=mesh,
+            remarks=(*remarks, *fixed.remarks),
+            warnings=(*deck.warnings, *fixed.warnings),
         )
 
     def _regions(self, path: Path, deck: Deck) -> Mapping[str, str]:
@@ -165,6 +148,18 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
             found[part.name] = region
         return found
 
+    def _fixed(self, path: Path, deck: Deck, in_limb: BoolArray) -> FixedNodes:
+        named = [_nodes(path, deck, name) for name in _names(self.settings.fixed)]
+        return fixed_nodes(
+            path,
+            deck.supports,
+            in_limb,
+            np.unique(np.concatenate(named)) if named else None,
+            setting="the setting fixed",
+            there=_there(deck),
+            unused=deck.warnings,
+        )
+
     def _contact(self, path: Path, deck: Deck, fixed: IntArray) -> IntArray:
         names = _names(self.settings.contact)
         if not names:
@@ -176,6 +171,23 @@ class FebioDeckSource(LimbSource[FebioDeckSettings]):
                     "name the outer skin in the setting contact"
                 )
         return np.unique(np.concatenate([_nodes(path, deck, name) for name in names]))
+
+
+def _elements(
+    deck: Deck, regions: Mapping[str, str], number: IntArray, made: Cut | None
+) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
+    """Elements by kind, and the index of the region of each; tetrahedra alone where the deck is cut."""
+    places = {region: k for k, region in enumerate(dict.fromkeys(regions.values()))}
+    origins = made.origin if made else [np.arange(len(part.cells)) for part in deck.parts]
+    cells: dict[str, list[IntArray]] = {"tet4": [number[made.tets]]} if made else {}
+    ids: dict[str, list[IntArray]] = {}
+    for part, origin in zip(deck.parts, origins, strict=True):
+        if not made:
+            cells.setdefault(part.kind, []).append(number[part.cells])
+        region = np.full(len(origin), places[regions[part.name]])
+        ids.setdefault("tet4" if made else part.kind, []).append(region)
+    joined = ({kind: np.concatenate(blocks) for kind, blocks in of.items()} for of in (cells, ids))
+    return next(joined), next(joined)
 
 
 def _meshio(kind: str) -> str:

@@ -301,12 +301,11 @@ def _to_channel(kind: Kind, factor: float) -> float:
     return float(f"{np.degrees(factor):.15g}") if kind == "angle" else factor
 
 
-def _curve(
+def _fields(
     table: Table, channel: str, columns: ChannelColumns, rows: IntArray, read: Mapping[str, TableColumn]
-) -> Curve:
-    """Curve of a channel: scaled, in stretch and nominal stress, and cut to where its abscissa moves."""
-    path = table.path
-    fields = {}
+) -> dict[str, FloatArray]:
+    """Numbers of a channel by field, scaled to its units."""
+    path, fields = table.path, {}
     for field, column in columns.by_field.items():
         where, values = f"{path}: column '{column.name}'", read[column.name].values
         scale = _scale(where, column, read[column.name].shown_unit, channel, field)
@@ -318,7 +317,15 @@ def _curve(
             if np.isnan(values[row]):
                 raise CurveError(f"{where}: no number, the cell is empty or NaN; fill it or remove the row")
             raise CurveError(f"{where}: too large once scaled by {scale}; correct the scale or the row")
-    x, where = fields["abscissa"], f"{path}: channel '{channel}', column '{columns.abscissa.name}'"
+    return fields
+
+
+def _curve(
+    table: Table, channel: str, columns: ChannelColumns, rows: IntArray, read: Mapping[str, TableColumn]
+) -> Curve:
+    """Curve of a channel: in stretch and nominal stress, and cut to where its abscissa moves."""
+    fields = _fields(table, channel, columns, rows, read)
+    x, where = fields["abscissa"], f"{table.path}: channel '{channel}', column '{columns.abscissa.name}'"
     with np.errstate(invalid="ignore", over="ignore"):
         fields["abscissa"] = STRAINS[columns.strain].to_stretch(x)
         factor = nominal_factor(channel, columns.stress, fields["abscissa"])

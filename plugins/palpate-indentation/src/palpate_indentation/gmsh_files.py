@@ -5,7 +5,8 @@ here an element is there once, in all of them.
 """
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 
@@ -67,54 +68,42 @@ def read_gmsh(path: Path) -> MeshFile | None:
     is_old = version.startswith("2")
     numbers, points = (_nodes_2 if is_old else _nodes_4)(sections["Nodes"])
     found = _elements_2(sections["Elements"]) if is_old else _elements_4(sections)
+    of_shape, groups = _by_shape(path, found)
     index = np.full(int(numbers.max(initial=0)) + 1, -1)
     index[numbers] = np.arange(len(numbers))
-    rows: dict[str, dict[tuple[int, ...], int]] = {}
-    tags: dict[str, dict[int, int]] = {}
-    groups: dict[tuple[int, int], dict[str, set[int]]] = {}
-    first: dict[str, list[int]] = {}
-    for number, kind, dimension, physical, nodes in found:
-        if kind not in TYPES:
-            raise MeshError(f"{path}: elements of Gmsh's type {kind}; mesh the limb in order 1 or 2")
-        shape, n_nodes = TYPES[kind]
-        if len(nodes) != n_nodes:
-            raise MeshError(f"{path}: element {number} has {len(nodes)} nodes, not {n_nodes}; save it again")
-        row = rows.setdefault(shape, {}).setdefault(tuple(nodes), len(rows[shape]))
-        tags.setdefault(shape, {})[number] = row
-        if row == len(first.setdefault(shape, [])):
-            first[shape].append(next(iter(physical), 0))
-        for group in physical:
-            groups.setdefault((dimension, group), {}).setdefault(shape, set()).add(row)
-    names = _names(sections.get("PhysicalNames", ""))
     blocks = tuple(
-        (shape, index[np.array(list(cells), dtype=np.int64)[:, _order(shape)]])
-        for shape, cells in rows.items()
+        (shape, index[np.array(list(cells.rows), dtype=np.int64)[:, _order(shape)]])
+        for shape, cells in of_shape.items()
     )
     if any((cells < 0).any() for _, cells in blocks):
         raise MeshError(f"{path}: an element names a node that is not there; save the mesh again")
-    at = {number: np.array([k]) for k, number in enumerate(numbers.tolist())}
+    nodes = {number: k for k, number in enumerate(numbers.tolist())}
+    elements = [cells.tags for cells in of_shape.values()]
+    of_elements = _data(sections, "ElementData", elements, [len(cells) for _, cells in blocks])
     return MeshFile(
         points=points,
         blocks=blocks,
-        point_data={name: values[0] for name, values in _data(sections, "NodeData", [at], [len(points)])},
+        point_data={name: values[0] for name, values in _data(sections, "NodeData", [nodes], [len(points)])},
         cell_data={
-            "gmsh:physical": tuple(np.array(first[shape]) for shape, _ in blocks),
-            **dict(
-                _data(
-                    sections,
-                    "ElementData",
-                    [{n: np.array([k]) for n, k in tags[shape].items()} for shape, _ in blocks],
-                    [len(cells) for _, cells in blocks],
-                )
-            ),
+            "gmsh:physical": tuple(np.array(cells.first) for cells in of_shape.values()),
+            **dict(of_elements),
         },
-        cell_sets={
-            names.get(group, f"physical {group[1]} of dimension {group[0]}"): tuple(
-                np.array(sorted(members.get(shape, ())), dtype=np.int64) for shape, _ in blocks
-            )
-            for group, members in groups.items()
-        },
+        cell_sets=_sets(groups, list(of_shape), _names(sections.get("PhysicalNames", ""))),
     )
+
+
+def _sets(
+    groups: Mapping[tuple[int, int], Mapping[str, set[int]]],
+    shapes: Sequence[str],
+    names: Mapping[tuple[int, int], str],
+) -> dict[str, tuple[NDArray[np.int64], ...]]:
+    """Rows of each physical group in the block of each shape, by the name of the group."""
+    return {
+        names.get(group, f"physical {group[1]} of dimension {group[0]}"): tuple(
+            np.array(sorted(members.get(shape, ())), dtype=np.int64) for shape in shapes
+        )
+        for group, members in groups.items()
+    }
 
 
 def _sections(path: Path) -> dict[str, str]:
@@ -148,6 +137,36 @@ def _nodes_4(text: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
 
 
 _Element = tuple[int, int, int, list[int], list[int]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Cells:
+    """Elements of one shape: rows by their nodes and by their numbers, and the first group of each."""
+
+    rows: dict[tuple[int, ...], int] = field(default_factory=dict)
+    tags: dict[int, int] = field(default_factory=dict)
+    first: list[int] = field(default_factory=list)
+
+
+def _by_shape(
+    path: Path, elements: Iterable[_Element]
+) -> tuple[dict[str, _Cells], dict[tuple[int, int], dict[str, set[int]]]]:
+    """Elements of each shape, each once; and the rows of each physical group by shape."""
+    found: dict[str, _Cells] = {}
+    groups: dict[tuple[int, int], dict[str, set[int]]] = {}
+    for number, kind, dimension, physical, nodes in elements:
+        if kind not in TYPES:
+            raise MeshError(f"{path}: elements of Gmsh's type {kind}; mesh the limb in order 1 or 2")
+        shape, n_nodes = TYPES[kind]
+        if len(nodes) != n_nodes:
+            raise MeshError(f"{path}: element {number} has {len(nodes)} nodes, not {n_nodes}; save it again")
+        cells = found.setdefault(shape, _Cells())
+        row = cells.tags[number] = cells.rows.setdefault(tuple(nodes), len(cells.rows))
+        if row == len(cells.first):
+            cells.first.append(next(iter(physical), 0))
+        for group in physical:
+            groups.setdefault((dimension, group), {}).setdefault(shape, set()).add(row)
+    return found, groups
 
 
 def _elements_2(text: str) -> Iterator[_Element]:
@@ -196,7 +215,7 @@ def _order(shape: str) -> list[int]:
 
 
 def _data(
-    sections: Mapping[str, str], kind: str, places: list[dict[int, NDArray[np.int64]]], sizes: list[int]
+    sections: Mapping[str, str], kind: str, places: Sequence[Mapping[int, int]], sizes: Sequence[int]
 ) -> Iterator[tuple[str, tuple[NDArray[np.float64], ...]]]:
     """Name and values of each section of data, for each block; NaN where there are none."""
     for key, text in sections.items():

@@ -11,7 +11,7 @@ from pydantic import Field, field_validator
 
 from palpate.api import IntArray, Limb, LimbSource, Mesh, MeshError, Settings, Spot, convert
 from palpate.api.files import Inspection
-from palpate.api.mesh import CELLS, SOLIDS, curved, cut, fixed_nodes
+from palpate.api.mesh import CELLS, SOLIDS, FixedNodes, curved, cut, fixed_nodes
 from palpate_indentation.mesh_content import MeshFile
 from palpate_indentation.mesh_files import SUFFIXES, read_mesh_file
 from palpate_indentation.mesh_inspection import inspect_mesh
@@ -123,46 +123,55 @@ class MeshioSource(LimbSource[MeshioSettings]):
         kinds = ["tet4" if made else KINDS[content.blocks[k][0]] for k in volume]
         origins = made.origin if made else [np.arange(len(of)) for of in ids]
         cells = {"tet4": made.tets} if made else _by_kind(kinds, [content.blocks[k][1] for k in volume])
-        sets = dict[str, IntArray]()
-        for name, choice in settings.node_sets.items():
-            if choice == name == "fixed" and content.supports and known_as(name, _names(content)) is None:
-                continue  # the file itself holds nodes
-            choices = choice if isinstance(choice, list) else [choice]
-            sets[name] = chosen(path, content, points, choices)
-        in_limb = np.zeros(len(points), dtype=np.bool_)
-        in_limb[np.concatenate([of_kind.ravel() for of_kind in cells.values()])] = True
-        fixed = fixed_nodes(
-            path,
-            content.supports,
-            in_limb,
-            sets.get("fixed"),
-            setting="`fixed` under node_sets",
-            there=_names(content),
-            unused=content.warnings,
-        )
-        sets["fixed"] = fixed.nodes
-        remarks = fixed.remarks
+        sets = _node_sets(path, content, points, settings)
+        fixed = _fixed(path, content, cells, sets.get("fixed"))
         mesh = Mesh(
             points_mm=points,
             cells=cells,
             cell_regions=_by_kind(kinds, [of[rows] for of, rows in zip(ids, origins, strict=True)]),
             regions=tuple(settings.regions),
-            node_sets=sets,
+            node_sets={**sets, "fixed": fixed.nodes},
             cell_fields=_fields(content, settings.region_data, volume, kinds, origins),
         )
+        remarks = list(content.remarks)
         if made:
-            remarks = (
-                f"elements of type {', '.join(other)} are cut into {len(made.tets)} tetrahedra",
-                *remarks,
-            )
+            remarks.append(f"elements of type {', '.join(other)} are cut into {len(made.tets)} tetrahedra")
             if made.ends.size:
                 mesh = curved(mesh, made.ends, made.middles)
         return Limb(
             spot=spot,
             mesh=mesh,
-            remarks=(*content.remarks, *remarks),
+            remarks=(*remarks, *fixed.remarks),
             warnings=(*content.warnings, *fixed.warnings),
         )
+
+
+def _fixed(
+    path: Path, content: MeshFile, cells: Mapping[str, IntArray], named: IntArray | None
+) -> FixedNodes:
+    in_limb = np.zeros(len(content.points), dtype=np.bool_)
+    in_limb[np.concatenate([of_kind.ravel() for of_kind in cells.values()])] = True
+    return fixed_nodes(
+        path,
+        content.supports,
+        in_limb,
+        named,
+        setting="`fixed` under node_sets",
+        there=_names(content),
+        unused=content.warnings,
+    )
+
+
+def _node_sets(
+    path: Path, content: MeshFile, points: NDArray[np.float64], settings: MeshioSettings
+) -> dict[str, IntArray]:
+    """Nodes of each set of the settings; ``fixed`` is left out where the file itself holds nodes."""
+    held = content.supports and known_as("fixed", _names(content)) is None
+    return {
+        name: chosen(path, content, points, choice if isinstance(choice, list) else [choice])
+        for name, choice in settings.node_sets.items()
+        if not (held and choice == name == "fixed")
+    }
 
 
 def _names(content: MeshFile) -> list[str]:

@@ -7,7 +7,7 @@ or two.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -85,12 +85,7 @@ class LoadControl:
         aim: Aim,
         begin: Callable[[FloatArray, ContactState], Start],
     ) -> LoadTrial:
-        """Go from an equilibrium state to an aim.
-
-        Parameters
-        ----------
-        begin : callable
-            Displacements to start from at the first trial's position and state.
+        """Go from an equilibrium state to an aim; ``begin`` gives displacements for the first trial.
 
         Raises
         ------
@@ -101,40 +96,34 @@ class LoadControl:
         """
         free, at = aim.free, start
         change, moved = self._change(at, memory, aim)
-        n_iterations = n_shortened = 0
         low, high = np.full(free.size, -np.inf), np.full(free.size, np.inf)
+        n_iterations = n_shortened = 0
         for _ in range(MOST_TRIALS):
-            position = aim.position.copy()
-            position[free] = at.position[free] + change
+            position = aim.position_with(at.position[free] + change)
             load = ContactState(pose(position), memory, self._law)
-            if at is start:
-                guess = begin(position, load)
-            else:
-                guess = Start(self._model.carried(at.balance.displacements + moved, load.pose))
+            guess = begin(position, load) if at is start else self._carried(at, moved, load)
             found = equilibrium(self._model, self.thetas, load, guess, self._tolerance)
             n_iterations += found.n_iterations
             if found.reason:
                 n_shortened += 1
                 change, moved = 0.5 * change, 0.5 * moved
                 if n_shortened > MOST_SHORTENED or not change.any():
-                    return LoadTrial(
-                        position, at.loads, Balance(found.displacements, n_iterations, found.reason)
-                    )
+                    failed = Balance(found.displacements, n_iterations, found.reason)
+                    return LoadTrial(position, at.loads, failed)
                 continue
-            found = Balance(found.displacements, n_iterations, "", found.held)
+            found = replace(found, n_iterations=n_iterations)
             at = LoadTrial(position, self.loads(found.displacements, position, load), found)
             if (np.abs(aim.loads - at.loads)[free] <= self._accepted(aim)).all():
                 return at
             change, moved = self._change(at, memory, aim)
-            if free.size == 1:  # a load that grows with its component is between those below and above
-                place, is_below = at.position[free], (aim.loads > at.loads)[free]
-                low, high = np.where(is_below, place, low), np.where(is_below, high, place)
-                if np.isfinite(low + high).all() and not (low < place + change < high).all():
-                    between = 0.5 * (low + high) - place
-                    moved = moved * float(between[0] / change[0]) if change.any() else moved
-                    change = between
+            if free.size == 1:
+                low, high, change, moved = _between(at, aim, low, high, change, moved)
         reason = f"the loads are not met after {MOST_TRIALS} trials"
-        return LoadTrial(at.position, at.loads, Balance(at.balance.displacements, n_iterations, reason))
+        return replace(at, balance=Balance(at.balance.displacements, n_iterations, reason))
+
+    def _carried(self, at: LoadTrial, moved: FloatArray, load: ContactState) -> Start:
+        """Displacements that the tangent predicts."""
+        return Start(self._model.carried(at.balance.displacements + moved, load.pose))
 
     def _accepted(self, aim: Aim) -> FloatArray:
         """Differences of the loads that count as none: a moment's by the force and the indenter's radius."""
@@ -197,6 +186,21 @@ class LoadControl:
         change = rates.change(moved, np.zeros_like(memory.anchors), motion=move)
         force, moment, _ = rates.answer(change, moved, move)
         return moved, wrench_rates(force, moment, rates.at_rest(), tip_at(at.position), way)
+
+
+def _between(
+    at: LoadTrial, aim: Aim, low: FloatArray, high: FloatArray, change: FloatArray, moved: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Places below and above the wanted one, and the changes: to their middle where they would leave it.
+
+    A load that grows with its component is between the loads below and above.
+    """
+    place, is_below = at.position[aim.free], (aim.loads > at.loads)[aim.free]
+    low, high = np.where(is_below, place, low), np.where(is_below, high, place)
+    if not np.isfinite(low + high).all() or (low < place + change < high).all():
+        return low, high, change, moved
+    to_middle = 0.5 * (low + high) - place
+    return low, high, to_middle, moved * float(to_middle[0] / change[0]) if change.any() else moved
 
 
 def _missing(loads: FloatArray, aim: Aim) -> FloatArray:

@@ -158,6 +158,12 @@ class Aim:
             end, end_loads = origin + part * (end - origin), loads + part * (end_loads - loads)
         return cls(target, end, end_loads, loads, part)
 
+    def position_with(self, free: FloatArray) -> FloatArray:
+        """Position (6,) with these values of the free components."""
+        position = self.position.copy()
+        position[self.free] = free
+        return position
+
     @property
     def free(self) -> IntArray:
         """Components that a load moves."""

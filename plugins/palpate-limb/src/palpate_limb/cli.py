@@ -17,53 +17,60 @@ SCAN_SUFFIXES = frozenset({".ply", ".obj", ".glb", ".stl", ".off"})
 Notes = dict[Path, list[dict[str, Any]]]  # of the spots by the folder of their meshes
 
 
+OptionsFile = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Options of a TOML file, of which docs/limb.md has all; those given here come first.",
+    ),
+]
+Bones = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="[NAMES=]FILE",
+        help="Model of a bone, or of several: tibia,fibula=bones.stl names them in the file's order. The "
+        "scan's own file: all parts inside its skin. Repeat for more.",
+    ),
+]
+Spots = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=PLACE",
+        help="A spot without ink: x,y,z in the scan's coordinates; 45%,120deg, so far along the limb and "
+        "around it; ulna:40%, the skin nearest to the bone there; or ulna:40%,120deg. Repeat for more.",
+    ),
+]
+Marks = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME[=COLOUR]",
+        help="A spot and the colour of its ink; without colours, names go along the limb. Repeat for "
+        "more. Default: p1=red, p2=green, p3=blue, p4=yellow.",
+    ),
+]
+Into = Annotated[str | None, typer.Option(metavar="FOLDER", help="Where the meshes go; default: meshes.")]
+Size = Annotated[
+    str | None, typer.Option(help="Edge length under the indenter; default: 0.28 of its radius.")
+]
+Fine = Annotated[
+    bool,
+    typer.Option("--fine", help="Also write a finer mesh of each spot, of about three times the nodes."),
+]
+
+
 def scan(
     context: typer.Context,
     file: Annotated[
         Path,
         typer.Argument(metavar="SCAN", help="Scan or model of the limb: .ply, .obj, .glb, .stl or .off."),
     ],
-    options: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Options of a TOML file, of which docs/limb.md has all; those given here come first.",
-        ),
-    ] = None,
-    bones: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="[NAMES=]FILE",
-            help="Model of a bone, or of several: tibia,fibula=bones.stl names them in the file's order. The "
-            "scan's own file: all parts inside its skin. Repeat for more.",
-        ),
-    ] = None,
-    spot: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=PLACE",
-            help="A spot without ink: x,y,z in the scan's coordinates; 45%,120deg, so far along the limb and "
-            "around it; ulna:40%, the skin nearest to the bone there; or ulna:40%,120deg. Repeat for more.",
-        ),
-    ] = None,
-    mark: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME[=COLOUR]",
-            help="A spot and the colour of its ink; without colours, names go along the limb. Repeat for "
-            "more. Default: p1=red, p2=green, p3=blue, p4=yellow.",
-        ),
-    ] = None,
-    into: Annotated[
-        str | None, typer.Option(metavar="FOLDER", help="Where the meshes go; default: meshes.")
-    ] = None,
-    size: Annotated[
-        str | None, typer.Option(help="Edge length under the indenter; default: 0.28 of its radius.")
-    ] = None,
-    fine: Annotated[
-        bool,
-        typer.Option("--fine", help="Also write a finer mesh of each spot, of about three times the nodes."),
-    ] = False,
+    options: OptionsFile = None,
+    bones: Bones = None,
+    spot: Spots = None,
+    mark: Marks = None,
+    into: Into = None,
+    size: Size = None,
+    fine: Fine = False,
     as_json: AsJson = False,
 ) -> None:
     """Mesh the limb around every spot of a scan or model: ink marks, or places that are named."""

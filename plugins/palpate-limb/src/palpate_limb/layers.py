@@ -179,13 +179,7 @@ def extruded(
     rows, counts, layer_of = _rows(_levels(depths_mm, room), highest_mm)
     starts = len(points) + np.cumsum(counts[-1]) - counts[-1]
     ids = np.where(counts == counts[-1], nodes, starts + counts)  # from the skin down to the core's own
-    top, _ = skin.nearest(points[nodes])
-    placed = np.concatenate([points, np.empty((counts[-1].sum(), 3))])
-    depths = np.full(len(placed), np.nan)
-    for row_ids, depth in zip(ids, rows, strict=True):
-        depths[row_ids] = depth
-        placed[row_ids] = top + (depth / rows[-1])[:, None] * (points[nodes] - top)
-    placed[nodes] = points[nodes]  # without rounding
+    placed, depths = _placed(points, nodes, skin.nearest(points[nodes])[0], ids, rows)
     triangles = np.sort(local.reshape(-1, 3), axis=1)  # one diagonal for the two prisms of a side
     prisms = [_whole(_split(below[triangles.T], above[triangles.T])) for above, below in pairwise(ids)]
     regions = [np.full(len(prism), layer) for prism, layer in zip(prisms, layer_of, strict=True)]
@@ -200,6 +194,19 @@ def extruded(
         },
         depths,
     )
+
+
+def _placed(
+    points: FloatArray, nodes: IntArray, top: FloatArray, ids: IntArray, rows: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Points with those of the layers, which divide the way from the core to the skin, and their depths."""
+    placed = np.concatenate([points, np.empty((ids.max() + 1 - len(points), 3))])
+    depths = np.full(len(placed), np.nan)
+    for row_ids, depth in zip(ids, rows, strict=True):
+        depths[row_ids] = depth
+        placed[row_ids] = top + (depth / rows[-1])[:, None] * (points[nodes] - top)
+    placed[nodes] = points[nodes]  # without rounding
+    return placed, depths
 
 
 def _levels(depths_mm: Sequence[float], room_mm: FloatArray) -> FloatArray:

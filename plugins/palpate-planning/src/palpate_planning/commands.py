@@ -24,6 +24,8 @@ from palpate.api.cli import (
 )
 
 if TYPE_CHECKING:
+    import polars as pl
+
     from palpate.api.fit import FitResult
     from palpate.api.runs import Study
     from palpate_planning.plan import Proposal
@@ -36,61 +38,66 @@ FIRST_PRESSES, FURTHER_PRESSES = 3, 1
 """Presses to choose where no number is given: for a study without a fit, and for a run."""
 
 
+AllowedFile = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Spots, protocols and limits to choose among; default: shares of the study's own.",
+        show_default=False,
+    ),
+]
+GoalName = Annotated[
+    str | None,
+    typer.Option(
+        "--for",
+        metavar="GOAL",
+        help="Error to reduce: all, worst, one parameter, or with --tool the prediction; default: all.",
+        show_default=False,
+    ),
+]
+ToolFile = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        help="Reduce the error of the force of this tool, as `palpate predict` reports it.",
+        show_default=False,
+    ),
+]
+NPresses = Annotated[
+    int | None,
+    typer.Option(
+        "--presses",
+        min=1,
+        max=20,
+        help="Presses to choose, one after the other; default: 1, without a fit 3.",
+        show_default=False,
+    ),
+]
+NPoints = Annotated[
+    int | None,
+    typer.Option(
+        "--points",
+        min=1,
+        max=50,
+        help="Likely parameters at which each is simulated; default: up to 6, no slower than the run.",
+        show_default=False,
+    ),
+]
+Quick = Annotated[
+    bool, typer.Option("--quick", help="One simulation of each press, linear around the fit, coarse meshes.")
+]
+
+
 def next_(  # named apart from the builtin
     context: typer.Context,
     run: RunPath = None,
     out: OutFolder = None,
-    allowed: Annotated[
-        Path | None,
-        typer.Option(
-            "--allowed",
-            metavar="FILE",
-            help="Spots, protocols and limits to choose among; default: shares of the study's own.",
-            show_default=False,
-        ),
-    ] = None,
-    goal: Annotated[
-        str | None,
-        typer.Option(
-            "--for",
-            metavar="GOAL",
-            help="Error to reduce: all, worst, one parameter, or with --tool the prediction; default: all.",
-            show_default=False,
-        ),
-    ] = None,
-    tool: Annotated[
-        Path | None,
-        typer.Option(
-            "--tool",
-            metavar="FILE",
-            help="Reduce the error of the force of this tool, as `palpate predict` reports it.",
-            show_default=False,
-        ),
-    ] = None,
-    n_presses: Annotated[
-        int | None,
-        typer.Option(
-            "--presses",
-            min=1,
-            max=20,
-            help="Presses to choose, one after the other; default: 1, without a fit 3.",
-            show_default=False,
-        ),
-    ] = None,
-    n_points: Annotated[
-        int | None,
-        typer.Option(
-            "--points",
-            min=1,
-            max=50,
-            help="Likely parameters at which each is simulated; default: up to 6, no slower than the run.",
-            show_default=False,
-        ),
-    ] = None,
-    quick: Annotated[
-        bool,
-        typer.Option("--quick", help="One simulation of each press, linear around the fit, coarse meshes."),
-    ] = False,
+    allowed: AllowedFile = None,
+    goal: GoalName = None,
+    tool: ToolFile = None,
+    n_presses: NPresses = None,
+    n_points: NPoints = None,
+    quick: Quick = False,
     trust_plugins: TrustPlugins = False,
     as_json: AsJson = False,
 ) -> None:
@@ -104,13 +111,8 @@ def next_(  # named apart from the builtin
     from palpate_planning.figure import draw
     from palpate_planning.propose import PlanOptions, propose
 
-    session, folder = Session.of(context), _run_to_extend(run, out)
-    if folder is not None:
-        session, file = original_study(session, folder, trust=trust_plugins, command="next")
-        study = session.study(file)
-    else:
-        assert run is not None
-        study = session.study(run, need_measured=False)
+    folder = _run_to_extend(run, out)
+    session, study = _study_of(Session.of(context), folder, run, trust=trust_plugins)
     options = PlanOptions(
         allowed=read_options(allowed, Allowed, {}) if allowed else None,
         tool=read_tool(tool, study, session.plugins) if tool else None,
@@ -130,13 +132,28 @@ def next_(  # named apart from the builtin
         return
     _show(session, study, found)
     session.labelled("Picture", picture.resolve().as_uri())
+    _say_next(session, found, folder, f"poses and paths are in {where / 'next.json'}")
+
+
+def _study_of(
+    session: Session, folder: Path | None, study: Path | None, *, trust: bool
+) -> "tuple[Session, Study]":
+    """Study of a run, or the study itself, which need not be measured; and a session with its plugins."""
     if folder is None:
-        session.note(f"no fit, so over the ranges of the study; poses and paths are in {where / 'next.json'}")
+        assert study is not None
+        return session, session.study(study, need_measured=False)
+    session, file = original_study(session, folder, trust=trust, command="next")
+    return session, session.study(file)
+
+
+def _say_next(session: Session, found: "Proposal", folder: Path | None, poses: str) -> None:
+    """Show the command that adds the press to the run in the folder, once it is measured."""
+    if folder is None:
+        session.note(f"no fit, so over the ranges of the study; {poses}")
         return
     name = found.steps[0].chosen.press.press.name
     session.next(
-        f"extend {folder} --press {name} --with {name}.csv",
-        f"poses and paths are in {folder / 'next.json'}; once the press is measured, ",
+        f"extend {folder} --press {name} --with {name}.csv", f"{poses}; once the press is measured, "
     )
 
 
@@ -151,10 +168,8 @@ def _run_to_extend(given: Path | None, out: Path | None) -> Path | None:
 
 
 def _show(session: Session, study: "Study", found: "Proposal") -> None:
-    import polars as pl
-
-    from palpate_planning.candidates import PRESSURE, is_repeat
-    from palpate_planning.tables import not_narrowed, proposal_tables, shown_intervals, shown_ranking
+    from palpate_planning.candidates import is_repeat
+    from palpate_planning.tables import not_narrowed, proposal_tables, shown_intervals
     from palpate_report.api import rows_in_display_units
 
     tables = proposal_tables(found)
@@ -166,30 +181,12 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
         )
     every = [each.press.press for step in found.steps for each in step.ranked]
     again = [press.name for press in every if is_repeat(study, press)]
-    units = {name: channel.units[1] for name, channel in session.plugins.channels.items()}
-    units[PRESSURE] = "MPa"
     for number, ranking in tables.ranking.group_by("step", maintain_order=True):
         title = (
             f"Press {number[0]}: expected error ({found.goal.name}), with the bias of the meshes, and width "
             "of each interval, in % of those before the press"
         )
-        shown = shown_ranking(ranking, units).head(SHOWN)
-        mark = pl.when(pl.col("press").is_in(again)).then(pl.lit(" (repeat)")).otherwise(pl.lit(""))
-        session.frame(title, shown.with_columns(pl.col("protocol") + mark))
-        if (first := ranking.row(0, named=True))["press"] in again:
-            session.paragraph(f"{first['press']} repeats the press at {first['spot']} as it was made.")
-        best = ranking.row(int(ranking["error"].arg_min() or 0), named=True)
-        if best["error"] >= 1.0:
-            session.paragraph(
-                "No allowed press reduces the error: with the meshes at their worst, each adds as much bias "
-                "as it takes variance away. Use finer meshes, or allow other presses."
-            )
-        if best["press"] != ranking["press"][0]:
-            session.paragraph(
-                f"{best['press']} would reduce the error more, but is at a place that has been pressed: at "
-                "two places the meshes err differently. places = 1 at the top of the file of --allowed ranks "
-                "presses by the error alone."
-            )
+        _show_ranking(session, title, ranking, again)
     if same := not_narrowed(tables.ranking.filter(step=1)):
         session.paragraph(f"No allowed press narrows {', '.join(same)} by more than 5 %.")
     intervals = shown_intervals(rows_in_display_units(study, tables.intervals))
@@ -202,12 +199,37 @@ def _show(session: Session, study: "Study", found: "Proposal") -> None:
         session.frame("Refused", tables.refused)
 
 
+def _show_ranking(session: Session, title: str, ranking: "pl.DataFrame", again: Sequence[str]) -> None:
+    """Show the candidates of one step; ``again`` names those that repeat a press."""
+    import polars as pl
+
+    from palpate_planning.candidates import PRESSURE
+    from palpate_planning.tables import shown_ranking
+
+    units = {name: channel.units[1] for name, channel in session.plugins.channels.items()}
+    shown = shown_ranking(ranking, {**units, PRESSURE: "MPa"}).head(SHOWN)
+    mark = pl.when(pl.col("press").is_in(again)).then(pl.lit(" (repeat)")).otherwise(pl.lit(""))
+    session.frame(title, shown.with_columns(pl.col("protocol") + mark))
+    if (first := ranking.row(0, named=True))["press"] in again:
+        session.paragraph(f"{first['press']} repeats the press at {first['spot']} as it was made.")
+    best = ranking.row(int(ranking["error"].arg_min() or 0), named=True)
+    if best["error"] >= 1.0:
+        session.paragraph(
+            "No allowed press reduces the error: with the meshes at their worst, each adds as much bias "
+            "as it takes variance away. Use finer meshes, or allow other presses."
+        )
+    if best["press"] != ranking["press"][0]:
+        session.paragraph(
+            f"{best['press']} would reduce the error more, but is at a place that has been pressed: at "
+            "two places the meshes err differently. places = 1 at the top of the file of --allowed ranks "
+            "presses by the error alone."
+        )
+
+
 def extend(
     context: typer.Context,
+    measured: Annotated[Path, typer.Option("--with", metavar="FILE", help="Measured curves of the press.")],
     run: RunPath = None,
-    measured: Annotated[
-        Path | None, typer.Option("--with", metavar="FILE", help="Measured curves of the press.")
-    ] = None,
     press: Annotated[
         str | None, typer.Option("--press", metavar="NAME", help="Which press; default: the best.")
     ] = None,
@@ -226,8 +248,6 @@ def extend(
     from palpate.api.runs import RunDirectory
     from palpate_planning.candidates import extended_study
 
-    if measured is None:
-        raise StudyError("name the measured curves of the press: --with FILE")
     folder = find_run(run)
     session, file = original_study(Session.of(context), folder, trust=trust_plugins, command="extend")
     name, written = extended_study(folder, file, press, measured)

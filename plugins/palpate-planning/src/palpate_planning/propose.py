@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import scipy
 
-from palpate.api import SILENT, FloatArray, Limb, Parameter, Progress, Response, Scenario, StudyError
+from palpate.api import SILENT, FloatArray, Limb, Parameter, Progress, Response, Run, Scenario, StudyError
 from palpate.api.experiment import abscissae_of
 from palpate.api.fit import Adequacy, Evaluation, Problem, Simulate, term_of
 from palpate.api.runs import (
@@ -125,40 +125,12 @@ def propose(
     StudyError
         There is a fit without intervals or of single spots, or nothing that is allowed is possible.
     """
-    allowed, tool = options.allowed, tool_limbs(study, options.tool)
-    limits = limits_of(allowed, study, plugins.channels)
-    presses: Sequence[CandidatePress] = candidates(study, plugins, allowed)
+    limits = limits_of(options.allowed, study, plugins.channels)
+    presses = candidates(study, plugins, options.allowed)
+    tool = tool_limbs(study, options.tool)
     if (run_folder / "fit.parquet").exists():
         with locked_run(study, run_folder, plugins, progress, needs=["fit"], more_limbs=tool) as run:
-            run.forecast.expect([], run.limbs)
-            certain, assessed = joint_assessed(run)
-            n_allowed = len(presses)
-            presses, n_points, is_quick = effort(
-                run, presses, options.n_points, is_quick=options.is_quick, may_drop=allowed is None
-            )
-            meshes, finer = ({}, {}) if is_quick else press_meshes(study, presses)
-            run.simulations.limbs.update(finer)
-            stage = PlanningStage(
-                study=run.study,
-                measured=run.measured,
-                assessed=assessed,
-                columns=certain.columns(assessed.case)[0],
-                meshes={**certain.meshes, **meshes},
-                limbs=run.simulations.limbs,
-                is_quick=is_quick,
-                progress=progress,
-            )
-            counts = simulations_of(run, presses, n_points, is_quick=is_quick)
-            run.forecast.expect([Part(stage="next", counts=counts)], run.simulations.limbs)
-            say_time(run.forecast, progress, is_quick=is_quick, is_chosen=options.is_quick)
-            if len(presses) < n_allowed:
-                progress.note(f"{len(presses)} of {n_allowed} presses, which take no longer than the run did")
-            found = stage.run(presses, replace(options, n_points=n_points, is_quick=False), limits)
-            reported = run.answer().filter("reported").head(1)
-            if reported["model"].to_list() == [Adequacy.FAILS]:
-                worst = run.fit().joint(study.generalise_by).sort("fopt")["spot"].to_list()
-                check = worst[-1] if worst else study.spot_names[0]
-                found = replace(found, failure=reported["reason"][0], check=check)
+            found = _with_verdict(run, _further_presses(run, presses, limits, options))
             run.directory.write_proposal(for_robot(found, run.limbs))
             return found
     limbs, directory = load_limbs(study), RunDirectory(run_folder)
@@ -178,6 +150,47 @@ def propose(
             found = choose_presses(design, [], presses, points, options, limits)
         directory.write_proposal(for_robot(found, limbs))
         return found
+
+
+def _further_presses(
+    run: Run, presses: Sequence[CandidatePress], limits: Mapping[str, Limit], options: PlanOptions
+) -> Proposal:
+    """Choose presses after a fit: as many, at as many points, as take no longer than the run did."""
+    run.forecast.expect([], run.limbs)
+    certain, assessed = joint_assessed(run)
+    affordable, n_points, is_quick = effort(
+        run, presses, options.n_points, is_quick=options.is_quick, may_drop=options.allowed is None
+    )
+    meshes, finer = ({}, {}) if is_quick else press_meshes(run.study, affordable)
+    run.simulations.limbs.update(finer)
+    stage = PlanningStage(
+        study=run.study,
+        measured=run.measured,
+        assessed=assessed,
+        columns=certain.columns(assessed.case)[0],
+        meshes={**certain.meshes, **meshes},
+        limbs=run.simulations.limbs,
+        is_quick=is_quick,
+        progress=run.progress,
+    )
+    counts = simulations_of(run, affordable, n_points, is_quick=is_quick)
+    run.forecast.expect([Part(stage="next", counts=counts)], run.simulations.limbs)
+    say_time(run.forecast, run.progress, is_quick=is_quick, is_chosen=options.is_quick)
+    if len(affordable) < len(presses):
+        run.progress.note(
+            f"{len(affordable)} of {len(presses)} presses, which take no longer than the run did"
+        )
+    return stage.run(affordable, replace(options, n_points=n_points, is_quick=False), limits)
+
+
+def _with_verdict(run: Run, found: Proposal) -> Proposal:
+    """Proposal that states the failure of the model, and the press to repeat, if it fails the data."""
+    reported = run.answer().filter("reported").head(1)
+    if reported["model"].to_list() != [Adequacy.FAILS]:
+        return found
+    worst = run.fit().joint(run.study.generalise_by).sort("fopt")["spot"].to_list()
+    check = worst[-1] if worst else run.study.spot_names[0]
+    return replace(found, failure=reported["reason"][0], check=check)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

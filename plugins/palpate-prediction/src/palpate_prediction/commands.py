@@ -1,6 +1,7 @@
 """``palpate predict``, what the fitted limb feels under another tool; ``palpate card``, its materials."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +11,7 @@ from palpate.api import StudyError
 from palpate.api.cli import AsJson, RunPath, Session, StageProgress, TrustPlugins, find_run, study_of_run
 
 if TYPE_CHECKING:
+    from palpate_prediction.cards.card import CardData
     from palpate_prediction.files import CardOutput, PredictOutput
 
 
@@ -69,6 +71,15 @@ def _write_new(file: Path, text: str) -> None:
     write_atomically(file, text.encode())
 
 
+def _of_region(cards: "Sequence[CardData]", region: str | None) -> "Sequence[CardData]":
+    """Cards of one region, or of all; a StudyError where the study has none of this name."""
+    wanted = [data for data in cards if region in (None, data.region)]
+    if not wanted:
+        known = ", ".join(data.region for data in cards)
+        raise StudyError(f"--region {region}: not in the study; name one of {known}")
+    return wanted
+
+
 def card(
     context: typer.Context,
     run: RunPath = None,
@@ -99,10 +110,7 @@ def card(
     folder = find_run(run)
     session, study = study_of_run(Session.of(context), folder, trust=trust_plugins)
     found = list(cards_of(read_run(study, RunDirectory(folder), session.plugins)))
-    wanted = [data for data in found if region in (None, data.region)]
-    if not wanted:
-        known = ", ".join(data.region for data in found)
-        raise StudyError(f"--region {region}: not in the study; name one of {known}")
+    wanted = _of_region(found, region)
     if not anyway and (failure := next((data.model.failure for data in wanted if data.model.failure), "")):
         raise StudyError(f"{folder}: {failure} To write its card nevertheless, add --anyway.")
     cards = {data.region: PROGRAMS[program](data) for data in wanted}

@@ -1,6 +1,6 @@
 """Predictions under another tool: one simulation for each spot, and a band by its slopes."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -282,31 +282,26 @@ def _at_spot(
 ) -> SpotPrediction:
     best = plan.thetas(known.values)
     drawn = [plan.thetas(values) for values in known.draws]
-    # Some of the draws, spread over all of them.
-    asked = [drawn[i] for i in np.linspace(0, len(drawn) - 1, min(n_solved, len(drawn))).astype(int)]
-    jobs = [plan.job(best, slopes=True)]
-    check_jobs(simulations.study, jobs, simulations.limbs)
-    jobs += [plan.job(best, as_is=True)] if f"{plan.spot}{AS_IS}" in simulations.limbs else []
-    simulations.progress.begin(f"predict {plan.spot}", len(jobs) + len(asked))
-    simulation, *others = simulations.of(jobs)
-    if simulation.response is None or simulation.surface is None or not len(simulation.surface.depth_mm):
-        raise SolverError(
-            f"spot '{plan.spot}': {plan.tool.name} cannot be pressed: "
-            f"{simulation.message or 'no equilibrium state'}"
-        )
+    simulation, as_is, solved = _simulated(plan, simulations, best, drawn, n_solved)
+    assert simulation.response is not None
     threshold, space = plan.tool.threshold_MPa, plan.pressed.space
     pressed = press_states(simulation, threshold)
-    as_is = next(iter(others), None)
-    both_end = as_is is not None and {simulation.status, as_is.status} == {Status.OK}
-    coarser = press_states(as_is, threshold) if as_is is not None and both_end else None
-    # Relative to the value, a finer mesh changes as much at other materials: draws need the coarse one alone.
-    solved = simulations.of([plan.job(thetas, as_is=both_end) for thetas in asked])
+    coarser = press_states(as_is, threshold) if as_is is not None and _both_end(simulation, as_is) else None
     ended = [s for s in solved if s.status is Status.OK and s.surface is not None]
     curves = simulation.response.curves
     lines = {n: linear(c, best, drawn, space, plan.friction_sd) for n, c in curves.items()}
     by_force = ends_by_force(plan.tool.protocol, simulation.status, pressed)
     errors = _mesh_errors(plan, simulations.limbs, simulation, pressed, as_is, coarser, by_force=by_force)
-    stiffer = stiffer_by(curves.get(FORCE.name), lines.get(FORCE.name))
+    summary = summary_rows(
+        plan.spot,
+        pressed,
+        stiffer_by(curves.get(FORCE.name), lines.get(FORCE.name)),
+        [press_states(each, threshold) for each in ended],
+        by_force=by_force,
+        coarser=coarser,
+        mesh=errors.quantities,
+        pressure_unit=plan.tool.pressure_unit,
+    )
     return SpotPrediction(
         simulation=simulation,
         pressed=pressed,
@@ -315,18 +310,7 @@ def _at_spot(
             for name, sd in errors.curves.items()
             if len(lines[name])
         },
-        summary=list(
-            summary_rows(
-                plan.spot,
-                pressed,
-                stiffer,
-                [press_states(each, threshold) for each in ended],
-                by_force=by_force,
-                coarser=coarser,
-                mesh=errors.quantities,
-                pressure_unit=plan.tool.pressure_unit,
-            )
-        ),
+        summary=list(summary),
         by_force=by_force,
         mesh=errors.quantities,
         mesh_unknown=errors.unknown,
@@ -343,6 +327,41 @@ class _MeshErrors(NamedTuple):
     quantities: Mapping[str, float]
     curves: Mapping[str, float]
     unknown: str
+
+
+def _simulated(
+    plan: _Plan,
+    simulations: Simulations,
+    best: Thetas,
+    drawn: Sequence[Thetas],
+    n_solved: int,
+) -> tuple[Simulation, Simulation | None, list[Simulation]]:
+    """Press with the fitted values, on the mesh as it is too where it was refined, and with some draws.
+
+    Raises
+    ------
+    SolverError
+        The tool cannot be pressed.
+    """
+    asked = [drawn[i] for i in np.linspace(0, len(drawn) - 1, min(n_solved, len(drawn))).astype(int)]
+    jobs = [plan.job(best, slopes=True)]
+    check_jobs(simulations.study, jobs, simulations.limbs)
+    jobs += [plan.job(best, as_is=True)] if f"{plan.spot}{AS_IS}" in simulations.limbs else []
+    simulations.progress.begin(f"predict {plan.spot}", len(jobs) + len(asked))
+    simulation, *others = simulations.of(jobs)
+    if simulation.response is None or simulation.surface is None or not len(simulation.surface.depth_mm):
+        raise SolverError(
+            f"spot '{plan.spot}': {plan.tool.name} cannot be pressed: "
+            f"{simulation.message or 'no equilibrium state'}"
+        )
+    as_is = next(iter(others), None)
+    # Relative to the value, a finer mesh changes as much at other materials: draws need the coarse one alone.
+    coarse_is_enough = as_is is not None and _both_end(simulation, as_is)
+    return simulation, as_is, simulations.of([plan.job(each, as_is=coarse_is_enough) for each in asked])
+
+
+def _both_end(*simulations: Simulation) -> bool:
+    return all(each.status is Status.OK for each in simulations)
 
 
 def _mesh_errors(

@@ -83,12 +83,7 @@ def compare(
     """
     session = Session.of(context)
     if materials is not None:
-        from palpate_report.law_comparison import compare_laws
-
-        if len(runs) != 1:
-            raise StudyError("--materials compares laws of one study; name one")
-        with StageProgress(session) as progress:
-            made = compare_laws(session, runs[0], materials, region, into, progress)
+        made = _laws_compared(session, runs, materials, region, into)
     else:
         made = _compared(session, runs, into, trust_plugins=trust_plugins)
     if as_json:
@@ -102,6 +97,18 @@ def compare(
     for note in notes:
         session.paragraph(note)
     session.say(f"Page: {(into / 'index.html').resolve().as_uri()}")
+
+
+def _laws_compared(
+    session: Session, studies: list[Path], laws: str, region: str | None, into: Path
+) -> dict[str, Any]:
+    """Comparison of the fits of several laws to the curves of one study."""
+    from palpate_report.law_comparison import compare_laws
+
+    if len(studies) != 1:
+        raise StudyError("--materials compares laws of one study; name one")
+    with StageProgress(session) as progress:
+        return compare_laws(session, studies[0], laws, region, into, progress)
 
 
 def _compared(session: Session, runs: list[Path], into: Path, *, trust_plugins: bool) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from importlib.resources import files
+from math import inf
 
 import polars as pl
 
@@ -55,18 +56,11 @@ def report_warnings(
     missed : sequence of str
         Intervals that do not hold the true value.
     """
+    bests = data.bests
     if data.unfinished:
         why = f"So far: {data.unfinished}. The page shows the best of the simulations so far."
         yield warn("unfinished", "The run has not ended", why)
-    bests = data.bests
-    r2 = [
-        (best.scenario, f"{best.where}: {channel}", at)
-        for best in bests
-        for channel in data.scenario(best.scenario).weighed
-        if (at := best.r2.get(channel)) is not None
-    ]
-    wrong = [(scenario, f"{fit} R² {at:.3g}") for scenario, fit, at in r2 if at < NO_FIT_R2]
-    yield from _by_scenario(data, "no-fit", "{n} of the best sets {do} not fit", wrong, CHECK)
+    yield from _about_no_fit(data)
     yield from _about_adequacy(data)
     if missed:
         what = "An interval misses the true value" if len(missed) == 1 else "Intervals miss the true values"
@@ -75,24 +69,11 @@ def report_warnings(
     if sentence := apparent(data):
         yield warn("apparent-moduli", sentence, REMEDY)
     yield from _about_missing(data)
-    poor = [(scenario, f"{fit} R² {at:.3f}") for scenario, fit, at in r2 if NO_FIT_R2 <= at < GOOD_R2]
-    yield from _by_scenario(
-        data,
-        "poor-fit",
-        "{n} of the best fits {is} poor",
-        poor,
-        "This material law may be wrong for this specimen."
-        if data.study.protocol is None
-        else "The material law, the mesh or the contact may be wrong for this press.",
-    )
+    yield from _about_poor_fit(data)
     yield from _about_fits(data)
-    yield from _by_scenario(
-        data,
-        "partial-set",
-        "A best set is of a simulation that did not finish",
-        [(best.scenario, best.where) for best in bests if "unfinished" in best.found],
-        "It is ranked by its partial curves.",
-    )
+    partial = [(best.scenario, best.where) for best in bests if "unfinished" in best.found]
+    what, why = "A best set is of a simulation that did not finish", "It is ranked by its partial curves."
+    yield from _by_scenario(data, "partial-set", what, partial, why)
     yield from _about_one_set(data)
     yield from _about_failures(data)
     reported = [best for best in bests if best.is_reported] or list(bests)
@@ -105,12 +86,39 @@ def report_warnings(
     yield from _about_simulations(data)
     yield from _about_coarseness(data, bests)
     yield from _about_origins(data)
+    yield from _about_unfitted(data, tables)
+    yield from _about_conventions(data)
+
+
+def _r2(data: ReportData, least: float, below: float) -> Iterator[tuple[str, str, float]]:
+    """Scenario, fit and channel, and R², of the best sets whose R² in a fitted channel is in a range."""
+    for best in data.bests:
+        for channel in data.scenario(best.scenario).weighed:
+            if (at := best.r2.get(channel)) is not None and least <= at < below:
+                yield best.scenario, f"{best.where}: {channel}", at
+
+
+def _about_no_fit(data: ReportData) -> Iterator[ReportWarning]:
+    wrong = [(name, f"{fit} R² {at:.3g}") for name, fit, at in _r2(data, -inf, NO_FIT_R2)]
+    yield from _by_scenario(data, "no-fit", "{n} of the best sets {do} not fit", wrong, CHECK)
+
+
+def _about_poor_fit(data: ReportData) -> Iterator[ReportWarning]:
+    poor = [(name, f"{fit} R² {at:.3f}") for name, fit, at in _r2(data, NO_FIT_R2, GOOD_R2)]
+    why = (
+        "This material law may be wrong for this specimen."
+        if data.study.protocol is None
+        else "The material law, the mesh or the contact may be wrong for this press."
+    )
+    yield from _by_scenario(data, "poor-fit", "{n} of the best fits {is} poor", poor, why)
+
+
+def _about_unfitted(data: ReportData, tables: Mapping[str, pl.DataFrame]) -> Iterator[ReportWarning]:
     others = [scenario.name for scenario in data.study.scenarios if scenario is not data.generalising]
     for scenarios in ([data.generalising.name], others):
         if sentence := finding(tables, scenarios):
             what, _, why = sentence.partition(": ")
             yield warn("unfitted-channel", what, why[:1].upper() + why[1:], is_note=scenarios is others)
-    yield from _about_conventions(data)
 
 
 @cache
@@ -311,14 +319,18 @@ def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
             else "The usual error of a mesh is the largest cause of their intervals. Correct the fit by a "
             "finer mesh ([fit] fine_edge), or state the error of these meshes ([budget] mesh).",
         )
-    apart = []
+    yield from _listed(
+        "spots-disagree", "The spots disagree", _apart(data, rows), "One material may not explain them all."
+    )
+
+
+def _apart(data: ReportData, rows: pl.DataFrame) -> Iterator[str]:
+    """Sentences on parameters whose intervals at two spots do not meet."""
     for parameter, brief in data.brief.items():
         known = rows.filter(parameter=parameter).drop_nulls("lower")
         if known.height > 1 and known["lower"].max() > known["upper"].min():  # type: ignore[operator]
             lowest, highest = known.sort("upper")["spot"][0], known.sort("lower")["spot"][-1]
-            apart.append(f"{brief.name} at {lowest} and {highest} have intervals that do not meet")
-    why = "One material may not explain them all."
-    yield from _listed("spots-disagree", "The spots disagree", apart, why)
+            yield f"{brief.name} at {lowest} and {highest} have intervals that do not meet"
 
 
 def _about_posterior(data: ReportData) -> Iterator[ReportWarning]:

@@ -115,12 +115,15 @@ WITHOUT_LIMB = {
 """Figures of the first screen of a test on a specimen."""
 
 
-def _leading_pictures(data: ReportData, conclusion: Conclusion) -> Mapping[str, str]:
-    """Figures of the first screen with their labels; a refused run shows no interval, but what it misses."""
-    if not conclusion.failure:
-        return LEADING_PICTURES if data.limbs else WITHOUT_LIMB
-    name = "generalised" if len(data.spots) > 1 else f"response_{file_name(data.spots[0])}"
-    return {name: "Measured curves, and the refused fit"}
+def _leading_pictures(
+    data: ReportData, conclusion: Conclusion, pictures: Mapping[str, bytes]
+) -> list[Picture]:
+    """Figures of the first screen with their labels; a refused run shows its misfit, and no interval."""
+    labels = LEADING_PICTURES if data.limbs else WITHOUT_LIMB
+    if conclusion.failure:
+        name = "generalised" if len(data.spots) > 1 else f"response_{file_name(data.spots[0])}"
+        labels = {name: "Measured curves, and the refused fit"}
+    return [Picture(label=labels[name], content=pictures[name]) for name in labels if name in pictures]
 
 
 def write_page(
@@ -172,11 +175,7 @@ def render(
     numbers = {id(figure): k for k, figure in enumerate(figures)}
     return template().render(
         answer=answer(data, conclusion),
-        leading_pictures=[
-            Picture(label=label, content=pictures[name])
-            for name, label in _leading_pictures(data, conclusion).items()
-            if name in pictures
-        ],
+        leading_pictures=_leading_pictures(data, conclusion, pictures),
         versions=[v for name, v in data.manifest.get("versions", {}).items() if name == "palpate"],
         date=datetime.now().astimezone().date().isoformat(),
         report=data,
