@@ -34,6 +34,7 @@ from pydantic import Field
 
 from palpate import Curve, Job, Limb, Response, Settings, Simulation, Solver, Status
 from palpate.answer.words import Adequacy
+from palpate.api.fit import path_of
 from palpate.domain import Design, ParameterSpace, Refinement, RegionMaterial, Scenario
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
 from palpate.fit.stage import FitStage
@@ -43,7 +44,6 @@ from palpate_certainty.assessment import Assessment
 from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.held_out import held_out, is_apart
 from palpate_certainty.mesh_error import SpotMesh, scattered_parts
-from palpate_certainty.noise_model import path_of
 from palpate_certainty.posterior_sampling import PosteriorSampling
 from palpate_materials.neo_hookean import NeoHookean
 from palpate_materials.uncoupled import Ogden, Yeoh

@@ -24,6 +24,7 @@ import numpy as np
 import polars as pl
 
 from palpate import Curve, Job, Response, Simulation
+from palpate.api.fit import path_of
 from palpate.domain import Design, Indentation, Spot
 from palpate.domain.indenter import Sphere
 from palpate.fit.stage import Case, FitStage
@@ -33,7 +34,6 @@ from palpate.study.tool import Tool
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.mesh_error import independent_parts
-from palpate_certainty.noise_model import path_of
 from palpate_planning.candidates import CandidatePress
 from palpate_planning.propose import PlanningStage, PlanOptions
 

@@ -66,10 +66,10 @@ def forearm(spot: str) -> Phantom:
     )
 
 
-def true_limb(spot: str) -> Limb:
-    """Mesh of a spot whose curves are nearly converged."""
+def true_limb(spot: str, fine_mm: float = 1.0) -> Limb:
+    """Mesh of a spot whose curves are nearly converged; with longer edges, for an extrapolation to none."""
     phantom = forearm(spot)
-    size = Ring(fine_mm=1.0, coarse_mm=18.0, radius_mm=REACH_MM, growth=0.5)
+    size = Ring(fine_mm=fine_mm, middle_mm=3.0 * fine_mm, coarse_mm=18.0, radius_mm=REACH_MM, growth=0.5)
     segment = exact_segment(phantom, phantom.spots[0])
     return moved_to_contact(mesh_segment(segment, MeshPlan(size=size, tolerance_mm=0.4)), RADIUS_MM)[0]
 

@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_336,
-    "lines of the core": 33_324,
+    "lines": 77_415,
+    "lines of the core": 33_430,
     "classes": 656,
-    "constants": 1092,
+    "constants": 1094,
     "long files": 0,
     "long functions": 10,
     "docstrings without a noun first": 0,

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from palpate.domain import Curve, Parameter
+from palpate.fit.alike import correction_like
 from palpate.fit.spot_term import Correction
 from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.laplace import Laplace, laplace, scores_of
@@ -19,7 +20,6 @@ from palpate_planning.information import (
     ExpectedError,
     FisherInformation,
     cause_name,
-    correction_like,
     press_information,
 )
 from palpate_planning.plan import Expected, Goal

@@ -40,6 +40,11 @@ if TYPE_CHECKING:
         channel_of as channel_of,
         weighed_phases as weighed_phases,
     )
+    from palpate.fit.alike import (
+        changed_like as changed_like,
+        correction_like as correction_like,
+        path_of as path_of,
+    )
     from palpate.fit.bounded import (
         Residuals as Residuals,
         least_near as least_near,
@@ -57,6 +62,7 @@ if TYPE_CHECKING:
         relaxing_thetas as relaxing_thetas,
     )
     from palpate.fit.mesh_correction import (
+        MOVED_ERROR as MOVED_ERROR,
         fine_run as fine_run,
     )
     from palpate.fit.parametrisation import (

@@ -162,7 +162,7 @@ FRICTION, COMPLIANCE = "friction", "contact_compliance"
 """Names of a contact's friction coefficient and compliance, among parameters and slopes of a curve."""
 
 FINER_STEPS = 2
-"""Load steps on a finer mesh, over the usual number: longer ones add up to 0.2 % to a force with friction."""
+"""Parts of a usual step of depth on a finer mesh: whole ones add up to 0.2 % to a force with friction."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -185,8 +185,8 @@ class Indentation:
         :class:`Waypoints`; where a load moves a component, its value is the farthest that it may move to.
     contact_penalty : float
         Contact penalty over the solver's usual one, > 0.
-    load_steps : int
-        Number of load steps over the solver's usual one, >= 1; a solver without load steps has no use for it.
+    depth_step_parts : int
+        Number of steps of depth in place of each of the solver's, >= 1; a solver without steps ignores it.
     """
 
     indenter: Indenter
@@ -197,7 +197,7 @@ class Indentation:
     loads: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
     time_s: FloatArray | None = field(default=None, metadata={"in_key": "unless default"})
     contact_penalty: float = field(default=1.0, metadata={"in_key": "unless default"})
-    load_steps: int = field(default=1, metadata={"in_key": "unless default"})
+    depth_step_parts: int = field(default=1, metadata={"in_key": "unless default"})
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "path", frozen_floats(self.path))
@@ -214,8 +214,8 @@ class Indentation:
             raise StudyError(f"protocol: friction {self.friction}; give a coefficient >= 0")
         if not (np.isfinite(self.contact_penalty) and self.contact_penalty > 0.0):
             raise StudyError(f"protocol: contact penalty {self.contact_penalty}; give a factor > 0")
-        if self.load_steps < 1:
-            raise StudyError(f"protocol: {self.load_steps} times the usual load steps; give a number >= 1")
+        if self.depth_step_parts < 1:
+            raise StudyError(f"protocol: {self.depth_step_parts} parts of a step of depth; give 1 or more")
         tilt_deg = tuple(map(float, self.tilt_deg))
         if len(tilt_deg) != 2 or not np.hypot(*tilt_deg) < MOST_TILT_DEG:
             raise StudyError(f"protocol: tilt {tilt_deg}; give two angles below {MOST_TILT_DEG:g}°")
@@ -420,10 +420,10 @@ class Job:
         return SimulationId(self.spot, self.set_id)
 
     def on_finer_mesh(self) -> "Job":
-        """Job on the finer mesh of the spot, which corrects a fit: with shorter load steps."""
+        """Job on the finer mesh of the spot, which corrects a fit: with shorter steps of depth."""
         protocol = self.protocol
         if isinstance(protocol, Indentation):
-            protocol = replace(protocol, load_steps=FINER_STEPS)
+            protocol = replace(protocol, depth_step_parts=FINER_STEPS)
         return replace(self, protocol=protocol, mesh="fine")
 
 

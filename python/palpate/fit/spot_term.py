@@ -35,6 +35,9 @@ from palpate.scoring.scores import compare, scored_points
 from palpate.simulation.jobs import homogeneous_tests
 from palpate.study.reading import Study
 
+MOST_GROWTH = 1.0
+"""Change of a correction in proportion to itself from which on its growth is that of its slopes alone."""
+
 DIFFERENCES = Nmse(NmseSettings(normaliser=Normaliser.UNIT))
 """What the ordinates themselves are found by where a study's score is not linear."""
 
@@ -72,23 +75,35 @@ class Correction:
     slopes: Mapping[str, FloatArray] = field(default_factory=dict)
     base: SpotInputs | None = None
 
-    def at(self, ordinates: FloatArray, added: FloatArray | None = None) -> FloatArray:
+    def at(self, ordinates: FloatArray, change: FloatArray | None = None) -> FloatArray:
         """Change (..., n) by the finer mesh of coarse curves (..., n), which may have NaN.
 
-        What is ``added`` (..., n) to curves as large as the coarse one is by default that of its set.
+        Where the set is another one, ``change`` (..., n) is the one of :meth:`change_to`.
         """
-        change: FloatArray = self.ratio(ordinates)[..., None] * (self.added if added is None else added)
-        return change
+        added: FloatArray = self.ratio(ordinates)[..., None] * self.added
+        return added if change is None else added + self.moved(ordinates, change)
 
-    def added_at(self, inputs: SpotInputs, materials: Mapping[str, Material]) -> FloatArray:
-        """Ordinates (n,) that are added at other inputs to a curve as large as the coarse one."""
-        if self.base is None or not self.slopes:
-            return self.added
-        steps = steps_between(self.base, inputs, materials)
-        return self.added + sum(
-            (step * self.slopes[name] for name, step in steps.items() if name in self.slopes),
-            np.zeros_like(self.added),
-        )
+    def moved(self, ordinates: FloatArray, change: FloatArray) -> FloatArray:
+        """Part (..., n) of the change by the finer mesh of coarse curves (..., n) that slopes have moved.
+
+        The slopes are of the set of this correction, at whose size the other set is a 1 / :meth:`ratio` of
+        it. What is added in proportion to itself grows as an exponential, so that it keeps its sign.
+        """
+        ratio, size = self.ratio(ordinates)[..., None], float(self.added @ self.added)
+        step = change / np.where(ratio > 0.0, ratio, 1.0)
+        share = np.minimum(step @ self.added / size if size else np.zeros(step.shape[:-1]), MOST_GROWTH)
+        growth = np.divide(np.expm1(share), share, out=np.ones_like(share), where=share != 0.0)
+        found: FloatArray = ratio * growth[..., None] * step
+        return found
+
+    def change_to(self, inputs: SpotInputs, materials: Mapping[str, Material]) -> FloatArray:
+        """Change (n,) along the slopes to other inputs of what is added to a curve as large as the coarse."""
+        change = np.zeros_like(self.added)
+        if self.base is not None and self.slopes:
+            steps = steps_between(self.base, inputs, materials)
+            for name in steps.keys() & self.slopes.keys():
+                change += steps[name] * self.slopes[name]
+        return change
 
     def ratio(self, ordinates: FloatArray) -> FloatArray:
         """Size (...) of coarse curves (..., n), over that of the curve from which the correction is."""
@@ -192,7 +207,7 @@ class SpotTerm:
         """Simulated ordinates (..., n) of a channel with what a finer mesh adds, where that is known."""
         if (correction := self.corrections.get(channel)) is None:
             return ordinates
-        return ordinates + correction.at(ordinates, correction.added_at(inputs, self.materials))
+        return ordinates + correction.at(ordinates, correction.change_to(inputs, self.materials))
 
     def shifted(self, inputs: SpotInputs) -> Response:
         """Measured curves along the abscissae that these inputs give them."""

@@ -2,11 +2,12 @@
 
 The joint fit of the scenario that generalises comes first, from the answer of an earlier run if there is
 one, and from the basins of the sweep. Where spots have a finer mesh, its answers correct the curves of the
-coarse one until what these may be wrong by moves no parameter by a tenth of its standard deviation. The other
+coarse one until what these may be wrong by moves no parameter by much of its standard deviation. The other
 scenarios start where the first has ended, with its corrections, and each spot where the joint fit of its
 scenario has. Where the first ends at the end of a range that is none of physics, this is widened, once.
 """
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -25,6 +26,7 @@ from palpate.domain import (
     channel_of,
 )
 from palpate.errors import PalpateError, StoppedError
+from palpate.fit.alike import correction_like
 from palpate.fit.mesh_correction import NEAR, EndSlopes, FineRun, errors_of, fine_run
 from palpate.fit.problem import Problem
 from palpate.fit.running import Fit, run_searches
@@ -35,6 +37,7 @@ from palpate.progress import SILENT, Progress
 from palpate.run.fit_state import FitState
 from palpate.run.result import ALL_SPOTS, WIDENED
 from palpate.scoring.selection import objectives
+from palpate.simulation.forecast import FINE
 from palpate.simulation.sweep import Simulations
 from palpate.study.reading import Study
 
@@ -111,6 +114,7 @@ class FitStage:
     _cases: list[Case] = field(default_factory=list)
     _n_known: int = 0
     _fine: dict[str, list[FineRun]] = field(default_factory=dict)
+    _n_fine: Counter[str] = field(default_factory=Counter)
     _wider: dict[str, Parameter] = field(default_factory=dict)
 
     def run(self) -> list[Case]:
@@ -249,33 +253,35 @@ class FitStage:
 
     def _correct(self, cases: Sequence[Case]) -> None:
         """Fit again with the finer meshes' answers at each end, until those at hand are near enough."""
-        active = [case for case in cases if any(f"{s}/fine" in self.simulations.limbs for s in case.spots)]
+        active = [case for case in cases if any(map(self._has_finer, case.spots))]
         for case in active:
             is_bare = case.end is not None and not any(t.corrections for t in case.end.problem.terms)
             case.coarse = case.values() if is_bare else {}
-        for _ in range(self.study.fine_runs if active else 0):
-            self._run_fine(active)
-            again = [case for case in active if self._restate(case)]
-            if not again:
-                break
-            fits = [case.fits[-1] for case in again]
-            run_searches(self.study.search, fits, self.simulations.of, self.study.seed, self._stepped)
+        while self._run_fine(active):
+            again = [case.fits[-1] for case in active if self._restate(case)]
+            run_searches(self.study.search, again, self.simulations.of, self.study.seed, self._stepped)
         for case in active:
-            ends = [end for end in self._ends(case) if f"{end.spot}/fine" in self.simulations.limbs]
-            case.is_settled = all(end.is_near for end in ends)
+            shifts = [end.shift for end in self._ends(case) if self._has_finer(end.spot)]
+            case.is_settled = not shifts or float(np.mean(shifts)) <= NEAR
 
-    def _run_fine(self, cases: Sequence[Case]) -> None:
-        """Simulate finer meshes where what is known may be wrong by too much; one set a spot at a time."""
+    def _has_finer(self, spot: str) -> bool:
+        return f"{spot}{FINE}" in self.simulations.limbs
+
+    def _run_fine(self, cases: Sequence[Case]) -> bool:
+        """Simulate finer meshes where what is known may be wrong by too much; whether there were any.
+
+        That is one set a spot, and at first one spot: until the others have been simulated, too, which is
+        done once a fit has ended with it, its correction is theirs.
+        """
         wanted: dict[str, _End] = {}
         for case in cases:
             for end in self._ends(case):
-                if (
-                    end.spot not in wanted
-                    and not end.is_near
-                    and f"{end.spot}/fine" in self.simulations.limbs
-                ):
+                is_left = self._n_fine[end.spot] < self.study.fine_runs and self._has_finer(end.spot)
+                is_first = bool(self._n_fine) or not wanted
+                if end.spot not in wanted and is_left and is_first and not end.is_near:
                     wanted[end.spot] = end
                     case.n_fine += 1
+        self._n_fine.update(wanted.keys())
         slopes = self.study.solver.provides.slopes
         jobs = [end.term.job(end.inputs, -1, slopes=slopes, fine=True) for end in wanted.values()]
         for end, fine in zip(wanted.values(), self.simulations.of(jobs), strict=True):
@@ -284,12 +290,14 @@ class FitStage:
                 found = fine_run(end.term, end.inputs, end.coarse, fine, left_over)
                 self._fine.setdefault(end.spot, []).append(found)
             except NotRankedError as error:
+                self._n_fine[end.spot] = self.study.fine_runs  # it would fail again
                 self.progress.note(f"warning: no correction by the finer mesh: {error}")
+        return bool(wanted)
 
     def _restate(self, case: Case) -> bool:
         """State a case with the corrections nearest to its end; whether they are others than it had."""
         end = case.end
-        nearest = {each.spot: each.run.corrections if each.run else {} for each in self._ends(case)}
+        nearest = {each.spot: each.corrections for each in self._ends(case)}
         if end is None or end.best is None:
             return False
         if all(_same(nearest[term.spot], term.corrections) for term in end.problem.terms):
@@ -298,7 +306,7 @@ class FitStage:
         return True
 
     def _ends(self, case: Case) -> list["_End"]:
-        """End of a case at each spot, and the fine run that is nearest to it."""
+        """End of a case at each spot, and the correction that is nearest to it."""
         end = case.end
         if end is None or end.best is None:
             return []
@@ -315,15 +323,32 @@ class FitStage:
             channels = map(channel_of, term.weights)
             curves = {channel: bare.values(coarse, inputs, channel) for channel in channels}
             runs = [
-                (_shift(slopes, end, term.spot, errors_of(run, bare, curves)), run)
+                (_shift(slopes, end, term.spot, errors_of(run, bare, inputs, curves)), run)
                 for run in self._fine.get(term.spot, [])
             ]
             used = [each for each in runs if _same(each[1].corrections, term.corrections)]
             # A correction that is near enough is kept: another one would be one more search.
             near = [each for each in used if each[0] <= NEAR] or runs
-            shift, run = min(near, default=(np.inf, None), key=lambda each: each[0])
-            ends.append(_End(bare, inputs, coarse, run, shift=shift))
+            if near:
+                shift, run = min(near, key=lambda each: each[0])
+                ends.append(_End(bare, inputs, coarse, run.corrections, shift=shift))
+            else:
+                ends.append(_End(bare, inputs, coarse, self._borrowed(term, end, curves)))
         return ends
+
+    def _borrowed(self, term: SpotTerm, end: Fit, curves: Mapping[str, FloatArray]) -> dict[str, Correction]:
+        """Corrections of another spot for coarse curves of one whose finer mesh is not simulated yet."""
+        lenders = (each for each in end.problem.terms if each.spot in self._fine)
+        if self._n_fine[term.spot] or not self._has_finer(term.spot):
+            return {}
+        if (lender := next(lenders, None)) is None:
+            return {}
+        known = replace(lender, corrections=self._fine[lender.spot][-1].corrections)
+        shared = curves.keys() & known.corrections.keys()
+        return {
+            name: correction_like(known, name, replace(term.measured[name], ordinate=curves[name]))
+            for name in sorted(shared)
+        }
 
 
 def _shift(slopes: EndSlopes | None, end: Fit, spot: str, errors: Mapping[str, FloatArray]) -> float:
@@ -347,8 +372,8 @@ class _End:
     term: SpotTerm
     inputs: SpotInputs
     coarse: Simulation
-    run: FineRun | None
-    shift: float
+    corrections: Mapping[str, Correction]
+    shift: float = np.inf
 
     @property
     def is_near(self) -> bool:

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
         ResidualLayout as ResidualLayout,
         layout_of as layout_of,
         matern as matern,
-        path_of as path_of,
     )
     from palpate_certainty.stages import joint_assessed as joint_assessed, spot_meshes as spot_meshes
     from palpate_certainty.tables import Assessed as Assessed, density_of as density_of

@@ -286,7 +286,10 @@ class Assessment:
         self, end: Fit, residuals: FloatArray, rows: ResidualLayout, columns: Columns
     ) -> dict[str, FloatArray]:
         """Change of the residuals (n, m) by one standard deviation of each known cause."""
-        found = error_budget(self.study, self.measured, end.problem.terms, residuals, columns, self.meshes)
+        assert end.best is not None
+        terms = end.problem.terms
+        inputs = {term.spot: end.problem.inputs(term.spot, end.best.point) for term in terms}
+        found = error_budget(self.study, self.measured, terms, residuals, columns, self.meshes, inputs)
         known = {
             label: np.stack(list(columns.values()), axis=1)
             for label, columns in found.items()

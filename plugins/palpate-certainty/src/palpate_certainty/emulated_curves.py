@@ -182,7 +182,7 @@ class MeshCorrections:
 
     def __init__(self, problem: Problem, fitted: FloatArray) -> None:
         self._fitted = fitted
-        self._added = {
+        self._changes = {
             (term.spot, channel): self._linear(problem, term, correction)
             for term in problem.terms
             for channel, correction in term.corrections.items()
@@ -194,21 +194,21 @@ class MeshCorrections:
         """Ordinates (k, n) of a curve at values (k, n_parameters), with what its finer mesh adds."""
         if (correction := term.corrections.get(channel)) is None:
             return ordinates
-        added, slopes = self._added[term.spot, channel]
-        return ordinates + correction.at(ordinates, added + (values - self._fitted) @ slopes)
+        change, slopes = self._changes[term.spot, channel]
+        return ordinates + correction.at(ordinates, change + (values - self._fitted) @ slopes)
 
     def _linear(
         self, problem: Problem, term: SpotTerm, correction: Correction
     ) -> tuple[FloatArray, FloatArray]:
-        """Correction (n,) at the fit, and its change (n_parameters, n) by each value."""
+        """Change (n,) of a correction along its slopes at the fit, and (n_parameters, n) by each value."""
 
-        def added(values: FloatArray) -> FloatArray:
-            return correction.added_at(problem.inputs_at(term, values), term.materials)
+        def change(values: FloatArray) -> FloatArray:
+            return correction.change_to(problem.inputs_at(term, values), term.materials)
 
-        box, here = problem.box, added(self._fitted)
+        box, here = problem.box, change(self._fitted)
         steps = STEP * (box.upper - box.lower)
         steps = np.where(self._fitted - steps >= box.lower, -steps, steps)  # down: shares sum to less than 1
-        slopes = [(added(self._fitted + step) - here) / step.sum() for step in np.diag(steps)]
+        slopes = [(change(self._fitted + step) - here) / step.sum() for step in np.diag(steps)]
         return here, np.stack(slopes)
 
 

@@ -6,6 +6,7 @@ parameters come from: exact slopes, or differences of simulations that the run k
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from palpate.api import (
 )
 from palpate.api.fit import (
     GAIN,
+    MOVED_ERROR,
     OFFSET,
     Correction,
     Fit,
@@ -33,13 +35,13 @@ from palpate.api.fit import (
     SpotInputs,
     SpotTerm,
     channel_of,
+    path_of,
     pieces,
 )
 from palpate.api.runs import Study, check_limb
 from palpate_certainty.anatomy import OF_LIMB, change_of, changed_limb, noted_position_mm
 from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.mesh_error import SpotMesh, independent_parts, is_stated, scattered_parts
-from palpate_certainty.noise_model import path_of
 
 CONTACT = "contact"
 """Penetration of the tissue by the indenter, as a cause that all curves share.
@@ -349,7 +351,7 @@ def _per_sd(
     return slopes[:, len(problem.parameters) :] / (2.0 * STEPS), failed
 
 
-MESH, ZERO = "mesh", "zero"
+MESH, ZERO, CORRECTION = "mesh", "zero", "correction"
 """Causes besides those of :mod:`~palpate_certainty.error_sources`."""
 
 
@@ -360,6 +362,7 @@ def error_budget(
     residuals: FloatArray,
     columns: Columns,
     meshes: Mapping[str, SpotMesh],
+    inputs: Mapping[str, SpotInputs] = MappingProxyType({}),
 ) -> dict[str, dict[str, FloatArray]]:
     """Change of the residuals by one standard deviation of each cause.
 
@@ -375,6 +378,8 @@ def error_budget(
         What it adds to the curves, of the causes that are simulated.
     meshes : mapping of spot name to SpotMesh
         Of the spots whose meshes are known.
+    inputs : mapping of spot name to SpotInputs, optional
+        Of the simulated curves, to which slopes have moved the corrections by finer meshes.
 
     Returns
     -------
@@ -400,10 +405,16 @@ def error_budget(
         mesh, convergence = meshes.get(term.spot, SpotMesh()), study.mesh_convergence(channel)
         correction, by_mesh = term.corrections.get(channel), None
         if correction is not None:
-            like = (_size_of(correction, scale, inside, fitted) * scale)[inside]
-            by_mesh = like * correction.added[inside]
+            size = _size_of(correction, scale, inside, fitted)
+            by_mesh = (size * scale * correction.added)[inside]
+            if (at_end := inputs.get(term.spot)) is not None:
+                moved = correction.moved(
+                    size * correction.coarse, correction.change_to(at_end, term.materials)
+                )
+                add(CORRECTION, channel, at, MOVED_ERROR * (scale * moved)[inside])
+                by_mesh = by_mesh + (scale * moved)[inside]
             if correction.contact is not None:
-                by_contact = like * correction.contact[inside]
+                by_contact = (size * scale * correction.contact)[inside]
                 add(CONTACT, CONTACT, at, ASSUMED.contact * by_contact)
                 by_mesh = by_mesh - by_contact
         is_shown = mesh.refinement.ratio > 1.0 and not is_stated(channel, study.budget.mesh)

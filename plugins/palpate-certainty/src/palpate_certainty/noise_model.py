@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from palpate.api import BoolArray, FloatArray, IntArray
-from palpate.api.fit import SpotTerm, channel_of, pieces
+from palpate.api.fit import SpotTerm, channel_of, path_of, pieces
 from palpate_certainty.assumptions import ASSUMED
 
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -103,12 +103,6 @@ def matern(apart: FloatArray) -> FloatArray:
     scaled = np.sqrt(3.0) * apart
     correlation: FloatArray = (1.0 + scaled) * np.exp(-scaled)
     return correlation
-
-
-def path_of(abscissa: FloatArray) -> FloatArray:
-    """Travel along a curve up to each point (n,), in ranges of its abscissa."""
-    path: FloatArray = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(abscissa)))]) / np.ptp(abscissa)
-    return path
 
 
 def layout_of(

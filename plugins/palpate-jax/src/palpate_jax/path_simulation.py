@@ -107,7 +107,7 @@ class PathSimulations:
         values = {region: job.warm_starts[region] for region in prepared.materials}
         motion = (protocol.path, protocol.lateral, protocol.loads, protocol.time_s)
         arrays = [b"" if each is None else each.tobytes() for each in (*motion, *values.values())]
-        key = (protocol.indenter, protocol.friction, protocol.load_steps, *arrays)
+        key = (protocol.indenter, protocol.friction, protocol.depth_step_parts, *arrays)
         if key not in prepared.warm_starts:
             n_steps = len(self._schedule(protocol, prepared).targets)
             n = len(next(iter(values.values())))
@@ -191,9 +191,8 @@ class PathSimulations:
 
     def _schedule(self, protocol: Indentation, prepared: _Prepared) -> Schedule:
         times_s = [time for material in prepared.materials.values() for time in material.relaxation_times_s]
-        depth_steps = self.settings.depth_steps * protocol.load_steps
-        rotation_step_deg = self.settings.rotation_step_deg / protocol.load_steps
-        return schedule(protocol, depth_steps, rotation_step_deg, min(times_s, default=0.0))
+        depth_steps = self.settings.depth_steps * protocol.depth_step_parts
+        return schedule(protocol, depth_steps, self.settings.rotation_step_deg, min(times_s, default=0.0))
 
     def _write_fields(self, prepared: _Prepared, job: Job, reached: Sequence[LoadStep]) -> None:
         from palpate_jax.fields import FieldWriter  # here: slow to import, and rarely used

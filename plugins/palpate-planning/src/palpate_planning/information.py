@@ -13,9 +13,8 @@ from typing import Self, TypeVar, final
 import numpy as np
 import scipy
 
-from palpate.api import BoolArray, Curve, FloatArray
-from palpate.api.fit import Correction, SpotTerm
-from palpate_certainty.api import ASSUMED, FLAT_SD, MESH, LinearProblem, ResidualLayout, matern, path_of
+from palpate.api import BoolArray, FloatArray
+from palpate_certainty.api import ASSUMED, FLAT_SD, MESH, LinearProblem, ResidualLayout, matern
 
 SPACING = 0.1
 """Distance, in correlation lengths, of the places on a path between which a discrepancy is interpolated."""
@@ -285,37 +284,3 @@ def _root(n: int) -> FloatArray:
     correlation = matern(np.abs(places[:, None] - places))
     root: FloatArray = np.linalg.cholesky(correlation + 1e-10 * np.eye(n)).astype(np.float64)
     return root
-
-
-SAME_SHAPE = 0.05
-"""Largest difference of two abscissae along their paths, of the largest, up to which they have one shape."""
-
-
-def changed_like(change: FloatArray, of: Curve, ordinate: FloatArray, curve: Curve) -> FloatArray:
-    """Change of a curve like the known one of another: along the path and relative to its ordinates.
-
-    On a path of another shape it is the same share of every ordinate.
-    """
-    at, known = (path / path[-1] for path in (path_of(curve.abscissa), path_of(of.abscissa)))
-    here, there = (each.abscissa / np.abs(each.abscissa).max() for each in (curve, of))
-    seen = np.isfinite(ordinate)
-    if np.abs(np.interp(at, known, there) - here).max() > SAME_SHAPE:
-        share = (change[seen] @ ordinate[seen]) / (ordinate[seen] @ ordinate[seen])
-        changed: FloatArray = share * curve.ordinate
-    else:
-        size = np.sqrt(np.nanmean(curve.ordinate**2) / np.nanmean(ordinate**2))
-        changed = size * np.interp(at, known, change)
-    return changed
-
-
-def correction_like(like: SpotTerm, channel: str, curve: Curve) -> Correction:
-    """Correction of a planned curve, known of one like it: along the path and relative to its size."""
-    known, of = like.corrections[channel], like.measured[channel]
-    changed = functools.partial(changed_like, of=of, ordinate=known.coarse, curve=curve)
-    return replace(
-        known,
-        added=changed(known.added),
-        coarse=curve.ordinate,
-        contact=None if known.contact is None else changed(known.contact),
-        slopes={name: changed(slope) for name, slope in known.slopes.items()},
-    )

@@ -32,8 +32,11 @@ from palpate.api.fit import (
     Problem,
     SpotTerm,
     Trial,
+    changed_like,
     channel_of,
+    correction_like,
     fine_run,
+    path_of,
 )
 from palpate.api.runs import Study, finer_limb, load_limbs
 from palpate_certainty.api import (
@@ -49,7 +52,6 @@ from palpate_certainty.api import (
     error_sources_of,
     layout_of,
     n_differences,
-    path_of,
     spot_meshes,
 )
 from palpate_planning.candidates import CandidatePress
@@ -57,8 +59,6 @@ from palpate_planning.information import (
     ErrorSizes,
     FisherInformation,
     cause_name,
-    changed_like,
-    correction_like,
     press_information,
 )
 

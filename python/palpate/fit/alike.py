@@ -1,0 +1,57 @@
+"""Changes of a curve that are known of another curve like it."""
+
+import functools
+from dataclasses import replace
+
+import numpy as np
+
+from palpate.domain import Curve, FloatArray
+from palpate.fit.spot_term import Correction, SpotTerm
+
+SAME_SHAPE = 0.05
+"""Largest difference of two abscissae along their paths, of the largest, up to which they have one shape."""
+
+
+def path_of(abscissa: FloatArray) -> FloatArray:
+    """Travel along a curve up to each point (n,), in ranges of its abscissa."""
+    path: FloatArray = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(abscissa)))]) / np.ptp(abscissa)
+    return path
+
+
+def changed_like(change: FloatArray, of: Curve, ordinate: FloatArray, curve: Curve) -> FloatArray:
+    """Change of a curve like the known one of another: along the path and relative to its ordinates.
+
+    On a path of another shape it is the same share of every ordinate.
+    """
+    at, known = (path / path[-1] for path in (path_of(curve.abscissa), path_of(of.abscissa)))
+    here, there = (each.abscissa / np.abs(each.abscissa).max() for each in (curve, of))
+    seen = np.isfinite(ordinate)
+    if np.abs(np.interp(at, known, there) - here).max() > SAME_SHAPE:
+        share = (change[seen] @ ordinate[seen]) / (ordinate[seen] @ ordinate[seen])
+        changed: FloatArray = share * curve.ordinate
+    else:
+        size = np.sqrt(np.nanmean(curve.ordinate**2) / np.nanmean(ordinate**2))
+        changed = size * np.interp(at, known, change)
+    return np.where(np.isfinite(curve.ordinate), changed, 0.0)
+
+
+def correction_like(like: SpotTerm, channel: str, curve: Curve) -> Correction:
+    """Correction of a curve, known of one like it: along the path and relative to its size.
+
+    Parameters
+    ----------
+    like : SpotTerm
+        With a correction of the channel.
+    channel : str
+    curve : Curve
+        On the coarse mesh; NaN where it does not reach a point, at which nothing is added.
+    """
+    known, of = like.corrections[channel], like.measured[channel]
+    changed = functools.partial(changed_like, of=of, ordinate=known.coarse, curve=curve)
+    return replace(
+        known,
+        added=changed(known.added),
+        coarse=curve.ordinate,
+        contact=None if known.contact is None else changed(known.contact),
+        slopes={name: changed(slope) for name, slope in known.slopes.items()},
+    )
