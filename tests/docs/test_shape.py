@@ -18,14 +18,14 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_415,
-    "lines of the core": 33_430,
+    "lines": 77_393,
+    "lines of the core": 33_428,
     "classes": 656,
     "constants": 1094,
     "long files": 0,
     "long functions": 10,
     "docstrings without a noun first": 0,
-    "docstrings with that of or those of": 80,
+    "docstrings with that of or those of": 79,
 }
 Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 

@@ -79,7 +79,7 @@ def reported_rows(
     the set for all spots, or of the only spot.
     """
     alone = len(spots) == 1
-    own = [f if f.is_empty() else f.filter(scenario=main) for f in (fit.of_each_spot, selection)]
+    own = [rows.filter(scenario=main) for rows in (fit.of_each_spot, selection)]
     candidates = (fit.joint(main), *(own if alone else ()), generalisation)
     return next((rows for rows in candidates if not rows.is_empty()), pl.DataFrame())
 

@@ -178,9 +178,7 @@ class SavedRun:
         inputs = inputs_at(self.study, spot or spots[0], self.headline.values, self.run.measured)
         every = self.study.space.written(inputs.thetas)
         values = {name: every[full] for name, full in chosen.full_names.items()}
-        known = self.intervals
-        if not known.is_empty():
-            known = known.filter(pl.col("parameter").str.starts_with(f"{chosen.region}."))
+        known = self.intervals.filter(pl.col("parameter").str.starts_with(f"{chosen.region}."))
         return FittedMaterial(region=chosen, values=values, intervals=known)
 
     def plot(self) -> "Figure":

@@ -233,17 +233,13 @@ def _turned(move: Mapping[str, Any], angle_rad: float) -> dict[str, Any]:
     return found
 
 
-def _is_rest(move: Mapping[str, Any]) -> bool:
-    return move.keys() == {"duration"}
-
-
 def _lasting(move: Mapping[str, Any], of_rests: float, of_others: float) -> dict[str, Any]:
     """A move whose duration is multiplied, and the durations of the moves that it repeats."""
     found = dict(move)
     if "moves" in move:
         found["moves"] = [_lasting(each, of_rests, of_others) for each in move["moves"]]
     if "duration" in move:
-        factor = of_rests if _is_rest(move) else of_others
+        factor = of_rests if move.keys() == {"duration"} else of_others
         found["duration"] = f"{factor * convert(move['duration'], 's'):g} s"
     return found
 

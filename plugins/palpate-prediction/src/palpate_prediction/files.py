@@ -61,11 +61,10 @@ def write_prediction(
     from palpate_prediction.figure import draw
     from palpate_report.api import comparison_page
 
-    tables = {"summary": prediction.summary, "strains": prediction.strains, "states": prediction.states}
     files = []
-    for name, frame in (tables | {"curves": prediction.curves}).items():
-        if frame.is_empty():
-            continue
+    names = ("summary", "strains", "states", "curves")
+    tables = {name: frame for name in names if (frame := getattr(prediction, name)).height}
+    for name, frame in tables.items():
         write_atomically(folder / f"{name}.parquet", parquet(frame))
         write_atomically(folder / f"{name}.csv", frame.write_csv().encode())
         files += [folder / f"{name}.parquet", folder / f"{name}.csv"]
@@ -74,10 +73,9 @@ def write_prediction(
         write_surface(files[-1], each.states, each.at)
     figures = draw(prediction, channels, folder)
     (svg,) = (path for path in figures if path.suffix == ".svg")
-    shown = {name: tables[name] for name in ("summary", "strains") if not tables[name].is_empty()}
     page = comparison_page(
         [prediction.tool.name],
-        {TITLES[name]: frame for name, frame in shown.items()},
+        {TITLES[name]: tables[name] for name in ("summary", "strains") if name in tables},
         notes(prediction, notice),
         {"Curves, pressure and shear": svg},
         [path.relative_to(folder) for path in (*files, *figures)],

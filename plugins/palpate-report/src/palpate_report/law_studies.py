@@ -188,7 +188,9 @@ def _tables(
     table = {"material": law.material.name, "settings": dict(law.settings), **kept}
     budget = dict(raw.get("budget", {}))
     if "parameters" in budget:
-        of_others = {n: v for n, v in budget["parameters"].items() if _region(n) != region.region}
+        of_others = {
+            n: v for n, v in budget["parameters"].items() if ParameterName.parse(n).region != region.region
+        }
         budget["parameters"] = of_others
     n_sets = SETS_ON_MESH if base.solver.provides.mesh else min(base.n_sets, MOST_SETS)
     return {
@@ -201,10 +203,6 @@ def _tables(
         "selection": {"scenarios": [base.generalise_by]},
         "stages": {VALIDATE: {}},
     }
-
-
-def _region(name: str) -> str:
-    return ParameterName.parse(name).region
 
 
 def _quantity(value: float, unit: str, written: str) -> str | float:

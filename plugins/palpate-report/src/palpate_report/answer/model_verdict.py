@@ -64,7 +64,7 @@ def model_verdict(data: ReportData) -> ModelVerdict:
 def _power(data: ReportData) -> str:
     """Sentence on the error of a law that the curves show; empty without one."""
     checks = data.leading_rows(data.fit.adequacy)
-    if checks.is_empty() or "visible" not in checks.columns:  # tables of earlier runs have none
+    if "visible" not in checks.columns:  # tables of earlier runs have none
         return ""
     rows = checks.drop_nulls(["visible", "channel"]).iter_rows(named=True)
     sizes = [f"{100.0 * row['visible']:.2g} % of the {row['channel'].replace('_', ' ')}" for row in rows]

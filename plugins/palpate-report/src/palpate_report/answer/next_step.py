@@ -144,8 +144,6 @@ def _narrower(data: ReportData, worst: Headline) -> str:
 def _shows_misfit(data: ReportData) -> bool:
     """Whether the fit that leads misses more than the study states, though its checks have passed."""
     checks = data.leading_rows(data.fit.adequacy)
-    if checks.is_empty():
-        return False
     least = checks.filter(check="discrepancy")["probability"].min()
     return isinstance(least, float) and least < UNUSUAL
 

@@ -54,7 +54,7 @@ def _converted(tables: Frames, study: Study) -> Frames:
 
 def rows_in_display_units(study: Study, frame: pl.DataFrame) -> pl.DataFrame:
     """Convert columns of parameters, and ``VALUES`` in rows that name their parameter."""
-    if not study.units or frame.is_empty():
+    if not study.units:
         return frame
     factors = unit_factors(study)
     heads = {column: ParameterName.parse(column).shared for column in frame.columns}

@@ -106,8 +106,6 @@ def printed(name: str, table: pl.DataFrame) -> pl.DataFrame:
 
 
 def _with_units(data: ReportData, mesh: pl.DataFrame) -> pl.DataFrame:
-    if mesh.is_empty():
-        return mesh
     units = {name: p.unit for name, p in data.searched.items()}
     names = shared_names("parameter")
     return mesh.with_columns(unit=names.replace_strict(units, default="1", return_dtype=pl.String))
@@ -123,8 +121,7 @@ def _with_simulated(table: pl.DataFrame, found: Completeness) -> pl.DataFrame:
 
 def inadequate(data: ReportData) -> pl.DataFrame:
     """Checks of the fits that failed."""
-    checks = data.fit.adequacy
-    return checks if checks.is_empty() else checks.filter(pl.col("verdict") != Adequacy.DESCRIBES.value)
+    return data.fit.adequacy.filter(pl.col("verdict") != Adequacy.DESCRIBES.value)
 
 
 def coefficients(data: ReportData, best: pl.DataFrame) -> pl.DataFrame:
@@ -165,8 +162,6 @@ def _units(data: ReportData) -> dict[str, str]:
 
 def nmse_by_scenario(data: ReportData, best: pl.DataFrame) -> pl.DataFrame:
     """Table 2: Fopt by spot, with one column per scenario; of a joint fit the mean over the spots."""
-    if best.is_empty():
-        return pl.DataFrame()
     wide = best.pivot("scenario", index="spot", values="fopt")
     names = [s.name for s in data.study.scenarios if s.name in wide.columns]
     return wide.select("spot", *names)
@@ -252,8 +247,6 @@ def finding(tables: Mapping[str, pl.DataFrame], scenarios: Collection[str] | Non
 def generalised(data: ReportData) -> pl.DataFrame:
     """Lay out the one set for all spots: mean ± sd of Fopt, its value at each spot, coefficients."""
     rows = data.generalisation
-    if rows.is_empty():
-        return pl.DataFrame()
     names = [p.name for p in data.design.parameters]
     one = rows.head(1).select("scenario", "set_id", "fopt_mean", "fopt_sd", *names)
     by_spot = {f"fopt_{row['spot']}": row["fopt"] for row in rows.iter_rows(named=True)}
@@ -262,7 +255,7 @@ def generalised(data: ReportData) -> pl.DataFrame:
 
 def cost_of_one_set(data: ReportData) -> pl.DataFrame:
     """Fopt of the set for all spots, the least at each spot, and their ratio; empty for one spot."""
-    if data.generalisation.is_empty() or len(data.spots) < 2:
+    if len(data.spots) < 2:
         return pl.DataFrame()
     best = data.selection.filter(pl.col("scenario") == data.generalising.name)
     best = best.select("spot", best_set="set_id", best_fopt="fopt")
@@ -275,11 +268,10 @@ def cost_of_one_set(data: ReportData) -> pl.DataFrame:
 def distance_to_truth(data: ReportData) -> pl.DataFrame:
     """Distances of the found coefficients from the known ones of a simulated experiment."""
     all_spots = data.generalisation.head(1).with_columns(spot=pl.lit("all spots"))
-    ends = data.fit.ends
     found = {
         "sweep": data.selection,
         "generalised": all_spots,
-        "joint fit": ends if ends.is_empty() else ends.filter(spot=ALL_SPOTS),
+        "joint fit": data.fit.ends.filter(spot=ALL_SPOTS),
         "fit": data.fit.of_each_spot,
     }
     units = _units(data)

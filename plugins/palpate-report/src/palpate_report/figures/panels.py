@@ -66,8 +66,6 @@ def colour_of(name: str) -> str:
 def budget_bars(data: ReportData) -> Iterator[tuple[str, list[tuple[str, float]]]]:
     """Causes of each interval that leads, with their shares in percent, the largest first."""
     budget = data.leading_rows(data.table("budget"))
-    if budget.is_empty():
-        return
     for (name,), causes in budget.drop_nulls("share").group_by("parameter", maintain_order=True):
         shares = causes.sort("share", descending=True).select("cause", "share").iter_rows()
         yield (
