@@ -229,7 +229,7 @@ def test_bytes_that_are_no_text_are_refused(file: Path, raw: bytes, message: str
 
 def test_a_point_that_groups_thousands_is_not_a_decimal_mark(file: Path) -> None:
     file.write_text("x;y\n0;0\n1.500;2\n")
-    with pytest.raises(CurveError, match=r"line 3, column 'x': '1.500' is .*decimal = \"\.\""):
+    with pytest.raises(CurveError, match=r"line 3, column 'x': '1.500' has marks between its thousands"):
         loader(decimal=",").load(file, "pull")
 
 

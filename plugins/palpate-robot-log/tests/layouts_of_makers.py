@@ -185,6 +185,16 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
         "rheometer that turns": lambda: made(
             ["Time (s),Torque (µN.m),Angular displacement (rad)", *rows(SECONDS, 1e3 * FORCE, np.radians(DEPTH), form="{:.12g}")], "torque"),
         "first Piola-Kirchhoff stress": lambda: made(["Stretch ratio (mm/mm),PK1 (kPa)", *rows(1.0 + STRAIN, STRESS_KPA)], "uniaxial"),
+        "units of names in one word": lambda: made(["depthMm,forceMilliN", *rows(DEPTH, 1e3 * FORCE)], "curve"),
+        "units before names": lambda: made(["mm depth,mN force", *rows(DEPTH, 1e3 * FORCE)], "curve"),
+        "units after hyphens": lambda: made(["depth-um,force-mN", *rows(1e3 * DEPTH, 1e3 * FORCE)], "curve"),
+        "cycles that grow": lambda: made(
+            ["Depth (mm),Force (N)", *rows(*([np.concatenate([0.5 * of, 0.5 * of[-2::-1], of[1:], of[-2::-1]]) for of in (DEPTH, FORCE)]))], "curve"),
+        "a unit that its capital leaves open": lambda: made(["depthUm,forceUN", *rows(1e3 * DEPTH, 1e6 * FORCE)], "question"),
+        "commas between thousands": lambda: made(
+            ["Travel (um);Force (mN)", *[f"{d:,.0f};{f:,.0f}" for d, f in zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)]], "refused"),
+        "apostrophes between thousands": lambda: made(
+            ["Travel (um);Force (mN)", *[f"{d:,.0f};{f:,.1f}".replace(",", "'") for d, f in zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)]], "question"),
         "shear of a plate": lambda: made(
             ["Shear displacement (mm),Shear force (N),Thickness (mm)", *rows(DEPTH, FORCE, 0.0 * DEPTH + 10.0)], "question"),
         "percent that R has no letter for": lambda: made(["Strain....,Stress..kPa.", *rows(40.0 * STRAIN, STRESS_KPA)], "question"),

@@ -39,6 +39,9 @@ QUESTIONS = {
     "specimen by force alone": "give both scales, by the length and the area of the specimen",
     "stress of an unknown measure": "palpate does not convert a measure 'almansi'",
     "biaxial machine": "XDisplacement_um or YDisplacement_um, and XForce_mN or YForce_mN? name one",
+    "a unit that its capital leaves open": "the file gives 'UN?', which is no unit of force",
+    "commas between thousands": "'1,000' next to '200' has marks between its thousands",
+    "apostrophes between thousands": "has marks between its thousands",
     "shear of a plate": "give both scales, by the length and the area of the specimen",
     "percent that R has no letter for": "the file gives '...', which is no unit of strain",
     "force in volts by its name": "the file gives 'V', which is no unit of force",
@@ -72,6 +75,9 @@ FAST = (
     "names in groups",
     "ABB robtargets",
     "shear of a plate",
+    "units of names in one word",
+    "cycles that grow",
+    "commas between thousands",
 )
 
 
@@ -139,6 +145,10 @@ def test_a_makers_file_is_read_right_or_asked_about(name: str, tmp_path: Path) -
     layout = LAYOUTS[name]()
     path = tmp_path / f"file.{layout.ending}"
     path.write_bytes(layout.content)
+    if layout.holds == "refused":
+        with pytest.raises(CurveError, match=QUESTIONS[name]):
+            inspect_log(path)
+        return
     curves, question = proposed(path)
     if layout.holds == "question":
         assert QUESTIONS[name] in question

@@ -393,11 +393,12 @@ def _turns(curve: Curve, asked: FloatArray, unit: str) -> Iterator[str]:
     planned = [float(path[stop - 1]) for _, stop in _core.branches(path)]
     travelled = [float(curve.abscissa[stop - 1]) for _, stop in curve.branches]
     turns, allowed = len(travelled) - 1, len(planned) - 1
-    if turns > allowed == 0 and abs(travelled[0] - planned[0]) <= TURN_SLACK * span:
+    is_back = min(abs(end - curve.abscissa[0]) for end in travelled) <= TURN_SLACK * span
+    if turns > allowed == 0 and (is_back or abs(travelled[0] - planned[0]) <= TURN_SLACK * span):
         yield (
-            f"goes to {travelled[0]:g} {unit} and has a way back, which the protocol has not; to keep the "
-            f'rows up to there, set with loader csv rows = "loading" in channels.{curve.channel} of '
-            '[experiment.settings], or give [protocol] a way back (motion = "moves")'
+            f"goes to {max(travelled, key=abs):g} {unit} and has a way back, which the protocol has not; "
+            f'to keep the last rows up to there, set rows = "loading" in channels.{curve.channel} of '
+            'the loader csv, or give [protocol] a way back (motion = "moves")'
         )
     if turns > allowed:
         turning_point = curve.branches[allowed + 1][0]

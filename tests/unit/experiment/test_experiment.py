@@ -179,6 +179,7 @@ def test_the_whole_path_is_covered(plugins):
             r'goes to 10 mm and has a way back.*rows = "loading" in channels',
         ),
         (force([0.0, 5.0, 10.0, 10.0, 10.0, 0.0]), r"goes to 10 mm and has a way back"),
+        (force([0.0, 5.0, 0.0, 8.0, 0.0, 10.0]), r"goes to 10 mm and has a way back"),
         (force([0.0, 5.0, 4.0, 10.0]), r"turns 2 times .*; smooth its abscissa"),
         (force([0.0, -5.0, -10.0]), r"the other sign: .*set scale = -1 in channels\.force\.abscissa of"),
         (

@@ -33,7 +33,8 @@ from palpate.api.runs import moving_span
 from palpate_indentation.measures import STRAINS, Strain, Stress, nominal_factor, problem_of
 
 _LARGEST = 1e150
-_FARTHEST_SHARE = 0.999
+_FARTHEST_SHARE, _CYCLE_SHARE = 0.999, 0.1
+"""Shares of the way at which it is at its end, and that is a cycle once the abscissa is back."""
 
 
 def _not_zero(scale: float | None) -> float | None:
@@ -81,8 +82,8 @@ class ChannelColumns(Settings):
     )
     rows: Literal["all", "loading"] = Field(
         default="all",
-        description="loading: rows from the last at or below 0 to where the abscissa is farthest from its "
-        "first value; no approach and no way back.",
+        description="loading: rows to where the abscissa is farthest from its first value, from the last at "
+        "or below 0, or from the last cycle's begin; no approach, cycle before or way back.",
     )
 
     @property
@@ -207,17 +208,9 @@ class CsvLoader(ExperimentLoader[CsvSettings]):
     summary = "processed curves in CSV or TSV, with an optional preamble and unit factors"
 
     def load(self, path: Path, channel: str | None = None) -> Response:
-        """Read one file.
+        """Curves of one file, of its one ``channel`` or of all channels of the settings.
 
-        Parameters
-        ----------
-        channel : str, optional
-            The only channel of the file; all channels of the settings by default.
-
-        Raises
-        ------
-        CurveError
-            With file, line and column.
+        A CurveError with file, line and column where it cannot be read.
         """
         return read_curves(TextTable(path, self.settings), self.settings.channels, channel)
 
@@ -340,9 +333,8 @@ def _curve(
         if columns.rows == "loading":
             away = np.abs(fields["abscissa"] - fields["abscissa"][span.start])
             farthest = int(np.argmax(away >= _FARTHEST_SHARE * away.max()))
-            span = slice(
-                _last_before_zero(fields["abscissa"], span.start, farthest), max(farthest + 1, span.start + 2)
-            )
+            first = _begin_of_loading(fields["abscissa"], span.start, farthest)
+            span = slice(first, max(farthest + 1, first + 2))
         return Curve(
             channel=channel,
             abscissa=fields["abscissa"][span],
@@ -356,10 +348,15 @@ def _curve(
         ) from None
 
 
-def _last_before_zero(x: FloatArray, start: int, farthest: int) -> int:
-    """Row of the last value at or before 0 on the way to the farthest; the start of a way from 0 on."""
+def _begin_of_loading(x: FloatArray, start: int, farthest: int) -> int:
+    """Row of the last value at or before 0 on the way to the farthest, or at the begin of the last cycle."""
     way = x[start : farthest + 1] * np.sign(x[farthest] - x[start])
-    return start + int(np.flatnonzero(way <= 0.0)[-1]) if way[0] < 0.0 < way[-1] else start
+    if way[0] < 0.0 < way[-1]:
+        return start + int(np.flatnonzero(way <= 0.0)[-1])
+    near = (1.0 - _FARTHEST_SHARE) * (way[-1] - way[0])
+    is_away = np.maximum.accumulate(way - way[0]) > _CYCLE_SHARE * (way[-1] - way[0])
+    back = np.flatnonzero(is_away & (way - way[0] <= near))
+    return start + int(back[-1]) if back.size else start
 
 
 def _header(path: Path, wanted: Mapping[str, ChannelColumns]) -> list[str]:

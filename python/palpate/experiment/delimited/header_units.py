@@ -106,6 +106,10 @@ _OTHER_CASE = {
     unit.lower(): unit
     for unit in ("kN", "kg", "kgf", "gf", "lbf", "lb", "psi", "kPa", "MPa", "mm", "cm", "deg", "rad", "sec")
 }
+_OF_CAPITALS = {"MilliN": "mN", "MicroN": "uN", "N": "N", "Nm": "Nm", "Um": "um", "Ms": "ms"} | {
+    word: f"{word}?" for word in ("Mn", "MN", "UN", "Un", "Us", "Ns")
+}
+"""Units at the end of a name such as depthUm; one that its capital leaves open is none that is known."""
 _ANNOTATIONS = frozenset(
     ("x", "y", "z", "w", "filtered", "smoothed", "measured", "meas", "actual", "corrected", "mean", "average")
 )
@@ -135,11 +139,21 @@ def unit_in(name: str) -> tuple[str, str]:
         if bracketed["unit"].lower() not in _ANNOTATIONS:
             return bracketed["label"], bare_unit(bracketed["unit"])
         return name.strip(), unit_in(bracketed["label"])[1]
-    for unit in re.findall(r"(?=(?:^|[_\s,/.])([^\s_,/.].*)$)", name.strip()):
-        label = name.strip()[: -len(unit)].rstrip("_ /\t,.")
+    for unit in re.findall(r"(?=(?:^|[-_\s,/.])([^-\s_,/.].*)$)", name.strip()):
+        label = name.strip()[: -len(unit)].rstrip("-_ /\t,.")
         words = {word.lower() for word in re.split(r"[\W_]+", label)}
         if label and (is_believed(unit) or words & _OF_LABELS.get(unit, frozenset())):
             return label, unit
+    label, _, unit = name.strip().rpartition(" in ")
+    if label and kind_of(unit):  # Spannung in N/cm²
+        return label, unit
+    before, _, label = name.strip().partition(" ")
+    if label and (before == "%" or len(before) > 1) and before != "in" and is_believed(before):  # mN Force
+        return label, before
+    if written := re.fullmatch(r"(.*?[a-z\d])((?:Milli|Micro|Kilo)?[A-Z][A-Za-z]?|Deg|Rad|Sec|[KM]Pa)", name):
+        label, word = written.groups()
+        unit = _OF_CAPITALS.get(word, _OTHER_CASE.get(word.lower(), ""))
+        return (label, unit) if unit else (name, "")
     is_both = _RATIOS.get(name.strip().lower(), 1.0) < 1.0  # Microstrain
     return ("strain", name.strip()) if is_both and "strain" in name.lower() else (name.strip(), "")
 
@@ -206,19 +220,9 @@ def kind_of(unit: str) -> Kind | None:
 
 
 def factor_to_base(unit: str, kind: Kind, where: str) -> float:
-    """Factor from ``unit`` to the recording's unit of a kind.
+    """Factor from ``unit`` to the recording's unit of a kind; a mass is its weight where a force is needed.
 
-    Parameters
-    ----------
-    unit : str
-        As a file or a study writes it. A unit of mass is the weight where a force is needed.
-    where : str
-        File and column, for messages.
-
-    Raises
-    ------
-    CurveError
-        The unit measures something else, or is unknown.
+    A CurveError names ``where``, file and column, if the unit measures something else or is unknown.
     """
     known = factors_of(unit)
     if kind in known:

@@ -4,7 +4,7 @@ import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
+from itertools import accumulate, zip_longest
 from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
@@ -25,7 +25,10 @@ NUMBERS = {
     ",": r"[+-]?([0-9]+,?[0-9]*|,[0-9]+)([eE][+-]?[0-9]+)?",
 }
 """Patterns of a finite number by its decimal mark."""
-THOUSANDS = {".": r"[+-]?\d{1,3}(,\d{3})+\.\d*", ",": r"[+-]?\d{1,3}(\.\d{3})+,\d*"}
+THOUSANDS = {
+    ".": r"[+-]?[1-9]\d{0,2}([,'\u00a0\u202f ]\d{3})+(\.\d*)?",
+    ",": r"[+-]?[1-9]\d{0,2}([.'\u00a0\u202f ]\d{3})+(,\d*)?",
+}
 """Patterns of a number with marks between its thousands, by its decimal mark."""
 NO_VALUE = r"(?i:[+-]?nan|na|n/a|null|none|-|--|)"
 """Pattern of a cell without a value."""
@@ -37,15 +40,12 @@ _LIST = re.compile(r"[A-Za-z]*[\[(](.*)[\])]")  # p[…] is a pose of Universal 
 _LIST_WITH_COMMAS = r'(^|,)\s*([A-Za-z]*\[(?:[^\[\]"]|\[[^\[\]"]*\])*,(?:[^\[\]"]|\[[^\[\]"]*\])*\])'
 BETWEEN_NUMBERS = r"[\s,;\[\]()]+"
 """Pattern of all that is between the numbers of a list, which may hold lists."""
-_COMMENTS = ("#", "%", "//", "!")
 _LABVIEW, _LABVIEW_HEAD = "LabVIEW Measurement", "***End_of_Header***"
 _REMARKS = frozenset(("comment", "comments", "kommentar"))
 """Names, in small letters, of a last column that rows without a remark leave out."""
 _UNIT_LABELS = frozenset(("y_unit_label", "unit", "units", "einheit", "einheiten"))
 """First cells, in small letters, of a line above the names that holds the units of the columns below it."""
 _COMMENT_LABEL = re.compile(r"(columns?|fields?|names?|spalten)\s*[:=]\s*", re.IGNORECASE)
-_WHOLE = ("date", "list", "quantity")
-"""Kinds that every cell of a column has."""
 SNIFFED_LINES, _SAMPLED_LINES, _SAMPLED_ROWS, _LONGEST_LINE, _LONGEST_UNIT = 400, 60, 20, 100_000, 20
 
 Mark = Literal[".", ","]
@@ -185,7 +185,9 @@ def unit_of_cell(cell: str, decimal: str) -> str:
 
 def kind_of_cell(cell: str, decimal: str) -> str:
     """``number``, ``quantity``, ``date``, ``list``, ``text``, or ``none`` for a cell without a value."""
-    patterns = {"number": f"{NUMBERS[decimal]}|{THOUSANDS[decimal]}", "none": NO_VALUE, "date": _DATE}
+    other = r"\." if decimal == "," else ","
+    marked = rf"(?![+-]?\d+({other}\d+)+$){THOUSANDS[decimal]}"  # 1,000 alone may be a thousand, or one
+    patterns = {"number": f"{NUMBERS[decimal]}|{marked}", "none": NO_VALUE, "date": _DATE}
     found = next((kind for kind, pattern in patterns.items() if re.fullmatch(pattern, cell)), "")
     return found or ("list" if numbers_in(cell) else "quantity" if unit_of_cell(cell, decimal) else "text")
 
@@ -216,6 +218,8 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
         )
     delimiter, decimal = _marks(source, body.tail(_SAMPLED_LINES), wanted)
     numbers, rows = body["line"].to_list(), _rows(body, delimiter)
+    if wanted.decimal is None:
+        _check_thousands(source, rows, decimal)
     kinds = [[kind_of_cell(cell, decimal) for cell in cells] for cells in rows]
     if rows[1:] and not any(map(_n_values, kinds)):
         # What another file holds does not belong into a message.
@@ -283,6 +287,18 @@ def _refuse_messages(source: str, lines: "pl.Series") -> None:
         )
 
 
+def _check_thousands(source: str, rows: Sequence[Sequence[str]], decimal: Mark) -> None:
+    """Refuse marks between thousands that look like decimal ones: all as in 1,000, next to a whole 800."""
+    for cells in zip_longest(*rows, fillvalue=""):
+        marked = [cell for cell in cells if decimal in cell and re.fullmatch(NUMBERS[decimal], cell)]
+        plain = [cell for cell in cells if re.fullmatch(r"[+-]?[1-9]\d\d", cell)]
+        if plain and marked and all(re.fullmatch(r"[+-]?[1-9]\d?\d?[.,]\d{3}", cell) for cell in marked):
+            raise CurveError(
+                f"{source}: '{marked[0]}' next to '{plain[0]}' has marks between its thousands; export the "
+                f'file without them, or set decimal = "{decimal}" in the loader\'s settings'
+            )
+
+
 def _steps(labels: Mapping[str, Sequence[str]]) -> tuple[float, float] | None:
     """First time and time between rows [s] in the lines X0 and Delta_X of LabVIEW."""
     values = {label: cells[0].replace(",", ".") for label, cells in labels.items() if cells}
@@ -298,7 +314,7 @@ def _comment_of(lines: Sequence[str]) -> str:
     # %time is a name of ROS; "% time", or a second such line, is a comment.
     found = (
         m
-        for m in _COMMENTS
+        for m in ("#", "%", "//", "!")
         if first.startswith((f"{m} ", f"{m}\t")) or first[: len(m)] == second[: len(m)] == m
     )
     is_between = sum(";" in line for line in lines) >= len(lines) / 2
@@ -454,7 +470,10 @@ def _kinds(n_columns: int, rows: Sequence[Sequence[str]], decimal: str) -> tuple
     found = []
     for index in range(n_columns):
         kinds = [kind_of_cell(row[index], decimal) for row in rows if index < len(row) and row[index]]
-        whole = next((kind for kind in _WHOLE if kinds and kinds.count(kind) == len(kinds)), "")
-        n_numbers = kinds.count("number") + kinds.count("none")
+        whole = next(
+            (kind for kind in ("date", "list", "quantity") if kinds and kinds.count(kind) == len(kinds)), ""
+        )
+        n_marked = sum(bool(re.fullmatch(THOUSANDS[decimal], row[index])) for row in rows if index < len(row))
+        n_numbers = max(kinds.count("number"), n_marked) + kinds.count("none")
         found.append(whole or ("number" if 2 * n_numbers >= len(kinds) else "text"))
     return tuple(found)

@@ -4,6 +4,7 @@ import difflib
 import math
 import re
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -48,24 +49,12 @@ _FORMATS = tuple(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Column:
-    """Numbers under a name.
+    """Numbers under a name."""
 
-    Parameters
-    ----------
-    name : str
-        As in the file, without its unit where that has a line of its own.
-    values : (n,) array
-        NaN where there is no number.
-    unit : str
-        From the file; empty where it shows none.
-    note : str
-        What a person should know about the column, such as cells that are no numbers.
-    """
-
-    name: str
-    values: FloatArray
-    unit: str = ""
-    note: str = ""
+    name: str  # as in the file, without its unit where that has a line of its own
+    values: FloatArray  # (n,), NaN where there is no number
+    unit: str = ""  # from the file; empty where it shows none
+    note: str = ""  # what a person should know about the column, such as cells that are no numbers
 
     @property
     def shown_unit(self) -> str:
@@ -74,17 +63,9 @@ class Column:
 
 
 class TextTable:
-    """A delimited text file with a line of names.
+    """A delimited text file with a line of names, in a format that is guessed where it is left out.
 
-    Parameters
-    ----------
-    text_format : TextFormat, optional
-        Guessed when left out.
-
-    Raises
-    ------
-    CurveError
-        The file cannot be read as text, has no names, or no numbers.
+    A CurveError if the file cannot be read as text, has no names, or no numbers.
     """
 
     row_word: ClassVar[str] = "line"
@@ -156,16 +137,9 @@ class TextTable:
     def read(self, wanted: Sequence[str] | None = None) -> tuple[IntArray, dict[str, Column]]:
         """Line of each row, and columns by name; a column of dates gives seconds since its first row.
 
-        Parameters
-        ----------
-        wanted : sequence of str, optional
-            Columns to read, each cell of which must be a number or empty. All columns that are no
-            text when left out; then cells that are no numbers are NaN and counted in the column's note.
-
-        Raises
-        ------
-        CurveError
-            Naming line and column.
+        Each cell of the columns ``wanted`` must be a number or empty, else a CurveError names line and
+        column. Without them all columns that are no text are read: cells that are no numbers are NaN, and
+        counted in the column's note.
         """
         if wanted is not None and self.text_format.block is None and len(self.blocks) > 1:
             raise CurveError(
@@ -223,17 +197,14 @@ class TextTable:
     def _check_marks(self) -> None:
         """Refuse a file that has columns under other marks than the settings give."""
         given = self.text_format.model_dump(include={"delimiter", "decimal"}, exclude_none=True)
-        if not given:
-            return
-        guessed = self.text_format.model_copy(update=dict.fromkeys(given))
-        try:
-            found = {key: str(mark) for key, mark in TextTable(self.path, guessed).settings().items()}
-        except CurveError:
-            return
+        found = dict[str, str]()
+        with suppress(CurveError):
+            guessed = self.text_format.model_copy(update=dict.fromkeys(given))
+            found = TextTable(self.path, guessed).marks if given else {}
         marks = [
             f'{key} = "{found[key]}"'
             for key, mark in sorted(given.items())
-            if DELIMITERS.get(mark, mark) != DELIMITERS.get(found[key], found[key])
+            if found and DELIMITERS.get(mark, mark) != DELIMITERS.get(found[key], found[key])
         ]
         if marks:
             raise CurveError(
@@ -293,12 +264,17 @@ class TextTable:
             notes.append("the last line does not end: it may have been cut short")
         return tuple(notes)
 
+    @property
+    def marks(self) -> dict[str, str]:
+        """Delimiter and decimal mark, as in the settings."""
+        delimiter = self.layout.delimiter
+        return {"delimiter": "tab" if delimiter == "\t" else delimiter, "decimal": self.layout.decimal}
+
     def settings(self) -> dict[str, object]:
         """Settings of :class:`TextFormat` that read this file without guessing."""
         layout = self.layout
         return {
-            "delimiter": "tab" if layout.delimiter == "\t" else layout.delimiter,
-            "decimal": layout.decimal,
+            **self.marks,
             **({"encoding": self.encoding} if self.encoding != "utf-8" else {}),
             **({"comment": layout.comment} if layout.comment != "#" else {}),
             **({} if layout.header_line else {"names": list(layout.names)}),

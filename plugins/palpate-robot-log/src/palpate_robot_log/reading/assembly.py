@@ -280,16 +280,9 @@ def _factor(
 
 
 def quaternions(form: str, values: FloatArray, sequence: str = "xyz") -> FloatArray:
-    """Unit quaternions (n, 4) of orientations in another form.
+    """Unit quaternions (n, 4) of orientations (n, k) as robots log them, with angles in radians.
 
-    Parameters
-    ----------
-    form : {"quaternion", "euler", "axis_angle", "rotation_matrix"}
-        As robots log them.
-    values : (n, k) array
-        Angles in radians; quaternions of about unit length.
-    sequence : str
-        Axes of Euler angles, small letters about fixed axes.
+    A sequence of Euler angles in small letters is about fixed axes.
     """
     if form == "quaternion":
         unit: FloatArray = values / np.sqrt(np.einsum("ij,ij->i", values, values))[:, None]

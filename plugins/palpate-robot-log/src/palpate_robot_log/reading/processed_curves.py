@@ -232,8 +232,8 @@ def _placed(depth: Picked, force: Picked) -> tuple[dict[str, Any], list[str]]:
     if abs(x[-1] - x[farthest]) > _AT_REST * np.ptp(x) and farthest < x.size - 1:
         settings["rows"] = "loading"
         remarks.append(
-            f"{depth.column.name} has a way back: the rows up to {x[farthest]:.6g} are kept; to use all, "
-            'remove rows = "loading" and give [protocol] the way back'
+            f"{depth.column.name} has a way back: the last rows up to {x[farthest]:.6g} are kept; to use "
+            'all, remove rows = "loading" and give [protocol] the way back'
         )
     return settings, remarks
 

@@ -10,7 +10,7 @@ from palpate.api import FloatArray
 from palpate.api.files import Column, toml_value
 from palpate_robot_log.reading.channel_map import NO_COLUMN
 from palpate_robot_log.reading.clock import repeats_time, time_of
-from palpate_robot_log.reading.names import COMMANDED, ROLES, factor_of, pick, words_of
+from palpate_robot_log.reading.names import COMMANDED, ROLES, Picked, factor_of, pick, words_of
 from palpate_robot_log.reading.raw import RawLog, Stream
 from palpate_robot_log.reading.vectors import (
     QUANTITIES,
@@ -135,19 +135,8 @@ def machine_of(log: RawLog) -> Proposal | None:
         senses = _senses(travel.column.values, force.column.values)
         # The axis of a tool that only presses points down, and of one that turns about it up.
         senses = (senses[0], -senses[1] if twist else senses[1])
-        guesses = {
-            quantity: with_unit(
-                log,
-                quantity,
-                Guess(
-                    entry={"columns": [NO_COLUMN, NO_COLUMN, "-" * (sense > 0.0) + one.column.name]},
-                    stream=stream.name,
-                    to_check=one.remarks,
-                ),
-                0.0,
-            )
-            for quantity, one, sense in zip(("position", "force"), (travel, force), senses, strict=True)
-        }
+        picked = zip(("position", "force"), (travel, force), senses, strict=True)
+        guesses = {name: _along_axis(log, stream, name, one, sense) for name, one, sense in picked}
         guesses |= twist or {
             "orientation": Guess(entry=_DOWN, stream=stream.name),
             "moment": Guess(entry=_NONE, stream=stream.name),
@@ -169,13 +158,17 @@ def _twist_of(log: RawLog, stream: Stream, columns: Sequence[Column]) -> dict[st
         return {}
     known = np.isfinite(angle.column.values) & np.isfinite(moment.column.values)
     sense = np.corrcoef(angle.column.values[known], moment.column.values[known])[0, 1]
-    turn = {"form": "axis_angle", "columns": [NO_COLUMN, NO_COLUMN, angle.column.name]}
-    torque = [NO_COLUMN, NO_COLUMN, "-" * bool(sense > 0.0) + moment.column.name]
-    found = {
-        "orientation": Guess(entry=turn, stream=stream.name, to_check=angle.remarks),
-        "moment": Guess(entry={"columns": torque}, stream=stream.name, to_check=moment.remarks),
-    }
-    return {quantity: with_unit(log, quantity, guess, 0.0) for quantity, guess in found.items()}
+    turn = _along_axis(log, stream, "orientation", angle, -1.0, form="axis_angle")
+    return {"orientation": turn, "moment": _along_axis(log, stream, "moment", moment, sense)}
+
+
+def _along_axis(
+    log: RawLog, stream: Stream, quantity: str, one: Picked, sense: float, **entry: object
+) -> Guess:
+    """Guess of a column that is the component z of a quantity, turned where it has the sense of z."""
+    columns = [NO_COLUMN, NO_COLUMN, "-" * bool(sense > 0.0) + one.column.name]
+    guess = Guess(entry={**entry, "columns": columns}, stream=stream.name, to_check=one.remarks)
+    return with_unit(log, quantity, guess, 0.0)
 
 
 def _senses(travel: FloatArray, force: FloatArray) -> tuple[float, float]:
