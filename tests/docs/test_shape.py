@@ -18,12 +18,12 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_393,
+    "lines": 77_375,
     "lines of the core": 33_428,
     "classes": 656,
-    "constants": 1094,
+    "constants": 1092,
     "long files": 0,
-    "long functions": 10,
+    "long functions": 8,
     "docstrings without a noun first": 0,
     "docstrings with that of or those of": 79,
 }

@@ -6,8 +6,9 @@ contact; a share of its variance is common to all sites. Their sizes are those t
 likely once the parameters are fitted (restricted likelihood: Patterson & Thompson, Biometrika 58, 1971).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -244,6 +245,13 @@ class _Mode:
     squares: FloatArray
     value: float
 
+    def sizes(self, channels: Sequence[int], weight: float) -> tuple[dict[int, float], ...]:
+        """Variance of the noise, mean and most of the discrepancy's, by channel and times a weight."""
+        k = len(channels)
+        of_model = np.transpose([self.likelihood.sizes(self.squares, i) for i in range(k)])
+        every = [self.squares[:k], *of_model]
+        return tuple(dict(zip(channels, (weight * each).tolist(), strict=True)) for each in every)
+
 
 def estimate(
     residuals: FloatArray,
@@ -266,39 +274,24 @@ def estimate(
     free : (n, n - n_parameters) array
         Orthonormal directions that no parameter explains: the null space of the transposed Jacobian.
     known : (n, m) array
-        What the known causes make of the residuals, one standard deviation each.
+        Change of the residuals by one standard deviation of each known cause.
     rows : ResidualLayout
     expected : mapping of channel number to float
         Discrepancy that models usually have, over the largest ordinate.
     lengths : sequence of (points, length)
         Pairs of correlation lengths that are tried.
     common : float, optional
-        Share of the discrepancy's variance that all sites have in common; by default found from three sites
-        on, for the most likely lengths, as a mean over :data:`SHARES`.
+        Share of the discrepancy's variance common to all sites; by default a mean, from three sites on.
     """
-    channels = rows.channels
-
-    def tried(pairs: Sequence[tuple[float, float]], share: float) -> tuple[list[_Mode], FloatArray]:
-        modes = list(_modes(residuals, free, known, rows, expected, pairs, share))
-        return modes, _probabilities(modes)
-
-    modes, weights = tried(lengths, ASSUMED.common if common is None else common)
-    n_sites = np.unique(rows.site[rows.channel >= 0]).size
-    if common is None and n_sites >= ENOUGH_SITES:
-        best = [modes[int(np.argmax(weights))].lengths]
-        common = float(_probabilities([tried(best, share)[0][0] for share in SHARES]) @ SHARES)
-        modes, weights = tried([m.lengths for m, w in zip(modes, weights, strict=True) if w > LEAST], common)
-    k, of_lengths, likely = len(channels), {}, {}
-    for weight, mode in zip(weights, modes, strict=True):
-        if weight < LEAST:
-            continue
-        sizes = [mode.squares[:k], *np.transpose([mode.likelihood.sizes(mode.squares, i) for i in range(k)])]
-        of_lengths[mode.lengths] = tuple(
-            dict(zip(channels, (weight * each).tolist(), strict=True)) for each in sizes
-        )
-        likely[mode.lengths] = float(weight)
-    seen = {channel: sum(of[1][channel] for of in of_lengths.values()) for channel in channels}
-    unseen = {channel: max(expected[channel] ** 2 - size, 0.0) for channel, size in seen.items()}
+    channels, modes_of = rows.channels, partial(_modes, residuals, free, known, rows, expected)
+    kept = _likely(modes_of(lengths, ASSUMED.common if common is None else common))
+    if common is None and np.unique(rows.site[rows.channel >= 0]).size >= ENOUGH_SITES:
+        best, _ = max(kept, key=lambda each: each[1])
+        common = float(_probabilities([next(modes_of([best.lengths], share)) for share in SHARES]) @ SHARES)
+        kept = _likely(modes_of([mode.lengths for mode, weight in kept if weight > LEAST], common))
+    likely = {mode.lengths: weight for mode, weight in kept}
+    of_lengths = {mode.lengths: mode.sizes(channels, weight) for mode, weight in kept}
+    unseen = {c: max(expected[c] ** 2 - sum(of[1][c] for of in of_lengths.values()), 0.0) for c in channels}
     of_lengths[0.0, ASSUMED.unseen_length] = dict.fromkeys(channels, 0.0), unseen, unseen
     return NoiseModel(
         of_lengths=of_lengths,
@@ -356,6 +349,12 @@ def error_scale(residuals: FloatArray, free: FloatArray, known: FloatArray, rest
     square = float((along**2 / (1.0 + sizes[seen] ** 2)).sum())
     freedom = ASSUMED.scale_freedom + float(seen.sum())
     return ErrorScale(factor=float(np.sqrt((ASSUMED.scale_freedom + square) / freedom)), freedom=freedom)
+
+
+def _likely(modes: Iterable[_Mode]) -> list[tuple[_Mode, float]]:
+    """Modes that are not improbable, with their probabilities among all."""
+    every = list(modes)
+    return [(m, float(w)) for m, w in zip(every, _probabilities(every), strict=True) if w >= LEAST]
 
 
 def _modes(
