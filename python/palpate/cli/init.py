@@ -81,7 +81,7 @@ def init(
     elif measured or mesh or wrench:
         _write_own(session, folder, study, measured or [], mesh or [], wrench, as_json=as_json)
     else:
-        ready = session.plugins.studies[study or FIRST]
+        ready = session.only("studies").studies[study or FIRST]
         copy_study(Path(ready.directory), folder)
         name_study(folder)
         if as_json:

@@ -17,7 +17,8 @@ def schema(
     from palpate.plugins.registry import suggestion
 
     session = Session.of(context)
-    stages, others = session.plugins.stages, session.plugins.outputs()
+    plugins = session.only("stages")
+    stages, others = plugins.stages, plugins.outputs()
     known = list(dict.fromkeys([*OUTPUTS, *stages, *others]))
     if command is None:
         session.table("Commands with a schema", ["command", "version"], [[name, VERSION] for name in known])
