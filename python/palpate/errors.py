@@ -65,5 +65,9 @@ class StoppedError(PalpateError):
     """The user stopped the run; everything finished is kept (exit code 130)."""
 
 
+class FirstAnswerError(StoppedError):
+    """The run has its first answer, and no more was asked for (exit code 0)."""
+
+
 class NothingSelectableError(PalpateError):
     """Every simulation failed, so no set can be selected (exit code 1)."""

@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_375,
-    "lines of the core": 33_428,
-    "classes": 656,
-    "constants": 1092,
+    "lines": 77_463,
+    "lines of the core": 33_503,
+    "classes": 657,
+    "constants": 1093,
     "long files": 0,
     "long functions": 8,
     "docstrings without a noun first": 0,

@@ -72,7 +72,7 @@ if TYPE_CHECKING:
         is_run as is_run,
         keep_only as keep_only,
     )
-    from palpate.run.result import StudyInputs as StudyInputs
+    from palpate.run.result import FIRST_ANSWER as FIRST_ANSWER, StudyInputs as StudyInputs
     from palpate.run.result_files import (
         Files as Files,
         parquet as parquet,

@@ -1,5 +1,6 @@
 """``palpate run``: from measured curves to identified parameters, and on where a run stopped."""
 
+import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +23,7 @@ from palpate.cli.progress import StageProgress
 from palpate.cli.results import run_values, show_summary
 from palpate.cli.runs import original_study
 from palpate.cli.session import Session, run_folder
-from palpate.errors import StudyError
+from palpate.errors import FirstAnswerError, StudyError
 
 if TYPE_CHECKING:
     from palpate.run.manifest import Changed
@@ -46,6 +47,7 @@ def run(
     trust: Trust = None,
     trust_plugins: TrustPlugins = False,
     tables: Tables = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Stop after the first answer.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Run every stage of a study, or continue a run; finished simulations are reused.
@@ -73,6 +75,7 @@ def run(
         tables=tables,
         as_json=as_json,
         adopt=moved is not None,
+        is_quick=quick,
     )
 
 
@@ -101,16 +104,20 @@ def run_and_show(
     as_json: bool,
     adopt: bool = False,
     fit_start: Mapping[str, float] | None = None,
+    is_quick: bool = False,
 ) -> None:
     """Run a study in a folder, or in a copy of it, and show what it found.
 
     With ``adopt`` the folder may hold the run of another study file. The fit starts at ``fit_start``, if
-    given, before its other starts.
+    given, before its other starts. With ``is_quick`` it ends with the first answer.
     """
     from palpate.stages import pipeline
 
     where = folder if fork is None else fork
-    with StageProgress(session) as progress:
+    if is_quick and (as_json or study.search.name == "sweep"):
+        why = "prints no JSON" if as_json else "needs a fit, and fit.search is 'sweep'"
+        raise StudyError(f"--quick {why}. The whole run has all of it. Leave out --quick.")
+    with contextlib.suppress(FirstAnswerError), StageProgress(session) as progress:
         result = pipeline.run_study(
             study,
             where,
@@ -120,10 +127,22 @@ def run_and_show(
             trust=trust,
             adopt=adopt,
             fit_start=fit_start,
+            is_quick=is_quick,
             confirm=lambda changed: _confirm(session, changed, folder, sure=go_on or fork is not None),
         )
+    if is_quick:
+        _show_first_answer(session, where)
+        return
     values = run_values(study, result) if as_json else None
     show_summary(session, result.summary, progress, tables=tables, values=values)
+
+
+def _show_first_answer(session: Session, folder: Path) -> None:
+    from palpate.run.directory import RunDirectory
+
+    for label, text in RunDirectory(folder).result().items():
+        session.labelled(label, text)
+    session.next(f"run {folder}")
 
 
 def _confirm(session: Session, changed: "Changed", folder: Path, *, sure: bool) -> None:

@@ -95,6 +95,8 @@ class FitStage:
         Where jobs are simulated and kept.
     on_progress : callable
         Called with how far the fit is, after each step.
+    on_first : callable
+        Called with the first case once its search has converged, before any finer mesh.
     first_start : mapping of parameter name to value
         Where the joint fit starts before the basins of the sweep; empty: only there.
     refinement : mapping of spot name to Refinement
@@ -109,6 +111,7 @@ class FitStage:
     abscissae: Mapping[str, str]
     progress: Progress = SILENT
     on_progress: Callable[[FitState], None] = lambda state: None
+    on_first: Callable[[Case], None] = lambda case: None
     first_start: Mapping[str, float] = field(default_factory=dict)
     refinement: Mapping[str, Refinement] = field(default_factory=dict)
     _cases: list[Case] = field(default_factory=list)
@@ -128,6 +131,7 @@ class FitStage:
         self._n_known = len(self.simulations.known)
         first = Case(label, self._weighed_spots(main), main)
         self._search([first], {id(first): self._starts(first)})
+        self.on_first(first)
         self._correct([first])  # an error of the mesh may lead to an end of a range
         if remark := self._widen(first):
             self._search([first], {id(first): [first.values()]})

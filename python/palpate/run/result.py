@@ -70,6 +70,9 @@ ALL_SPOTS = "all spots"
 _OF_TRACE = ("fit", "scenario", "search", "correction", "step", "n_runs", "fopt", "objective", "message")
 """Columns of a trace that are no values."""
 
+FIRST_ANSWER = "first answer"
+"""Stage after the first fit, and key of its result among what stages of one run share."""
+
 UNSETTLED = "the correction by finer meshes has not settled"
 """Message of a fit whose corrections were not near enough to its end."""
 

@@ -61,13 +61,14 @@ class ProcessorTime:
 
     @contextlib.contextmanager
     def charging(self, stage: str) -> Iterator[None]:
-        """Charge what this process does to a stage, until the next one begins."""
+        """Charge what this process does meanwhile to a stage."""
         self._note()
-        self._stage = stage
+        before, self._stage = self._stage, stage
         try:
             yield
         finally:
             self.write()
+            self._stage = before
 
     def simulated(self, simulation: Simulation) -> None:
         """Charge a simulation that was made for the running stage; a lost one counts by its duration."""

@@ -2,26 +2,28 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 
 import polars as pl
 
 from palpate.answer.table import OF_ANSWER
 from palpate.domain import Design, RegionMaterial, weighed_phases
 from palpate.domain.curves import abscissae_of
-from palpate.errors import StudyError
+from palpate.errors import FirstAnswerError, StudyError
 from palpate.experiment.measured import load_measured
 from palpate.fit.searches import BestSet
 from palpate.fit.stage import Case, FitStage
 from palpate.fit.surfaces import simulate_surfaces
 from palpate.fit.tables import fit_result
 from palpate.limb.loading import fine_meshes, refinement
+from palpate.plugins.guard import answering_for
 from palpate.plugins.sections import Summary
 from palpate.progress import Progress, ShowsPlace
 from palpate.run.directory import design_files, measured_files
 from palpate.run.fit_state import FitState, write_fit_state
 from palpate.run.keys import identity
 from palpate.run.provenance import described, sha256
-from palpate.run.result import FitResult, SelectionResult
+from palpate.run.result import FIRST_ANSWER, FitResult, SelectionResult
 from palpate.run.result_files import Files, curves_of
 from palpate.run.tables import DECLARED
 from palpate.sampling.study_design import draw_study
@@ -29,11 +31,11 @@ from palpate.scoring import scores as scoring, selection
 from palpate.scoring.completeness import completeness, described as named, without_result
 from palpate.scoring.generalisation import generalise
 from palpate.simulation import jobs as simulation
-from palpate.simulation.cost import n_of_fit
+from palpate.simulation.cost import WORTH_SAYING_S, n_of_fit
 from palpate.simulation.forecast import FINE
 from palpate.simulation.sweep import KeptSimulations, Simulations
 from palpate.simulation.verification import verify
-from palpate.stages.stage import Run, Stage
+from palpate.stages.stage import Run, Stage, stages_of_run
 from palpate.study.reading import Study
 
 
@@ -359,8 +361,32 @@ def cases_of(inputs: Run, *, keeps_state: bool = False) -> list[Case]:
 
     stage = _fit_stage(inputs, inputs.simulations)
     stage.on_progress = show
+    if keeps_state:
+        stage.on_first = partial(show_first_answer, inputs)
     inputs.shared["cases"] = stage.run()
     return list(inputs.shared["cases"])
+
+
+def show_first_answer(inputs: Run, case: Case) -> None:
+    """Let the stages of the run assess and show the first fit, where the whole run takes much longer.
+
+    Raises
+    ------
+    FirstAnswerError
+        Only this was asked for.
+    """
+    is_long = (inputs.forecast.seconds_left or 0.0) > WORTH_SAYING_S
+    if case.end is None or inputs.inputs.edges_mm or not (is_long or inputs.is_quick):
+        return
+    with inputs.spent.charging(FIRST_ANSWER):
+        inputs.shared[FIRST_ANSWER] = fit_result([case], inputs.simulations)
+        for stage in stages_of_run(inputs.study, inputs.stages):
+            with answering_for(stage, "showing the first answer"):
+                stage.show_so_far(inputs, case)
+    if inputs.is_quick:
+        raise FirstAnswerError(
+            f"stopped after the first answer; `palpate run {inputs.directory.folder}` goes on"
+        )
 
 
 def _fit_stage(inputs: Run, simulations: Simulations) -> FitStage:

@@ -15,7 +15,7 @@ import polars as pl
 
 from palpate.domain import Design, Limb, Response, Simulation
 from palpate.domain.curves import abscissae_of
-from palpate.errors import PalpateError, StoppedError, StudyError
+from palpate.errors import FirstAnswerError, PalpateError, StoppedError, StudyError
 from palpate.executors.attempts import simulate_alone
 from palpate.experiment.cycles import cycle_warnings
 from palpate.experiment.measured import draw_files, load_measured, load_presses, mean, measured_warnings
@@ -117,6 +117,7 @@ def run_study(
     adopt: bool = False,
     fit_start: Mapping[str, float] | None = None,
     without: Collection[str] = (),
+    is_quick: bool = False,
 ) -> RunResult:
     """Results of a whole study, from measured curves to identified parameters.
 
@@ -139,9 +140,13 @@ def run_study(
         Where the joint fit starts first; the run directory keeps it.
     without : collection of str
         Stages that are left out, such as ``report``.
+    is_quick : bool
+        Whether to stop after the first answer.
 
     Raises
     ------
+    FirstAnswerError
+        Only the first answer was asked for, and it is there.
     PalpateError
         Something in the input is wrong; nothing has been written.
     NothingSelectableError
@@ -150,7 +155,7 @@ def run_study(
     run_folder, plugins = Path(run_folder), plugins or Plugins.load()
     directory, before = RunDirectory(run_folder), RunDirectory(forked_from or run_folder)
     directory.refuse_other(study, adopt=adopt)
-    if directory.result():
+    if directory.records.has("answer") and directory.result():
         progress.note(f"{run_folder} is complete: simulations are reused, fit and report made again")
     progress.begin("check", 1)
     run = read_run(study, directory, plugins, progress, is_copy=False)
@@ -170,7 +175,8 @@ def run_study(
         directory.initialise(study, plugins.channels, simulating=True, fit_start=fit_start)
         if n_kept := inputs.design.n_kept:
             progress.note(f"the first {n_kept} sets of the design are from an earlier one with wider ranges")
-        with replace(run, study=study, fresh=inputs, check_lock=check_lock) as run:
+        given = replace(run, study=study, fresh=inputs, check_lock=check_lock, is_quick=is_quick)
+        with given as run, _showing_so_far(run, wanted):
             for i, stage in enumerate(wanted):
                 if stage.comes_last:
                     remove_fit_state(run_folder)
@@ -191,6 +197,20 @@ def run_study(
                 summary=wanted[-1].summarise(run),
                 report=run.shared.get(wanted[-1].name),
             )
+
+
+@contextlib.contextmanager
+def _showing_so_far(run: Run, wanted: Sequence[Stage]) -> Iterator[None]:
+    """Let the stages show what a run has found so far where the user stops it."""
+    try:
+        yield
+    except FirstAnswerError:
+        raise
+    except (StoppedError, KeyboardInterrupt):
+        with contextlib.suppress(PalpateError):  # nothing to show
+            for stage in wanted:
+                stage.show_so_far(run)
+        raise
 
 
 def _make(run: Run, stage: Stage, made_from: Mapping[str, str] | None) -> None:

@@ -16,6 +16,7 @@ from palpate.domain import Channel, Design, Limb, Response, Simulation, SurfaceS
 from palpate.domain.component import Component, SettingsT
 from palpate.errors import PluginError, StudyError
 from palpate.fit.fitted import Fitted, fitted
+from palpate.fit.stage import Case
 from palpate.fit.surfaces import stored_strains, stored_surfaces
 from palpate.limb.loading import load_limbs, with_edges
 from palpate.plugins.catalogue import Plugins
@@ -120,6 +121,9 @@ class Stage(Component[SettingsT]):
             The tables cannot be made, and what to do.
         """
 
+    def show_so_far(self, inputs: "Run", first: Case | None = None) -> None:
+        """Show a run that was stopped, or assess or show the ``first`` fit: ``shared[FIRST_ANSWER]``."""
+
     def again(self, inputs: "Run") -> StudyInputs | None:
         """Inputs with which ``palpate run`` makes the fit, and the stages up to this one, once more.
 
@@ -149,14 +153,15 @@ class Run:
     check_lock : callable
         Raises where the lock on the folder, which the caller holds, is lost.
     fresh : StudyInputs, optional
-        Inputs as the study's files are now, where these have just been read.
+        Inputs as the study's files are now, if just read.
     is_copy : bool
-        Whether the study is the run's own copy: the meshes need not exist, and the simulations are the
-        last sweep's.
+        Whether the study is the run's copy: meshes need not exist; simulations are the last sweep's.
     more_limbs : mapping of limb name to Limb
         Those that are simulated besides the study's.
     forecast : Forecast
         Simulations that the command has still to make.
+    is_quick : bool
+        Whether the command ends with the first answer.
     """
 
     study: Study
@@ -170,6 +175,7 @@ class Run:
     is_copy: bool = False
     more_limbs: Mapping[str, Limb] = field(default_factory=dict)
     forecast: Forecast = field(default_factory=Forecast)
+    is_quick: bool = False
     shared: dict[str, Any] = field(default_factory=dict)
     """Values that a stage leaves in memory for those after it."""
     _opened: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
@@ -198,9 +204,9 @@ class Run:
         chosen = self.current("fine_meshes")
         edges_mm = {row["spot"]: row["edge_mm"] for row in chosen.iter_rows(named=True)}
         limbs = load_limbs(with_edges(study, edges_mm), to_show=self.is_copy)
-        for name in study.spot_names if self.is_copy and study.solver.provides.mesh else ():
-            if name not in limbs:
-                self.progress.note(f"warning: no limb is shown at spot '{name}': its mesh is missing")
+        shown = study.spot_names if self.is_copy and study.solver.provides.mesh else ()
+        for name in (each for each in shown if each not in limbs):
+            self.progress.note(f"warning: no limb is shown at spot '{name}': its mesh is missing")
         return StudyInputs(measured=measured, limbs=limbs, design=design, edges_mm=edges_mm)
 
     def with_inputs(self, inputs: StudyInputs) -> Self:
@@ -296,10 +302,7 @@ class Run:
     def fit(self) -> FitResult:
         """Result of the fit, with its intervals where their stage is installed; empty where there is none.
 
-        Raises
-        ------
-        StudyError
-            It, or its intervals, were made from something else than the study has now.
+        A StudyError where it, or its intervals, were made from something else than the study has now.
         """
         assessors = self._makers(*OF_A_FIT)
         self.check(*filter(self.directory.records.has, ("fit", *assessors)))
@@ -368,13 +371,7 @@ class Run:
                 self.directory.records.check(stage.name, self.made_from(stage))
 
     def require(self, *names: str) -> None:
-        """Refuse to continue where a stage that is needed has not been run.
-
-        Raises
-        ------
-        StudyError
-            The earliest stage to run.
-        """
+        """Refuse to continue where a needed stage has not been run: a StudyError with the earliest to run."""
         for stage in in_order(self.stages, names):
             self._require(stage)
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import polars as pl
@@ -85,13 +85,13 @@ class Assessment:
         if by is None:
             return []
         found: list[Assessed] = []
-        with self._noting("intervals"):
+        with self.noting("intervals"):
             self._check_score(by)
             columns, failures = self.columns(by)
             found.append(self.assess(by, columns, failures))
         for case in ended if found and not joint_only else ():
             if case is not by:
-                with self._noting(f"intervals for {case.label}, scenario {case.scenario.name}"):
+                with self.noting(f"intervals for {case.label}, scenario {case.scenario.name}"):
                     found.append(self.assess(case, columns, failures, found[0]))
         return sorted(found, key=lambda each: ended.index(each.case))
 
@@ -99,15 +99,15 @@ class Assessment:
         self, assessed: Sequence[Assessed], design: Design, swept: Sequence[Simulation]
     ) -> pl.DataFrame:
         """Fopt of the joint fits in the planes of the parameters; empty where there is no emulator."""
-        with self._noting("contours of Fopt"):
+        with self.noting("contours of Fopt"):
             return planes_of_fits(assessed, design, swept, main=self.study.generalise_by)
         return pl.DataFrame()
 
     @contextmanager
-    def _noting(self, what: str) -> Iterator[None]:
+    def noting(self, what: str) -> Iterator[Self]:
         """Warn that there is no ``what`` where it cannot be made."""
         try:
-            yield
+            yield self
         except StoppedError:
             raise
         except (PalpateError, np.linalg.LinAlgError) as error:

@@ -1,6 +1,7 @@
 """Stages of how certain parameters are: intervals of fits, posteriors, and what a sweep allows."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -14,6 +15,7 @@ from palpate.api.fit import (
     reported_fits,
 )
 from palpate.api.runs import (
+    FIRST_ANSWER,
     Files,
     Study,
     StudyInputs,
@@ -84,6 +86,15 @@ class Intervals(Stage):
         reported, curves = reported_fits([(each.case, each.values) for each in assessed], progress)
         found = certainty_tables(assessed, inputs.study)
         return {**found, "reported": reported, "reported_curves": curves}
+
+    def show_so_far(self, inputs: Run, first: Case | None = None) -> None:
+        """Add intervals by linearisation to a first answer, without error sources to be simulated."""
+        if first is None:
+            return
+        with assessment_of(inputs, [first]).noting("intervals of the first answer") as stage:
+            found = certainty_tables([stage.assess(first, {})], inputs.study)
+            of_fit = {name: found[name] for name in ("intervals", "adequacy")}
+            inputs.shared[FIRST_ANSWER] = replace(inputs.shared[FIRST_ANSWER], **of_fit)
 
     def again(self, inputs: Run) -> StudyInputs | None:
         """Inputs with finer meshes, where their error is much of the variance of a reported parameter."""

@@ -12,6 +12,7 @@ from palpate.api import SILENT, PluginError, Progress, Run, StudyError, Summary,
 from palpate.api.files import write_atomically
 from palpate.api.fit import FitResult
 from palpate.api.runs import (
+    FIRST_ANSWER,
     RESULT,
     Ledger,
     Plugins,
@@ -42,10 +43,11 @@ READ = ("measured", "design", "scores", "selection", "generalisation", "verifica
 """Tables that are fields of the data, or made for them."""
 
 
-def write_report(data: ReportData, folder: Path) -> Report:
+def write_report(data: ReportData, folder: Path, *, draws: bool = True) -> Report:
     """Write ``tables/*.csv|tex|md``, ``figures/*.svg|pdf|png`` and ``index.html``, in the study's units.
 
-    Files of an earlier report that this one does not have are removed afterwards.
+    Without ``draws`` there are no files of figures; the page draws its own. Files of an earlier report that
+    this one does not have are removed afterwards.
     """
     from palpate_report.page.html import write_page
 
@@ -55,7 +57,7 @@ def write_report(data: ReportData, folder: Path) -> Report:
     paper = paper_tables({materials_of(data): data})
     failures = [conclusion.failure] if conclusion.failure else []
     written = write_tables(tables, folder / "tables", paper, failures)
-    figures = write_figures(data, folder / "figures")
+    figures = write_figures(data, folder / "figures") if draws else ()
     files = (*written, *figures)
     pictures = {file.stem: file.read_bytes() for file in figures if file.suffix == ".svg"}
     texts = {"methods.md": conclusion.methods, RESULT: json.dumps(conclusion.lines(data.study), indent=2)}
@@ -79,7 +81,7 @@ def report_data(run: Run, *, unfinished: str = "") -> ReportData:
     study, inputs, swept = run.study, run.inputs, run.swept()
     tables: dict[str, pl.DataFrame] = {}
     if unfinished:
-        fit = FitResult() if swept else _fit_so_far(run)
+        fit = run.shared.get(FIRST_ANSWER) or (FitResult() if swept else _fit_so_far(run))
         scores = score(swept, inputs.measured, study.scoring, study.scenarios)
         chosen, general = best_sets(study, inputs.design, scores)
     else:
@@ -151,6 +153,14 @@ def written(run: Run, progress: Progress, *, unfinished: str = "") -> Report:
     made = write_report(report_data(run, unfinished=unfinished), run.directory.report)
     progress.step()
     return made
+
+
+def show_so_far(run: Run) -> Report:
+    """Report of a run that goes on or was stopped, without files of figures; it is a first answer or less."""
+    unfinished = _unfinished(run, runs_now=True)
+    if FIRST_ANSWER in run.shared:
+        unfinished = f"{unfinished}. First answer: intervals by linearisation, on the spots' own meshes"
+    return write_report(report_data(run, unfinished=unfinished), run.directory.report, draws=False)
 
 
 def read_results(study: Study, run_folder: Path, plugins: Plugins, progress: Progress = SILENT) -> ReportData:

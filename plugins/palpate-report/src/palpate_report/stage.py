@@ -8,12 +8,12 @@ import polars as pl
 
 from palpate.api import Channel, Progress, Response, Run, Stage, StudyError, Summary
 from palpate.api.cli import Closed, IntervalOutput, Row
-from palpate.api.fit import ALL_SPOTS, mark_of
+from palpate.api.fit import ALL_SPOTS, Case, mark_of
 from palpate.api.runs import Files, Study, described
 from palpate_report.answer.result import Report
 from palpate_report.data.display_units import in_display_units
 from palpate_report.data.table_files import shown
-from palpate_report.from_run import report_data, written
+from palpate_report.from_run import report_data, show_so_far, written
 from palpate_report.settings import ReportSettings
 
 if TYPE_CHECKING:
@@ -64,6 +64,12 @@ class ReportStage(Stage[ReportSettings]):
         """Write the report; its tables are no tables of the run."""
         inputs.shared[self.name] = written(inputs, progress)
         return {}
+
+    def show_so_far(self, inputs: Run, first: Case | None = None) -> None:
+        """Write the page of what was found so far, and report the values of a first answer."""
+        lines = show_so_far(inputs).conclusion.lines(inputs.study)
+        if first is not None:
+            inputs.progress.note(f"first answer: {lines.get('Parameters') or lines['Conclusion']}")
 
     def summarise(self, inputs: Run) -> Summary:
         """Summary of the report that was just written."""

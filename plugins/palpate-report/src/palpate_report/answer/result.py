@@ -137,6 +137,7 @@ class Conclusion:
     def lines(self, study: Study) -> dict[str, str]:
         """Lines with which a run ends, by their label."""
         data = "measured data" if study.data != "simulated" else "SIMULATED curves, not a real experiment"
+        data += "".join(f"; {each.what.lower()}" for each in self.warnings if each.code == "unfinished")
         found = "; ".join(map(str, (*self.estimates, *self.moduli)))
         missing = f". NOT included in intervals: {', '.join(self.not_included)}" if self.not_included else ""
         worst = ", the worst first" if len(self.warnings) > 1 else ""

@@ -1,0 +1,106 @@
+"""First answer of a run, and the page that a stopped run leaves."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from palpate.cli.session import Session
+from palpate.errors import StoppedError
+from palpate.executors import InProcess
+from palpate.progress import Silent
+from palpate.stages import pipeline
+
+from .conftest import PLUGIN, edit
+
+pytestmark = pytest.mark.usefixtures("one_figure")
+RUN = Path("runs") / "toy"
+
+
+@pytest.fixture
+def unswept(study):
+    edit(study, "n_sets = 20", "n_sets = 0")
+    return study
+
+
+def written_page(lines):
+    page = (RUN / "report" / "index.html").read_text()
+    assert page.startswith("<!doctype html>")
+    assert page.rstrip().endswith("</html>")
+    assert lines == json.loads((RUN / "report" / "result.json").read_text())
+    return page
+
+
+def test_a_quick_run_stops_at_the_first_answer_and_goes_on_later(call, unswept):
+    quick = call("run", unswept, "--quick")
+    assert quick.code == 0, quick.err
+    assert "first answer: " in quick.err
+    assert "next: palpate " in quick.err
+    assert " to " in quick.out.partition("Parameters")[2]  # the ends of an interval
+    lines = json.loads((RUN / "report" / "result.json").read_text())
+    assert "first answer; the run has not ended" in lines["Conclusion"]
+    assert "First answer" in written_page(lines)
+    n_quick = call("status", RUN, "--json").json["n_finished"]
+    assert not (RUN / "intervals.parquet").exists()
+    whole = call("run", RUN, "--json")
+    assert whole.code == 0, whole.err
+    assert whole.json["n_simulations"] > n_quick
+    assert not any("not ended" in each for each in whole.json["warnings"])
+    stages = [row["stage"] for row in call("status", RUN, "--json").json["cost"]]
+    assert "first answer" in stages
+
+
+@pytest.mark.parametrize(
+    ("option", "reason"), [("--json", "prints no JSON"), ("sweep", "fit.search is 'sweep'")]
+)
+def test_a_quick_run_that_cannot_be_is_refused(call, unswept, option, reason):
+    if option == "sweep":
+        with (unswept / "study.toml").open("a") as file:
+            file.write('\n[fit]\nsearch = "sweep"\n')
+    refused = call("run", unswept, "--quick", *([option] if option == "--json" else []))
+    assert (refused.code, reason in refused.err) == (2, True), refused.err
+    assert not RUN.exists()
+
+
+class Stopping(Silent):
+    """Starts no simulation from a stage on."""
+
+    def __init__(self, stage):
+        self.stage, self.is_there = stage, False
+
+    def begin(self, stage, total):
+        self.is_there = self.is_there or stage == self.stage
+
+    def should_continue(self):
+        return not self.is_there
+
+
+@pytest.mark.parametrize("at", ["intervals", "contours", "answer", "report"])
+def test_a_run_that_is_interrupted_between_stages_leaves_its_page(call, unswept, monkeypatch, at):
+    make = pipeline._make
+
+    def interrupted(run, stage, made_from):
+        if stage.name == at:
+            raise KeyboardInterrupt
+        make(run, stage, made_from)
+
+    session = Session([Path(PLUGIN)])
+    study = replace(session.study(unswept), executor=InProcess())
+    monkeypatch.setattr(pipeline, "_make", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        pipeline.run_study(study, RUN, session.plugins)
+    lines = json.loads((RUN / "report" / "result.json").read_text())
+    assert "the run has not ended" in written_page(lines).lower()
+    assert "kPa" in lines["Parameters"]
+    monkeypatch.setattr(pipeline, "_make", make)
+    assert call("run", RUN).code == 0
+    assert "not ended" not in written_page(json.loads((RUN / "report" / "result.json").read_text()))
+
+
+def test_a_run_that_is_stopped_before_its_first_evaluation_is_stopped_all_the_same(unswept, tmp_path):
+    session = Session([Path(PLUGIN)])
+    study = replace(session.study(unswept), executor=InProcess())
+    with pytest.raises(StoppedError):
+        pipeline.run_study(study, tmp_path / "run", session.plugins, Stopping("fit"))
+    assert not (tmp_path / "run" / "report" / "index.html").exists()
