@@ -288,6 +288,8 @@ def test_the_command_runs_and_prints_json(monkeypatch, capsys, tmp_path):
     assert Path(printed["file"]) == folder / "comparison.md"
     assert {row["material"] for row in printed["tables"]["table2"]} == {"ogden"}
     assert len(printed["not_shared"]) == 4
+    manifest = json.loads((folder / "ogden" / "manifest.json").read_text())
+    assert manifest["plugin_files"] == [], "a run is opened without the file of the command"
     assert main([*REPRODUCE, str(folder), "--sets", "8", "--material", "ogden"]) == 0
     out, _ = capsys.readouterr()
     assert max(len(line) for line in out.split("isochoric")[1].split("Comparison:")[0].splitlines()) <= 80

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from palpate.mesh.topology import (
         CELLS as CELLS,
         HEX_CORNERS as HEX_CORNERS,
+        SLOPES as SLOPES,
         barycentric as barycentric,
         linear_simplex as linear_simplex,
         multilinear as multilinear,

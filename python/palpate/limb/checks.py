@@ -1,7 +1,6 @@
 """Checks of limbs: refused where they cannot be simulated, or where two meshes are not of one limb."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -9,7 +8,7 @@ from palpate.domain import FloatArray, Indentation, IntArray, Limb, Mesh
 from palpate.errors import MeshError
 from palpate.limb.mesh_joints import check_joints
 from palpate.mesh.spot_frame import contact_edge_mm
-from palpate.mesh.topology import CELLS, HEX_CORNERS, Cell, linear_simplex, multilinear, quadratic_simplex
+from palpate.mesh.topology import CELLS, SLOPES, Cell
 
 SAME_FRAME = 0.25
 """Difference of the boxes around two meshes of one limb, over the element size, up to which frames agree."""
@@ -200,7 +199,7 @@ def _check_elements(mesh: Mesh) -> None:
 
 def _least_jacobian(kind: str, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Least Jacobian determinant over the sampled points, and the cube of the extent: (n_cells,)."""
-    jacobians = np.einsum("qai,caj->cqij", _SLOPES[kind], corners)
+    jacobians = np.einsum("qai,caj->cqij", SLOPES[kind], corners)
     least: FloatArray = np.linalg.det(jacobians).min(axis=1)
     return least, _extents(corners) ** 3
 
@@ -209,17 +208,6 @@ def _extents(corners: FloatArray) -> FloatArray:
     """Longest side of the box around each element's nodes (n_cells, n_nodes, 3)."""
     extents: FloatArray = np.ptp(corners, axis=1).max(axis=1)
     return extents
-
-
-_GAUSS = 0.1381966011250105 + 0.4472135954999579 * np.eye(4)
-_SLOPES: Mapping[str, FloatArray] = MappingProxyType(
-    {
-        "tet4": linear_simplex(np.eye(4)[:1])[1],
-        "tet10": quadratic_simplex(np.vstack([np.eye(4), _GAUSS]), CELLS["tet10"].edges)[1],
-        "hex8": multilinear(np.vstack([HEX_CORNERS, HEX_CORNERS / np.sqrt(3.0)]), HEX_CORNERS)[1],
-    }
-)
-"""Slopes of the shape functions where elements are checked: at corners and quadrature points."""
 
 
 def _check_edges(mesh: Mesh) -> None:

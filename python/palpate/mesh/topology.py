@@ -152,3 +152,15 @@ def multilinear(points: FloatArray, corners: FloatArray) -> tuple[FloatArray, Fl
         [0.5 * corners[:, k] * np.delete(factors, k, axis=2).prod(axis=2) for k in range(dimension)], axis=2
     )
     return factors.prod(axis=2), slopes
+
+
+SLOPES: Mapping[str, FloatArray] = MappingProxyType(
+    {
+        "tet4": linear_simplex(np.eye(4)[:1])[1],
+        "tet10": quadratic_simplex(
+            np.vstack([np.eye(4), 0.1381966011250105 + 0.4472135954999579 * np.eye(4)]), CELLS["tet10"].edges
+        )[1],
+        "hex8": multilinear(np.vstack([HEX_CORNERS, HEX_CORNERS / np.sqrt(3.0)]), HEX_CORNERS)[1],
+    }
+)
+"""Slopes of the shape functions of each kind at its corners, then at its quadrature points."""

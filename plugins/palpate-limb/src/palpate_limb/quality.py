@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from palpate.api import FloatArray, IntArray, Limb, MeshError
-from palpate.api.mesh import CELLS, contact_edge_mm, quadratic_simplex
+from palpate.api.mesh import CELLS, SLOPES, contact_edge_mm
 from palpate_limb.segment import Segment
 
 LEAST_SCALED_JACOBIAN = 0.02
@@ -132,14 +132,11 @@ def scaled_jacobians(points: FloatArray, cells: IntArray) -> FloatArray:
         return np.asarray(scaled)
     # The determinant of a curved element against that of its straight one: 1 where nothing is bent.
     straight = np.linalg.det(np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2))
-    ratio = np.stack([_determinant(points[cells], slopes) for slopes in _SLOPES], axis=1) / straight[:, None]
+    ratio = (
+        np.stack([_determinant(points[cells], slopes) for slopes in SLOPES["tet10"]], axis=1)
+        / straight[:, None]
+    )
     return np.asarray(np.where(straight > 0.0, scaled * np.minimum(ratio.min(axis=1), 1.0), -np.abs(scaled)))
-
-
-_GAUSS = np.where(np.eye(4, dtype=bool), 0.5854101966249685, 0.1381966011250105)
-_SLOPES = quadratic_simplex(np.vstack([np.eye(4), _GAUSS]), CELLS["tet10"].edges)[1]
-_SLOPES.setflags(write=False)
-"""Slopes (8, 10, 3) of the shape functions at the corners and the Gauss points."""
 
 
 def _determinant(nodes: FloatArray, slopes: FloatArray) -> FloatArray:
@@ -154,7 +151,7 @@ def cell_volumes(points: FloatArray, cells: IntArray) -> FloatArray:
         corners = points[cells]
         volumes: FloatArray = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
         return volumes
-    return np.asarray(sum(_determinant(points[cells], slopes) for slopes in _SLOPES[4:]) / 24.0)
+    return np.asarray(sum(_determinant(points[cells], slopes) for slopes in SLOPES["tet10"][4:]) / 24.0)
 
 
 def dihedral_angles_deg(points: FloatArray, cells: IntArray) -> FloatArray:
