@@ -39,7 +39,7 @@ def test_a_quick_run_stops_at_the_first_answer_and_goes_on_later(call, unswept):
     assert "next: palpate " in quick.err
     assert " to " in quick.out.partition("Parameters")[2]  # the ends of an interval
     lines = json.loads((RUN / "report" / "result.json").read_text())
-    assert "first answer; the run has not ended" in lines["Conclusion"]
+    assert "first answer, the run has not ended" in lines["Conclusion"]
     assert "First answer" in written_page(lines)
     n_quick = call("status", RUN, "--json").json["n_finished"]
     assert not (RUN / "intervals.parquet").exists()

@@ -18,12 +18,12 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_478,
+    "lines": 77_479,
     "lines of the core": 33_504,
     "classes": 657,
     "constants": 1090,
     "long files": 0,
-    "long functions": 9,
+    "long functions": 8,
     "docstrings without a noun first": 0,
     "docstrings with that of or those of": 79,
 }

@@ -137,7 +137,9 @@ class Conclusion:
     def lines(self, study: Study) -> dict[str, str]:
         """Lines with which a run ends, by their label."""
         data = "measured data" if study.data != "simulated" else "SIMULATED curves, not a real experiment"
-        data += "".join(f"; {each.what.lower()}" for each in self.warnings if each.code == "unfinished")
+        if any(each.code == "unfinished" for each in self.warnings):
+            first = "first answer, " if any(each.level for each in self.estimates) else ""
+            data += f"; {first}the run has not ended"
         found = "; ".join(map(str, (*self.estimates, *self.moduli)))
         missing = f". NOT included in intervals: {', '.join(self.not_included)}" if self.not_included else ""
         worst = ", the worst first" if len(self.warnings) > 1 else ""

@@ -58,10 +58,9 @@ def report_warnings(
     """
     bests = data.bests
     if data.unfinished:
-        is_first = not data.fit.intervals.is_empty()
-        what = "First answer; the run has not ended" if is_first else "The run has not ended"
-        why = f"So far: {data.unfinished}. The page shows the best of the simulations so far."
-        yield warn("unfinished", what, why)
+        first = "" if data.fit.intervals.is_empty() else "First answer. "
+        why = f"{first}So far: {data.unfinished}. The page shows the best of the simulations so far."
+        yield warn("unfinished", "The run has not ended", why)
     yield from _about_no_fit(data)
     yield from _about_adequacy(data)
     if missed:
