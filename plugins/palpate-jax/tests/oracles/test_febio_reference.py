@@ -2,7 +2,7 @@
 
 Its uncoupled materials are three-field on hex8; coupled ones, tet10 and tet4 are plain. The indenter is
 glued to the skin (bulk mechanics alone), or presses without friction: there FEBio's sphere is faceted, which
-costs up to about 0.5 % of its force. Yeoh's material is compared by the tests of ``palpate certify``.
+costs up to about 0.5 % of its force. Yeoh's material is compared by the tests of ``benchmarks/certify.py``.
 """
 
 import json
