@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_479,
-    "lines of the core": 33_504,
+    "lines": 77_468,
+    "lines of the core": 33_498,
     "classes": 657,
     "constants": 1090,
     "long files": 0,

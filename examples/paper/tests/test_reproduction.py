@@ -1,4 +1,4 @@
-"""The command that repeats the paper, with a stand-in for the solver: a force and a torque that scale with the moduli."""
+"""The command that repeats the paper, with a solver in closed form: both channels scale with the moduli."""
 
 import json
 from collections import Counter

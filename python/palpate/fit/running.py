@@ -203,7 +203,9 @@ def _next(
             except StopIteration as end:
                 fit.message = str(end.value or "ended") + fit.remarks()
                 return
-            trials = [_sound(trial, fit.start.size) for trial in _some(trials)]
+            if len(trials) == 0:
+                raise ValueError("it asked for no trial")
+            trials = [_sound(trial, fit.start.size) for trial in trials]
             if len(fit.trace) + len(trials) > MOST_EVALUATIONS:
                 raise ValueError(f"it asked for more than {MOST_EVALUATIONS} evaluations")
     except PalpateError as error:
@@ -211,12 +213,6 @@ def _next(
         return
     asking.append((fit, asked))
     wanted.append(trials)
-
-
-def _some(trials: Sequence[Trial]) -> Sequence[Trial]:
-    if len(trials) == 0:
-        raise ValueError("it asked for no trial")
-    return trials
 
 
 def _sound(trial: Trial, n: int) -> Trial:

@@ -123,14 +123,11 @@ def placed(limb: Limb) -> Limb:
 def _sets(limb: Limb) -> InspectedTable:
     """Node sets and regions of the limb as the proposed tables read it."""
     mesh = limb.mesh
-    rows = [("region", name, f"{_count(limb, k)} elements") for k, name in enumerate(mesh.regions)]
+    counts = np.bincount(np.concatenate([*mesh.cell_regions.values()]), minlength=len(mesh.regions))
+    rows = [("region", name, f"{n} elements") for name, n in zip(mesh.regions, counts, strict=True)]
     rows += [("node set", name, f"{len(nodes)} nodes") for name, nodes in mesh.node_sets.items()]
     rows.append(("outer surface", "fixed, in contact, free", str(surface_shares(mesh))))
     return InspectedTable(title="As these tables read it", columns=("what", "name", "size"), rows=tuple(rows))
-
-
-def _count(limb: Limb, region: int) -> int:
-    return sum(int(np.count_nonzero(ids == region)) for ids in limb.mesh.cell_regions.values())
 
 
 def study_text(path: Path, source: str, settings: Mapping[str, Any], spot: Spot | None) -> str:

@@ -7,7 +7,7 @@ from functools import partial
 import polars as pl
 
 from palpate.answer.table import OF_ANSWER
-from palpate.domain import Design, RegionMaterial, weighed_phases
+from palpate.domain import Design, weighed_phases
 from palpate.domain.curves import abscissae_of
 from palpate.errors import FirstAnswerError, StudyError
 from palpate.experiment.measured import load_measured
@@ -87,11 +87,16 @@ class Sample(OfEveryRun):
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """Settings that decide the first ``n_sets`` sets of the design."""
-        regions = study.space.regions
         return {
             "ranges": [asdict(replace(p, prior=None, by=None)) for p in study.space.parameters],
             "materials": [
-                (r.region, described(r.material, study), r.convention, _not_searched(r)) for r in regions
+                (
+                    r.region,
+                    described(r.material, study),
+                    r.convention,
+                    {**r.fixed, **{name: tie.plain for name, tie in r.tied.items()}},
+                )
+                for r in study.space.regions
             ],
             "sampler": described(study.sampler),
             "filters": [described(keep) for keep in study.filters],
@@ -108,10 +113,6 @@ class Sample(OfEveryRun):
         kept = f"{design.n_drawn} sets drawn, {design.n_sets} kept by the filters (seed {design.seed})"
         earlier = f"the first {design.n_kept} are of an earlier design with wider ranges"
         return Summary(lines=(kept, earlier) if design.n_kept else (kept,))
-
-
-def _not_searched(region: RegionMaterial) -> dict[str, object]:
-    return {**region.fixed, **{name: tie.plain for name, tie in region.tied.items()}}
 
 
 class Simulate(OfEveryRun):

@@ -200,7 +200,8 @@ def laplace(
     together : (k, k) array or 1
         1 for scores that are weighed by their common errors, else 0; by default all are.
     """
-    parts = {name: _gram(scores.T @ factor) for name, factor in causes.items()}
+    of_scores = {name: scores.T @ factor for name, factor in causes.items()}
+    parts = {name: factor @ factor.T for name, factor in of_scores.items()}
     slopes = scores.T @ jacobian
     total = np.sum(list(parts.values()), axis=0)
     prior = np.eye(jacobian.shape[1]) / range_sd**2
@@ -218,11 +219,6 @@ def estimator(slopes: FloatArray, covariance: FloatArray, prior: FloatArray) -> 
     gain = np.linalg.solve(covariance, slopes)
     of_weights: FloatArray = np.linalg.inv(slopes.T @ gain + prior).astype(np.float64)
     return of_weights, of_weights @ gain.T
-
-
-def _gram(factor: FloatArray) -> FloatArray:
-    gram: FloatArray = factor @ factor.T
-    return gram
 
 
 def _in_box(centre: FloatArray, root: FloatArray, freedom: float) -> tuple[FloatArray, FloatArray]:

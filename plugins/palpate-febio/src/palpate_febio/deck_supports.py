@@ -2,7 +2,7 @@
 
 import re
 import xml.etree.ElementTree as ET  # types alone; documents are read by defusedxml
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -216,7 +216,7 @@ def _held_directions(root: ET.Element, body: tuple[str, ...]) -> set[str]:
                 if fixed.tag == "fixed" or (fixed.tag == "prescribed" and _number(fixed.text) == 0.0):
                     turns = dict(zip((*"xyz", "Rx", "Ry", "Rz"), RIGID_DOFS, strict=True))
                     held.add(turns.get(fixed.get("bc", ""), ""))
-    for new in _conditions(root, ("rigid_bc", "rigid_constraint")):
+    for new in (*root.iter("rigid_bc"), *root.iter("rigid_constraint")):
         if _text(new, "rb") not in body:
             continue
         words = new.get("type", "")
@@ -228,11 +228,6 @@ def _held_directions(root: ET.Element, body: tuple[str, ...]) -> set[str]:
             own = RIGID_DOFS[3:] if "rotation" in words else RIGID_DOFS[:3]
             held.add(own["xyz".index(dof)] if dof in tuple("xyz") else dof)
     return held
-
-
-def _conditions(root: ET.Element, tags: tuple[str, ...]) -> Iterator[ET.Element]:
-    for tag in tags:
-        yield from root.iter(tag)
 
 
 def _number(text: str | None) -> float | None:

@@ -63,10 +63,7 @@ def report_warnings(
         yield warn("unfinished", "The run has not ended", why)
     yield from _about_no_fit(data)
     yield from _about_adequacy(data)
-    if missed:
-        what = "An interval misses the true value" if len(missed) == 1 else "Intervals miss the true values"
-        why = "By chance 1 of 20 intervals does. More of them show an error that the budget leaves out."
-        yield warn("true-value-missed", f"{what} ({_some(missed)})", why)
+    yield from _about_truth(missed)
     if sentence := apparent(data):
         yield warn("apparent-moduli", sentence, REMEDY)
     yield from _about_missing(data)
@@ -89,6 +86,13 @@ def report_warnings(
     yield from _about_origins(data)
     yield from _about_unfitted(data, tables)
     yield from _about_conventions(data)
+
+
+def _about_truth(missed: Sequence[str]) -> Iterator[ReportWarning]:
+    if missed:
+        what = "An interval misses the true value" if len(missed) == 1 else "Intervals miss the true values"
+        why = "By chance 1 of 20 intervals does. More of them show an error that the budget leaves out."
+        yield warn("true-value-missed", f"{what} ({_some(missed)})", why)
 
 
 def _r2(data: ReportData, least: float, below: float) -> Iterator[tuple[str, str, float]]:
