@@ -195,6 +195,10 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
             ["Travel (um);Force (mN)", *[f"{d:,.0f};{f:,.0f}" for d, f in zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)]], "refused"),
         "apostrophes between thousands": lambda: made(
             ["Travel (um);Force (mN)", *[f"{d:,.0f};{f:,.1f}".replace(",", "'") for d, f in zip((1e3 * DEPTH).tolist(), (1e3 * FORCE).tolist(), strict=True)]], "question"),
+        "creep": lambda: made(["Time (s),Strain (%),Stress (Pa)", *rows(SECONDS, 100.0 * STRAIN, 0.0 * STRAIN + 100.0)], "question"),
+        "newest row first": lambda: made(["Depth (mm),Force (N)", *rows(DEPTH[::-1], FORCE[::-1])], "question"),
+        "stress of an indentation": lambda: made(["Indentation strain,Indentation stress (kPa)", *rows(STRAIN, STRESS_KPA)], "question"),
+        "short names of measures": lambda: made(["eps_eng [-],sigma_eng [kPa]", *rows(STRAIN, STRESS_KPA)], "uniaxial"),
         "shear of a plate": lambda: made(
             ["Shear displacement (mm),Shear force (N),Thickness (mm)", *rows(DEPTH, FORCE, 0.0 * DEPTH + 10.0)], "question"),
         "percent that R has no letter for": lambda: made(["Strain....,Stress..kPa.", *rows(40.0 * STRAIN, STRESS_KPA)], "question"),

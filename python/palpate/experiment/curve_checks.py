@@ -69,11 +69,12 @@ def check_curve(curve: Curve, channel: Channel) -> list[str]:
         raise CurveError(
             f"{named}: {curve.ordinate[row]:.3g} in row {row} is too large to be squared; repair it"
         )
+    outliers = [*_outlier(curve)]
     if channel.non_negative:
         _check_sign(curve, channel, peak)
     if channel.dissipative:
         _check_work(curve, channel)
-    found = [*(_disorder(curve, channel) or _points(curve)), *_outlier(curve)]
+    found = [*(_disorder(curve, channel) or _points(curve)), *outliers]
     if channel.zero_at_start:
         found += _bias(curve, channel, peak)
     return [f"{named} {each}" for each in found]
@@ -138,9 +139,12 @@ def _outlier(curve: Curve) -> Iterator[str]:
     share = (x[rows] - x[rows - 1]) / np.where(x[rows + 1] == x[rows - 1], 1.0, x[rows + 1] - x[rows - 1])
     off = np.abs(y[rows] - y[rows - 1] - share * (y[rows + 1] - y[rows - 1]))
     row = int(rows[off.argmax()])
-    if off.max() > np.abs(np.delete(y, row)).max():
-        near = f"{y[row - 1]:.4g} and {y[row + 1]:.4g}"
-        yield f"is {y[row]:.4g} in row {row} and {near} next to it; check this row"
+    largest = float(np.abs(np.delete(y, row)).max())
+    if off.max() > largest:
+        found = f"is {y[row]:.4g} in row {row} and {y[row - 1]:.4g} and {y[row + 1]:.4g} next to it"
+        if off.max() > 20.0 * largest:  # -9999 and 1e30 stand for no value
+            raise CurveError(f"channel '{curve.channel}' {found}, as of a missing value; remove this row")
+        yield f"{found}; check this row"
 
 
 def check_gaps(curve: Curve) -> None:

@@ -189,6 +189,12 @@ def test_few_points_are_a_warning_in_any_channel():
     ]
 
 
+@pytest.mark.parametrize("factor", [1e4, -1e4, 1e30])
+def test_a_number_that_stands_for_no_value_is_refused(read, factor):
+    with pytest.raises(CurveError, match=r"in row 8 and .* as of a missing value; remove this row"):
+        read(times_at(FORCE, 8, factor))
+
+
 def test_a_row_far_off_its_neighbours_is_a_warning(read):
     warning = read(times_at(FORCE, 8, 20.0))[0]
     assert re.search(r"'force' is \d+\.?\d* in row 8 and .* next to it; check this row", warning)

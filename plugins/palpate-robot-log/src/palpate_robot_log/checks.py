@@ -43,10 +43,6 @@ def _plausible(setting: str) -> Callable[..., Limits]:
     return limits
 
 
-def _usual_steps(_: object, channels: "ChannelMap") -> Limits:
-    return channels.plausible.shortest_step, channels.plausible.longest_step
-
-
 def _stuck(_: object, channels: "ChannelMap", __: object) -> Limits:
     return 0.0, channels.stuck
 
@@ -112,7 +108,8 @@ CHECKS: tuple[Check, ...] = (
     Check("time", of.repeated_times, _NONE,
          "the time of the row before once more ({value} such rows in all)",
          'remove them, or set repeated_time = "keep_first" in the channel map'),
-    Check("steps", of.usual_step, _usual_steps,
+    Check("steps", of.usual_step,
+         lambda _, channels: (channels.plausible.shortest_step, channels.plausible.longest_step),
          "rows are {value:g} s apart with time in {unit}, which no log of a press has",
          "correct the unit of time, or widen plausible.shortest_step and longest_step in the channel map"),
     Check("steps", of.long_steps, _NONE,

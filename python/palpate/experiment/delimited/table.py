@@ -106,23 +106,17 @@ class TextTable:
             return replace(self.layout, first_line=first)
 
     def _shown_blocks(self) -> str:
-        return f"the file holds {len(self.blocks)} tables: lines " + ", ".join(
-            f"{first} to {last}" for first, last in self.blocks
-        )
+        spans = ", ".join(f"{first} to {last}" for first, last in self.blocks)
+        return f"the file holds {len(self.blocks)} tables: lines {spans}"
 
     def _found_columns(self) -> dict[str, tuple[int, int | None]]:
         """Cell of each column, and place in its list, by name; a name that occurs twice is left out."""
         kinds, names = self.layout.kinds, self.layout.names[: period_of(self.layout.names)]
-        first = self._cells(range(len(names)), n_rows=1) if "list" in kinds else None
-        found: dict[str, tuple[int, int | None]] = {}
+        first, found = self._cells(range(len(names)), n_rows=1), dict[str, tuple[int, int | None]]()
         for index, (name, kind) in enumerate(zip(names, kinds, strict=False)):
-            if names.count(name) > 1:
-                continue
-            if first is not None and kind == "list":
-                n_numbers = numbers_in(first[str(index)][0])
-                found.update({f"{name}[{place}]": (index, place) for place in range(n_numbers)})
-            else:
-                found[name] = (index, None)
+            n_numbers = numbers_in(first[str(index)][0]) if kind == "list" else 0
+            parts: dict[str, tuple[int, int | None]] = {f"{name}[{k}]": (index, k) for k in range(n_numbers)}
+            found |= (parts or {name: (index, None)}) if names.count(name) == 1 else {}
         return found
 
     def _cells(self, indices: Iterable[int], n_rows: int | None = None) -> "pl.DataFrame":

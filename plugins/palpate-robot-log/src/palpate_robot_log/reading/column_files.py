@@ -5,6 +5,7 @@ or rate within it.
 """
 
 import json
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -209,22 +210,16 @@ def read_json(path: Path) -> RawLog:
     advice = "write an object for each sample, with numbers or lists of numbers"
     with or_damaged(path, "the JSON is damaged, or no table of numbers", advice):
         text = path.read_text(encoding="utf-8-sig").strip()
-        is_lines = text.startswith("{") and "}\n" in text and _is_json(text.partition("\n")[0])
-        loaded = [json.loads(line) for line in text.splitlines() if line] if is_lines else json.loads(text)
+        try:
+            loaded = json.loads(text)
+        except ValueError:  # an object a line
+            loaded = [json.loads(line) for line in text.splitlines() if line]
         if isinstance(loaded, dict):
             return _log(path, "JSON", {name: np.asarray(of) for name, of in _fields(loaded)}, _NUMPY_NAME)
         frame = pl.DataFrame([dict(_fields(row)) for row in loaded], infer_schema_length=None)
         names = [name for name, dtype in frame.schema.items() if _is_numeric(dtype)]
         others = [f"{name} ({dtype})" for name, dtype in frame.schema.items() if name not in names]
         return _of_frame(path, "JSON", frame.select(names), others)
-
-
-def _is_json(line: str) -> bool:
-    try:
-        json.loads(line)
-    except ValueError:
-        return False
-    return True
 
 
 def _fields(value: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -240,19 +235,19 @@ def _of_frame(path: Path, file_format: str, frame: "pl.DataFrame", others: Seque
     """Log of a frame's columns; ``others`` are those that hold no numbers."""
     import polars as pl
 
-    parts = {name: _numbers(path, frame[name]) for name in frame.columns}
-    numbers = frame.select([one for of_one in parts.values() for one in of_one])
-    if numbers.height < 2 or not numbers.width:
+    columns = list[Column]()
+    for name, kind in frame.schema.items():
+        is_time = isinstance(kind, pl.Datetime | pl.Duration)
+        for one in _numbers(path, frame[name]):  # position_mm[0]
+            unit = "s" if is_time else unit_in(name)[1] if one.name != name else ""
+            columns.append(Column(name=one.name, values=one.fill_null(math.nan).to_numpy(), unit=unit))
+    if frame.height < 2 or not columns:
         raise CurveError(
-            f"{path}: {frame.height} rows and {numbers.width} columns of numbers; export the log again"
+            f"{path}: {frame.height} rows and {len(columns)} columns of numbers; export the log again"
         )
-    units = {name: "s" for name, of in frame.schema.items() if isinstance(of, pl.Datetime | pl.Duration)}
-    for name, of_one in parts.items():  # position_mm[0]
-        units |= {each.name: unit_in(name)[1] for each in of_one if each.name != name and unit_in(name)[1]}
-    whole, rows = numbers.with_columns(pl.all().fill_null(float("nan"))), np.arange(numbers.height)
-    stream = Stream(name="", frame=whole, rows=rows, units=units, notes={})
     notes = (f"columns passed over: {listed(others)}",) if others else ()
-    return RawLog(source=str(path), format=file_format, row_word="row", streams=(stream,), notes=notes)
+    streams = (Stream.of(columns),)
+    return RawLog(source=str(path), format=file_format, row_word="row", streams=streams, notes=notes)
 
 
 def _is_numeric(dtype: "pl.DataType") -> bool:

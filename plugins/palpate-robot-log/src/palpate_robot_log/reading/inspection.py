@@ -18,7 +18,6 @@ from scipy.spatial.transform import Rotation
 
 from palpate.api import CurveError, FloatArray
 from palpate.api.files import InspectedTable, Inspection, kind_of
-from palpate_indentation.api import units_of
 from palpate_robot_log.checks import LARGEST_TURN_AXIS_ANGLE_DEG
 from palpate_robot_log.measures import longest_step_s
 from palpate_robot_log.processing.chain import Processed
@@ -28,7 +27,7 @@ from palpate_robot_log.processing.settings import ProcessingSettings, Switch
 from palpate_robot_log.reading.assembly import assemble, read_both, seconds_of, share_clock
 from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles, Time
 from palpate_robot_log.reading.formats import Request, read_log
-from palpate_robot_log.reading.processed_curves import Proposed, curves_of
+from palpate_robot_log.reading.processed_curves import Proposed, curves_of, spans_of
 from palpate_robot_log.reading.proposal import (
     Proposal,
     channel_map,
@@ -118,17 +117,13 @@ def _found(log: RawLog, path: Path, proposal: Proposal) -> tuple[Proposal, Propo
         result += [*_cycles(found), _curves_in(found, proposal)]
     guesses = [*proposal.guesses.values(), *proposal.time.values()]
     checks = dict.fromkeys(f"check {check}" for guess in guesses for check in guess.to_check)
-    others = [
-        f"{quantity} might also be: {'; '.join(_place(guess) for guess in also)}"
-        for quantity, also in proposal.others.items()
-    ]
+    others = []
+    for quantity, also in proposal.others.items():
+        streams = (f" of stream '{guess.stream}'" if guess.stream else "" for guess in also)
+        places = (", ".join(one.entry["columns"]) + stream for one, stream in zip(also, streams, strict=True))
+        others.append(f"{quantity} might also be: {'; '.join(places)}")
     kind = ["a testing machine of one axis: depth and first contact are found from the force"]
     return proposal, None, [*(kind if is_machine(proposal) else []), *checks, *others, *result], problem
-
-
-def _place(guess: Guess) -> str:
-    columns = ", ".join(guess.entry["columns"])
-    return f"{columns} of stream '{guess.stream}'" if guess.stream else columns
 
 
 def _of_curves(path: Path, curves: Proposed) -> tuple[list[str], str]:
@@ -183,13 +178,7 @@ def _curves_in(recording: Recording, proposal: Proposal) -> str:
         curves = _last_press(recording, proposal).curves
     except CurveError as error:
         return f"no curves yet: {error}"
-    peaks = (
-        f"{name} up to {np.abs(curve.ordinate).max():.4g} {of} over "
-        f"{curve.abscissa.min():.4g} to {curve.abscissa.max():.4g} {along}"
-        for name, curve in curves.items()
-        for along, of in [units_of(name)]
-    )
-    return f"its curves: {', '.join(peaks)}"
+    return f"its curves: {spans_of(curves)}"
 
 
 def _yielding(log: RawLog, proposal: Proposal, measured: Recording) -> Iterable[str]:

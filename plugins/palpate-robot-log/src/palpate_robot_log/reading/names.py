@@ -4,7 +4,7 @@ A word is looked up without accents and in small letters; German compounds are k
 """
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain, pairwise
 from typing import NamedTuple
 
@@ -100,8 +100,8 @@ ROLES: Mapping[str, Role] = {
     "stretch": _role("ratio", "stretch lambda streckung"),
     "strain": _role(
         "ratio",
-        "strain dehnung deformation deformacion deformazione verzerrung epsilon stauchung elongation shear "
-        "gamma",
+        "strain eps dehnung deformation deformacion deformazione verzerrung epsilon stauchung elongation "
+        "shear gamma",
     ),
     "stress": _role("stress", "stress spannung contrainte esfuerzo tension sforzo sigma piola tau"),
 }
@@ -137,7 +137,9 @@ _ASIDE = word_set("transverse lateral radial poisson quer querdehnung true cauch
 
 TENSILE = word_set("tensile zug traction elongation gauge specimen extensometer pull")
 _COMPRESSIVE = word_set("compressive compression compress compressed stauchung druck druckspannung")
-_UNCERTAIN = word_set("almansi eulerian biot swainger mises equivalent effective principal deviatoric")
+_UNCERTAIN = word_set(
+    "almansi eulerian biot swainger mises equivalent effective principal deviatoric indentation volumetric"
+)
 _STRAIN_MEASURES: Mapping[str, frozenset[str]] = {
     "log": word_set("true log logarithmic ln hencky natural wahre"),
     "green": word_set("green lagrange lagrangian gl"),
@@ -285,7 +287,9 @@ class Test(NamedTuple):
 
 def test_of(strain: Column, stress: Column) -> Test:
     """Mode and measures of a homogeneous test by its names."""
-    along, of = ({*words_of(column.name), *_joined(words_of(column.name))} for column in (strain, stress))
+    along, of = (
+        {*words, *map("".join, pairwise(words))} for words in (words_of(strain.name), words_of(stress.name))
+    )  # pk2 is a word, and pk and 2 are
     both = along | of
     questions = [
         f"{column.name}: palpate does not convert a measure '{word}'; give nominal stress over stretch"
@@ -318,8 +322,3 @@ def test_of(strain: Column, stress: Column) -> Test:
         mode = "confined_compression"
     is_compressive = bool(both & _COMPRESSIVE) or mode == "confined_compression"
     return Test(mode, next(iter(measure), ""), next(iter(kind), ""), is_compressive, tuple(questions))
-
-
-def _joined(words: Sequence[str]) -> Iterable[str]:
-    """Pairs of words without their gap: pk and 2, 2 and nd."""
-    return (a + b for a, b in pairwise(words))

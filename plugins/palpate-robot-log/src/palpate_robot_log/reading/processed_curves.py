@@ -87,15 +87,19 @@ class Proposed:
             curves = loader(loader.Settings.model_validate(settings)).load(path, self.mode or None).curves
         except ValidationError as error:
             raise CurveError("; ".join(str(one["msg"]) for one in error.errors())) from None
-        return "; ".join(_spans(name, curve) for name, curve in curves.items())
+        return spans_of(curves)
 
 
-def _spans(name: str, curve: Curve) -> str:
-    along, of = (
-        f"{values.min():.6g} to {values.max():.6g} {'' if unit == '1' else unit}".rstrip()
-        for values, unit in zip((curve.abscissa, curve.ordinate), units_of(name), strict=True)
-    )
-    return f"{name} {of} over {along} in {curve.abscissa.size} rows"
+def spans_of(curves: Mapping[str, Curve]) -> str:
+    """Ranges of curves, in words."""
+    spans = []
+    for name, curve in curves.items():
+        along, of = (
+            f"{values.min():.6g} to {values.max():.6g} {'' if unit == '1' else unit}".rstrip()
+            for values, unit in zip((curve.abscissa, curve.ordinate), units_of(name), strict=True)
+        )
+        spans.append(f"{name} {of} over {along} in {curve.abscissa.size} rows")
+    return "; ".join(spans)
 
 
 def curves_of(log: RawLog) -> Proposed | None:
@@ -151,6 +155,9 @@ def _curves(columns: Sequence[Column]) -> Proposed | None:
         if channel == FORCE.name:
             channels[channel], placed = _placed(along, of)
             remarks += placed
+            begin, end = abs(of.column.values[[0, -1]]) / max(np.nanmax(abs(of.column.values)), 1e-300)
+            if end < _AT_REST and begin > 1.0 - _AT_REST:
+                questions.append(f"{of.column.name} falls from its largest value to 0: reverse the rows")
         else:
             turn = _column(along, float(np.degrees(1.0)) if along.factor else 1.0)
             channels[channel] = {"abscissa": turn, "ordinate": _column(of)}
@@ -213,7 +220,8 @@ def _placed(depth: Picked, force: Picked) -> tuple[dict[str, Any], list[str]]:
     approach = _approach(sense * (x - x[0])[: farthest + 1], y[: farthest + 1]) if unloaded else 0.0
     shift = -sense * float(x[0]) - approach if unloaded else 0.0
     shift = shift if abs(shift) > _AT_REST * np.ptp(x) else 0.0
-    push = -1.0 if -y.min() > y.max() else 1.0
+    is_deep = np.abs(x - x[0]) > np.abs(x[farthest] - x[0]) / 2.0
+    push = -1.0 if np.median(y[is_deep]) < 0.0 else 1.0
     if sense < 0.0 or shift:
         way = f"begins at {x[0]:.6g} and {'falls' if sense < 0.0 else 'rises'}"
         way += f", with first contact at {x[0] + sense * approach:.4g}" if approach else ""
@@ -277,9 +285,10 @@ def _homogeneous(columns: Sequence[Column]) -> Proposed | None:
         "abscissa": _column(along, signs[0], 1.0 if is_nominal else 0.0),
         "ordinate": _column(stress, signs[1]),
     }
-    columns_of |= {"strain": test.strain} if test.strain else {}
-    columns_of |= {"stress": test.stress} if test.stress else {}
-    questions = list(test.questions)
+    columns_of |= {key: of for key, of in (("strain", test.strain), ("stress", test.stress)) if of}
+    questions = [*test.questions]
+    if not np.nanstd(stress.column.values) > _AT_REST * np.nanmax(np.abs(stress.column.values)):
+        questions.append(f"{stress.column.name} hardly changes, as in creep: give a test of loading")
     questions += filter(None, (stress.question("stress"), along.question("strain")))
     if stress.factor is None and not stress.column.shown_unit:
         questions.append(f"{stress.column.name} shows no unit of stress: give scale, the factor to MPa")
@@ -288,9 +297,8 @@ def _homogeneous(columns: Sequence[Column]) -> Proposed | None:
         questions.append(f"{along.column.name} goes to {largest:.4g}: in percent? give scale, 0.01 or 1")
     if test.stress and not test.strain and not is_stretch and is_nominal:
         remarks = [*remarks, f"check {along.column.name}: a nominal strain is assumed"]
-    strain: Any = test.strain or "stretch"
-    kind: Any = test.stress or "nominal"
-    if problem := problem_of(test.mode, strain, kind):
+    measures: Any = (test.strain or "stretch", test.stress or "nominal")
+    if problem := problem_of(test.mode, *measures):
         questions.append(f"{along.column.name}, {stress.column.name}: {problem}")
     converted = [
         f"{one.column.name}: {_MEASURES[measure]} is converted to {to}"

@@ -36,7 +36,11 @@ def chains(edges: Mapping[tuple[str, str], Stream]) -> Iterator[Stream]:
 def _composed(parts: Sequence[Stream], name: str) -> Stream | None:
     """Product of transforms, the root's first; None where their times do not overlap."""
     moving = [part for part in parts if part.rows.size > 1]
-    times = [name for name in _CLOCKS if all(_is_clock(part, name) for part in moving)]
+    times = [
+        name
+        for name in _CLOCKS
+        if all(name in one.frame.columns and np.all(np.diff(one.column(name).values) > 0.0) for one in moving)
+    ]
     if not times:
         return None
     clocks = [part.column(times[0]).values for part in moving]
@@ -53,10 +57,6 @@ def _composed(parts: Sequence[Stream], name: str) -> Stream | None:
     columns += [Column(name=one, values=v, unit="m") for one, v in zip(PLACE, place.T, strict=True)]
     columns += [Column(name=one, values=v) for one, v in zip(TURN, turn.as_quat().T, strict=True)]
     return Stream.of(columns, f"{kept.name.rpartition(' ')[0]} {name}", kept.rows[rows])
-
-
-def _is_clock(part: Stream, name: str) -> bool:
-    return name in part.frame.columns and bool(np.all(np.diff(part.column(name).values) > 0.0))
 
 
 def _at(part: Stream, clock: str, time_s: FloatArray) -> tuple[FloatArray, Rotation]:
