@@ -144,11 +144,16 @@ def test_a_coarse_sensor_is_neither_stuck_nor_saturated() -> None:
     assert reading(table).recording.n_rows == 240
 
 
-def test_a_wrench_updated_at_half_the_rate_is_not_stuck() -> None:
+@pytest.mark.parametrize("n_rows", [2, 5])
+def test_a_wrench_that_is_repeated_is_read_when_it_is_new(n_rows: int) -> None:
     table = write.press()
+    whole = reading(table).recording
     for name in write.COLUMNS[8:]:
-        table[name] = np.repeat(table[name][::2], 2)
-    assert reading(table).recording.n_rows == 240
+        table[name] = np.repeat(table[name][::n_rows], n_rows)
+    found = reading(table).recording
+    np.testing.assert_array_equal(found.rows, whole.rows[::n_rows])
+    np.testing.assert_allclose(found.force_N, whole.force_N[::n_rows])
+    np.testing.assert_allclose(found.position_mm, whole.position_mm[::n_rows])
 
 
 def test_a_robot_at_rest_may_repeat_its_pose() -> None:

@@ -25,7 +25,7 @@ from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log
 from palpate_robot_log.reading.raw import RawLog, Series, Stream
 from palpate_robot_log.recording import Recording, rotated
 
-_STEP_S = 0.01
+_STEP_S, _HELD = 0.01, 0.8  # the latter is the share of updates that come after the same number of rows
 _SMOOTHING_STEPS = 5.0
 _LONGEST_S = 3600.0
 _YEAR_2001_S = 1e9
@@ -93,6 +93,7 @@ def assemble(log: RawLog, channels: ChannelMap) -> Reading:
         is_known = any(one.time_s is other.time_s for other in series.values())
         series[name] = one if is_known else _with_rising_time(one, channels)
     deviation = _checked_values(series, channels)
+    series |= _updated(series["force"], series["moment"])
     offset_s = 0.0
     if channels.clocks == "own":
         offset_s = clock_offset_s(series["position"], series["force"])
@@ -167,6 +168,18 @@ def _with_rising_time(series: Series, channels: ChannelMap) -> Series:
         series = series.part(np.concatenate([[True], steps > 0.0]))
     check(series, "steps", channels)
     return series
+
+
+def _updated(force: Series, moment: Series) -> dict[str, Series]:
+    """Rows of a wrench that is new, where each is repeated a few times: what is held comes late."""
+    if force.time_s.size != moment.time_s.size:
+        return {}
+    is_new = np.any(np.diff(np.hstack([force.values, moment.values]), axis=0), axis=1)
+    starts = np.concatenate([[0], np.flatnonzero(is_new) + 1])
+    n_rows = np.diff(starts)
+    is_held = n_rows.size > 0 and (usual := np.median(n_rows)) > 1 and np.mean(n_rows == usual) > _HELD
+    chosen = np.isin(np.arange(force.time_s.size), starts)
+    return {one.what: one.part(chosen) for one in (force, moment)} if is_held else {}
 
 
 _POSES = {"force": ("position",), "moment": ("position", "orientation")}
