@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_468,
-    "lines of the core": 33_498,
+    "lines": 77_471,
+    "lines of the core": 33_500,
     "classes": 657,
-    "constants": 1090,
+    "constants": 1089,
     "long files": 0,
     "long functions": 8,
     "docstrings without a noun first": 0,

@@ -111,8 +111,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given, without = split_option("--no-plugin", given)
     app = build_app()
     session = Session([Path(file) for file in files], without, build_app)
-    if arguments is None:
-        session.began_processor_s = 0.0  # the whole process is this command's
+    if arguments is None:  # the whole process is this command's
+        session.began_processor_s = 0.0
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads of small matrices wait for each other
     try:
         return _run(app, session, given)
     except Exception as error:

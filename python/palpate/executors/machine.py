@@ -72,8 +72,11 @@ def _groups() -> list[Path]:
 
 
 def thread_limits(n_threads: int) -> dict[str, str]:
-    """Environment that holds numerical libraries to ``n_threads`` threads, set before they load."""
-    limits = dict.fromkeys(THREAD_VARIABLES, str(n_threads))
+    """Environment that holds numerical libraries to ``n_threads`` threads, set before they load.
+
+    OpenBLAS has one: on small matrices its threads wait for each other.
+    """
+    limits = dict.fromkeys(THREAD_VARIABLES, str(n_threads)) | {"OPENBLAS_NUM_THREADS": "1"}
     if n_threads == 1:
         flags = os.environ.get("XLA_FLAGS", "")
         limits["XLA_FLAGS"] = f"{flags} --xla_cpu_multi_thread_eigen=false".strip()

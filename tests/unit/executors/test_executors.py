@@ -179,6 +179,7 @@ def test_threads_of_all_workers_fit_the_machine():
     assert limits["OMP_NUM_THREADS"] == limits["NPROC"] == "1"
     assert "--xla_cpu_multi_thread_eigen=false" in limits["XLA_FLAGS"]
     assert "XLA_FLAGS" not in thread_limits(2)
+    assert thread_limits(2)["OPENBLAS_NUM_THREADS"] == "1"
 
 
 def test_a_worker_sees_its_thread_limit(make_study, tmp_path):
