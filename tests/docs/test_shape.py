@@ -18,12 +18,12 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_471,
-    "lines of the core": 33_500,
+    "lines": 77_482,
+    "lines of the core": 33_511,
     "classes": 657,
     "constants": 1089,
     "long files": 0,
-    "long functions": 8,
+    "long functions": 7,
     "docstrings without a noun first": 0,
     "docstrings with that of or those of": 79,
 }

@@ -296,7 +296,14 @@ def results(
         should_continue=progress.should_continue,
         running=running,
     )
-    waiting = set(range(len(jobs)))
+    for index, answer in _answers(executor, batch):
+        running([each for each in started if each != index])
+        yield index, replace(usable(jobs[index], answer, answer.seconds), n_crashes=answer.n_crashes)
+
+
+def _answers(executor: Executor, batch: Batch) -> Iterator[tuple[int, Simulation]]:
+    """Place and answer of each job, as the executor yields it; refuse anything else that it yields."""
+    waiting = set(range(n_jobs := len(batch.jobs)))
     with answering_for(executor, "starting the simulations"):
         found = iter(executor.results(batch))
     while True:
@@ -306,16 +313,14 @@ def results(
                 break
             match result:
                 case (int(index), Simulation() as answer) if index in waiting:
-                    pass
+                    waiting.discard(index)
                 case _:
                     wrong = "not the place and the Simulation of a job that was waiting"
                     raise ValueError(f"it yielded {result!r:.200}, {wrong}")
-        waiting.discard(index)
-        running([each for each in started if each != index])
-        yield index, replace(usable(jobs[index], answer, answer.seconds), n_crashes=answer.n_crashes)
-    if waiting and progress.should_continue():
+        yield index, answer
+    if waiting and batch.should_continue():
         raise PluginError(
-            f"executor '{executor.name}' ended without a result for {len(waiting)} of {len(jobs)} jobs; "
+            f"executor '{executor.name}' ended without a result for {len(waiting)} of {n_jobs} jobs; "
             "finished results are kept; set executor.name = 'processes', or report it to the plugin's author"
         )
 

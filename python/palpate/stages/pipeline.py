@@ -177,26 +177,32 @@ def run_study(
             progress.note(f"the first {n_kept} sets of the design are from an earlier one with wider ranges")
         given = replace(run, study=study, fresh=inputs, check_lock=check_lock, is_quick=is_quick)
         with given as run, _showing_so_far(run, wanted):
-            for i, stage in enumerate(wanted):
-                if stage.comes_last:
-                    remove_fit_state(run_folder)
-                run.expect(wanted[i:])
-                _make(run, stage, made_from if stage.name == "experiment" else None)
-                if stage.needs:
-                    run = _again(run, stage, wanted)
-            remove_fit_state(run_folder)
-            run.spent.write()
-            return RunResult(
-                folder=run_folder,
-                measured=inputs.measured,
-                design=inputs.design,
-                simulations=run.swept(),
-                scores=run.table("scores"),
-                selected=selected(run),
-                fit=run.fit(),
-                summary=wanted[-1].summarise(run),
-                report=run.shared.get(wanted[-1].name),
-            )
+            return _made(run, inputs, wanted, made_from)
+
+
+def _made(run: Run, inputs: StudyInputs, wanted: Sequence[Stage], made_from: Mapping[str, str]) -> RunResult:
+    """Result of all stages, made in turn, and again where a later one asks for it."""
+    folder = run.directory.folder
+    for i, stage in enumerate(wanted):
+        if stage.comes_last:
+            remove_fit_state(folder)
+        run.expect(wanted[i:])
+        _make(run, stage, made_from if stage.name == "experiment" else None)
+        if stage.needs:
+            run = _again(run, stage, wanted)
+    remove_fit_state(folder)
+    run.spent.write()
+    return RunResult(
+        folder=folder,
+        measured=inputs.measured,
+        design=inputs.design,
+        simulations=run.swept(),
+        scores=run.table("scores"),
+        selected=selected(run),
+        fit=run.fit(),
+        summary=wanted[-1].summarise(run),
+        report=run.shared.get(wanted[-1].name),
+    )
 
 
 @contextlib.contextmanager
