@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_482,
+    "lines": 77_483,
     "lines of the core": 33_511,
     "classes": 657,
     "constants": 1089,
