@@ -6,7 +6,8 @@ files fit these surfaces to 3e-8 mm. :func:`true_limb` has edges of 1.0 mm at th
 1.2 % of the torque of converged ones. :func:`other_limb` is as coarse as the demo's meshes.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from study_mesh_size import RADIUS_MM, exact_segment, meshed
@@ -14,8 +15,10 @@ from study_mesh_size import RADIUS_MM, exact_segment, meshed
 from palpate import Limb
 from palpate_forearm import Phantom
 from palpate_forearm.phantom import CrossSection, InkMark, PhantomBone
+from palpate_limb.from_scan import sound_mesh
 from palpate_limb.meshing import SizeField
-from palpate_limb.volume import MeshPlan, mesh_segment, moved_to_contact
+from palpate_limb.options import ScanOptions
+from palpate_limb.volume import NO_LAYERS, MeshPlan, mesh_segment, moved_to_contact
 
 FOREARM = {
     "p1": (38.0, 0.05, 32.0, 0.05, 90.0, ((14.0, 2.0, 6.0), (-13.0, -3.0, 6.5))),
@@ -66,15 +69,25 @@ def forearm(spot: str) -> Phantom:
     )
 
 
-def true_limb(spot: str, fine_mm: float = 1.0) -> Limb:
+def true_limb(spot: str, fine_mm: float = 1.0, layers_mm: Mapping[str, float] = NO_LAYERS) -> Limb:
     """Mesh of a spot whose curves are nearly converged; with longer edges, for an extrapolation to none."""
     phantom = forearm(spot)
     size = Ring(fine_mm=fine_mm, middle_mm=3.0 * fine_mm, coarse_mm=18.0, radius_mm=REACH_MM, growth=0.5)
+    wanted = MeshPlan(size=size, tolerance_mm=0.4, layers_mm=layers_mm)
     segment = exact_segment(phantom, phantom.spots[0])
-    return moved_to_contact(mesh_segment(segment, MeshPlan(size=size, tolerance_mm=0.4)), RADIUS_MM)[0]
+    return moved_to_contact(mesh_segment(segment, wanted), RADIUS_MM)[0]
 
 
 def other_limb(spot: str) -> Limb:
     """Mesh of a spot for a fit, as ``palpate limb`` makes it with these edges."""
     phantom = forearm(spot)
     return meshed(exact_segment(phantom, phantom.spots[0]), OTHER_RATIO)[0]
+
+
+def layered_limb(spot: str, layers_mm: Mapping[str, float]) -> Limb:
+    """Mesh of a spot with layers for a fit: edges under the sphere as those above, flat faces farther off."""
+    phantom = forearm(spot)
+    layer = {name: f"{mm} mm" for name, mm in layers_mm.items()}
+    wanted = ScanOptions(size=f"{OTHER_RATIO * RADIUS_MM} mm", layer=layer).mesh_at(spot)
+    segment = exact_segment(phantom, phantom.spots[0])
+    return moved_to_contact(sound_mesh(segment, replace(wanted, tolerance_mm=0.8)), RADIUS_MM)[0]

@@ -1,32 +1,49 @@
-"""The mesh and the curves of the study ``forearm-fibres``: ``make_fibre_curves.py``.
+"""Meshes and curves of ready studies: ``make_curves.py forearm-layered``, or ``forearm-fibres``.
 
-The mesh is that of ``forearm-demo`` with the direction of the phantom's axis in each element. The tissue
-under ``[truth]`` is simulated on a mesh that is finer and made independently of it, by half its steps; each
-point of the curves has noise. Both replace those of the study. About 6 cpu-minutes.
+The truth of the study is simulated on a mesh that is finer than the study's and made independently of it, by
+half the usual steps. Each point of the curves has noise. The files replace those of the study.
 """
 
 import argparse
 import shutil
 import sys
 import tempfile
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from independent_meshes import true_limb
+from independent_meshes import layered_limb, true_limb
 
 from palpate import Limb, Plugins
 from palpate.domain import FloatArray
 from palpate.limb.loading import load_limbs
-from palpate.simulation.synthesis import synthesise
+from palpate.simulation.synthesis import NOTE, synthesise
 from palpate.study.reading import read_study
 from palpate_forearm import Phantom
 from palpate_limb.limb_files import write_limb
 
-NAME = "forearm-fibres"
 NOISE, SEED = 0.005, 1
 """Standard deviation of each point, of the curve's largest value."""
-STEPS = "settings = { depth_steps = 20, rotation_step_deg = 2.25 }"
+STEPS = "depth_steps = 20, rotation_step_deg = 2.25"
+SKIN = {"skin": 2.5}
+"""Thickness [mm] of the layer of ``forearm-layered``."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Meshes:
+    """Meshes of a study by spot: of its truth, and of its fit.
+
+    Parameters
+    ----------
+    penalty : float
+        Stiffness of the contact; the solver's default is 1500.
+    """
+
+    truth: Callable[[str], Limb]
+    fit: Callable[[str], Limb]
+    spots: tuple[str, ...]
+    penalty: float = 1500.0
 
 
 def axis_at(spot: str) -> FloatArray:
@@ -42,29 +59,54 @@ def with_axis(limb: Limb, spot: str) -> Limb:
     return replace(limb, mesh=replace(limb.mesh, cell_fields={"axis": axis}))
 
 
-def main() -> None:
-    """Write the mesh of the study, and the curves of a finer one."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--into", type=Path, help="folder of mesh and curves; default: that of the study")
+def of_demo(spot: str) -> Limb:
+    """Mesh of a spot of ``forearm-demo``."""
     plugins = Plugins.load()
-    folder = Path(plugins.studies[NAME].directory)
-    into = parser.parse_args().into or folder
-    coarse = load_limbs(read_study(Path(plugins.studies["forearm-demo"].directory), plugins))["p1"]
+    return load_limbs(read_study(Path(plugins.studies["forearm-demo"].directory), plugins))[spot]
+
+
+STUDIES = {
+    "forearm-fibres": Meshes(
+        truth=lambda spot: with_axis(true_limb(spot), spot),
+        fit=lambda spot: with_axis(of_demo(spot), spot),
+        spots=("p1",),
+    ),
+    "forearm-layered": Meshes(
+        truth=lambda spot: true_limb(spot, layers_mm=SKIN),
+        fit=lambda spot: layered_limb(spot, SKIN),
+        spots=("p2",),
+        penalty=12_000.0,
+    ),
+}
+
+
+def main() -> None:
+    """Write the meshes of the study, and the curves of finer ones."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("study", choices=STUDIES)
+    parser.add_argument("--into", type=Path, help="folder of meshes and curves; default: that of the study")
+    given, plugins = parser.parse_args(), Plugins.load()
+    folder, meshes = Path(plugins.studies[given.study].directory), STUDIES[given.study]
+    into = given.into or folder
     for path in (into / "meshes", into / "measured"):
         path.mkdir(parents=True, exist_ok=True)
-    write_limb(into / "meshes" / "p1.vtu", with_axis(coarse, "p1"))
     with tempfile.TemporaryDirectory() as name:
         truth = Path(name)
-        text = (folder / "study.toml").read_text().replace('name = "jax"', f'name = "jax"\n{STEPS}')
-        (truth / "study.toml").write_text(text + '\n[fit]\nfine_edge = "0 mm"\n')
+        settings = f"settings = {{ {STEPS}, penalty = {meshes.penalty} }}"
+        text = (folder / "study.toml").read_text().replace('name = "jax"', f'name = "jax"\n{settings}')
+        own = "" if "\n[fit]\n" in text else "\n[fit]\n"
+        text = (text + own).replace("\n[fit]\n", '\n[fit]\nfine_edge = "0 mm"\n')
+        (truth / "study.toml").write_text(text)
         (truth / "meshes").mkdir()
-        write_limb(truth / "meshes" / "p1.vtu", with_axis(fine := true_limb("p1"), "p1"))
+        for spot in meshes.spots:
+            write_limb(into / "meshes" / f"{spot}.vtu", meshes.fit(spot))
+            write_limb(truth / "meshes" / f"{spot}.vtu", fine := meshes.truth(spot))
+            sys.stdout.write(f"{spot}: {fine.mesh.n_nodes} nodes\n")
         study = read_study(truth, plugins, need_measured=False)
         made = synthesise(study, plugins.channels, noise=NOISE, seed=SEED)
         for file in made.files:
-            if file.suffix == ".csv":
+            if file.name != NOTE:
                 shutil.copy(file, into / "measured")
-        sys.stdout.write(f"{fine.mesh.n_nodes} nodes\n")
     for spot, response in made.responses.items():
         for curve in response.curves.values():
             largest = np.abs(curve.ordinate).max()

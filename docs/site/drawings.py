@@ -190,7 +190,7 @@ def layers(runs: Path) -> Figure:
     figure = sized(100.0, 72.0)
     axis = figure.subplots()
     path = runs / "studies" / "forearm-layered" / "meshes" / "p2.vtu"
-    _section(axis, path, ("soft_tissue", "skin"))
+    _section(axis, path, ("skin", "soft_tissue"))
     axis.plot(0.0, 0.0, "o", color=LEAST_COLOUR, ms=4, label="spot")
     axis.legend(loc="lower left")
     return figure

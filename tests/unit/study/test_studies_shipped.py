@@ -1,7 +1,5 @@
 """The ready studies are sound: they load, say what their data are, and hold what their text claims."""
 
-import hashlib
-import json
 import re
 from functools import cache
 from pathlib import Path
@@ -243,25 +241,19 @@ def test_the_layered_mesh_has_skin_over_soft_tissue() -> None:
     np.testing.assert_allclose(upper[:, 2], -2.5, atol=0.7)
 
 
-def test_the_layered_curves_are_of_the_truth_and_the_mesh_of_the_study() -> None:
-    """The note next to the curves against the study as it is now."""
+def test_the_layered_curves_are_of_another_solution_than_the_study_searches_in() -> None:
+    """Half the usual steps, and noise: curves of the study's own mesh and steps would be an inverse crime."""
     layered = study(LAYERED)
-    note = json.loads((folder(LAYERED) / "measured" / "origin.json").read_text())
-    for region in layered.space.regions:
-        written = note["truth"][region.region]
-        assert (written["material"], written["convention"]) == (region.material.name, region.convention)
-        truth = {p.name: layered.truth[f"{region.region}.{p.name}"] for p in region.searched}
-        assert written["values"] == pytest.approx({**region.fixed, **truth})
-    settings = layered.solver.settings.model_dump(mode="json")
-    # A setting that is newer than the curves left them as they were.
-    assert note["solver"] == {
-        "name": "jax",
-        "settings": {name: settings[name] for name in note["solver"]["settings"]},
-    }
-    assert note["protocol"]["path_depth_mm_rotation_deg"] == layered.protocol.path.tolist()
     (spot,) = layered.spots
-    assert note["meshes"] == {"p2": hashlib.sha256(spot.mesh.read_bytes()).hexdigest()}
-    assert note["noise"] == 0.0
+    measured = load_measured(layered, plugins().channels)[spot.spot.name]
+    force, torque = measured["force"], measured["torque"]
+    settings = layered.solver.settings.model_dump()
+    assert np.diff(np.unique(force.abscissa)).max() <= 0.5 * 10.0 / settings["depth_steps"] + 1e-9
+    assert np.abs(np.diff(torque.abscissa)).max() <= 0.5 * settings["rotation_step_deg"] + 1e-9
+    noise = np.std(np.diff(torque.ordinate, n=2)[2:]) / np.abs(torque.ordinate).max()
+    assert noise > 0.005
+    assert layered.n_sets == 0
+    assert spot.fine_edge_mm is None, "finer meshes correct the fit"
 
 
 def test_the_layered_study_searches_a_stiffness_of_each_material_around_the_truth() -> None:
@@ -271,12 +263,6 @@ def test_the_layered_study_searches_a_stiffness_of_each_material_around_the_trut
         place = (layered.truth[parameter.name] - parameter.lower) / (parameter.upper - parameter.lower)
         assert 0.1 < place < 0.9
         assert abs(place - 0.5) > 0.05
-
-
-def test_the_layered_study_warns_of_an_inverse_crime() -> None:
-    text = " ".join((folder(LAYERED) / "README.md").read_text().split())
-    assert "same solver and the same mesh" in text
-    assert "inverse crime" in text
 
 
 # ------------------------------------------------------------- what texts claim
