@@ -100,18 +100,18 @@ def attempt(
     global _jobs_here_s
     attempted = _attempted(solver, limb, tasks, started, should_continue)
     while True:
-        own_s, children_s = process_time(), _children_s()
+        own_s, before_s = process_time(), children_s()
         result = next(attempted, None)
         own_s = process_time() - own_s
         if result is None:
             return
         _jobs_here_s += own_s
         index, simulation = result
-        spent_s = own_s + _children_s() - children_s
+        spent_s = own_s + children_s() - before_s
         yield index, replace(simulation, diagnostics={**simulation.diagnostics, PROCESSOR: spent_s})
 
 
-def _children_s() -> float:
+def children_s() -> float:
     """Processor time of the programs that this process has started and waited for."""
     times = os.times()
     return times.children_user + times.children_system

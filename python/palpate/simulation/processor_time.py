@@ -15,7 +15,7 @@ from typing import Self
 import polars as pl
 
 from palpate.domain import Simulation
-from palpate.executors.attempts import PROCESSOR, SLOPES, WORKER, spent_on_jobs_here
+from palpate.executors.attempts import PROCESSOR, SLOPES, WORKER, children_s, spent_on_jobs_here
 from palpate.progress import OfCommand, Progress
 from palpate.run.atomic_files import write_whole
 from palpate.simulation.forecast import FINE
@@ -57,7 +57,9 @@ class ProcessorTime:
     def of_command(cls, folder: Path, progress: Progress) -> Self:
         """Time of a command from its beginning, where its progress knows that, else from now on."""
         began_s = progress.began_processor_s if isinstance(progress, OfCommand) else process_time()
-        return cls(folder, began_s - spent_on_jobs_here())
+        # Before the first worker has ended, the children of a process of its own have read meshes and files.
+        of_children_s = children_s() if began_s == 0.0 else 0.0
+        return cls(folder, began_s - spent_on_jobs_here() - of_children_s)
 
     @contextlib.contextmanager
     def charging(self, stage: str) -> Iterator[None]:
