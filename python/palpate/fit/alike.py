@@ -21,8 +21,10 @@ def path_of(abscissa: FloatArray) -> FloatArray:
 def changed_like(change: FloatArray, of: Curve, ordinate: FloatArray, curve: Curve) -> FloatArray:
     """Change of a curve like the known one of another: along the path and relative to its ordinates.
 
-    On a path of another shape it is the same share of every ordinate.
+    On a path of another shape it is the same share of every ordinate. A curve that is zero shows no change.
     """
+    if not (np.nansum(ordinate**2) > 0.0 and np.nansum(curve.ordinate**2) > 0.0):
+        return np.zeros_like(curve.ordinate)
     at, known = (path / path[-1] for path in (path_of(curve.abscissa), path_of(of.abscissa)))
     here, there = (each.abscissa / np.abs(each.abscissa).max() for each in (curve, of))
     seen = np.isfinite(ordinate)

@@ -261,7 +261,9 @@ class FitStage:
         for case in active:
             is_bare = case.end is not None and not any(t.corrections for t in case.end.problem.terms)
             case.coarse = case.values() if is_bare else {}
-        while self._run_fine(active):
+        may_restate = True  # without a new simulation once: two known corrections might take turns
+        while (has_run := self._run_fine(active)) or may_restate:
+            may_restate = has_run
             again = [case.fits[-1] for case in active if self._restate(case)]
             run_searches(self.study.search, again, self.simulations.of, self.study.seed, self._stepped)
         for case in active:

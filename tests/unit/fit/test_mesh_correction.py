@@ -7,9 +7,10 @@ import pytest
 from hypothesis import assume, given, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from palpate.domain import Indentation, Refinement, Response, Simulation, Status
+from palpate.domain import Curve, Indentation, Refinement, Response, Simulation, Status
 from palpate.domain.channels import FORCE, LATERAL_FORCE, TORQUE
 from palpate.domain.indenter import Sphere
+from palpate.fit.alike import changed_like
 from palpate.fit.mesh_correction import (
     MOVED_ERROR,
     NEAR,
@@ -20,6 +21,7 @@ from palpate.fit.mesh_correction import (
 )
 from palpate.fit.problem import Problem
 from palpate.fit.spot_term import Correction, NotRankedError
+from palpate.fit.stage import Case
 from palpate.fit.tables import _mesh
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.parametrisation import SpotInputs
@@ -400,3 +402,26 @@ def test_a_curve_that_misses_points_corrects_nothing_there(fit):
         assert correction.added[-1] == 0.0
     with pytest.raises(NotRankedError, match="covers"):
         fine_run(replace(term, rules=replace(term.rules, minimum_coverage=1.0)), inputs, fine, short)
+
+
+def test_a_fit_with_a_far_correction_is_fitted_with_the_near_one_that_is_known(fit, pressed):
+    stage, (case,) = fit(solver=Softening(pressed.Pressed()))
+    first, *_, last = stage._fine["p1"]
+    stage._fine["p1"] = [last, first]  # where another scenario has asked for the far one
+    other = Case("p1", ("p1",), case.scenario)
+    stage._search([other], {id(other): [case.values()]})
+    assert errors(other.values()).max() > 2.0 * errors(case.values()).max()
+    stage._correct([other])
+    (term,) = other.end.problem.terms
+    assert term.corrections["force"].is_same(last.corrections["force"])
+    assert (other.n_fine, other.is_settled) == (0, True)
+
+
+@pytest.mark.parametrize("zero", ["known", "curve"])
+@pytest.mark.parametrize("end", [1.0, 0.0])
+def test_a_curve_of_zeros_shows_no_change_of_another(zero, end):
+    of = Curve(channel="force", abscissa=np.linspace(0.0, 1.0, 5), ordinate=np.ones(5))
+    path = np.linspace(0.0, 1.0, 5) if end else np.array([0.0, 0.5, 1.0, 0.5, 0.0])
+    curve = replace(of, abscissa=path, ordinate=np.full(5, 0.0 if zero == "curve" else 1.0))
+    known = np.full(5, 0.0 if zero == "known" else 1.0)
+    assert changed_like(np.ones(5), of, known, curve).tolist() == [0.0] * 5
