@@ -10,7 +10,8 @@ from palpate.cli.session import Session
 from palpate.errors import StoppedError
 from palpate.executors import InProcess
 from palpate.progress import Silent
-from palpate.stages import pipeline
+from palpate.stages import core_stages, pipeline
+from palpate_report.stage import ReportStage
 
 from .conftest import PLUGIN, edit
 
@@ -104,3 +105,23 @@ def test_a_run_that_is_stopped_before_its_first_evaluation_is_stopped_all_the_sa
     with pytest.raises(StoppedError):
         pipeline.run_study(study, tmp_path / "run", session.plugins, Stopping("fit"))
     assert not (tmp_path / "run" / "report" / "index.html").exists()
+
+
+@pytest.mark.parametrize("is_quick", [False, True])
+def test_a_first_answer_that_cannot_be_shown_stops_no_run_that_goes_on(call, unswept, monkeypatch, is_quick):
+    def failing(stage, inputs, first=None):
+        raise OSError("no space left")
+
+    monkeypatch.setattr(core_stages, "WORTH_SAYING_S", -1.0)
+    monkeypatch.setattr(ReportStage, "show_so_far", failing)
+    ended = call("run", unswept, *["--quick"] * is_quick)
+    assert (ended.code, "raised OSError: no space left" in ended.err) == (2 * is_quick, True), ended.err
+    assert (RUN / "intervals.parquet").exists() is not is_quick
+
+
+def test_a_quick_run_whose_searches_fail_ends_as_a_whole_run(call, unswept, monkeypatch):
+    monkeypatch.setattr(core_stages, "show_first_answer", lambda inputs, case: None)
+    ended = call("run", unswept, "--quick")
+    assert ended.code == 0, ended.err
+    assert "Page" in ended.out
+    assert "next: palpate run" not in ended.err

@@ -1,6 +1,5 @@
 """``palpate run``: from measured curves to identified parameters, and on where a run stopped."""
 
-import contextlib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -117,20 +116,21 @@ def run_and_show(
     if is_quick and (as_json or study.search.name == "sweep"):
         why = "prints no JSON" if as_json else "needs a fit, and fit.search is 'sweep'"
         raise StudyError(f"--quick {why}. The whole run has all of it. Leave out --quick.")
-    with contextlib.suppress(FirstAnswerError), StageProgress(session) as progress:
-        result = pipeline.run_study(
-            study,
-            where,
-            session.plugins,
-            progress,
-            forked_from=None if fork is None else folder,
-            trust=trust,
-            adopt=adopt,
-            fit_start=fit_start,
-            is_quick=is_quick,
-            confirm=lambda changed: _confirm(session, changed, folder, sure=go_on or fork is not None),
-        )
-    if is_quick:
+    try:
+        with StageProgress(session) as progress:
+            result = pipeline.run_study(
+                study,
+                where,
+                session.plugins,
+                progress,
+                forked_from=None if fork is None else folder,
+                trust=trust,
+                adopt=adopt,
+                fit_start=fit_start,
+                is_quick=is_quick,
+                confirm=lambda changed: _confirm(session, changed, folder, sure=go_on or fork is not None),
+            )
+    except FirstAnswerError:
         _show_first_answer(session, where)
         return
     values = run_values(study, result) if as_json else None

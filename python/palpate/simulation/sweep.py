@@ -180,8 +180,8 @@ class Simulations:
             for index, simulation in results(
                 self.study, self._executor, jobs, self.limbs, self.progress, self.forecast
             ):
-                self._on_simulated(simulation)
                 self._writer.store(keys[index], simulation)
+                self._on_simulated(simulation)
                 if self._cache is not None and simulation.status in _SHARED:
                     self._cache.store(keys[index], simulation)
                 if simulation.n_crashes and simulation.status is not Status.CRASHED:

@@ -9,7 +9,7 @@ import polars as pl
 from palpate.answer.table import OF_ANSWER
 from palpate.domain import Design, weighed_phases
 from palpate.domain.curves import abscissae_of
-from palpate.errors import FirstAnswerError, StudyError
+from palpate.errors import FirstAnswerError, PalpateError, StoppedError, StudyError
 from palpate.experiment.measured import load_measured
 from palpate.fit.searches import BestSet
 from palpate.fit.stage import Case, FitStage
@@ -382,8 +382,13 @@ def show_first_answer(inputs: Run, case: Case) -> None:
     with inputs.spent.charging(FIRST_ANSWER):
         inputs.shared[FIRST_ANSWER] = fit_result([case], inputs.simulations)
         for stage in stages_of_run(inputs.study, inputs.stages):
-            with answering_for(stage, "showing the first answer"):
-                stage.show_so_far(inputs, case)
+            try:
+                with answering_for(stage, "showing the first answer"):
+                    stage.show_so_far(inputs, case)
+            except PalpateError as error:
+                if inputs.is_quick or isinstance(error, StoppedError):
+                    raise
+                inputs.progress.note(f"warning: no first answer by `palpate {stage.name}`: {error}")
     if inputs.is_quick:
         raise FirstAnswerError(
             f"stopped after the first answer; `palpate run {inputs.directory.folder}` goes on"

@@ -24,6 +24,7 @@ from palpate.fit.checks import check_fit
 from palpate.fit.searches import BestSet
 from palpate.limb.loading import limb_warnings, load_limbs
 from palpate.plugins.catalogue import Plugins
+from palpate.plugins.guard import answering_for
 from palpate.plugins.optional import PressDrawer
 from palpate.plugins.sections import Summary
 from palpate.progress import SILENT, Progress
@@ -215,7 +216,8 @@ def _showing_so_far(run: Run, wanted: Sequence[Stage]) -> Iterator[None]:
     except (StoppedError, KeyboardInterrupt):
         with contextlib.suppress(PalpateError):  # nothing to show
             for stage in wanted:
-                stage.show_so_far(run)
+                with answering_for(stage, "showing the run so far"):
+                    stage.show_so_far(run)
         raise
 
 

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from palpate.domain import HomogeneousTests, Job, Simulation, Status
+from palpate.errors import StoppedError
 from palpate.executors import Batch, InProcess, Limits, Processes
 from palpate.executors.attempts import spent_on_jobs_here
 from palpate.simulation.processor_time import FILE, OWN, ProcessorTime, cost_rows, processor_time
@@ -82,6 +83,14 @@ def test_each_kind_of_work_has_its_row(tmp_path):
 def test_a_damaged_file_counts_as_nothing(tmp_path, content):
     (tmp_path / FILE).write_bytes(content)
     assert processor_time(tmp_path).is_empty()
+
+
+def test_a_folder_that_cannot_be_written_hides_no_error_of_a_stage(tmp_path):
+    time = ProcessorTime(tmp_path / "missing", 0.0, lambda: 2.0)
+    with pytest.raises(StoppedError), time.charging("fit"):
+        raise StoppedError("stopped")
+    time.write()
+    assert processor_time(tmp_path / "missing").is_empty()
 
 
 @pytest.mark.parametrize("executor", [InProcess(), Processes()])
