@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_485,
-    "lines of the core": 33_513,
+    "lines": 77_497,
+    "lines of the core": 33_525,
     "classes": 657,
     "constants": 1089,
     "long files": 0,

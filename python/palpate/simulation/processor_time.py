@@ -85,19 +85,15 @@ class ProcessorTime:
         self._spent[self._stage, WORKERS] += float(of.get(WORKER, 0.0))
 
     def write(self) -> None:
-        """Keep the time spent so far, with the time of earlier commands, if the folder can be written.
-
-        No run waits for a disk or fails for this file.
-        """
+        """Keep the time spent so far, with the time of earlier commands, if the folder can be written."""
         self._note()
         if self._earlier is None:
             self._earlier = processor_time(self._folder)
         rows = [(*key, self._n[key], seconds) for key, seconds in self._spent.items() if seconds > 0.0]
         every = pl.concat([self._earlier, pl.DataFrame(rows, schema=SCHEMA, orient="row")])
         summed = every.group_by("stage", "work", maintain_order=True).sum()
-        content = json.dumps(summed.to_dicts(), indent=1).encode()
-        with contextlib.suppress(OSError):
-            write_whole(self._folder / FILE, content, durable=False)
+        with contextlib.suppress(OSError):  # no run waits for a disk or fails for this file
+            write_whole(self._folder / FILE, json.dumps(summed.to_dicts(), indent=1).encode(), durable=False)
 
     def _note(self) -> None:
         now_s = self._clock()
