@@ -84,7 +84,7 @@ def main() -> None:
     """Write the meshes of the study, and the curves of finer ones."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("study", choices=STUDIES)
-    parser.add_argument("--into", type=Path, help="folder of meshes and curves; default: that of the study")
+    parser.add_argument("--into", type=Path, help="folder of meshes and curves; default: the study's folder")
     given, plugins = parser.parse_args(), Plugins.load()
     folder, meshes = Path(plugins.studies[given.study].directory), STUDIES[given.study]
     into = given.into or folder

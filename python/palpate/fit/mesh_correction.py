@@ -4,7 +4,7 @@ The fit runs on the coarse mesh. Its curves are corrected by the difference that
 set near the optimum, scaled by the size of the coarse curve and moved along the slopes of both, and the fit
 is repeated until that set is near enough: what the correction may be wrong by moves no parameter by more
 than :data:`NEAR` (space mapping: Bandler et al., IEEE Trans. Microw. Theory Tech. 52, 2004). Without the
-slopes the curves would depend on the material as those of the coarse mesh do, and intervals with them.
+slopes the curves would depend on the material as coarse curves do, and intervals with them.
 By its slope in the compliance of the contact, the finer mesh also shows what a rigid contact would add.
 """
 

@@ -36,7 +36,7 @@ from palpate.simulation.jobs import homogeneous_tests
 from palpate.study.reading import Study
 
 MOST_GROWTH = 1.0
-"""Change of a correction in proportion to itself from which on its growth is that of its slopes alone."""
+"""Change of a correction in proportion to itself up to which it grows as an exponential, then evenly."""
 
 DIFFERENCES = Nmse(NmseSettings(normaliser=Normaliser.UNIT))
 """What the ordinates themselves are found by where a study's score is not linear."""

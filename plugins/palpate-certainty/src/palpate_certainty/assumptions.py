@@ -26,7 +26,7 @@ class Assumptions:
     extrapolation : float
         Standard deviation of an extrapolation by two meshes, over its change of the finer mesh's curve. All
         curves of all spots share one amplitude: their meshes are made alike. Of torque, measured: 0.73 at the
-        spots that chose it, and 0.83.
+        spots that chose it, and 0.83 at the others.
     contact : float
         Standard deviation of a correction by a rigid contact, over that correction. Twice the penalty at one
         press: 0.1 off for the force, 0.5 and more for the torque.

@@ -199,7 +199,7 @@ def extruded(
 def _placed(
     points: FloatArray, nodes: IntArray, top: FloatArray, ids: IntArray, rows: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Points with those of the layers, which divide the way from the core to the skin, and their depths."""
+    """Points with the layers' points, which divide the way from the core to the skin, and their depths."""
     placed = np.concatenate([points, np.empty((ids.max() + 1 - len(points), 3))])
     depths = np.full(len(placed), np.nan)
     for row_ids, depth in zip(ids, rows, strict=True):
