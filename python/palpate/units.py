@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     import pint
 
 DIMENSIONLESS = frozenset({"", "1", "-", "dimensionless"})
-_OWN = frozenset({"mm", "N", "MPa", "N*mm", "deg", "s"})
 _RATIOS = frozenset({"percent"})
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 _COMMA = re.compile(r"\s*[+-]?\d*,\d.*")
@@ -145,7 +144,7 @@ def _example(unit: str) -> str:
 
 
 def _factor(written: str, unit: str, given: str) -> float:
-    if written == unit and unit in _OWN:
+    if written == unit and unit in ("mm", "N", "MPa", "N*mm", "deg", "s"):
         return 1.0  # without pint, which is slow to import
     target, source = _parsed("" if unit in DIMENSIONLESS else unit), _parsed(written)
     if source is None or target is None:

@@ -21,9 +21,6 @@ from palpate.plugins.registry import GROUP, installed_points, owner_of
 LIBRARIES = ("numpy", "scipy", "polars", "jax", "jaxlib", "pydantic", "pluggy")
 """Libraries on which results or their speed depend."""
 
-FEW_FREE_MB = 2_000.0
-"""Free memory and free disk below which a sweep may fail."""
-
 Level = Literal["fine", "note", "wrong"]
 
 LABELS: Mapping[Level, str] = MappingProxyType({"fine": "", "note": "note", "wrong": "WRONG"})
@@ -112,7 +109,8 @@ def _machine(folder: Path) -> Iterator[Finding]:
 
 def _room(what: str, free_MB: float, advice: str) -> Finding:
     found = f"{free_MB * 1e-3:.1f} GB"
-    if free_MB >= FEW_FREE_MB:
+    # Below it a sweep may fail.
+    if free_MB >= 2_000.0:
         return Finding("machine", what, found)
     return Finding("machine", what, found, "note", advice)
 

@@ -21,9 +21,6 @@ from palpate.units import convert
 WIDE = 4.0
 """Range of the searched modulus, over its estimate: a thin layer on bone is several times stiffer."""
 
-MOST_TURNS = 6
-"""Turns of a twist above which the curve is no motion that can be copied."""
-
 MOTION = "   # as your curves have it"
 STRESS = "   # CHANGE THIS: the ready range, scaled to your stress"
 MARK, HALF_SPACE = "   # CHANGE THIS: ", "   # around a half-space estimate of your force"
@@ -62,7 +59,8 @@ def _with_motion(text: str, measured: Response) -> str:
     if TORQUE.name in measured:
         curve = measured[TORQUE.name]
         turns = [round(float(curve.abscissa[stop - 1]), 2) for _, stop in curve.branches]
-        if len(turns) <= MOST_TURNS:
+        # A curve of more turns is no motion that can be copied.
+        if len(turns) <= 6:
             own["twist"] = toml_value([f"{turn:g} deg" for turn in turns])
     lines = {name: f"{name} = {value}{MOTION}\n" if value else "" for name, value in own.items()}
 

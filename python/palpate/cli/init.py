@@ -28,9 +28,6 @@ FIRST = "first-press"
 FOR_OWN = "forearm-demo"
 """The ready study that gives one of own presses its protocol and material where none is named."""
 
-FOR_TEST = "treloar"
-"""The ready study that gives a homogeneous test its solver and material where none is named."""
-
 OF_TESTS = ("scoring", "selection", "scenario")
 """Tables of a ready study that hold for its own homogeneous tests alone, besides :data:`OF_PRESSES`."""
 
@@ -105,7 +102,8 @@ def _write_own(
     from palpate.cli.half_space import with_own_ranges
 
     test = "" if not measured or meshes or wrench else look_into(measured[0], None, session, None).test
-    name = study or (FOR_TEST if test else FOR_OWN)
+    # The ready study that gives a homogeneous test its solver and material where none is named.
+    name = study or ("treloar" if test else FOR_OWN)
     ready = Path(session.plugins.studies[name].directory)
     if test:
         text = own_test_text(session, ready, folder, measured)

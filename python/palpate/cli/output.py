@@ -267,9 +267,6 @@ def _row_of(table: StageTable) -> Any:  # noqa: ANN401 - a type
     return with_config(ConfigDict(extra="allow", title=table.text))(row)
 
 
-NO_OTHERS: Mapping[str, Any] = MappingProxyType({})
-
-
 def output_of(command: str, stages: Mapping[str, type[Component]], others: Mapping[str, Any]) -> Any:  # noqa: ANN401 - a type
     """Type of what a command prints with ``--json``: of a stage its tables, and warnings."""
     if command in OUTPUTS or command in others:
@@ -281,7 +278,7 @@ def output_of(command: str, stages: Mapping[str, type[Component]], others: Mappi
 
 
 def schema(
-    command: str, stages: Mapping[str, type[Component]], others: Mapping[str, Any] = NO_OTHERS
+    command: str, stages: Mapping[str, type[Component]], others: Mapping[str, Any] = MappingProxyType({})
 ) -> dict[str, Any]:
     """JSON schema of what a command prints with ``--json``; ``others`` has the types of plugins' commands."""
     made = TypeAdapter(output_of(command, stages, others)).json_schema()

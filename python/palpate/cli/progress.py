@@ -16,9 +16,6 @@ from palpate.progress import RunningJob, about, duration
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-_ASKING = (signal.SIGINT, signal.SIGTERM)
-"""Signals that ask to stop; batch systems send the second before they kill."""
-
 SIMULATING = ("simulate", "fit", "surface", "fit again", "candidates", "rank")
 """Stages of simulations: asked to stop, they finish those that are running."""
 
@@ -71,7 +68,9 @@ class StageProgress:
             self._bars.start()
         self._clock.start()
         if threading.current_thread() is threading.main_thread():
-            self._handlers = {each: signal.signal(each, self._stop) for each in _ASKING}
+            self._handlers = {
+                each: signal.signal(each, self._stop) for each in (signal.SIGINT, signal.SIGTERM)
+            }
         return self
 
     def __exit__(

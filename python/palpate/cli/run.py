@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from palpate.run.manifest import Changed
     from palpate.study.reading import Study
 
-MAX_CHANGES = 20
-"""Most changes of a study that are listed."""
-
 
 def run(
     context: typer.Context,
@@ -149,7 +146,7 @@ def _confirm(session: Session, changed: "Changed", folder: Path, *, sure: bool) 
     """Show how a study has changed, and ask where finished simulations are not valid any more."""
     if not changed.changes:
         return
-    shown = [f"  {change}" for change in changed.changes[:MAX_CHANGES]]
+    shown = [f"  {change}" for change in changed.changes[:20]]
     more = len(changed.changes) - len(shown)
     lines = [f"the study has changed since {folder} was written:", *shown]
     lines += [f"  … and {more} more"] if more else []

@@ -25,17 +25,11 @@ if TYPE_CHECKING:
 MAX_ROWS = 30
 """Longest table that is shown whole; files hold the rest."""
 
-MAX_COLUMNS = 6
-"""Most rows of a table that is turned on its side."""
-
 TEXT_WIDTH = 80
 """Most columns of a line of running text."""
 
 LABEL_WIDTH = 12
 """Columns of the label of a line."""
-
-FILE_WIDTH = 200
-"""Columns of a table that goes to a file or a pipe."""
 
 
 class Session:
@@ -114,7 +108,7 @@ class Session:
         """Stream of results."""
         console = _console()
         if not console.is_terminal:
-            console.width = FILE_WIDTH
+            console.width = 200  # of a table that goes to a file or a pipe
         return console
 
     @cached_property
@@ -204,7 +198,7 @@ class Session:
         """Print a data frame as a table; a wide one of few rows is transposed."""
         rows = [tuple(map(cell, row)) for row in frame.head(MAX_ROWS).rows()]
         widths = [max(map(len, column)) + 3 for column in zip(frame.columns, *rows, strict=True)]
-        if sum(widths) > self.stdout.width and len(rows) <= MAX_COLUMNS:
+        if sum(widths) > self.stdout.width and len(rows) <= 6:
             first, *others = zip(frame.columns, *rows, strict=True)
             self.table(title, first, others)
         else:

@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from palpate.cli.output import FitStateOutput, StatusOutput
     from palpate.stages.status import RunStatus
 
-INTERVAL_S = 2.0
-"""Seconds between two looks."""
-
 
 def status(
     context: typer.Context,
@@ -68,7 +65,7 @@ def _watched(session: Session, seen: "RunStatus") -> "RunStatus":
         session.stderr.print(line, markup=False)
     with Live(line, console=session.stderr, transient=True, auto_refresh=False) as live:
         while seen.runner is not None:
-            time.sleep(INTERVAL_S)
+            time.sleep(2.0)
             seen = read(seen.folder)
             if session.stderr.is_terminal:
                 live.update(_line(seen), refresh=True)

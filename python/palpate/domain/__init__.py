@@ -161,9 +161,6 @@ class Limb:
 FRICTION, COMPLIANCE = "friction", "contact_compliance"
 """Names of a contact's friction coefficient and compliance, among parameters and slopes of a curve."""
 
-FINER_STEPS = 2
-"""Parts of a usual step of depth on a finer mesh: whole ones add up to 0.2 % to a force with friction."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Indentation:
@@ -423,7 +420,8 @@ class Job:
         """Job on the finer mesh of the spot, which corrects a fit: with shorter steps of depth."""
         protocol = self.protocol
         if isinstance(protocol, Indentation):
-            protocol = replace(protocol, depth_step_parts=FINER_STEPS)
+            # Half the usual steps: whole ones add up to 0.2 % to a force with friction.
+            protocol = replace(protocol, depth_step_parts=2)
         return replace(self, protocol=protocol, mesh="fine")
 
 

@@ -10,9 +10,6 @@ import numpy as np
 
 from palpate.errors import ParameterError
 
-MOST_SD_OUTSIDE = 3.0
-"""Standard deviations from a range to a prior's value beyond which they contradict each other."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prior:
@@ -112,7 +109,8 @@ class Parameter:
 
     def _check_prior(self, prior: Prior) -> None:
         outside = max(self.lower - prior.value, prior.value - self.upper) / prior.sd
-        if outside > MOST_SD_OUTSIDE:
+        # Standard deviations from a range to a prior's value beyond which they contradict each other.
+        if outside > 3.0:
             raise ParameterError(
                 f"'{self.name}': a prior of {prior.value:g} with sd {prior.sd:g} {self.unit} is "
                 f"{outside:.3g} sd outside the range, {self.lower:g} to {self.upper:g}; correct either"

@@ -13,20 +13,8 @@ from palpate.domain.material import HyperelasticMaterial, Material
 from palpate.domain.parameter import Parameter
 from palpate.errors import MaterialError, ParameterError
 
-LARGEST_TOTAL = 0.9
-"""Sum of the shares at the upper ends of their ranges."""
-
 SHORTEST_S = 1e-3
 """Unit of the times in the names of shares."""
-
-STEPS_PER_DECADE = 6
-"""Steps of a dwell of a tissue that relaxes; a curve over time is straight between them.
-
-Its error is then 1 % of what relaxes, at most.
-"""
-
-FIRST_OF_DWELL = 0.1
-"""The first of them, over the shortest time constant."""
 
 
 class RelaxingMaterial(HyperelasticMaterial):
@@ -106,7 +94,8 @@ def relaxing(material: Material, times_s: Sequence[float], isochoric: bool = Fal
         raise MaterialError(f"material '{material.name}' relaxes already; give it all times at once")
     cls, times = _relaxing(type(material)), checked_times(times_s)
     own = {"relaxation_times_s": times, "relaxes_isochoric": isochoric}
-    shares = (relaxed_share(f"relaxed_{time_name(t)}", t, LARGEST_TOTAL / len(times)) for t in times)
+    # The shares sum to this at the upper ends of their ranges.
+    shares = (relaxed_share(f"relaxed_{time_name(t)}", t, 0.9 / len(times)) for t in times)
     result: Material = cls.__new__(cls)
     vars(result).update(vars(material) | own)
     vars(result).update(elastic=material, parameters=(*material.parameters, *shares))
@@ -124,9 +113,11 @@ def dwell_times(start_s: float, end_s: float, fastest_s: float) -> FloatArray:
 
     ``fastest_s`` is the shortest time constant of what relaxes.
     """
-    first = FIRST_OF_DWELL * fastest_s
+    # The first step of the dwell.
+    first = 0.1 * fastest_s
     decades = float(np.log10(max((end_s - start_s) / first, 1.0)))
-    n = int(np.ceil(STEPS_PER_DECADE * decades)) + 1
+    # Steps per decade: a curve over time is straight between them, at most 1 % of the relaxation off.
+    n = int(np.ceil(6 * decades)) + 1
     return np.append(start_s + np.geomspace(min(first, end_s - start_s), end_s - start_s, n)[:-1], end_s)
 
 

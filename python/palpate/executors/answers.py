@@ -9,9 +9,6 @@ import numpy as np
 from palpate.domain import Curve, Indentation, Response, Simulation, Status, SurfaceStates
 from palpate.errors import CurveError
 
-LONGEST_MESSAGE = 4000
-"""Most characters of a solver's message that are kept."""
-
 
 class UnreadableError(CurveError):
     """A solver answered with something that can be neither kept nor scored."""
@@ -91,7 +88,7 @@ def _unreadable(simulation: Simulation, why: str) -> Simulation:
     return replace(simulation, status=Status.UNREADABLE, message=why)
 
 
-def storable(message: object, longest: int = LONGEST_MESSAGE) -> str:
+def storable(message: object, longest: int = 4000) -> str:
     """Text without what no file can hold, and without the middle of one that is longer than ``longest``."""
     text = str(message)
     if len(text) > longest:

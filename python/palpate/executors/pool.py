@@ -29,9 +29,6 @@ from palpate.plugins.registry import plugin_source
 _Setup = tuple[tuple[tuple[Path, bytes], ...], bytes, float]
 """Plugin files with their content, the packed solver, and the memory limit [MB]."""
 
-LARGEST_CHUNK = 16
-"""Most jobs that a worker is handed at once."""
-
 MOST_LIMBS = 8
 """Most limbs that a worker keeps."""
 
@@ -40,9 +37,6 @@ MOST_STARTS = 3
 
 TICK_S = 1.0
 """Longest time between two looks at the clock."""
-
-OUTSIDE = (signal.SIGKILL, signal.SIGTERM)
-"""Signals that come from outside a job: from the system when memory runs out, or from a person."""
 
 START_LIMIT_S = 300.0
 """Longest time that a worker may take to import the solver."""
@@ -203,7 +197,7 @@ class Pool:
 
         name = max(waiting, key=suitability)
         n_waiting = sum(map(len, waiting.values()))
-        n_taken = min(LARGEST_CHUNK, -(-n_waiting // (2 * self._n_processes)), len(waiting[name]))
+        n_taken = min(16, -(-n_waiting // (2 * self._n_processes)), len(waiting[name]))
         return [waiting[name].popleft() for _ in range(n_taken)]
 
     # ------------------------------------------------------------------ listening
@@ -301,6 +295,7 @@ class Pool:
         self._alone.extend(index for index in suspects if self._crashes[index] < n_attempts)
         times = {1: "once", 2: "twice"}.get(n_attempts, f"{n_attempts} times")
         message = f"the worker process ended {times} on this job: {worker.how_it_ended()}"
+        # Signals that come from outside a job: from the system when memory runs out, or from a person.
         return [
             (
                 index,
@@ -309,7 +304,7 @@ class Pool:
                     status=Status.CRASHED,
                     message=message,
                     seconds=monotonic() - worker.started_s,
-                    n_crashes=0 if worker.killed_by in OUTSIDE else n_attempts,
+                    n_crashes=0 if worker.killed_by in (signal.SIGKILL, signal.SIGTERM) else n_attempts,
                 ),
             )
             for index in final

@@ -26,7 +26,6 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 TAIL_CHARACTERS = 32_000
-POLL_S = 0.05
 
 _IS_POSIX = os.name == "posix"
 
@@ -276,7 +275,7 @@ def _watched(
     size = -1
     while True:
         with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(POLL_S)
+            process.wait(0.05)
             return ""
         now = time.monotonic()
         current = os.fstat(printed.fileno()).st_size + _size(folder)

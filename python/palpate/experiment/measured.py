@@ -42,9 +42,6 @@ _OTHER_UNITS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 """Units that an abscissa may be in by mistake, by the one that it must be in."""
 
-UNIT_SLACK = 0.03
-"""Relative difference of the protocol's travel over the measured one from a ratio of units, at most."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Presses:
@@ -370,7 +367,8 @@ def _departures(
     times = float(np.abs(asked).max() / np.abs(curve.abscissa).max())
     for other in _OTHER_UNITS.get(written_unit, ()):
         factor = convert(f"1 {other}", written_unit)
-        if abs(times / factor - 1.0) < UNIT_SLACK:
+        # Relative difference of the protocol's travel over the measured one from a ratio of units, at most.
+        if abs(times / factor - 1.0) < 0.03:
             yield (
                 f"{covered}, {times:.3g} times as far, as if the file were in {other}: with loader csv, set "
                 f"scale = {factor:g} in channels.{curve.channel}.abscissa of [experiment.settings], or check "

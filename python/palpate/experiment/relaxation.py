@@ -8,9 +8,6 @@ import numpy as np
 
 from palpate.domain import Relaxation, Response
 
-LIMIT = 2.0
-"""Gains of the budget by which a channel may fall in a rest."""
-
 REMEDY = (
     "The relaxation changes the parameters by more than their intervals show. Press and twist slower, rest "
     "longer before each motion, and report the rate with the values."
@@ -66,7 +63,8 @@ def relaxation_of(measured: Mapping[str, Response], gain: float) -> LargestRelax
     for spot, response in measured.items():
         for rest in response.relaxations:
             share = rest.fall / _peak(response, rest) if rest.fall else 0.0
-            is_beyond = rest.is_significant and share > LIMIT * gain
+            # Gains of the budget by which a channel may fall in a rest.
+            is_beyond = rest.is_significant and share > 2.0 * gain
             place = spot if len(measured) > 1 else ""
             found.append(LargestRelaxation(rest=rest, share=share, place=place, is_beyond=is_beyond))
     return max(found, key=lambda each: (each.is_beyond, each.share), default=None)

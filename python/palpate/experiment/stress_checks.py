@@ -34,14 +34,8 @@ EARLY = 0.3
 OTHER_RATIO = 0.1
 """Relative difference of two tests' ratio from what the ranges give, above which they may be exchanged."""
 
-LEAST_TRAVEL = 0.01
-"""Share of the first branch up to which a stress may be noise, or the rest of an earlier test."""
-
 PERCENT_STRETCH = 3.0
 """Stretch up to which the stress of a soft material has bent, and that of a strain in percent has not."""
-
-_MOST_POINTS = 50
-_NEARLY_STRAIGHT = 0.15
 
 
 def check_stress(curve: Curve, channel: Channel, space: ParameterSpace) -> list[str]:
@@ -50,7 +44,7 @@ def check_stress(curve: Curve, channel: Channel, space: ParameterSpace) -> list[
         return []
     _check_abscissa(curve, channel)
     start, stop = curve.branches[0]
-    path = np.linspace(start, stop - 1, min(stop - start, _MOST_POINTS)).astype(np.int64)
+    path = np.linspace(start, stop - 1, min(stop - start, 50)).astype(np.int64)
     stresses = stresses_of_ranges(space, curve.channel, curve.abscissa[path])
     found = [*_start(curve, channel, stresses)]
     found += [*_sign(curve, channel)] if not found else []
@@ -146,7 +140,8 @@ def _size(curve: Curve, channel: Channel, path: IntArray, stresses: FloatArray) 
         return
     measured = np.abs(curve.ordinate[path] - curve.ordinate[path[0]])
     travel = np.abs(curve.abscissa[path] - curve.abscissa[path[0]])
-    is_counted = (measured >= BIAS * np.abs(curve.ordinate).max()) & (travel >= LEAST_TRAVEL * travel[-1])
+    # Share of the first branch up to which a stress may be noise, or the rest of an earlier test.
+    is_counted = (measured >= BIAS * np.abs(curve.ordinate).max()) & (travel >= 0.01 * travel[-1])
     counted = np.flatnonzero(is_counted)
     if not counted.size:
         return
@@ -191,7 +186,7 @@ def _percent(curve: Curve, channel: Channel) -> Iterator[str]:
     straight = (x[last] - 1.0) / (x[first] - 1.0)
     soft = (x[last] - x[last] ** -2) / (x[first] - x[first] ** -2)
     share = (y[last] / y[first] - soft) / (straight - soft)
-    if abs(share - 1.0) < _NEARLY_STRAIGHT:
+    if abs(share - 1.0) < 0.15:
         yield (
             f"{channel.ordinate} grows in proportion to the strain up to {channel.abscissa} {x[last]:.3g}, "
             "where soft materials bend, as of a strain in percent; if it is one, "

@@ -60,14 +60,10 @@ class LeastSquares(Search[LeastSquaresSettings]):
                 if trial.jacobian is None and not trial.failure:
                     (trial,) = yield [Trial(point=trial.point, slopes=True)]
                 here = trial if trial.jacobian is not None else _secant(here, trial)
-            elif radius < SHORTEST:
+            elif radius < 1e-5:  # a share of each range
                 return "no step gains any more"
             model = _Model(space, here, is_bent=is_bent)
         return f"stopped after {self.settings.max_steps} steps"
-
-
-SHORTEST = 1e-5
-"""Trust region, as a share of each range, at which a search gives up."""
 
 
 def _secant(before: Evaluation, after: Evaluation) -> Evaluation:

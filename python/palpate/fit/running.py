@@ -18,9 +18,6 @@ MOST_EVALUATIONS = 100_000
 SEEN = 1e-9
 """Slope of the residuals in a coordinate, over the largest one, below which no curve depends on it."""
 
-APART = 1e-6
-"""Least singular value of the slopes, over the largest, below which no curve separates some values."""
-
 
 @dataclass(slots=True, eq=False)
 class Fit:
@@ -99,7 +96,8 @@ class Fit:
         if len(seen) < 2:
             return []
         _, strengths, axes = np.linalg.svd(slopes[-1][:, seen] / sizes[seen], full_matrices=False)
-        if strengths[-1] >= APART * strengths[0]:
+        # Least singular value of the slopes, over the largest, below which no curve separates some values.
+        if strengths[-1] >= 1e-6 * strengths[0]:
             return []
         return [self.problem.parameters[i].name for i in seen[np.abs(axes[-1]) > 0.1]]
 

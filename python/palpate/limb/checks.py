@@ -10,14 +10,8 @@ from palpate.limb.mesh_joints import check_joints
 from palpate.mesh.spot_frame import contact_edge_mm
 from palpate.mesh.topology import CELLS, SLOPES, Cell
 
-SAME_FRAME = 0.25
-"""Difference of the boxes around two meshes of one limb, over the element size, up to which frames agree."""
-
 FINER = 0.9
 """Mean edge of a finer mesh under the indenter over the mesh's, at most."""
-
-SAME_HEIGHT = 0.1
-"""Difference of their height at the spot, over the element size there, up to which two skins are one."""
 
 
 def check_fine(coarse: Limb, fine: Limb, near_mm: float, place: str) -> None:
@@ -45,11 +39,13 @@ def check_fine(coarse: Limb, fine: Limb, near_mm: float, place: str) -> None:
         )
     size = float(np.median(np.concatenate([_extents(one.points_mm[c]) for c in one.cells.values()])))
     there, here = _boxes(one), _boxes(other)
-    apart = {part: (float(np.abs(there[part] - here[part]).max()), SAME_FRAME * size) for part in there}
+    # Difference of the boxes around two meshes of one limb, over the element size, up to which frames agree.
+    apart = {part: (float(np.abs(there[part] - here[part]).max()), 0.25 * size) for part in there}
     heights = [
         (at.mesh.points_mm[_nearest(at)] - at.spot.position_mm) @ at.spot.normal for at in (coarse, fine)
     ]
-    apart["the skin at the spot"] = (abs(heights[0] - heights[1]), SAME_HEIGHT * _reach(coarse))
+    # Difference of their height at the spot, over the element size there, up to which two skins are one.
+    apart["the skin at the spot"] = (abs(heights[0] - heights[1]), 0.1 * _reach(coarse))
     for part, (distance, allowed) in apart.items():
         if distance > allowed:
             raise MeshError(

@@ -9,9 +9,6 @@ from palpate.domain import FloatArray, IntArray, Limb, Mesh
 from palpate.errors import MeshError
 from palpate.mesh.topology import CELLS
 
-SAME_PLACE = 1e-6
-"""Distance of two nodes, over the length of the limb, below which they are at one place."""
-
 
 def check_joints(limb: Limb) -> None:
     """Refuse a limb with an element listed twice, with two nodes at one place, or with a separate part.
@@ -41,8 +38,9 @@ def _check_listed_once(kind: str, nodes: IntArray, centres: FloatArray) -> None:
 
 def _check_doubled_nodes(limb: Limb) -> None:
     points = limb.mesh.points_mm
+    # Distance of two nodes, over the length of the limb, below which they are at one place.
     pairs = scipy.spatial.cKDTree(points).query_pairs(
-        SAME_PLACE * float(np.ptp(points, axis=0).max()), output_type="ndarray"
+        1e-6 * float(np.ptp(points, axis=0).max()), output_type="ndarray"
     )
     if not len(pairs):
         return

@@ -9,9 +9,6 @@ import scipy
 from palpate.domain import BoolArray, FloatArray, IntArray, Mesh
 from palpate.mesh.topology import CELLS, outer_faces, triangles_of
 
-SHARP_DEG = 30.0
-"""Angle between the normals of two faces from which their edge ends a side of the limb."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurfaceShares:
@@ -97,7 +94,8 @@ def _sides(mesh: Mesh) -> Iterator[IntArray]:
     first, second = order[:-1], order[1:]
     joined = edges[first] == edges[second]
     pairs = np.stack([edge_owner[first[joined]], edge_owner[second[joined]]])
-    smooth = (normals[pairs[0]] * normals[pairs[1]]).sum(axis=1) > np.cos(np.deg2rad(SHARP_DEG))
+    # Angle between the normals of two faces from which their edge ends a side of the limb.
+    smooth = (normals[pairs[0]] * normals[pairs[1]]).sum(axis=1) > np.cos(np.deg2rad(30.0))
     n = len(normals)
     links = scipy.sparse.coo_array((np.ones(np.count_nonzero(smooth)), tuple(pairs[:, smooth])), shape=(n, n))
     side = scipy.sparse.csgraph.connected_components(links, directed=False)[1][owner]

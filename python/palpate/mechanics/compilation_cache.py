@@ -16,14 +16,6 @@ from pathlib import Path
 import jax
 import platformdirs
 
-CHECKED = "checked"
-"""File in the folder whose time is that of the last look at it."""
-
-OTHER_STREAM = b"\x28\xb5\x2f\xfd"
-"""First bytes of a stream of Zstandard."""
-
-CPU_INFO = Path("/proc/cpuinfo")
-
 
 def keep_compilations() -> None:
     """Let JAX keep what it compiles in the user's cache folder, unless JAX has a folder already."""
@@ -46,7 +38,8 @@ def keep_compilations() -> None:
 
 def delete_damaged(folder: Path) -> None:
     """Delete files that are no whole stream of zlib, of those that changed since the last call."""
-    mark = folder / CHECKED
+    # File in the folder whose time is that of the last look at it.
+    mark = folder / "checked"
     with suppress(OSError):
         last = mark.stat().st_mtime_ns if mark.exists() else 0
         changed = [file for file in folder.glob("*-cache") if file.stat().st_mtime_ns >= last]
@@ -54,7 +47,8 @@ def delete_damaged(folder: Path) -> None:
         for file in changed:
             content = file.read_bytes()
             # With another compressor at hand, JAX writes other streams.
-            if not content.startswith(OTHER_STREAM) and not _is_whole(content):
+            # First bytes of a stream of Zstandard.
+            if not content.startswith(b"\x28\xb5\x2f\xfd") and not _is_whole(content):
                 file.unlink(missing_ok=True)
 
 
@@ -70,7 +64,7 @@ def _is_whole(content: bytes) -> bool:
 def _processor() -> str:
     """Hash of what the processor can do: the machines of a cluster may share a home, but not their code."""
     try:
-        lines = CPU_INFO.read_text().splitlines()
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
         able = next(line for line in lines if line.startswith(("flags", "Features")))
     except (OSError, StopIteration):
         able = platform.processor()

@@ -41,9 +41,6 @@ keep_compilations()
 # here both are below 1e-10 for exponents m up to 16.
 EQUAL = 3e-6
 
-# One-sided Jacobi converges quadratically: the fourth sweep reaches rounding, the fifth is margin.
-JACOBI_SWEEPS = 5
-
 REST_TOLERANCE = 1e-8
 """Largest energy and stress at rest, relative to the shear modulus, of a sound material."""
 
@@ -93,7 +90,8 @@ def _principal_columns(F: Array) -> tuple[Columns, Columns]:
     g = tuple(tuple(F[..., i, a] for i in range(3)) for a in range(3))
     n = tuple(tuple(one if i == a else zero for i in range(3)) for a in range(3))
     # A loop, not an unrolled chain: XLA would fuse the chain into every entry of the tangent.
-    return jax.lax.fori_loop(0, JACOBI_SWEEPS, _jacobi_sweep, (g, n))  # type: ignore[no-any-return]
+    # One-sided Jacobi converges quadratically: the fourth sweep reaches rounding, the fifth is margin.
+    return jax.lax.fori_loop(0, 5, _jacobi_sweep, (g, n))  # type: ignore[no-any-return]
 
 
 def _squared_stretches(g: Columns) -> Array:

@@ -20,13 +20,6 @@ from palpate.mesh.topology import CELLS
 MOST_CELLS = 300_000
 """Elements up to which a mesh is refined: more than a solver can take."""
 
-AUTOMATIC = 0.24
-"""Longest edge under an indenter over its reach, at most, where none is named: the torque of the forearm's
-phantom is then within 1.8 % of its peak along the whole loop, and within 1.0 % once it is extrapolated.
-
-Nor is it longer than the mesh's mean edge: two meshes of nearly one size would not tell the error.
-"""
-
 GROWTH = 1.0
 """By how much longer an edge may be for each mm below the contact surface."""
 
@@ -42,8 +35,6 @@ def _turned(first: tuple[int, int]) -> list[int]:
 
 
 _TURNED = np.array([_turned(edge) for edge in _EDGES])
-_QUARTER = np.array([0.375, -0.125, 0.75])
-"""Shape functions of an edge's ends and middle, a quarter of its length from its first end."""
 _ACROSS = np.array([-0.125, -0.125, 0.0, 0.25, 0.5, 0.5])
 """Those of a face's corners a, b, c and middles ab, bc, ac, between ab and c."""
 
@@ -83,7 +74,11 @@ def automatic_edge_mm(limb: Limb, reach_mm: float, near_mm: float) -> float:
     """
     if limb.mesh.cells.keys() not in ({"tet4"}, {"tet10"}):
         return 0.0
-    return min(AUTOMATIC * reach_mm, contact_edge_mm(limb, near_mm))
+    # Longest edge under an indenter over its reach, at most, where none is named: the torque of the
+    # forearm's phantom is then within 1.8 % of its peak along the whole loop, and within 1.0 % once it is
+    # extrapolated. Nor is it longer than the mesh's mean edge: two meshes of nearly one size would not tell
+    # the error.
+    return min(0.24 * reach_mm, contact_edge_mm(limb, near_mm))
 
 
 def refined(limb: Limb, near_mm: float, edge_mm: float, beyond_mm: float = 0.0) -> Limb:
@@ -210,10 +205,11 @@ def _bisected(now: _Elements, chosen: IntArray, local: IntArray) -> _Elements:
     )
     edges, on_edge, _ = _listed_once(edges, edges[:, [0, 2]], len(now.points))
     faces, on_face, n_shared = _listed_once(faces, faces[:, [3, 2]], len(now.points))
+    # Shape functions of an edge's ends and middle, a quarter of its length from its first end.
     points = np.vstack(
         [
             now.points,
-            np.einsum("k,nkd->nd", _QUARTER, now.points[edges]),
+            np.einsum("k,nkd->nd", np.array([0.375, -0.125, 0.75]), now.points[edges]),
             np.einsum("k,nkd->nd", _ACROSS, now.points[faces]),
         ]
     )

@@ -48,10 +48,6 @@ def contact_edge_mm(limb: Limb, near_mm: float, beyond_mm: float = 0.0) -> float
     return float(lengths[near if near.any() else np.argsort(away)[:6]].mean())
 
 
-BACK_STEPS = 3
-"""Moves to first contact: a distance is at most the way along the normal, and nearly that at a face."""
-
-
 def spot_axes(normal: FloatArray, along: FloatArray | None = None) -> FloatArray:
     """Axes of the spot's frame as columns (3, 3): right-handed, the third is the normal.
 
@@ -151,7 +147,8 @@ def _tilted(limb: Limb, protocol: Indentation) -> Limb:
     axes = axes @ Rotation.from_rotvec(np.radians([*tilt_deg, 0.0])).as_matrix()
     tilted = replace(limb, spot=replace(limb.spot, normal=axes[:, 2], along=axes[:, 0]))
     allowed, position_mm = _overlap_mm(limb, protocol), limb.spot.position_mm
-    for _ in range(BACK_STEPS):
+    # Moves to first contact: a distance is at most the way along the normal, and nearly that at a face.
+    for _ in range(3):
         more = _overlap_mm(tilted, protocol) - allowed
         position_mm = position_mm + max(0.0, more) * axes[:, 2]
         tilted = replace(tilted, spot=replace(tilted.spot, position_mm=position_mm))

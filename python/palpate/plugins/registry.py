@@ -35,9 +35,6 @@ if TYPE_CHECKING:
 
 DOMAIN, INTERFACES = "palpate.domain", "palpate.plugins.interfaces"
 
-CORE_PLUGIN = "palpate.builtins"
-"""The core's own plugin, imported by name like any other."""
-
 GROUP = "palpate"
 """Entry-point group of plugins with hooks, and the name of the core's own plugin.
 
@@ -268,7 +265,8 @@ def registered(
         if not path.is_file():
             raise PluginError(f"plugin file {path}: no such file; give the path of a Python file")
     registry = Registry()
-    registry.register(GROUP, "the core", lambda: importlib.import_module(CORE_PLUGIN))
+    # The core's own plugin, imported by name like any other.
+    registry.register(GROUP, "the core", lambda: importlib.import_module("palpate.builtins"))
     points = installed_points() if entry_points else []
     known = sorted({name for point in points for name in (point.name, owner_of(point))})
     if unknown := [name for name in without if name not in known]:

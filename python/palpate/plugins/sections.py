@@ -215,8 +215,6 @@ class Section(Component[SettingsT]):
 
 _MEASURES = {"nmse": "NMSE", "r2": "R²", "fopt": "Fopt"}
 
-_SUFFIXES = {"_s": " (s)", "_percent": " (%)"}
-
 
 def heading(column: str) -> str:
     """Name of a column for people; the heading of a parameter is its name in the study."""
@@ -225,7 +223,7 @@ def heading(column: str) -> str:
         return f"{_MEASURES[measure]} {name}".rstrip()
     if "." in column:
         return column
-    for suffix, unit in _SUFFIXES.items():
+    for suffix, unit in {"_s": " (s)", "_percent": " (%)"}.items():
         if column.endswith(suffix):
             return column.removesuffix(suffix).replace("_", " ") + unit
     return column.replace("_", " ")

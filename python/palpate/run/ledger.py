@@ -58,9 +58,6 @@ PRAGMA user_version = {VERSION};
 COMMIT;
 """
 
-LONGEST_WAIT_S = 30.0
-"""Longest wait for another process that reads or writes the file."""
-
 SLOPE, SURFACE = "d_", "surface"
 
 _Arrays = dict[tuple[str, str], bytes]
@@ -366,9 +363,8 @@ def _parts(keys: Sequence[str], n: int = 500) -> Iterable[Sequence[str]]:
 
 def _opened(path: Path, mode: str) -> sqlite3.Connection:
     location = f"file:{quote(str(path.resolve()))}?mode={mode}"
-    return sqlite3.connect(
-        location, uri=True, isolation_level=None, check_same_thread=False, timeout=LONGEST_WAIT_S
-    )
+    # Longest wait for another process that reads or writes the file.
+    return sqlite3.connect(location, uri=True, isolation_level=None, check_same_thread=False, timeout=30.0)
 
 
 def _is_sound(connection: sqlite3.Connection, path: Path) -> bool:

@@ -30,8 +30,6 @@ from palpate.study.spots import mesh_note
 UNITS = "mm, N, MPa, N·mm, degrees"
 """Units of every number in a run directory."""
 
-_LIBRARIES = ("palpate", "numpy", "scipy", "jax", "polars", "matplotlib")
-
 
 def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
     """Describe what the numbers of a run depended on."""
@@ -85,7 +83,7 @@ def versions(study: Study) -> dict[str, str]:
     with answering_for(study.solver, "asking for its version"):
         solver = study.solver.version()
     found = {"python": platform.python_version(), f"solver {study.solver.name}": solver}
-    for name in _LIBRARIES:
+    for name in ("palpate", "numpy", "scipy", "jax", "polars", "matplotlib"):
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
             found[name] = importlib.metadata.version(name)
     return found | dict(sorted(distributions().values()))
@@ -157,12 +155,11 @@ def _fields(value: Any, left_out: tuple[str, ...] = ()) -> dict[str, Any]:  # no
     return {field.name: getattr(value, field.name) for field in fields(value) if field.name not in left_out}
 
 
-_LIMITS = ("physical_lower", "physical_upper")
-
-
 def finite(parameter: dict[str, Any]) -> dict[str, Any]:
     """Make a parameter fit for JSON, which has no infinity: no limit is null."""
-    return parameter | {k: None for k in _LIMITS if not np.isfinite(parameter[k])}
+    return parameter | {
+        k: None for k in ("physical_lower", "physical_upper") if not np.isfinite(parameter[k])
+    }
 
 
 def infinite(parameter: dict[str, Any]) -> dict[str, Any]:

@@ -11,9 +11,6 @@ from palpate.run.ledger import Ledger
 from palpate.sampling.drawing import draw_design, kept_sets
 from palpate.study.reading import Study
 
-MOST_FIRST = 1024
-"""First sets of an earlier design that are remembered: more than any solver has warm starts."""
-
 
 def draw_study(study: Study, earlier: RunDirectory | None = None) -> Design:
     """Draw the parameter sets of a study.
@@ -58,4 +55,5 @@ def _kept(study: Study, earlier: RunDirectory) -> tuple[FloatArray | None, Float
         sweep = ledger.sweep()
     finished = set(sweep["set_id"]) - set(sweep.filter(pl.col("state").is_null())["set_id"])
     kept = kept_sets(study.space, study.seed, design, finished)
-    return kept, design.first_values[:MOST_FIRST]
+    # First sets of an earlier design that are remembered: more than any solver has warm starts.
+    return kept, design.first_values[:1024]

@@ -15,9 +15,6 @@ from palpate.run.ledger import Ledger
 from palpate.simulation.forecast import Part, work_of
 from palpate.study.reading import Study
 
-SHORT_S = 30.0
-"""Time of a first simulation up to which a second is timed: the first one also compiles."""
-
 WORTH_SAYING_S = 10.0
 """Time of a fit from which `palpate check` reports how long it will take."""
 
@@ -161,7 +158,8 @@ def timed(study: Study, jobs: Sequence[Job], limbs: Mapping[str, Limb]) -> float
     """
     seconds: list[float] = []
     for job in jobs[:2]:
-        if not seconds or seconds[0] < SHORT_S:
+        # Time of a first simulation up to which a second is timed: the first one also compiles.
+        if not seconds or seconds[0] < 30.0:
             seconds.append(simulate_alone(study.solver, job, limbs.get(job.limb_name)).seconds)
     return min(seconds) * (SLOPES if study.solver.provides.slopes and not study.n_sets else 1.0)
 

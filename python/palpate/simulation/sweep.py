@@ -27,9 +27,6 @@ from palpate.simulation.cost import SWEEP, WORTH_SAYING_S, cost
 from palpate.simulation.forecast import FINE, Forecast
 from palpate.study.reading import Study
 
-USUAL_BYTES = 15_000
-"""Default size of a simulation on the disk: two curves of 300 points."""
-
 _SHARED = (Status.OK, Status.DIVERGED, Status.UNREADABLE)
 
 _Found = Iterator[tuple[str, Simulation]]
@@ -225,7 +222,8 @@ class Simulations:
     def _warn_of_full_disk(self, n_left: int) -> None:
         """Warn before the first simulation if the disk may become full."""
         with Ledger(self.folder) as ledger:
-            wanted_MB = n_left * (ledger.bytes_each() or USUAL_BYTES) * 1e-6
+            # Default size of a simulation on the disk: two curves of 300 points.
+            wanted_MB = n_left * (ledger.bytes_each() or 15_000) * 1e-6
         free_MB = shutil.disk_usage(self.folder).free * 1e-6
         if wanted_MB > free_MB:
             self.progress.note(

@@ -48,9 +48,6 @@ from palpate.study.reading import Study, StudySpot
 NOTE = "origin.json"
 """File next to the curves with the record of their computation."""
 
-READ_BACK = 1e-12
-"""Largest difference between a curve and what is read back, relative to its largest value."""
-
 LEG = 8
 """Points of a curve between two waypoints, where its file is tried before anything is simulated."""
 
@@ -365,9 +362,8 @@ def _save(loader: ExperimentLoader, path: Path, response: Response, channel: str
 
 def _same(found: Curve, written: Curve) -> bool:
     pairs = ((found.abscissa, written.abscissa), (found.ordinate, written.ordinate))
-    return all(
-        a.shape == b.shape and bool(np.abs(a - b).max() <= READ_BACK * np.abs(b).max()) for a, b in pairs
-    )
+    # Largest difference between a curve and what is read back, relative to its largest value.
+    return all(a.shape == b.shape and bool(np.abs(a - b).max() <= 1e-12 * np.abs(b).max()) for a, b in pairs)
 
 
 def _note(

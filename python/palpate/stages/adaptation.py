@@ -6,9 +6,6 @@ from palpate.limb.loading import fine_edge_mm, finer_limb
 from palpate.run.result import StudyInputs
 from palpate.stages.stage import Run
 
-SHORTER = 0.7
-"""Longest edge of the next finer mesh over that of the last one."""
-
 
 def finer_inputs(run: Run, worst: str) -> StudyInputs | None:
     """Inputs with finer meshes than a run's fit had; None where the meshes may not be finer.
@@ -25,7 +22,8 @@ def finer_inputs(run: Run, worst: str) -> StudyInputs | None:
     for spot in study.spots:
         name = spot.spot.name
         if spot.fine_edge_mm is None and f"{name}/fine" in limbs:
-            edge_mm = SHORTER * (edges_mm.get(name) or fine_edge_mm(study, spot, limbs[name]))
+            # Longest edge of the next finer mesh over that of the last one.
+            edge_mm = 0.7 * (edges_mm.get(name) or fine_edge_mm(study, spot, limbs[name]))
             limb = finer_limb(study, replace(spot, fine_edge_mm=edge_mm), limbs)
             assert limb is not None  # its edges are stated
             nodes = max(nodes, limb.mesh.n_nodes)

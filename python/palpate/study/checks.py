@@ -9,15 +9,6 @@ from palpate.domain.material import IsotropicMaterial
 from palpate.plugins.guard import answering_for
 from palpate.study.reading import Study
 
-LARGEST_RATIO = 100.0
-"""Upper over lower end of a range beyond which sets that are spread evenly leave the lower decades out."""
-
-MOST_FRICTION = 3.0
-"""Coefficient above which an indenter sticks for any purpose, and which no skin or silicone has."""
-
-DEEPEST = 3.0
-"""Depth over radius beyond which an indenter is deeper in the limb than any measurement of the kind."""
-
 
 def setting_warnings(study: Study) -> Iterator[str]:
     """Say what no study needs and a slip of the pen easily makes."""
@@ -25,12 +16,15 @@ def setting_warnings(study: Study) -> Iterator[str]:
     for spot, protocol in protocols.items():
         if isinstance(protocol, Indentation):
             indenter, depth = protocol.indenter, float(protocol.path[:, 0].max())
-            if depth > DEEPEST * indenter.radius_mm:
+            # Depth over radius beyond which an indenter is deeper in the limb than any measurement of the
+            # kind.
+            if depth > 3.0 * indenter.radius_mm:
                 yield (
                     f"spot '{spot}': a {indenter.name} of radius {indenter.radius_mm:g} mm is pressed "
                     f"{depth:g} mm deep, {depth / indenter.radius_mm:.0f} times its radius; check both"
                 )
-            if protocol.friction > MOST_FRICTION:
+            # Coefficient above which an indenter sticks for any purpose, and which no skin or silicone has.
+            if protocol.friction > 3.0:
                 yield (
                     f"spot '{spot}': friction {protocol.friction:g} is far above measured friction of skin "
                     "and rubber; check friction in [protocol]"
@@ -56,7 +50,8 @@ def setting_warnings(study: Study) -> Iterator[str]:
 
 def _range(name: str, region: RegionMaterial, parameter: Parameter) -> Iterator[str]:
     low, high = sorted((abs(parameter.lower), abs(parameter.upper)))
-    if parameter.scale == "linear" and parameter.lower * parameter.upper > 0.0 and high > LARGEST_RATIO * low:
+    # Upper over lower end of a range beyond which sets that are spread evenly leave the lower decades out.
+    if parameter.scale == "linear" and parameter.lower * parameter.upper > 0.0 and high > 100.0 * low:
         yield (
             f"{name}: the range spans a factor of {high / low:.0f}, and a linear scale leaves its lower "
             'decades next to empty; set scale = "log", or narrow the range'

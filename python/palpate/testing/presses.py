@@ -44,9 +44,6 @@ class ScenarioContract:
 UNITS = ("mm", "mm2", "mm3", "deg", "s", "N", "Nmm", "MPa", "1")
 """Units of palpate at the ends of columns."""
 
-UNITLESS = frozenset({"stretch", "shear"})
-"""Abscissae of homogeneous tests."""
-
 MIRRORED = np.array([1.0, -1.0, -1.0, -1.0, -1.0, -1.0])
 """Signs of pose and wrench where shifts, tilts and rotation have the other sign."""
 
@@ -78,7 +75,8 @@ class ChannelContract:
 
     def test_its_columns_end_in_their_units(self, channel: Channel) -> None:
         for column, unit in zip((channel.abscissa, channel.ordinate), channel.units, strict=True):
-            assert unit in UNITS or column in UNITLESS, (
+            # Abscissae of homogeneous tests.
+            assert unit in UNITS or column in ("stretch", "shear"), (
                 f"column '{column}' does not end in its unit, one of {', '.join(UNITS)}: depth_mm, force_N, "
                 "ratio_1"
             )

@@ -13,16 +13,6 @@ from palpate.api import PluginError
 from palpate.api.files import ProcessLimits, run_program
 
 NAMES = ("febio4", "febio4.exe", "FEBio4")
-PLACES = (
-    "/opt/FEBioStudio*/bin",
-    "/opt/febio*/bin",
-    "/usr/local/FEBioStudio*/bin",
-    "/usr/local/febio*/bin",
-    "/Applications/FEBioStudio*/FEBioStudio.app/Contents/MacOS",
-    "~/FEBioStudio*/bin",
-    "~/febio*/bin",
-)
-"""Where the installers put it; ``*`` stands for a version."""
 
 HOW_TO_GET_IT = (
     "install FEBio 4 (free, from https://febio.org/downloads, or built from "
@@ -89,7 +79,16 @@ def find_binary(executable: str = "") -> Path:
 
 
 def _usual_places() -> Iterator[Path]:
-    for pattern in PLACES:
+    # Where the installers put it; ``*`` stands for a version.
+    for pattern in (
+        "/opt/FEBioStudio*/bin",
+        "/opt/febio*/bin",
+        "/usr/local/FEBioStudio*/bin",
+        "/usr/local/febio*/bin",
+        "/Applications/FEBioStudio*/FEBioStudio.app/Contents/MacOS",
+        "~/FEBioStudio*/bin",
+        "~/febio*/bin",
+    ):
         whole = Path(pattern).expanduser()
         yield from sorted(Path(whole.anchor).glob(str(whole.relative_to(whole.anchor))), reverse=True)
 

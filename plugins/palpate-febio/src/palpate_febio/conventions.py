@@ -199,9 +199,6 @@ def run_probe(material: Material, command: list[str], limits: ProcessLimits) -> 
         ) from None
 
 
-FORMAT = 1
-"""Changes when a probe's meaning does."""
-
 STRETCHES = np.array([[1.3, 0.9, 0.8], [0.7, 1.2, 1.1]])
 GRADIENT = np.array([[1.2, 0.3, 0.0], [0.1, 0.9, -0.2], [0.0, 0.1, 1.1]])
 for _array in (STRETCHES, GRADIENT):
@@ -243,7 +240,7 @@ def _key(material: Material) -> str:
     spelled = getattr(material, "febio", None)
     return json.dumps(
         [
-            FORMAT,
+            1,  # changes when a probe's meaning does
             f"{kind.__module__}.{kind.__qualname__} {material.fingerprint()}",
             material.settings.model_dump_json(),
             [f"{value:.9g}" for value in np.atleast_1d(energy)],

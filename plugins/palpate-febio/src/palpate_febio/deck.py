@@ -24,10 +24,6 @@ RECORD_NAME = "rigid.csv"
 RECORD_DATA = ("z", "thz", "Fx", "Fy", "Fz", "Mx", "My", "Mz")
 INDENTER = "indenter"
 
-BROYDEN_UPDATES = 10
-THREE_FIELD = "three-field-solid"
-"""One pressure and one volume change per element: FEBio's default for hex8, and here for tet10 too."""
-
 UNHURRIED = 1000
 """Iterations after which FEBio shortens the next step: augmentation takes many, and each step forgets."""
 
@@ -207,7 +203,7 @@ def _control(control: ET.Element, problem: Problem) -> None:
         },
     )
     if problem.method.startswith("broyden"):
-        leaf(ET.SubElement(solver, "qn_method", type="Broyden"), "max_ups", BROYDEN_UPDATES)
+        leaf(ET.SubElement(solver, "qn_method", type="Broyden"), "max_ups", 10)
     else:
         ET.SubElement(solver, "qn_method", type="full Newton")
     if problem.settings.linear_solver:
@@ -295,7 +291,9 @@ def _domains(root: ET.Element, problem: Problem, domains: list[tuple[str, str, I
             region = problem.mesh.regions[int(name.split("_")[0]) - 1]
             domain.set("mat", _material_name(problem, region))
             if kind == "tet10" and problem.materials[region].uncoupled:
-                domain.set("type", THREE_FIELD)
+                # One pressure and one volume change per element: FEBio's default for hex8, and here for
+                # tet10 too.
+                domain.set("type", "three-field-solid")
 
 
 # -------------------------------------------------------- supports and motion

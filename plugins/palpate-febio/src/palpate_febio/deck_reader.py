@@ -16,8 +16,6 @@ from palpate_febio.deck_supports import DeckNames, DeckSupports
 LARGEST_FILE_BYTES = 2_000_000_000
 RIGID = "rigid body"
 SPEC_VERSIONS = ("2.5", "3.0", "4.0")
-REACHING = ("from", "file", "path")
-"""Attributes by which a deck names another file."""
 
 OTHER_SOLIDS: Mapping[str, str] = MappingProxyType(
     {
@@ -315,7 +313,8 @@ def refuse_reaching(path: Path, root: ET.Element) -> None:
     for element in root.iter():
         if element.tag.lower() == "include":
             raise MeshError(f"{path}: <{element.tag}> takes in another file; save the deck as one file")
-        for attribute in REACHING:
+        # Attributes by which a deck names another file.
+        for attribute in ("from", "file", "path"):
             named = element.get(attribute)
             if named is not None and not _inside(named):
                 raise MeshError(

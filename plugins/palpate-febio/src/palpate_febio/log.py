@@ -14,9 +14,6 @@ _VERSION = re.compile(r"^[ \t]*version[ \t]+(\d+\.\d+\S*)", re.MULTILINE)
 _CONVERGED = re.compile(r"^-+ converged at time : (\S+)", re.MULTILINE)
 _FAILED = re.compile(r"^-+ failed to converge at time : (\S+)", re.MULTILINE)
 
-CONSEQUENCES = ("too many retries", "model refused")
-"""Reasons that FEBio gives after the one that led to them."""
-
 _REASONS: tuple[tuple[re.Pattern[str], str, str], ...] = tuple(
     (re.compile(pattern, re.IGNORECASE | re.MULTILINE), name, remedy)
     for pattern, name, remedy in (
@@ -134,7 +131,8 @@ def last_reason(text: str) -> Reason | None:
         if matches := list(pattern.finditer(text)):
             words = " ".join(matches[-1].group(0).strip(" *\n").split())[:200]
             reason = Reason(name, words, remedy)
-            found.append((name in CONSEQUENCES, -matches[-1].start(), rank, reason))
+            # Reasons that FEBio gives after the one that led to them.
+            found.append((name in ("too many retries", "model refused"), -matches[-1].start(), rank, reason))
     if found:
         return min(found, key=lambda row: row[:3])[3]
     errors = [body for kind, body in _boxes(text) if kind == "ERROR"]

@@ -89,15 +89,6 @@ def _float(word: str, number: int) -> float:
         raise RecordError(f"line {number}: '{word.strip()[:40]}' is no number") from None
 
 
-POSITION_TOLERANCE_MM = 1e-4
-ROTATION_TOLERANCE_RAD = 1e-5
-TIME_TOLERANCE = 1e-6
-"""Of the shortest step."""
-
-PRINTED = 1e-8
-"""Of a time: FEBio prints nine digits."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Verdict:
     """Result of one run.
@@ -201,7 +192,8 @@ def _matched(record: Record, steps: Steps, radius_mm: float) -> EquilibriumState
     RecordError
         Not finite, or the indenter was not where it was sent.
     """
-    near = TIME_TOLERANCE * np.diff(steps.time).min() + PRINTED * steps.time
+    # A share of the shortest step, and the rounding of a time: FEBio prints nine digits.
+    near = 1e-6 * np.diff(steps.time).min() + 1e-8 * steps.time
     places = np.searchsorted(record.times, steps.time - near)
     there = places < len(record.times)
     there[there] = np.abs(record.times[places[there]] - steps.time[there]) < near[there]
@@ -215,8 +207,8 @@ def _matched(record: Record, steps: Steps, radius_mm: float) -> EquilibriumState
     bad = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if bad.size:
         raise RecordError(f"step {bad[0]} holds a value that is not finite")
-    off = np.abs(radius_mm - values[:, 0] - depth) > POSITION_TOLERANCE_MM
-    around = np.abs((values[:, 1] - turn + np.pi) % (2.0 * np.pi) - np.pi) > ROTATION_TOLERANCE_RAD
+    off = np.abs(radius_mm - values[:, 0] - depth) > 1e-4
+    around = np.abs((values[:, 1] - turn + np.pi) % (2.0 * np.pi) - np.pi) > 1e-5
     if (off | around).any():
         k = int(np.flatnonzero(off | around)[0])
         raise RecordError(

@@ -45,19 +45,8 @@ from palpate_febio.steps import Steps, halved, steps_of, up_to_first_turn
 OPTIONS = ("-noconfig", "-nosplash", "-no_title")
 """Of febio4. Never -silent: it hides what is wrong with a deck."""
 
-USABLE = (Status.OK, Status.DIVERGED)
-"""Statuses whose curves, whole or partial, are FEBio's answer to what was asked."""
-
-VERIFICATION_METHODS: tuple[Method, ...] = ("broyden", "newton")
-"""Ways to solve the run that verifies another, whose steps are given."""
-
-LEAST_LOCKING = 0.02
-"""Relative excess of the force by locking elements above which a check reports it."""
-
 HELD = 1e-3
 """Time of the hold that verifies friction, over the shortest time constant of a tissue that relaxes."""
-
-PROBE_LIMITS = ProcessLimits(time_s=300.0, stall_s=300.0)
 
 
 class FebioWarning(UserWarning):
@@ -141,7 +130,9 @@ class FebioSolver(Solver[FebioSettings]):
             binary = self.binary()
             command = [str(binary.path), *OPTIONS]
             self._fits[key] = remembered(
-                material, binary.digest, lambda: run_probe(material, command, PROBE_LIMITS)
+                material,
+                binary.digest,
+                lambda: run_probe(material, command, ProcessLimits(time_s=300.0, stall_s=300.0)),
             )
         return self._fits[key]
 
@@ -245,10 +236,13 @@ class FebioSolver(Solver[FebioSettings]):
             states = states.cut(slice(None, None, 2))
         response = states.observed(job.channels)
         remarks = (self.binary().remark, "" if self._right else PAPER_CONTACT)
+        # Statuses whose curves, whole or partial, are FEBio's answer to what was asked.
         simulation = Simulation(
             job=job,
             status=last.verdict.status,
-            response=response if response.curves and last.verdict.status in USABLE else None,
+            response=response
+            if response.curves and last.verdict.status in (Status.OK, Status.DIVERGED)
+            else None,
             message=last.verdict.message,
             seconds=time.perf_counter() - started,
             diagnostics={
@@ -320,7 +314,8 @@ class FebioSolver(Solver[FebioSettings]):
         def run(steps: Steps) -> Verdict:
             """Verdict on the first whole answer, or the longest; the contact stays as stiff as it was."""
             tried: list[Verdict] = []
-            for method in (problem.method,) if problem.method == "broyden_soft" else VERIFICATION_METHODS:
+            # Ways to solve the run that verifies another, whose steps are given.
+            for method in (problem.method,) if problem.method == "broyden_soft" else ("broyden", "newton"):
                 finer = replace(problem, steps=steps, method=method)
                 tried.append(self._try(job, finer, f"verification-{method}").verdict)
                 if tried[-1].status is not Status.DIVERGED:
@@ -348,7 +343,8 @@ class FebioSolver(Solver[FebioSettings]):
 def _report_locking(job: Job, limb: Limb, radius_mm: float) -> None:
     """Warn of the part of a limb whose elements lock most."""
     parts = locking_parts(limb, job.materials, job.thetas, radius_mm)
-    if parts and (excess := max(parts.values())) > LEAST_LOCKING:
+    # Relative excess of the force by locking elements above which a check reports it.
+    if parts and (excess := max(parts.values())) > 0.02:
         region, kind = max(parts, key=lambda part: parts[part])
         warnings.warn(
             f"spot '{job.spot}': FEBio's {kind} of region '{region}' locks. The force is up to about "

@@ -33,9 +33,6 @@ SPELLED: Mapping[str, tuple[str, Mapping[str, str]]] = MappingProxyType(
 FEBio 4.0 to 4.11 has another energy by the name "Arruda-Boyce": coefficient i is i times the textbook's.
 """
 
-UNPROBED: Mapping[str, str] = MappingProxyType({"yeoh": "febio4"})
-"""Convention that FEBio 4.4 to 4.11 was measured to have, where it is not the textbook's."""
-
 DENSITY_T_PER_MM3 = 1e-9
 
 BULK = "k"
@@ -63,7 +60,8 @@ class Written:
 
 def expected_convention(material: Material) -> str:
     """Convention to assume where no FEBio could be asked."""
-    known = UNPROBED.get(material.name, "textbook")
+    # Convention that FEBio 4.4 to 4.11 was measured to have, where it is not the textbook's.
+    known = {"yeoh": "febio4"}.get(material.name, "textbook")
     return known if known in material.conventions else "textbook"
 
 

@@ -54,8 +54,6 @@ EDGES: Mapping[str, tuple[tuple[int, int], ...]] = MappingProxyType(
 )
 """Ends of the edges whose middles are the nodes after the corners."""
 
-_WITH_FILE = ("NODE", "ELEMENT", "NSET", "ELSET")
-"""Keywords whose data lines may be in a file of their own."""
 GENERATED = ("NGEN", "NFILL", "ELGEN", "NCOPY", "ELCOPY", "NMAP", "SYSTEM")
 
 
@@ -426,7 +424,10 @@ def _cells(text: str) -> list[str]:
 
 def _given(path: Path, keyword: Keyword, by: frozenset[Path]) -> Iterator[Keyword]:
     """Keyword with its data lines, also lines of another file, or the keywords that it includes."""
-    if keyword.name != "INCLUDE" and not (keyword.name in _WITH_FILE and "INPUT" in keyword.options):
+    # Keywords whose data lines may be in a file of their own.
+    if keyword.name != "INCLUDE" and not (
+        keyword.name in ("NODE", "ELEMENT", "NSET", "ELSET") and "INPUT" in keyword.options
+    ):
         yield keyword
         return
     other = path.parent / keyword.options.get("INPUT", "").strip("\"'")

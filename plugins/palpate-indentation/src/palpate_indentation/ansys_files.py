@@ -18,7 +18,6 @@ from palpate_indentation.mesh_content import MeshFile
 
 SOLIDS = frozenset({45, 62, 64, 65, 72, 73, 92, 95, 185, 186, 187, 190, 285, 5, 69, 70, 87, 90, 98, 226, 227})
 """Numbers of Ansys' solid elements, those of heat and coupled fields too."""
-_TEN_NODES = frozenset({87, 92, 98, 187, 227})
 AXES: Mapping[str, str] = MappingProxyType({"UX": "x", "UY": "y", "UZ": "z", "ALL": "xyz"})
 _SHAPES: tuple[tuple[str, str, tuple[int, ...], tuple[int, ...]], ...] = (
     ("tetra", "tetra10", (0, 1, 2, 4), (8, 9, 11, 16, 17, 18)),
@@ -143,7 +142,7 @@ class _Archive:
             self._leave_out(f"SOLID{kind}" if not kind else f"{kind}")
             return
         # Midside nodes that are left out at the end of a record are not written.
-        usual = (10,) if kind in _TEN_NODES else (4, 8, 20)
+        usual = (10,) if kind in frozenset({87, 92, 98, 187, 227}) else (4, 8, 20)
         n_nodes = next((n for n in usual if n >= len(nodes)), 0)
         nodes += [0] * (n_nodes - len(nodes))
         if len(nodes) in (4, 10):

@@ -29,7 +29,6 @@ from palpate_indentation.vtk_files import read_legacy_vtk, read_vtu
 
 MOST_BYTES = 1_000_000_000
 MOST_MEMORY_MB = 4_000.0
-LONGEST_S = 60.0
 
 
 READERS: Mapping[str, Callable[[Path], MeshFile | None]] = MappingProxyType(
@@ -51,10 +50,6 @@ UNREADABLE = (ValueError, LookupError, ArithmeticError, TypeError, AttributeErro
 """Errors of a reader on a broken file."""
 
 
-_OF_EXODUS = (*range(12), *range(16, 20), *range(12, 16))
-"""Nodes of Exodus' quadratic hexahedron in meshio's order: Exodus has upright edges before upper ones."""
-
-
 def read_mesh_file(path: Path) -> MeshFile:
     """Read any format of meshio, in a subprocess with limits of memory and time.
 
@@ -68,7 +63,7 @@ def read_mesh_file(path: Path) -> MeshFile:
     if path.stat().st_size > MOST_BYTES:
         raise MeshError(f"{path}: larger than {MOST_BYTES / 1e9:g} GB; keep only the segment around the spot")
     try:
-        return run_function(ProcessLimits(time_s=LONGEST_S, memory_mb=MOST_MEMORY_MB), read_here, path)
+        return run_function(ProcessLimits(time_s=60.0, memory_mb=MOST_MEMORY_MB), read_here, path)
     except (ChildProcessError, MemoryError) as error:
         how = "too little memory" if isinstance(error, MemoryError) else error
         raise MeshError(
@@ -249,7 +244,12 @@ def _cells(path: Path, kind: str, given: object) -> NDArray[np.int64]:
     """Nodes of elements in meshio's order, which its reader of Exodus leaves as they are in the file."""
     cells = _integers(path, given)
     is_exodus = path.suffix.lower() in (".e", ".exo", ".ex2")
-    return cells[:, _OF_EXODUS] if is_exodus and kind == "hexahedron20" else cells
+    # Nodes of Exodus' quadratic hexahedron in meshio's order: Exodus has upright edges before upper ones.
+    return (
+        cells[:, (*range(12), *range(16, 20), *range(12, 16))]
+        if is_exodus and kind == "hexahedron20"
+        else cells
+    )
 
 
 def _integers(path: Path, cells: object) -> NDArray[np.int64]:

@@ -12,9 +12,6 @@ from palpate.api.mesh import CELLS, HEX_CORNERS, barycentric, linear_simplex, mu
 Rule = tuple[FloatArray, FloatArray]
 """Points (q, d) and weights (q,) of a quadrature."""
 
-_TRI_EDGES = ((0, 1), (1, 2), (2, 0))
-_QUAD_CORNERS = HEX_CORNERS[:4, :2]
-
 
 def _gauss_box(n: int, dimension: int) -> Rule:
     """Tensor-product Gauss points and weights on [−1, 1]^d."""
@@ -22,10 +19,6 @@ def _gauss_box(n: int, dimension: int) -> Rule:
     points = np.stack(np.meshgrid(*[x] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
     weights = np.stack(np.meshgrid(*[w] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
     return points, weights.prod(axis=1)
-
-
-_TET_CENTRE: Rule = (np.full((1, 3), 0.25), np.full(1, 1.0 / 6.0))
-"""One point, exact to degree 1."""
 
 
 def _tet_points() -> Rule:
@@ -102,7 +95,7 @@ def _tet10(rule: Rule) -> Element:
     return _element(
         lambda p: quadratic_simplex(barycentric(p), CELLS["tet10"].edges),
         rule,
-        lambda p: quadratic_simplex(barycentric(p), _TRI_EDGES),
+        lambda p: quadratic_simplex(barycentric(p), ((0, 1), (1, 2), (2, 0))),
         _quarter_points(),
     )
 
@@ -111,14 +104,17 @@ def _linear(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     return linear_simplex(barycentric(points))
 
 
+# One point, exact to degree 1.
 ELEMENTS: Mapping[str, Element] = MappingProxyType(
     {
-        "tet4": _element(_linear, _TET_CENTRE, _linear, _triangle_points()),
+        "tet4": _element(
+            _linear, (np.full((1, 3), 0.25), np.full(1, 1.0 / 6.0)), _linear, _triangle_points()
+        ),
         "tet10": _tet10(_tet_points()),
         "hex8": _element(
             lambda p: multilinear(p, HEX_CORNERS),
             _gauss_box(2, 3),
-            lambda p: multilinear(p, _QUAD_CORNERS),
+            lambda p: multilinear(p, HEX_CORNERS[:4, :2]),
             _gauss_box(2, 2),
         ),
     }
@@ -128,9 +124,6 @@ ELEMENTS: Mapping[str, Element] = MappingProxyType(
 PLAIN_ELEMENTS: Mapping[str, Element] = MappingProxyType({**ELEMENTS, "tet10": _tet10(_tet_points_plain())})
 """The same without mean dilatation, where tet10 needs more points."""
 
-
-ROUNDS = 3
-"""Pairings; each doubles the patches, to 8 tetrahedra after three."""
 
 FEW = 5
 """Patches of fewer tetrahedra are joined to a neighbour: a small patch locks."""
@@ -175,7 +168,8 @@ def tetrahedron_patches(points_mm: FloatArray, tets: IntArray) -> IntArray:
         tetrahedra, unless all its neighbours are full or it has none.
     """
     dual, labels = _dual(points_mm, tets), np.arange(len(tets))
-    for _ in range(ROUNDS):
+    # Each pairing doubles the patches, to 8 tetrahedra after three.
+    for _ in range(3):
         merged = _paired(dual, np.ones(len(dual.pairs), dtype=bool))
         dual, labels = dual.joined(merged), merged[labels]
     while True:

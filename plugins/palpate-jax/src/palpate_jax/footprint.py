@@ -10,10 +10,6 @@ from palpate.api.mesh import NEAR, contact_edge_mm, in_spot_frame
 from palpate_jax.contact_surface import contact_surfaces
 from palpate_jax.schedule import pose
 
-TOUCH_TOLERANCE_MM = 0.05
-"""Largest gap or overlap of the surface and the indenter at depth 0."""
-
-
 N_TURNS = 9
 """Rotations between the ends of a twist at which a tool that is not round is looked at."""
 
@@ -34,7 +30,8 @@ def check_touch(limb: Limb, protocol: Indentation) -> None:
     # A limb may curve away from the spot, but less than the indenter does.
     fall = surface[nearest, 2] + from_axis[nearest] ** 2 / (2.0 * indenter.radius_mm)
     for where, node, distance in (("inside", deepest, -gaps[deepest]), ("off", nearest, -fall)):
-        if distance > TOUCH_TOLERANCE_MM:
+        # Largest gap or overlap of the surface and the indenter at depth 0.
+        if distance > 0.05:
             raise MeshError(
                 f"spot '{limb.spot.name}': at depth 0 the {indenter.name} is {where} the surface by "
                 f"{distance:.2f} mm near {np.round(surface[node], 2)} mm (spot frame); "

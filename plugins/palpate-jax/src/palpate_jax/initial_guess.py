@@ -23,9 +23,6 @@ from palpate.api.files import write_atomically
 MOST_BYTES = 8_000_000_000
 """Size of the folder beyond which the files that were used longest ago are deleted."""
 
-MOST_OF_FREE = 0.2
-"""The same as a share of what is free on the disk."""
-
 
 class WarmStartStates:
     """Displacements of warm starts by key: on disk, or in memory where that is impossible.
@@ -74,7 +71,8 @@ class WarmStartStates:
             found = sorted((e.stat().st_mtime, e.stat().st_size, e.path) for e in os.scandir(self._folder))
             total = sum(size for _, size, _ in found)
             free = shutil.disk_usage(self._folder).free
-            excess = total - min(MOST_BYTES, MOST_OF_FREE * (total + free))
+            # No more than this share of the free disk.
+            excess = total - min(MOST_BYTES, 0.2 * (total + free))
             for _, size, path in found:
                 if excess <= 0:
                     return
@@ -84,12 +82,6 @@ class WarmStartStates:
 
 MOST_SETS = 24
 """Warm starts that a guess is interpolated from: the nearest."""
-
-SAME = 1e-12
-"""Relative difference of parameters that counts as none."""
-
-RIDGE = 1e-7
-"""Ridge of the correction, relative to the mean square of the warm starts' displacements."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,7 +118,8 @@ class InitialGuess:
         missed = displacements - np.tensordot(self.coefficients, before, 1)
         gram = spread @ spread.T
         system = np.ones((m + 1, m + 1))
-        system[:m, :m] = gram + (RIDGE * np.trace(gram) / m + np.finfo(float).tiny) * np.eye(m)
+        # Ridge of the correction, relative to the mean square of the warm starts' displacements.
+        system[:m, :m] = gram + (1e-7 * np.trace(gram) / m + np.finfo(float).tiny) * np.eye(m)
         system[m, m] = 0.0
         rhs = np.append(spread @ missed.ravel(), 0.0)
         solution: FloatArray = np.linalg.lstsq(system, rhs, rcond=None)[0][:m]
@@ -166,7 +159,8 @@ class WarmStarts:
         if not self._stacks:
             return None
         spread = self._features.std(axis=0)
-        varied = spread > SAME * np.abs(self._features).max(axis=0)
+        # Relative difference of parameters that counts as none.
+        varied = spread > 1e-12 * np.abs(self._features).max(axis=0)
         target = self._of(thetas, modulus_MPa)[varied] / spread[varied]
         known = self._features[:, varied] / spread[varied]
         nearest = np.argsort(np.linalg.norm(known - target, axis=1), kind="stable")[:MOST_SETS]

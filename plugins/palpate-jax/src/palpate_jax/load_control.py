@@ -21,8 +21,6 @@ from palpate_jax.schedule import DEPTH, HERTZ, Aim, motion, pose, tip_at, wrench
 from palpate_jax.sensitivity import Rates
 
 MOST_TRIALS = 20
-MOST_SHORTENED = 5
-"""Trials without balance, after each of which the change of the free components is halved."""
 
 FINER = 1e-2
 """Accuracy of the loads, and of the balance at each trial, in tolerances."""
@@ -107,7 +105,8 @@ class LoadControl:
             if found.reason:
                 n_shortened += 1
                 change, moved = 0.5 * change, 0.5 * moved
-                if n_shortened > MOST_SHORTENED or not change.any():
+                # Each trial without balance halves the change of the free components.
+                if n_shortened > 5 or not change.any():
                     failed = Balance(found.displacements, n_iterations, found.reason)
                     return LoadTrial(position, at.loads, failed)
                 continue

@@ -20,11 +20,6 @@ from palpate_jax.schedule import REST, Aim, Schedule, Target, motion, pose
 from palpate_jax.sensitivity import Sensitivity, Slopes
 from palpate_jax.settings import STEP_ITERATIONS
 
-SMALLEST_CUT = 1.0 / 32.0
-
-LEAST_STEPS = 10
-"""Load steps that count at least: a path of few large steps may halve each of them."""
-
 GOOD_GUESS = 0.03
 """Imbalance below which an initial guess serves without the linear prediction, which costs an iteration."""
 
@@ -142,7 +137,8 @@ class LoadStepping:
         state = _State(REST, self._model.rest(), nothing, nothing, np.zeros(6), stresses)
         if schedule.has_loads:
             self._control = LoadControl(self._model, self._values, self._law, self._tolerance, schedule.steps)
-        self._most_iterations = self._step_iterations * max(len(schedule.targets), LEAST_STEPS)
+        # At least ten: a path of few large steps may halve each of them.
+        self._most_iterations = self._step_iterations * max(len(schedule.targets), 10)
         for k, target in enumerate(schedule.targets):
             # Where a load moves the indenter the first trial's position is not that of the guesses.
             guessed = None if target.has_loads else self._initial_guess
@@ -184,7 +180,7 @@ class LoadStepping:
             self.n_cuts += 1
             share *= 0.5
             self.linear.reset()
-            if share < SMALLEST_CUT:
+            if share < 1.0 / 32.0:
                 return reason
         return ""
 
@@ -283,10 +279,6 @@ class LoadStepping:
         return LoadStep(state.position, answer, state.displacements, load, slopes, time_s, stresses)
 
 
-CRUSHED = 0.05
-"""Ratio of volumes at a quadrature point below which its element counts as about to invert."""
-
-
 def explained(
     stop: Stop, model: Model, materials: Mapping[str, Material], thetas: Mapping[str, FloatArray]
 ) -> str:
@@ -315,7 +307,8 @@ def explained(
                 f"{int((stiffness <= 0.0).sum())} of {stiffness.size} points, worst at stretches {worst}; "
                 "smaller steps do not help; a stability filter drops such sets"
             )
-    if least < CRUSHED:
+    # Ratio of volumes at a quadrature point below which its element counts as about to invert.
+    if least < 0.05:
         return f"{stop.reason} {where}: an element is crushed to {least:.3f} of its volume; refine the mesh"
     return (
         f"{stop.reason} {where}: the material is stable there, but the contact finds no equilibrium; "

@@ -13,24 +13,8 @@ from palpate_jax.model import Model, Residual
 MOST_ITERATIONS = 16
 MOST_TRIALS = 8
 
-NEARLY = 100.0
-"""Imbalance, in tolerances, below which the body's tangent of the iteration before serves once more."""
-
-MOST_NEARLY = 1e-2
-"""Largest imbalance at which it does."""
-
 MOST_GROWTH = 2.0
 """Growth of the imbalance above which a step is shortened, against cycles of stick and slip."""
-
-
-MOST_RENEWALS = 60
-"""Updates of fixed friction limits before a position counts as unreachable.
-
-Few if points cycle; many if a part of the contact opens and the tissue slides.
-"""
-
-LOOSER = 10.0
-"""Accepted imbalance, in tolerances, if Newton's method finds no balance because of friction."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,7 +71,9 @@ def equilibrium(
     if not failed.reason or not load.law.friction > 0.0:
         return failed
     displacements, n_iterations = failed.displacements, failed.n_iterations
-    for _ in range(MOST_RENEWALS):
+    # Updates of fixed friction limits before a position counts as unreachable. Few if points cycle; many if
+    # a part of the contact opens and the tissue slides.
+    for _ in range(60):
         held = model.contact.held(displacements, load)
         left = None if most_iterations is None else most_iterations - n_iterations
         balance = _newton(model, thetas, held, Start(displacements), tolerance, left)
@@ -95,7 +81,8 @@ def equilibrium(
         if balance.reason:
             break
         displacements = balance.displacements
-        if model.forces(displacements, thetas).residual(load).relative <= LOOSER * tolerance:
+        # Accepted imbalance, in tolerances, if Newton's method finds no balance because of friction.
+        if model.forces(displacements, thetas).residual(load).relative <= 10.0 * tolerance:
             return Balance(displacements, n_iterations, "", held=True)
     return Balance(failed.displacements, n_iterations, failed.reason)
 
@@ -116,7 +103,8 @@ def _newton(
             return Balance(displacements, iteration, "inverted element")
         if residual.relative <= tolerance:
             return Balance(displacements, iteration, "")
-        nearly = iteration > 0 and residual.relative <= min(NEARLY * tolerance, MOST_NEARLY)
+        # The imbalance below which the body's tangent of the iteration before serves once more.
+        nearly = iteration > 0 and residual.relative <= min(100.0 * tolerance, 1e-2)
         here = model.linearised(displacements, thetas, nearly=nearly)
         try:
             step = model.linear.solve(

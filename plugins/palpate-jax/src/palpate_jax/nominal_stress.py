@@ -42,9 +42,6 @@ SLOW = 0.5
 NEAR = 1e-4
 """Steps of ln y below this are never extended: the gradient may be rounding."""
 
-ISOCHORIC = (0.6, 1.4, 2.0)
-"""Stretches at which an incompressible specimen's parameters are checked for an effect."""
-
 MAXIMUM_STEPS = 100
 STEP_TOLERANCE = 1e-11
 """A transverse stretch has converged when its logarithm moves by less."""
@@ -176,7 +173,8 @@ def isochoric_slopes(material: Material, theta: FloatArray) -> FloatArray:
     """Derivatives (n_parameters, n) of the energy in the parameters, at constant volume."""
     if not isinstance(material, IsotropicMaterial):
         return directional.isochoric_slopes(material, theta)
-    t = jnp.asarray(ISOCHORIC)
+    # Stretches at which an incompressible specimen's parameters are checked for an effect.
+    t = jnp.asarray((0.6, 1.4, 2.0))
     modes = ((t, t**-0.5, t**-0.5), (t, 1 / t, t**0))
     stretches = jnp.concatenate([jnp.stack(mode, axis=-1) for mode in modes])
     slopes = jax.jit(jax.jacfwd(lambda theta: material.energy(stretches, theta)))(jnp.asarray(theta))

@@ -29,9 +29,6 @@ from palpate_jax.contact import Answer, Change, ContactLaw, ContactState, Veloci
 from palpate_jax.model import Linearised, Model
 from palpate_jax.schedule import Aim, motion, tip_at, wrench_rates
 
-PROBE_MM = 1e-5
-"""Largest displacement of the central difference for the forces of the bonded nodes."""
-
 
 class Rates:
     """Rates at one state of a model.
@@ -122,7 +119,8 @@ class Rates:
         model, size = self._model, float(np.abs(moved).max())
         pulls = np.zeros((model.bonded.size, 3)) if body is None else body[model.bonded].copy()
         if size > 0.0:
-            probe = PROBE_MM / size
+            # Largest displacement of the central difference for the forces of the bonded nodes.
+            probe = 1e-5 / size
             ahead, _ = model.body.force(self._displacements + probe * moved, self._thetas)
             behind, _ = model.body.force(self._displacements - probe * moved, self._thetas)
             pulls += (ahead - behind)[model.bonded] / (2.0 * probe)

@@ -103,12 +103,9 @@ class InLoadStep(Mapping[str, FloatArray]):
         return len(self.values_alone)
 
 
-NOTHING_HELD: Mapping[int, Held] = {}
-
-
 def held_in(thetas: Mapping[str, FloatArray]) -> Mapping[int, Held]:
     """Blocks that relax in this load step, by number."""
-    return thetas.held if isinstance(thetas, InLoadStep) else NOTHING_HELD
+    return thetas.held if isinstance(thetas, InLoadStep) else {}
 
 
 class _Weighted:

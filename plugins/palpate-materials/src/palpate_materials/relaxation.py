@@ -53,12 +53,6 @@ FORCE_OVER_TIME, TORQUE_OVER_TIME = (
 RELAXED = "relaxed"
 """Region in the names of the shares; the name of one is its time."""
 
-USUAL_SHARE = 0.1
-"""Share of each time at which a search starts."""
-
-POINTS_PER_DECADE = 12
-"""Points of a curve over time after each corner of the motion: between them it is a straight line."""
-
 FINEST = 0.1
 """First of these points, over the shortest time constant."""
 
@@ -142,7 +136,8 @@ def _refined(time_s: FloatArray, finest_s: float) -> FloatArray:
     found = [time_s[-1:]]
     for start, end in pairwise(time_s.tolist()):
         decades = np.log10(max((end - start) / finest_s, 1.0))
-        n = int(np.ceil(POINTS_PER_DECADE * decades))
+        # Points per decade after each corner of the motion: between them the curve is straight.
+        n = int(np.ceil(12 * decades))
         found.append(np.r_[start, start + np.geomspace(finest_s, end - start, n, endpoint=False)])
     return np.unique(np.concatenate(found))
 
@@ -205,7 +200,8 @@ class Relaxing(StandardParametrisation):
 
     def start(self, protocols: Mapping[str, Protocol]) -> dict[str, float]:
         """Start of the standard parametrisation, and a little relaxation with each time."""
-        usual = min(USUAL_SHARE, 0.5 / len(self.times_s))
+        # Share of each time at which a search starts.
+        usual = min(0.1, 0.5 / len(self.times_s))
         return super().start(protocols) | dict.fromkeys(self.times_s, usual)
 
     def unusable(self, channels: Sequence[str], *, indents: bool) -> Iterator[tuple[tuple[str, ...], str]]:

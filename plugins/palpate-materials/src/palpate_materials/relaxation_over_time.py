@@ -32,9 +32,6 @@ from palpate.api.report import Figure
 from palpate.api.runs import Files, Study, common
 from palpate_materials.relaxation import loss_tangent, reduced_relaxation
 
-N_TIMES = 25
-"""Times of the table, from a tenth of the shortest time constant on."""
-
 BAND = (0.025, 0.975)
 """Quantiles of the draws at the ends of a band."""
 
@@ -192,7 +189,8 @@ def _over_time(regions: Mapping[str, _Draws], study: Study, longest_s: float) ->
     if study.parametrisation.times_s:
         regions = {ALL_REGIONS: next(iter(regions.values()))}
     for region, (times_s, shares, _) in regions.items():
-        at_s = np.geomspace(0.1 * times_s.min(), max(longest_s, times_s.min()), N_TIMES)
+        # Times of the table, from a tenth of the shortest time constant on.
+        at_s = np.geomspace(0.1 * times_s.min(), max(longest_s, times_s.min()), 25)
         at_s = np.unique([*at_s, press_s(study) or at_s[0]])
         left = _ends(reduced_relaxation(at_s, times_s, shares))
         loss = _ends(loss_tangent(1.0 / at_s, times_s, shares))
