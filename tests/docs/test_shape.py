@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_313,
+    "lines": 77_185,
     "lines of the core": 33_412,
     "classes": 657,
-    "constants": 997,
+    "constants": 918,
     "long files": 0,
     "long functions": 7,
     "docstrings without a noun first": 0,

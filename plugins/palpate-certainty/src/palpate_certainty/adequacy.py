@@ -22,12 +22,6 @@ ALLOWED = 4.0
 MOST_DIFFERENCE = 0.2
 """Largest difference, over the peak, of a model that approximates a channel …"""
 
-LEAST_R2 = 0.9
-"""… and its least R² there."""
-
-OF_NOISE = 3.0
-"""Standard deviations of the noise that a difference may have of it."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Check:
@@ -76,7 +70,7 @@ class Closeness:
     @property
     def is_close(self) -> bool:
         """True if a model that is no closer still approximates the channel."""
-        return self.difference <= MOST_DIFFERENCE and self.r2 >= LEAST_R2
+        return self.difference <= MOST_DIFFERENCE and self.r2 >= 0.9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,8 +122,9 @@ def misfits(points: LinearProblem, linear: LinearProblem, errors: ResidualErrors
         curves = [np.flatnonzero((rows.channel == channel) & (rows.spot == s)) for s in np.unique(rows.spot)]
         shares = [residuals[at] / rows.scale[at] for at in curves]
         share, at = np.abs(np.concatenate(shares)), np.concatenate(curves)
+        # Standard deviations of the noise that a difference may have of it.
         most = (
-            np.abs(of * left[i]).max() - OF_NOISE * _noise(of)
+            np.abs(of * left[i]).max() - 3.0 * _noise(of)
             for of, i in zip(shares, curves, strict=True)
             if of.size
         )

@@ -23,9 +23,6 @@ from palpate.api.mesh import (
 from palpate.api.runs import Study, mesh_note
 from palpate_certainty.assumptions import ASSUMED
 
-N_NEAR = 30
-"""Nodes of the skin by which the surface at a spot is known."""
-
 OF_LIMB = ("position", "bone", "layers")
 """Kinds of causes that change the limb."""
 
@@ -73,7 +70,8 @@ def at_another_spot(limb: Limb, by_mm: tuple[float, float]) -> Limb:
     spot = limb.spot
     axes = spot_axes(spot.normal, spot.along)
     skin = (limb.mesh.points_mm[limb.mesh.node_sets["contact"]] - spot.position_mm) @ axes
-    near = skin[np.argsort(np.linalg.norm(skin, axis=1))[:N_NEAR]]
+    # Nodes of the skin by which the surface at a spot is known.
+    near = skin[np.argsort(np.linalg.norm(skin, axis=1))[:30]]
     heights, *_ = np.linalg.lstsq(_quadratic(near[:, :2]), near[:, 2], rcond=None)
     up_mm = (_quadratic(np.array([by_mm])) - _quadratic(np.zeros((1, 2)))) @ heights
     moved = spot.position_mm + axes @ np.array([*by_mm, up_mm.item()])

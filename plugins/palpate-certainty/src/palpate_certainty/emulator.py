@@ -16,9 +16,6 @@ from palpate.api import BoolArray, FloatArray, IntArray, Parameter
 LENGTHS = (0.1, 20.0)
 """Range of the correlation lengths, in half ranges of the coordinates."""
 
-NUGGETS = (1e-12, 1e-6)
-"""Range of the variance of what is not reproduced, over that of the process."""
-
 EXACT = 1e-9
 """What the polynomial leaves, over what was observed, up to which it is exact."""
 
@@ -118,7 +115,8 @@ class GaussianProcess:
 
         logs = np.append(np.zeros(d), np.log(1e-8))
         if np.linalg.norm(rest) > EXACT * np.linalg.norm(observed):
-            bounds = [tuple(np.log(LENGTHS))] * d + [tuple(np.log(NUGGETS))]
+            # Range of the variance of what is not reproduced, over that of the process.
+            bounds = [tuple(np.log(LENGTHS))] * d + [tuple(np.log((1e-12, 1e-6)))]
             logs = scipy.optimize.minimize(
                 loss, logs, method="L-BFGS-B", bounds=bounds, options={"maxiter": 30}
             ).x
@@ -169,13 +167,6 @@ def _trend(points: FloatArray, sloped: IntArray, powers: IntArray) -> FloatArray
     return np.concatenate(rows)
 
 
-IN_PROPORTION = 1e-3
-"""Difference from Euler's theorem, over the curves, up to which they are in proportion to the moduli."""
-
-LEAST_COMPONENT = 1e-6
-"""Size of a principal component, over the largest one, below which it is left out."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Runs:
     """Simulated sets.
@@ -220,7 +211,8 @@ class Runs:
             return None
         slopes, curves = self.slopes[sloped] / scale[:, None], self.ordinates[sloped] / scale
         by_moduli = np.einsum("nkp,np->nk", slopes[:, :, is_modulus], self.values[sloped][:, is_modulus])
-        if np.abs(by_moduli - curves).max() > IN_PROPORTION * np.abs(curves).max():
+        # Difference from Euler's theorem, over the curves, up to which they are in proportion to the moduli.
+        if np.abs(by_moduli - curves).max() > 1e-3 * np.abs(curves).max():
             return None
         effects = np.median(np.linalg.norm(slopes, axis=1), axis=0)
         return np.where(is_modulus & (effects > 0.0), effects, 0.0)
@@ -254,7 +246,8 @@ class Emulator:
         self.mean = curves.mean(axis=0)
         stacked = np.concatenate([curves - self.mean, *np.moveaxis(rates, 2, 0)])
         _, sizes, axes = np.linalg.svd(stacked, full_matrices=False)
-        self.axes = axes[sizes > LEAST_COMPONENT * max(sizes[0], 1e-300)]
+        # Size of a principal component, over the largest one, below which it is left out.
+        self.axes = axes[sizes > 1e-6 * max(sizes[0], 1e-300)]
         slopes = np.moveaxis(rates, 2, 0) @ self.axes.T
         self.process = GaussianProcess(self._scaled(free), sloped, (curves - self.mean) @ self.axes.T, slopes)
         self.left_out = self.process.left_out @ self.axes * total[:, None] * scale

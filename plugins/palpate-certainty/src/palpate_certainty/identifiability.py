@@ -33,14 +33,8 @@ from palpate_certainty.declared import DECLARED
 from palpate_certainty.emulated_curves import best_and_first
 from palpate_certainty.emulator import Emulator, Runs
 
-FLOOR = 1e-6
-"""Smallest threshold, as a share of the median Fopt: simulated curves are not exact."""
-
 LEAST_Q2 = 0.8
 """Smallest share of the curves' variation that is predicted at sets left out of the emulator."""
-
-SETS_PER_COEFFICIENT = 1.5
-"""Sets that an emulator needs for each coefficient of a linear polynomial of the parameters."""
 
 
 def assess_identifiability(
@@ -222,7 +216,8 @@ class _Curves:
         ranked = np.isin(np.arange(len(values)), self.ranked.filter(spot=spot)["set_id"].to_numpy())
         complete = np.flatnonzero(ranked & np.isfinite(values[:, reached]).all(axis=1))
         parameters = self.design.parameters
-        if not reached.any() or complete.size < SETS_PER_COEFFICIENT * (1 + len(parameters)):
+        # Sets that an emulator needs for each coefficient of a linear polynomial of the parameters.
+        if not reached.any() or complete.size < 1.5 * (1 + len(parameters)):
             return None
         misfit = (((values[complete] - measured) / peak)[:, reached] ** 2).sum(axis=1)
         sets = complete[best_and_first(misfit)]
@@ -323,7 +318,8 @@ class _Case:
         optimum = form.minimum()
         least = form(optimum)
         known = float(self.best["fopt"]) if self.is_fitted else least
-        margin = max(known, self.spread, missed, FLOOR * float(np.median(list(self.fopt.values()))))
+        # Smallest threshold, as a share of the median Fopt: simulated curves are not exact.
+        margin = max(known, self.spread, missed, 1e-6 * float(np.median(list(self.fopt.values()))))
         q2 = 1.0 - missed / variation if variation > 0.0 else -np.inf
         return _Fit(form=form, optimum=optimum, least=least, margin=margin, q2=q2)
 

@@ -28,9 +28,6 @@ RANGE_SD = 10.0
 FLAT_SD = 12.0**-0.5
 """Standard deviation, in ranges, of a value that may be anywhere in its range: nothing is outside of it."""
 
-LEAST_SLOPE = 1e-9
-"""Least slope of a curve, over its largest, that is not rounding."""
-
 N_DRAWS = 1024
 """Points that stand for the density in the box."""
 
@@ -164,7 +161,8 @@ def scores_of(jacobian: FloatArray, curves: IntArray) -> FloatArray:
     parts = []
     for curve in np.unique(curves):
         axes, sizes, _ = np.linalg.svd(jacobian * (curves == curve)[:, None], full_matrices=False)
-        parts.append(axes[:, sizes > LEAST_SLOPE * max(float(sizes.max()), 1e-300)])
+        # Least slope of a curve, over its largest, that is not rounding.
+        parts.append(axes[:, sizes > 1e-9 * max(float(sizes.max()), 1e-300)])
     scores: FloatArray = np.concatenate(parts, axis=1)
     return scores
 

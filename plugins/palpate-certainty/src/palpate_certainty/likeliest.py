@@ -8,14 +8,8 @@ from palpate.api import FloatArray
 from palpate.api.fit import Evaluation, Trial, least_near
 from palpate_certainty.tables import Assessed
 
-FAR = 1e3
-"""Independent residual, in standard deviations, of values that cannot be simulated."""
-
 MOST_TRIALS = 60
 """Most simulations of each spot."""
-
-STRAIGHT = 0.1
-"""Difference from linear curves, in standard deviations, up to which these hold."""
 
 GAIN = 1e-4
 """Relative gain, or step, at which a search has ended."""
@@ -34,7 +28,8 @@ def likeliest(assessed: Assessed) -> Assessed:
 
     def residuals(point: FloatArray) -> FloatArray:
         found = at(point).residuals
-        missed: FloatArray = np.full(len(white), FAR) if found is None else white @ found
+        # Independent residual, in standard deviations, of values that cannot be simulated.
+        missed: FloatArray = np.full(len(white), 1e3) if found is None else white @ found
         return missed
 
     def slopes(point: FloatArray) -> FloatArray:
@@ -47,7 +42,8 @@ def likeliest(assessed: Assessed) -> Assessed:
 
     first, start = point_of(assessed.linear.point), point_of(assessed.point)
     step = (box.values(start) - box.values(first)) / box.rates(first)
-    if float(np.linalg.norm(residuals(start) - residuals(first) - slopes(first) @ step)) < STRAIGHT:
+    # Difference from linear curves, in standard deviations, up to which these hold.
+    if float(np.linalg.norm(residuals(start) - residuals(first) - slopes(first) @ step)) < 0.1:
         return assessed
     best = min(first, start, key=lambda point: float(np.sum(residuals(point) ** 2)))
     found, _ = least_near(

@@ -17,9 +17,6 @@ N_SHAPES = 2
 N_SCATTER = 8
 """Cosines of the path, the constant first, of which the scatter of an extrapolated curve is made."""
 
-HALF_WAVES = 3.0
-"""Half waves on a path from which on a cosine of the scatter is smaller than half of the constant."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpotMesh:
@@ -96,7 +93,8 @@ def scattered_parts(size: FloatArray, along: FloatArray) -> list[FloatArray]:
     along : (n,) array
         Place on the path, from 0 to 1.
     """
-    shares = 1.0 / (1.0 + (np.arange(N_SCATTER) / HALF_WAVES) ** 2)
+    # From three half waves on, a cosine of the scatter is smaller than half of the constant.
+    shares = 1.0 / (1.0 + (np.arange(N_SCATTER) / 3.0) ** 2)
     shares /= np.linalg.norm(shares)
     waves = (np.cos(np.pi * k * along) * (np.sqrt(2.0) if k else 1.0) for k in range(N_SCATTER))
     return [share * size * wave for share, wave in zip(shares, waves, strict=True)]

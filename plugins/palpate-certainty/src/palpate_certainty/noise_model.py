@@ -21,12 +21,6 @@ from palpate_certainty.assumptions import ASSUMED
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Shares among which that is averaged: of a wrong law it is 1, of wrong anatomy 0."""
 
-ENOUGH_SITES = 3
-"""Places that tell what they have in common."""
-
-MOST_ROWS = 64
-"""Points of a curve; more are averaged with their neighbours."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ResidualLayout:
@@ -136,7 +130,8 @@ def groups_of(rows: ResidualLayout) -> FloatArray:
     number, last = np.arange(n), 0
     for key in dict.fromkeys(zip(rows.spot.tolist(), rows.channel.tolist(), strict=True)):
         inside = np.flatnonzero((rows.spot == key[0]) & (rows.channel == key[1]))
-        each = 1 if key[1] < 0 else -(-inside.size // MOST_ROWS)
+        # Points of a curve; more are averaged with their neighbours.
+        each = 1 if key[1] < 0 else -(-inside.size // 64)
         number[inside] = last + np.arange(inside.size) // each
         last = int(number[inside].max()) + 1
     groups = (np.arange(last)[:, None] == number).astype(np.float64)
@@ -167,12 +162,6 @@ PAIRS = tuple(product(POINTS, ASSUMED.discrepancy_lengths))
 
 LEAST = 0.02
 """Probability below which a pair of lengths is left out."""
-
-LEAST_NOISE = 1e-5
-"""Least noise, over the largest ordinate: simulated curves are not exact."""
-
-MOST_SEEN = 5.0
-"""Size of the discrepancy, over what the residuals have of it, above which it is not tried."""
 
 SIZES = np.geomspace(0.02, 30.0, 25)
 """Sizes of the discrepancy, over the one expected, among which it is averaged."""
@@ -285,7 +274,7 @@ def estimate(
     """
     channels, modes_of = rows.channels, partial(_modes, residuals, free, known, rows, expected)
     kept = _likely(modes_of(lengths, ASSUMED.common if common is None else common))
-    if common is None and np.unique(rows.site[rows.channel >= 0]).size >= ENOUGH_SITES:
+    if common is None and np.unique(rows.site[rows.channel >= 0]).size >= 3:  # they tell it
         best, _ = max(kept, key=lambda each: each[1])
         common = float(_probabilities([next(modes_of([best.lengths], share)) for share in SHARES]) @ SHARES)
         kept = _likely(modes_of([mode.lengths for mode, weight in kept if weight > LEAST], common))
@@ -378,7 +367,8 @@ def _modes(
         for parts in (*noises.values(), *others.values())
         for part in parts
     }
-    most = [max(MOST_SEEN * _seen(residuals, rows, c), 2.0 * expected[c]) for c in channels]
+    # Size of the discrepancy, over what the residuals have of it, above which it is not tried.
+    most = [max(5.0 * _seen(residuals, rows, c), 2.0 * expected[c]) for c in channels]
     for points, length in lengths:
         parts = [*noises[points], *others[length]]
         stacked = np.stack([seen[id(part)] for part in parts])
@@ -411,7 +401,8 @@ class _Likelihood:
         """Most likely squares (2 n_channels,) of the sizes, and the logarithm of their likelihood."""
         k = len(self.parts) // 2
         start = np.log(np.concatenate([np.full(k, 5e-3), self.expected]))
-        bounds = [(np.log(LEAST_NOISE), 0.0)] * k
+        # Least noise, over the largest ordinate: simulated curves are not exact.
+        bounds = [(np.log(1e-5), 0.0)] * k
         bounds += list(zip(np.log(1e-3 * self.expected), np.log(self.most), strict=True))
         found = scipy.optimize.minimize(self._loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
         return np.exp(2.0 * found.x), -float(found.fun)

@@ -10,15 +10,6 @@ from palpate.api import BoolArray, FloatArray, ParameterError
 AT_BOUND = 0.01
 """Share of a range that counts as its bound."""
 
-CONVERGED_R = 1.01
-"""Split-R̂ up to which chains have converged (Vehtari et al., Bayesian Analysis 16, 2021)."""
-
-TIMES = 50.0
-"""Length of the chains, in autocorrelation times, from which those are known."""
-
-WINDOW = 5.0
-"""Lags that count for an autocorrelation time, in such times."""
-
 CHUNK, MOST_STEPS = 250, 4000
 """Steps between two looks at the convergence, and in all."""
 
@@ -123,7 +114,9 @@ def _chains(ensembles: "Sequence[_Ensemble]", most_steps: int) -> tuple[FloatArr
 
 
 def _is_converged(n_steps: int, autocorrelation: FloatArray, split_r: FloatArray) -> bool:
-    return bool(n_steps >= TIMES * autocorrelation.max() and split_r.max() <= CONVERGED_R)
+    # Split-R̂ up to which chains have converged (Vehtari et al., Bayesian Analysis 16, 2021).
+    # Fifty autocorrelation times: shorter chains do not tell their own.
+    return bool(n_steps >= 50.0 * autocorrelation.max() and split_r.max() <= 1.01)
 
 
 class _Ensemble:
@@ -181,7 +174,8 @@ def _autocorrelation(chains: FloatArray) -> FloatArray:
     power = np.abs(np.fft.rfft(centred, 2 * n, axis=1)) ** 2
     covariance = np.fft.irfft(power.sum(axis=(0, 2)), axis=0)[:n]
     times = 2.0 * np.cumsum(covariance / np.maximum(covariance[0], 1e-300), axis=0) - 1.0
-    is_long = np.arange(n)[:, None] >= WINDOW * times
+    # Lags that count for an autocorrelation time, in such times.
+    is_long = np.arange(n)[:, None] >= 5.0 * times
     ends = np.where(is_long.any(axis=0), is_long.argmax(axis=0), n - 1)
     found: FloatArray = np.maximum(times[ends, np.arange(times.shape[1])], 1.0)
     return found

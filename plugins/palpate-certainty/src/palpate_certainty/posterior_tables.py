@@ -12,9 +12,6 @@ from palpate_certainty.declared import DECLARED
 from palpate_certainty.posterior_sampling import Posterior, Sampled
 from palpate_certainty.profiles import profile_planes
 
-N_BASE = 512
-"""Points of each of the two matrices of the estimators."""
-
 
 def sobol_indices(
     curves: Callable[[FloatArray], FloatArray], n_parameters: int, seed: int
@@ -31,7 +28,8 @@ def sobol_indices(
     n_parameters : int
     seed : int
     """
-    both = scipy.stats.qmc.Sobol(2 * n_parameters, rng=seed).random(N_BASE)
+    # Points of each of the two matrices of the estimators.
+    both = scipy.stats.qmc.Sobol(2 * n_parameters, rng=seed).random(512)
     one, other = both[:, :n_parameters], both[:, n_parameters:]
     at_one, at_other = curves(one), curves(other)
     variance = np.concatenate([at_one, at_other]).var(axis=0)
@@ -46,10 +44,6 @@ def sobol_indices(
         first.append(((at_other - centre) * (at_mixed - at_one)).mean(axis=0) / divisor)
         total.append(((at_one - at_mixed) ** 2).mean(axis=0) / 2.0 / divisor)
     return np.stack(first), np.stack(total)
-
-
-N_KEPT = 1000
-"""Draws of each scenario in the table."""
 
 
 def posterior_tables(found: Sampled, seed: int) -> dict[str, pl.DataFrame]:
@@ -97,7 +91,8 @@ def _posterior(each: Posterior) -> Iterator[dict[str, Any]]:
 
 
 def _draws(each: Posterior) -> pl.DataFrame:
-    frame = pl.DataFrame(each.values[:N_KEPT], schema=each.density.problem.names)
+    # Draws of each scenario in the table.
+    frame = pl.DataFrame(each.values[:1000], schema=each.density.problem.names)
     return frame.select(*(pl.lit(value).alias(name) for name, value in _about(each).items()), pl.all())
 
 

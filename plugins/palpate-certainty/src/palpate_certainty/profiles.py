@@ -131,9 +131,6 @@ def refitted(
     return least
 
 
-MOST_PLANES = 15
-"""Most planes of one scenario."""
-
 N_EVEN = 13
 """Points along an axis, evenly over the range."""
 
@@ -145,9 +142,6 @@ KNOWN = 0.25
 
 N_STEPS = 20
 """Most steps of the fits of the others."""
-
-N_STARTS = 8
-"""Places over the ranges of the others that are tried before."""
 
 GAIN = 1e-3
 """Gain of a step, over Fopt, from which there is another one."""
@@ -209,7 +203,7 @@ class EmulatedObjective:
         if not free.any():
             return points
         tried = [points]
-        for start in scipy.stats.qmc.Halton(int(free.sum()), rng=1).random(N_STARTS):
+        for start in scipy.stats.qmc.Halton(int(free.sum()), rng=1).random(8):
             tried.append(points.copy())
             tried[-1][:, free] = start
         fopts = [(self.residuals(each) ** 2).sum(axis=1) for each in tried]
@@ -297,7 +291,8 @@ def _rows(each: Assessed, curves: EmulatedCurves) -> Iterator[dict[str, Any]]:
     about = {"fit": each.case.label, "scenario": each.case.scenario.name}
     sds = each.laplace.sd * (box.upper - box.lower) / box.rates(best.point)
     shared = [i for i, name in enumerate(box.names) if not ParameterName.parse(name).spot]
-    for held in [*combinations(shared, 2)][:MOST_PLANES] + [(i,) for i in shared]:
+    # No more planes of one scenario than 15.
+    for held in [*combinations(shared, 2)][:15] + [(i,) for i in shared]:
         axes = [_along(float(best.point[i]), float(sds[i])) for i in held]
         points = np.tile(best.point, (int(np.prod([axis.size for axis in axes])), 1))
         points[:, held] = np.stack([part.ravel() for part in np.meshgrid(*axes, indexing="ij")], axis=1)

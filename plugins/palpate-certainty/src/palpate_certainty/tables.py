@@ -30,9 +30,6 @@ from palpate_certainty.error_sources import MESH
 from palpate_certainty.laplace import Density, Laplace
 from palpate_certainty.linear_problem import LinearProblem, ResidualErrors
 
-LEAST_POWER = 0.15
-"""Power of a parameter, over the largest one, below which it is left out."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterCombination:
@@ -70,7 +67,8 @@ def parameter_combinations(
     for vector in np.linalg.eigh(covariance)[1].T:
         powers = vector / per_coordinate
         powers = powers / powers[np.argmax(np.abs(powers))]
-        powers = np.where(np.abs(powers) < LEAST_POWER, 0.0, np.round(powers, 1))
+        # Power of a parameter, over the largest one, below which it is left out.
+        powers = np.where(np.abs(powers) < 0.15, 0.0, np.round(powers, 1))
         sd = float(np.sqrt(powers @ relative @ powers))
         width = 2.0 * float(scipy.stats.norm.ppf(0.5 + LEVEL / 2.0)) * sd
         found.append(ParameterCombination(text=_product(names, powers), relative_width=width))

@@ -22,8 +22,6 @@ OUTERMOST = "skin"
 Extruded: TypeAlias = tuple[FloatArray, IntArray, IntArray, Mapping[str, IntArray], FloatArray]
 THINNEST = 0.3
 """Share of its part of the room above a bone that an inner layer keeps, at least."""
-N_RAYS = 50
-"""Points of a part of a grid, about, that decide whether it is inside."""
 
 
 def layer_order(together: Iterable[Sequence[str]]) -> tuple[str, ...]:
@@ -148,7 +146,8 @@ def _inside(skin: Surface, grid: FloatArray, away: BoolArray) -> BoolArray:
     for number in range(1, n_parts + 1):
         part = parts == number
         points = grid[part]
-        some = points[:: max(1, len(points) // N_RAYS)]  # one ray may meet an edge
+        # Points of a part of a grid, about, that decide whether it is inside.
+        some = points[:: max(1, len(points) // 50)]  # one ray may meet an edge
         share = skin.contains(some).mean()
         inside[part] = share > 0.5 if abs(share - 0.5) > 0.4 else skin.contains(points)
     return inside

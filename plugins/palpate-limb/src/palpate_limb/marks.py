@@ -20,8 +20,6 @@ from palpate_limb.surfaces import Surface, edge_uses, parts_of
 Colour = Literal["red", "orange", "yellow", "green", "cyan", "blue", "purple", "magenta"]
 N_COEFFICIENTS = 6
 PATCH_RADIUS_MM = 8.0
-DARKEST = 15.0
-"""L₀: below this lightness a scanner's colours are noise."""
 HUES: dict[Colour, tuple[float, float, float]] = {
     "red": (0.80, 0.08, 0.10),
     "orange": (0.95, 0.50, 0.05),
@@ -158,7 +156,8 @@ def _chroma(surface: Surface) -> FloatArray:
     degree = np.asarray(links.sum(axis=1)).ravel() + 1.0
     for _ in range(2):  # an edge of ink moves by less than a point, noise falls by about 4
         lab = (links @ lab + lab) / degree[:, None]
-    chroma: FloatArray = lab[:, 1:] / np.maximum(lab[:, :1], DARKEST)
+    # L₀: below this lightness a scanner's colours are noise.
+    chroma: FloatArray = lab[:, 1:] / np.maximum(lab[:, :1], 15.0)
     return chroma
 
 

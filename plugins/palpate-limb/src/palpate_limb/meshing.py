@@ -25,13 +25,7 @@ P = ParamSpec("P")
 T = TypeVar("T")
 Arrays = Mapping[str, NDArray[Any]]
 
-STOP_ENERGY = 10.0
-"""fTetWild improves elements until the worst has this AMIPS energy; a regular one has 3."""
 N_ROUNDS = 60
-N_PASSES = 2
-"""Mmg is asked for sizes at nodes, so its second pass knows them better than the first."""
-RIDGE_DEG = 40.0
-"""Faces that meet at a larger angle meet in an edge that stays."""
 GROWTH = 0.7
 """By how much longer an edge may be for each mm from the contact's edge."""
 MIDDLE = 1.5
@@ -149,6 +143,7 @@ def _ftetwild(
     """Points and tetrahedra by Hu et al. 2020, who take any triangles and keep to them within a tolerance."""
     os.chdir(tempfile.gettempdir())  # fTetWild leaves files where it runs
     grid, cells, sizes = size.background(points.min(axis=0), points.max(axis=0))
+    # fTetWild improves elements until the worst has this AMIPS energy; a regular one has 3.
     filled, tets = _pytetwild().tetrahedralize_mesh(
         np.ascontiguousarray(points, dtype=np.float64),
         np.ascontiguousarray(faces, dtype=np.uint32),
@@ -157,7 +152,7 @@ def _ftetwild(
         0.05,
         float(sizes.max()),
         tolerance_mm / float(np.linalg.norm(np.ptp(points, axis=0))),
-        STOP_ENERGY,
+        10.0,
         False,  # coarsen
         1,  # threads
         N_ROUNDS,
@@ -190,7 +185,8 @@ def _adapted(now: Arrays, size: SizeField, largest_mm: FloatArray, deviation_mm:
 
     given = cKDTree(now["points_mm"])
 
-    for _ in range(N_PASSES):
+    # Mmg is asked for sizes at nodes, so its second pass knows them better than the first.
+    for _ in range(2):
         points, tets, faces = now["points_mm"], now["tets"], now["faces"]
         mesh = MmgMesh3D()
         mesh.set_mesh_size(vertices=len(points), tetrahedra=len(tets), triangles=len(faces))
@@ -200,7 +196,8 @@ def _adapted(now: Arrays, size: SizeField, largest_mm: FloatArray, deviation_mm:
         largest = np.maximum(largest_mm[given.query(points)[1]], size.fine_mm)
         mesh["metric"] = np.minimum(size.at(points), largest)[:, None]
         # An edge's neighbour may be this much longer: h grows by `growth` over a length of h, and a bit more.
-        mesh.remesh(hausd=deviation_mm, hgrad=1.4 + size.growth, ar=RIDGE_DEG, verbose=-1)
+        # Faces that meet at a larger angle meet in an edge that stays.
+        mesh.remesh(hausd=deviation_mm, hgrad=1.4 + size.growth, ar=40.0, verbose=-1)
         new_faces, surfaces = mesh.get_triangles_with_refs()
         now = {
             "points_mm": np.asarray(mesh.get_vertices(), dtype=np.float64),

@@ -12,8 +12,6 @@ from palpate.api.mesh import spot_axes
 from palpate_limb.repair import extent
 from palpate_limb.surfaces import Surface, solid
 
-FARTHEST_MM = 10.0
-"""From a given point to the skin, at most."""
 _SHARE = re.compile(r"(?:(?P<bone>[\w-]+):)?(?P<share>[+-]?\d+(?:\.\d*)?)\s*%(?:\s*,\s*(?P<angle>[^,]+))?")
 
 
@@ -81,7 +79,8 @@ def position_mm(name: str, place: Place, around: Around) -> FloatArray:
     if not isinstance(place, Station):
         point = place * around.mm_per_unit
         on, gaps = around.skin.nearest(point[None])
-        if gaps[0] > FARTHEST_MM:
+        # From a given point to the skin, at most.
+        if gaps[0] > 10.0:
             raise MeshError(
                 f"spot '{name}': ({', '.join(f'{x:.5g}' for x in point)}) mm is {gaps[0]:.3g} mm from "
                 f"{around.skin.name}; give a point on it, in its coordinates and unit"

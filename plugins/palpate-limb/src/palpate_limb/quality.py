@@ -18,9 +18,6 @@ from palpate_limb.segment import Segment
 LEAST_SCALED_JACOBIAN = 0.02
 LEAST_NEAR = 0.1
 """That of elements under the indenter: a sliver there changes the curves, elsewhere it costs steps."""
-LARGEST_VOLUME_ERROR = 0.01
-LONGEST_EDGE = 1.35
-"""Mean edge under the indenter over the one asked for, at most."""
 _CORNERS = np.array([(0, 1, 2, 3), (1, 2, 0, 3), (2, 0, 1, 3), (3, 0, 2, 1)])
 _CORNERS.setflags(write=False)
 
@@ -109,12 +106,13 @@ def check_quality(quality: Quality, spot: str, wanted_mm: float) -> None:
             f"{quality.near_scaled_jacobian:.3g} (at least {LEAST_NEAR} is needed there); use smaller "
             "elements (size)"
         )
-    if abs(quality.volume_error) > LARGEST_VOLUME_ERROR:
+    if abs(quality.volume_error) > 0.01:
         raise MeshError(
             f"spot '{spot}': the mesh has {100 * quality.volume_error:+.2g} % more volume than the scan; use "
             "smaller elements or a smaller tolerance"
         )
-    if quality.contact_edge_mm > LONGEST_EDGE * wanted_mm:
+    # Mean edge under the indenter over the one asked for, at most.
+    if quality.contact_edge_mm > 1.35 * wanted_mm:
         raise MeshError(
             f"spot '{spot}': edges under the indenter are {quality.contact_edge_mm:.3g} mm long where "
             f"{wanted_mm:g} mm were asked for (size); mesh it again, or ask for longer ones"

@@ -15,10 +15,6 @@ from palpate_limb.surfaces import Surface, edge_uses, joined, parts_of
 BONE_MM = (10.0, 1500.0)
 MOST_CROSSING, MOST_ROUNDS = 40, 4
 """Faces that are cut out where they cross, at a time, and how often."""
-STRAY = 0.005
-"""Share of a surface's area below which a part is left out."""
-FEW_EDGES = 12
-"""Of an opening that is closed wherever it is: some triangles are missing."""
 
 
 def parts(surface: Surface) -> list[Surface]:
@@ -31,7 +27,8 @@ def parts(surface: Surface) -> list[Surface]:
     areas = np.bincount(labels, np.linalg.norm(surface.face_areas_mm2, axis=1))
     kept, first = np.unique(labels, return_index=True)
     kept = kept[np.argsort(first)]
-    large = kept[areas[kept] >= STRAY * areas.sum()]
+    # Share of a surface's area below which a part is left out.
+    large = kept[areas[kept] >= 0.005 * areas.sum()]
     n_stray, made = len(kept) - len(large), []
     for k in large:
         used, faces = np.unique(surface.faces[labels == k], return_inverse=True)
@@ -80,7 +77,8 @@ def closed(surface: Surface) -> Surface:
             if colours is not None:
                 colours = np.vstack([colours, colours[rim].mean(axis=0)])
             points = np.vstack([points, points[rim].mean(axis=0)])
-        if len(rim) > FEW_EDGES:
+        # An opening of fewer edges is closed wherever it is: some triangles are missing.
+        if len(rim) > 12:
             caps.append(np.arange(len(faces), len(faces) + len(new)))
         x, y, z = points[rim].mean(axis=0)
         done.append(f"closed an opening of {len(rim)} edges about ({x:.4g}, {y:.4g}, {z:.4g})")

@@ -16,10 +16,6 @@ from palpate_limb.surfaces import Surface, joined, solid, surface_of
 LEAST_GAP_MM = 0.3
 LEAST_SHARE = 1e-6
 """Of a volume, below which it is rounding."""
-MOST_LOST = 0.01
-"""Share of the tissue that may be shut in between bones."""
-MOST_OVERLAP = 0.02
-"""Share of the smaller of two bones up to which they touch; beyond it, they are misplaced."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -165,7 +161,8 @@ def _tissue(
     # Whole bones, and the cuts last: ends of bone and limb in one plane would leave a film between them.
     tissue = _in_one(_between(solid(skin) - whole, along, half))
     lost = 1.0 - tissue.volume_mm3 / (limb.volume() - taken.volume())
-    if abs(lost) > MOST_LOST:
+    # Share of the tissue that may be shut in between bones.
+    if abs(lost) > 0.01:
         raise MeshError(
             f"spot '{spot}': {100.0 * lost:.3g} % of the tissue between skin and bones is not "
             "connected with the spot; check the axis, where the bones lie, and that they do not touch"
@@ -182,7 +179,8 @@ def _overlap(spot: str, names: tuple[str, str], one: Any, other: Any) -> list[st
     if share <= LEAST_SHARE:
         return []
     place = np.round(surface_of(shared, "").points_mm.mean(axis=0), 1).tolist()
-    if share > MOST_OVERLAP:
+    # Share of the smaller of two bones up to which they touch; beyond it, they are misplaced.
+    if share > 0.02:
         raise MeshError(
             f"spot '{spot}': bone '{names[0]}' crosses bone '{names[1]}': they share "
             f"{shared.volume():.3g} mm³ near {place} mm in the spot's frame; "

@@ -23,12 +23,8 @@ from palpate_limb.surfaces import Surface, read_surface
 if TYPE_CHECKING:
     from scipy.interpolate import NdBSpline
 
-CELLS_PER_EDGE = 3.0
-"""Cells of the grid along the radius of the rounding."""
 MARGIN_MM = 1.5
 """Of the grid around the solid; beyond it a distance is up to MARGIN_MM too small."""
-NEAR_MM = 0.8
-"""Distance from the surface beyond which the nodes are interpolated linearly."""
 RIM_CELLS = 6
 """Cells at the end of the grid that are not used: the splines end there with another slope."""
 MOST_NODES = 4_000_000
@@ -63,7 +59,8 @@ class RoundedSolid:
         distance: FloatArray = map_coordinates(
             self.at_nodes, ((inside - self.origin) / self.cell_mm).T, order=1
         )
-        near = np.flatnonzero(np.abs(distance) < NEAR_MM)
+        # Distance from the surface beyond which the nodes are interpolated linearly.
+        near = np.flatnonzero(np.abs(distance) < 0.8)
         square = self.square(inside[near])
         distance[near] = self._sign(inside[near]) * np.sqrt(np.maximum(square, 0.0)) - self.edge_mm
         far = beyond.any(axis=1)
@@ -109,7 +106,8 @@ def rounded_solid(surface: Surface, edge_mm: float) -> RoundedSolid:
     lower, upper = core.points_mm.min(axis=0) - edge_mm, core.points_mm.max(axis=0) + edge_mm
     core = replace(core, points_mm=core.points_mm - [0.0, 0.0, lower[2]])
     upper, lower = upper - [0.0, 0.0, lower[2]], lower * [1.0, 1.0, 0.0]
-    cell = edge_mm / CELLS_PER_EDGE
+    # Cells of the grid along the radius of the rounding.
+    cell = edge_mm / 3.0
     margin = max(MARGIN_MM, 2.0 * cell) + RIM_CELLS * cell
     counts = np.ceil((upper - lower + 2.0 * margin) / cell).astype(np.int64) + 1
     if counts.prod() > MOST_NODES:

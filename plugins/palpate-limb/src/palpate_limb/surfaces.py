@@ -111,7 +111,7 @@ def smoothed(surface: Surface, n_rounds: int) -> Surface:
     body = surface.trimesh
     # Rims of flat ends stay where they are: the filter would flare them.
     free = np.ones(len(surface.points_mm))
-    free[body.face_adjacency_edges[body.face_adjacency_angles > RIM_RAD]] = 0.0
+    free[body.face_adjacency_edges[body.face_adjacency_angles > np.deg2rad(40.0)]] = 0.0
     mean = diags(free) @ laplacian_calculation(body) + diags(1.0 - free)
     body = filter_taubin(  # type: ignore[no-untyped-call]
         body, lamb=0.5, nu=0.53, iterations=n_rounds, laplacian_operator=mean
@@ -119,10 +119,6 @@ def smoothed(surface: Surface, n_rounds: int) -> Surface:
     return replace(surface, points_mm=np.asarray(body.vertices, dtype=np.float64))
 
 
-RIM_RAD = float(np.deg2rad(40.0))
-LIKE_SIZED = 2.0
-"""Longest edge over the mean one up to which the closest triangle is among those of the closest middles."""
-N_LIKELY = 24
 MOST_PIECES = 400_000
 AT_ONCE = 2_000
 """Points whose closest triangles are in memory together: 8 kB for each."""
@@ -133,7 +129,8 @@ def _like_sized(corners: FloatArray) -> FloatArray | None:
     from trimesh.remesh import subdivide_to_size
 
     lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    most = LIKE_SIZED * float(lengths.mean())
+    # Longest edge over the mean one up to which the closest triangle is among those of the closest middles.
+    most = 2.0 * float(lengths.mean())
     longest = lengths.max(axis=1)
     large = longest > most
     if not large.any():
@@ -152,7 +149,7 @@ def _among_likely(corners: FloatArray, points: FloatArray) -> tuple[FloatArray, 
     from scipy.spatial import cKDTree
     from trimesh.triangles import closest_point
 
-    n_likely = min(N_LIKELY, len(corners))
+    n_likely = min(24, len(corners))
     tree = cKDTree(corners.mean(axis=1))
     closest, distances = np.empty((len(points), 3)), np.empty(len(points))
     for start in range(0, len(points), AT_ONCE):

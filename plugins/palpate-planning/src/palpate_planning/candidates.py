@@ -126,12 +126,6 @@ def _inline(values: Mapping[str, Any]) -> tomlkit.items.InlineTable:
 SHARES = (0.5, 0.75, 1.0)
 """Depths that are tried, over that of the study, where the user names none."""
 
-DURATIONS = ((1.0, 1.0), (10.0, 1.0), (1.0, 5.0), (1.0, 0.2))
-"""Durations of rests and of what moves, over those of the study, that are tried where the tissue relaxes."""
-
-SLIDES_DEG = (0.0, 45.0, 90.0)
-"""Directions of slides, from those of the study, that are tried where a tissue has fibres."""
-
 MOST_PRESSES = 500
 """Most candidates: each is simulated at several points."""
 
@@ -209,13 +203,18 @@ def usual(study: Study) -> list[tuple[str, dict[str, Any]]]:
 
 def timed(moves: Sequence[Mapping[str, Any]]) -> Iterator[list[dict[str, Any]]]:
     """Moves of a study as they are, with longer rests, and of other rates."""
-    found = [[_lasting(move, *factors) for move in moves] for factors in DURATIONS]
+    # Durations of rests and of what moves, over those of the study, that are tried where the tissue relaxes.
+    found = [
+        [_lasting(move, *factors) for move in moves]
+        for factors in ((1.0, 1.0), (10.0, 1.0), (1.0, 5.0), (1.0, 0.2))
+    ]
     yield from (each for i, each in enumerate(found) if each not in found[:i])
 
 
 def turned(moves: Sequence[Mapping[str, Any]]) -> Iterator[list[dict[str, Any]]]:
     """Moves of a study as they are, and with their slides in other directions."""
-    found = [[_turned(move, np.deg2rad(angle)) for move in moves] for angle in SLIDES_DEG]
+    # Directions of slides, from those of the study, that are tried where a tissue has fibres.
+    found = [[_turned(move, np.deg2rad(angle)) for move in moves] for angle in (0.0, 45.0, 90.0)]
     yield from (each for i, each in enumerate(found) if each not in found[:i])
 
 

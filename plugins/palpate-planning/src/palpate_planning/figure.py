@@ -31,9 +31,6 @@ MOST_TRIANGLES, ROW_MM, LIMB = 3000, 42.0, 0.8
 BEST, OTHERS = LINES[0][0], "0.45"
 """Colours of the best candidate of all, and of the others."""
 
-LEAST_SPAN = 0.1
-"""Least range of errors of an axis."""
-
 OF_GOAL = {
     ALL: "mean error of all parameters",
     WORST: "largest relative error",
@@ -94,7 +91,8 @@ def _candidates(axis: Axes, shown: Sequence[ExpectedEffect], ranked: Sequence[Ex
     axis.tick_params(axis="y", length=0.0)
     axis.spines["left"].set_visible(False)
     low, high = min(*errors, 1.0), max(*errors, 1.0)
-    room = 0.06 * max(high - low, LEAST_SPAN)
+    # Least range of errors of an axis.
+    room = 0.06 * max(high - low, 0.1)
     axis.set_xlim(low - room, high + room)
     axis.set_ylim(MOST_SHOWN - 0.5, -0.5)
     axis.locator_params(axis="x", nbins=3)

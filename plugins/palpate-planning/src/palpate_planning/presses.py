@@ -62,14 +62,8 @@ from palpate_planning.information import (
     press_information,
 )
 
-USUAL_POINTS = 100
-"""Points of a curve where no measured one shows how many there are."""
-
 ONSET = "onset"
 """Kind of the cause that shifts the depth of a press."""
-
-OF_ONE_PRESS = (ONSET, "tilt", "zero")
-"""Kinds of causes that act on one press only."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -402,7 +396,8 @@ def _as_measured(design: DesignProblem, press: CandidatePress, simulation: Simul
     for name, curve in simulation.response.curves.items():
         if name in further:
             continue
-        n = known[name].abscissa.size if name in known.curves else USUAL_POINTS
+        # Points of a curve where no measured one shows how many there are.
+        n = known[name].abscissa.size if name in known.curves else 100
         path = path_of(curve.abscissa)
         along = np.linspace(0.0, path[-1], max(n, path.size))
         curves[name] = Curve(
@@ -492,7 +487,8 @@ def _information(
 
 def _name(label: str, name: str, press: CandidatePress) -> str:
     """Name of a cause among all presses."""
-    if label in OF_ONE_PRESS:
+    # Kinds of causes that act on one press only.
+    if label in (ONSET, "tilt", "zero"):
         return cause_name(label, name, press.name)
     of_spot = f"{press.spot} "
     # The fit will have the press as a spot of its own, with the error of its own mesh.

@@ -106,14 +106,11 @@ def _intervals(proposal: Proposal) -> list[dict[str, Any]]:
     ]
 
 
-NARROWER = 0.95
-"""Width over that before, above which a press counts as narrowing nothing."""
-
-
 def not_narrowed(ranking: pl.DataFrame) -> list[str]:
     """Parameters that no press of a ranking narrows by more than a twentieth."""
     widths = [name for name in ranking.columns if name.startswith(WIDTH)]
-    return [name.removeprefix(WIDTH) for name in widths if ranking[name].min() > NARROWER]  # type: ignore[operator]
+    # Width over that before, above which a press counts as narrowing nothing.
+    return [name.removeprefix(WIDTH) for name in widths if ranking[name].min() > 0.95]  # type: ignore[operator]
 
 
 def realised(

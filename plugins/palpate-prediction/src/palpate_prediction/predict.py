@@ -62,9 +62,6 @@ from palpate_prediction.summary import (
 AS_IS = "/as is"
 """Added to the name of a spot: its mesh without the refinement under the tool."""
 
-LEAST_REFINEMENT = 1.1
-"""Ratio of the sizes of two meshes below which their difference does not tell the error."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpotPrediction:
@@ -380,7 +377,8 @@ def _mesh_errors(
         unknown = "no mesh was refined under the tool"
     elif coarser is None:
         unknown = "on the mesh as it is, or on the refined one, the press has not come to its end"
-    elif (refinement := plan.refinement(limbs, pressed.depth_mm[pressed.at])) < LEAST_REFINEMENT:
+    # Ratio of the sizes of two meshes below which their difference does not tell the error.
+    elif (refinement := plan.refinement(limbs, pressed.depth_mm[pressed.at])) < 1.1:
         refinement, unknown = 1.0, "its mesh is hardly refined under the tool; set a shorter fine_edge"
     else:
         assert as_is.response is not None

@@ -112,12 +112,6 @@ QUANTITIES = (
 
 NO_ERRORS: Mapping[str, float] = MappingProxyType({})
 
-FROM_FORCE = 0.5
-"""Share of the largest force from which on states show how a quantity grows with the force."""
-
-LEAST_RANGE = 1.05
-"""Largest over least force of these states, below which they show no growth."""
-
 SAME_FORCE = 0.01
 """Relative difference of two forces that count as one."""
 
@@ -154,9 +148,11 @@ class PressStates:
             return None
         most = self.force_N[self.at]
         until = int(np.argmax(self.force_N >= (1.0 - SAME_FORCE) * most))  # from there on it may be held
-        seen = (self.force_N >= FROM_FORCE * most) & (values > 0.0) & (np.arange(len(values)) <= until)
+        # Share of the largest force from which on states show how a quantity grows with the force.
+        seen = (self.force_N >= 0.5 * most) & (values > 0.0) & (np.arange(len(values)) <= until)
         forces, sizes = self.force_N[seen], values[seen]
-        if not forces.size or not forces.max() > LEAST_RANGE * forces.min():
+        # Largest over least force of these states, below which they show no growth.
+        if not forces.size or not forces.max() > 1.05 * forces.min():
             return None
         return float(np.polyfit(np.log(forces), np.log(sizes), 1)[0])
 

@@ -20,7 +20,6 @@ _USUAL_STEPS = 10.0
 _SHORTEST_GAP_S = 0.02
 _PLATEAU_ROWS = 8
 _PLATEAU_OVER_USUAL = 4
-_PLATEAU_SHARE = 0.3
 
 
 class Found(NamedTuple):
@@ -158,7 +157,7 @@ def plateau_rows(series: "Series", _: "ChannelMap", pose: Sequence["Series"]) ->
         values = series.values[:, column]
         ends = float(values.max()), float(values.min())
         for extreme in ends:
-            is_near_rest = abs(extreme) < _PLATEAU_SHARE * max(map(abs, ends))
+            is_near_rest = abs(extreme) < 0.3 * max(map(abs, ends))
             if is_near_rest or np.count_nonzero(values == extreme) < _PLATEAU_ROWS:
                 continue
             starts, lengths = _runs(_same(series, pose)[:, column])

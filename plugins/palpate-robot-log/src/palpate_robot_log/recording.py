@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 from palpate.api import CurveError, FloatArray, IntArray
 
 _SIGNALS = ("time_s", "position_mm", "quaternion", "force_N", "moment_Nmm", "rows")
-_MAD_TO_STD = 1.4826
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -109,7 +108,8 @@ def noise_std(values: FloatArray) -> float:
     spikes and a few kinks leave the median where it is.
     """
     bends = np.diff(values, 2)
-    return float(_MAD_TO_STD * np.median(np.abs(bends)) / np.sqrt(6.0)) if bends.size else 0.0
+    # 1.4826: from the median absolute deviation to the standard deviation of normal noise.
+    return float(1.4826 * np.median(np.abs(bends)) / np.sqrt(6.0)) if bends.size else 0.0
 
 
 def correlation_factor(residual: FloatArray) -> float:

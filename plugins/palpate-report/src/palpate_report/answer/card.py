@@ -15,8 +15,6 @@ from palpate_report.answer.warnings import GOOD_R2
 from palpate_report.data.marks import Headline, with_unit
 from palpate_report.data.report_data import ReportData
 
-MOST_CAUSES = 2
-
 IN_THE_OPEN = 3
 """Warnings on the first screen."""
 
@@ -109,10 +107,6 @@ def _with_error(value: Headline) -> str:
     return f"{text} ± {percent:.0f} %" if percent >= 1.0 else f"{text} ± {percent:.1g} %"
 
 
-CUT = 1e-3
-"""Share of the search range within which an end of an interval is an end of the range."""
-
-
 def cut_ends(data: ReportData, estimates: Sequence[Headline]) -> dict[str, str]:
     """Text on each interval that an end of the search range cuts off, by parameter."""
     found = {}
@@ -120,7 +114,8 @@ def cut_ends(data: ReportData, estimates: Sequence[Headline]) -> dict[str, str]:
         searched = data.searched.get(ParameterName.parse(each.name).shared) if each.name else None
         if searched is None or each.lower is None or each.upper is None:
             continue
-        close = CUT * (searched.upper - searched.lower)
+        # Share of the search range within which an end of an interval is an end of the range.
+        close = 1e-3 * (searched.upper - searched.lower)
         ends = {
             "lower": abs(each.lower - searched.lower) <= close,
             "upper": abs(each.upper - searched.upper) <= close,
@@ -182,7 +177,7 @@ def causes(data: ReportData) -> str:
         return ""
     name = rows.sort("relative_width", descending=True)["parameter"][0]
     known = budget.filter(parameter=name).drop_nulls("share")
-    most = known.sort("share", descending=True).head(MOST_CAUSES)
+    most = known.sort("share", descending=True).head(2)
     shares = " and ".join(
         f"{cause_name(data, row['cause'])} ({100.0 * row['share']:.0f} %)"
         for row in most.iter_rows(named=True)

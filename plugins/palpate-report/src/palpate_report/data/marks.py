@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from palpate.api.fit import Adequacy, verdict_of
 
-MOST_DECIMALS = 6
-
 
 def with_minus(text: str) -> str:
     """Text with true minus signs in front of numbers, not within names and dates."""
@@ -25,7 +23,7 @@ def rounded(value: float, lower: float | None = None, upper: float | None = None
     if not (width > 0.0 and math.isfinite(width) and math.isfinite(value)):
         return f"{value:.3g}"
     decimals = 1 - math.floor(math.log10(width))
-    if decimals > MOST_DECIMALS or abs(value) >= 1e6:
+    if decimals > 6 or abs(value) >= 1e6:
         digits = decimals + 1 + math.floor(math.log10(abs(value))) if value else 1
         return f"{value:.{max(1, digits)}g}"
     # Adding zero takes the sign of a rounded zero.

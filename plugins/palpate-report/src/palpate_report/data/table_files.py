@@ -19,9 +19,6 @@ PREAMBLE = r"\usepackage{booktabs,graphicx}"
 COLUMN_CHARACTERS = 56
 """Widest table, in characters, that is set in one of two columns."""
 
-MOST_TRANSPOSED = 6
-"""Most rows of a wide table that become its columns."""
-
 _SHRUNK = (
     r"\resizebox*{!}{\ifdim\totalheight>.8\textheight .8\textheight\else\totalheight\fi}{%",
     r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%",
@@ -203,7 +200,8 @@ def latex(name: str, table: pl.DataFrame, failures: Sequence[str] = ()) -> str:
     rows = [[_latex_cell(value) for value in cells] for cells in table.iter_rows()]
     kinds = ["r" if dtype.is_numeric() else "l" for dtype in table.dtypes]
     lengths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
-    if sum(lengths) > 2 * COLUMN_CHARACTERS and len(rows) <= MOST_TRANSPOSED < len(heads):
+    # Most rows of a wide table that become its columns.
+    if sum(lengths) > 2 * COLUMN_CHARACTERS and len(rows) <= 6 < len(heads):
         heads, *rows = [list(column) for column in zip(heads, *rows, strict=True)]
         lengths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
         kinds = ["l"] * len(heads)

@@ -50,9 +50,6 @@ def reported(data: ReportData, fit: str, scenario: str) -> dict[str, Any]:
     return {name: value for row in rows for name, value in row.items() if value is not None}
 
 
-MOST_UNKNOWN = 0.5
-"""Share of a plane in which the emulator knows too little, above which a few ends of lines would mislead."""
-
 MOST_LEVELS = 7
 """Most contour lines of a plane, from the least Fopt on."""
 
@@ -99,7 +96,8 @@ def contours(data: ReportData, scenario: str, parameter: str, other: str) -> lis
     if planes.is_empty():
         return []
     rows = planes.filter(parameter=parameter, other=other)
-    if rows.is_empty() or rows["fopt"].null_count() > MOST_UNKNOWN * rows.height:
+    # Share of a plane in which the emulator knows too little, above which a few ends of lines would mislead.
+    if rows.is_empty() or rows["fopt"].null_count() > 0.5 * rows.height:
         return []
     wide = rows.pivot("value", index="other_value", values="fopt").sort("other_value")
     y, columns = wide["other_value"].to_numpy(), wide.drop("other_value")

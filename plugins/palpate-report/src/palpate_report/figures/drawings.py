@@ -187,15 +187,12 @@ def write_comparison_figures(runs: Mapping[str, ReportData], folder: Path) -> li
     return files + _saved(partial(_curves, every), folder / "curves", settings)
 
 
-MOST_COMMON = 6
-"""Most parameters that runs are compared by in a figure."""
-
-
 def _common(runs: Mapping[str, ReportData]) -> list[tuple[str, str]]:
     """Names and units of initial moduli, then of parameters, that several runs report."""
     found = Counter((each.parameter, each.unit) for data in runs.values() for each in data.moduli)
     found.update((each.parameter, each.unit) for data in runs.values() for each in data.estimates)
-    return [key for key, n in found.items() if n > 1][:MOST_COMMON]
+    # Most parameters that runs are compared by in a figure.
+    return [key for key, n in found.items() if n > 1][:6]
 
 
 def draw_parameters(runs: Mapping[str, ReportData]) -> Figure:

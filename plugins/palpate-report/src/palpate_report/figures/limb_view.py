@@ -27,7 +27,6 @@ LOOKS: Mapping[Role, tuple[str, float]] = MappingProxyType(
     }
 )
 """Colour and opacity of a role."""
-_CUTS = "#c98276"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -210,7 +209,7 @@ def _trace(part: ViewPart) -> dict[str, Any]:
         "name": about,
         **dict(zip("xyz", np.round(part.points_mm, 2).T.tolist(), strict=True)),
         **dict(zip("ijk", part.triangles.T.tolist(), strict=True)),
-        "color": _CUTS if part.name == "cut" else colour,
+        "color": "#c98276" if part.name == "cut" else colour,
         "opacity": opacity,
         "flatshading": part.role != "indenter",
         "showlegend": True,

@@ -27,12 +27,6 @@ MOST_BYTES = 300_000
 MOST_STATES = 15
 """Most states of a path."""
 
-MOST_OUTLINE = 200
-"""Most points of the indenter."""
-
-BYTES = 2
-"""Of each number."""
-
 
 def skins(data: ReportData) -> list[dict[str, Any] | None]:
     """Data from which the page's script draws the skin at each spot; None where it was not simulated."""
@@ -62,7 +56,8 @@ def _skin(
         return None
     chosen = shown_states(states)
     axes, origin = states.rotations[0], states.positions_mm[0]
-    nodes, triangles = _nearest(states, most // (4 * BYTES * chosen.size))
+    # A number has two bytes.
+    nodes, triangles = _nearest(states, most // (4 * 2 * chosen.size))
     pressures = factor * states.pressures_MPa[np.ix_(chosen, nodes)]
     poses = np.einsum("ji,kjl->kil", axes, states.rotations[chosen])
     indenter = _indenter(data.study.protocol_at(spot))
@@ -81,7 +76,7 @@ def _skin(
         ],
         "positions": np.round((states.positions_mm[chosen] - origin) @ axes, 3).tolist(),
         "rotations": np.round(poses, 5).tolist(),
-        "indenter": np.round(outline[:: max(1, -(-len(outline) // MOST_OUTLINE))], 3).tolist(),
+        "indenter": np.round(outline[:: max(1, -(-len(outline) // 200))], 3).tolist(),
     }
 
 

@@ -9,15 +9,6 @@ from matplotlib.tri import Triangulation
 
 from palpate.api import FloatArray, SurfaceStates
 
-BEYOND = 1.3
-"""Half the width and the height of a map over the distance of the farthest node in contact."""
-
-LEAST_MM = 1.0
-"""Distance of the farthest node in contact, at least: one node or a row of them has none."""
-
-N_LEVELS = 12
-"""Most steps of colour."""
-
 
 def draw_map(axis: Axes, states: SurfaceStates, at: int, values: FloatArray, most: float) -> Any:  # noqa: ANN401 - of matplotlib
     """Draw values (n,) on the deformed skin at a state, in the frame of the indenter; None without contact.
@@ -36,7 +27,8 @@ def draw_map(axis: Axes, states: SurfaceStates, at: int, values: FloatArray, mos
     """
     place = (states.points_mm + states.displacements_mm[at] - states.positions_mm[at]) @ states.rotations[at]
     loaded = states.pressures_MPa[at] > 0.0
-    x, y = reach = BEYOND * np.abs(place[loaded, :2]).max(axis=0, initial=LEAST_MM)
+    # A third more than the farthest node in contact, which one node or a row of them does not have.
+    x, y = reach = 1.3 * np.abs(place[loaded, :2]).max(axis=0, initial=1.0)
     # Skin that is far below is the other side of the limb. Twice the skin that is shown fills the corners.
     lowest = place[loaded, 2].min(initial=0.0) - max(x, y)
     near = (np.abs(place[:, :2]) < 2.0 * np.array(reach)).all(axis=1) & (place[:, 2] > lowest)
@@ -45,7 +37,7 @@ def draw_map(axis: Axes, states: SurfaceStates, at: int, values: FloatArray, mos
         axis.set_axis_off()
         return None
     grid = Triangulation(place[:, 0], place[:, 1], shown)
-    levels = MaxNLocator(N_LEVELS).tick_values(0.0, most)
+    levels = MaxNLocator(12).tick_values(0.0, most)
     drawn = axis.tricontourf(grid, values, levels=levels, cmap="viridis")
     axis.set(aspect="equal", xlim=(-x, x), ylim=(-y, y), xlabel="x (mm)", ylabel="y (mm)")
     axis.grid(visible=False)

@@ -20,27 +20,16 @@ from palpate_report.figures.space import MOST_PAIRS, colours
 MOST_SETS = 1000
 """Most sets that the page shows; of more, those that fit best somewhere."""
 
-MOST_DOTS = 12_000
-"""Most points in the panels of the parameter space together: more are slow to draw and to select."""
-
 MOST_DRAWS = 400
 """Most draws of a fit in the parameter space."""
 
-MOST_MESH_TRIANGLES = 16_000
-"""Triangles of all limbs together."""
-
 N_COLOURS = 64
-
-COLOUR_LIMIT = 2.5
-"""NMSE up to which the parameter space is coloured; above it is black."""
-
-FOPT_LIMIT = 4.0
-"""NMSE at which the panels over Fopt are cut."""
 
 
 def page_data(data: ReportData) -> dict[str, Any]:
     """Everything that the page's figures are drawn from, fit for JSON."""
     sets = _shown_sets(data)
+    # NMSE up to which the parameter space is coloured, and at which the panels over Fopt are cut.
     return {
         "spots": list(data.spots),
         "scenarios": [{"name": s.name, "fitted": weighted_channels(s)} for s in data.study.scenarios],
@@ -56,12 +45,12 @@ def page_data(data: ReportData) -> dict[str, Any]:
         "draws": [_draws(data, scenario) for scenario in data.study.scenarios],
         "contours": [_contours(data, scenario) for scenario in data.study.scenarios],
         "along": [_along(data, scenario) for scenario in data.study.scenarios],
-        "limits": {"colour": COLOUR_LIMIT, "fopt": FOPT_LIMIT, "pairs": MOST_PAIRS},
+        "limits": {"colour": 2.5, "fopt": 4.0, "pairs": MOST_PAIRS},
         "colours": [mpl.colors.to_hex(c) for c in colours()(np.linspace(0.0, 1.0, N_COLOURS))],
         "searches": [[_searches(data, spot, s) for s in data.study.scenarios] for spot in data.spots],
         "sets": _sets(data, sets),
         "limbs": [
-            scene(data.limbs[spot], data.study.protocol_at(spot), MOST_MESH_TRIANGLES // len(data.spots))
+            scene(data.limbs[spot], data.study.protocol_at(spot), 16_000 // len(data.spots))
             if spot in data.limbs
             else []
             for spot in data.spots
@@ -130,7 +119,8 @@ def _shown_sets(data: ReportData) -> IntArray:
     """Ids of the sets that the page shows, in order."""
     n_sets, n_parameters = data.design.n_sets, len(data.design.parameters)
     n_panels = min(math.comb(n_parameters, 2), MOST_PAIRS) + n_parameters
-    most = min(MOST_SETS, MOST_DOTS // n_panels)
+    # Most points in the panels of the parameter space together: more are slow to draw and to select.
+    most = min(MOST_SETS, 12_000 // n_panels)
     if n_sets <= most:
         return np.arange(n_sets)
     best = objectives(data.scores, data.study.scenarios).group_by("set_id").agg(pl.col("fopt").min())

@@ -31,10 +31,7 @@ FINE = (31, 9, 9, 9)  # places on each grid, from the whole interval to the last
 COARSE = (31, 9, 5)  # enough to compare descriptions
 MAX_ROWS = 300  # rows that a fit needs at most; more are averaged in blocks
 SIGNIFICANT = 12.0  # drop of χ² that makes a less smooth description the better one
-_SHARES = (0.5, 0.35, 0.25, 0.15)  # windows of a stroke from which its end is read
-_SPARE = 0.15  # share of the stroke by which the earliest instant that is tried precedes the likely one
 _NO_WORSE = 1.25  # ratio of residual variances from which the longer window misses something
-_FINEST = 1e-5  # share of a motion below which no description needs to explain it
 _N_FREE = 5  # unknowns of an end: its instant, the rest's value, and three of the motion before
 _N_FREE_OF_TURN = 8
 _FEWEST = 12  # rows below which no kink can be found
@@ -147,8 +144,9 @@ def stroke_end(
         No window has more rows than there are unknowns.
     """
     tried: list[ChangePoint] = []
-    for share in _SHARES:
-        first = int(np.searchsorted(time_s, between_s[0] + (_SPARE - share) * moving_s))
+    for share in (0.5, 0.35, 0.25, 0.15):  # windows of a stroke from which its end is read
+        # share of the stroke by which the earliest instant that is tried precedes the likely one
+        first = int(np.searchsorted(time_s, between_s[0] + (0.15 - share) * moving_s))
         time, value = _averaged(time_s[first:], values[first:])
         n_free = value.size - _N_FREE
         if n_free <= 0:
@@ -229,7 +227,8 @@ def _averaged(time_s: FloatArray, values: FloatArray) -> tuple[FloatArray, Float
 
 
 def _least(values: FloatArray) -> float:
-    return _FINEST * float(np.ptp(values))
+    # share of a motion below which no description needs to explain it
+    return 1e-5 * float(np.ptp(values))
 
 
 def _ending(

@@ -33,13 +33,9 @@ from palpate_robot_log.recording import (
     thinned,
 )
 
-SPIKE_NOISE_MULTIPLE = 8.0  # standard deviations of the noise by which a spike exceeds its neighbours
-SPIKE_RANGE_SHARE = 0.02  # of a channel's range, which it exceeds them by where noise is less than a digit
-SIGNIFICANT_LAG = 3.0  # standard deviations that an estimated lag must exceed to be taken out
 _NEIGHBOURS = 5
 _LAG_WINDOW_SHARE = 0.25
 _LARGEST_WEIGHT_STD = 0.1
-_WEIGHED_ROWS = 5000
 
 
 def without_spikes(recording: Recording) -> tuple[Recording, IntArray]:
@@ -58,7 +54,9 @@ def _repaired(values: FloatArray) -> tuple[FloatArray, BoolArray]:
     # A range without the spikes themselves.
     spans = np.ptp(middle, axis=0)
     noises = np.array([noise_std(column) for column in values.T])
-    least = np.maximum(SPIKE_NOISE_MULTIPLE * noises, SPIKE_RANGE_SHARE * spans)
+    # a spike exceeds its neighbours by 8 standard deviations of the noise, and by 2 % of the channel's range
+    # where noise is less than a digit
+    least = np.maximum(8.0 * noises, 0.02 * spans)
     off: BoolArray = np.abs(values - middle) > np.maximum(least, 1e-300)
     hit: BoolArray = np.any(off, axis=1)
     return np.where(off, middle, values), hit
@@ -79,7 +77,8 @@ class Lag:
     @property
     def significant(self) -> bool:
         """Whether the lag differs from none; a single bend, by chance, is not checked by another one."""
-        return self.n_bends > 1 and abs(self.seconds) > SIGNIFICANT_LAG * self.std_s
+        # standard deviations that an estimated lag must exceed to be taken out
+        return self.n_bends > 1 and abs(self.seconds) > 3.0 * self.std_s
 
 
 def estimate_lag(time_s: FloatArray, moment_Nmm: FloatArray, twists: tuple[Stroke, ...]) -> Lag:
@@ -155,7 +154,8 @@ def tool_of(recording: Recording, free: IntArray, gravity: Gravity) -> ToolLoad 
 
 def fit_tool(recording: Recording, free: IntArray, direction: FloatArray) -> ToolLoad:
     """Weight and centre from the rows ``free`` in free air; ``direction`` (3,) is of gravity."""
-    part, _ = thinned(recording.part(free), _WEIGHED_ROWS)
+    # Rows by which a weight is fitted.
+    part, _ = thinned(recording.part(free), 5000)
     down = gravity_in_sensor(part, direction)
     # Without its mean, what the bias imitates is gone from the unknown weight.
     lever = down - down.mean(axis=0)

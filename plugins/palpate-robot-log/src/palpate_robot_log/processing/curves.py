@@ -18,8 +18,6 @@ from palpate_robot_log.processing.settings import ProcessingSettings, Smoothing
 from palpate_robot_log.recording import block_means, correlation_factor, noise_std
 
 BIAS_SHARE = 0.001  # share of the peak that smoothing may move a value by
-_ABSCISSA = 0.1  # what smoothing may do to depth and rotation, over what it may do to force and torque
-_MAX_ROWS = 3000  # rows of a branch that are smoothed; more are averaged in blocks first
 _SLOPE_POINTS = 31
 _GROWTH = 1.5
 _RELAXED_ROWS = 1000
@@ -62,7 +60,8 @@ def curve_of(
     parts, smoothings = [], []
     for rows in signal.branches:
         time = time_s[rows]
-        level = smoothed(time, signal.abscissa[rows], _ABSCISSA * span, settings.smoothing).values
+        # what smoothing may do to depth and rotation, over what it may do to force and torque
+        level = smoothed(time, signal.abscissa[rows], 0.1 * span, settings.smoothing).values
         ordinate = smoothed(time, signal.ordinate[rows], peak, settings.smoothing)
         # Noise in a slow start would make the path turn where the tool did not.
         sense = 1.0 if level[-1] >= level[0] else -1.0
@@ -120,7 +119,8 @@ def smoothed(time_s: FloatArray, values: FloatArray, peak: float, choice: Smooth
     if choice.method == "none" or values.size < order + 4:
         noise = noise_std(values)
         return Smoothed(values=values, std=np.full(values.shape, noise), noise=noise, bias=0.0, window_s=0.0)
-    block = -(-time_s.size // _MAX_ROWS)
+    # rows of a branch that are smoothed; more are averaged in blocks first
+    block = -(-time_s.size // 3000)
     coarse, means = block_means(time_s, block), block_means(values, block)
     even = np.linspace(coarse[0], coarse[-1], coarse.size)
     step = float(even[1] - even[0])

@@ -28,8 +28,6 @@ from palpate_robot_log.recording import Recording, rotated
 _STEP_S, _HELD = 0.01, 0.8  # the latter is the share of updates that come after the same number of rows
 _SMOOTHING_STEPS = 5.0
 _LONGEST_S = 3600.0
-_YEAR_2001_S = 1e9
-"""Seconds since 1970 that no clock that began with the log has counted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -358,7 +356,8 @@ def share_clock(spans_s: Sequence[tuple[float, float]]) -> bool:
     """Whether times [s] are of one clock: all count since 1970, and half of the shortest is common."""
     shared = min(end for _, end in spans_s) - max(begin for begin, _ in spans_s) if spans_s else 0.0
     shortest = min((end - begin for begin, end in spans_s), default=0.0)
-    return min((begin for begin, _ in spans_s), default=0.0) > _YEAR_2001_S and shared >= 0.5 * shortest
+    # Seconds since 1970 that no clock that began with the log has counted.
+    return min((begin for begin, _ in spans_s), default=0.0) > 1e9 and shared >= 0.5 * shortest
 
 
 def clock_offset_s(position: Series, force: Series) -> float:

@@ -12,7 +12,6 @@ from palpate.api.files import ProcessLimits, TextFormat, TextTable, refuse_binar
 from palpate_robot_log.reading import column_files
 from palpate_robot_log.reading.raw import RawLog, Stream
 
-_MOST_OUTPUT_BYTES = 10_000_000_000
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _BINARY = (".mat", ".npz", ".npy", ".parquet", ".bag", ".mcap", ".db3", ".h5", ".hdf5", ".tdms")
 
@@ -52,7 +51,7 @@ def read_log(path: Path, request: Request) -> RawLog:
     """
     _check_size(path, request.limits)
     limits = ProcessLimits(
-        time_s=request.limits.time_limit, memory_mb=request.limits.memory, output_bytes=_MOST_OUTPUT_BYTES
+        time_s=request.limits.time_limit, memory_mb=request.limits.memory, output_bytes=10_000_000_000
     )
     try:
         return run_function(limits, read_here, path, request)
