@@ -25,7 +25,6 @@ import argparse
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +36,7 @@ from study_prediction import SPOTS, accepted, on_grid
 
 from palpate import Curve, Job, Limb, Response, Simulation, Status
 from palpate.answer.words import Adequacy
-from palpate.domain import COMPLIANCE, Indentation
+from palpate.domain import COMPLIANCE, DEEPER, Indentation
 from palpate.experiment.measured import load_measured
 from palpate.fit.spot_term import pieces
 from palpate.limb.loading import finer_limb, load_limbs, refinement, size_at_contact
@@ -55,7 +54,6 @@ TRUE_MM = {"true": 1.0, "finer": 0.7}
 """Edges of the meshes of the truth at the edge of the contact, in mm."""
 CONVERGED = {"depth_steps": 20, "rotation_step_deg": 2.25}
 """Load steps of the truth."""
-DEEPER_MM = 0.3
 HALF = 0.5
 """Friction of the last material."""
 READ = 15
@@ -122,22 +120,18 @@ class Forearm:
         assert isinstance(protocol, Indentation)
         return replace(protocol, friction=self.friction[material])
 
-    def curves(self, spot: str, mesh: str, material: str, *, deeper_mm: float = 0.0) -> Response:
+    def curves(self, spot: str, mesh: str, material: str) -> Response:
         """Curves of a material on a mesh, with slopes on both meshes of a fit; kept in the folder."""
-        changes = (deeper_mm and f" {deeper_mm:g} mm deeper") or ""
-        file = self.folder / f"{spot} {mesh.replace('/fine', f' {self.fine}')} {material}{changes}.npz"
+        file = self.folder / f"{spot} {mesh.replace('/fine', f' {self.fine}')} {material}.npz"
         if not file.is_file():
-            protocol = self.protocol(spot, material)
-            path = protocol.path.copy()
-            path[path[:, 0] > 0.0, 0] += deeper_mm
             (region,) = self.study.space.regions
             job = Job(
                 spot=spot,
                 set_id=-1,
                 materials={REGION: region.material},
                 thetas={REGION: self.study.space.thetas(self.rows[material])[REGION]},
-                protocol=replace(protocol, path=path),
-                slopes=mesh not in TRUE_MM and not changes,
+                protocol=self.protocol(spot, material),
+                slopes=mesh not in TRUE_MM,
             )
             solver, settings = self.study.solver, {"warm_starts": False}
             settings |= CONVERGED if mesh in TRUE_MM else {}
@@ -179,13 +173,11 @@ class Press:
     """One spot on one mesh: its curves, and the truth at the measured points, around a material."""
 
     def __init__(self, forearm: Forearm, spot: str, mesh: str, material: str) -> None:
-        of = partial(forearm.curves, spot, mesh, material)
         self.spot = spot
         self.mesh, self.row = forearm.spot_mesh(spot, mesh), forearm.rows[material]
         self.protocol = forearm.protocol(spot, material)
         self.bulk = float(forearm.study.space.thetas(self.row)[REGION][-1])
-        self.coarse, self.fine = of(), forearm.curves(spot, f"{mesh}/fine", material)
-        self.deeper = self._change(of(deeper_mm=DEEPER_MM), self.coarse, DEEPER_MM)
+        self.coarse, self.fine = (forearm.curves(spot, each, material) for each in (mesh, f"{mesh}/fine"))
         left_over = forearm.study.left_over(self.mesh.refinement)
         true, at_base = (forearm.curves(spot, "true", each) for each in (material, "base"))
         self.true, self.corrected = {}, {}
@@ -194,13 +186,6 @@ class Press:
             y, base, coarse, fine = (read(of, name, x) for of in (true, at_base, self.coarse, self.fine))
             self.true[name] = replace(data, ordinate=y + np.abs(y).max() / peak * (data.ordinate - base))
             self.corrected[name] = fine + left_over[name] * (fine - coarse) + rigid(self.fine, name, x)
-
-    def _change(self, one: Response, other: Response, by: float) -> dict[str, np.ndarray]:
-        """Change of the curves at their points for each unit of a cause."""
-        return {
-            name: (on_grid(one[name], curve.abscissa) - on_grid(other[name], curve.abscissa)) / by
-            for name, curve in self.coarse.curves.items()
-        }
 
     def response(self, job: Job) -> Response:
         """Curves of a job, on the first mesh with slopes, or on the finer one."""
@@ -212,19 +197,13 @@ class Press:
             theta[-1] - self.bulk,
             protocol.friction - self.protocol.friction,
             protocol.contact_compliance - self.protocol.contact_compliance,
+            by_mm,
         ]
         for name, curve in (self.fine if job.mesh else self.coarse).curves.items():
-            y = curve.ordinate + np.array(changes) @ np.stack(list(curve.slopes.values()))
-            if job.mesh:
-                curves[name] = replace(curve, ordinate=y)
-                continue
-            if name == "force":
-                x = curve.abscissa * (1.0 + by_mm / curve.abscissa[-1])
-                every = CubicSpline(curve.abscissa, [y, *curve.slopes.values()], axis=1)(x)
-            else:
-                x, every = curve.abscissa, [y + by_mm * self.deeper[name], *curve.slopes.values()]
-            slopes = dict(zip(curve.slopes, every[1:], strict=True))
-            curves[name] = Curve(channel=name, abscissa=x, ordinate=every[0], slopes=slopes)
+            slopes = np.stack(list(curve.slopes.values()))
+            longer = 1.0 + by_mm / curve.abscissa[-1] if name == "force" and not job.mesh else 1.0
+            ordinate = curve.ordinate + np.array(changes)[: len(slopes)] @ slopes
+            curves[name] = replace(curve, abscissa=longer * curve.abscissa, ordinate=ordinate)
         return Response(curves=curves)
 
     def measured(self, errors: Mapping[tuple[str, str], float], times: float, noise: np.ndarray) -> Response:
@@ -240,7 +219,8 @@ class Press:
             if name == "force":
                 y = CubicSpline(x, y)(x + onset_mm)
             else:
-                deeper = replace(self.coarse[name], ordinate=self.deeper[name], slopes={})
+                deeper = self.coarse[name].slopes[DEEPER]
+                deeper = replace(self.coarse[name], ordinate=deeper, slopes={})
                 y = y + onset_mm * on_grid(deeper.densified(READ), x)
             y = (1.0 + errors["gain", name]) * y + NOISE * np.abs(y).max() * white[: y.size]
             curves[name] = replace(true, ordinate=y).cut(slice(1, None))

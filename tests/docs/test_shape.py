@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_185,
-    "lines of the core": 33_412,
+    "lines": 77_268,
+    "lines of the core": 33_449,
     "classes": 657,
     "constants": 918,
     "long files": 0,

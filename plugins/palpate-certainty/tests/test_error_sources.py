@@ -6,13 +6,24 @@ import numpy as np
 import pytest
 
 from palpate.domain import (
+    Curve,
     ParameterSpace,
     Refinement,
     RegionMaterial,
+    Response,
+    Simulation,
+    Status,
 )
 from palpate.domain.channels import PRESS_AND_TWIST, TORQUE
 from palpate.fit.parametrisation import StandardParametrisation, StandardSettings
-from palpate.fit.spot_term import Correction, is_along_slopes, is_same_job, pieces, steps_between
+from palpate.fit.spot_term import (
+    Correction,
+    along_slopes,
+    is_along_slopes,
+    is_same_job,
+    pieces,
+    steps_between,
+)
 from palpate.study.model import BudgetTable
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.assumptions import ASSUMED
@@ -53,6 +64,38 @@ def test_inputs_of_a_stiffer_contact_are_another_job(ended):
     assert not is_same_job(inputs, stiffer)
     assert is_along_slopes(inputs, stiffer)
     assert steps_between(inputs, stiffer, term.materials) == {"contact_compliance": -0.5}
+
+
+def test_slopes_lead_to_a_deeper_press_of_one_depth(ended):
+    problem = ended()[2].end.problem
+    (term,) = problem.terms
+    inputs = problem.inputs("p1", problem.point_of({}))
+    depth_mm = term.protocol.only_depth_mm
+    deeper, twice = (
+        replace(inputs, protocol=replace(term.protocol, path=path))
+        for path in (
+            term.protocol.path + 0.1 * (term.protocol.path > 0.0) * (1, 0),
+            [*term.protocol.path, (0.5 * depth_mm, 0.0)],
+        )
+    )
+    assert is_along_slopes(inputs, deeper)
+    assert not is_same_job(inputs, deeper)
+    assert not is_along_slopes(inputs, twice)
+    assert steps_between(inputs, deeper, term.materials) == {"depth_mm": pytest.approx(0.1)}
+    x, z = np.linspace(0.0, depth_mm, 5), np.array([0.0, -10.0, 10.0])
+    curves = {
+        "force": Curve(
+            channel="force", abscissa=x, ordinate=x**2, slopes={"depth_mm": 2.0 * x**2 / depth_mm}
+        ),
+        "torque": Curve(channel="torque", abscissa=z, ordinate=z, slopes={"depth_mm": 3.0 * z}),
+    }
+    job = term.job(inputs, 0, slopes=True, fine=False)
+    here = Simulation(job=job, status=Status.OK, response=Response(curves=curves))
+    force, torque = along_slopes(here, inputs, deeper, ["force", "torque"]).response.curves.values()
+    np.testing.assert_allclose(force.abscissa, x * (1.0 + 0.1 / depth_mm))
+    np.testing.assert_allclose(force.ordinate, force.abscissa**2, atol=0.011)
+    np.testing.assert_allclose(torque.abscissa, z)
+    np.testing.assert_allclose(torque.ordinate, 1.3 * z)
 
 
 def test_a_part_of_a_correction_by_a_rigid_contact_is_uncertain(ended):

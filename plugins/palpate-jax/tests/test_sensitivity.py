@@ -28,13 +28,13 @@ SOLVER = JaxSolver(JaxSettings(**TIGHT))
 STRIDE = BETWEEN + 1
 """Points of a curve from one equilibrium state to the next."""
 
-OF_CONTACT = ("friction", "contact_compliance")
+OF_CONTACT = ("friction", "contact_compliance", "depth_mm")
 YEOH = {"c1": 0.0141, "c2": -0.0011, "c3": 1.05e-4, "kappa": 0.4}
 
 
 @dataclass(frozen=True)
 class Case:
-    """A limb with a material and values for each region."""
+    """A limb with a material and values for each region; its path ends at one depth."""
 
     limb: object
     materials: dict
@@ -42,8 +42,12 @@ class Case:
     friction: float = 0.6
     path: tuple = tuple(PATH)
 
+    @property
+    def depth_mm(self):
+        return max(depth for depth, _ in self.path)
+
     def job(self, slopes=False, **changes):
-        """The job with some of ``region.parameter``, ``friction`` and ``contact_compliance`` changed."""
+        """The job with some of ``region.parameter`` and of :data:`OF_CONTACT` changed."""
         thetas = {
             region: np.array([changes.get(f"{region}.{name}", v) for name, v in own.items()])
             for region, own in self.values.items()
@@ -51,7 +55,7 @@ class Case:
         friction = changes.get("friction", self.friction)
         protocol = Indentation(
             indenter=Sphere(radius_mm=7.5),
-            path=np.array(self.path),
+            path=np.array(self.path) * (changes.get("depth_mm", self.depth_mm) / self.depth_mm, 1.0),
             friction=friction,
             contact_penalty=1.0 / changes.get("contact_compliance", 1.0),
         )
@@ -60,7 +64,7 @@ class Case:
 
     def value(self, name):
         region, _, parameter = name.rpartition(".")
-        of_contact = {"friction": self.friction, "contact_compliance": 1.0}
+        of_contact = {"friction": self.friction, "contact_compliance": 1.0, "depth_mm": self.depth_mm}
         return self.values[region][parameter] if region else of_contact[name]
 
 

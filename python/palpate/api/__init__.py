@@ -20,6 +20,7 @@ from palpate.plugins.versions import API_VERSION as API_VERSION
 if TYPE_CHECKING:
     from palpate.domain import (
         COMPLIANCE as COMPLIANCE,
+        DEEPER as DEEPER,
         FRICTION as FRICTION,
         BoolArray as BoolArray,
         Channel as Channel,

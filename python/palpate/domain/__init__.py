@@ -158,8 +158,11 @@ class Limb:
     warnings: tuple[str, ...] = ()
 
 
-FRICTION, COMPLIANCE = "friction", "contact_compliance"
-"""Names of a contact's friction coefficient and compliance, among parameters and slopes of a curve."""
+FRICTION, COMPLIANCE, DEEPER = "friction", "contact_compliance", "depth_mm"
+"""Names of a contact's friction coefficient and compliance, and of the depth, among slopes of a curve.
+
+The slope in the depth is of each state of a press that ends deeper: an abscissa that is a depth grows too.
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -249,6 +252,19 @@ class Indentation:
     def contact_compliance(self) -> float:
         """Reciprocal of the contact penalty, in which curves are nearly linear; 0 for a rigid contact."""
         return 1.0 / self.contact_penalty
+
+    def as_deep_as(self, other: "Indentation") -> "Indentation":
+        """The press to the one depth of another, where both have one; else itself."""
+        if self.only_depth_mm is None or other.only_depth_mm is None:
+            return self
+        depth = np.where(self.path[:, 0] > 0.0, other.only_depth_mm, 0.0)
+        return replace(self, path=np.column_stack([depth, self.path[:, 1]]))
+
+    @property
+    def only_depth_mm(self) -> float | None:
+        """Depth of every waypoint that is not at the surface; None where they differ, or loads move any."""
+        deep = self.path[self.path[:, 0] > 0.0, 0]
+        return float(deep[0]) if self.loads is None and deep.size and not np.ptp(deep) else None
 
     @property
     def press_s(self) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 
 from palpate.domain import (
     COMPLIANCE,
+    DEEPER,
     FRICTION,
     BoolArray,
     Channel,
@@ -326,14 +327,14 @@ def pieces(terms: Sequence[SpotTerm]) -> Iterator[tuple[SpotTerm, str, slice, Fl
 def is_along_slopes(one: SpotInputs, other: SpotInputs) -> bool:
     """Whether the slopes of a simulation lead from one to the other.
 
-    That is where only parameters, friction and the contact penalty differ.
+    That is where only parameters, friction, the contact penalty and the one depth of a press differ.
     """
     a, b = one.protocol, other.protocol
     if one.mesh != other.mesh:
         return False
     if isinstance(a, Indentation) and isinstance(b, Indentation):
         same = a.indenter == b.indenter and a.tilt_deg == b.tilt_deg
-        return a is b or (same and a.waypoints.is_same(b.waypoints))
+        return a is b or (same and a.as_deep_as(b).waypoints.is_same(b.waypoints))
     return a is b
 
 
@@ -348,7 +349,7 @@ def steps_between(
 ) -> dict[str, float]:
     """Changes of materials' parameters and contact from one to the other, by name, that are not zero."""
     here, there = _of_contact(base), _of_contact(inputs)
-    steps = {name: there[name] - value for name, value in here.items()}
+    steps = {name: there.get(name, value) - value for name, value in here.items()}
     for region, material in materials.items():
         moved = (inputs.thetas[region] - base.thetas[region]).tolist()
         steps |= {
@@ -362,6 +363,8 @@ def along_slopes(
     simulation: Simulation, base: SpotInputs, inputs: SpotInputs, channels: Collection[str]
 ) -> Simulation:
     """Curves of some channels at ``inputs`` by the slopes of the simulation at ``base``.
+
+    Where a press is deeper, a curve over the depth is longer.
 
     Raises
     ------
@@ -377,9 +380,13 @@ def along_slopes(
             why = simulation.diagnostics.get("slopes", "")
             lacking = ", ".join(sorted(missing))
             raise NotRankedError(f"{simulation.job.spot}: '{name}' has no slope in {lacking} ({why})")
+    over_depth = {channel.name for channel in simulation.job.channels if channel.abscissa == DEEPER}
+    longer = 1.0 + taken[DEEPER] / _of_contact(base)[DEEPER] if DEEPER in taken else 1.0
     curves = {
         name: replace(
-            curve, ordinate=curve.ordinate + sum(step * curve.slopes[at] for at, step in taken.items())
+            curve,
+            abscissa=curve.abscissa * (longer if name in over_depth else 1.0),
+            ordinate=curve.ordinate + sum(step * curve.slopes[at] for at, step in taken.items()),
         )
         for name, curve in found.items()
     }
@@ -387,8 +394,9 @@ def along_slopes(
 
 
 def _of_contact(inputs: SpotInputs) -> dict[str, float]:
-    """Friction coefficient and contact compliance, by the names of their slopes."""
+    """Friction coefficient, contact compliance and depth, by the names of their slopes."""
     protocol = inputs.protocol
     if not isinstance(protocol, Indentation):
         return {}
-    return {FRICTION: protocol.friction, COMPLIANCE: protocol.contact_compliance}
+    found = {FRICTION: protocol.friction, COMPLIANCE: protocol.contact_compliance}
+    return found | ({DEEPER: depth} if (depth := protocol.only_depth_mm) else {})

@@ -52,6 +52,9 @@ class Provides:
         Whether a penalty, which a protocol may multiply, keeps the indenter out of the tissue: the error
         budget has its effect on the curves. Slopes have one in ``contact_compliance`` then, the factor's
         reciprocal.
+    depth_slope : bool
+        Whether slopes on a spot's own mesh have one in ``depth_mm``: the change of each state where a press
+        of one depth ends deeper, with as many steps.
     accuracy : float
         Scatter of its curves, relative to their size: slopes are differenced over steps that fit it.
 
@@ -73,6 +76,7 @@ class Provides:
     relaxation: bool = False
     surface: bool = False
     contact_penalty: bool = False
+    depth_slope: bool = False
     accuracy: float = 1e-4
 
     def __post_init__(self) -> None:

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from palpate import mechanics
-from palpate.domain import COMPLIANCE, FloatArray, Indentation, Job, ParameterName
+from palpate.domain import COMPLIANCE, DEEPER, FloatArray, Indentation, Job, ParameterName
 from palpate.domain.component import Component
 from palpate.domain.material import Material
 from palpate.errors import MaterialError
 from palpate.plugins.catalogue import Plugins
+from palpate.plugins.provides import Provides
 from palpate.units import Quantity
 
 RADIUS_MM = 7.5
@@ -148,8 +149,8 @@ def moved_values(material: Material, theta: FloatArray) -> Iterator[tuple[str, F
         yield parameter.name, values
 
 
-def neighbours(job: Job, *, with_contact: bool = False) -> Iterator[tuple[str, float, Job, Job]]:
-    """Each parameter by name, the step, and the job with it moved up and down; friction and contact too."""
+def neighbours(job: Job, provides: Provides) -> Iterator[tuple[str, float, Job, Job]]:
+    """Each slope that a solver provides: its name, the step, and the job moved up and down."""
     for region, material in job.materials.items():
         for k, parameter in enumerate(material.parameters):
             theta = np.asarray(job.thetas[region], dtype=np.float64)
@@ -169,9 +170,14 @@ def neighbours(job: Job, *, with_contact: bool = False) -> Iterator[tuple[str, f
             replace(job, protocol=replace(press, friction=press.friction + sign * step)) for sign in (1, -1)
         )
         yield "friction", step, ahead, behind
-    if isinstance(press, Indentation) and with_contact:
+    if isinstance(press, Indentation) and provides.contact_penalty:
         softer, stiffer = (
             replace(job, protocol=replace(press, contact_penalty=1.0 / (press.contact_compliance + step)))
             for step in (SLOPE_STEP, -SLOPE_STEP)
         )
         yield COMPLIANCE, SLOPE_STEP, softer, stiffer
+    if isinstance(press, Indentation) and provides.depth_slope and (depth := press.only_depth_mm):
+        step = SLOPE_STEP * depth
+        paths = (press.path + sign * step * (press.path > 0.0) * (1, 0) for sign in (1, -1))
+        deeper, shallower = (replace(job, protocol=replace(press, path=path)) for path in paths)
+        yield DEEPER, step, deeper, shallower

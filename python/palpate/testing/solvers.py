@@ -9,6 +9,7 @@ import pytest
 
 from palpate.domain import (
     COMPLIANCE,
+    DEEPER,
     FRICTION,
     Channel,
     Curve,
@@ -238,12 +239,13 @@ class SolverContract(ComponentContract):
         }
         if isinstance(job.protocol, Indentation):
             names |= {FRICTION, COMPLIANCE} if solver.provides.contact_penalty else {FRICTION}
+            names |= {DEEPER} if solver.provides.depth_slope and job.protocol.only_depth_mm else set()
         for channel, curve in curves(simulation).curves.items():
             assert set(curve.slopes) == names, (
                 f"channel '{channel}': slopes in {', '.join(sorted(curve.slopes)) or 'nothing'} instead of "
                 f"{', '.join(sorted(names))}"
             )
-        for name, step, ahead, behind in neighbours(job, with_contact=solver.provides.contact_penalty):
+        for name, step, ahead, behind in neighbours(job, solver.provides):
             after, before = (curves(solver.simulate(other, limb)) for other in (ahead, behind))
             for channel, curve in curves(simulation).curves.items():
                 change = 0.5 * (after[channel].ordinate - before[channel].ordinate)

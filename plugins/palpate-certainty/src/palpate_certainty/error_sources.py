@@ -287,7 +287,11 @@ def _changed(space: ParameterSpace, inputs: SpotInputs, cause: ErrorSource, by: 
 
 def n_differences(causes: Iterable[ErrorSource], study: Study) -> int:
     """Most simulations of a spot for the derivatives of causes: two for each without a slope."""
-    by_slope = {"gain", "friction", "fixed", CONTACT} if study.solver.provides.slopes else {"gain"}
+    by_slope, provides = {"gain"}, study.solver.provides
+    by_slope |= {"friction", "fixed", CONTACT} if provides.slopes else set()
+    protocol = study.protocol
+    if provides.depth_slope and isinstance(protocol, Indentation) and protocol.only_depth_mm:
+        by_slope |= {"onset"}
     return 2 * sum(cause.kind not in by_slope for cause in causes)
 
 

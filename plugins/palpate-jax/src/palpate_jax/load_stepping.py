@@ -8,7 +8,7 @@ from time import process_time
 
 import numpy as np
 
-from palpate.api import FloatArray, IsotropicMaterial, Material
+from palpate.api import DEEPER, FloatArray, IsotropicMaterial, Material
 from palpate.api.mechanics import principal_derivatives
 from palpate_jax.body import Histories
 from palpate_jax.contact import Answer, ContactLaw, ContactState, Memory
@@ -249,7 +249,8 @@ class LoadStepping:
                 state.memory,
             )
             if self._sensitivity is not None:
-                reached = None if self._control is None else replace(aim, position=position)
+                moves = self._control is not None or DEEPER in self._sensitivity.slopes.names
+                reached = replace(aim, position=position) if moves else None
                 began_s = process_time()
                 self._sensitivity.balanced(state.displacements, load, self._thetas, reached)
                 self.slopes_s += process_time() - began_s

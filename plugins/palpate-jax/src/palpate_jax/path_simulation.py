@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.api import (
+    DEEPER,
     PRESS_AND_TWIST,
     FloatArray,
     Indentation,
@@ -165,7 +166,15 @@ class PathSimulations:
         law = self._law(protocol, modulus_MPa)
         model, thetas, tolerance = prepared.model, job.thetas, self.settings.tolerance
         sensitivity = (
-            Sensitivity(model, prepared.materials, thetas, law, protocol.contact_penalty, tolerance)
+            Sensitivity(
+                model,
+                prepared.materials,
+                thetas,
+                law,
+                protocol.contact_penalty,
+                tolerance,
+                None if job.mesh else _penalty_per_mm(protocol, law),
+            )
             if job.slopes
             else None
         )
@@ -225,6 +234,14 @@ class PathSimulations:
         return self._materials.setdefault(key, material)
 
 
+def _penalty_per_mm(protocol: Indentation, law: ContactLaw) -> float | None:
+    """Derivative of the penalty in the one depth of a press, about; None without one."""
+    if (depth := protocol.only_depth_mm) is None:
+        return None
+    radii = [protocol.indenter.contact_radius_mm(share * depth) for share in (1.05, 0.95)]
+    return -law.penalty * float(np.log(radii[0] / radii[1])) / (0.1 * depth)
+
+
 def _same(one: object, other: object) -> bool:
     """Whether two values are equal; they may be copies from other processes."""
     if one is other:
@@ -254,6 +271,7 @@ def equilibrium_states(reached: Sequence[LoadStep]) -> EquilibriumStates:
         tips = np.column_stack([moved[:, 1:3], -moved[:, 0]])
         forces = np.array([REST[:3], *(force for force, _ in answers)])
         wrench[name] = wrench[name] + np.column_stack([np.zeros((len(pose), 3)), np.cross(tips, forces)])
+    placed.pop(DEEPER, None)  # a slope in the depth is of each state
     return EquilibriumStates(
         pose=pose,
         wrench=_wrench(pose, answers),

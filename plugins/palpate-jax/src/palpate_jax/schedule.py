@@ -92,6 +92,8 @@ class Target:
         NaN where the position is prescribed; loads to be reached at ``end``; infinite for what stays.
     load_share : float
         Share of the way to the loads.
+    deeper : float
+        Derivative of the depth of ``end`` in the depth of the press.
     """
 
     end: FloatArray
@@ -99,6 +101,7 @@ class Target:
     loads: FloatArray
     load_share: float = 1.0
     time_s: float = 0.0
+    deeper: float = 0.0
 
     @property
     def has_loads(self) -> bool:
@@ -173,6 +176,11 @@ class Aim:
     def kept_position(self) -> FloatArray:
         """Derivative (6,) of the prescribed position in that at the beginning of the load step."""
         return np.where(np.isnan(self.target.loads), 1.0 - self.part * self.target.share, 1.0)
+
+    @property
+    def deeper(self) -> FloatArray:
+        """Derivative (6,) of the prescribed position in the depth of the press, from a fixed beginning."""
+        return np.asarray((1.0 - self.kept_position) * self.target.deeper * np.eye(6)[DEPTH])
 
     @property
     def kept_loads(self) -> FloatArray:
@@ -259,6 +267,8 @@ def _between(ends: FloatArray, loads: FloatArray, known: BoolArray, times: Float
     n = len(times)
     between = ends[0] + (ends[1] - ends[0]) * np.arange(1, n + 1)[:, None] / n
     between[-1] = ends[1]  # to the last bit, so that no branch starts next to a waypoint
+    first, last = (float(end > 0.0) for end in ends[:, DEPTH])
+    deeper = np.linspace(first, last, n + 1)[1:] if known[DEPTH] else np.full(n, last)
     for j in range(n):
         share = 1.0 / (n - j)
         yield Target(
@@ -267,4 +277,5 @@ def _between(ends: FloatArray, loads: FloatArray, known: BoolArray, times: Float
             loads=loads,
             load_share=share,
             time_s=float(times[j]),
+            deeper=float(deeper[j]),
         )

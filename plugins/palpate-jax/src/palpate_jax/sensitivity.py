@@ -9,8 +9,10 @@ with the exact tangent K, and the new anchors' derivative follows from du as the
 anchors follow from u. So da is the history of the derivative. Stresses that relax have
 one of the same kind (:mod:`palpate_jax.viscoelasticity`). The
 penalty ε counts too: it is proportional to the initial shear modulus of the touched
-region, and its reciprocal is the last of the parameters. (Kleiber, Antúnez, Hien & Kowalczyk,
-Parameter Sensitivity in Nonlinear Mechanics, 1997, treat path dependence in this way.)
+region, and its reciprocal is one of the parameters. Another is the depth of the press: the
+prescribed position changes with it, and the right-hand side has what this motion of the
+indenter adds. (Kleiber, Antúnez, Hien & Kowalczyk, Parameter Sensitivity in Nonlinear
+Mechanics, 1997, treat path dependence in this way.)
 
 Where a point just begins to touch or to slide, the response has a kink; the
 derivative is one-sided, on the side of the state.
@@ -23,7 +25,7 @@ from functools import partial
 import jax
 import numpy as np
 
-from palpate.api import COMPLIANCE, FRICTION, FloatArray, Material, ParameterName
+from palpate.api import COMPLIANCE, DEEPER, FRICTION, FloatArray, Material, ParameterName
 from palpate.api.mechanics import Array, moduli_at_rest
 from palpate_jax.contact import Answer, Change, ContactLaw, ContactState, Velocity
 from palpate_jax.model import Linearised, Model
@@ -148,12 +150,13 @@ class Slopes:
     Parameters
     ----------
     names : tuple of m str
-        ``region.parameter`` of each parameter, then ``friction`` and ``contact_compliance``.
+        ``region.parameter`` of each parameter, then ``friction``, ``contact_compliance``, and perhaps
+        ``depth_mm``.
     force_N, moment_Nmm : (m, 3) array
         As in :class:`palpate_jax.contact.Answer`, per unit of the parameter; NaN from the first state with a
         singular tangent on.
     position : (m, 6) array
-        Of the indenter, where a load moves it.
+        Of the indenter, where a load moves it, or the press is deeper.
     """
 
     names: tuple[str, ...]
@@ -181,6 +184,8 @@ class Sensitivity:
         Factor of the protocol that the law's penalty has.
     tolerance : float
         Imbalance relative to the forces at which a point counts as balanced.
+    penalty_per_mm : float, optional
+        Derivative of the law's penalty in the depth of the press, in which there are slopes then.
 
     Attributes
     ----------
@@ -196,10 +201,12 @@ class Sensitivity:
         law: ContactLaw,
         contact_penalty: float,
         tolerance: float,
+        penalty_per_mm: float | None = None,
     ) -> None:
         self._accuracy = max(ACCURACY * tolerance, FINEST)
         own = [(region, k, p.name) for region in thetas for k, p in enumerate(materials[region].parameters)]
         self._names = (*(str(ParameterName(region, name)) for region, _, name in own), FRICTION, COMPLIANCE)
+        self._names += () if penalty_per_mm is None else (DEEPER,)
         self._model, self._law = model, law
         n = len(self._names)
         self._friction = np.eye(n)[self._names.index(FRICTION)]
@@ -208,7 +215,8 @@ class Sensitivity:
         )
         shares = np.asarray(slopes) / float(modulus)
         rates = [law.penalty * shares[k] if region == model.touched_region else 0.0 for region, k, _ in own]
-        self._penalty = np.array([*rates, 0.0, -law.penalty * contact_penalty])
+        by_depth = [] if penalty_per_mm is None else [penalty_per_mm]
+        self._penalty = np.array([*rates, 0.0, -law.penalty * contact_penalty, *by_depth])
         self._moved = np.zeros((n, *model.points.shape))
         n_points = len(model.contact.positions(model.rest()))
         self._anchors = np.zeros((n, n_points, 3))
@@ -234,7 +242,7 @@ class Sensitivity:
         thetas : mapping of region to array
             Materials in the load step.
         reached : Aim, optional
-            What was prescribed, with the position that was found; given where loads are prescribed.
+            What was prescribed, with the position that was found; given where positions have slopes.
         """
         if not self.slopes.finite:
             return
@@ -257,7 +265,8 @@ class Sensitivity:
     def _body_rates(self, displacements: FloatArray, thetas: Mapping[str, FloatArray]) -> FloatArray:
         """∂f_body/∂θ (m, n_nodes, 3) with the history's part; that alone for friction and contact."""
         body, rates = self._model.body, self._model.body.rates(displacements, thetas)
-        found = np.concatenate([*(rates[region] for region in thetas), np.zeros_like(self._moved[-2:])])
+        n = self._names.index(FRICTION)
+        found = np.concatenate([*(rates[region] for region in thetas), np.zeros_like(self._moved[n:])])
         body.add_rates_of_history(displacements, thetas, self._histories, found)
         return found
 
@@ -289,12 +298,14 @@ class Sensitivity:
         body: FloatArray,
         reached: Aim,
     ) -> None:
-        """Solve where loads are prescribed: positions change with the parameters too.
+        """Solve where positions change with the parameters too: with loads, and with the depth of a press.
 
         At given positions first; then the free components move so that the loads change as prescribed.
         """
         position, loads = reached.kept_position * self._origin[0], reached.kept_loads * self._origin[1]
         free, at = reached.free, reached.position
+        if DEEPER in self._names:
+            position[self._names.index(DEEPER)] += reached.deeper
         position[:, free] = 0.0
         motions = [motion(at, way) for way in position]
         units = [motion(at, way) for way in np.eye(6)[free]]

@@ -35,6 +35,7 @@ class JaxSolver(Solver[JaxSettings]):
         relaxation=True,
         surface=True,
         contact_penalty=True,
+        depth_slope=True,
     )
 
     def __reduce__(self) -> tuple[type["JaxSolver"], tuple[JaxSettings]]:
