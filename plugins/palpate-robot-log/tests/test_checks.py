@@ -40,7 +40,7 @@ def test_values_beyond_the_limits_are_refused_with_their_row(value: float) -> No
 def test_each_row_of_a_stage_is_tried() -> None:
     assert {row.stage for row in CHECKS if row.measure is not given} >= {"time", "sensor", "torque"}
     recording = logs.recording("p1")
-    tool = logs.processed("p1").tool
+    tool = logs.processed("p1").cleaned.tool
     assert tool is not None
     heavy = type(tool)(weight_N=101.0, centre_mm=tool.centre_mm * 100.0)
     messages = [str(error) for error in errors_of(recording, "tool", heavy)]

@@ -31,7 +31,7 @@ EVERY_S = 40.0
 @cache
 def one(stiffness: float = 1.0) -> Recording:
     """A log of one press on a tissue that is softer, with noise of its own, of few rows."""
-    whole, tissue = logs.recording("p1"), logs.processed("p1").tared
+    whole, tissue = logs.recording("p1"), logs.processed("p1").cleaned.recording
     softer = whole.less((1.0 - stiffness) * tissue.force_N, (1.0 - stiffness) * tissue.moment_Nmm)
     few, _ = thinned(softer, 1500)
     return few.changed(

@@ -169,7 +169,7 @@ def test_a_log_without_retract_needs_no_drift_correction():
     processed = process(until(30.9), logs.settings(drift={"enabled": False}))
     assert "torque" in processed.curves
     assert [phase.name for phase in processed.phases][-1] == "dwell_2"
-    assert processed.drift is None
+    assert processed.cleaned.drift is None
 
 
 SETTINGS = {

@@ -6,7 +6,7 @@ from hypothesis import given, strategies as st
 from scipy.spatial.transform import Rotation
 
 from palpate.mesh.spot_frame import spot_axes
-from palpate_robot_log.processing.chain import process
+from palpate_robot_log.processing.chain import process, wrench_at_spot
 from palpate_robot_log.processing.corrections import (
     Drift,
     Lag,
@@ -19,7 +19,6 @@ from palpate_robot_log.processing.corrections import (
     without_weight,
 )
 from palpate_robot_log.processing.curves import smoothed
-from palpate_robot_log.processing.press import wrench_at_spot
 from palpate_robot_log.processing.settings import Smoothing
 from palpate_robot_log.recording import Recording, thinned, turn_and_tilt
 
@@ -79,9 +78,9 @@ def test_a_lag_between_wrench_and_pose_is_found_and_taken_out(lag_s):
     # The wrench comes late by as much as it is read too early.
     late = shifted(logs.recording("p1"), -lag_s)
     processed = process(late, logs.settings())
-    assert processed.lag.significant
-    assert processed.lag.seconds == pytest.approx(lag_s, abs=0.02)
-    assert processed.lag.n_bends == 4
+    assert processed.located.lag.significant
+    assert processed.located.lag.seconds == pytest.approx(lag_s, abs=0.02)
+    assert processed.located.lag.n_bends == 4
     same_curves(logs.processed("p1"), processed, 0.01)
     assert not process(late, logs.settings(alignment={"enabled": False})).lag.significant
 
@@ -153,13 +152,13 @@ def with_poses_before(spot, weight_N):
 def test_a_log_with_poses_in_free_air_identifies_its_tool():
     whole = with_poses_before("p4", 0.8829)
     processed, true = process(whole, logs.settings(gravity={"method": "fit"})), logs.truth("p4")
-    assert processed.tool.weight_N == pytest.approx(0.8829, abs=0.01)
-    assert processed.tool.centre_mm == pytest.approx([0.0, 0.0, -30.0], abs=0.5)
+    assert processed.cleaned.tool.weight_N == pytest.approx(0.8829, abs=0.01)
+    assert processed.cleaned.tool.centre_mm == pytest.approx([0.0, 0.0, -30.0], abs=0.5)
     at_start = whole.time_s[0]
-    assert processed.bias.force_N == pytest.approx(
+    assert processed.cleaned.bias.force_N == pytest.approx(
         true.force_bias_N + at_start * true.force_drift_N_per_s, abs=0.02
     )
-    assert processed.bias.moment_Nmm == pytest.approx(
+    assert processed.cleaned.bias.moment_Nmm == pytest.approx(
         true.moment_bias_Nmm + at_start * true.moment_drift_Nmm_per_s, abs=0.2
     )
     same_curves(logs.processed("p4"), processed, 5e-3)
@@ -333,7 +332,7 @@ def test_relaxation_in_a_dwell_is_measured():
 
 def test_the_spread_of_the_drift_is_that_where_each_curve_ends():
     found, truth = logs.processed("p1"), logs.truth("p1")
-    start, drift = found.phase("press").start.time_s, found.drift
+    start, drift = found.phase("press").start.time_s, found.cleaned.drift
     turn = Rotation.from_quat(found.raw.quaternion[found.phase("twist_1").rows(found.raw.time_s)]).mean()
     normal = turn.inv().apply(truth.normal)
     last = [phase for phase in found.phases if phase.name.startswith("twist")][-1]

@@ -15,7 +15,7 @@ RELAXED = {"p1": (0.05, 0.3), "p2": (0.05, 3.0), "p3": (0.12, 0.5), "p4": (0.10,
 
 def relaxed(spot, fall, tau_s):
     """A log whose wrench falls from the first rest on, until the tool departs."""
-    whole, tissue = logs.recording(spot), logs.processed(spot).tared
+    whole, tissue = logs.recording(spot), logs.processed(spot).cleaned.recording
     since = np.maximum(whole.time_s - logs.STARTS_S["dwell_1"], 0.0)
     lost = fall * (1.0 - np.exp(-since / tau_s)) / (1.0 - np.exp(-1.0 / tau_s))
     lost = (lost * (whole.time_s < logs.STARTS_S["departure"]))[:, None]

@@ -79,10 +79,10 @@ def test_phases_are_found_without_hints(spot):
 
 def test_bias_and_drift_are_those_of_the_sensor(spot):
     processed, true = logs.processed(spot), logs.truth(spot)
-    assert processed.bias.force_N == pytest.approx(true.force_bias_N, abs=0.02)
-    assert processed.bias.moment_Nmm == pytest.approx(true.moment_bias_Nmm, abs=0.2)
-    assert processed.drift.force_N_per_s == pytest.approx(true.force_drift_N_per_s, abs=1e-3)
-    assert processed.drift.moment_Nmm_per_s == pytest.approx(true.moment_drift_Nmm_per_s, abs=5e-3)
+    assert processed.cleaned.bias.force_N == pytest.approx(true.force_bias_N, abs=0.02)
+    assert processed.cleaned.bias.moment_Nmm == pytest.approx(true.moment_bias_Nmm, abs=0.2)
+    assert processed.cleaned.drift.force_N_per_s == pytest.approx(true.force_drift_N_per_s, abs=1e-3)
+    assert processed.cleaned.drift.moment_Nmm_per_s == pytest.approx(true.moment_drift_Nmm_per_s, abs=5e-3)
 
 
 def test_the_normal_is_that_of_the_spot(spot):
@@ -92,8 +92,8 @@ def test_the_normal_is_that_of_the_spot(spot):
 
 def test_there_is_no_lag_and_no_relaxation_to_find(spot):
     processed = logs.processed(spot)
-    assert not processed.lag.significant
-    assert abs(processed.lag.seconds) < 0.01
+    assert not processed.located.lag.significant
+    assert abs(processed.located.lag.seconds) < 0.01
     for dwell in processed.relaxations:
         assert abs(dwell.fall) < 4.0 * dwell.fall_std
         assert dwell.time_constant_s is None

@@ -183,7 +183,7 @@ CHECKS: tuple[Check, ...] = (
     Check("zero", of_press.jump_of_zero, (0.0, of_press.LARGEST_JUMP_SHARE),
          "the force jumps by {jump_N:.3g} N while the tip {moves}{off}: the sensor was zeroed in contact",
          "zero it in free air, and log the press again"),
-    Check("contact", of_press.over_noise, (NOISE_MULTIPLE, _INF),
+    Check("contact", given, (NOISE_MULTIPLE, _INF),
          "a press without contact: the force changes by {peak:.3g} N at most, with a noise of {noise:.2g} N",
          "check that the tool reached the limb, and that these are the wrench's columns"),
     Check("start", given, (3, _INF),
@@ -202,10 +202,10 @@ CHECKS: tuple[Check, ...] = (
          "the tool leaves its line by {value:.0%} of its travel while it presses, so the path gives no "
          "normal",
          "check the position columns, or give slide.enabled if it slides after the press"),
-    Check("path", of_press.angle_to_path_deg, (0.0, 30.0),
+    Check("path", given, (0.0, 30.0),
          "the tool presses {value:.0f} degrees off the normal that is given",
          "correct normal.vector (outward, in the base frame), or give normal.method = 'path'"),
-    Check("depth", of_press.depth_mm, (0.02, 300.0),
+    Check("depth", given, (0.02, 300.0),
          "the tool travels {value:.3g} mm while it presses, which is no depth of a limb ({least:g} to "
          "{most:g} mm)",
          "check the unit of the position"),

@@ -16,10 +16,7 @@ if TYPE_CHECKING:
 
 TWO_PI = 2.0 * np.pi
 LARGEST_DEVIATION = 0.01  # of an orientation's numbers from those of a turn
-_USUAL_STEPS = 10.0
-_SHORTEST_GAP_S = 0.02
 _PLATEAU_ROWS = 8
-_PLATEAU_OVER_USUAL = 4
 
 
 class Found(NamedTuple):
@@ -67,7 +64,7 @@ def usual_step(series: "Series", _: "ChannelMap") -> Iterator[Found]:
 
 def longest_step_s(usual_s: float) -> float:
     """Step [s] beyond which rows are missing, by the usual step [s]."""
-    return max(_USUAL_STEPS * usual_s, _SHORTEST_GAP_S)
+    return max(10.0 * usual_s, 0.02)
 
 
 def long_steps(series: "Series", channels: "ChannelMap") -> Iterator[Found]:
@@ -165,7 +162,7 @@ def plateau_rows(series: "Series", _: "ChannelMap", pose: Sequence["Series"]) ->
             longest = int(np.argmax(np.where(at_extreme, lengths, 0)))
             first, size = int(starts[longest]), int(lengths[longest])
             # A coarse sensor repeats itself at every value; one that is cut repeats itself at the end only.
-            if size >= max(_PLATEAU_ROWS, _PLATEAU_OVER_USUAL * int(lengths[~at_extreme].max(initial=1))):
+            if size >= max(_PLATEAU_ROWS, 4 * int(lengths[~at_extreme].max(initial=1))):
                 yield found(size, first, column, number=extreme, until=series.at(first + size - 1))
 
 

@@ -68,13 +68,17 @@ def draw_processed(processed: Processed, folder: Path) -> tuple[Path, ...]:
 
 def _draw_tared(processed: Processed, folder: Path) -> Path:
     """Wrench before and after weight, drift and bias were taken out, near zero where it is free."""
-    raw, tared = processed.raw, processed.tared
-    found = {"weight": processed.tool, "drift": processed.drift, "bias": processed.bias}
+    raw, tared = processed.raw, processed.cleaned.recording
+    found = {
+        "weight": processed.cleaned.tool,
+        "drift": processed.cleaned.drift,
+        "bias": processed.cleaned.bias,
+    }
     taken = [name for name, value in found.items() if value is not None]
     path, what = folder / "2_tared.png", f"without {', '.join(taken) or 'any correction'}"
     with _over_time(raw, what, 4, path) as axes:
         free = np.zeros(raw.n_rows, dtype=bool)
-        free[processed.free] = True
+        free[processed.cleaned.free] = True
         for k, (quantity, unit) in enumerate((("force_N", "N"), ("moment_Nmm", "N·mm"))):
             before, after = getattr(raw, quantity), getattr(tared, quantity)
             for axis, near in ((axes[2 * k], False), (axes[2 * k + 1], True)):

@@ -19,10 +19,9 @@ from palpate_robot_log.recording import (
 
 if TYPE_CHECKING:
     from palpate.api.mesh import SpotWrench
-    from palpate_robot_log.processing.chain import Processed
+    from palpate_robot_log.processing.chain import Located, Processed
     from palpate_robot_log.processing.contact import ContactRows, Normal, ToolMotion
     from palpate_robot_log.processing.corrections import ToolLoad
-    from palpate_robot_log.processing.press import Located
     from palpate_robot_log.processing.strokes import Stroke
 
 LARGEST_JUMP_SHARE = 0.3  # share of the largest change of force by which no contact jumps
@@ -33,18 +32,10 @@ LEAST_TILT_DEG = 2.0  # tilt of the tool that any robot may have
 LARGEST_LAG_S = 0.5  # a lag beyond this is no delay of a device but a mistake in a clock
 STRIDES = 50  # parts of the path that give the normal
 LARGEST_ACROSS = float(np.sin(np.radians(5.0)) * np.sqrt(STRIDES))  # where the normal's error is 5 degrees
-_LONGEST_GAP_ROWS = 25.0
-_LONGEST_GAP_S = 0.05
 _WINDOW = 5
-_STILL_MM = 0.03
-_SAME_SHARE = 0.3
-_BACK_SHARE = 0.05
-_LAST_ROWS = 20
-_AT_REST_SHARE = 0.002
 _REST_PARTS = 30
 _OTHER = {"tool": "tissue", "tissue": "tool", "sensor": "base", "base": "sensor"}
 _LESS_LIKELY_DEG = 3.0  # by which another frame has to explain the push better than the other body
-_CLEARLY_ALONG_DEG = 20.0
 
 # -------------------------------------------------------------------------------- contact and path
 
@@ -55,7 +46,7 @@ def is_back(track: Recording) -> bool:
     n_ends = max(track.n_rows // 50, 3)
     begin, end = position[:n_ends].mean(axis=0), position[-n_ends:].mean(axis=0)
     farthest = float(np.linalg.norm(position - begin, axis=1).max())
-    return float(np.linalg.norm(end - begin)) <= _BACK_SHARE * farthest
+    return float(np.linalg.norm(end - begin)) <= 0.05 * farthest
 
 
 def jump_of_zero(track: Recording, force_N: FloatArray, least_N: float) -> Iterator[Found]:
@@ -73,7 +64,7 @@ def jump_of_zero(track: Recording, force_N: FloatArray, least_N: float) -> Itera
     moved_mm = track.position_mm[before + _WINDOW] - track.position_mm[before - _WINDOW + 1]
     # A jump to another level, within one step.
     jumps = np.minimum(jumps, np.linalg.norm(force_N[before + 1] - force_N[before], axis=1))
-    is_still, ends_back = np.linalg.norm(moved_mm, axis=1) < _STILL_MM, is_back(track)
+    is_still, ends_back = np.linalg.norm(moved_mm, axis=1) < 0.03, is_back(track)
     at_rest = jumps * is_still
     at = int(np.argmax(at_rest if at_rest.max() >= least_N or not ends_back else jumps))
     row, jump_N = int(before[at]), float(jumps[at])
@@ -82,7 +73,7 @@ def jump_of_zero(track: Recording, force_N: FloatArray, least_N: float) -> Itera
     off, off_N = "", float(np.linalg.norm(end - begin))
     if ends_back:
         off = f", and is {off_N:.3g} N off when the tool is back at its height"
-    is_same = not off or abs(off_N - jump_N) <= _SAME_SHARE * jump_N
+    is_same = not off or abs(off_N - jump_N) <= 0.3 * jump_N
     if is_same and jump_N >= least_N:
         largest = float(np.linalg.norm(force_N - begin, axis=1).max())
         yield found(
@@ -92,11 +83,6 @@ def jump_of_zero(track: Recording, force_N: FloatArray, least_N: float) -> Itera
             off=off,
             moves="rests" if is_still[at] else "moves",
         )
-
-
-def over_noise(_: Recording, peak: float, noise: float) -> Iterator[Found]:
-    """Largest change of force over its noise."""
-    yield found(peak / max(noise, 1e-300), peak=peak, noise=noise)
 
 
 def n_contacts(recording: Recording, contacts: "Sequence[ContactRows]") -> Iterator[Found]:
@@ -109,22 +95,10 @@ def n_contacts(recording: Recording, contacts: "Sequence[ContactRows]") -> Itera
 def longest_step(recording: Recording, contact: "ContactRows") -> Iterator[Found]:
     """Longest time from row to row while the tool presses, over the longest that is allowed."""
     steps = np.diff(recording.time_s[contact.rows])
-    allowed = max(_LONGEST_GAP_ROWS * float(np.median(np.diff(recording.time_s))), _LONGEST_GAP_S)
+    allowed = max(25.0 * float(np.median(np.diff(recording.time_s))), 0.05)
     for worst in [int(np.argmax(steps))] if steps.size else []:
         words = {"seconds": steps[worst], "usual": 1.0 / recording.rate_hz}
         yield found(float(steps[worst]) / allowed, contact.first + worst, **words)
-
-
-def angle_to_path_deg(
-    _: Recording, contact: "ContactRows", normal: "Normal", path: "Normal"
-) -> Iterator[Found]:
-    """Angle between a given normal, or the tool's axis, and the direction of the press."""
-    yield found(angle_between_deg(normal.vector, path.vector), contact.first)
-
-
-def depth_mm(_: Recording, contact: "ContactRows", motion: "ToolMotion") -> Iterator[Found]:
-    """Travel of the tool while it presses."""
-    yield found(float(np.ptp(motion.travel_mm[contact.rows])), contact.first)
 
 
 def _push(force: FloatArray, contact: "ContactRows") -> FloatArray:
@@ -153,7 +127,7 @@ def other_side_deg(recording: Recording, contact: "ContactRows", normal: "Normal
             f"{side} and {frame}",
         ),
     )
-    if angle > 180.0 - LARGEST_FRICTION_ANGLE_DEG or off <= _CLEARLY_ALONG_DEG:
+    if angle > 180.0 - LARGEST_FRICTION_ANGLE_DEG or off <= 20.0:
         way = "pulls the tool into the limb" if angle > 90.0 else "is off the line of the press"
         yield found(angle, contact.first, way=way, cause=cause, setting=setting)
 
@@ -187,13 +161,13 @@ def is_cut(recording: Recording, travels: "Sequence[Stroke]") -> Iterator[Found]
 
 def moved_at_end(recording: Recording, contact: "ContactRows", motion: "ToolMotion") -> Iterator[Found]:
     """Movement of the tool in the last rows over one that noise explains."""
-    rows = slice(-max(_LAST_ROWS, motion.time_s.size // 200), None)
+    rows = slice(-max(20, motion.time_s.size // 200), None)
     for moves, values, unit in (("travels", motion.travel_mm, "mm"), ("twists", motion.turn_deg, "degrees")):
         time, last = motion.time_s[rows] - motion.time_s[rows].mean(), values[rows]
         slope = float(time @ last / (time @ time))
         moved = abs(slope) * float(np.ptp(time))
         noise = float(np.std(last - last.mean() - slope * time))
-        allowed = max(4.0 * noise, _AT_REST_SHARE * float(np.ptp(values[contact.first :])), 1e-300)
+        allowed = max(4.0 * noise, 0.002 * float(np.ptp(values[contact.first :])), 1e-300)
         yield found(moved / allowed, recording.n_rows - 1, moves=moves, slope=slope, unit=unit)
 
 
@@ -316,19 +290,19 @@ def _peak(press: "Processed") -> float:
 
 def drift_share(recording: Recording, press: "Processed") -> Iterator[Found]:
     """Drift over the log as a share of the peak force: its departure from a straight line matters."""
-    if press.drift is not None:
-        change_N = float(np.linalg.norm(press.drift.force_N_per_s)) * float(np.ptp(recording.time_s))
+    if press.cleaned.drift is not None:
+        change_N = float(np.linalg.norm(press.cleaned.drift.force_N_per_s)) * float(np.ptp(recording.time_s))
         yield found(change_N / _peak(press), change_N=change_N)
 
 
 def weight_share(recording: Recording, press: "Processed") -> Iterator[Found]:
     """Force that may be a weight times the tool's tilt, as a share of the peak force."""
     gravity, peak_N = press.settings.gravity, _peak(press)
-    if gravity.method != "off" or press.bias is None:
+    if gravity.method != "off" or press.cleaned.bias is None:
         return
     down = gravity_in_sensor(recording, np.array(gravity.direction))
     change = float(np.linalg.norm(down - down[0], axis=1).max())
-    offset_N = float(np.linalg.norm(press.bias.force_N))
+    offset_N = float(np.linalg.norm(press.cleaned.bias.force_N))
     tilt_deg = np.degrees(2.0 * np.arcsin(min(change / 2.0, 1.0)))
     words = {"offset_share": offset_N / peak_N, "left_N": offset_N * change, "tilt_deg": tilt_deg}
     yield found(offset_N * change / peak_N, offset_N=offset_N, **words)

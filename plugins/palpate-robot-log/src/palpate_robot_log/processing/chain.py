@@ -1,8 +1,8 @@
 """The steps in their order: from a recording to curves, with a record of each."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,70 +11,242 @@ from pydantic_core import to_json
 from palpate.api import FORCE, TORQUE, Curve, FloatArray, IntArray, Relaxation
 from palpate.api.mesh import SpotWrench, spot_axes
 from palpate_robot_log.checks import FEWEST_FREE_ROWS, check
-from palpate_robot_log.processing.contact import Normal, Onset, ToolMotion
+from palpate_robot_log.processing.change_points import Transition
+from palpate_robot_log.processing.contact import (
+    ContactRows,
+    Normal,
+    Onset,
+    ToolMotion,
+    described,
+    find_onset,
+    motion_about,
+    rough_contact,
+    spot_normal,
+)
 from palpate_robot_log.processing.corrections import (
     Bias,
     Drift,
     Lag,
     ToolLoad,
+    estimate_lag,
     find_bias,
     find_drift,
+    shifted,
     tool_of,
     without_drift,
     without_spikes,
     without_weight,
 )
 from palpate_robot_log.processing.curves import Signal, Smoothed, curve_of, relaxation
-from palpate_robot_log.processing.phases import Phase, Slide, find_slide, name_phases
-from palpate_robot_log.processing.press import (
-    Located,
-    aligned,
-    free_rows,
-    locate,
-    onset_of,
-    wrench_at_spot,
+from palpate_robot_log.processing.settings import NormalChoice, OnsetChoice, ProcessingSettings
+from palpate_robot_log.processing.strokes import (
+    Phase,
+    Slide,
+    Strokes,
+    contact_instants,
+    find_slide,
+    find_strokes,
+    name_phases,
 )
-from palpate_robot_log.processing.settings import ProcessingSettings
-from palpate_robot_log.recording import Recording, mean_orientation, rotated, rows_between, thinned
+from palpate_robot_log.recording import (
+    Recording,
+    angle_between_deg,
+    cross,
+    mean_orientation,
+    rotated,
+    rows_between,
+    thinned,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Located:
+    """A recording, its contact, normal, motion and strokes, the lag of its wrench and its slide."""
+
+    recording: Recording
+    contact: ContactRows
+    normal: Normal
+    motion: ToolMotion
+    strokes: Strokes
+    lag: Lag = field(default_factory=Lag)
+    slide: Slide | None = None
+
+
+def locate(recording: Recording, choice: NormalChoice, *, slides: bool = False) -> Located:
+    """Contact, normal, motion and strokes, once they can be those of a press.
+
+    Of a log that ``slides`` the path gives the normal only while the force rises.
+    """
+    contact = rough_contact(recording)
+    check(recording, "gaps", contact)
+    pressed = contact
+    if slides:
+        pushed = recording.force_N[contact.rows] - recording.force_N[: contact.first].mean(axis=0)
+        force = np.linalg.norm(pushed, axis=1)
+        close = int(np.argmax(force >= 0.9 * force.max()))
+        pressed = replace(contact, last=contact.first + close)
+    normal = path = spot_normal(recording, pressed)
+    if choice.method != "path":
+        given = None if choice.vector is None else np.array(choice.vector)
+        normal = described(recording, pressed, given, 0.0)
+        check(recording, "path", angle_between_deg(normal.vector, path.vector), contact.first)
+    motion = motion_about(recording, contact, normal.vector)
+    check(recording, "depth", float(np.ptp(motion.travel_mm[contact.rows])), contact.first)
+    check(recording, "direction", contact, normal)
+    strokes = find_strokes(recording, motion, contact)
+    check(recording, "twist", motion, strokes.twists)
+    return Located(recording=recording, contact=contact, normal=normal, motion=motion, strokes=strokes)
+
+
+def aligned(located: Located, settings: ProcessingSettings) -> Located:
+    """The press without the wrench's lag, the known one or the estimated one where it is significant."""
+    choice = settings.alignment
+    if not choice.enabled:
+        return located
+    if choice.lag is not None:
+        lag = Lag(seconds=choice.lag, std_s=0.0, taken_out=choice.lag != 0.0)
+    else:
+        recording = located.recording
+        torque = -rotated(recording.quaternion, recording.moment_Nmm) @ located.normal.vector
+        lag = estimate_lag(recording.time_s, torque, located.strokes.twists)
+        lag = replace(lag, taken_out=lag.significant)
+    if not lag.taken_out:
+        return replace(located, lag=lag)
+    late = shifted(located.recording, lag.seconds)
+    return replace(locate(late, settings.normal, slides=settings.slide.enabled), lag=lag)
+
+
+def located_slide(located: Located) -> Located:
+    """The press with the slide between it and the retract."""
+    slide = find_slide(located.recording, located.motion, located.strokes, located.normal.vector)
+    return replace(located, slide=slide, strokes=replace(located.strokes, slides=slide.strokes))
+
+
+def wrench_at_spot(
+    recording: Recording, spot_mm: FloatArray, normal: FloatArray, tip_mm: FloatArray
+) -> SpotWrench:
+    """Wrench rotated into the spot's frame, with its moment moved: M(c) = M(o) + (o - c) × F.
+
+    Parameters
+    ----------
+    spot_mm : (3,) array
+        A point of the contact axis, in the base frame; or (n, 3), one for each row.
+    normal : (3,) array
+        Unit outward normal in the base frame.
+    tip_mm : (3,) array
+        Tool tip in the sensor's frame; zero where the sensor reports about the tip.
+    """
+    axes = spot_axes(normal)
+    force = rotated(recording.quaternion, recording.force_N)
+    sensor = recording.position_mm - rotated(recording.quaternion, tip_mm)
+    moment = rotated(recording.quaternion, recording.moment_Nmm) + cross(sensor - spot_mm, force)
+    return SpotWrench(force_N=force @ axes, moment_Nmm=moment @ axes)
+
+
+def onset_of(
+    located: Located, choice: OnsetChoice, pressing_N: FloatArray | None = None
+) -> tuple[Onset, Transition, Transition | None]:
+    """Onset from the pressing force (n,) or at a given time stamp, and when the tool touches and leaves.
+
+    Without ``pressing_N`` the force along the normal is that of the log.
+    """
+    recording, contact, motion = located.recording, located.contact, located.motion
+    if choice.time is not None:
+        travel = float(np.interp(choice.time, recording.time_s, motion.travel_mm))
+        n_free = int(np.searchsorted(recording.time_s, choice.time))
+        onset = Onset(travel_mm=travel, std_mm=0.0, spread_mm=0.0, baseline_rows=n_free)
+    else:
+        if pressing_N is None:
+            pressing_N = rotated(recording.quaternion, recording.force_N) @ located.normal.vector
+        # From where the tool comes nearer for the last time as it is oriented in contact.
+        turned = ~_oriented_alike(motion)[: contact.first + 1]
+        start = int(np.flatnonzero(turned).max(initial=-1)) + 1
+        stop = int(np.searchsorted(recording.time_s, located.strokes.press.stop.time_s)) + 1
+        onset = find_onset(recording, motion.travel_mm, pressing_N, slice(start, stop), choice.exponent)
+    return onset, *contact_instants(motion, contact, located.strokes, onset)
+
+
+def free_rows(
+    located: Located, onset: Onset, touch: Transition, leave: Transition | None, *, any_orientation: bool
+) -> tuple[IntArray, IntArray]:
+    """Rows in free air before and after the press.
+
+    Without ``any_orientation`` (the weight is unknown) only those in which the tool is as it
+    does when it touches.
+    """
+    motion = located.motion
+    clear = motion.travel_mm < onset.travel_mm - max(3.0 * onset.std_mm, 0.05)
+    if not any_orientation:
+        clear &= _oriented_alike(motion)
+    before = np.flatnonzero(clear & (motion.time_s < touch.time_s))
+    if leave is None:
+        return before, np.array([], dtype=np.int64)
+    return before, np.flatnonzero(clear & (motion.time_s > leave.time_s))
+
+
+def _oriented_alike(motion: ToolMotion) -> np.ndarray:
+    """Whether the tool is oriented in each row as when the press begins."""
+    alike: np.ndarray = np.hypot(motion.turn_deg, motion.tilt_deg) < 2.0
+    return alike
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cleaned:
+    """A recording without weight, drift and bias, the rows in free air that gave these, and each of them."""
+
+    recording: Recording
+    free: IntArray
+    tool: ToolLoad | None
+    drift: Drift | None
+    bias: Bias | None
+
+
+def cleaned(located: Located, settings: ProcessingSettings) -> Cleaned:
+    """The press without weight, drift and bias, by the rows in free air."""
+    gravity, drifts, biased = settings.gravity, settings.drift.enabled, settings.tare.enabled
+    recording, weighed = located.recording, gravity.method != "off"
+    before, after = free_rows(located, *onset_of(located, settings.onset), any_orientation=weighed)
+    free = np.concatenate([before, after]) if drifts else before
+    fewest = FEWEST_FREE_ROWS if drifts or biased else 1
+    check(recording, "free air", before.size / fewest, 0, n_rows=before.size)
+    if (tool := tool_of(recording, free, gravity)) is not None:
+        recording = without_weight(recording, tool, np.array(gravity.direction))
+    if (drift := find_drift(recording, before, after) if drifts else None) is not None:
+        recording = without_drift(recording, drift)
+    if (bias := find_bias(recording, free) if biased else None) is not None:
+        recording = recording.less(bias.force_N, bias.moment_Nmm)
+    return Cleaned(recording=recording, free=free, tool=tool, drift=drift, bias=bias)
+
+
+# ------------------------------------------------------------------------------------------- the chain
 
 UNITS = "mm, N, N·mm, s, degrees"  # units of all numbers in the record
-_MOST_LISTED = 50
-_COMPONENT = {TORQUE.name: TORQUE.name}
-"""Part of the wrench whose zero drifts in a channel; the force in the other channels."""
 
 
+def _component(channel: str) -> str:
+    """Part of the wrench whose zero drifts in a channel."""
+    return TORQUE.name if channel == TORQUE.name else FORCE.name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Processed:
-    """One press, from its log to its curves: each step sets what later ones read.
+    """One press, from its log to its curves. What a step found is None where it is switched off."""
 
-    What a step found is None where it is switched off.
-    """
-
+    settings: ProcessingSettings
     raw: Recording  # the rows that were used, after the lag was taken out
     block: int  # rows of the log that thinning averaged to one
     spiky_rows: IntArray  # rows in which spikes were replaced
     located: Located
-    lag: Lag
-    slide: Slide | None
-    free: IntArray  # rows in free air
-    tool: ToolLoad | None
-    drift: Drift | None
-    bias: Bias | None
-    tared: Recording  # without weight, drift and bias
+    cleaned: Cleaned
     wrench: SpotWrench  # in the spot's frame about the contact axis
     onset: Onset
     depth_mm: FloatArray  # (n,), travel from the onset
     phases: tuple[Phase, ...]  # in order, without gaps
-    zero_std: Mapping[str, FloatArray]  # (n,), standard deviation of the zero of force [N], torque [N·mm]
     drift_std_per_s: Mapping[str, float]  # standard deviation of the drift of force [N/s], torque [N·mm/s]
     signals: Mapping[str, Signal]  # the rows that the curves come from
     curves: Mapping[str, Curve]  # force [N] over depth [mm], torque [N·mm] over rotation [degrees], and so on
     smoothings: Mapping[str, list[Smoothed]]  # of each channel's branches
     relaxations: tuple[Relaxation, ...]
-
-    def __init__(self, recording: Recording, settings: ProcessingSettings) -> None:
-        self.raw, self.settings = recording, settings
-        for step in STEPS:
-            step(self)
 
     @property
     def motion(self) -> ToolMotion:
@@ -85,11 +257,6 @@ class Processed:
     def normal(self) -> Normal:
         """Outward normal of the spot."""
         return self.located.normal
-
-    @property
-    def has_moment(self) -> bool:
-        """Whether the log has a moment."""
-        return bool(self.raw.moment_Nmm.any())
 
     def phase(self, name: str) -> Phase:
         """The phase of a name, such as ``press`` or ``twist_1``."""
@@ -128,7 +295,7 @@ class Processed:
 
     def _found(self) -> dict[str, Any]:
         """Findings by step."""
-        time, last, raw = self.raw.time_s, self.phases[-1], self.raw
+        time, last, raw, clean = self.raw.time_s, self.phases[-1], self.raw, self.cleaned
         until_s = last.start.time_s if last.name == "departure" else time[-1]
         pressing = (time >= self.phase("press").start.time_s) & (time <= until_s)
         over_time = self.curves.get("force_over_time")
@@ -141,12 +308,12 @@ class Processed:
                 "rate_hz": raw.rate_hz,
             },
             "thinning": {"rows_averaged": self.block},
-            "spikes": {"rows": self.spiky_rows[:_MOST_LISTED], "count": self.spiky_rows.size},
-            "alignment": asdict(self.lag),
+            "spikes": {"rows": self.spiky_rows[:50], "count": self.spiky_rows.size},
+            "alignment": asdict(self.located.lag),
             "normal": asdict(self.normal),
-            "gravity": self.tool and asdict(self.tool),
-            "drift": self.drift and asdict(self.drift),
-            "tare": (asdict(self.bias) if self.bias else {}) | {"free_rows": self.free.size},
+            "gravity": clean.tool and asdict(clean.tool),
+            "drift": clean.drift and asdict(clean.drift),
+            "tare": (asdict(clean.bias) if clean.bias else {}) | {"free_rows": clean.free.size},
             "frame": {"farthest_from_axis_mm": self.motion.lateral_mm[pressing].max()},
             "onset": asdict(self.onset),
             "smoothing": {
@@ -157,7 +324,7 @@ class Processed:
                 for name, each in self.smoothings.items()
             },
             "resampling": {"points": {name: curve.abscissa.size for name, curve in self.curves.items()}},
-            "slide": {} if self.slide is None else {"along": self.slide.along},
+            "slide": {} if self.located.slide is None else {"along": self.located.slide.along},
             "over_time": {"duration_s": over_time.abscissa[-1]} if over_time else {},
             "relaxation": {"dwells": [asdict(item) | {"share": item.share} for item in self.relaxations]},
         }
@@ -166,21 +333,10 @@ class Processed:
         """Standard deviation of each channel where its curve ends, by the drift since the touch."""
         rates, touch_s = self.drift_std_per_s, self.phase("press").start.time_s
         return {
-            channel: rates[_COMPONENT.get(channel, FORCE.name)] * (float(curve.time_s[-1]) - touch_s)
+            channel: rates[_component(channel)] * (float(curve.time_s[-1]) - touch_s)
             for channel, curve in self.curves.items()
             if rates and curve.time_s is not None
         }
-
-
-def process(recording: Recording, settings: ProcessingSettings | None = None) -> Processed:
-    """Curves of one press, by the steps that the settings choose.
-
-    Raises
-    ------
-    CurveError
-        The log is no complete press: naming file, rows, time stamps and what to do.
-    """
-    return Processed(recording, settings or ProcessingSettings())
 
 
 def windowed(recording: Recording, settings: ProcessingSettings) -> Recording:
@@ -197,75 +353,61 @@ def windowed(recording: Recording, settings: ProcessingSettings) -> Recording:
     return recording if n_rows == recording.n_rows else recording.part(rows)
 
 
-def _window(press: Processed) -> None:
-    press.raw = windowed(press.raw, press.settings)
+def process(recording: Recording, settings: ProcessingSettings | None = None) -> Processed:
+    """Curves of one press, by the steps that the settings choose, in their order.
 
-
-def _thin(press: Processed) -> None:
-    press.block, thinning = 1, press.settings.thinning
-    if thinning.enabled:
-        press.raw, press.block = thinned(press.raw, thinning.max_rows)
-
-
-def _repair(press: Processed) -> None:
-    press.spiky_rows = press.raw.rows[:0]
-    if press.settings.spikes.enabled:
-        press.raw, spikes = without_spikes(press.raw)
-        press.spiky_rows = press.raw.rows[spikes]
-
-
-def _locate(press: Processed) -> None:
-    settings = press.settings
-    located = locate(press.raw, settings.normal, slides=settings.slide.enabled)
-    press.located, press.lag = aligned(located, settings)
-    press.raw, press.slide = press.located.recording, None
-    if settings.slide.enabled:
-        press.slide = find_slide(press.raw, press.motion, press.located.strokes, press.normal.vector)
-        strokes = replace(press.located.strokes, slides=press.slide.strokes)
-        press.located = replace(press.located, strokes=strokes)
-
-
-def _clean(press: Processed) -> None:
-    """Take weight, drift and bias out, by the rows in free air."""
-    located, settings, recording = press.located, press.settings, press.raw
-    gravity, drifts, biased = settings.gravity, settings.drift.enabled, settings.tare.enabled
-    weighed = gravity.method != "off"
-    before, after = free_rows(located, *onset_of(located, settings.onset), any_orientation=weighed)
-    press.free = np.concatenate([before, after]) if drifts else before
-    fewest = FEWEST_FREE_ROWS if drifts or biased else 1
-    check(recording, "free air", before.size / fewest, 0, n_rows=before.size)
-    press.tool = tool_of(recording, press.free, gravity)
-    if press.tool is not None:
-        recording = without_weight(recording, press.tool, np.array(gravity.direction))
-    press.drift = find_drift(recording, before, after) if drifts else None
-    if press.drift is not None:
-        recording = without_drift(recording, press.drift)
-    press.bias = find_bias(recording, press.free) if biased else None
-    if press.bias is not None:
-        recording = recording.less(press.bias.force_N, press.bias.moment_Nmm)
-    press.tared = recording
-
-
-def _turn_into_spot(press: Processed) -> None:
+    Raises
+    ------
+    CurveError
+        The log is no complete press: naming file, rows, time stamps and what to do.
+    """
+    settings = settings or ProcessingSettings()
+    log, thinning = windowed(recording, settings), settings.thinning
+    log, block = thinned(log, thinning.max_rows) if thinning.enabled else (log, 1)
+    repaired, spikes = without_spikes(log) if settings.spikes.enabled else (log, np.array([], dtype=int))
+    located = aligned(locate(repaired, settings.normal, slides=settings.slide.enabled), settings)
+    located = located_slide(located) if settings.slide.enabled else located
+    raw, clean = located.recording, cleaned(located, settings)
     # About the tip itself where it leaves the contact axis.
-    spot = press.motion.origin_mm if press.slide is None else press.tared.position_mm
-    tip = np.array(press.settings.frame.sensor_to_tip)
-    press.wrench = wrench_at_spot(press.tared, spot, press.normal.vector, tip)
-    if press.has_moment:
-        check(press.raw, "torque", press.located, press.wrench, press.tool is not None)
+    spot_mm = located.motion.origin_mm if located.slide is None else clean.recording.position_mm
+    tip_mm = np.array(settings.frame.sensor_to_tip)
+    wrench = wrench_at_spot(clean.recording, spot_mm, located.normal.vector, tip_mm)
+    if raw.moment_Nmm.any():
+        check(raw, "torque", located, wrench, clean.tool is not None)
+    onset, touch, leave = onset_of(located, settings.onset, wrench.pressing)
+    depth_mm = located.motion.travel_mm - onset.travel_mm
+    phases = name_phases(raw.time_s, located.strokes, touch, leave)
+    zero_std, drift_std_per_s = _zero_stds(located, clean)
+    found = _signals(located, wrench, depth_mm, phases, settings)
+    curves, smoothings = _curves(raw.time_s, found, zero_std, onset, settings)
+    relaxes = settings.relaxation.enabled
+    return Processed(
+        settings=settings,
+        raw=raw,
+        block=block,
+        spiky_rows=log.rows[spikes],
+        located=located,
+        cleaned=clean,
+        wrench=wrench,
+        onset=onset,
+        depth_mm=depth_mm,
+        phases=phases,
+        drift_std_per_s=drift_std_per_s,
+        signals={channel: found[channel] for channel in curves},
+        curves=curves,
+        smoothings=smoothings,
+        relaxations=tuple(_relaxations(located, wrench, phases, drift_std_per_s)) if relaxes else (),
+    )
 
 
-def _touch(press: Processed) -> None:
-    press.onset, touch, leave = onset_of(press.located, press.settings.onset, press.wrench.pressing)
-    press.depth_mm = press.motion.travel_mm - press.onset.travel_mm
-    press.phases = name_phases(press.raw.time_s, press.located.strokes, touch, leave)
+def _zero_stds(located: Located, clean: Cleaned) -> tuple[Mapping[str, FloatArray], Mapping[str, float]]:
+    """Standard deviations of the zero of force and torque (n,), and of its drift per second.
 
-
-def _weigh_zero(press: Processed) -> None:
-    """Set the standard deviations of the zero and of its drift, along and about the normal."""
-    orientation = mean_orientation(press.raw.quaternion[press.located.contact.rows])
-    normal = rotated(orientation[None, :], press.normal.vector, inverse=True)[0]
-    zero, drift, bias = np.zeros(3), press.drift, press.bias
+    They are along and about the normal.
+    """
+    raw, zero, drift, bias = located.recording, np.zeros(3), clean.drift, clean.bias
+    orientation = mean_orientation(raw.quaternion[located.contact.rows])
+    normal = rotated(orientation[None, :], located.normal.vector, inverse=True)[0]
 
     def along_normal(force: FloatArray, moment: FloatArray) -> dict[str, float]:
         stds = {"force": force, "torque": moment}
@@ -273,64 +415,65 @@ def _weigh_zero(press: Processed) -> None:
 
     rates = {} if drift is None else along_normal(drift.force_std_N_per_s, drift.moment_std_Nmm_per_s)
     fixed = along_normal(*((zero, zero) if bias is None else (bias.force_std_N, bias.moment_std_Nmm)))
-    elapsed = np.abs(press.raw.time_s - press.raw.time_s[press.free].mean())
-    press.zero_std = {name: np.hypot(std, elapsed * rates.get(name, 0.0)) for name, std in fixed.items()}
-    press.drift_std_per_s = rates
+    elapsed = np.abs(raw.time_s - raw.time_s[clean.free].mean())
+    return {name: np.hypot(std, elapsed * rates.get(name, 0.0)) for name, std in fixed.items()}, rates
 
 
-def _draw_curves(press: Processed) -> None:
-    """Signals of the channels that the log has, and their curves."""
-    time, wrench, settings = press.raw.time_s, press.wrench, press.settings
+def _signals(
+    located: Located,
+    wrench: SpotWrench,
+    depth_mm: FloatArray,
+    phases: Sequence[Phase],
+    settings: ProcessingSettings,
+) -> dict[str, Signal]:
+    """Signals by channel, without branches where the log has none."""
+    raw, time = located.recording, located.recording.time_s
 
-    def named(kind: str) -> list[slice]:
-        return [phase.rows(time) for phase in press.phases if phase.name.startswith(kind)]
+    def named(kind: str, among: Sequence[Phase] = phases) -> list[slice]:
+        return [phase.rows(time) for phase in among if phase.name.startswith(kind)]
 
+    twists = named("twist") if raw.moment_Nmm.any() else []
     found = {
-        "force": Signal(press.depth_mm, wrench.pressing, named("press")),
-        "torque": Signal(press.motion.turn_deg, wrench.twisting, named("twist") if press.has_moment else []),
+        "force": Signal(depth_mm, wrench.pressing, named("press")),
+        "torque": Signal(located.motion.turn_deg, wrench.twisting, twists),
     }
-    if (slide := press.slide) is not None:
-        lateral_force = -wrench.force_N @ (spot_axes(press.normal.vector).T @ slide.along)
+    if (slide := located.slide) is not None:
+        lateral_force = -wrench.force_N @ (spot_axes(located.normal.vector).T @ slide.along)
         found["lateral_force"] = Signal(slide.shift_mm, lateral_force, named("slide"))
     if settings.over_time.enabled:  # approach and press come first
-        rest = [phase.rows(time) for phase in press.phases[2:3] if phase.name.startswith("dwell")]
-        since_s = time - press.phase("press").start.time_s
-        found["force_over_time"] = Signal(since_s, wrench.pressing, [*named("press"), *rest])
-    press.signals = {channel: signal for channel, signal in found.items() if signal.branches}
-    curves, smoothings = dict[str, Curve](), {channel: list[Smoothed]() for channel in found}
-    for channel, signal in press.signals.items():
-        zero_std = press.zero_std[_COMPONENT.get(channel, FORCE.name)]
-        shift_std = press.onset.std_mm if channel == FORCE.name else None
-        curves[channel], smoothings[channel] = curve_of(channel, time, signal, zero_std, settings, shift_std)
-    press.curves, press.smoothings = curves, smoothings
+        press_and_rest = [*named("press"), *named("dwell", phases[2:3])]
+        found["force_over_time"] = Signal(time - phases[1].start.time_s, wrench.pressing, press_and_rest)
+    return found
 
 
-def _relax(press: Processed) -> None:
-    time, found = press.raw.time_s, list[Relaxation | None]()
-    for phase in press.phases:
-        if not press.settings.relaxation.enabled or not phase.name.startswith("dwell"):
-            continue
-        values = {FORCE.name: press.wrench.pressing}
+def _curves(
+    time_s: FloatArray,
+    signals: Mapping[str, Signal],
+    zero_std: Mapping[str, FloatArray],
+    onset: Onset,
+    settings: ProcessingSettings,
+) -> tuple[dict[str, Curve], dict[str, list[Smoothed]]]:
+    """Curves of the signals that have branches, and how each branch was smoothed."""
+    curves, smoothings = dict[str, Curve](), {channel: list[Smoothed]() for channel in signals}
+    for channel, signal in signals.items():
+        std, shift_std = zero_std[_component(channel)], onset.std_mm if channel == FORCE.name else None
+        if signal.branches:
+            curved = curve_of(channel, time_s, signal, std, settings, shift_std)
+            curves[channel], smoothings[channel] = curved
+    return curves, smoothings
+
+
+def _relaxations(
+    located: Located, wrench: SpotWrench, phases: Sequence[Phase], drift_std_per_s: Mapping[str, float]
+) -> Iterator[Relaxation]:
+    """Falls of force and torque in the dwells."""
+    raw, time = located.recording, located.recording.time_s
+    for phase in (each for each in phases if each.name.startswith("dwell")):
+        values, rows = {FORCE.name: wrench.pressing}, phase.rows(time)
         # Before the twist there is no torque that could relax.
-        if press.has_moment and phase.start.time_s > press.located.strokes.press.stop.time_s:
-            values[TORQUE.name] = press.wrench.twisting
-        rows = phase.rows(time)
+        if raw.moment_Nmm.any() and phase.start.time_s > located.strokes.press.stop.time_s:
+            values[TORQUE.name] = wrench.twisting
         for channel, each in values.items():
-            std_per_s = press.drift_std_per_s.get(channel, 0.0)
-            found.append(relaxation(phase.name, channel, time[rows], each[rows], std_per_s))
-    press.relaxations = tuple(item for item in found if item is not None)
-
-
-STEPS: Sequence[Callable[[Processed], None]] = (
-    _window,
-    _thin,
-    _repair,
-    _locate,
-    _clean,
-    _turn_into_spot,
-    _touch,
-    _weigh_zero,
-    _draw_curves,
-    _relax,
-)
-"""Steps in the order in which they are done."""
+            std_per_s = drift_std_per_s.get(channel, 0.0)
+            found = relaxation(phase.name, channel, time[rows], each[rows], std_per_s)
+            yield from [found] if found else []

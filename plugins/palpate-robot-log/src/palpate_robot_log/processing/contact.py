@@ -28,19 +28,13 @@ from palpate_robot_log.recording import (
 
 SHARE = 0.05  # share of the largest change of force beyond which a row counts as pressing
 EXPONENT_STD = 0.075  # of the contact law: so far from it are limbs in finite elements near first contact
-_PRESS_SHARE = 0.2
-_DRIFT_SHARE = 0.15
-_CALM_SHARE = 0.005
 _TRACK_ROWS = 20_000
 
 _FITS = ((0.2, 2), (0.1, 2), (0.4, 2), (0.05, 1), (0.1, 1))
 """Shares of the peak force up to which the law is fitted, and its terms; the first gives the onset."""
 
 _FEWEST = 8
-_LEAST_REACH_MM = 1.0
-_CLEAR = 5.0
 _ZOOM = (121, 9, 9, 9)
-_FITTED_ROWS = 1500
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,21 +71,21 @@ def contacts_of(recording: Recording) -> tuple[ContactRows, ...]:
     calm = float(np.linalg.norm([noise_std(column) for column in force.T]))
     check(track, "zero", force, NOISE_MULTIPLE * calm)
     rest = start[None, :]
-    if float(np.linalg.norm(end - start)) <= _DRIFT_SHARE * farthest or is_back(track):
+    if float(np.linalg.norm(end - start)) <= 0.15 * farthest or is_back(track):
         rest = start + np.linspace(0.0, 1.0, track.n_rows)[:, None] * (end - start)
     change = median_filter(np.linalg.norm(force - rest, axis=1), size=5, mode="nearest")
     # So many rows are averaged that noise is small against the threshold.
-    n_calming = (noise / (_CALM_SHARE * change.max())) ** 2 if change.any() else 1.0
+    n_calming = (noise / (0.005 * change.max())) ** 2 if change.any() else 1.0
     n_calming = int(np.clip(n_calming, 1, max(change.size // 50, 1)))
     change = uniform_filter1d(change, n_calming, mode="nearest")
     peak = float(change.max())
-    check(recording, "contact", peak, noise)
+    check(recording, "contact", peak / max(noise, 1e-300), peak=peak, noise=noise)
     pressing = change > max(SHARE * peak, 3.0 * noise)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], pressing.astype(np.int8), [0]])))
     runs = [
         (int(first), int(stop) - 1)
         for first, stop in edges.reshape(-1, 2)
-        if change[first:stop].max() > _PRESS_SHARE * peak
+        if change[first:stop].max() > 0.2 * peak
     ]
     starts_at = runs[0][0]
     check(recording, "start", starts_at, starts_at)
@@ -205,7 +199,7 @@ def find_onset(
     """
     travel, force = travel_mm[press], normal_force_N[press]
     size = abs(float(np.median(force[-_FEWEST:]) - np.median(force[:_FEWEST])))
-    fits = [(share, n) for share, n in _FITS if share * size > _CLEAR * noise_std(force)] or [_FITS[2]]
+    fits = [(share, n) for share, n in _FITS if share * size > 5.0 * noise_std(force)] or [_FITS[2]]
     found, *others = (_fit(recording, travel, force, share, exponent, n) for share, n in fits)
     spread = float(np.sqrt(np.mean([(other.at - found.at) ** 2 for other in others] or [0.0])))
     # The fits agree by chance in some logs, and miss alike where the force grows by another law.
@@ -246,9 +240,9 @@ def place_of_contact(
     until = float(np.median(travel[beyond[:_FEWEST]]))
     # The approach may come from far away; rows twice as far before the onset as behind it are enough.
     rising = np.flatnonzero(force - low > share / 4.0 * (top - low))
-    reach = max(5.0 * (until - float(np.median(travel[rising[:_FEWEST]]))), _LEAST_REACH_MM)
+    reach = max(5.0 * (until - float(np.median(travel[rising[:_FEWEST]]))), 1.0)
     chosen = np.flatnonzero((travel <= until) & (travel > until - reach))
-    block = -(-chosen.size // _FITTED_ROWS)
+    block = -(-chosen.size // 1500)
     x, y = block_means(travel[chosen], block), block_means(force[chosen], block)
     first, last = float(x.min()), float(x.max())
     fit = profile(x, y, (first, last), _law(exponent, n_terms), _ZOOM)

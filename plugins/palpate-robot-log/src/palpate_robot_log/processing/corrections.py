@@ -33,9 +33,6 @@ from palpate_robot_log.recording import (
     thinned,
 )
 
-_NEIGHBOURS = 5
-_LAG_WINDOW_SHARE = 0.25
-_LARGEST_WEIGHT_STD = 0.1
 
 
 def without_spikes(recording: Recording) -> tuple[Recording, IntArray]:
@@ -50,7 +47,7 @@ def without_spikes(recording: Recording) -> tuple[Recording, IntArray]:
 
 def _repaired(values: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Columns (n, 3) with their spikes replaced, and which rows had one."""
-    middle = median_filter(values, size=(_NEIGHBOURS, 1), mode="mirror")
+    middle = median_filter(values, size=(5, 1), mode="mirror")
     # A range without the spikes themselves.
     spans = np.ptp(middle, axis=0)
     noises = np.array([noise_std(column) for column in values.T])
@@ -89,7 +86,7 @@ def estimate_lag(time_s: FloatArray, moment_Nmm: FloatArray, twists: tuple[Strok
     for k, instant in [*starts, *((len(twists) - 1, twist.stop) for twist in twists[-1:])]:
         if instant.kind != "kink":
             continue
-        reach = _LAG_WINDOW_SHARE * min(moving[max(k - 1, 0) : k + 1])
+        reach = 0.25 * min(moving[max(k - 1, 0) : k + 1])
         rows = rows_between(time_s, instant.time_s - reach, instant.time_s + reach)
         margin = min(LARGEST_LAG_S * 1.5, 0.6 * reach)
         between_s = (instant.time_s - margin, instant.time_s + margin)
@@ -165,7 +162,7 @@ def fit_tool(recording: Recording, free: IntArray, direction: FloatArray) -> Too
     residual = force - weight * lever
     noise = float(residual.std()) * max(correlation_factor(column) for column in residual.T)
     std = noise / np.sqrt(power) if power > 0.0 else float("inf")
-    share = std / max(_LARGEST_WEIGHT_STD * abs(weight), 1e-3)
+    share = std / max(0.1 * abs(weight), 1e-3)
     check(recording, "orientations", share, int(free[0]), n_rows=free.size)
     # m - mean = c × (W lever) has three linear unknowns.
     x, y, z = (weight * lever).T

@@ -18,10 +18,7 @@ from palpate_robot_log.processing.settings import ProcessingSettings, Smoothing
 from palpate_robot_log.recording import block_means, correlation_factor, noise_std
 
 BIAS_SHARE = 0.001  # share of the peak that smoothing may move a value by
-_SLOPE_POINTS = 31
 _GROWTH = 1.5
-_RELAXED_ROWS = 1000
-_FEWEST_RELAXED = 12
 
 
 class Signal(NamedTuple):
@@ -88,7 +85,7 @@ def curve_of(
 
 def _steepness(abscissa: FloatArray, ordinate: FloatArray) -> FloatArray:
     """Magnitude (n,) of the slope of a curve whose abscissa rises, without its noise's slope."""
-    grid = np.linspace(abscissa[0], abscissa[-1], min(_SLOPE_POINTS, abscissa.size))
+    grid = np.linspace(abscissa[0], abscissa[-1], min(31, abscissa.size))
     rising = np.concatenate([[True], np.diff(abscissa) > 0.0])
     slope = np.gradient(np.interp(grid, abscissa[rising], ordinate[rising]), grid)
     steepness: FloatArray = np.interp(abscissa, grid, np.abs(slope))
@@ -181,9 +178,9 @@ def relaxation(
     The dwell is described by v(t) = v∞ + A e^(-t/τ); where its fall is not significant or the dwell is
     too short for τ, by a line. The standard deviation contains that of the drift.
     """
-    if values.size < _FEWEST_RELAXED:
+    if values.size < 12:
         return None
-    block = -(-values.size // _RELAXED_ROWS)
+    block = -(-values.size // 1000)
     time, value = block_means(time_s - time_s[0], block), block_means(values, block)
     length = float(time[-1])
     constants = length * np.geomspace(0.03, 3.0, 25)

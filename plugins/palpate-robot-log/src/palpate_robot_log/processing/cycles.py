@@ -17,10 +17,8 @@ from palpate_robot_log.processing.contact import contacts_of
 from palpate_robot_log.processing.settings import ProcessingSettings
 from palpate_robot_log.recording import Recording
 
-_FAR_SHARE = 0.9
 _PLACED = frozenset(channel.name for channel in EQUILIBRIUM_CHANNELS)
 """Channels along a place and not along the time."""
-_WORK_POINTS = 201
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,7 +49,7 @@ def parts_of(recording: Recording) -> tuple[Recording, ...]:
     for before, after in pairwise(contacts):
         between = recording.position_mm[before.last : after.first]
         far_mm = np.linalg.norm(between - between[0], axis=1)
-        far = np.flatnonzero(far_mm >= _FAR_SHARE * far_mm.max())
+        far = np.flatnonzero(far_mm >= 0.9 * far_mm.max())
         cuts.append(before.last + int(far[far.size // 2]))
     if len(contacts) == 1:
         return (recording,)
@@ -114,7 +112,7 @@ def _described(processed: Mapping[int, Processed]) -> dict[int, dict[str, Any]]:
         force, leave = each.curves["force"], each.phases[-1]
         peaks = {name: _at_peak(c) for name, c in each.curves.items() if name in _PLACED}
         found[number] = peaks | {"force": _at(force, depth)}
-        to = np.linspace(0.0, depth, _WORK_POINTS)
+        to = np.linspace(0.0, depth, 201)
         rows[number] = {
             "start_s": each.phase("press").start.time_s,
             "stop_s": leave.start.time_s if leave.name == "departure" else leave.stop.time_s,
