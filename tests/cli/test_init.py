@@ -151,6 +151,17 @@ def test_the_ranges_of_an_own_test_follow_its_stress(call: Call) -> None:
     load_measured(study, Plugins.load().channels)
 
 
+def test_the_ranges_of_a_creep_test_follow_its_strain(call: Call) -> None:
+    """Its stress is largest from a small strain on, where the material of a ready study has little."""
+    loading = [(1.0 + 0.001 * k, 0.0005 * k) for k in range(20)]
+    creep = [(1.2 - 0.18 * 0.9**k, 0.01) for k in range(60)]
+    rows = "".join(f"{stretch:.5f},{stress}\n" for stretch, stress in [*loading, *creep])
+    Path("own.csv").write_text(f"stretch,stress_MPa\n{rows}", encoding="utf-8")
+    assert call("init", "own", "--measured", "own.csv", plugin=None).code == 0
+    c1 = next(p for p in read_study("own").space.parameters if p.name.endswith("c1"))
+    assert c1.lower < 0.01 < c1.upper
+
+
 def _scaled(head: str, row: str, factor: float) -> list[str]:
     values = zip(head.split(","), row.split(","), strict=True)
     return [f"{factor * float(v)}" if v and name.startswith(("force", "torque")) else v for name, v in values]

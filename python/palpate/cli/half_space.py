@@ -117,14 +117,16 @@ def _tables(study: Study, measured: Response) -> Iterator[tuple[str, str]]:
 def _tables_of_test(study: Study, measured: Response) -> Iterator[tuple[str, str]]:
     """Text of the parameters of a specimen: the ready moduli, times measured stress over the middle's."""
     space, unit, ((mode, curve), *_) = study.space, study.modulus_unit, measured.curves.items()
-    (region, *others), row = space.regions, int(np.abs(curve.ordinate).argmax())
+    region, *others = space.regions
     material = region.material
     if others or mode not in MODES or not isinstance(material, IsotropicMaterial):
         return
     middle = np.array([0.5 * (p.lower + p.upper) for p in space.parameters])
     theta = space.thetas(middle)[region.region]
     every = space.complete(dict(zip(space.names, middle, strict=True)))
-    ratio = abs(curve.ordinate[row] / nominal_stress(material, theta, mode, curve.abscissa[[row]])[0])
+    # Next to the undeformed specimen its material has no stress, and a creep test has its largest.
+    modelled = np.abs(nominal_stress(material, theta, mode, curve.abscissa))
+    ratio = abs(curve.ordinate[modelled.argmax()]) / modelled.max()
     if not (np.isfinite(ratio) and ratio > 0.0):
         return
     searched = {p.name: p for p in space.parameters}
