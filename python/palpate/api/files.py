@@ -11,7 +11,6 @@ if TYPE_CHECKING:
         run_function as run_function,
         run_program as run_program,
     )
-    from palpate.experiment.delimited.characters import refuse_binary as refuse_binary
     from palpate.experiment.delimited.header_units import (
         BASE_UNITS as BASE_UNITS,
         UNITS as UNITS,
@@ -22,13 +21,18 @@ if TYPE_CHECKING:
         plain_letters as plain_letters,
         unit_in as unit_in,
     )
-    from palpate.experiment.delimited.layout import DELIMITERS as DELIMITERS, TextFormat as TextFormat
+    from palpate.experiment.delimited.layout import (
+        DELIMITERS as DELIMITERS,
+        HEXADECIMAL as HEXADECIMAL,
+        TextFormat as TextFormat,
+    )
     from palpate.experiment.delimited.table import (
         Column as Column,
         TextTable as TextTable,
         check_columns as check_columns,
         close_to as close_to,
         listed as listed,
+        refuse_binary as refuse_binary,
     )
     from palpate.plugins.optional import (
         CurveWriter as CurveWriter,

@@ -110,6 +110,11 @@ _OF_CAPITALS = {"MilliN": "mN", "MicroN": "uN", "N": "N", "Nm": "Nm", "Um": "um"
     word: f"{word}?" for word in ("Mn", "MN", "UN", "Un", "Us", "Ns")
 }
 """Units at the end of a name such as depthUm; one that its capital leaves open is none that is known."""
+_NO_UNITS = {
+    "N": re.compile(r"(?i)(.*[\W_])?(samples?|cases?|specimens?|tests?|trials?|runs?|curves?)"),
+    "m": re.compile(r"(?i)(.*[\W_])?(ft|wrench)"),
+}
+"""Letters that are no units behind some names: the number in sampleN, and the moment in ft.m."""
 _ANNOTATIONS = frozenset(
     ("x", "y", "z", "w", "filtered", "smoothed", "measured", "meas", "actual", "corrected", "mean", "average")
 )
@@ -140,9 +145,13 @@ def unit_in(name: str) -> tuple[str, str]:
             return bracketed["label"], bare_unit(bracketed["unit"])
         return name.strip(), unit_in(bracketed["label"])[1]
     for unit in re.findall(r"(?=(?:^|[-_\s,/.])([^-\s_,/.].*)$)", name.strip()):
-        label = name.strip()[: -len(unit)].rstrip("-_ /\t,.")
+        label = re.sub(r"[\s_]in$", "", name.strip()[: -len(unit)].rstrip("-_ /\t,."))  # Force in N
         words = {word.lower() for word in re.split(r"[\W_]+", label)}
-        if label and (is_believed(unit) or words & _OF_LABELS.get(unit, frozenset())):
+        if (
+            label
+            and not _is_letter(label, unit)
+            and (is_believed(unit) or words & _OF_LABELS.get(unit, frozenset()))
+        ):
             return label, unit
     label, _, unit = name.strip().rpartition(" in ")
     if label and kind_of(unit):  # Spannung in N/cm²
@@ -153,9 +162,14 @@ def unit_in(name: str) -> tuple[str, str]:
     if written := re.fullmatch(r"(.*?[a-z\d])((?:Milli|Micro|Kilo)?[A-Z][A-Za-z]?|Deg|Rad|Sec|[KM]Pa)", name):
         label, word = written.groups()
         unit = _OF_CAPITALS.get(word, _OTHER_CASE.get(word.lower(), ""))
+        unit = "" if _is_letter(label, unit) else unit
         return (label, unit) if unit else (name, "")
     is_both = _RATIOS.get(name.strip().lower(), 1.0) < 1.0  # Microstrain
     return ("strain", name.strip()) if is_both and "strain" in name.lower() else (name.strip(), "")
+
+
+def _is_letter(label: str, unit: str) -> bool:
+    return unit in _NO_UNITS and _NO_UNITS[unit].fullmatch(label) is not None
 
 
 def is_believed(unit: str) -> bool:
@@ -198,20 +212,17 @@ def factors_of(unit: str) -> MappingProxyType[Kind, float]:
         except ValueError:
             continue
         found[kind] = float(f"{value:.15g}")  # 1e-6 and not 1.0000000000000002e-06
-    if not found and (ratio := _RATIOS.get(spelt.lower()) or _ratio_of(spelt)):
-        found["ratio"] = ratio
+    if not found:  # a length over a length, such as mm/m
+        parts = spelt.split("/") if spelt.count("/") == 1 else ()
+        lengths = [factors_of(part).get("length", 0.0) for part in parts]
+        ratio = lengths[0] / lengths[1] if lengths and all(lengths) else 0.0
+        if ratio := _RATIOS.get(spelt.lower(), float(f"{ratio:.15g}")):
+            found["ratio"] = ratio
     if not found and units.is_unit(spelt):
         found["other"] = 1.0
     if "mass" in found:  # it is its own kind first
         found = {"mass": found["mass"], **found}
     return MappingProxyType(found)
-
-
-def _ratio_of(unit: str) -> float:
-    """Factor of a length over a length, such as mm/m; 0 for any other unit."""
-    parts = unit.split("/")
-    lengths = [factors_of(part).get("length", 0.0) for part in parts] if len(parts) == 2 else [0.0]
-    return float(f"{lengths[0] / lengths[1]:.15g}") if all(lengths) else 0.0
 
 
 def kind_of(unit: str) -> Kind | None:

@@ -11,7 +11,6 @@ from pydantic import Field
 
 from palpate.domain.component import Settings
 from palpate.errors import CurveError
-from palpate.experiment.delimited.characters import Encoding
 from palpate.experiment.delimited.header_units import bare_unit, is_believed, kind_of, unit_in
 
 if TYPE_CHECKING:
@@ -32,10 +31,14 @@ THOUSANDS = {
 """Patterns of a number with marks between its thousands, by its decimal mark."""
 NO_VALUE = r"(?i:[+-]?nan|na|n/a|null|none|-|--|)"
 """Pattern of a cell without a value."""
+_HEX = r"0[xX][0-9A-Fa-f]+"
 _DATE = (
     r"(?i:(\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}[T ]+\d{1,2}:\d\d(:\d\d([.,]\d+)?)?|\d{1,2}:\d\d:\d\d([.,]\d+)?)"
     r"( ?[AP]M)?(Z|\+00:00)?)"
 )
+NO_NUMBERS = ("text", "hex")
+"""Kinds of columns that are not read."""
+HEXADECIMAL = "hexadecimal counts; write decimal numbers in their units"
 _LIST = re.compile(r"[A-Za-z]*[\[(](.*)[\])]")  # p[…] is a pose of Universal Robots
 _LIST_WITH_COMMAS = r'(^|,)\s*([A-Za-z]*\[(?:[^\[\]"]|\[[^\[\]"]*\])*,(?:[^\[\]"]|\[[^\[\]"]*\])*\])'
 BETWEEN_NUMBERS = r"[\s,;\[\]()]+"
@@ -46,8 +49,9 @@ _REMARKS = frozenset(("comment", "comments", "kommentar"))
 _UNIT_LABELS = frozenset(("y_unit_label", "unit", "units", "einheit", "einheiten"))
 """First cells, in small letters, of a line above the names that holds the units of the columns below it."""
 _COMMENT_LABEL = re.compile(r"(columns?|fields?|names?|spalten)\s*[:=]\s*", re.IGNORECASE)
-SNIFFED_LINES, _SAMPLED_LINES, _SAMPLED_ROWS, _LONGEST_LINE, _LONGEST_UNIT = 400, 60, 20, 100_000, 20
+_SNIFFED_LINES, _SAMPLED_LINES, _SAMPLED_ROWS, _LONGEST_LINE, _LONGEST_UNIT = 400, 60, 20, 100_000, 20
 
+Encoding = Literal["utf-8", "utf-16", "latin-1", "cp1252", "cp1251", "shift_jis", "gb18030"]
 Mark = Literal[".", ","]
 _Kinds = Sequence[str]
 
@@ -77,8 +81,8 @@ class Layout:
     """Layout of one table: its marks, the lines of its first row and of its names, and its columns.
 
     ``delimiter`` is one character, or ``BLANKS``; ``header_line`` is 0 where the names are in a comment or
-    in the settings; ``kinds`` are ``number``, ``quantity``, ``date``, ``list`` or ``text``, by the first
-    rows. ``steps`` are the first time and the time between rows [s] that LabVIEW writes above the names.
+    in the settings; ``kinds`` are ``number``, ``quantity``, ``date``, ``list``, ``hex`` or ``text``, by the
+    first rows. ``steps`` are the first time and the time between rows [s] that LabVIEW writes above names.
     """
 
     delimiter: str
@@ -94,18 +98,17 @@ class Layout:
     @property
     def first_number(self) -> int:
         """Index of the first column of numbers or dates."""
-        return next((i for i, kind in enumerate(self.kinds) if kind != "text"), 0)
+        return next((i for i, kind in enumerate(self.kinds) if kind not in NO_NUMBERS), 0)
 
 
 # ------------------------------------------------------------------------------- lines and cells
 
 
-def lines_of(text: str, most: int | None = None) -> "pl.DataFrame":
-    """Lines of a text, counted from 1; all of them, or the first."""
+def lines_of(text: str) -> "pl.DataFrame":
+    """Lines of a text, counted from 1."""
     import polars as pl
 
-    parted = text.split("\n") if most is None else text.split("\n", most)[:most]
-    lines = pl.DataFrame({"text": parted}).with_row_index("line", offset=1)
+    lines = pl.DataFrame({"text": text.split("\n")}).with_row_index("line", offset=1)
     return lines.with_columns(pl.col("text").str.strip_chars(" \r"))
 
 
@@ -169,11 +172,7 @@ def _rows(lines: "pl.DataFrame", delimiter: str) -> list[list[str]]:
 def numbers_in(cell: str) -> int:
     """Count of numbers in a cell that is a list of at least two; 0 for any other cell."""
     found = _LIST.fullmatch(cell)
-    parts = (
-        re.split(BETWEEN_NUMBERS, re.sub(rf"^{BETWEEN_NUMBERS}|{BETWEEN_NUMBERS}$", "", found[1]))
-        if found
-        else []
-    )
+    parts = re.sub(BETWEEN_NUMBERS, " ", found[1]).split() if found else []
     return len(parts) if len(parts) > 1 and all(re.fullmatch(NUMBERS["."], part) for part in parts) else 0
 
 
@@ -184,10 +183,10 @@ def unit_of_cell(cell: str, decimal: str) -> str:
 
 
 def kind_of_cell(cell: str, decimal: str) -> str:
-    """``number``, ``quantity``, ``date``, ``list``, ``text``, or ``none`` for a cell without a value."""
+    """``number``, ``quantity``, ``date``, ``list``, ``hex``, ``text``, or ``none`` without a value."""
     other = r"\." if decimal == "," else ","
     marked = rf"(?![+-]?\d+({other}\d+)+$){THOUSANDS[decimal]}"  # 1,000 alone may be a thousand, or one
-    patterns = {"number": f"{NUMBERS[decimal]}|{marked}", "none": NO_VALUE, "date": _DATE}
+    patterns = {"number": f"{NUMBERS[decimal]}|{marked}", "none": NO_VALUE, "date": _DATE, "hex": _HEX}
     found = next((kind for kind, pattern in patterns.items() if re.fullmatch(pattern, cell)), "")
     return found or ("list" if numbers_in(cell) else "quantity" if unit_of_cell(cell, decimal) else "text")
 
@@ -200,12 +199,13 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
 
     A CurveError where there is no line of names, or are no rows of numbers.
     """
-    every, skipped = lines, wanted.skip_lines or 0
-    _refuse_messages(source, every["text"].head(SNIFFED_LINES))
+    skipped = wanted.skip_lines or 0
+    every = lines.head(skipped + _SNIFFED_LINES)
+    _refuse_messages(source, every["text"].head(_SNIFFED_LINES))
     if wanted.skip_lines is None and every["text"].head(1).str.starts_with(_LABVIEW).any():
         heads = every.filter(every["text"].str.starts_with(_LABVIEW_HEAD))["line"].head(2).to_list()
         skipped = max(heads, default=0)
-    lines = lines.filter(lines["line"] > skipped).head(SNIFFED_LINES)
+    lines = every.filter(every["line"] > skipped).head(_SNIFFED_LINES)
     if lines.filter(lines["text"].str.len_bytes() > _LONGEST_LINE).height:
         raise CurveError(
             f"{source}: a line of more than {_LONGEST_LINE} characters; this is no table of numbers"
@@ -227,11 +227,15 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
     start = _first_row(kinds)
     width = max(map(_filled, rows[start : start + _SAMPLED_ROWS]), default=0)
     header, below = _header(rows, kinds, start, wanted)
+    sampled = rows[below : below + _SAMPLED_ROWS]
     names = _names(body["text"][header], delimiter, width) if header is not None else wanted.names or []
     if header is not None and wanted.names is None:
         over = body_of(every.filter(every["line"] == numbers[header] - 1), comment)
         names = _apart(names, _rows(over, delimiter)[0] if len(over) else [])
-        names = _with_row_names(names, rows[below : below + _SAMPLED_ROWS], delimiter)
+        # R counts the rows, and names no column for it.
+        counts = [row[0] for row in sampled if len(row) == len(names) + 1]
+        are_counts = len(counts) > 1 and counts == [str(k) for k in range(1, len(sampled) + 1)]
+        names = ["row", *names] if are_counts and delimiter != "," else names
     if not names:
         above = lines.filter(lines["line"] < numbers[min(start, len(numbers) - 1)])["text"].to_list()
         names = _names_in_comment(above, comment, delimiter, width)
@@ -260,7 +264,7 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
         labelled = next((labels[label] for label in reversed(labels) if label in _UNIT_LABELS), [])
         given = zip(names[1:], labelled, strict=False)
         units = ["", *("" if unit_in(name)[1] else bare_unit(cell) for name, cell in given)]
-    kinds_of = _kinds(len(names), rows[below : below + _SAMPLED_ROWS], decimal)
+    kinds_of = _kinds(len(names), sampled, decimal)
     units = [*units, *[""] * len(names)][: len(names)]
     for index in (k for k, kind in enumerate(kinds_of) if kind == "quantity"):
         units[index] = unit_of_cell(rows[below][index], decimal)
@@ -353,7 +357,7 @@ def _likelihood(rows: Sequence[Sequence[str]], delimiter: str, decimal: str) -> 
 
 
 def _n_values(kinds: _Kinds) -> int:
-    return sum(kind in ("number", "date", "list") for kind in kinds)
+    return sum(kind in ("number", "date", "list", "hex") for kind in kinds)
 
 
 def _is_values(kinds: _Kinds) -> bool:
@@ -385,8 +389,13 @@ def _header(
         return None, start
     fewest = min(2, _filled(rows[start])) if start < len(rows) else 1
     header = 0 if wanted.skip_lines is not None else start - 1
-    # A row that is damaged is no line of names.
-    while header > 0 and (_is_damaged(kinds[header]) or _is_under_names(kinds, header)):
+    while (
+        header > 0
+    ):  # a row that is damaged is no line of names, nor is one with a number under as many words
+        row = kinds[header]
+        words = next((each for each in reversed(kinds[:header]) if not _n_values(each)), [])
+        if not (_is_damaged(row) or (_n_values(row) and words == ["text"] * len(row))):
+            break
         header -= 1
     # Names may be numbers, but not the first of them.
     is_row = _is_damaged(kinds[header]) and kinds[header][:1] != ["text"] and header + 1 < len(rows)
@@ -407,12 +416,6 @@ def _is_damaged(kinds: _Kinds) -> bool:
     return not kinds or (_is_values(kinds) and (kinds[0] != "text" or _n_values(kinds) > max(1, n_words)))
 
 
-def _is_under_names(kinds: Sequence[_Kinds], index: int) -> bool:
-    """Whether a line with a number is a row: a line of as many words is above, perhaps with rows between."""
-    above = next((row for row in reversed(kinds[:index]) if not _n_values(row)), [])
-    return bool(_n_values(kinds[index])) and above == ["text"] * len(kinds[index])
-
-
 def _is_units_line(cells: Sequence[str]) -> bool:
     """Whether most cells of a line are units, as some loggers write them under the names."""
     filled = [cell for cell in cells if bare_unit(cell)]
@@ -431,13 +434,6 @@ def _names(line: str, delimiter: str, width: int) -> list[str]:
         cells = next((each for each in (apart, with_units) if len(each) == width), cells)
     n_names = max(_filled(cells), min(len(cells), width))
     return [cell or f"column {index}" for index, cell in enumerate(cells[:n_names], start=1)]
-
-
-def _with_row_names(names: list[str], rows: Sequence[Sequence[str]], delimiter: str) -> list[str]:
-    """Names with one more for the first column, where R counts the rows and names no column for it."""
-    counts = [row[0] for row in rows if len(row) == len(names) + 1]
-    are_counts = len(counts) > 1 and counts == [str(k) for k in range(1, len(rows) + 1)]
-    return ["row", *names] if are_counts and delimiter != "," else names
 
 
 def _apart(names: list[str], above: Sequence[str]) -> list[str]:
@@ -473,6 +469,11 @@ def _kinds(n_columns: int, rows: Sequence[Sequence[str]], decimal: str) -> tuple
         whole = next(
             (kind for kind in ("date", "list", "quantity") if kinds and kinds.count(kind) == len(kinds)), ""
         )
+        cells = [row[index] for row in rows if index < len(row)]
+        # 4E20 is no number where other cells of its length are 4E3F.
+        is_bare = len({*map(len, cells)}) == 1 and all(re.fullmatch("[0-9A-F]{4,8}", cell) for cell in cells)
+        if (kinds and {*kinds} == {"hex"}) or (is_bare and any(re.search("[A-DF]", cell) for cell in cells)):
+            whole = "hex"
         n_marked = sum(bool(re.fullmatch(THOUSANDS[decimal], row[index])) for row in rows if index < len(row))
         n_numbers = max(kinds.count("number"), n_marked) + kinds.count("none")
         found.append(whole or ("number" if 2 * n_numbers >= len(kinds) else "text"))

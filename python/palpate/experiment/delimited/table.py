@@ -3,7 +3,9 @@
 import difflib
 import math
 import re
-from collections.abc import Iterable, Sequence
+import zipfile
+from codecs import BOM_UTF8, BOM_UTF16_BE, BOM_UTF16_LE
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,16 +15,17 @@ import numpy as np
 
 from palpate.domain import FloatArray, IntArray
 from palpate.errors import CurveError
-from palpate.experiment.delimited.characters import decoded
 from palpate.experiment.delimited.header_units import unit_in
 from palpate.experiment.delimited.layout import (
     BETWEEN_NUMBERS,
     BLANKS,
     DELIMITERS,
+    HEXADECIMAL,
+    NO_NUMBERS,
     NO_VALUE,
     NUMBERS,
-    SNIFFED_LINES,
     THOUSANDS,
+    Encoding,
     Layout,
     TextFormat,
     body_of,
@@ -62,6 +65,96 @@ class Column:
         return self.unit or unit_in(self.name)[1]
 
 
+_ASCII = bytes(range(128))
+_MARKS: Mapping[bytes, Encoding] = {BOM_UTF8: "utf-8", BOM_UTF16_LE: "utf-16", BOM_UTF16_BE: "utf-16"}
+_USUAL_PAIRS: Mapping[Encoding, bytes] = {
+    "shift_jis": rb"[\x81-\x83\x88-\x97][\x40-\x7e\x80-\xfc]",
+    "gb18030": rb"[\xa1-\xa3\xb0-\xd7][\xa1-\xfe]",
+    "cp1251": rb"[\xc0-\xff]{3,}",
+}
+"""Two bytes of the most frequent characters of Japanese and Chinese text, and words of Russian text."""
+_NEVER_READ = (
+    (b"\x1f\x8b", "is compressed by gzip; unpack it first"),
+    (b"BZh", "is compressed by bzip2; unpack it first"),
+    (b"\x28\xb5\x2f\xfd", "is compressed by zstd; unpack it first"),
+    (b"\xfd7zXZ", "is compressed by xz; unpack it first"),
+    (b"\x80", "is a pickle, which could run code and is never read; save plain numbers"),
+    (b"\xd0\xcf\x11\xe0", "is a spreadsheet or document; save the table as CSV"),
+    (b"TDSh", "is the index of a LabVIEW TDMS file; give the .tdms file itself"),
+    (b"\x05\x00", "is a binary wave of Igor Pro; save it as delimited text (Data > Save Waves)"),
+    (b"\x00\x05", "is a binary wave of Igor Pro; save it as delimited text (Data > Save Waves)"),
+    (b"%PDF", "is a PDF document; save the table as CSV"),
+    (b"xl/", "is a spreadsheet of Excel; save the table as CSV"),
+    (b"content.xml", "is a spreadsheet of OpenDocument; save the table as CSV"),
+    (b"word/", "is a document of Word; save the table as CSV"),
+    (b"header.properties", "is a force curve of JPK; export it as text with the JPK software"),
+)
+"""First bytes of files, or of names in a zip archive, and what to do."""
+_COLUMNS = (
+    (b"MATLAB", "a MATLAB file"),
+    (b"\x89HDF", "an HDF5 file"),
+    (b"PAR1", "a Parquet file"),
+    (b"\x93NUMPY", "a NumPy file"),
+    (b"PK\x03\x04", "an archive"),
+    (b"TDSm", "a TDMS file"),
+)
+"""First bytes of files that hold columns and are no text."""
+
+
+def refuse_binary(path: Path) -> None:
+    """Refuse a file that is no log and no text, with its kind and what to save instead."""
+    with path.open("rb") as stream:
+        heads = [stream.read(16)]
+    if heads[0].startswith(b"PK\x03\x04"):
+        try:
+            heads = [name.encode() for name in zipfile.ZipFile(path).namelist()]
+        except (zipfile.BadZipFile, OSError, ValueError):
+            heads = []
+    for magic, why in _NEVER_READ:
+        if any(head.startswith(magic) for head in heads):
+            raise CurveError(f"{path}: the file {why}")
+
+
+def decoded(path: Path, given: Encoding | None) -> tuple[str, Encoding]:
+    """Text of a file without a byte order mark, and its encoding: as given, or the first that fits."""
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise CurveError(f"{path}: cannot be read ({error.strerror}); check the path") from None
+    if not raw or raw.isspace():
+        raise CurveError(f"{path}: the file is empty; export it again")
+    refuse_binary(path)
+    if kind := next((kind for magic, kind in _COLUMNS if raw.startswith(magic)), ""):
+        raise CurveError(
+            f"{path}: is {kind}, and this loader reads text alone; see "
+            "'palpate experiment inspect' for the loader that reads it, or save its columns as CSV"
+        )
+    marked = given or next((encoding for mark, encoding in _MARKS.items() if raw.startswith(mark)), None)
+    # Japanese or Chinese text has most bytes outside of ASCII in its usual pairs.
+    head = raw[:100_000]
+    n_paired = {
+        key: len(b"".join(re.findall(of, head)).translate(None, _ASCII)) for key, of in _USUAL_PAIRS.items()
+    }
+    paired = (key for key, n in n_paired.items() if n > 0.7 * len(head.translate(None, _ASCII)))
+    guesses: tuple[Encoding, ...] = ("utf-8", *paired, "cp1252", "latin-1")
+    for encoding in (marked,) if marked else guesses:
+        try:
+            text = raw.decode("utf-8-sig" if encoding == "utf-8" else encoding)
+        except UnicodeDecodeError as error:
+            bad = error.start
+            continue
+        if "\0" in text:
+            raise CurveError(
+                f"{path}: byte {raw.index(0)} is zero, so this is no text; give a CSV or TSV file, or "
+                "another format that 'palpate experiment inspect' knows"
+            )
+        return text if "\n" in text else text.replace("\r", "\n"), encoding
+    raise CurveError(
+        f"{path}: byte {bad} is not {marked} text; leave encoding out of the loader's settings, "
+        "or save the file as UTF-8"
+    )
+
+
 class TextTable:
     """A delimited text file with a line of names, in a format that is guessed where it is left out.
 
@@ -75,58 +168,46 @@ class TextTable:
 
         self.path, self.text_format = path, text_format or TextFormat()
         text, self.encoding = decoded(path, self.text_format.encoding)
-        self._is_ended = text.endswith("\n")
+        self._is_ended, lines = text.endswith("\n"), lines_of(text)
         try:
-            first = lines_of(text, (self.text_format.skip_lines or 0) + SNIFFED_LINES)
-            self.layout = find_layout(str(path), first, self.text_format)
+            self.layout = find_layout(str(path), lines, self.text_format)
         except CurveError:
             self._check_marks()
             raise
-        lines = lines_of(text)
         self._rows, self.blocks = _blocks(lines, self.layout)
         lengths = [last - first for first, last in self.blocks]
         longest = next(i for i, length in enumerate(lengths, 1) if 2 * length >= max(lengths))
         self.block = self.text_format.block or longest
-        if self.block > 1:
-            self.layout = self._layout_of(self.block, lines)
+        spans = ", ".join(f"{first} to {last}" for first, last in self.blocks)
+        self._shown_blocks = f"the file holds {len(self.blocks)} tables: lines {spans}"
+        if self.block > len(self.blocks):
+            raise CurveError(f"{path}: block = {self.block} where {self._shown_blocks}; lower block")
+        if self.block > 1:  # its names are above it, or it has those of the first
+            before, (first, last) = self.blocks[self.block - 2][1], self.blocks[self.block - 1]
+            wanted = self.text_format.model_copy(update={"skip_lines": None})
+            self.layout = replace(self.layout, first_line=first)
+            with suppress(CurveError):
+                self.layout = find_layout(str(path), lines[before:last], wanted)
             self._rows = _blocks(lines, self.layout)[0]
         self._after = self._rows["line"].filter(self._rows["line"] > self.blocks[-1][1])
         self._rows = self._rows.filter(pl.col("line").is_between(*self.blocks[self.block - 1]))
-        self._columns = self._found_columns()
-
-    def _layout_of(self, block: int, lines: "pl.DataFrame") -> Layout:
-        """Layout of another table than the first: its names are above it, or it has those of the first."""
-        if block > len(self.blocks):
-            raise CurveError(f"{self.path}: block = {block} where {self._shown_blocks()}; lower block")
-        before, (first, last) = self.blocks[block - 2][1], self.blocks[block - 1]
-        wanted = self.text_format.model_copy(update={"skip_lines": None})
-        try:
-            return find_layout(str(self.path), lines[before:last], wanted)
-        except CurveError:
-            return replace(self.layout, first_line=first)
-
-    def _shown_blocks(self) -> str:
-        spans = ", ".join(f"{first} to {last}" for first, last in self.blocks)
-        return f"the file holds {len(self.blocks)} tables: lines {spans}"
-
-    def _found_columns(self) -> dict[str, tuple[int, int | None]]:
-        """Cell of each column, and place in its list, by name; a name that occurs twice is left out."""
-        kinds, names = self.layout.kinds, self.layout.names[: period_of(self.layout.names)]
-        first, found = self._cells(range(len(names)), n_rows=1), dict[str, tuple[int, int | None]]()
-        for index, (name, kind) in enumerate(zip(names, kinds, strict=False)):
-            n_numbers = numbers_in(first[str(index)][0]) if kind == "list" else 0
+        # Cell of each column, and place in its list, by name; a name that occurs twice is left out.
+        self._columns: dict[str, tuple[int, int | None]] = {}
+        names = self.layout.names[: period_of(self.layout.names)]
+        first_cells = cells_of(self._rows.head(1), self.layout.delimiter, range(len(names))).row(0)
+        for index, name in enumerate(names):
+            n_numbers = numbers_in(first_cells[index]) if self.layout.kinds[index] == "list" else 0
             parts: dict[str, tuple[int, int | None]] = {f"{name}[{k}]": (index, k) for k in range(n_numbers)}
-            found |= (parts or {name: (index, None)}) if names.count(name) == 1 else {}
-        return found
-
-    def _cells(self, indices: Iterable[int], n_rows: int | None = None) -> "pl.DataFrame":
-        """Cells of columns by their index."""
-        return cells_of(self._rows.slice(0, n_rows), self.layout.delimiter, indices)
+            self._columns |= (parts or {name: (index, None)}) if names.count(name) == 1 else {}
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the columns that can be read."""
         return tuple(self._columns)
+
+    def _of_kind(self, kind: str) -> list[str]:
+        """Names of the columns of a kind."""
+        return [name for name, each in zip(self.layout.names, self.layout.kinds, strict=True) if each == kind]
 
     def read(self, wanted: Sequence[str] | None = None) -> tuple[IntArray, dict[str, Column]]:
         """Line of each row, and columns by name; a column of dates gives seconds since its first row.
@@ -137,19 +218,14 @@ class TextTable:
         """
         if wanted is not None and self.text_format.block is None and len(self.blocks) > 1:
             raise CurveError(
-                f"{self.path}: {self._shown_blocks()}; choose one with block = {self.block} in the loader's "
+                f"{self.path}: {self._shown_blocks}; choose one with block = {self.block} in the loader's "
                 "settings"
             )
         chosen, lines = self._chosen(wanted), self._rows["line"].to_numpy().astype(np.int64)
-        if not chosen:
-            raise CurveError(
-                f"{self.path}: every column is text, or has the name of another "
-                f"({listed(self.layout.names)}); give names in the loader's settings"
-            )
         self._check_cells()
         if lines.size < 2:
             raise CurveError(f"{self.path}: only {lines.size} row of data; export the file again")
-        cells = self._cells({index for index, _ in chosen.values()})
+        cells = cells_of(self._rows, self.layout.delimiter, {index for index, _ in chosen.values()})
         columns, first_bad = {}, []
         for name, (index, place) in chosen.items():
             kind, text = self.layout.kinds[index], cells[str(index)]
@@ -176,7 +252,12 @@ class TextTable:
     def _chosen(self, wanted: Sequence[str] | None) -> dict[str, tuple[int, int | None]]:
         layout = self.layout
         if wanted is None:
-            return {name: one for name, one in self._columns.items() if layout.kinds[one[0]] != "text"}
+            kinds, counts = layout.kinds, self._of_kind("hex")
+            if found := {name: at for name, at in self._columns.items() if kinds[at[0]] not in NO_NUMBERS}:
+                return found
+            why = f"every column is text, or has the name of another ({listed(layout.names)}); give names in "
+            why = f"{listed(counts)}: {HEXADECIMAL}" if counts else f"{why}the loader's settings"
+            raise CurveError(f"{self.path}: {why}")
         for name in wanted:
             if layout.names[: period_of(layout.names)].count(name) > 1:
                 raise CurveError(
@@ -187,6 +268,18 @@ class TextTable:
                 self._check_marks()
         check_columns(self.path, wanted, self.names)
         return {name: self._columns[name] for name in wanted}
+
+    def _check_cells(self) -> None:
+        """Refuse rows whose quotation marks or count of cells do not match."""
+        n_columns = len(self.layout.names)
+        odd = self._rows.filter(self._rows["n_cells"] != n_columns)
+        for line in self._rows.filter("is_open")["line"][:1]:
+            raise CurveError(f"{self.path}: line {line}: unexpected end of data; close the quotation marks")
+        for line, n_cells in odd["line", "n_cells"][:1].rows():
+            raise CurveError(
+                f"{self.path}: line {line} has {n_cells} cells where there are {n_columns} columns; the file "
+                "may be cut off there: repair or remove the row, or set delimiter, comment or skip_lines"
+            )
 
     def _check_marks(self) -> None:
         """Refuse a file that has columns under other marks than the settings give."""
@@ -206,21 +299,11 @@ class TextTable:
                 f"'{found['decimal']}'; set {' and '.join(marks)} in the loader's settings"
             )
 
-    def _check_cells(self) -> None:
-        """Refuse rows whose quotation marks or count of cells do not match."""
-        n_columns = len(self.layout.names)
-        for line in self._rows.filter(self._rows["is_open"])["line"][:1]:
-            raise CurveError(f"{self.path}: line {line}: unexpected end of data; close the quotation marks")
-        other = self._rows.filter(self._rows["n_cells"] != n_columns)
-        for line, n_cells in other["line", "n_cells"].head(1).rows():
-            raise CurveError(
-                f"{self.path}: line {line} has {n_cells} cells where there are {n_columns} columns; the file "
-                "may be cut off there: repair or remove the row, or set delimiter, comment or skip_lines"
-            )
-
     def _problem_of(self, cell: str, index: int, place: int | None) -> str:
         """Reason why a cell is no number of its column, and what to do."""
         decimal = self.layout.decimal
+        if self.layout.kinds[index] == "hex":
+            return f"'{cell}': {HEXADECIMAL}"
         if self.layout.kinds[index] == "date":
             return f"'{cell}' is no date and time such as 2030-01-31T12:00:00.000; repair the row"
         if place is not None:
@@ -241,17 +324,18 @@ class TextTable:
 
     def notes(self) -> tuple[str, ...]:
         """Remarks on the file for a person."""
-        names, kinds = self.layout.names, self.layout.kinds
-        notes = []
-        if text := [name for name, kind in zip(names, kinds, strict=True) if kind == "text"]:
+        names, notes = self.layout.names, list[str]()
+        if text := self._of_kind("text"):
             notes.append(f"columns of text passed over: {listed(text)}")
+        if counts := self._of_kind("hex"):
+            notes.append(f"{listed(counts)}: {HEXADECIMAL}")
         if (period := period_of(names)) < len(names):
             n_tables = len(names) // period
             notes.append(f"{n_tables} tables are side by side, with the same names; the first is read")
         elif twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
             notes.append(f"columns passed over because their name occurs twice: {listed(twice)}")
         if len(self.blocks) > 1:
-            notes.append(f"{self._shown_blocks()}; block chooses the one that is read")
+            notes.append(f"{self._shown_blocks}; block chooses the one that is read")
         elif len(self._after):
             notes.append(f"lines passed over after the table: {self._after[0]} to {self._after[-1]}")
         if not self._is_ended:
