@@ -18,14 +18,14 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_268,
+    "lines": 77_188,
     "lines of the core": 33_449,
     "classes": 657,
-    "constants": 918,
+    "constants": 869,
     "long files": 0,
     "long functions": 7,
     "docstrings without a noun first": 0,
-    "docstrings with that of or those of": 77,
+    "docstrings with that of or those of": 76,
 }
 Definition = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from palpate_robot_log import columns_loader
+from palpate_robot_log import robot_log
 from palpate_robot_log.reading import assembly, inspection
 from palpate_robot_log.reading.formats import read_here
 
@@ -10,5 +10,5 @@ from palpate_robot_log.reading.formats import read_here
 @pytest.fixture
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """A process of its own for each file takes longer than what is tested."""
-    for module in (inspection, assembly, columns_loader):
+    for module in (inspection, assembly, robot_log):
         monkeypatch.setattr(module, "read_log", read_here)

@@ -202,6 +202,17 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
         "shear of a plate": lambda: made(
             ["Shear displacement (mm),Shear force (N),Thickness (mm)", *rows(DEPTH, FORCE, 0.0 * DEPTH + 10.0)], "question"),
         "percent that R has no letter for": lambda: made(["Strain....,Stress..kPa.", *rows(40.0 * STRAIN, STRESS_KPA)], "question"),
+        "creep from zero": lambda: made(
+            ["Time (s),Strain,Stress (kPa)", "0,0,0", *rows(1.0 + SECONDS, 0.1 + STRAIN, 0.0 * STRAIN + 10.0)], "question"),
+        "samples by number": lambda: made(["Depth (mm),sample1,sample2,sample3", *rows(DEPTH, FORCE, 1.1 * FORCE, 1.2 * FORCE)], "question"),
+        "a sample by its letter": lambda: made(["depth_mm,sampleN,caseN", *rows(DEPTH, FORCE, 1.1 * FORCE)], "question"),
+        "two axes without a mode": lambda: made(["lambda_1,lambda_2,P11 (kPa),P22 (kPa)", *rows(1.0 + STRAIN, 1.0 + STRAIN, STRESS_KPA, STRESS_KPA)], "question"),
+        "cantilever": lambda: made(["z (nm),deflection (nm),force (nN)", *rows(1e6 * DEPTH, 1e3 * FORCE, 1e9 * FORCE)], "question"),
+        "force in newtons": lambda: made(["Depth in mm,Force in N", *rows(DEPTH, FORCE)], "curve"),
+        "counts in hexadecimal": lambda: made(
+            ["time_ms,enc_z,enc_f", *(f"{k},0x{int(2e4 + 1e3 * d):04X},0x{int(8e3 + 5e2 * f):04X}" for k, d, f in zip(range(DEPTH.size), DEPTH, FORCE, strict=True))], "question"),
+        "counts of four hexadecimal digits": lambda: made(
+            ["tick,enc,adc", *(f"{k:04X},{int(2e4 + 1e3 * d):04X},{int(8e3 + 5e2 * f):04X}" for k, d, f in zip(range(DEPTH.size), DEPTH, FORCE, strict=True))], "refused"),
         "force in volts by its name": lambda: made(["depth_mm,force_V", *rows(DEPTH, 0.1 * FORCE)], "question"),
     }  # fmt: skip
 
@@ -283,6 +294,9 @@ def _presses() -> Mapping[str, Callable[[], Layout]]:
         "JSON of robots": lambda: made(
             [json.dumps({"t": a, "pose": {"position_mm": b, "quaternion_wxyz": c}, "wrench": {"force": d, "torque": e}})
              for a, b, c, d, e in zip(*(each.tolist() for each in (t, tip, w_first, f, moment)), strict=True)], "press", "jsonl"),
+        "JSON of short names": lambda: made(
+            [json.dumps({"stamp": a, "tcp": {"p": b, "q": c}, "ft": {"f": d, "m": e}})
+             for a, b, c, d, e in zip(*(each.tolist() for each in (t, m, q, f, moment)), strict=True)], "press", "jsonl"),
         "machine in revolutions": lambda: named(
             "Elapsed Time (sec),Extension (in),Load (lbf),Rotation (rev),Torque (lbf-in)", t, (203.0 - tip[:, 2:]) / 25.4, -f[:, 2:] / 4.4482216152605,
             np.unwrap(zyx[:, :1], axis=0, period=360.0) / 360.0, moment[:, 2:] / 0.1129848290276),
@@ -294,6 +308,8 @@ def _presses() -> Mapping[str, Callable[[], Layout]]:
                 t.tolist(), *(rows(*each, form=digits) for each in ((tip,), (w_first,), (f, moment))), strict=True)]], "press"),
         "names in groups": lambda: made(
             [",pose,pose,pose,pose,pose,pose,pose,force,,,torque,,", "time,x,y,z,qx,qy,qz,qw,x,y,z,x,y,z", *rows(t, m, q, f, moment, form=digits)], "press"),
+        "moment before force, by numbers": lambda: named(
+            ",".join(["t_s,x_mm,y_mm,z_mm,qx,qy,qz,qw", *(f"wrench_{i}" for i in range(6))]), t, tip, q, moment, f),
         "sensor in volts": lambda: named(
             "t_s,x_mm,y_mm,z_mm,qx,qy,qz,qw,Fx [V],Fy [V],Fz [V],Mx [V],My [V],Mz [V]", t, tip, q, f, moment)._replace(holds="question"),
         "sensor in counts": lambda: named(

@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 from palpate.api.files import TextFormat, TextTable, factor_to_base
 from palpate.errors import CurveError
 from palpate_indentation import CsvLoader, CsvSettings
-from palpate_robot_log.reading.formats import Request, read_here
+from palpate_robot_log.reading.formats import read_here
 
 from . import log_writers as write
 
@@ -283,7 +283,7 @@ def test_archives_of_other_programs_are_named(tmp_path: Path, members: tuple[str
     path = tmp_path / "book.zip"
     _archive(path, *members)
     with pytest.raises(CurveError, match=message):
-        read_here(path, Request())
+        read_here(path)
     with pytest.raises(CurveError, match=message):
         CsvLoader().load(path)
 
@@ -291,7 +291,7 @@ def test_archives_of_other_programs_are_named(tmp_path: Path, members: tuple[str
 def test_a_binary_wave_of_igor_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.ibw").write_bytes(b"\x05\x00" + bytes(400))
     with pytest.raises(CurveError, match="a binary wave of Igor Pro; save it as delimited text"):
-        read_here(tmp_path / "a.ibw", Request())
+        read_here(tmp_path / "a.ibw")
 
 
 @pytest.mark.parametrize(

@@ -14,10 +14,10 @@ from palpate.domain import FloatArray
 from palpate.errors import CurveError
 from palpate_robot_log.reading.assembly import read_recording
 from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles
-from palpate_robot_log.reading.formats import Request, read_here
+from palpate_robot_log.reading.formats import read_here
 from palpate_robot_log.reading.inspection import inspect_log
 from palpate_robot_log.reading.raw import Stream
-from palpate_robot_log.reading.transforms import PLACE, TURN, chains
+from palpate_robot_log.reading.ros import PLACE, TURN, chains
 from palpate_robot_log.recording import Recording
 
 from . import log_writers as write
@@ -159,14 +159,14 @@ def test_a_chain_of_transforms_is_the_pose_of_its_last_frame(tmp_path: Path) -> 
     log = write.write_transforms(
         tmp_path / "log", {"/tf": [("base", "arm"), ("arm", "tool")], "/tf_static": [("tool", "sensor")]}
     )
-    found = read_here(log, Request())
+    found = read_here(log)
     names = ["/tf base>sensor", "/tf base>tool", "/tf base>arm", "/tf arm>tool"]
     assert [stream.name for stream in found.streams] == names
     notes = "\n".join(found.notes)
     assert "/tf_static tool>sensor: one message, so no motion" in notes
     assert "/tf base>sensor: composed of a chain of transforms" in notes
     # Each transform of a message moves by its number along x and by its place in the message along y.
-    chosen = read_here(log, Request(streams=("/tf base>sensor",))).stream("/tf base>sensor")
+    chosen = read_here(log, streams=("/tf base>sensor",)).stream("/tf base>sensor")
     place = np.column_stack([chosen.column(f"transform.translation.{axis}").values for axis in "xyz"])
     np.testing.assert_allclose(place[:, 0], 2.0 * np.arange(30.0))
     np.testing.assert_allclose(place[:, 1], 1.0 + 2.0 + 1.0)

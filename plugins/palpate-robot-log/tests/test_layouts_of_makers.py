@@ -9,8 +9,7 @@ import pytest
 from palpate.domain import Response
 from palpate.errors import CurveError
 from palpate_indentation import CsvLoader, CsvSettings
-from palpate_robot_log import RobotLogLoader, RobotLogSettings
-from palpate_robot_log.columns_loader import ColumnsLoader, ColumnsSettings
+from palpate_robot_log import ColumnsLoader, ColumnsSettings, RobotLogLoader, RobotLogSettings
 from palpate_robot_log.reading.inspection import inspect_log
 
 from .known_presses import DEPTH_MM, FORCE_N, TORQUE_NMM, press
@@ -43,6 +42,13 @@ QUESTIONS = {
     "commas between thousands": "'1,000' next to '200' has marks between its thousands",
     "apostrophes between thousands": "has marks between its thousands",
     "creep": "Stress (Pa) hardly changes, as in creep",
+    "creep from zero": "Stress (kPa) hardly changes, as in creep",
+    "samples by number": "which is the depth, and which the force",
+    "a sample by its letter": "which is the depth, and which the force",
+    "two axes without a mode": "name one pair of strain and stress",
+    "cantilever": "depth is the way less the deflection of the cantilever",
+    "counts in hexadecimal": "enc_z, enc_f: hexadecimal counts; write decimal numbers in their units",
+    "counts of four hexadecimal digits": "tick, enc, adc: hexadecimal counts; write decimal numbers",
     "newest row first": "Force (N) falls from its largest value to 0: reverse the rows",
     "stress of an indentation": "palpate does not convert a measure 'indentation'",
     "shear of a plate": "give both scales, by the length and the area of the specimen",
@@ -81,6 +87,14 @@ FAST = (
     "units of names in one word",
     "cycles that grow",
     "commas between thousands",
+    "creep from zero",
+    "moment before force, by numbers",
+    "JSON of short names",
+    "samples by number",
+    "a sample by its letter",
+    "force in newtons",
+    "counts in hexadecimal",
+    "counts of four hexadecimal digits",
 )
 
 

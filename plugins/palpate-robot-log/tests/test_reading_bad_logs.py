@@ -10,7 +10,7 @@ import pytest
 from palpate.api.files import Column
 from palpate.errors import CurveError
 from palpate_robot_log.reading.assembly import Reading, assemble, columns_of
-from palpate_robot_log.reading.formats import Request, read_here
+from palpate_robot_log.reading.formats import read_here
 from palpate_robot_log.reading.raw import RawLog, Stream
 
 from . import log_writers as write
@@ -232,7 +232,7 @@ def test_bad_text_is_reported_by_line_and_column(tmp_path: Path, text: str, mess
     path = tmp_path / "log.csv"
     path.write_text(text)
     with pytest.raises(CurveError, match=message) as caught:
-        read_here(path, Request(columns=("time_s", "x_m")))
+        read_here(path, columns=("time_s", "x_m"))
     assert str(caught.value).startswith(f"{path}: ")
 
 
@@ -240,13 +240,13 @@ def test_a_point_that_groups_thousands_is_not_a_decimal_mark(tmp_path: Path) -> 
     path = tmp_path / "log.csv"
     path.write_text(TEXT.replace(",", ";").replace(".", ",").replace("\n7;0,7", "\n7;1.500"))
     with pytest.raises(CurveError, match=r"line 9, column 'x_m': '1.500' has marks between its thousands"):
-        read_here(path, Request(columns=("time_s", "x_m")))
+        read_here(path, columns=("time_s", "x_m"))
 
 
 def test_a_last_line_without_an_end_is_noted(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text(TEXT[:-1])
-    assert "may have been cut short" in read_here(path, Request()).notes[0]
+    assert "may have been cut short" in read_here(path).notes[0]
 
 
 def test_unused_columns_may_hold_anything(tmp_path: Path) -> None:
@@ -254,9 +254,9 @@ def test_unused_columns_may_hold_anything(tmp_path: Path) -> None:
     path.write_text(TEXT.replace("x_m", "x_m,state").replace("\n7,0.7", "\n7,0.7,go").replace("0.8", "0.8,"))
     lines = [line if line.count(",") == 2 else line + ",1" for line in path.read_text().splitlines()]
     path.write_text("\n".join(lines) + "\n")
-    (stream,) = read_here(path, Request(columns=("time_s", "x_m"))).streams
+    (stream,) = read_here(path, columns=("time_s", "x_m")).streams
     assert list(stream.columns) == ["time_s", "x_m"]
-    (everything,) = read_here(path, Request()).streams
+    (everything,) = read_here(path).streams
     assert everything.columns["state"].note == "1 cells are no numbers, the first in line 9"
 
 

@@ -10,7 +10,7 @@ import pytest
 from palpate.errors import CurveError
 from palpate_robot_log.reading.assembly import assemble, columns_of, read_recording
 from palpate_robot_log.reading.channel_map import ChannelMap
-from palpate_robot_log.reading.formats import Request, read_here, read_log
+from palpate_robot_log.reading.formats import read_here, read_log
 from palpate_robot_log.recording import Recording
 
 from . import log_writers as write
@@ -74,7 +74,7 @@ FORMATS: dict[str, tuple[str, Writer, ChannelMap]] = {
 
 
 def recording_of(path: Path, channels: ChannelMap) -> Recording:
-    return assemble(read_here(path, Request(columns=columns_of(channels))), channels).recording
+    return assemble(read_here(path, columns=columns_of(channels)), channels).recording
 
 
 def assert_is_press(recording: Recording, table: write.Table) -> None:
@@ -155,7 +155,7 @@ def test_arrays_of_two_lengths_are_two_streams(tmp_path: Path) -> None:
     arrays = {f"w_{name}": wrench[name] for name in ("time_s", *write.COLUMNS[8:])}
     arrays |= {f"p_{name}": pose[name] for name in write.COLUMNS[:8]}
     np.savez(tmp_path / "log.npz", **arrays)  # type: ignore[arg-type]
-    log = read_here(tmp_path / "log.npz", Request())
+    log = read_here(tmp_path / "log.npz")
     assert [(stream.name, stream.rows.size) for stream in log.streams] == [
         ("240 rows", 240),
         ("121 rows", 121),
@@ -185,7 +185,7 @@ def test_lists_and_time_stamps_in_parquet(tmp_path: Path) -> None:
         time="stamp", force={"columns": [f"force_N[{i}]" for i in range(3)], "unit": "N"}
     )
     assert_is_press(recording_of(tmp_path / "log.parquet", channels), table)
-    notes = read_here(tmp_path / "log.parquet", Request()).notes
+    notes = read_here(tmp_path / "log.parquet").notes
     assert notes == ("columns passed over: who (String)",)
 
 
@@ -205,7 +205,7 @@ def test_dates_and_times_of_day_in_text_are_seconds(tmp_path: Path, start: str) 
 
 def test_transforms_are_distinguished_by_their_frames(tmp_path: Path) -> None:
     path = write.write_transforms(tmp_path / "log", {"/tf": [("base", "tool"), ("base", "camera")]})
-    log = read_here(path, Request())
+    log = read_here(path)
     assert [stream.name for stream in log.streams] == ["/tf base>tool", "/tf base>camera"]
     camera = log.stream("/tf base>camera").columns
     np.testing.assert_array_equal(camera["transform.translation.y"].values, 2.0)
@@ -226,7 +226,7 @@ def test_a_file_that_is_cut_off_is_an_error(tmp_path: Path, kind: str, share: fl
     writer(path, write.press())
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
     with pytest.raises(CurveError, match="damaged"):
-        read_here(path, Request())
+        read_here(path)
 
 
 @pytest.mark.parametrize(("storage", "ending"), [("SQLITE3", "db3"), ("MCAP", "mcap")])
@@ -239,20 +239,20 @@ def test_a_ros_2_bag_that_is_cut_off_is_an_error(
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
     for given in (tmp_path / "log", path):
         with pytest.raises(CurveError, match="damaged or cut off"):
-            read_here(given, Request())
+            read_here(given)
 
 
 def test_a_bag_that_was_not_closed_is_an_error(tmp_path: Path) -> None:
     write.write_bag2(tmp_path / "log", write.press(60))
     (tmp_path / "log" / "log.db3-wal").write_bytes(b"rows that never reached the file")
     with pytest.raises(CurveError, match="the recording was not closed"):
-        read_here(tmp_path / "log", Request())
+        read_here(tmp_path / "log")
 
 
 def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:
     write.write_bag1(tmp_path / "log.bag", write.press(60))
     with pytest.raises(CurveError, match=r"no topic /ft .*topics there: /wrench \(geometry_msgs"):
-        read_here(tmp_path / "log.bag", Request(streams=("/ft",)))
+        read_here(tmp_path / "log.bag", streams=("/ft",))
 
 
 BINARY = {
@@ -267,20 +267,20 @@ BINARY = {
 def test_other_kinds_of_files_are_named(tmp_path: Path, content: bytes, message: str) -> None:
     (tmp_path / "log.dat").write_bytes(content)
     with pytest.raises(CurveError, match=message):
-        read_here(tmp_path / "log.dat", Request())
+        read_here(tmp_path / "log.dat")
 
 
 def test_text_under_a_binary_ending_is_reported(tmp_path: Path) -> None:
     (tmp_path / "log.mat").write_text("time_s,x\n0,1\n")
     with pytest.raises(CurveError, match=r"the \.mat file is damaged"):
-        read_here(tmp_path / "log.mat", Request())
+        read_here(tmp_path / "log.mat")
 
 
 def test_what_is_not_there_is_reported(tmp_path: Path) -> None:
     with pytest.raises(CurveError, match=r"gone\.csv: cannot be read \(No such file"):
-        read_log(tmp_path / "gone.csv", Request())
+        read_log(tmp_path / "gone.csv")
     with pytest.raises(CurveError, match="a folder without metadata"):
-        read_log(tmp_path, Request())
+        read_log(tmp_path)
 
 
 @pytest.mark.parametrize(("module", "kind"), [("h5py", "matlab"), ("rosbags", "ros")])
@@ -293,4 +293,4 @@ def test_a_package_that_is_missing_is_named_with_how_to_get_it(
     write.write_bag1(tmp_path / "ros.bag", write.press(30))
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(CurveError, match=rf"pip install 'palpate-robot-log\[{kind}\]'"):
-        read_here(next(tmp_path.glob(f"{kind}.*")), Request())
+        read_here(next(tmp_path.glob(f"{kind}.*")))

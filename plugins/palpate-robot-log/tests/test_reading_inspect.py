@@ -15,8 +15,8 @@ from palpate_robot_log.reading.channel_map import ChannelMap
 from palpate_robot_log.reading.inspection import inspect_log
 from palpate_robot_log.reading.names import words_of
 from palpate_robot_log.reading.proposal import channel_map, propose, study_text
+from palpate_robot_log.reading.quantities import QUANTITIES
 from palpate_robot_log.reading.raw import RawLog, Stream
-from palpate_robot_log.reading.vectors import QUANTITIES
 
 from . import log_writers as write
 

@@ -23,7 +23,7 @@ from palpate.domain import FloatArray
 from palpate.errors import CurveError
 from palpate.experiment.delimited.header_units import bare_unit
 from palpate_robot_log.reading.assembly import quaternions
-from palpate_robot_log.reading.formats import Request, read_here
+from palpate_robot_log.reading.formats import read_here
 from palpate_robot_log.reading.proposal import propose
 from palpate_robot_log.reading.raw import RawLog
 
@@ -262,7 +262,7 @@ def test_damaged_bytes_give_a_log_or_a_curve_error(tmp_path: Path, kind: str) ->
 
 def _is_refused(path: Path) -> bool:
     try:
-        log = read_here(path, Request())
+        log = read_here(path)
     except CurveError as error:
         message = str(error)
     else:

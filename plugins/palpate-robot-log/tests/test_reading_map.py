@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from palpate.api.files import Column
 from palpate.errors import CurveError
 from palpate_robot_log.reading.assembly import assemble
-from palpate_robot_log.reading.formats import Request, read_here
+from palpate_robot_log.reading.formats import read_here
 from palpate_robot_log.reading.raw import RawLog, Stream
 from palpate_robot_log.recording import Recording
 
@@ -54,7 +54,7 @@ def test_a_line_of_units_counts_as_names_do(tmp_path: Path) -> None:
     names, *rows = (tmp_path / "log.csv").read_text().splitlines()
     (tmp_path / "log.csv").write_text("\n".join([names, "s;m;m;m;;;;-;N;N;N;Nm;Nm;Nm", *rows]) + "\n")
     channels = write.channel_map(position={"columns": ["x", "y", "z"]})
-    found = assemble(read_here(tmp_path / "log.csv", Request()), channels).recording
+    found = assemble(read_here(tmp_path / "log.csv"), channels).recording
     np.testing.assert_array_equal(found.position_mm, recording(table).position_mm)
     assert found.rows[0] == 3
 

@@ -12,9 +12,9 @@ from palpate.api.files import Column
 from palpate.domain import FloatArray
 from palpate_indentation import CsvLoader, CsvSettings
 from palpate_robot_log import RobotLogLoader
-from palpate_robot_log.reading.clock import time_of
 from palpate_robot_log.reading.inspection import inspect_log
 from palpate_robot_log.reading.names import pick, test_of as measures_of
+from palpate_robot_log.reading.quantities import time_of
 from palpate_robot_log.reading.raw import Stream
 from palpate_robot_log.robot_log import RobotLogSettings
 
@@ -343,7 +343,7 @@ def test_the_unit_of_a_time_is_judged_by_the_length_of_the_log(step: float, n_ro
     column = Column(name="stamp", values=1e9 + step * np.arange(n_rows))
     time = time_of(Stream.of([column]))
     assert time is not None
-    assert time.unit == unit
+    assert time.entry["unit"] == unit
 
 
 @pytest.mark.slow

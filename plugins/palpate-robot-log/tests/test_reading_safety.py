@@ -3,7 +3,6 @@
 import os
 import pickle
 import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +10,12 @@ import numpy as np
 import pytest
 
 from palpate.errors import CurveError
-from palpate_robot_log.reading.formats import ReadingLimits, Request, read_here, read_log
+from palpate_robot_log.reading.formats import ReadingLimits, read_here, read_log
 
 from . import log_writers as write
 
 h5py = pytest.importorskip("h5py")
 pytest.importorskip("rosbags")
-
-SMALL = Request()
 
 
 class Bomb:
@@ -41,7 +38,7 @@ def test_nothing_is_unpickled(tmp_path: Path) -> None:
     (tmp_path / "log.dat").write_bytes(pickle.dumps(Bomb(marker)))
     for name in ("log.npz", "log.npy", "log.dat"):
         with pytest.raises(CurveError, match=r"allow_pickle=False|is a pickle, which could run code"):
-            read_here(tmp_path / name, SMALL)
+            read_here(tmp_path / name)
     assert not marker.exists()
 
 
@@ -69,7 +66,7 @@ def test_arrays_of_other_files_are_not_read(tmp_path: Path) -> None:
         file["log/circle"] = file["log"]
         file.create_virtual_dataset("virtual", layout)
         file.create_dataset("raw", (60,), "f8", external=raw)
-    log = read_here(path, SMALL)
+    log = read_here(path)
     assert set(log.streams[0].columns) == {f"log.{name}" for name in write.COLUMNS}
     assert [note for note in log.notes if "another file" in note] == [
         f"'{name}' keeps its numbers in another file, which is not read" for name in ("raw", "virtual")
@@ -83,7 +80,7 @@ def test_the_metadata_of_a_bag_cannot_name_files_elsewhere(tmp_path: Path) -> No
     metadata = tmp_path / "log" / "metadata.yaml"
     metadata.write_text(metadata.read_text().replace("log.db3", "../other/other.db3"))
     with pytest.raises(CurveError, match="damaged or cut off"):
-        read_here(tmp_path / "log", SMALL)
+        read_here(tmp_path / "log")
 
 
 # ------------------------------------------------------------------------- bombs
@@ -97,7 +94,7 @@ def test_archives_that_unpack_to_more_than_the_memory_are_an_error(tmp_path: Pat
         file.create_dataset("a", (1 << 40,), "f8", chunks=(1 << 20,), compression="gzip")
     for name in ("log.npz", "log.h5"):
         with pytest.raises(CurveError, match=r"reading failed|damaged"):
-            read_log(tmp_path / name, Request(limits=ReadingLimits.model_validate({"memory": "1 GB"})))
+            read_log(tmp_path / name, limits=ReadingLimits.model_validate({"memory": "1 GB"}))
 
 
 @pytest.mark.parametrize("text", ["root:$6$hash:19000\nbin:*:18000\n", "secret,other\nkey,word\n"])
@@ -105,7 +102,7 @@ def test_the_words_of_a_file_that_is_no_log_are_not_repeated(tmp_path: Path, tex
     path = tmp_path / "log.csv"
     path.write_text(text)
     with pytest.raises(CurveError, match="no cell holds a number, so this is no table") as caught:
-        read_here(path, replace(SMALL, columns=("time",)))
+        read_here(path, columns=("time",))
     assert not any(word in str(caught.value).removeprefix(str(path)) for word in ("hash", "secret"))
 
 
@@ -113,7 +110,7 @@ def test_large_files_are_not_opened(tmp_path: Path) -> None:
     with (tmp_path / "log.csv").open("wb") as stream:
         stream.truncate(3_000_000_000)
     with pytest.raises(CurveError, match="3000 MB where at most 2000 MB are read"):
-        read_log(tmp_path / "log.csv", Request())
+        read_log(tmp_path / "log.csv")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of memory are kept on Linux")
@@ -121,10 +118,10 @@ def test_a_reader_with_too_much_memory_is_an_error(tmp_path: Path) -> None:
     write.write_text(tmp_path / "log.csv", write.press(30_000))
     limits = ReadingLimits.model_validate({"memory": "300 MB"})
     with pytest.raises(CurveError, match=r"log\.csv: reading failed"):
-        read_log(tmp_path / "log.csv", Request(limits=limits))
+        read_log(tmp_path / "log.csv", limits=limits)
 
 
 def test_a_reader_that_takes_too_long_is_an_error(tmp_path: Path) -> None:
     write.write_text(tmp_path / "log.csv", write.press(30))
     with pytest.raises(CurveError, match=r"stopped after 0.01 s.*raise memory and time_limit"):
-        read_log(tmp_path / "log.csv", Request(limits=ReadingLimits.model_validate({"time_limit": "10 ms"})))
+        read_log(tmp_path / "log.csv", limits=ReadingLimits.model_validate({"time_limit": "10 ms"}))

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from palpate.errors import CurveError
 from palpate_robot_log.reading.assembly import assemble, columns_of
 from palpate_robot_log.reading.channel_map import ChannelMap
-from palpate_robot_log.reading.formats import Request, read_here
+from palpate_robot_log.reading.formats import read_here
 
 from . import log_writers as write
 
@@ -39,9 +39,7 @@ def test_a_press_comes_back_as_from_other_formats(tmp_path: Path) -> None:
     table = write.press()
     write_tdms(tmp_path / "log.tdms", {"press": table})
     channels = ChannelMap.model_validate(dict(write.MAP))
-    recording = assemble(
-        read_here(tmp_path / "log.tdms", Request(columns=columns_of(channels))), channels
-    ).recording
+    recording = assemble(read_here(tmp_path / "log.tdms", columns=columns_of(channels)), channels).recording
     np.testing.assert_allclose(recording.time_s - recording.time_s[0], table["time_s"], atol=2e-9)
     np.testing.assert_array_equal(recording.force_N[:, 2], table["fz_N"])
     np.testing.assert_allclose(recording.position_mm[:, 0], 1e3 * table["x_m"], rtol=1e-13)
@@ -60,7 +58,7 @@ def test_a_press_comes_back_as_from_other_formats(tmp_path: Path) -> None:
 def test_every_channel_of_numbers_is_read_to_the_bit(tmp_path: Path, table: dict[str, list[float]]) -> None:
     path = tmp_path / "any.tdms"
     write_tdms(path, {"group": {name: np.array(values) for name, values in table.items()}})
-    log = read_here(path, Request())
+    log = read_here(path)
     assert len(log.streams) == len({len(values) for values in table.values()})
     found = {
         name: column.values.tolist() for stream in log.streams for name, column in stream.columns.items()
@@ -73,7 +71,7 @@ def test_waveforms_have_a_time_and_units(tmp_path: Path) -> None:
     path = tmp_path / "log.tdms"
     groups = {"load": {"Fz": np.arange(5.0)}, "probe": {"z": np.arange(3.0), "label": ["a", "b", "c"]}}
     write_tdms(path, groups, wf_increment=0.25, wf_start_offset=1.0, unit_string="N")
-    log = read_here(path, Request())
+    log = read_here(path)
     assert [stream.name for stream in log.streams] == ["load", "probe"]
     load = log.stream("load").columns
     assert (load["Fz"].unit, load["time"].unit) == ("N", "s")
@@ -85,7 +83,7 @@ def test_waveforms_have_a_time_and_units(tmp_path: Path) -> None:
 def test_time_stamps_are_seconds_since_the_first(tmp_path: Path) -> None:
     stamps = np.array(["2018-06-01T10:00:00.5", "2018-06-01T10:00:02"], dtype="datetime64[us]")
     write_tdms(tmp_path / "log.tdms", {"load": {"when": stamps, "Fz": np.arange(2.0)}})
-    columns = read_here(tmp_path / "log.tdms", Request()).streams[0].columns
+    columns = read_here(tmp_path / "log.tdms").streams[0].columns
     np.testing.assert_allclose(columns["when"].values, [0.0, 1.5], atol=1e-6)
     assert columns["when"].unit == "s"
 
@@ -110,7 +108,7 @@ def test_streams_of_one_file_have_one_clock(tmp_path: Path, lag: float, later_us
                 nptdms.ChannelObject("unset", "Fz", np.arange(3.0), properties={"wf_increment": 0.5}),
             ]
         )
-    log, after = read_here(path, Request()), 1e-6 * later_us
+    log, after = read_here(path), 1e-6 * later_us
     for stream, column, seconds in (
         ("probe", "when", [after, after + 1.5]),
         ("load", "time", [lag, lag + 0.5, lag + 1.0]),
@@ -142,7 +140,7 @@ def test_streams_of_one_length_have_names_of_their_own(
                 for name, given in (("Fz", waveform), ("z", waveform | changed))
             ]
         )
-    assert [stream.name for stream in read_here(path, Request()).streams] == names
+    assert [stream.name for stream in read_here(path).streams] == names
 
 
 @needs_nptdms
@@ -153,17 +151,17 @@ def test_a_file_that_is_cut_off_is_refused(tmp_path: Path, share: float) -> None
     whole = path.read_bytes()
     path.write_bytes(whole[: int(share * len(whole))])
     with pytest.raises(CurveError, match=r"log\.tdms: (the TDMS file is (damaged or )?cut off|no channels)"):
-        read_here(path, Request())
+        read_here(path)
 
 
 def test_an_index_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "log.tdms_index").write_bytes(b"TDSh" + bytes(60))
     with pytest.raises(CurveError, match=r"give the \.tdms file itself"):
-        read_here(tmp_path / "log.tdms_index", Request())
+        read_here(tmp_path / "log.tdms_index")
 
 
 def test_without_nptdms_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "log.tdms").write_bytes(b"TDSm" + bytes(60))
     monkeypatch.setitem(sys.modules, "nptdms", None)
     with pytest.raises(CurveError, match=r"pip install 'palpate-robot-log\[tdms\]'"):
-        read_here(tmp_path / "log.tdms", Request())
+        read_here(tmp_path / "log.tdms")

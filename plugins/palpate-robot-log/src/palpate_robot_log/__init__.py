@@ -11,11 +11,9 @@ from palpate.api import deferred, hookimpl
 
 if TYPE_CHECKING:
     from palpate.api import ExperimentLoader, StudyTemplate
-    from palpate_robot_log.columns_loader import (
+    from palpate_robot_log.robot_log import (
         ColumnsLoader as ColumnsLoader,
         ColumnsSettings as ColumnsSettings,
-    )
-    from palpate_robot_log.robot_log import (
         RobotLogLoader as RobotLogLoader,
         RobotLogSettings as RobotLogSettings,
     )
@@ -27,8 +25,7 @@ if not TYPE_CHECKING:
 @hookimpl
 def palpate_experiment_loaders() -> "list[type[ExperimentLoader]]":
     """Provide the loaders of a robot's log, and of curves in files of columns."""
-    from palpate_robot_log.columns_loader import ColumnsLoader
-    from palpate_robot_log.robot_log import RobotLogLoader
+    from palpate_robot_log.robot_log import ColumnsLoader, RobotLogLoader
 
     return [RobotLogLoader, ColumnsLoader]
 

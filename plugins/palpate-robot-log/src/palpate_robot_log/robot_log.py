@@ -1,4 +1,4 @@
-"""Loader of a robot's log: read, processed, and recorded in the manifest."""
+"""Loaders of a robot's log, and of processed curves in MATLAB, HDF5, NumPy, Parquet and TDMS files."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -9,9 +9,10 @@ from pydantic import Field
 
 from palpate.api import CurveError, ExperimentLoader, Response
 from palpate.api.files import Inspection, TextFormat
+from palpate_indentation.api import CurveSettings, read_curves
 from palpate_robot_log.processing.settings import ProcessingSettings
 from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles
-from palpate_robot_log.reading.formats import ReadingLimits
+from palpate_robot_log.reading.formats import ReadingLimits, read_log
 
 if TYPE_CHECKING:
     from palpate_robot_log.processing.chain import Processed
@@ -123,3 +124,29 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
 
         settings = self.settings
         return read_recording(path, settings.channels, settings.text, settings.limits, settings.files)
+
+
+class ColumnsSettings(CurveSettings):
+    """Settings of :class:`ColumnsLoader`."""
+
+    limits: ReadingLimits = Field(
+        default_factory=ReadingLimits, description="Largest file, memory and time of reading."
+    )
+
+
+class ColumnsLoader(ExperimentLoader[ColumnsSettings]):
+    """Processed curves in a file of columns.
+
+    Columns, units, strains and stresses have the rules of the loader ``csv``. A vector in a MATLAB
+    structure is named as MATLAB does, ``test.force_N``; a column of a matrix is ``data(:,2)``.
+    """
+
+    name = "columns"
+    summary = "processed curves in MATLAB, HDF5, NumPy, Parquet or TDMS files"
+
+    def load(self, path: Path, channel: str | None = None) -> Response:
+        """Read one file; a CurveError with file, row and column where it cannot be read."""
+        log = read_log(path, limits=self.settings.limits)
+        if log.row_word == "line":
+            raise CurveError(f'{path}: the file is delimited text; set loader = "csv"')
+        return read_curves(log, self.settings.channels, channel)

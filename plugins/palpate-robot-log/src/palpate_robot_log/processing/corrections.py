@@ -34,7 +34,6 @@ from palpate_robot_log.recording import (
 )
 
 
-
 def without_spikes(recording: Recording) -> tuple[Recording, IntArray]:
     """Wrench with spikes replaced by the median of their neighbours, and the rows that had one."""
     force, force_hit = _repaired(recording.force_N)

@@ -21,13 +21,11 @@ from palpate_robot_log.reading.channel_map import (
     Time,
     Vector,
 )
-from palpate_robot_log.reading.formats import ReadingLimits, Request, read_log
+from palpate_robot_log.reading.formats import ReadingLimits, read_log
 from palpate_robot_log.reading.raw import RawLog, Series, Stream
 from palpate_robot_log.recording import Recording, rotated
 
 _STEP_S, _HELD = 0.01, 0.8  # the latter is the share of updates that come after the same number of rows
-_SMOOTHING_STEPS = 5.0
-_LONGEST_S = 3600.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,14 +52,10 @@ def read_recording(
     sources = [s for s in _sources(channels).values() if s is not channels.orientation or not is_fixed]
     # All streams are read when the map leaves one open.
     named = [source.stream for source in sources if source.stream is not None]
-    request = Request(
-        columns=columns_of(channels),
-        streams=tuple(dict.fromkeys(named)) if len(named) == len(sources) else None,
-        text=text or TextFormat(),
-        limits=limits or ReadingLimits(),
-    )
-    log = read_log(path, request) if files is None else read_both(path, files.wrench_of(path), request)
-    return assemble(log, channels)
+    if files is not None:
+        return assemble(read_both(path, files.wrench_of(path), text, limits), channels)
+    streams = list(dict.fromkeys(named)) if len(named) == len(sources) else None
+    return assemble(read_log(path, columns_of(channels), streams, text, limits), channels)
 
 
 def columns_of(channels: ChannelMap) -> tuple[str, ...]:
@@ -333,9 +327,11 @@ def _fixed(given: Orientation, n_rows: int) -> FloatArray:
 # ------------------------------------------------- two files: pose and wrench with their own clocks
 
 
-def read_both(pose: Path, wrench: Path, request: Request) -> RawLog:
+def read_both(
+    pose: Path, wrench: Path, text: TextFormat | None = None, limits: ReadingLimits | None = None
+) -> RawLog:
     """One log of the streams of both files; the one stream of a table is called pose or wrench."""
-    logs = [read_log(path, replace(request, columns=None, streams=None)) for path in (pose, wrench)]
+    logs = [read_log(path, text=text, limits=limits) for path in (pose, wrench)]
     streams = [
         replace(stream, name=stream.name or name)
         for name, log in zip(("pose", "wrench"), logs, strict=True)
@@ -388,8 +384,8 @@ def clock_offset_s(position: Series, force: Series) -> float:
 
 def _rates(series: Series, values: FloatArray) -> FloatArray:
     """Size of the rate of a value (n,) on a grid of steps, smoothed."""
-    duration = min(float(series.time_s[-1] - series.time_s[0]), _LONGEST_S)
+    duration = min(float(series.time_s[-1] - series.time_s[0]), 3600.0)
     grid = series.time_s[0] + np.arange(0.0, duration, _STEP_S)
-    smooth = gaussian_filter1d(np.interp(grid, series.time_s, values), _SMOOTHING_STEPS, order=1)
+    smooth = gaussian_filter1d(np.interp(grid, series.time_s, values), 5.0, order=1)
     rates: FloatArray = np.abs(smooth)
     return rates

@@ -25,10 +25,7 @@ TIME = "time"  # column of a waveform's time, which a TDMS file gives as a start
 UNSET = np.datetime64("1904-01-02")
 """LabVIEW counts from 1904-01-01; an earlier start is that of a clock which was not set."""
 
-_LONGEST_LIST = 16
 MOST_COLUMNS = 64  # widest matrix that counts as columns side by side; a wider one is an image or a result
-_DEEPEST = 8
-_MOST_STRUCTS = 32
 _MATLAB_OWN = ("#refs#", "#subsystem#")
 _MATLAB_TEXT = (b"char", b"cell")
 _PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
@@ -36,6 +33,7 @@ _PER_SECOND = {"ns": 1e9, "us": 1e6, "ms": 1e3}
 _Found = Iterator[tuple[str, np.ndarray]]
 _MATLAB_NAME = "{}(:,{})"
 _NUMPY_NAME = "{}[:,{}]"
+_POLARS_NAME = "{}[{}]"
 
 
 # ------------------------------------------------------------------------ named arrays
@@ -108,7 +106,7 @@ def _arrays_in(name: str, value: Any, notes: list[str], depth: int = 0) -> _Foun
     elif not value.dtype.hasobject:
         for field in value.dtype.names:
             yield from _arrays_in(f"{name}.{field}", value[field], notes, depth + 1)
-    elif depth >= _DEEPEST or value.size > _MOST_STRUCTS:
+    elif depth >= 8 or value.size > 32:
         notes.append(f"'{name}' is too deep or too long a structure to look into")
     else:
         for index, element in enumerate(value.reshape(-1), start=1):
@@ -136,7 +134,7 @@ def _log(
                 passed_over.append(f"'{name}' {array.shape} of {array.dtype} is no column of numbers")
                 continue
             names = [name]
-            if matrix.shape[1] > 1:
+            if matrix.shape[1] > 1 or (array.ndim > 1 and pattern is _POLARS_NAME):
                 first = 1 if pattern is _MATLAB_NAME else 0
                 names = [pattern.format(name, k) for k in range(first, first + matrix.shape[1])]
             unit = given if isinstance(given, str) else ""
@@ -235,19 +233,34 @@ def _of_frame(path: Path, file_format: str, frame: "pl.DataFrame", others: Seque
     """Log of a frame's columns; ``others`` are those that hold no numbers."""
     import polars as pl
 
-    columns = list[Column]()
-    for name, kind in frame.schema.items():
-        is_time = isinstance(kind, pl.Datetime | pl.Duration)
-        for one in _numbers(path, frame[name]):  # position_mm[0]
-            unit = "s" if is_time else unit_in(name)[1] if one.name != name else ""
-            columns.append(Column(name=one.name, values=one.fill_null(math.nan).to_numpy(), unit=unit))
-    if frame.height < 2 or not columns:
+    if frame.height < 2 or not frame.width:
         raise CurveError(
-            f"{path}: {frame.height} rows and {len(columns)} columns of numbers; export the log again"
+            f"{path}: {frame.height} rows and {frame.width} columns of numbers; export the log again"
         )
-    notes = (f"columns passed over: {listed(others)}",) if others else ()
-    streams = (Stream.of(columns),)
-    return RawLog(source=str(path), format=file_format, row_word="row", streams=streams, notes=notes)
+    values, units = dict[str, FloatArray](), dict[str, str]()
+    for series in frame:
+        dtype = series.dtype
+        if isinstance(dtype, pl.List | pl.Array):
+            lists = series.cast(pl.List(pl.Float64))
+            lengths = lists.list.len().unique().to_list()
+            if len(lengths) != 1 or lengths[0] is None or not 0 < int(lengths[0]) <= 16:
+                raise CurveError(
+                    f"{path}: the lists of column '{series.name}' have {len(lengths)} lengths; "
+                    "give each number its own column"
+                )
+            parts = [lists.list.get(k) for k in range(int(lengths[0]))]
+        elif isinstance(dtype, pl.Datetime | pl.Duration):
+            # A stamp's own count is since 1970.
+            counts = series.to_physical()
+            start = counts.drop_nulls().first() if isinstance(dtype, pl.Datetime) else 0
+            parts = [(counts - (start or 0)).cast(pl.Float64) / _PER_SECOND[dtype.time_unit or "us"]]
+            units[series.name] = "s"
+        else:
+            parts = [series.cast(pl.Float64)]
+        columns = [part.fill_null(math.nan).to_numpy() for part in parts]
+        values[series.name] = np.column_stack(columns) if dtype.is_nested() else columns[0]
+    notes = [f"columns passed over: {listed(others)}"] if others else []
+    return _log(path, file_format, values, _POLARS_NAME, notes, units)
 
 
 def _is_numeric(dtype: "pl.DataType") -> bool:
@@ -257,28 +270,6 @@ def _is_numeric(dtype: "pl.DataType") -> bool:
     if isinstance(dtype, pl.Array | pl.List):
         return isinstance(dtype.inner, pl.DataType) and dtype.inner.is_numeric()
     return dtype.is_numeric() or isinstance(dtype, pl.Datetime | pl.Duration | pl.Boolean)
-
-
-def _numbers(path: Path, series: "pl.Series") -> list["pl.Series"]:
-    """Doubles or seconds of a column; ``name[0]``, ``name[1]`` … of lists that all have one length."""
-    import polars as pl
-
-    dtype = series.dtype
-    if isinstance(dtype, pl.List | pl.Array):
-        lists = series.cast(pl.List(pl.Float64))
-        lengths = lists.list.len().unique().to_list()
-        if len(lengths) != 1 or lengths[0] is None or not 0 < int(lengths[0]) <= _LONGEST_LIST:
-            raise CurveError(
-                f"{path}: the lists of column '{series.name}' have {len(lengths)} lengths; "
-                "give each number its own column"
-            )
-        return [lists.list.get(k).alias(f"{series.name}[{k}]") for k in range(int(lengths[0]))]
-    if isinstance(dtype, pl.Datetime | pl.Duration):
-        # A stamp's own count is since 1970.
-        counts = series.to_physical()
-        start = counts.drop_nulls().first() if isinstance(dtype, pl.Datetime) else 0
-        return [(counts - (start or 0)).cast(pl.Float64) / _PER_SECOND[dtype.time_unit or "us"]]
-    return [series.cast(pl.Float64)]
 
 
 # -------------------------------------------------------------------------------- TDMS

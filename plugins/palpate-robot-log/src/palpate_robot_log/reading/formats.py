@@ -1,7 +1,7 @@
 """Reader that a file needs, by its first bytes, and the process with limits that it works in."""
 
 import os
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -31,44 +31,50 @@ class ReadingLimits(Settings):
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Request:
-    """Columns of a table and topics of a bag to read of a file, all when left out."""
+def read_log(
+    path: Path,
+    columns: Sequence[str] | None = None,
+    streams: Sequence[str] | None = None,
+    text: TextFormat | None = None,
+    limits: ReadingLimits | None = None,
+) -> RawLog:
+    """Content of a file, by a process with limits: a damaged one can neither hang nor end this one.
 
-    columns: tuple[str, ...] | None = None
-    streams: tuple[str, ...] | None = None
-    text: TextFormat = field(default_factory=TextFormat)
-    limits: ReadingLimits = field(default_factory=ReadingLimits)
-
-
-def read_log(path: Path, request: Request) -> RawLog:
-    """Everything in a file, by a process with limits: a damaged one can neither hang nor end this one.
+    Parameters
+    ----------
+    columns, streams : sequence of str, optional
+        Columns of a table, and topics of a bag; all when left out.
 
     Raises
     ------
     CurveError
         It is missing, too large, damaged or of no known format, or reading exceeds the limits.
     """
-    _check_size(path, request.limits)
-    limits = ProcessLimits(
-        time_s=request.limits.time_limit, memory_mb=request.limits.memory, output_bytes=10_000_000_000
-    )
+    own = limits or ReadingLimits()
+    _check_size(path, own)
+    process = ProcessLimits(time_s=own.time_limit, memory_mb=own.memory, output_bytes=10_000_000_000)
     try:
-        return run_function(limits, read_here, path, request)
+        return run_function(process, read_here, path, columns, streams, text, own)
     except (ChildProcessError, MemoryError) as error:
         raise _reading_failed(path, error) from None
 
 
-def read_here(path: Path, request: Request) -> RawLog:
-    """Everything in a file, read in this very process; errors are those of :func:`read_log`."""
-    _check_size(path, request.limits)
+def read_here(
+    path: Path,
+    columns: Sequence[str] | None = None,
+    streams: Sequence[str] | None = None,
+    text: TextFormat | None = None,
+    limits: ReadingLimits | None = None,
+) -> RawLog:
+    """Content of a file, read in this very process as by :func:`read_log`."""
+    _check_size(path, limits or ReadingLimits())
     head = b""
     if not path.is_dir():
         refuse_binary(path)
         with path.open("rb") as stream:
             head = stream.read(1024)
     try:
-        return _read(path, head, request)
+        return _read(path, head, columns, streams, text)
     except MemoryError as error:
         raise _reading_failed(path, error) from None
 
@@ -105,14 +111,20 @@ def _reading_failed(path: Path, error: Exception) -> CurveError:
     )
 
 
-def _read(path: Path, head: bytes, request: Request) -> RawLog:
+def _read(
+    path: Path,
+    head: bytes,
+    wanted: Sequence[str] | None,
+    streams: Sequence[str] | None,
+    text: TextFormat | None,
+) -> RawLog:
     """Log by the format that the first bytes show; each library is imported where its format is found."""
     if path.is_dir() or head.startswith((b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0")):
         from palpate_robot_log.reading.ros import read_bag
 
-        return read_bag(path, request.streams)
+        return read_bag(path, streams)
     if head.startswith(b"PAR1"):
-        return column_files.read_parquet(path, request.columns)
+        return column_files.read_parquet(path, wanted)
     if head.startswith((b"\x93NUMPY", b"PK\x03\x04")):
         return column_files.read_numpy(path)
     if _HDF5_MAGIC in (head[:8], head[512:520]):
@@ -127,8 +139,8 @@ def _read(path: Path, head: bytes, request: Request) -> RawLog:
         raise CurveError(
             f"{path}: the {path.suffix} file is damaged or cut off at its beginning; save it again"
         )
-    table = TextTable(path, request.text)
-    rows, columns = table.read(request.columns)
+    table = TextTable(path, text)
+    rows, columns = table.read(wanted)
     return RawLog(
         source=str(path),
         format="delimited text",

@@ -6,18 +6,17 @@ other axes or a wrench in another frame do not.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
-from palpate.api import CurveError, FloatArray
-from palpate.api.files import InspectedTable, Inspection, kind_of
+from palpate.api import CurveError
+from palpate.api.files import HEXADECIMAL, InspectedTable, Inspection, kind_of
 from palpate_robot_log.checks import LARGEST_TURN_AXIS_ANGLE_DEG
 from palpate_robot_log.measures import longest_step_s
 from palpate_robot_log.processing.chain import Processed
@@ -26,7 +25,7 @@ from palpate_robot_log.processing.cycles import process_cycles
 from palpate_robot_log.processing.settings import ProcessingSettings, Switch
 from palpate_robot_log.reading.assembly import assemble, read_both, seconds_of, share_clock
 from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles, Time
-from palpate_robot_log.reading.formats import Request, read_log
+from palpate_robot_log.reading.formats import read_log
 from palpate_robot_log.reading.processed_curves import Proposed, curves_of, spans_of
 from palpate_robot_log.reading.proposal import (
     Proposal,
@@ -37,17 +36,21 @@ from palpate_robot_log.reading.proposal import (
     study_text,
     with_unit,
 )
+from palpate_robot_log.reading.quantities import (
+    ORDER,
+    QUANTITIES,
+    Guess,
+    complete_rows,
+    extent,
+    pressed_rows,
+    rest_of,
+)
 from palpate_robot_log.reading.raw import RawLog, Stream
-from palpate_robot_log.reading.vectors import QUANTITIES, Guess, pressed_rows, rest_of
 from palpate_robot_log.recording import Recording, rotated
 
-_MOST_GAPS = 20
 _LEAST_TURN_DEG = 3.0
-_LEAST_PRESS_MM = 0.3
 _ALONG = 0.8
 _RISEN = 0.05
-_OUT_OF_PHASE = 0.3
-_EARLY = 0.35
 
 
 def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
@@ -66,16 +69,16 @@ def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
         The file cannot be read at all. What is merely wrong in it is among the findings.
     """
     if wrench is None:
-        log = read_log(path, Request())
+        log = read_log(path)
         proposal = propose(log)
     else:
-        log = read_both(path, wrench, Request())
+        log = read_both(path, wrench)
         proposal = replace(propose(log), files=LogFiles.of(path, wrench).model_dump())
         timed = {name: time for name, time in proposal.time.items() if not time.is_counter}
         clocks = [_clock(log, log.stream(name), time) for name, time in timed.items()]
         if len(timed) > 1 and share_clock([(clock["begin_s"], clock["end_s"]) for clock in clocks]):
             proposal = replace(proposal, clocks="common")
-    proposal, curves, new, problem = _found(log, path, judged(log, proposal))
+    proposal, curves, new, problem = _found(log, path, _in_order(log, judged(log, proposal)))
     streams = [_described(log, stream, proposal) for stream in log.streams]
     columns = _columns_table(streams)
     tables = (columns,) if curves else (_streams_table(log, streams), columns)
@@ -102,9 +105,10 @@ def _found(log: RawLog, path: Path, proposal: Proposal) -> tuple[Proposal, Propo
     if "position" not in proposal.guesses and not {"orientation", "force"} <= {*proposal.guesses}:
         curves, machine = curves_of(log), machine_of(log)
         if machine is not None and not (curves and curves.mode):
-            tried, is_press = _tried_machine(log, machine)
-            if is_press or curves is None or not _is_loading(log, machine):
-                curves, proposal = None, tried
+            # A log that ends under load shows no drift.
+            tried = _first_press(log, machine, replace(machine, ends_in_contact=True))
+            if tried or curves is None or not _is_loading(log, machine):
+                curves, proposal = None, tried or machine
         if curves is not None:
             return Proposal(guesses={}, time={}), curves, *_of_curves(path, curves)
     found, problem = _read(log, proposal), ""
@@ -114,7 +118,12 @@ def _found(log: RawLog, path: Path, proposal: Proposal) -> tuple[Proposal, Propo
         seconds = found.time_s[-1] - found.time_s[0]
         reads = f"{found.n_rows} rows at {found.rate_hz:.4g} Hz over {seconds:.4g} s"
         result = [f"this map reads the file: {reads}", *_yielding(log, proposal, found)]
-        result += [*_cycles(found), _curves_in(found, proposal)]
+        pressed = _press_by(log, proposal)
+        result += _cycles(found)
+        if isinstance(pressed, str):
+            result.append(f"no curves yet: {pressed}")
+        else:
+            result.append(f"its curves: {spans_of(pressed.curves)}")
     guesses = [*proposal.guesses.values(), *proposal.time.values()]
     checks = dict.fromkeys(f"check {check}" for guess in guesses for check in guess.to_check)
     others = []
@@ -140,23 +149,21 @@ def _of_curves(path: Path, curves: Proposed) -> tuple[list[str], str]:
         return [*new, f"with these tables: {error}"], str(error)
 
 
-def _last_press(recording: Recording, proposal: Proposal) -> Processed:
-    """Last press of a recording, whose drift is known where the log ends in free air."""
+def _press_by(log: RawLog, proposal: Proposal) -> Processed | str:
+    """Last press of a log by a proposal, or why there is none; drift is known where it ends in free air."""
+    found = _read(log, proposal)
+    if isinstance(found, str):
+        return found
     settings = ProcessingSettings(drift=Switch(enabled=not proposal.ends_in_contact))
-    return [*process_cycles(recording, settings).processed.values()][-1]
+    try:
+        return [*process_cycles(found, settings).processed.values()][-1]
+    except CurveError as error:
+        return str(error)
 
 
-def _tried_machine(log: RawLog, machine: Proposal) -> tuple[Proposal, bool]:
-    """A machine's proposal, without the drift where the log ends under load, and whether it has a press."""
-    found = _read(log, machine)
-    for ends_in_contact in (False, True):
-        tried = replace(machine, ends_in_contact=ends_in_contact)
-        with suppress(CurveError):
-            if isinstance(found, str):
-                break
-            _last_press(found, tried)
-            return tried, True
-    return machine, False
+def _first_press(log: RawLog, *proposals: Proposal) -> Proposal | None:
+    """First of some proposals by which a log has a press; None where none is."""
+    return next((one for one in proposals if not isinstance(_press_by(log, one), str)), None)
 
 
 def _is_loading(log: RawLog, machine: Proposal) -> bool:
@@ -169,16 +176,24 @@ def _is_loading(log: RawLog, machine: Proposal) -> bool:
     share = change / max(float(np.nanmax(change)), 1e-300)
     rises, ends = int(np.argmax(share > _RISEN)), int(np.argmax(share > 1.0 - _RISEN))
     before = float(abs(travel[rises] - travel[0])) / float(np.ptp(travel[np.isfinite(travel)]))
-    return before < _EARLY or ends > (1.0 - _RISEN) * share.size
+    return before < 0.35 or ends > (1.0 - _RISEN) * share.size
 
 
-def _curves_in(recording: Recording, proposal: Proposal) -> str:
-    """Finding on the curves of a recording, or the reason why it has none yet."""
-    try:
-        curves = _last_press(recording, proposal).curves
-    except CurveError as error:
-        return f"no curves yet: {error}"
-    return f"its curves: {spans_of(curves)}"
+def _in_order(log: RawLog, proposal: Proposal) -> Proposal:
+    """Proposal with the moment before the force, where both are only numbered and only so are a press."""
+    force, moment = (proposal.guesses.get(name) for name in ("moment", "force"))
+    if not force or not moment or ORDER.format("force") not in moment.to_check:
+        return proposal
+    check = "the moment is taken before the force: only so the force follows the press"
+    size = extent(complete_rows(log.columns(force.stream, force.names)))
+    guesses = {
+        name: with_unit(
+            log, name, replace(one, entry={"columns": one.entry["columns"]}, to_check=(check,)), size
+        )
+        for name, one in (("force", force), ("moment", moment))
+    }
+    exchanged = judged(log, replace(proposal, guesses={**proposal.guesses, **guesses}))
+    return _first_press(log, proposal, exchanged) or proposal
 
 
 def _yielding(log: RawLog, proposal: Proposal, measured: Recording) -> Iterable[str]:
@@ -207,6 +222,8 @@ def _read(log: RawLog, proposal: Proposal) -> Recording | str:
     counters = [each for name, each in proposal.time.items() if each.is_counter and name in used]
     rate = f'give time = {{ column = "{counters[0].names[0]}", rate = "… Hz" }}' if counters else ""
     if missing:
+        if counts := [note for note in log.notes if note.endswith(HEXADECIMAL)]:
+            return f"not found: {', '.join(missing)}; {counts[0]}"
         turn = 'give orientation = { form = "fixed", value = [1, 0, 0, 0] } if the tool never turns'
         others = [rate] * bool(rate) + [turn] * (missing == ["orientation"])
         return f"not found: {', '.join(missing)}; {'; or '.join(['name their columns', *others])}"
@@ -277,8 +294,7 @@ def _clock(log: RawLog, stream: Stream, guess: Guess) -> dict[str, Any]:
         "n_repeated": int((steps == 0.0).sum()),
         "n_backwards": int((steps < 0.0).sum()),
         "gaps": [
-            {"row": int(rows[i]), "time_s": float(time[i]), "seconds": float(steps[i])}
-            for i in wide[:_MOST_GAPS]
+            {"row": int(rows[i]), "time_s": float(time[i]), "seconds": float(steps[i])} for i in wide[:20]
         ],
     }
 
@@ -327,8 +343,7 @@ def _columns_table(streams: Sequence[Mapping[str, Any]]) -> InspectedTable:
 # ------------------------------------------------- readings that agree with the motion
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Motion:
+class _Motion(NamedTuple):
     """Press and twist of a recording by one reading, and its push as written and in the base frame.
 
     ``tilt_deg`` is between twist and press, NaN where the tool hardly turns. Pushes are cosines to the press.
@@ -392,37 +407,23 @@ def _motion(log: RawLog, proposal: Proposal) -> _Motion | None:
     air = rest_of(recording.force_N)
     free, loaded = pressed_rows(np.linalg.norm(recording.force_N - air, axis=1))
     press = recording.position_mm[loaded] - recording.position_mm[free]
-    if (length := float(np.linalg.norm(press))) < _LEAST_PRESS_MM:
+    if (length := float(np.linalg.norm(press))) < 0.3:
         return None
     press = press / length
     force = np.mean(recording.force_N[loaded : loaded + 5], axis=0) - air
     force = force / np.linalg.norm(force)
     turned = rotated(recording.quaternion[[loaded]], force)[0]
-    return _Motion(
-        tilt_deg=_tilt_deg(recording, loaded, press),
-        is_against=_is_against(recording, loaded, press, float(turned @ press)),
-        push_as_written=float(force @ press),
-        push_turned=float(turned @ press),
-    )
-
-
-def _is_against(recording: Recording, loaded: int, press: FloatArray, push: float) -> bool:
-    """Whether the moment of a wrench in the sensor's frame turns the tool on."""
+    push = float(turned @ press)
     pose = Rotation.from_quat(recording.quaternion[loaded:])
-    turn = (pose * pose[0].inv()).as_rotvec() @ press
-    moment = rotated(recording.quaternion[loaded:], recording.moment_Nmm[loaded:]) @ press
-    if abs(push) < _ALONG or np.ptp(turn) < np.radians(_LEAST_TURN_DEG) or not np.ptp(moment):
-        return False
-    # The tissue's push on the tool is against the press, and its moment against the turn.
-    return bool(np.sign(push) * np.corrcoef(turn, moment)[0, 1] < -_OUT_OF_PHASE)
-
-
-def _tilt_deg(recording: Recording, loaded: int, press: FloatArray) -> float:
-    """Angle [deg] between the largest turn under the press and the line of the press."""
-    pose = Rotation.from_quat(recording.quaternion[loaded:])
-    turns = (pose * pose[0].inv()).as_rotvec(degrees=True)
-    sizes = np.linalg.norm(turns, axis=1)
+    turns = (pose * pose[0].inv()).as_rotvec()
+    sizes, about = np.linalg.norm(turns, axis=1), turns @ press
     largest = int(np.argmax(sizes))
-    if sizes[largest] < _LEAST_TURN_DEG:
-        return float("nan")
-    return float(np.degrees(np.arccos(min(abs(turns[largest] @ press) / sizes[largest], 1.0))))
+    tilt_deg = float("nan")
+    if sizes[largest] >= np.radians(_LEAST_TURN_DEG):
+        tilt_deg = float(np.degrees(np.arccos(min(abs(about[largest]) / sizes[largest], 1.0))))
+    moment = rotated(recording.quaternion[loaded:], recording.moment_Nmm[loaded:]) @ press
+    is_against = False
+    if abs(push) >= _ALONG and np.ptp(about) >= np.radians(_LEAST_TURN_DEG) and np.ptp(moment):
+        # The tissue's push on the tool is against the press, and its moment against the turn.
+        is_against = bool(np.sign(push) * np.corrcoef(about, moment)[0, 1] < -0.3)
+    return _Motion(tilt_deg, is_against, float(force @ press), push)

@@ -117,6 +117,9 @@ COUNTERS = word_set(
 )
 """Words of columns that count rows."""
 
+SPECIMENS = word_set("sample samples case cases specimen specimens trial trials run runs probe proben")
+"""Words of columns that are numbered by specimen or repetition."""
+
 COMMANDED = word_set(
     "target desired d cmd command commanded ref reference setpoint goal setp sp sol soll demand demanded"
 )
@@ -180,7 +183,34 @@ def unit_of(role: str) -> str:
     return "degrees" if kind == "angle" else BASE_UNITS[kind]
 
 
-# ------------------------------------------------------------------ one column for a role
+# ------------------------------------------------------------------ likeness to a quantity
+
+
+class Rank(NamedTuple):
+    """Order of the columns that may be a quantity: the least is the likeliest."""
+
+    unit: bool  # is one that is not known, or that no log has: it is asked about
+    is_commanded: bool
+    unlikeness: float  # less where words, unit or shape show the quantity
+    words: tuple[int, ...]  # counts of those of a second form and of all, and place of one in the table
+
+
+def rank_of(
+    names: Sequence[str], column: Column, role: str, score: float, *of_words: int, has_unit: bool = True
+) -> Rank | None:
+    """Rank by the score of the words and by the unit of a column; None where it is no such quantity.
+
+    A unit of the quantity's kind counts more than a word, and that of another kind excludes the column.
+    """
+    shown, fits = column.shown_unit, factor_of(column, ROLES[role].kind) is not None
+    score += 3.0 * (fits and has_unit)
+    is_odd = has_unit and bool(shown) and not fits
+    if score <= 0.0 or (is_odd and kind_of(shown) not in (None, "other")):
+        return None
+    known = {*names}
+    is_commanded = bool(COMMANDED & known) and score >= 1.0
+    n_forms = len(FILTERED & known) + bool(_ASIDE & known)
+    return Rank(is_odd, is_commanded, -score, (n_forms, *of_words))
 
 
 class Picked(NamedTuple):
@@ -188,7 +218,7 @@ class Picked(NamedTuple):
 
     column: Column
     factor: float | None
-    remarks: tuple[str, ...]
+    remarks: tuple[str, ...] = ()
 
     def question(self, role: str) -> str:
         """Question for the unit where the file shows one that is not known; else empty."""
@@ -219,48 +249,35 @@ def pick(columns: Sequence[Column], role: str) -> Picked | None:
     remarks = []
     if others:
         remarks.append(f"{column.name} is taken for the {role}, and not {', '.join(o[1] for o in others)}")
-    if best[1]:
+    if best.is_commanded:
         remarks.append(f"{column.name} is commanded, not measured; use the measured {role}")
     return Picked(column, factor_of(column, kind), tuple(remarks))
 
 
 def spread_of(columns: Sequence[Column], role: str) -> Picked | None:
     """The one column that is the standard deviation of a role; None where none is, or several are."""
-    found = [
-        column
-        for column in columns
-        if SPREADS & {*(words := words_of(column.name))} and {*map(_simple, words)} & {*ROLES[role].words}
-    ]
-    return Picked(found[0], factor_of(found[0], ROLES[role].kind), ()) if len(found) == 1 else None
+    named = ((column, words_of(column.name)) for column in columns)
+    found = [c for c, words in named if SPREADS & {*words} and {*map(_simple, words)} & {*ROLES[role].words}]
+    return Picked(found[0], factor_of(found[0], ROLES[role].kind)) if len(found) == 1 else None
 
 
 def rivals(columns: Sequence[Column], role: str) -> tuple[str, ...]:
     """Names of the columns that are as likely for a role; empty where one is the likeliest, or none is."""
-    ranked = _ranked(columns, role)
+    ranked, kind = _ranked(columns, role), ROLES[role].kind
     best = [name for rank, name, _ in ranked if rank == ranked[0][0]]
+    best = best or [one.name for one in columns if kind != "ratio" and factor_of(one, kind) is not None]
     return tuple(best) if len(best) > 1 else ()
 
 
-_Rank = tuple[bool, bool, int, int, int]
-
-
-def _ranked(columns: Sequence[Column], role: str) -> list[tuple[_Rank, str, Column]]:
-    ranks = ((_rank(column, ROLES[role]), column.name, column) for column in columns)
-    return sorted((rank, name, column) for rank, name, column in ranks if rank is not None)
-
-
-def _rank(column: Column, role: Role) -> _Rank | None:
-    """Order of a column for a role, the least is the likeliest; None where it cannot be of the role."""
-    words, shown = words_of(column.name), column.shown_unit
-    found = [role.words.index(word) for word in map(_simple, words) if word in role.words]
-    is_measured = factor_of(column, role.kind) is not None
-    # A unit that is not known, or that no log has, is asked about; one of another kind is another quantity's.
-    is_possible = is_measured or kind_of(shown) in (None, "other")
-    is_value = np.isfinite(column.values).any() and not _NO_VALUES & {*words}
-    if not found or not is_possible or not is_value:
-        return None
-    n_forms = len(FILTERED & {*words}) + bool(_ASIDE & {*words})
-    return bool(shown) and not is_measured, bool(COMMANDED & {*words}), n_forms, len(words), min(found)
+def _ranked(columns: Sequence[Column], role: str) -> list[tuple[Rank, str, Column]]:
+    """Columns that a word shows to be of a role, the likeliest first."""
+    found = []
+    for column in columns:
+        words, known = words_of(column.name), ROLES[role].words
+        places = [known.index(word) for word in map(_simple, words) if word in known]
+        if places and np.isfinite(column.values).any() and not _NO_VALUES & {*words}:
+            found.append((rank_of(words, column, role, 2.0, len(words), min(places)), column.name, column))
+    return sorted((rank, name, column) for rank, name, column in found if rank is not None)
 
 
 def _simple(word: str) -> str:

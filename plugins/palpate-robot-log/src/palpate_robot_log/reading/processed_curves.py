@@ -12,7 +12,6 @@ from pydantic import ValidationError
 from palpate.api import FORCE, Curve, CurveError, ExperimentLoader, FloatArray
 from palpate.api.files import Column, kind_of
 from palpate_indentation.api import CsvLoader, problem_of, units_of
-from palpate_robot_log.columns_loader import ColumnsLoader
 from palpate_robot_log.processing.contact import place_of_contact
 from palpate_robot_log.reading.names import (
     SHEAR,
@@ -28,13 +27,17 @@ from palpate_robot_log.reading.names import (
 )
 from palpate_robot_log.reading.proposal import pairs, tables_text
 from palpate_robot_log.reading.raw import RawLog
+from palpate_robot_log.robot_log import ColumnsLoader
 
 _ROLES = {"force": ("travel", "force"), "torque": ("angle", "moment")}
-_LARGEST_STRAIN = 10.0
 _FEWEST_OF_ROBOT = 7  # a time, a position and a force
 _AT_REST = 0.02
 """Share of a range up to which a value is next to zero."""
 
+_MOST = (10.0, 90.0)
+"""Percentiles between which most rows are, without the begin of a creep test."""
+_OF_CANTILEVER = frozenset(("z", "height", "piezo", "deflection", "cantilever"))
+"""Words of the lengths of an atomic force microscope, of which none alone is a depth."""
 _TRAVEL_MM = 10.0
 """Length to which a travel of any unit is scaled where first contact is sought."""
 _FEWEST_ROWS, _FEWEST_FREE = 20, 8
@@ -149,6 +152,10 @@ def _curves(columns: Sequence[Column]) -> Proposed | None:
                 questions.append(question)
             elif one.factor is None:
                 remarks.append(f"check the unit of {one.column.name}: {unit_of(role)} is assumed")
+        bent = [column.name for column in columns if _OF_CANTILEVER & {*words_of(column.name)}]
+        if along.column.name in bent and len(bent) > 1:
+            ask = "depth is the way less the deflection of the cantilever"
+            questions.append(f"{', '.join(bent)}: {ask}; add a column of it")
         if {"extension", "ext"} & {*words_of(along.column.name)}:
             ask = "if a specimen is pulled, give its stress and strain instead"
             remarks.append(f"check {along.column.name}: a press is assumed; {ask}")
@@ -272,8 +279,9 @@ def _homogeneous(columns: Sequence[Column]) -> Proposed | None:
     """Stress of a homogeneous test over its stretch, strain or shear; None without both."""
     stress, along = pick(columns, "stress"), pick(columns, "stretch") or pick(columns, "strain")
     if stress is None or along is None:
-        alike = [*rivals(columns, "stress"), *rivals(columns, "strain")]
-        if alike and (stress or along or (rivals(columns, "stress") and rivals(columns, "strain"))):
+        of, ways = rivals(columns, "stress"), rivals(columns, "stretch") or rivals(columns, "strain")
+        alike = [*of, *ways]
+        if alike and (stress or along or (of and ways)):
             ask = f"{' or '.join(alike)}? name one pair of strain and stress"
             return Proposed(channels={"uniaxial": {}}, mode="uniaxial", questions=(ask,))
         return None
@@ -286,14 +294,15 @@ def _homogeneous(columns: Sequence[Column]) -> Proposed | None:
         "ordinate": _column(stress, signs[1]),
     }
     columns_of |= {key: of for key, of in (("strain", test.strain), ("stress", test.stress)) if of}
-    questions = [*test.questions]
-    if not np.nanstd(stress.column.values) > _AT_REST * np.nanmax(np.abs(stress.column.values)):
+    questions = [*test.questions, *filter(None, (stress.question("stress"), along.question("strain")))]
+    if not np.ptp(np.nanpercentile(stress.column.values, _MOST)) > _AT_REST * np.nanmax(
+        abs(stress.column.values)
+    ):
         questions.append(f"{stress.column.name} hardly changes, as in creep: give a test of loading")
-    questions += filter(None, (stress.question("stress"), along.question("strain")))
     if stress.factor is None and not stress.column.shown_unit:
         questions.append(f"{stress.column.name} shows no unit of stress: give scale, the factor to MPa")
     largest = float(np.nanmax(np.abs(along.column.values), initial=0.0))
-    if along.factor is None and not along.column.shown_unit and not is_stretch and largest > _LARGEST_STRAIN:
+    if along.factor is None and not along.column.shown_unit and not is_stretch and largest > 10.0:
         questions.append(f"{along.column.name} goes to {largest:.4g}: in percent? give scale, 0.01 or 1")
     if test.stress and not test.strain and not is_stretch and is_nominal:
         remarks = [*remarks, f"check {along.column.name}: a nominal strain is assumed"]

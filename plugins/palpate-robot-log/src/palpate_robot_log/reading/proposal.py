@@ -1,7 +1,7 @@
 """A channel map guessed from names, units, numbers and directions, for a person to look over."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -9,10 +9,8 @@ import numpy as np
 from palpate.api import FloatArray
 from palpate.api.files import Column, toml_value
 from palpate_robot_log.reading.channel_map import NO_COLUMN
-from palpate_robot_log.reading.clock import repeats_time, time_of
-from palpate_robot_log.reading.names import COMMANDED, ROLES, Picked, factor_of, pick, words_of
-from palpate_robot_log.reading.raw import RawLog, Stream
-from palpate_robot_log.reading.vectors import (
+from palpate_robot_log.reading.names import ROLES, Picked, factor_of, pick, words_of
+from palpate_robot_log.reading.quantities import (
     QUANTITIES,
     WRENCH_WORDS,
     Group,
@@ -22,14 +20,15 @@ from palpate_robot_log.reading.vectors import (
     groups_of,
     possible,
     pressed_rows,
+    repeats_time,
     rest_of,
+    time_of,
 )
+from palpate_robot_log.reading.raw import RawLog, Stream
 
 _NONE = {"columns": [NO_COLUMN] * 3}
 _DOWN: Mapping[str, Any] = {"form": "fixed", "value": [1.0, 0.0, 0.0, 0.0]}
 """Entry of an orientation that never turns, and whose axis points down."""
-_SHARED_TABLE = 0.2
-_CLEARLY = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,10 +67,9 @@ def propose(log: RawLog) -> Proposal:
         for group in groups
     )
     for group in groups:
-        for quantity, guess in possible(
-            group, is_turned=(group.stream, group.words) in turned, t_is_moment=not has_moment
-        ):
-            found[quantity].append(replace(guess, is_commanded=bool(COMMANDED & {*group.words})))
+        is_turned = (group.stream, group.words) in turned
+        for quantity, guess in possible(group, is_turned=is_turned, t_is_moment=not has_moment):
+            found[quantity].append(guess)
     ranked = {quantity: _ranked(quantity, guesses) for quantity, guesses in found.items() if guesses}
     if "position" in ranked and "force" not in ranked:
         ranked |= _of_load_cell(log, ranked["position"][0].stream, groups)
@@ -98,12 +96,11 @@ def propose(log: RawLog) -> Proposal:
 
 def _ranked(quantity: str, guesses: Iterable[Guess]) -> list[Guess]:
     """Guesses, the likeliest first: one that is commanded only where nothing clearly is measured."""
-    order = sorted(guesses, key=lambda one: (one.is_commanded and one.score >= _CLEARLY, -one.score))
-    measured = [one for one in order if not one.is_commanded and one.score >= _CLEARLY]
+    order = sorted(guesses, key=lambda one: one.rank or ())
     commanded = [one for one in order if one.is_commanded]
-    if commanded and not measured:
+    if commanded and all(one.is_commanded or one.rank.unlikeness > -1.0 for one in order if one.rank):
         check = f"{quantity}: these columns are commanded, not measured; log the measured ones"
-        order = [one.with_check(check) for one in commanded]
+        return [one.with_check(check) for one in commanded]
     return order
 
 
@@ -185,14 +182,14 @@ def _senses(travel: FloatArray, force: FloatArray) -> tuple[float, float]:
 def _lacks(log: RawLog, guess: Guess) -> bool:
     """Whether more rows have no value than a few that are damaged, as where topics share a table."""
     lacking = [~np.isfinite(column.values) for column in log.columns(guess.stream, guess.names)]
-    return float(np.mean(np.any(lacking, axis=0))) > _SHARED_TABLE
+    return float(np.mean(np.any(lacking, axis=0))) > 0.2
 
 
 def with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) -> Guess:
     """Guess with a unit judged by magnitude, where the file shows none."""
     columns, is_turn = log.columns(guess.stream, guess.names), guess.entry.get("form") == "axis_angle"
     has_unit = quantity != "orientation" or "sequence" in guess.entry or is_turn
-    if not has_unit or guess.unit or not columns:
+    if not has_unit or "unit" in guess.entry or not columns:
         return guess
     if shown := columns[0].shown_unit:
         known = factor_of(columns[0], ROLES[quantity].kind) is not None
