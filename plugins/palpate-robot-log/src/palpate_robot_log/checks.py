@@ -189,7 +189,7 @@ CHECKS: tuple[Check, ...] = (
     Check("start", given, (3, _INF),
          "the log starts in contact, so the sensor's bias cannot be determined",
          "start it in free air"),
-    Check("presses", of_press.n_contacts, (1, 1),
+    Check("presses", given, (1, 1),
          "{value} presses in one log ({spans})",
          "give window.start and window.stop of one of them; a log must not start in contact"),
     Check("gaps", of_press.longest_step, (0.0, 1.0),

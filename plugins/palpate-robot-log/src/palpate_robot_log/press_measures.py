@@ -85,13 +85,6 @@ def jump_of_zero(track: Recording, force_N: FloatArray, least_N: float) -> Itera
         )
 
 
-def n_contacts(recording: Recording, contacts: "Sequence[ContactRows]") -> Iterator[Found]:
-    """Count of contacts."""
-    time = recording.time_s
-    spans = ", ".join(f"{time[one.first]:.2f} to {time[one.last]:.2f} s" for one in contacts)
-    yield found(len(contacts), spans=spans)
-
-
 def longest_step(recording: Recording, contact: "ContactRows") -> Iterator[Found]:
     """Longest time from row to row while the tool presses, over the longest that is allowed."""
     steps = np.diff(recording.time_s[contact.rows])

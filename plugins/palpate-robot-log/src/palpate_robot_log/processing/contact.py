@@ -53,8 +53,9 @@ class ContactRows:
 
 def rough_contact(recording: Recording) -> ContactRows:
     """Rows between the first and the last clear change of force."""
-    contacts = contacts_of(recording)
-    check(recording, "presses", contacts)
+    contacts, time = contacts_of(recording), recording.time_s
+    spans = ", ".join(f"{time[one.first]:.2f} to {time[one.last]:.2f} s" for one in contacts)
+    check(recording, "presses", len(contacts), spans=spans)
     return contacts[0]
 
 

@@ -80,8 +80,7 @@ def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
             proposal = replace(proposal, clocks="common")
     proposal, curves, new, problem = _found(log, path, _in_order(log, judged(log, proposal)))
     streams = [_described(log, stream, proposal) for stream in log.streams]
-    columns = _columns_table(streams)
-    tables = (columns,) if curves else (_streams_table(log, streams), columns)
+    tables = _tables(log, streams)[1 if curves else 0 :]
     findings = [*log.notes, *(() if curves else _gap_findings(log, streams)), *new]
     text = curves.text() if curves else study_text(log, proposal)
     record = {
@@ -315,29 +314,28 @@ def _gap_findings(log: RawLog, streams: Sequence[Mapping[str, Any]]) -> Iterable
             yield f"{stream.label}: time goes back {clock['n_backwards']} times"
 
 
-def _streams_table(log: RawLog, streams: Sequence[Mapping[str, Any]]) -> InspectedTable:
-    rows = []
+def _tables(log: RawLog, streams: Sequence[Mapping[str, Any]]) -> tuple[InspectedTable, InspectedTable]:
+    """Clock of each stream, and each column."""
+    clocks, columns = list[tuple[str, ...]](), list[tuple[str, ...]]()
     for stream in streams:
-        shown = ("–",) * 4
+        shown, name = ("–",) * 4, stream["name"] or "–"
         if clock := stream["time"]:
             gap = f"{max(gap['seconds'] for gap in clock['gaps']):.3f}" if clock["gaps"] else "none"
             shown = (f"{clock['begin_s']:.3f}", f"{clock['end_s']:.3f}", f"{clock['rate_hz']:.4g}", gap)
-        rows.append((stream["name"] or "–", str(stream["n_rows"]), *shown))
-    names = ("stream", f"{log.row_word}s", "from [s]", "to [s]", "rate [Hz]", "longest gap [s]")
-    return InspectedTable(title=f"{log.source}: {log.format}", columns=names, rows=tuple(rows))
-
-
-def _columns_table(streams: Sequence[Mapping[str, Any]]) -> InspectedTable:
-    rows = []
-    for stream in streams:
+        clocks.append((name, str(stream["n_rows"]), *shown))
         for column in stream["columns"]:
-            role, extremes = column["taken_for"] or "", (column["least"], column["largest"])
+            role, ends = column["taken_for"] or "", (column["least"], column["largest"])
             unit = column["unit"] or ("–" if role == "orientation" else "?")
-            numbers = ("–" if number is None else f"{number:.6g}" for number in extremes)
-            shown = (column["name"], unit, *numbers, str(column["n_missing"]), role, column["note"])
-            rows.append((stream["name"] or "–", *shown))
-    names = ("stream", "column", "unit", "least", "largest", "missing", "taken for", "note")
-    return InspectedTable(title="Columns", columns=names, rows=tuple(rows))
+            numbers = ("–" if number is None else f"{number:.6g}" for number in ends)
+            columns.append(
+                (name, column["name"], unit, *numbers, str(column["n_missing"]), role, column["note"])
+            )
+    of_clocks = ("stream", f"{log.row_word}s", "from [s]", "to [s]", "rate [Hz]", "longest gap [s]")
+    of_columns = ("stream", "column", "unit", "least", "largest", "missing", "taken for", "note")
+    return (
+        InspectedTable(title=f"{log.source}: {log.format}", columns=of_clocks, rows=tuple(clocks)),
+        InspectedTable(title="Columns", columns=of_columns, rows=tuple(columns)),
+    )
 
 
 # ------------------------------------------------- readings that agree with the motion

@@ -294,12 +294,19 @@ def pairs(table: Mapping[str, object]) -> list[str]:
 def _channels(proposal: Proposal) -> Iterable[str]:
     """Lines of the channel map, with what is to be checked and what it may be instead."""
     chosen, time = channel_map(proposal), _first_time(proposal)
-    yield from _commented("time", chosen, time)
-    for quantity in QUANTITIES:
-        guess = proposal.guesses.get(quantity)
-        yield from _commented(quantity, chosen, guess)
-        for other in guess.also if guess else ():
-            yield f"# or {quantity} = {toml_value(_entry(other, time, proposal))}"
+    for quantity in ("time", *QUANTITIES):
+        guess = time if quantity == "time" else proposal.guesses.get(quantity)
+        if guess is not None and quantity in chosen:
+            yield from (f"# check {check}" for check in guess.to_check)
+            yield f"{quantity} = {toml_value(chosen[quantity])}"
+            yield from (f"# or {quantity} = {toml_value(_entry(o, time, proposal))}" for o in guess.also)
+        elif guess is not None:
+            entry = f'{{ column = {toml_value(guess.names[0])}, rate = "… Hz" }}'
+            yield f"# {quantity} = {entry}  # {guess.to_check[0]}"
+        else:
+            columns = ", ".join(['"…"'] * (4 if quantity == "orientation" else 3))
+            empty = f"{{ columns = [{columns}] }}" if quantity != "time" else '"…"'
+            yield f"# {quantity} = {empty}  # no column looks like it: name them"
     yield from [f"# {proposal.wrench_reason}"] if is_machine(proposal) else _sides(proposal)
     if proposal.skips_missing:
         yield 'missing = "skip"  # rows of one topic have no values of another'
@@ -317,18 +324,3 @@ def _sides(proposal: Proposal) -> Iterable[str]:
     yield f"# check {proposal.wrench_reason or 'whose wrench it is, and in which frame: nothing tells'}"
     yield f'acts_on = "{proposal.acts_on}"  # or "{other_side}": tool is the wrench of the tissue on the tool'
     yield f'wrench_frame = "{proposal.wrench_frame}"  # or "{other_frame}"'
-
-
-def _commented(quantity: str, chosen: Mapping[str, object], guess: Guess | None) -> Iterable[str]:
-    if quantity not in chosen or guess is None:
-        empty = ", ".join(['"…"'] * (4 if quantity == "orientation" else 3))
-        form = f"{{ columns = [{empty}] }}" if quantity != "time" else '"…"'
-        if guess is not None and guess.is_counter:
-            form = f'{{ column = {toml_value(guess.names[0])}, rate = "… Hz" }}'
-            yield f"# {quantity} = {form}  # {guess.to_check[0]}"
-            return
-        yield f"# {quantity} = {form}  # no column looks like it: name them"
-        return
-    for check in guess.to_check:
-        yield f"# check {check}"
-    yield f"{quantity} = {toml_value(chosen[quantity])}"
