@@ -18,9 +18,9 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_172,
-    "lines of the core": 33_449,
-    "classes": 657,
+    "lines": 77_082,
+    "lines of the core": 33_359,
+    "classes": 655,
     "constants": 869,
     "long files": 0,
     "long functions": 7,

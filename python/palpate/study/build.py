@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from pydantic import ValidationError
@@ -12,20 +12,17 @@ from palpate.domain import Indentation, ParameterSpace, Protocol, Scenario, chan
 from palpate.domain.component import Component
 from palpate.errors import PalpateError
 from palpate.plugins.catalogue import Catalogue, Plugins
-from palpate.plugins.execution import Executor
 from palpate.plugins.guard import answering_for
-from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins.parametrisation import Parametrisation
-from palpate.plugins.score import Score
-from palpate.plugins.search import Search
+from palpate.plugins.score import ScoringRules
 from palpate.study.model import (
     BudgetTable,
     ScenarioTable,
     SelectionTable,
+    StudyFile,
 )
 from palpate.study.problems import Problems, choice
 from palpate.study.source_positions import Key
-from palpate.study.tables import Tables
 
 C = TypeVar("C", bound=Component)
 
@@ -45,24 +42,11 @@ class Context:
     is_copy: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Components:
-    """Components of a study, built from its settings; None where a problem was found."""
+def build_components(context: Context, tables: StudyFile) -> dict[str, Any]:
+    """Build every component that the file names, except the materials, as the fields of a study.
 
-    loader: ExperimentLoader | None
-    limb_source: LimbSource | None
-    sampler: Sampler | None
-    filters: tuple[SetFilter, ...]
-    solver: Solver | None
-    executor: Executor | None
-    score: Score | None
-    search: Search | None
-    parametrisation: Parametrisation | None
-    stages: tuple[Component, ...]
-
-
-def build_components(context: Context, tables: Tables) -> Components:
-    """Build every component that the file names, except the materials."""
+    None where a problem was found.
+    """
     plugins = context.plugins
 
     def named(
@@ -82,18 +66,22 @@ def build_components(context: Context, tables: Tables) -> Components:
         built = (build_component(context, catalogue, n, given[n], at, at) for n, at in places.items())
         return tuple(each for each in built if each is not None)
 
-    return Components(
-        loader=named(plugins.loaders, "experiment", "loader"),
-        limb_source=named(plugins.limb_sources, "limb", "source"),
-        sampler=named(plugins.samplers, "sampling", "sampler"),
-        filters=several(plugins.set_filters, tables.sampling.filters if tables.sampling else {}, FILTERS),
-        stages=several(plugins.stages, tables.stages, ("stages",)),
-        solver=named(plugins.solvers, "solver", "name"),
-        executor=named(plugins.executors, "executor", "name"),
-        score=named(plugins.scores, "scoring", "score", at=("scoring",)),
-        search=named(plugins.searches, "fit", "search"),
-        parametrisation=named(plugins.parametrisations, "fit", "parametrisation", "searched"),
-    )
+    score, rules = named(plugins.scores, "scoring", "score", at=("scoring",)), tables.scoring
+    return {
+        "loader": named(plugins.loaders, "experiment", "loader"),
+        "limb_source": named(plugins.limb_sources, "limb", "source"),
+        "sampler": named(plugins.samplers, "sampling", "sampler"),
+        "filters": several(plugins.set_filters, tables.sampling.filters if tables.sampling else {}, FILTERS),
+        "stages": several(plugins.stages, tables.stages, ("stages",)),
+        "solver": named(plugins.solvers, "solver", "name"),
+        "executor": named(plugins.executors, "executor", "name"),
+        "scoring": score
+        and ScoringRules(
+            score=score, minimum_coverage=rules.minimum_coverage, rank_partial=rules.rank_partial
+        ),
+        "search": named(plugins.searches, "fit", "search"),
+        "parametrisation": named(plugins.parametrisations, "fit", "parametrisation", "searched"),
+    }
 
 
 def build_component(
@@ -212,7 +200,7 @@ def _check_channels(
 def check_parametrisation(
     context: Context,
     parametrisation: Parametrisation,
-    tables: Tables,
+    tables: StudyFile,
     measured: Mapping[str, Collection[str | None]],
     scenarios: Sequence[Scenario],
 ) -> None:
@@ -220,7 +208,7 @@ def check_parametrisation(
     found = [channel for spot in measured.values() for channel in spot]
     channels = [] if None in found else weighed_channels(scenarios, filter(None, found))
     with context.problems.at("fit", "searched"), answering_for(parametrisation, "checking its settings"):
-        for key, reason in parametrisation.unusable(channels, indents="protocol" in tables.written):
+        for key, reason in parametrisation.unusable(channels, indents="protocol" in tables.model_fields_set):
             context.problems.add(("fit", "searched", *key), reason)
 
 

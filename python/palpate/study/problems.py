@@ -69,7 +69,8 @@ class Problems:
     def add_invalid(self, key: Key, error: ValidationError, model: object) -> None:
         """Note everything that pydantic found when it read ``model`` at ``key``."""
         for detail in error.errors(include_url=False):
-            parts = tuple(part for part in detail["loc"] if part != "[key]")
+            # Names of validators, such as literal['auto'], are no keys.
+            parts = tuple(part for part in detail["loc"] if not str(part).endswith("]"))
             unknown = detail["type"] == "extra_forbidden"
             known = _keys(model, parts[:-1]) if unknown else ()
             self.add((*key, *parts), _message(detail, known))

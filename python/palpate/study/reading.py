@@ -4,7 +4,9 @@ import tomllib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import TypeAdapter, ValidationError
 
 from palpate.domain import (
     Channel,
@@ -16,29 +18,27 @@ from palpate.domain import (
     Scenario,
 )
 from palpate.domain.channels import EQUILIBRIUM_CHANNELS, PRESS_AND_TWIST
-from palpate.domain.component import Component
 from palpate.errors import PluginError, StudyError
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.execution import Executor
 from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Sampler, SetFilter, Solver
 from palpate.plugins.parametrisation import Parametrisation
+from palpate.plugins.registry import suggestion
 from palpate.plugins.score import ScoringRules
 from palpate.plugins.search import Search
 from palpate.study.build import (
-    Components,
     Context,
     build_components,
     build_scenarios,
     check_budget,
     check_parametrisation,
 )
-from palpate.study.model import BudgetTable, ExecutorTable
-from palpate.study.problems import ModelT, Problems, require
+from palpate.study.model import BudgetTable, ExecutorTable, StudyFile
+from palpate.study.problems import ModelT, Problems
 from palpate.study.regions import build_space, build_truth, display_units
 from palpate.study.solver_checks import check_solver, check_times, named_protocols, relaxing_parts
 from palpate.study.source_positions import MOST_SIMULATIONS, KeyLines, check_plain, dotted
 from palpate.study.spots import StudySpot, build_protocol, build_spots
-from palpate.study.tables import Tables, read_tables
 
 __all__ = ["Study", "StudySpot", "read_options", "read_study", "relative", "with_study_plugins"]
 
@@ -273,7 +273,7 @@ def read_study(
     text, raw = parse_toml(path)
     problems = Problems(path, KeyLines(text), raw)
     context = Context((copy_of or path).resolve(), plugins, problems, is_copy=copy_of is not None)
-    return _build(context, read_tables(raw, problems), need_measured)
+    return _build(context, _tables(raw, problems), need_measured)
 
 
 def with_study_plugins(path: Path | str, plugins: Plugins | None = None) -> Plugins:
@@ -346,7 +346,30 @@ def parse_toml(path: Path) -> tuple[str, dict[str, Any]]:
         raise StudyError(f"{path}: {error}") from None
 
 
-def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
+def _tables(raw: Mapping[str, Any], problems: Problems) -> StudyFile:
+    """Check the shape of a study file, table by table, so that one bad table hides no other.
+
+    A required table that is absent or not valid is None or empty, another one has its defaults.
+    """
+    valid: dict[str, Any] = {"spot": [], "region": {}}
+    for name, declared in StudyFile.model_fields.items():
+        if declared.is_required():
+            valid.setdefault(name, None)
+        try:
+            if name in raw:
+                table: Any = Annotated[declared.annotation, declared]
+                valid[name] = TypeAdapter(table).validate_python(raw[name])
+            elif declared.is_required():
+                problems.add((), f"missing table [{name}]; add it")
+        except ValidationError as error:
+            problems.add_invalid((name,), error, declared.annotation)
+    for name in raw.keys() - StudyFile.model_fields.keys():
+        known = tuple(StudyFile.model_fields)
+        problems.add((name,), f"unknown table{suggestion(name, known)} (known: {', '.join(known)})")
+    return StudyFile.model_construct(_fields_set=set(raw), **valid)
+
+
+def _build(context: Context, tables: StudyFile, need_measured: bool) -> Study:
     header, sampling, selection = tables.study, tables.sampling, tables.selection
     parts = build_components(context, tables)
     spots = build_spots(context, tables, need_measured)
@@ -358,84 +381,60 @@ def _build(context: Context, tables: Tables, need_measured: bool) -> Study:
     truth = build_truth(context, tables, space)
     presses = [protocol, *(each.protocol for each in spots)]
     _refuse_problems(context, tables, parts, space, scenarios, presses, measured)
-    study = Study(
-        name=require(header).name,
-        description=require(header).description,
+    fit, limits = tables.fit, tables.executor or ExecutorTable()
+    return Study(
+        **parts,
+        name=header.name,
+        description=header.description,
         file=context.file,
-        data=require(header).data,
+        data=header.data,
         spots=spots,
-        loader=require(parts.loader),
-        limb_source=parts.limb_source,
         protocol=protocol,
         space=space,
-        sampler=require(parts.sampler),
-        n_sets=require(sampling).n_sets,
-        seed=require(sampling).seed,
-        filters=parts.filters,
-        solver=require(parts.solver),
-        scoring=ScoringRules(
-            score=require(parts.score),
-            minimum_coverage=require(tables.scoring).minimum_coverage,
-            rank_partial=require(tables.scoring).rank_partial,
-        ),
+        n_sets=sampling.n_sets,
+        max_draws=sampling.max_draws,
+        seed=sampling.seed,
         scenarios=scenarios,
-        generalise_by=require(selection).generalise_by or scenarios[0].name,
-        search=require(parts.search),
-        parametrisation=require(parts.parametrisation),
+        generalise_by=selection.generalise_by or scenarios[0].name,
         truth=truth,
         units=display_units(tables.region, space),
-        n_workers=require(tables.solver).n_workers,
-        time_limit_s=require(tables.solver).time_limit,
+        n_workers=tables.solver.n_workers,
+        time_limit_s=tables.solver.time_limit,
         plugin_files=context.plugins.files,
         channels=dict(context.plugins.channels),
+        one_frame=tables.limb is not None and tables.limb.one_frame,
+        linear_tetrahedra=tables.limb is not None and tables.limb.linear,
+        noise=fit.noise,
+        fine_runs=fit.fine_runs,
+        fine_nodes=fit.fine_nodes,
+        budget=tables.budget,
+        memory_limit_MB=limits.memory_limit or 0.0,
+        n_attempts=limits.attempts,
+        cache=context.file.parent / limits.cache if limits.cache else None,
     )
-    return _with_settings(study, tables, parts.executor, parts.stages)
 
 
 def _refuse_problems(
     context: Context,
-    tables: Tables,
-    parts: Components,
+    tables: StudyFile,
+    parts: Mapping[str, Any],
     space: ParameterSpace,
     scenarios: tuple[Scenario, ...],
     protocols: Sequence[Protocol | None],
     measured: Mapping[str, Collection[str | None]],
 ) -> None:
     """Refuse a study with problems, those too of tables that do not go together."""
-    _check_sizes(context, tables, parts.executor)
-    if tables.budget:
-        check_budget(context, tables.budget, space, protocols)
-    if parts.solver:
-        check_solver(context, parts.solver, tables, space, scenarios, protocols)
-    if parts.parametrisation:
-        check_times(context, relaxing_parts(space, parts.parametrisation), named_protocols(protocols))
-        check_parametrisation(context, parts.parametrisation, tables, measured, scenarios)
+    _check_sizes(context, tables, parts["executor"])
+    check_budget(context, tables.budget, space, protocols)
+    if parts["solver"]:
+        check_solver(context, parts["solver"], tables, space, scenarios, protocols)
+    if parametrisation := parts["parametrisation"]:
+        check_times(context, relaxing_parts(space, parametrisation), named_protocols(protocols))
+        check_parametrisation(context, parametrisation, tables, measured, scenarios)
     context.problems.raise_if_any()
 
 
-def _with_settings(
-    study: Study, tables: Tables, executor: Executor | None, stages: tuple[Component, ...]
-) -> Study:
-    """Add how meshes are read, how curves are fitted, and the limits of simulations."""
-    fit, limits = require(tables.fit), tables.executor or ExecutorTable()
-    return replace(
-        study,
-        one_frame=tables.limb is not None and tables.limb.one_frame,
-        linear_tetrahedra=tables.limb is not None and tables.limb.linear,
-        max_draws=require(tables.sampling).max_draws,
-        noise=fit.noise,
-        fine_runs=fit.fine_runs,
-        fine_nodes=fit.fine_nodes,
-        budget=require(tables.budget),
-        executor=executor,
-        stages=stages,
-        memory_limit_MB=limits.memory_limit or 0.0,
-        n_attempts=limits.attempts,
-        cache=study.folder / limits.cache if limits.cache else None,
-    )
-
-
-def _check_sizes(context: Context, tables: Tables, executor: Executor | None) -> None:
+def _check_sizes(context: Context, tables: StudyFile, executor: Executor | None) -> None:
     """Refuse too many simulations or draws, and limits that the executor does not keep."""
     n_simulations = len(tables.spot) * (tables.sampling.n_sets if tables.sampling else 0)
     if n_simulations > MOST_SIMULATIONS:

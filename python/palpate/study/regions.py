@@ -14,10 +14,9 @@ from palpate.domain.parameters import ratio_of
 from palpate.domain.relaxing import relaxing
 from palpate.errors import PalpateError
 from palpate.study.build import Context, build_component
-from palpate.study.model import ParameterTable, RegionTable
+from palpate.study.model import ParameterTable, RegionTable, StudyFile
 from palpate.study.problems import Problems, choice
 from palpate.study.source_positions import Key
-from palpate.study.tables import Tables
 from palpate.units import convert, convert_factor, unit_of
 
 _NAME = re.compile(r"([\w-]+\.)?[^\W\d]\w*")
@@ -303,7 +302,7 @@ def _written_unit(tables: Mapping[str, RegionTable], name: str) -> str:
     return unit_of(given) if isinstance(given, str) else ""
 
 
-def build_truth(context: Context, tables: Tables, space: ParameterSpace) -> dict[str, float]:
+def build_truth(context: Context, tables: StudyFile, space: ParameterSpace) -> dict[str, float]:
     """Read the known answer, by ``region.parameter``, in the region's convention."""
     if tables.truth and tables.study and tables.study.data != "simulated":
         context.problems.add(("truth",), 'only simulated data have a known answer; set data = "simulated"')

@@ -7,9 +7,8 @@ from palpate.domain.indenter import Indenter
 from palpate.plugins.interfaces import Solver
 from palpate.plugins.parametrisation import Parametrisation
 from palpate.study.build import Context
-from palpate.study.model import SelectionTable
+from palpate.study.model import SelectionTable, StudyFile
 from palpate.study.source_positions import Key
-from palpate.study.tables import Tables
 
 OTHER = "choose another of either"
 
@@ -17,7 +16,7 @@ OTHER = "choose another of either"
 def check_solver(
     context: Context,
     solver: Solver,
-    tables: Tables,
+    tables: StudyFile,
     space: ParameterSpace,
     scenarios: Sequence[Scenario],
     protocols: Sequence[Protocol | None],
@@ -70,18 +69,18 @@ def _check_channels(
             )
 
 
-def _check_body(context: Context, solver: Solver, tables: Tables) -> None:
+def _check_body(context: Context, solver: Solver, tables: StudyFile) -> None:
     """Refuse a study without the tables and meshes that the solver needs, or with those it does not use."""
     provides, add, name = solver.provides, context.problems.add, f"solver '{solver.name}'"
     needed = {"limb": provides.mesh, "protocol": provides.body != "specimen"}
     for table, is_needed in needed.items():
-        if is_needed and table not in tables.written:
+        if is_needed and table not in tables.model_fields_set:
             add(("solver", "name"), f"{name} needs a [{table}] table; add one")
     if not provides.mesh and tables.limb is not None:
         add(("limb",), f"{name} takes no mesh; remove the table")
     if provides.body == "specimen" and tables.protocol is not None:
         add(("protocol",), f"{name} makes homogeneous tests and has no protocol; remove the table")
-    if not provides.mesh and tables.fit and tables.fit.fine_edge not in ("auto", 0.0):
+    if not provides.mesh and tables.fit.fine_edge not in ("auto", 0.0):
         add(("fit", "fine_edge"), f"{name} takes no mesh; remove the key")
     for index, spot in enumerate(tables.spot):
         if provides.mesh and spot.mesh is None:
@@ -91,7 +90,7 @@ def _check_body(context: Context, solver: Solver, tables: Tables) -> None:
                 add(("spot", index, key), f"{name} takes no mesh; remove the key")
 
 
-def _check_regions(context: Context, solver: Solver, tables: Tables, space: ParameterSpace) -> None:
+def _check_regions(context: Context, solver: Solver, tables: StudyFile, space: ParameterSpace) -> None:
     """Refuse more regions, or other materials, than the solver simulates."""
     provides, add, name = solver.provides, context.problems.add, f"solver '{solver.name}'"
     regions, most = list(tables.region), provides.max_regions

@@ -13,9 +13,8 @@ from palpate.errors import MeshError
 from palpate.plugins.guard import answering_for
 from palpate.plugins.interfaces import ExperimentLoader
 from palpate.study.build import Context, build_component
-from palpate.study.model import ExperimentTable, ProtocolTable, SpotTable
+from palpate.study.model import ExperimentTable, ProtocolTable, SpotTable, StudyFile
 from palpate.study.source_positions import Key, check_plain
-from palpate.study.tables import Tables
 
 
 def mesh_note(mesh: Path) -> dict[str, Any] | None:
@@ -95,11 +94,10 @@ class StudySpot:
         return tuple(path for paths in self.measured.values() for path in paths)
 
 
-def build_spots(context: Context, tables: Tables, need_measured: bool = True) -> tuple[StudySpot, ...]:
+def build_spots(context: Context, tables: StudyFile, need_measured: bool = True) -> tuple[StudySpot, ...]:
     """Build the spots; names are unique, files exist, channels are known."""
     spots = []
-    fine_edge = tables.fit.fine_edge if tables.fit else 0.0
-    fine_edge_mm = None if fine_edge == "auto" else fine_edge
+    fine_edge_mm = None if tables.fit.fine_edge == "auto" else tables.fit.fine_edge
     for index, table in enumerate(tables.spot):
         key: Key = ("spot", index)
         if table.name in [earlier.name for earlier in tables.spot[:index]]:
@@ -133,7 +131,7 @@ def build_spots(context: Context, tables: Tables, need_measured: bool = True) ->
     return tuple(spots)
 
 
-def _check_states(context: Context, tables: Tables) -> None:
+def _check_states(context: Context, tables: StudyFile) -> None:
     """Refuse a state of some spots only, and one that has the name of a spot."""
     names = {table.name for table in tables.spot}
     some = any(table.state for table in tables.spot)

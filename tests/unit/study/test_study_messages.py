@@ -63,6 +63,14 @@ def test_a_broken_plugin_is_named_where_its_entry_is_missed(tmp_path: Path) -> N
     assert "No module named 'nowhere_at_all'" in found
 
 
+def test_a_key_of_two_kinds_of_values_is_named_alone(tmp_path: Path, plugins: Plugins) -> None:
+    found = messages(tmp_path, plugins, TEXT.replace("[truth]", "[fit]\nfine_edge = 7\n[truth]"))
+    assert [line.split(": ", 1)[1] for line in found] == [
+        'fit.fine_edge: 7 has no unit; write "7 mm"',
+        "fit.fine_edge: 7 is not one of 'auto'",
+    ]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
