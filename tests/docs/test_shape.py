@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_082,
-    "lines of the core": 33_359,
+    "lines": 77_077,
+    "lines of the core": 33_353,
     "classes": 655,
     "constants": 869,
     "long files": 0,

@@ -2,16 +2,19 @@
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+from palpate.api import LimbSource, hookimpl
 from palpate.domain import Response, Spot
 from palpate.mesh import layers
 from palpate.mesh.specimens import block
 from palpate.mesh.topology import CELLS
 from palpate.stages import pipeline
+from palpate.testing.bench import HalfSpaceOnMesh
 from palpate_certainty.anatomy import changed_limb
 from palpate_certainty.error_sources import ErrorSource, columns_of, error_sources_of
 from palpate_certainty.stages import joint_assessed
@@ -209,3 +212,84 @@ def test_the_position_is_as_uncertain_as_its_note_says(tmp_path, pressed_meshes,
     study.spots[0].mesh.with_suffix(".json").write_text(f'{{"std_across_mm": {noted}}}')
     found = error_sources_of(replace(study, data="measured"), {"p1": Response(curves={})}, [])
     assert [each.sd for each in found if each.kind == "position"] == [sd, sd]
+
+
+class Film(HalfSpaceOnMesh):
+    """A film on a rigid base: as thin as the skin of the mesh."""
+
+    name = "film"
+    summary = "an indenter on a film as thin as the skin of the mesh"
+
+    def simulate(self, job, limb):
+        skin = limb.mesh.points_mm[layers.nodes_of_regions(limb.mesh, ["skin"])]
+        return super().simulate(job, SimpleNamespace(mesh=SimpleNamespace(points_mm=skin)))
+
+
+class Layered(LimbSource):
+    name = "layered"
+    summary = "a block with a skin"
+
+    def load(self, path, spot):
+        limb = block(n_down=6, layers_mm={"skin": 3.0})
+        return replace(limb, spot=spot, mesh=replace(limb.mesh, regions=("skin", "tissue")))
+
+
+class WithFilm:
+    palpate_solvers = staticmethod(hookimpl(lambda: [Film], specname="palpate_solvers"))
+    palpate_limb_sources = staticmethod(hookimpl(lambda: [Layered], specname="palpate_limb_sources"))
+
+
+@pytest.fixture
+def layered_run(tmp_path, pressed_meshes, soft_region):
+    """Run a study of a film, of which ``[spot.layers]`` has a measured thickness; open it again."""
+    known = {"material": "neo_hookean", "parameters": {"E": "50 kPa", "nu": 0.45}}
+    study, plugins = pressed_meshes(
+        tmp_path,
+        WithFilm(),
+        solver={"name": "film"},
+        limb={"source": "layered"},
+        region={"skin": known, **soft_region},
+        fit={"search": "least_squares"},
+    )
+    (spot,) = study.spots
+    study = replace(study, spots=(replace(spot, layers_mm={"skin": (3.0, 0.3)}),))
+    pipeline.run_study(study, tmp_path / "run", plugins)
+    with pipeline.locked_run(study, tmp_path / "run", plugins, needs=["fit"]) as run:
+        yield run
+
+
+def test_a_measured_thickness_is_a_source_in_proportion_to_its_error(layered_run):
+    """Also of simulated data, for which no other error of the anatomy is assumed."""
+    assert layered_run.table("budget").filter(cause="layers")["share"].max() > 0.001
+    stage, assessed = joint_assessed(layered_run)
+    every = error_sources_of(layered_run.study, layered_run.measured, [])
+    (own,) = (each for each in every if each.kind == "layers")
+    assert (own.of, own.sd, own.spots) == ("p1 skin", pytest.approx(0.1), ("p1",))
+    one, two = (
+        columns_of(assessed.case.end, [replace(own, sd=sd)], ["force"], stage.limbs)[0]["p1", "force"]
+        for sd in (0.05, 0.1)
+    )
+    assert np.abs(one[own.name]).max() > 0.0
+    np.testing.assert_allclose(two[own.name], 2.0 * one[own.name], rtol=0.02)
+
+
+@pytest.mark.parametrize("data", ["measured", "simulated"])
+def test_a_measured_thickness_takes_the_place_of_the_usual_one_at_its_spot(tmp_path, pressed_meshes, data):
+    study, _ = pressed_meshes(tmp_path)
+    (first,) = study.spots
+    (region,) = study.space.regions
+    away = replace(first, spot=replace(first.spot, name="p2", position_mm=np.array([5.0, 0.0, 0.0])))
+    again = replace(first, spot=replace(first.spot, name="p1-again"))
+    known = replace(first, layers_mm={"skin": (2.0, 0.0)}), replace(away, layers_mm={"skin": (1.6, 0.2)})
+    regions = (replace(region, region="skin"), region)
+    study = replace(study, data=data, space=replace(study.space, regions=regions))
+
+    def found(*spots):
+        measured = {each.spot.name: Response(curves={}) for each in spots}
+        every = error_sources_of(replace(study, spots=spots), measured, [])
+        return {(s.of, s.sd, s.spots) for s in every if s.kind == "layers" and "tissue" not in s.of}
+
+    assert found(known[0], again) == set(), "of no error, and of all presses there"
+    assert found(known[0], known[1]) == {("p2 skin", 0.2 / 1.6, ("p2",))}
+    usual = {("skin", 0.1, ("p1", "p1-again"))} if data == "measured" else set()
+    assert found(first, again, known[1]) == usual | {("p2 skin", 0.2 / 1.6, ("p2",))}

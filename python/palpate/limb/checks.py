@@ -181,9 +181,10 @@ def _check_elements(mesh: Mesh) -> None:
     for kind, cells in mesh.cells.items():
         if not len(cells):
             continue
-        least, size = _least_jacobian(kind, mesh.points_mm[cells])
+        corners = mesh.points_mm[cells]
+        least = np.linalg.det(np.einsum("qai,caj->cqij", SLOPES[kind], corners)).min(axis=1)
         # A sliver below this share of its size is flat up to round-off.
-        bad = np.flatnonzero(least <= 1e-9 * size)
+        bad = np.flatnonzero(least <= 1e-9 * _extents(corners) ** 3)
         if bad.size:
             centre = mesh.points_mm[cells[bad[0]]].mean(axis=0)
             raise MeshError(
@@ -193,17 +194,9 @@ def _check_elements(mesh: Mesh) -> None:
             )
 
 
-def _least_jacobian(kind: str, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least Jacobian determinant over the sampled points, and the cube of the extent: (n_cells,)."""
-    jacobians = np.einsum("qai,caj->cqij", SLOPES[kind], corners)
-    least: FloatArray = np.linalg.det(jacobians).min(axis=1)
-    return least, _extents(corners) ** 3
-
-
 def _extents(corners: FloatArray) -> FloatArray:
     """Longest side of the box around each element's nodes (n_cells, n_nodes, 3)."""
-    extents: FloatArray = np.ptp(corners, axis=1).max(axis=1)
-    return extents
+    return np.asarray(np.ptp(corners, axis=1).max(axis=1))
 
 
 def _check_edges(mesh: Mesh) -> None:

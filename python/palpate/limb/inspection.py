@@ -36,10 +36,7 @@ def guessed_unit(points: FloatArray) -> tuple[str, str]:
         return unit, f"it is {long:.4g} long, which is a limb in no unit; check the file, and set unit"
     if unit == "mm":
         return unit, ""
-    return (
-        unit,
-        f"it is {long:.4g} long, so its unit is taken to be {unit}; correct unit if that is wrong",
-    )
+    return unit, f"it is {long:.4g} long, so its unit is taken to be {unit}; correct unit if that is wrong"
 
 
 def likely_sets(names: Sequence[str]) -> tuple[str | None, list[str]]:

@@ -209,19 +209,26 @@ def limb_warnings(study: Study, limbs: Mapping[str, Limb]) -> list[str]:
         found.extend(_coarse(study, name, limb))
         if name in study.spot_names:
             found.extend(_wide(study, limb))
-            found.extend(_thin(study, limb))
+            found.extend(_layers(study, limb))
     return found
 
 
-def _thin(study: Study, limb: Limb) -> Iterator[str]:
-    """Name layers that are thinner under the indenter than half an edge at the edge of the contact."""
+def _layers(study: Study, limb: Limb) -> Iterator[str]:
+    """Name layers that are thinner than half an edge under the indenter, or not as thick as was measured."""
     protocol, name = study.protocol_at(limb.spot.name), limb.spot.name
     if not isinstance(protocol, Indentation):
         return
-    edge_mm = contact_edge_mm(limb, *_refined_mm(study, name))
-    for region in sorted(limb.mesh.used_regions):
-        thick_mm = thickness_mm(limb, region, _near_mm(study, name))
-        if thick_mm is not None and edge_mm > FLATTEST * thick_mm:
+    edge_mm, measured = contact_edge_mm(limb, *_refined_mm(study, name)), study.measured_layers_mm(name)
+    for region in sorted(limb.mesh.used_regions | measured.keys()):
+        thick_mm = thickness_mm(limb, region, _near_mm(study, name)) or 0.0
+        expected_mm, sd_mm = measured.get(region, (thick_mm, 0.0))
+        if abs(thick_mm - expected_mm) > sd_mm + 0.01 * expected_mm:
+            yield (
+                f"spot '{name}': layer '{region}' is {thick_mm:.2g} mm thick in the mesh, and was measured "
+                f"with {expected_mm:g} mm. The answer is for the mesh. Mesh the limb again with "
+                f'layer_at.{name}.{region} = "{expected_mm:g} mm" (`palpate limb --options`)'
+            )
+        elif 0.0 < thick_mm < edge_mm / FLATTEST:
             yield (
                 f"spot '{name}': layer '{region}' is {thick_mm:.2g} mm thick, less than half of an edge "
                 f"there ({edge_mm:.2g} mm). Its bending is then wrong. Mesh the limb again with edges of at "

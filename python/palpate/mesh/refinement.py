@@ -206,13 +206,8 @@ def _bisected(now: _Elements, chosen: IntArray, local: IntArray) -> _Elements:
     edges, on_edge, _ = _listed_once(edges, edges[:, [0, 2]], len(now.points))
     faces, on_face, n_shared = _listed_once(faces, faces[:, [3, 2]], len(now.points))
     # Shape functions of an edge's ends and middle, a quarter of its length from its first end.
-    points = np.vstack(
-        [
-            now.points,
-            np.einsum("k,nkd->nd", np.array([0.375, -0.125, 0.75]), now.points[edges]),
-            np.einsum("k,nkd->nd", _ACROSS, now.points[faces]),
-        ]
-    )
+    quarters = np.einsum("k,nkd->nd", np.array([0.375, -0.125, 0.75]), now.points[edges])
+    points = np.vstack([now.points, quarters, np.einsum("k,nkd->nd", _ACROSS, now.points[faces])])
     inner = (n_shared > 1)[:, None] & now.on_surface
     in_sets = np.vstack(
         [now.in_sets, now.in_sets[edges].all(axis=1), now.in_sets[faces].all(axis=1) & ~inner]

@@ -5,7 +5,7 @@ elements that share a face cut it alike.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -106,14 +106,7 @@ def curved(mesh: Mesh, ends: IntArray, middles: FloatArray) -> Mesh:
     for (a, b), node in zip(pairs.tolist(), tets[:, 4:].ravel().tolist(), strict=True):
         if (place := known.get((a, b))) is not None:
             points[node] = place
-    return Mesh(
-        points_mm=points,
-        cells=made.cells,
-        cell_regions=made.cell_regions,
-        regions=made.regions,
-        node_sets=made.node_sets,
-        cell_fields=made.cell_fields,
-    )
+    return replace(made, points_mm=points)
 
 
 def _tetrahedra(solid: _Solid, corners: IntArray) -> tuple[IntArray, IntArray]:

@@ -121,9 +121,8 @@ def _spot(study: Study, spot: StudySpot) -> dict[str, Any]:
         channel or "": [relative(path, study.folder) for path in paths]
         for channel, paths in spot.measured.items()
     }
-    found: dict[str, Any] = {"measured": files}
-    if spot.state:
-        found["state"] = spot.state
+    own = {"state": spot.state, "layers_mm": {name: list(mm) for name, mm in spot.layers_mm.items()}}
+    found: dict[str, Any] = {"measured": files, **{key: value for key, value in own.items() if value}}
     if spot.protocol is not None:
         found["protocol"] = _protocol(spot.protocol)
     if spot.loader is not None:

@@ -16,7 +16,6 @@ from palpate.plugins.guard import answering_for
 from palpate.plugins.parametrisation import Parametrisation
 from palpate.plugins.score import ScoringRules
 from palpate.study.model import (
-    BudgetTable,
     ScenarioTable,
     SelectionTable,
     StudyFile,
@@ -213,9 +212,10 @@ def check_parametrisation(
 
 
 def check_budget(
-    context: Context, budget: BudgetTable, space: ParameterSpace, protocols: Iterable[Protocol | None]
+    context: Context, tables: StudyFile, space: ParameterSpace, protocols: Iterable[Protocol | None]
 ) -> None:
     """Refuse spreads of unknown layers and channels, and of parameters that are searched or not physical."""
+    budget, every_spot = tables.budget, enumerate(tables.spot)
     indenters = [protocol.indenter for protocol in protocols if isinstance(protocol, Indentation)]
     try:
         for indenter in indenters if budget.radius else ():
@@ -224,9 +224,11 @@ def check_budget(
     except PalpateError as error:
         context.problems.add(("budget", "radius"), str(error))
     regions = {region.region: None for region in space.regions}
-    for name in budget.layers if regions else ():
-        if name and name not in regions:
-            context.problems.add(("budget", "layers", name), choice(name, regions, "region"))
+    layers: list[Key] = [("spot", i, "layers", name) for i, spot in every_spot for name in spot.layers]
+    layers += [("budget", "layers", name) for name in budget.layers if name]
+    for place in layers if regions else ():
+        if (region := str(place[-1])) not in regions:
+            context.problems.add(place, choice(region, regions, "region"))
     channels = context.plugins.channels
     for key in ("mesh", "discrepancy"):
         for name in getattr(budget, key):

@@ -114,6 +114,12 @@ class SpotProtocolTable(OpenTable):
     friction: float | None = Field(default=None, ge=0.0, description="Coulomb coefficient here.")
 
 
+def _value_and_sd(given: object) -> object:
+    if len(ends := tuple(str(given).split("±"))) != 2:
+        raise ValueError(f'{given!r} is no thickness with its error; write "1.6 mm ± 0.2 mm"')
+    return ends
+
+
 class SpotTable(Table):
     """A marked spot with its files."""
 
@@ -134,6 +140,13 @@ class SpotTable(Table):
     normal: list[float] = Field(
         default=[0.0, 0.0, 1.0], min_length=3, max_length=3, description="Outward normal at the spot."
     )
+    layers: dict[
+        Name,
+        Annotated[
+            tuple[Annotated[Length, Field(gt=0.0)], Annotated[Length, Field(ge=0.0)]],
+            BeforeValidator(_value_and_sd, json_schema_input_type=str),
+        ],
+    ] = Field(default={}, description='Measured thickness of layers here, such as "1.6 mm ± 0.2 mm".')
     state: Name | None = Field(
         default=None, description="State of the person, such as rest or contracted; of each spot or of none."
     )

@@ -229,6 +229,11 @@ class Study:
         spot = self._at(name)
         return next(each.spot.name for each in self.spots if each.is_where(spot))
 
+    def measured_layers_mm(self, name: str) -> dict[str, tuple[float, float]]:
+        """Thickness of layers at a spot's place with its standard deviation, where it was measured."""
+        here = [spot for spot in self.spots if spot.is_where(self._at(name))]
+        return {region: found for spot in reversed(here) for region, found in spot.layers_mm.items()}
+
     def place(self, *key: str | int) -> str:
         """File, line and name of a key, as messages start; without the line where the file is gone."""
         try:
@@ -425,7 +430,7 @@ def _refuse_problems(
 ) -> None:
     """Refuse a study with problems, those too of tables that do not go together."""
     _check_sizes(context, tables, parts["executor"])
-    check_budget(context, tables.budget, space, protocols)
+    check_budget(context, tables, space, protocols)
     if parts["solver"]:
         check_solver(context, parts["solver"], tables, space, scenarios, protocols)
     if parametrisation := parts["parametrisation"]:

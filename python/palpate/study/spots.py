@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +61,8 @@ class StudySpot:
         What reads the files, where they need other settings than the study's.
     state : str
         State of the person; empty where spots have none.
+    layers_mm : mapping of region to (float, float)
+        Measured thickness of layers, with its standard deviation.
     """
 
     spot: Spot
@@ -72,6 +74,7 @@ class StudySpot:
     protocol: Protocol | None = None
     loader: ExperimentLoader | None = None
     state: str = ""
+    layers_mm: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def meshes(self) -> dict[str, Path]:
@@ -125,6 +128,7 @@ def build_spots(context: Context, tables: StudyFile, need_measured: bool = True)
                     protocol=protocol,
                     loader=loader,
                     state=table.state or "",
+                    layers_mm=table.layers,
                 )
             )
     _check_states(context, tables)

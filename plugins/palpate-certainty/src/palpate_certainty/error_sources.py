@@ -150,7 +150,7 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[ErrorSou
 
 
 def _of_anatomy(study: Study, spots: Iterable[str]) -> Iterator[ErrorSource]:
-    """Position of each site; bone and layers, which all spots share: who has measured them did it alike."""
+    """Position of each site, layers measured there; bone and other layers, which spots share."""
     budget, is_known = study.budget, study.data == "simulated"
     if not study.solver.provides.mesh:
         return
@@ -167,8 +167,15 @@ def _of_anatomy(study: Study, spots: Iterable[str]) -> Iterator[ErrorSource]:
     usual = 0.0 if is_known else ASSUMED.bone_mm
     yield ErrorSource(kind="bone", of="", sd=usual if budget.bone is None else budget.bone)
     for region in study.space.regions if len(study.space.regions) > 1 else ():
-        sd = budget.layers.get(region.region, budget.layers.get("", 0.0 if is_known else ASSUMED.relative))
-        yield ErrorSource(kind="layers", of=region.region, sd=sd)
+        name, others = region.region, dict(sites)
+        for site in (site for site in sites if site in study.spot_names):
+            if found := study.measured_layers_mm(site).get(name):
+                sd, there = found[1] / found[0], others.pop(site)
+                yield ErrorSource(kind="layers", of=f"{site} {name}", sd=sd, spots=there)
+        sd = budget.layers.get(name, budget.layers.get("", 0.0 if is_known else ASSUMED.relative))
+        there = tuple(spot for each in others.values() for spot in each)
+        if there:
+            yield ErrorSource(kind="layers", of=name, sd=sd, spots=there if others != sites else ())
 
 
 def _onset_mm(response: Response) -> float:

@@ -57,7 +57,8 @@ class Intervals(Stage):
 
     def decides(self, study: Study) -> Mapping[str, object]:
         """Errors of the curves and the model, as the budget states them."""
-        return {"budget": study.budget.model_dump(mode="json")}
+        layers = {spot.spot.name: dict(spot.layers_mm) for spot in study.spots}
+        return {"budget": study.budget.model_dump(mode="json"), "layers": layers}
 
     def usual_simulations(self, inputs: Run) -> dict[str, int]:
         """Fits at their reported values, and differences for causes that have no exact slope."""

@@ -157,8 +157,7 @@ def _chroma(surface: Surface) -> FloatArray:
     for _ in range(2):  # an edge of ink moves by less than a point, noise falls by about 4
         lab = (links @ lab + lab) / degree[:, None]
     # L₀: below this lightness a scanner's colours are noise.
-    chroma: FloatArray = lab[:, 1:] / np.maximum(lab[:, :1], 15.0)
-    return chroma
+    return np.asarray(lab[:, 1:] / np.maximum(lab[:, :1], 15.0))
 
 
 def _patches(surface: Surface, chroma: FloatArray, ink: BoolArray) -> list[IntArray]:

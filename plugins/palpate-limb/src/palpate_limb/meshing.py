@@ -62,8 +62,7 @@ class SizeField:
         below = np.maximum(-points_mm[:, 2] - self.deep_mm - SKIN_FALLS * self.radius_mm, 0.0)
         of_ring = self.growth * np.hypot(np.maximum(beyond, self.inner_mm - from_normal), below)
         of_disc = (MIDDLE - 1.0) * self.fine_mm + self.growth * np.hypot(beyond, below)
-        size: FloatArray = np.minimum(self.fine_mm + np.minimum(of_ring, of_disc), self.coarse_mm)
-        return size
+        return np.asarray(np.minimum(self.fine_mm + np.minimum(of_ring, of_disc), self.coarse_mm))
 
     def background(
         self, low_mm: FloatArray, high_mm: FloatArray, spacing_mm: float = 4.0

@@ -135,8 +135,7 @@ def _at_angle(name: str, station: float, angle_deg: float, around: Around) -> Fl
     out = ((1.0 - share)[:, None] * start[crossed] + share[:, None] * end[crossed]) @ ray
     if not (out.size and out.max() > 0.0):
         raise MeshError(f"spot '{name}': no skin at {angle_deg:g} degrees; give another angle")
-    found: FloatArray = frame @ np.array([*(centre + out.max() * ray), station])
-    return found
+    return np.asarray(frame @ np.array([*(centre + out.max() * ray), station]))
 
 
 def _area_and_centre(contour: FloatArray) -> tuple[float, FloatArray]:

@@ -139,16 +139,14 @@ def scaled_jacobians(points: FloatArray, cells: IntArray) -> FloatArray:
 
 def _determinant(nodes: FloatArray, slopes: FloatArray) -> FloatArray:
     """Jacobian determinant (n,) of quadratic tetrahedra (n, 10, 3) where the slopes (10, 3) are taken."""
-    determinant: FloatArray = np.linalg.det(np.einsum("ak,cai->cik", slopes, nodes))
-    return determinant
+    return np.asarray(np.linalg.det(np.einsum("ak,cai->cik", slopes, nodes)))
 
 
 def cell_volumes(points: FloatArray, cells: IntArray) -> FloatArray:
     """Volumes [mm³] of tetrahedra of 4 or 10 nodes: (n,)."""
     if cells.shape[1] == 4:
         corners = points[cells]
-        volumes: FloatArray = np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0
-        return volumes
+        return np.asarray(np.linalg.det(corners[:, 1:] - corners[:, :1]) / 6.0)
     return np.asarray(sum(_determinant(points[cells], slopes) for slopes in SLOPES["tet10"][4:]) / 24.0)
 
 

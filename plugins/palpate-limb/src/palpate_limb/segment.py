@@ -48,8 +48,7 @@ def limb_axis(scan: Surface) -> FloatArray:
         raise MeshError(
             f"{scan.name}: as wide as it is long, so it has no axis; scan more of the limb or give the axis"
         )
-    axis: FloatArray = vectors[:, 2] * np.sign(vectors[np.abs(vectors[:, 2]).argmax(), 2])
-    return axis
+    return np.asarray(vectors[:, 2] * np.sign(vectors[np.abs(vectors[:, 2]).argmax(), 2]))
 
 
 def cut(

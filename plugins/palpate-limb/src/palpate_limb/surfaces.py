@@ -62,8 +62,7 @@ class Surface:
     def face_areas_mm2(self) -> FloatArray:
         """Area of each face times its unit normal: (m, 3)."""
         a, b, c = np.moveaxis(self.points_mm[self.faces], 1, 0)
-        areas: FloatArray = 0.5 * np.cross(b - a, c - a)
-        return areas
+        return np.asarray(0.5 * np.cross(b - a, c - a))
 
     @property
     def point_areas_mm2(self) -> FloatArray:

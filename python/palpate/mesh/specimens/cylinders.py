@@ -11,6 +11,7 @@ import numpy as np
 
 from palpate.domain import BoolArray, FloatArray, IntArray, Limb, Mesh, Spot
 from palpate.errors import MeshError
+from palpate.mesh.splitting import cut
 from palpate.mesh.topology import CELLS, with_midpoints
 
 Kind = Literal["hex8", "tet10"]
@@ -174,7 +175,7 @@ def layer(
 def _limb(kind: Kind, points_mm: FloatArray, hexes: IntArray, held: BoolArray) -> Limb:
     cells = hexes
     if kind == "tet10":
-        points_mm, cells, ends = with_midpoints(points_mm, _tets(hexes))
+        points_mm, cells, ends = with_midpoints(points_mm, cut(points_mm, (("hexahedron", hexes),)).tets)
         held = np.concatenate([held, held[ends].all(axis=1)])
     mesh = Mesh(
         points_mm=points_mm,
@@ -184,19 +185,6 @@ def _limb(kind: Kind, points_mm: FloatArray, hexes: IntArray, held: BoolArray) -
         node_sets={"fixed": np.flatnonzero(held), "contact": np.flatnonzero(points_mm[:, 2] == 0.0)},
     )
     return Limb(spot=Spot(name="cylinder"), mesh=mesh)
-
-
-def _tets(hexes: IntArray) -> IntArray:
-    """Six tetrahedra of each hexahedron, from its lowest node to the far faces.
-
-    A face is cut from its own lowest node, so neighbours match however their nodes are ordered.
-    """
-    faces = hexes[:, _INWARD_FACES]
-    apex = hexes.min(axis=1)[:, None]
-    far = faces[~(faces == apex[..., None]).any(axis=2)]
-    far = np.take_along_axis(far, (far.argmin(axis=1)[:, None] + np.arange(4)) % 4, axis=1)
-    apexes = np.repeat(apex, 3, axis=0)
-    return np.concatenate([np.hstack([far[:, triangle], apexes]) for triangle in ((0, 1, 2), (0, 2, 3))])
 
 
 def _in_hemispheres(
@@ -287,9 +275,8 @@ def _border(half: int) -> IntArray:
     """Lattice points around the square of half-width ``half``, counter-clockwise."""
     side = np.arange(-half, half)
     full = np.full(len(side), half)
-    return np.concatenate(
-        [np.column_stack(s) for s in ((full, side), (-side, full), (-full, -side), (side, -full))]
-    )
+    sides = (full, side), (-side, full), (-full, -side), (side, -full)
+    return np.concatenate([np.column_stack(each) for each in sides])
 
 
 def _placed(square: FloatArray, level: IntArray, rings_mm: FloatArray, half: int) -> FloatArray:
@@ -300,9 +287,8 @@ def _placed(square: FloatArray, level: IntArray, rings_mm: FloatArray, half: int
     along = np.clip(radius / (_ROUND_AFTER * even[half]), 0.0, 1.0)
     x, y = square[:, 0], square[:, 1]
     wide = np.abs(x) >= np.abs(y)
-    ratio = np.where(wide, y * np.sign(x), -x * np.sign(y)) / np.maximum(
-        np.maximum(np.abs(x), np.abs(y)), 1e-300
-    )
+    longer = np.maximum(np.maximum(np.abs(x), np.abs(y)), 1e-300)
+    ratio = np.where(wide, y * np.sign(x), -x * np.sign(y)) / longer
     centre = np.where(wide, np.where(x >= 0.0, 0.0, np.pi), np.where(y >= 0.0, 0.5, -0.5) * np.pi)
     angle = centre + 0.25 * np.pi * ratio
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
