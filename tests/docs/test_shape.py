@@ -21,7 +21,7 @@ MOST = {
     "lines": 77_077,
     "lines of the core": 33_353,
     "classes": 655,
-    "constants": 869,
+    "constants": 865,
     "long files": 0,
     "long functions": 7,
     "docstrings without a noun first": 0,

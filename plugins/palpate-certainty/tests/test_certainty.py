@@ -7,6 +7,7 @@ import polars as pl
 import pytest
 
 import palpate_report
+from palpate.api.fit import Adequacy
 from palpate.domain import (
     Relaxation,
     Response,
@@ -24,6 +25,7 @@ from palpate.run.directory import RunDirectory
 from palpate.run.result import FitResult
 from palpate.stages import pipeline
 from palpate.study.model import BudgetTable
+from palpate_certainty.adequacy import Closeness, checks
 from palpate_certainty.assessment import Assessment
 from palpate_certainty.emulated_curves import MeshCorrections, ScenarioDensity, SimulatedCurves
 from palpate_certainty.tables import certainty_tables
@@ -359,3 +361,10 @@ def test_without_a_mesh_the_most_likely_values_are_those_of_simulated_curves(end
     (there,) = case.end.problem.evaluate([Trial(point=box.point(values), slopes=True)])
     white, slopes = of_fit.white @ there.residuals, of_fit.white @ there.jacobian
     assert np.abs(slopes.T @ white).max() < 1e-3 * np.linalg.norm(white) * np.linalg.norm(slopes)
+
+
+@pytest.mark.parametrize(("difference", "verdict"), [(0.1, Adequacy.APPROXIMATES), (0.3, Adequacy.FAILS)])
+def test_values_at_the_end_of_a_range_approximate_curves_that_they_are_close_to(difference, verdict):
+    close = {0: Closeness(difference=difference, r2=0.99)}
+    found = {each.name: each.verdict for each in checks({}, {}, close, (0.5, {}), None, 1e-6)}
+    assert found["ranges"] is verdict

@@ -17,6 +17,7 @@ from palpate.api.mechanics import initial_moduli
 from palpate.api.runs import Plugins, read_study
 from palpate.cli.app import main
 from palpate_materials import Gent, MooneyRivlin, NeoHookean, Yeoh
+from palpate_report.answer.model_verdict import law_name
 from palpate_report.comparison import TOO_FEW
 from palpate_report.law_comparison import FITTED, conclusion
 from palpate_report.law_studies import (
@@ -167,6 +168,20 @@ def test_a_region_that_is_not_searched_is_refused(rubber):
         region_of(base, "bone")
 
 
+@pytest.mark.parametrize(
+    ("word", "name"), [("arruda_boyce", "Arruda-Boyce"), ("neo_hookean", "neo-Hookean"), ("ogden-2", "Ogden")]
+)
+def test_texts_have_the_names_of_the_textbook(word, name):
+    assert law_name(laws_of(word, PLUGINS)[0].material) == name
+
+
+def test_homogeneous_tests_of_a_law_start_no_worker(rubber):
+    base = read_study(rubber / "study.toml", PLUGINS)
+    (law,) = laws_of("gent", PLUGINS)
+    study = read_study(write_law_study(base, region_of(base, None), law, RUBBER), PLUGINS)
+    assert study.executor.name == "in_process"
+
+
 # --------------------------------------------------------------------------- sentence
 
 
@@ -270,12 +285,20 @@ def test_treloars_rubber_by_three_laws(rubber, capsys, monkeypatch):
     monkeypatch.chdir(rubber.parent)
     text = (rubber / "study.toml").read_text().replace("n_sets = 250", "n_sets = 24")
     (rubber / "study.toml").write_text(text)
-    command = ["compare", "rubber", "--materials", "yeoh-3,gent,arruda_boyce,ogden-3,ogden-6", "--json"]
+    named = "yeoh-3,gent,arruda_boyce,ogden-3,ogden-6,mooney_rivlin"
+    command = ["compare", "rubber", "--materials", named, "--json"]
     assert main(command) == 0
     found = json.loads(capsys.readouterr().out)
     laws = {each["law"]: each for each in found["tables"]["laws"]}
-    assert laws.keys() == {"yeoh-3", "gent", "arruda_boyce", "ogden-3", "ogden-6"}
+    assert laws.keys() == set(named.split(","))
     assert laws.pop("ogden-6")["status"] == "left out: 12 parameters need 60 points, and the curves have 53"
+    # Nothing is wrong with the curves where another law describes them.
+    assert laws.pop("mooney_rivlin")["model"] == str(Adequacy.FAILS)
+    assert any(note.endswith("not describe the curves: mooney_rivlin.") for note in found["notes"])
+    assert not any("units" in note for note in found["notes"])
+    # Its least squares ends at c01 = 0, which is neo-Hookean, and that is what is reported.
+    neo = pl.read_parquet("runs/treloar-mooney_rivlin/answer.parquet").filter("reported")
+    assert neo.filter(parameter="specimen.c10")["value"][0] == pytest.approx(0.26393, rel=1e-4)
     assert all(each["model"] and 0.0 < each["held_out"] < 0.15 for each in laws.values())
     fits = {name: Path("runs", f"treloar-{name}") for name in ("gent", "arruda_boyce", "ogden-3")}
     least = {name: pl.read_parquet(run / "fit.parquet").row(0, named=True) for name, run in fits.items()}

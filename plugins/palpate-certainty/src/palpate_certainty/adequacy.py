@@ -252,5 +252,5 @@ def checks(
     )
     if alike is not None:
         yield Check(name="spots", channel=-1, probability=alike, verdict=Adequacy.DESCRIBES)
-    verdict = Adequacy.FAILS if in_ranges < RARE else Adequacy.DESCRIBES
+    verdict = unusual if in_ranges < RARE else Adequacy.DESCRIBES
     yield Check(name="ranges", channel=-1, probability=in_ranges, verdict=verdict)

@@ -190,7 +190,8 @@ class Assessment:
             linear, errors = linear.like_fopt(errors)
         of_all, in_range = linear.weighed(errors, is_likeliest=is_likeliest)
         density = density_of(of_all, end.problem)
-        point = most_likely(of_all, density, end.problem)
+        # Where the curves count as in Fopt, the least of it is what was searched.
+        point = points.point if linear.is_like_fopt else most_likely(of_all, density, end.problem)
         close = _closeness(end, points, point, errors)
         made = checks(missed, linear.expected, close, shape, errors.alike, of_all.in_ranges)
         return Assessed(

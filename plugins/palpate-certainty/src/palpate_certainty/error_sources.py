@@ -129,7 +129,8 @@ def _causes(study: Study, measured: Mapping[str, Response]) -> Iterator[ErrorSou
         yield ErrorSource(kind="gain", of=channel, sd=budget.gain)
     if isinstance(protocol, Indentation):
         for spot, response in measured.items():
-            onset = _onset_mm(response) if budget.onset is None else budget.onset
+            usual = _found(response, lambda uncertainty: uncertainty["depth_mm"], ASSUMED.onset_mm)
+            onset = usual if budget.onset is None else budget.onset
             yield ErrorSource(kind="onset", of=spot, sd=onset, spots=(spot,))
             for axis in "xy":
                 yield ErrorSource(kind="tilt", of=f"{spot} {axis}", sd=budget.tilt, spots=(spot,))
@@ -176,11 +177,6 @@ def _of_anatomy(study: Study, spots: Iterable[str]) -> Iterator[ErrorSource]:
         there = tuple(spot for each in others.values() for spot in each)
         if there:
             yield ErrorSource(kind="layers", of=name, sd=sd, spots=there if others != sites else ())
-
-
-def _onset_mm(response: Response) -> float:
-    """Standard deviation of the onset, as the loader found it in the files of a spot."""
-    return _found(response, lambda uncertainty: uncertainty["depth_mm"], ASSUMED.onset_mm)
 
 
 def drift_of(study: Study, response: Response, channel: str) -> float:

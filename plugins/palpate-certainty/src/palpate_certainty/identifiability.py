@@ -340,11 +340,6 @@ class _Case:
         return missed, variation
 
     @property
-    def is_usable(self) -> bool:
-        """Whether the fit predicts sets that were left out of it."""
-        return self.fit is not None and self.fit.q2 >= LEAST_Q2
-
-    @property
     def at(self) -> FloatArray:
         """Point of the box where the best set is."""
         values = np.array([[self.best[p.name] for p in self.parameters]])
@@ -367,7 +362,7 @@ class _Case:
                 "n_as_good": sum(fopt <= threshold for fopt in self.fopt.values()),
                 "q2": None if fit is None else fit.q2,
             }
-            yield row | self._interval(parameter, i, fit) if fit is not None and self.is_usable else row
+            yield row | self._interval(parameter, i, fit) if fit is not None and fit.q2 >= LEAST_Q2 else row
 
     def _interval(self, parameter: Parameter, i: int, fit: _Fit) -> dict[str, Any]:
         low, high = fit.form.interval(i, fit.least + fit.margin)

@@ -154,7 +154,10 @@ def _joint_intervals(intervals: pl.DataFrame) -> dict[str, tuple[float, float]]:
 def shown_realised(found: pl.DataFrame) -> pl.DataFrame:
     """Halves of intervals as text, in percent of the values."""
     brief = brief_names(found["parameter"])
-    halves = [_text(name, _plus_minus) for name in ("before", "expected", "realised")]
+    halves = [
+        _text(name, lambda half: f"± {100 * half:{'.2g' if half < 0.1 else '.0f'}} %")
+        for name in ("before", "expected", "realised")
+    ]
     return found.with_columns(pl.col("parameter").replace_strict(brief), *halves)
 
 
@@ -182,10 +185,6 @@ def shown_intervals(intervals: pl.DataFrame) -> pl.DataFrame:
 
 def _percent(width: float) -> str:
     return f"{100 * width:.0f} %"
-
-
-def _plus_minus(half: float) -> str:
-    return f"± {100 * half:.2g} %" if half < 0.1 else f"± {100 * half:.0f} %"
 
 
 def _text(name: str, written: Callable[[float], str]) -> pl.Expr:

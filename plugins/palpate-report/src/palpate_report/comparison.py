@@ -176,11 +176,16 @@ def _criteria(runs: Mapping[str, ReportData]) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: row["difference"])
 
 
-def _notes(tables: Mapping[str, pl.DataFrame], runs: Mapping[str, ReportData]) -> Iterator[str]:
-    """Notes that a reader of the tables must know: refused runs first."""
-    for name, data in runs.items():
-        if sentence := model_verdict(data).sentence:
-            yield f"{name}: {sentence}"
+def _notes(tables: Mapping[str, pl.DataFrame], runs: Mapping[str, ReportData], laws: bool) -> Iterator[str]:
+    """Notes that a reader of the tables must know: refused runs first, or laws without a reason for each."""
+    models = {name: model_verdict(data) for name, data in runs.items()}
+    refused = [name for name, model in models.items() if model.failure]
+    is_short = laws and len(refused) < len(models)
+    yield from (
+        f"{n}: {m.sentence}" for n, m in models.items() if m.sentence and not (m.failure and is_short)
+    )
+    if refused and is_short:
+        yield f"No parameters can be read from laws that do not describe the curves: {', '.join(refused)}."
     if sentence := other_rates(runs)[1]:
         yield sentence
     if sentence := explained(map(mark_of, tables["parameters"]["verdict"])):
@@ -251,7 +256,7 @@ def write_comparison(
     from palpate_report.page.html import comparison_page
 
     tables = dict(first or {}) | comparison_tables(runs)
-    notes = [*filter(None, [conclusion]), *_notes(tables, runs)]
+    notes = [*filter(None, [conclusion]), *_notes(tables, runs, bool(conclusion))]
     failures = [note for note in notes if NO_PARAMETERS in note]
     figures = write_comparison_figures(runs, folder / "figures")
     files = (*write_tables(tables, folder / "tables", paper_tables(runs), failures), *figures)

@@ -38,15 +38,6 @@ VERBS = {
 }
 """What a law that is the best of several does to the curves."""
 
-PICTURES = ("contours", "identifiability", "surface", "report")
-"""Stages of a run that decide nothing of a comparison."""
-
-HELD_OUT = "held_out"
-"""Table of the stage that holds each curve out."""
-
-TABLE = "laws"
-"""Name of the table of the ranking."""
-
 
 @dataclass(slots=True, kw_only=True)
 class LawFits:
@@ -110,21 +101,22 @@ def compare_laws(
     if not fits.data:
         raise StudyError(f"{path}: no law could be fitted: {'; '.join(fits.status.values())}")
     table = ranked(fits, comparison.comparison_tables(fits.data).get("criteria", pl.DataFrame()))
-    return comparison.write_comparison(fits.data, into, {TABLE: table}, conclusion(table))
+    return comparison.write_comparison(fits.data, into, {"laws": table}, conclusion(table))
 
 
 def fitted(session: Session, study: Study, folder: Path, progress: Progress) -> ReportData:
     """Results of a study whose stages up to the intervals are run, or continued; without pictures."""
-    run_study(study, folder, session.plugins, progress, without=PICTURES)
+    pictures = ("contours", "identifiability", "surface", "report")  # they decide nothing of a comparison
+    run_study(study, folder, session.plugins, progress, without=pictures)
     return from_run.read_results(study, folder, session.plugins, progress)
 
 
 def held_out_error(session: Session, study: Study, folder: Path, progress: Progress) -> float:
     """Root mean square error of the curves held out in turn, over their peaks; a PalpateError without any."""
     run = read_run(study, RunDirectory(folder), session.plugins, is_copy=False)
-    table = run.current(HELD_OUT)
+    table = run.current("held_out")
     if table.is_empty():
-        table = run_stage(VALIDATE, study, folder, session.plugins, progress).table(HELD_OUT, VALIDATE)
+        table = run_stage(VALIDATE, study, folder, session.plugins, progress).table("held_out", VALIDATE)
     if table.is_empty():
         raise StudyError(f"{folder}: one curve alone cannot be held out")
     return float(np.sqrt(np.mean(table["difference"].to_numpy() ** 2)))

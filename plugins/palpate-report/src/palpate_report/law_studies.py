@@ -34,8 +34,6 @@ LOG_RATIO = 20.0
 OF_VOLUME = 10.0
 """Change of the bulk modulus over the change of the shear modulus by a parameter of the volume."""
 
-POISSON = "nu"
-
 MOST_SETS, SETS_ON_MESH = 64, 12
 """Sets of the sweep of a law, in whose basins its searches start: without a mesh at most, and with one."""
 
@@ -128,7 +126,7 @@ def ranges(material: IsotropicMaterial[Any], known: Stiffness) -> Iterator[tuple
             if p.kind == "modulus":
                 yield p, known.bulk_MPa / bulk * middle[i]
                 continue
-            if p.name == POISSON:
+            if p.name == "nu":
                 yield (
                     p,
                     (3.0 * known.bulk_MPa - 2.0 * known.shear_MPa)
@@ -193,12 +191,14 @@ def _tables(
         }
         budget["parameters"] = of_others
     n_sets = SETS_ON_MESH if base.solver.provides.mesh else min(base.n_sets, MOST_SETS)
+    executor = raw.get("executor", {} if base.solver.provides.mesh else {"name": "in_process"})
     return {
         **{name: each for name, each in raw.items() if name not in ("truth", "stages", "region", "budget")},
         "study": raw["study"]
         | {"name": f"{base.name}-{law.name}", "description": f"law {law.name} for the curves of {base.name}"},
         "region": raw["region"] | {region.region: table | {"parameters": parameters | relaxing}},
         "budget": budget,
+        "executor": executor,
         "sampling": raw.get("sampling", {}) | {"n_sets": n_sets},
         "selection": {"scenarios": [base.generalise_by]},
         "stages": {VALIDATE: {}},

@@ -173,12 +173,13 @@ def _some(texts: Sequence[str], most: int = 4) -> str:
 
 
 def _about_adequacy(data: ReportData) -> Iterator[ReportWarning]:
-    by_remedy: dict[tuple[Adequacy, str], list[tuple[str, str]]] = {}
+    by_remedy: dict[tuple[Adequacy, str], dict[tuple[str, str], list[str]]] = {}
     for each in failed_checks(data):
-        text = f"{each.fit}, scenario {each.scenario}: {each.message}"
-        by_remedy.setdefault((each.verdict, each.remedy), []).append((each.scenario, text))
+        fits = by_remedy.setdefault((each.verdict, each.remedy), {})
+        fits.setdefault((each.scenario, each.message), []).append(each.fit)
     for (verdict, remedy), found in by_remedy.items():
-        yield from _by_scenario(data, "model", f"The model {verdict} the data", found, remedy)
+        texts = [(name, f"{_some(fits, 1)}, scenario {name}: {why}") for (name, why), fits in found.items()]
+        yield from _by_scenario(data, "model", f"The model {verdict} the data", texts, remedy)
 
 
 def _about_missing(data: ReportData) -> Iterator[ReportWarning]:
