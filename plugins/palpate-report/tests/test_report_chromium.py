@@ -1,6 +1,7 @@
 """The page in a browser: drawn without an error, linked, for keyboards, phones and dark rooms."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import polars as pl
 import pytest
@@ -79,7 +80,7 @@ def rectangle(browser, selector):
 
 def test_it_is_drawn_at_every_width_in_light_and_dark_without_an_error_or_a_request(browser, page):
     path = page()
-    for width, dark in ((1100, False), (400, False), (1100, True)):
+    for width, dark in ((1100, False), (400, False), (320, False), (1100, True)):
         browser.open(path, width, dark=dark)
         # Folded as it comes, and drawn without a figure that cannot be seen.
         assert browser.value("document.documentElement.scrollHeight") < 4000
@@ -96,6 +97,15 @@ def test_it_is_drawn_at_every_width_in_light_and_dark_without_an_error_or_a_requ
 
 
 @pytest.mark.parametrize("dark", [False, True])
+def test_axe_finds_no_violation(browser, page, dark):
+    axe = pytest.importorskip("axe_core_python", reason="no axe-core is installed")
+    for width in (1100, 400):
+        unfolded(browser, page(pressed), width, dark=dark)
+        browser.value(Path(axe.__file__).with_name("axe.min.js").read_text(encoding="utf-8") + "; 1")
+        assert browser.value("axe.run().then(r => r.violations.map(v => [v.id, v.nodes[0].html]))") == []
+
+
+@pytest.mark.parametrize("dark", [False, True])
 def test_print_is_on_white_and_has_heads_of_whole_words(browser, page, dark):
     path = page(search=LeastSquares())
     browser.print_media(path, dark=dark)
@@ -108,6 +118,9 @@ def test_print_is_on_white_and_has_heads_of_whole_words(browser, page, dark):
     assert {"conclusion", "section-curves", "section-values"} <= set(browser.value(sections))
     assert "section-provenance" not in browser.value(sections)
     assert browser.value("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    # The result begins on the first page, below the name of the study.
+    top = browser.value("document.getElementById('conclusion').getBoundingClientRect().top")
+    assert 0.0 < top < 300.0
     heads = "[...document.querySelectorAll('thead th')]"
     assert browser.value(f"{heads}.every(h => getComputedStyle(h).overflowWrap !== 'anywhere')")
     # A line for each word at most: none is broken.
@@ -338,13 +351,13 @@ def test_the_keyboard_reaches_every_control_in_the_order_of_the_page(browser, pa
 
 def test_the_limb_turns(browser, page):
     unfolded(browser, page())
-    browser.value("document.getElementById('scene').scrollIntoView()")
-    browser.wait("document.querySelector('#scene canvas')")
-    eye = "JSON.stringify(document.getElementById('scene').layout.scene.camera.eye)"
+    browser.value("document.getElementById('around').scrollIntoView()")
+    browser.wait("document.querySelector('#around canvas')")
+    eye = "JSON.stringify(document.getElementById('around').layout.scene.camera.eye)"
     before = browser.value(eye)
     browser.value("document.querySelector('[data-turn=left]').click()")
     assert browser.value(eye) != before
-    names = browser.value("document.getElementById('scene').data.map(t => t.name)")
+    names = browser.value("document.getElementById('around').data.map(t => t.name)")
     assert {"sphere", "sphere at 10 mm", "normal"} <= set(names)
     assert browser.complaints() == []
 

@@ -275,13 +275,13 @@ def _width(picture: Picture) -> str:
 
 
 def _code(text: str) -> Markup:
-    """Text whose commands and settings, in backticks, are set as code."""
-    parts = str(text).split("`")
-    # An odd number of backticks leaves the last one as it is.
-    if len(parts) % 2 == 0:
-        parts[-2:] = [f"{parts[-2]}`{parts[-1]}"]
-    code = Markup("<code>{}</code>")
-    return Markup("").join(code.format(part) if k % 2 else escape(part) for k, part in enumerate(parts))
+    """Text whose commands and settings, in backticks, are set as code; its lines break between words."""
+    word, code = Markup("<span>{}</span>"), Markup("<code>{}</code>")
+    # A backtick without a second one stays as it is.
+    return Markup("").join(
+        code.format(Markup(" ").join(map(word.format, part.split(" ")))) if k % 2 else escape(part)
+        for k, part in enumerate(re.split("`([^`]*)`", str(text)))
+    )
 
 
 def _grouped(blocks: Sequence[Block]) -> Iterator[tuple[str, list[Block]]]:

@@ -36,7 +36,7 @@
 
   const config = (name) => ({
     responsive: true, displaylogo: false, displayModeBar: isNarrow() ? false : "hover", showSendToCloud: false,
-    modeBarButtons: name === "scene" ? DEEP : data.sets.ids.length && name === "pairs" ? FLAT : FLAT.map((group) => group.filter((b) => !/^(select|lasso)/.test(b))), toImageButtonOptions: { format: name === "scene" ? "png" : "svg", filename: name },
+    modeBarButtons: name === "around" ? DEEP : data.sets.ids.length && name === "pairs" ? FLAT : FLAT.map((group) => group.filter((b) => !/^(select|lasso)/.test(b))), toImageButtonOptions: { format: name === "around" ? "png" : "svg", filename: name },
   });
 
   let drawing = 0;
@@ -306,7 +306,7 @@
     y: eye.far * Math.cos(eye.tilt) * Math.sin(eye.turn), z: eye.far * Math.sin(eye.tilt) } });
 
   function drawScene() {
-    if (!isShown("scene")) return;
+    if (!isShown("around")) return;
     const shown = data.limbs[state.spot];
     const traces = shown.map((t) => Object.assign({}, t, { name: plain(t.name), showlegend: true }));
     traces.forEach((t) => {
@@ -315,7 +315,7 @@
     const side = (title) => axis(title, { backgroundcolor: "rgba(0,0,0,0)" });
     const shape = { scene: { aspectmode: "data", camera: camera(), xaxis: side("x (mm)"), yaxis: side("y (mm)"), zaxis: side("z (mm)") },
       showlegend: true, legend: { orientation: "h", y: -0.02 }, margin: { l: 0, r: 0, t: 0, b: 0 }, uirevision: state.spot };
-    draw("scene", traces, layout(shape));
+    draw("around", traces, layout(shape));
   }
 
   function turn(way) {
@@ -323,7 +323,7 @@
     if (step) eye[step[0]] += step[1];
     else eye.far *= way === "in" ? 0.85 : 1.18;
     eye.tilt = Math.min(1.5, Math.max(-1.5, eye.tilt));
-    Plotly.relayout(element("scene"), { "scene.camera": camera() });
+    Plotly.relayout(element("around"), { "scene.camera": camera() });
   }
 
   // ------------------------------------------------------------------ sections that fold
@@ -353,7 +353,7 @@
   function drawAll() { drawFigures(); drawPairs(); drawScene(); skin.draw(); }
 
   function reset() {
-    ["pairs", ...data.figures.map((_, k) => `figure-${k}`), "scene"].forEach((id) => {
+    ["pairs", ...data.figures.map((_, k) => `figure-${k}`), "around"].forEach((id) => {
       if (element(id) && element(id).data) { Plotly.purge(element(id)); delete element(id).dataset.listens; }
     });
     Object.assign(eye, { turn: -0.9, tilt: 0.45, far: 2.3 });
