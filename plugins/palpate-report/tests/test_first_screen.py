@@ -108,7 +108,7 @@ def test_a_spot_apart_from_the_joint_fit_is_named(fitted):
         changed = with_tables(data, intervals=_wide(moved))
         assert apart_from_joint(changed) == apart
         (spots,) = (text for name, text in card(changed).facts if name == "Spots")
-        assert ("p2 (grip)" if apart else "none differs") in spots
+        assert ("p2 (grip)" if apart else "every spot agrees") in spots
 
 
 def test_the_card_answers_in_one_sentence(fitted):
@@ -164,7 +164,7 @@ def test_the_chart_says_why_values_are_not_those_of_the_least_fopt(fitted):
     conclusion = make_conclusion(bare, make_tables(bare))
     page = render(bare, make_tables(bare), conclusion, [], pictures)
     assert said not in page
-    assert "what fits about as well, not a 95 % interval" in page
+    assert "a range that fits about as well, not a 95 % interval" in page
 
 
 def _wide(rows):
@@ -292,9 +292,9 @@ def said(data):
 def test_the_card_lists_what_no_interval_includes(fitted, monkeypatch):
     data = passed(fitted)
     study = data.study
-    assert "NOT included" not in dict(card(data).facts)
+    assert "Left out" not in dict(card(data).facts)
     monkeypatch.setattr(type(study.solver), "provides", replace(study.solver.provides, body="mesh"))
-    assert dict(card(data).facts)["NOT included"] == "bone, position"
+    assert dict(card(data).facts)["Left out"] == "errors of bone, position"
     assert said(data)["Parameters"].endswith(". NOT included in intervals: bone, position")
     (region,) = study.space.regions
     layered = replace(study.space, regions=(region, replace(region, region="skin")))
@@ -321,9 +321,9 @@ def test_a_cause_that_failed_is_on_the_card_and_a_warning(fitted):
     )
     data = with_tables(data, budget=pl.concat([data.table("budget"), lost]))
     found = card(data)
-    assert dict(found.facts)["NOT included"] == "onset p1 (failed)"
+    assert dict(found.facts)["Left out"] == "errors of onset p1 (failed)"
     warned = {each.what: each.why for each in make_conclusion(data, make_tables(data)).warnings}
-    why = warned["Intervals are without causes that could not be simulated"]
+    why = warned["Intervals leave out error sources that could not be simulated"]
     assert why.startswith("onset p1: p1: diverged: too deep.")
     assert all("onset p1" not in dict(causes) for _, causes in budget_bars(data))
 

@@ -169,10 +169,10 @@ def test_measured_data_without_a_spread_are_named(content):
 
 def test_warnings_about_the_measured_curves_are_named(content):
     made = content()
-    assert about(made, "odd about the measured curves") is None
+    assert about(made, "measured curves found something unusual") is None
     warned = {s: replace(r, record={"warnings": [f"p.csv: {s}: odd"]}) for s, r in made.measured.items()}
     assert (
-        about(replace(made, measured=warned), "odd about the measured curves")
+        about(replace(made, measured=warned), "measured curves found something unusual")
         == "p.csv: p1: odd; p.csv: p2: odd."
     )
 
@@ -272,7 +272,7 @@ def test_what_is_not_identifiable_or_unclear_and_spots_that_disagree_are_named(c
     made = with_tables(made, identifiability=apart)
     assert about(made, "unclear")
     not_seen = made.table("identifiability").with_columns(identifiability=pl.lit("not"))
-    assert about(with_tables(made, identifiability=not_seen), "Not identifiable: stiffness, grip")
+    assert about(with_tables(made, identifiability=not_seen), "Not identified: stiffness, grip")
     assert "stiffness at p1 and p2 have intervals that do not meet" in about(made, "spots disagree")
 
 

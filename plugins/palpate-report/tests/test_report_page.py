@@ -228,7 +228,7 @@ def test_the_page_leads_with_the_joint_fit_and_its_spots_beside_it(content):
     assert rows[:9] == [
         "stiffness (MPa)", "grip (MPa)", "initial shear modulus (MPa)", "Young's modulus (MPa)",
         "Fopt (all spots: mean)", "least Fopt of the search (all spots: mean)",
-        "R² force (all spots: least)", "R² torque (all spots: least)", "found",
+        "R² force (all spots: least)", "R² torque (all spots: least)", "found by",
     ]  # fmt: skip
     _, values, *_ = (k for k, (tag, *_) in enumerate(shown.elements) if tag == "table")
     cells = [text.strip() for tag, _, text in shown.elements[values:] if tag == "td"]

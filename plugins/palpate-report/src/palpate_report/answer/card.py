@@ -61,9 +61,9 @@ def answer(data: ReportData, conclusion: Conclusion) -> SummaryCard:
         "Fit": quality(data),
         "Spots": _spots(data, conclusion),
         "Certainty": "" if conclusion.failure else causes(data),
-        "NOT included": ", ".join(conclusion.not_included),
-        "Known": conclusion.known,
-        "Rests on": conclusion.spent
+        "Left out": f"errors of {', '.join(conclusion.not_included)}" if conclusion.not_included else "",
+        "True values": conclusion.known,
+        "Based on": conclusion.spent
         or f"{sum(data.completeness.simulated.values())} simulations of the sweep.",
     }
     return SummaryCard(
@@ -148,10 +148,10 @@ def _spots(data: ReportData, conclusion: Conclusion) -> str:
         return f"{used}; {differing}"
     if found := apart_from_joint(data):
         apart = "; ".join(f"{spot} ({', '.join(names)})" for spot, names in found.items())
-        return f"{used}; intervals apart from the joint fit's: {apart}"
+        return f"{used}; intervals that do not meet the joint fit's: {apart}"
     if conclusion.failure or not any(each.level for each in conclusion.estimates):
         return used
-    return f"{used}; none differs from the joint fit by more than the intervals"
+    return f"{used}; every spot agrees with the joint fit within its 95 % interval"
 
 
 def apart_from_joint(data: ReportData) -> dict[str, list[str]]:
@@ -182,4 +182,4 @@ def causes(data: ReportData) -> str:
         f"{cause_name(data, row['cause'])} ({100.0 * row['share']:.0f} %)"
         for row in most.iter_rows(named=True)
     )
-    return f"widest for {data.brief_name(name)}, mostly by {shares}"
+    return f"least certain: {data.brief_name(name)}, mostly by {shares}"

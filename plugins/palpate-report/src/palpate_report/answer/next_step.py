@@ -9,7 +9,7 @@ from palpate_report.answer.failed_checks import failed_checks
 from palpate_report.data.marks import Headline
 from palpate_report.data.report_data import ReportData
 
-WRITE_UP = "every parameter is identified: write it up (docs/write-it-up.md), with report/methods.md"
+WRITE_UP = "every parameter is identified; write the paper with report/methods.md (docs/write-it-up.md)"
 
 CAUSES: Mapping[str, str] = MappingProxyType(
     {
@@ -75,7 +75,7 @@ UNUSUAL = 0.05
 """Probability of the largest misfit under which the data show more model error than the study states."""
 
 FINER = 0.7
-"""Edge of the next finer mesh over that of the last one."""
+"""Edge of the next finer mesh over the edge of the last one."""
 
 EDGE_IN_RADII = 0.24
 """Edge of the first finer mesh over the indenter's radius, as a run refines by itself."""

@@ -70,7 +70,7 @@ def report_warnings(
     yield from _about_poor_fit(data)
     yield from _about_fits(data)
     partial = [(best.scenario, best.where) for best in bests if "unfinished" in best.found]
-    what, why = "A best set is of a simulation that did not finish", "It is ranked by its partial curves."
+    what, why = "The simulation of a best set did not finish", "The set is ranked by a part of its curves."
     yield from _by_scenario(data, "partial-set", what, partial, why)
     yield from _about_one_set(data)
     yield from _about_failures(data)
@@ -188,8 +188,7 @@ def _about_missing(data: ReportData) -> Iterator[ReportWarning]:
         yield warn(
             "incomplete-sweep",
             "Incomplete sweep",
-            f"{found}. A set that was not simulated may fit better; run `palpate run` again to "
-            "simulate the rest.",
+            f"{found}. A missing set may fit better. Run `palpate run` again to simulate the rest.",
         )
     if missing := data.without_result:
         n_pairs = len(data.spots) * len(data.study.scenarios)
@@ -242,26 +241,26 @@ def _about_meshes(data: ReportData) -> Iterator[ReportWarning]:
             for row in ends
             if UNSETTLED in row["message"]
         ),
-        "The values there still have part of the mesh's error; raise fine_runs, or refine the meshes.",
+        "The values there keep a part of the mesh error. Raise `fine_runs` in `[fit]`, or refine the meshes.",
     )
     if ends and data.study.solver.provides.mesh and data.fit.mesh.is_empty():
         yield warn(
             "mesh-unknown",
-            "How far the mesh moves the parameters is unknown",
-            "No finer mesh corrected the fit; make finer ones with `palpate limb --fine`.",
+            "The mesh error of the parameters is unknown",
+            "No finer mesh corrected the fit. Make finer ones: `palpate limb --fine`.",
         )
 
 
 def _about_origins(data: ReportData) -> Iterator[ReportWarning]:
     odd = (*measured_warnings(data.measured), *cycle_warnings(data.study, data.measured))
-    yield from _listed("odd-curves", "Something is odd about the measured curves", odd)
+    yield from _listed("odd-curves", "Checks of the measured curves found something unusual", odd)
     curves = [curve for response in data.measured.values() for curve in response.curves.values()]
     if not data.notice and all(curve.std is None for curve in curves):
         yield warn(
             "no-spread",
             "No spread was measured",
-            "Without repeated presses nothing is known of how much another press would differ from these "
-            "curves; the intervals rest on the misfit alone.",
+            "No measurement was repeated, so the scatter is unknown. The intervals use the residuals of the "
+            "fit instead.",
         )
     if names := list(data.manifest.get("trusted", {})):
         yield warn(
@@ -304,29 +303,29 @@ def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
     if not names.is_empty():
         yield warn(
             "not-identified",
-            f"Not identifiable: {', '.join(data.brief_name(name) for name in names)}",
-            "Values that fit about as well reach across most of the range, or are as large as the value; "
-            "do not read it as the tissue's.",
+            f"Not identified: {', '.join(data.brief_name(name) for name in names)}",
+            "Almost any value in the search range fits equally well. Do not report the value as a property "
+            "of the material.",
         )
     missing = [f"{cause}: {why}" for cause, why in left_out(data).items()]
     yield from _listed(
         "cause-left-out",
-        "Intervals are without causes that could not be simulated",
+        "Intervals leave out error sources that could not be simulated",
         missing,
-        "They are too narrow by an unknown amount.",
+        "The intervals are too narrow by an unknown amount.",
     )
     is_explained = bool(apparent(data)) or bool(missing) or any(failed_checks(data))
     if UNCLEAR in [*rows["identifiability"], *together["identifiability"]] and not is_explained:
         yield warn(
             "unclear",
-            "How well some parameters are identified is unclear",
+            "Identifiability of some parameters is unclear",
             "Few sets were ranked, or their curves follow the parameters too unevenly. Run more sets."
             if data.fit.intervals.is_empty()
             else "The usual error of a mesh is the largest cause of their intervals. Correct the fit by a "
             "finer mesh ([fit] fine_edge), or state the error of these meshes ([budget] mesh).",
         )
     yield from _listed(
-        "spots-disagree", "The spots disagree", _apart(data, rows), "One material may not explain them all."
+        "spots-disagree", "The spots disagree", _apart(data, rows), "One material may not describe all spots."
     )
 
 
@@ -354,8 +353,8 @@ def _about_posterior(data: ReportData) -> Iterator[ReportWarning]:
             f"{row['autocorrelation']:.3g} steps"
             for row in worst.filter(~pl.col("converged")).iter_rows(named=True)
         ),
-        "Do not read its means and intervals as results; fix an undecided parameter, or narrow its "
-        "range, and run palpate certainty again.",
+        "Its means and intervals are no results. Fix an undecided parameter or narrow its range; then run "
+        "`palpate certainty` again.",
     )
 
 
@@ -372,7 +371,7 @@ def _about_one_set(data: ReportData) -> Iterator[ReportWarning]:
         yield warn(
             "one-set-poor",
             "The set for all spots fits some spots much worse than their best set",
-            f"Fopt of the one set, over the least there: {times}.",
+            f"Fopt of the common set divided by the least Fopt at that spot: {times}.",
         )
 
 

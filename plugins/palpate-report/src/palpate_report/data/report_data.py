@@ -325,7 +325,7 @@ class ReportData:
         Parameters
         ----------
         together : bool
-            Those of all spots together, or of the only spot; else those spot by spot.
+            Rows of all spots together, or of the only spot; else the rows of each spot.
         """
         rows = self.table("identifiability").filter(pl.col("scenario") == self.generalising.name)
         of_all = pl.col("spot") == ALL_SPOTS

@@ -28,20 +28,20 @@ class Certainty(Section):
             "Contribution of each error source:"
         )
         yield from picture(
-            report, "causes", "Error sources of each interval; the shares are in the table below"
+            report, "causes", "Error sources of each interval; the shares are in tables/budget.csv"
         )
         yield from tables(report, "inadequate")
         yield from tables(report, "between_spots")
         yield Paragraph(
-            "Intervals, combinations of parameters that are known better, and causes of every fit: "
+            "Intervals, better-known combinations of parameters, and error sources of every fit: "
             "tables/intervals.csv, tables/parameter_combinations.csv and tables/budget.csv."
         )
         if "posterior" in report.tables:
             found = tables(report, "posterior", "profile_ends", "volumes", "emulator")
             if not data.table("sobol_indices").is_empty():
                 yield Paragraph(
-                    "Which parameter rules the curves where: its share of the variance over the ranges by "
-                    "itself (first-order Sobol index), along the path."
+                    "Which parameter controls which part of the curve: first-order Sobol index over the "
+                    "search ranges, along the path."
                 )
             yield from picture(report, "sobol_indices", "First-order Sobol indices along the path")
             label = "Profiles of the parameters; their ends are in the table of posteriors"
@@ -66,21 +66,20 @@ class Identifiability(Section):
         if "identifiability" not in report.tables or not data.design.n_sets:
             return
         yield Paragraph(
-            "The interval holds the values with which a set fits about as well as the best, the other "
-            "parameters adjusting themselves within their ranges: Fopt at most twice its fitted least, or "
-            "the least plus the effect of the measured spread or of the error of the fit, whichever is "
-            "more. Fopt is fitted to the sweep's own curves; the fitted optimum is where it is least."
+            "Interval: values for which, with the other parameters refitted, Fopt stays below twice its "
+            "minimum. A larger limit applies if the measured scatter, or the error of the emulator, allows "
+            "more. An emulator of the sweep's curves gives Fopt; its minimum is the fitted optimum."
         )
         is_sure = any(each.level for each in report.conclusion.estimates)
         if is_sure:
             yield Paragraph(
-                "How well a parameter is identified is shown by the 95 % intervals of the fit, which have "
-                "the whole error budget; these ranges do not."
+                "Judge a parameter by its 95 % interval of the fit, which has the whole error budget. These "
+                "ranges do not have it."
             )
         else:
             yield Paragraph(
-                "Up to 10 % of the range is called well identifiable, up to 30 % roughly, up to 80 % "
-                "poorly, beyond that not. Unclear: too few sets, or curves that the slopes do not predict."
+                "Words by interval over range: up to 10 % well, up to 30 % roughly, up to 80 % poorly, above "
+                "not identified. Unclear: too few sets, or curves that the slopes do not predict."
             )
             yield Listing([("", sentence) for sentence in report.conclusion.identifiability])
         every = report.tables["identifiability"]

@@ -38,8 +38,8 @@ class Curves(Section):
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show curves with what they miss below."""
         yield Paragraph(
-            "Lower panels: residuals, simulated − measured. The shaded band is one standard deviation of "
-            "the measured presses to each side, where there is one."
+            "Lower panels: residuals, simulated − measured. Shading, if any: ±1 standard deviation of "
+            "repeated measurements."
         )
         label = "Measured and simulated curves at {}; the errors are under Values"
         every = {
@@ -97,7 +97,7 @@ def _listing(warnings: Sequence[ReportWarning]) -> Listing:
 class Values(Section):
     """The numbers behind the first picture."""
 
-    name, title, entry = "values", "Every value, by spot and scenario", "Values"
+    name, title, entry = "values", "Values by spot and scenario", "Values"
     summary = "every value with its interval, by spot and scenario"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
@@ -129,7 +129,7 @@ class Values(Section):
 class Fits(Section):
     """Effect of the meshes, and ends of the searches."""
 
-    name, title, entry = "fit", "How the fit went", "Fit"
+    name, title, entry = "fit", "Search and mesh correction", "Fit"
     summary = "the values by coarse and by finer meshes, Fopt of each channel, and every fit"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
@@ -143,7 +143,9 @@ class Fits(Section):
             )
             rows = report.tables["fit_mesh"].filter(scenario=data.generalising.name)
             yield Table.of(TITLES["fit_mesh"], printed("fit_mesh", rows))
-        yield Paragraph("Errors of each fit, and why it ended: tables/table2_fit.csv and tables/fit.csv.")
+        yield Paragraph(
+            "Errors of each fit, and the reason for its end: tables/table2_fit.csv and tables/fit.csv."
+        )
 
     def result(self, data: ReportData, report: Report) -> str:
         """Number of simulations."""
@@ -153,7 +155,7 @@ class Fits(Section):
 class MaterialItself(Section):
     """Stress of the fits."""
 
-    name, title, entry = "material", "The material itself", "Material"
+    name, title, entry = "material", "Stress-strain curves", "Material"
     summary = "stress over stretch of the fitted material, with its 95 % band"
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
@@ -164,9 +166,8 @@ class MaterialItself(Section):
         if not curves:
             return
         yield Paragraph(
-            "Nominal stress of the fitted law at constant volume. The band "
-            "holds 95 % of the draws of the joint fit. Where the tissue was stretched less, the law alone "
-            "decides."
+            "Nominal stress of the fitted law at constant volume. The band holds 95 % of the draws of the "
+            "fit. Beyond the stretch reached in the experiment, the curve is an extrapolation by the law."
         )
         yield from picture(
             report, "stress_strain", "Stress over stretch of the fitted material, with its 95 % band"
@@ -208,7 +209,7 @@ def _by_spot(data: ReportData, bests: Sequence[Best]) -> Table:
     rows.append([f"least Fopt of the search{mean}", *(best.fopt_least for best in bests), *known])
     for channel in data.measured_channels:
         rows.append([f"R² {channel}{least}", *(best.r2[channel] for best in bests), *known])
-    rows.append(["found", *(best.found for best in bests), *([""] if truth else [])])
+    rows.append(["found by", *(best.found for best in bests), *([""] if truth else [])])
     return Table(
         f"The fit to {bests[0].fitted_to} (scenario {bests[0].scenario}); below each value {_below(bests)}",
         ["parameter", *(best.spot for best in bests), *(["true value"] if truth else [])],

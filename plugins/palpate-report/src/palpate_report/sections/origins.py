@@ -101,13 +101,13 @@ class LimbAndDeformation(Section):
         yield from _deformed(data)
         if data.limbs:
             yield Paragraph(
-                "The mesh around the spot, the indenter at rest on it, and the way that it presses against "
-                "the normal. Drag to turn; click a name to hide or show a part."
+                "The mesh around the spot, the indenter at first contact, and the direction of the press. "
+                "Drag to turn; click a name to hide or show a part."
             )
             yield Drawing("limb")
         if "contact" in report.pictures:
             yield Heading("Contact along the path")
-            yield Paragraph(f"Of the set that scenario {data.generalising.name} selected at each spot.")
+            yield Paragraph(f"At each spot, with the set that scenario {data.generalising.name} selected.")
             yield from picture(report, "contact", "Contact at each step of the path, by spot")
 
     def result(self, data: ReportData, report: Report) -> str:
@@ -130,7 +130,7 @@ def _deformed(data: ReportData) -> Iterator[Block]:
     unit = data.modulus_unit
     heads = ["spot", "depth (mm)", "rotation (°)", "largest displacement (mm)"]
     yield Table(
-        "The first state at the greatest depth",
+        "At full depth, before the rotation",
         [*heads, f"largest pressure ({unit})", "contact area (mm²)"],
         [
             [spot, *_numbers(states, 1.0 / convert(f"1 {unit}", "MPa"))]
@@ -148,7 +148,7 @@ class Cite(Section):
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show the text with a button that copies it."""
-        yield Paragraph("The settings of this run as text; it is in methods.md, too.")
+        yield Paragraph("The settings of this run as text; also in methods.md.")
         yield Drawing("methods")
 
     def result(self, data: ReportData, report: Report) -> str:
@@ -178,7 +178,7 @@ class Provenance(Section):
         single = {key: value for key, value in data.manifest.items() if key not in deep}
         rows = [leaf for group, value in (("study", single), *deep.items()) for leaf in _leaves(value, group)]
         yield Drawing("copy")
-        yield Table("Everything that decides the numbers", ["what", "value"], rows)
+        yield Table("Inputs, versions and settings", ["item", "value"], rows)
 
     def result(self, data: ReportData, report: Report) -> str:
         """Versions of palpate and of the solver."""

@@ -37,7 +37,7 @@ class Space(Section):
         if data.is_fitted:
             yield Paragraph(
                 "Each line is the path of a search to its least Fopt (diamond), and a circle marks the "
-                "reported values. A break in a line is a correction by a finer mesh."
+                "reported values. A break in a line marks a correction by a finer mesh."
             )
         yield Drawing("space")
 
@@ -71,8 +71,9 @@ class OtherChannels(Section):
 
     def blocks(self, data: ReportData, report: Report) -> Iterator[Block]:
         """Show what each fit misses."""
-        yield Paragraph("Misfit in the channels that a fit leaves out, such as the torque in a fit to force.")
-        yield from tables(report, "unfitted_channels", "cross_channel")
+        if found := list(tables(report, "unfitted_channels", "cross_channel")):
+            yield Paragraph("Prediction of one curve by a fit to another, such as torque by a fit to force.")
+            yield from found
 
 
 class Generalisation(Section):
@@ -86,8 +87,8 @@ class Generalisation(Section):
         if "generalised" not in report.tables or len(data.spots) < 2:
             return
         yield Paragraph(
-            "The set of the sweep with the least mean Fopt over all spots, and how much worse it fits each "
-            "than the best set there."
+            "The sampled set with the lowest mean Fopt over all spots, compared with the best set at each "
+            "spot."
         )
         yield from tables(report, "generalised", "cost_of_one_set")
 
