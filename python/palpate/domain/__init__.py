@@ -69,8 +69,8 @@ def _frozen_ints(values: ArrayLike) -> IntArray:
 class Spot:
     """A marked place on the limb: position [mm] and unit outward normal, in the frame of its mesh.
 
-    ``along`` is the direction (3,) of the x axis of the spot's frame, as far as it is tangential; by itself
-    that of :func:`palpate.mesh.spot_frame.spot_axes`.
+    ``along`` is the direction (3,) of the x axis of the spot's frame, as far as it is tangential; by default
+    the axis of :func:`palpate.mesh.spot_frame.spot_axes`.
     """
 
     name: str

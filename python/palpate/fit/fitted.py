@@ -124,7 +124,7 @@ def relaxing_space(study: Study) -> ParameterSpace:
 def relaxing_thetas(
     study: Study, thetas: Mapping[str, FloatArray], values: Mapping[str, float]
 ) -> dict[str, FloatArray]:
-    """Textbook values of the materials of :func:`relaxing_space`, from those of the study's at these values.
+    """Textbook values of the materials of :func:`relaxing_space`, from the values of the study's materials.
 
     A sweep's set has no shares, and so relaxes by nothing.
     """

@@ -79,7 +79,7 @@ def _secant(before: Evaluation, after: Evaluation) -> Evaluation:
 class _Model:
     """Residuals near an evaluation: linear in the values of moduli, as curves nearly are, or in coordinates.
 
-    Steps of the former are bent: in proportion to those of the values, and as long as those in coordinates
+    Steps of the former are bent: in proportion to steps of the values, and as long as steps in coordinates
     where short. The latter hold along a valley of moduli and exponents, where a modulus goes with a power.
     """
 

@@ -162,7 +162,7 @@ class Problem:
         return self._at(values, slopes=False).fopt
 
     def _at(self, values: ArrayLike, *, slopes: bool) -> Evaluation:
-        """Evaluate values, unless they are those of the last time.
+        """Evaluate values, unless they are the last ones again.
 
         Raises
         ------
@@ -236,7 +236,7 @@ class Problem:
     def evaluate(self, trials: Sequence[Trial]) -> list[Evaluation]:
         """Evaluate points of the box; whatever they need is simulated side by side.
 
-        Slopes that a simulation lacks, as where its tangent is singular, are those of differences.
+        Slopes that a simulation lacks, as where its tangent is singular, come from differences.
         """
         jobs: list[Job] = []
         finish = self.begin(trials, jobs)

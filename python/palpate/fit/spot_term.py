@@ -107,7 +107,7 @@ class Correction:
         return change
 
     def ratio(self, ordinates: FloatArray) -> FloatArray:
-        """Size (...) of coarse curves (..., n), over that of the curve from which the correction is."""
+        """Size (...) of coarse curves (..., n), over the size of the curve that the correction is from."""
         known = np.isfinite(ordinates) & np.isfinite(self.coarse)
         here = np.linalg.norm(np.where(known, ordinates, 0.0), axis=-1)
         there = np.linalg.norm(np.where(known, self.coarse, 0.0), axis=-1)

@@ -52,7 +52,7 @@ class Case:
     Attributes
     ----------
     fits : list of Fit
-        The searches, in order; those of one start, then those that go on with better corrections.
+        The searches, in order: all of one start, then the searches that go on with better corrections.
     coarse : mapping of name to value
         Where the coarse mesh alone would end; empty where it was not tried.
     is_settled : bool

@@ -33,7 +33,7 @@ class Check:
     channel : int
         Number of the channel; negative for all.
     probability : float
-        Of residuals as unlike those of a good model as these, or more.
+        A good model gives residuals as unlikely as these, or more so, with this probability.
     verdict : Adequacy
     closeness : Closeness, optional
         Of the model to the channel.

@@ -97,7 +97,7 @@ def bone_displacements(limb: Limb) -> FloatArray:
 
 
 def _resting(mesh: Mesh) -> IntArray:
-    """Fixed nodes, without those of the ends at which a limb was cut, where the mesh names them.
+    """Fixed nodes except on the ends at which a limb was cut, where the mesh names the ends.
 
     Nodes of such an end that are on another fixed face too, the rim of a bone, stay.
     """

@@ -134,7 +134,7 @@ class Assessment:
     ) -> Assessed:
         """Assess a case, with curves that are linear around the end of its fit, or around likelier values.
 
-        Without a mesh, simulations cost little, and the most likely values are those of simulated curves;
+        Without a mesh, simulations cost little, and curves are simulated at the most likely values;
         where Fopt weighs the curves, the fit has ended there. With a mesh, curves of a tissue that relaxes,
         which go with products of moduli and shares, are linear once more around the most likely values.
         """
@@ -172,8 +172,8 @@ class Assessment:
         failures : mapping of ErrorSource to str
             Why some causes could not be simulated.
         first : Assessed, optional
-            One whose noise and discrepancy are those of this one too, if it has all of its channels: errors
-            of some curves are no smaller because others are left out.
+            Its noise and discrepancy serve here too if it has all channels: errors of some curves are no
+            smaller because others are left out.
         again : Assessed, optional
             One of the same case, around whose values curves are linear; its misfits count.
         is_likeliest : bool

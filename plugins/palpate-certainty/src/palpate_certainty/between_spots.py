@@ -35,7 +35,7 @@ class SpotDifferences:
     shared : (n,) integer array
         Numbers of the parameters that at least two spots have in common.
     own : (n_spots, n) array
-        Value of each spot by its own curves, less that of the joint fit.
+        Value of each spot by its own curves, minus the value of the joint fit.
     sd : (n,) array
     ends : (n, 2) array
         95 % intervals of ``sd``.

@@ -257,7 +257,7 @@ class ScenarioDensity:
         return white
 
     def _of_score(self, ordinates: FloatArray) -> FloatArray:
-        """Residuals (k, n) by a score that is not linear, those of priors zero."""
+        """Residuals (k, n) by a score that is not linear; residuals of priors are zero."""
         terms = self.problem.terms
         found = np.zeros((len(ordinates), self.problem.n_points))
         for term, name, at, _ in pieces(terms):

@@ -38,7 +38,7 @@ class GaussianProcess:
     lengths : (d,) array, optional
         Correlation lengths, in half ranges of the coordinates; the most likely ones by default.
     nugget : float
-        Variance of what is not reproduced, over that of the process; it counts where lengths are given.
+        Variance of the reproduction error, over the process variance; it counts where lengths are given.
 
     Attributes
     ----------
@@ -115,7 +115,7 @@ class GaussianProcess:
 
         logs = np.append(np.zeros(d), np.log(1e-8))
         if np.linalg.norm(rest) > EXACT * np.linalg.norm(observed):
-            # Range of the variance of what is not reproduced, over that of the process.
+            # Range of the variance of the error of reproduction, over the variance of the process.
             bounds = [tuple(np.log(LENGTHS))] * d + [tuple(np.log((1e-12, 1e-6)))]
             logs = scipy.optimize.minimize(
                 loss, logs, method="L-BFGS-B", bounds=bounds, options={"maxiter": 30}

@@ -1,7 +1,7 @@
 """Errors of the curves, cause by cause: a derivative of the curves, times a standard deviation.
 
-Each cause is a further value of the fit's problem, so its derivative comes from where those of the
-parameters come from: exact slopes, or differences of simulations that the run keeps.
+Each cause is a further value of the fit's problem, so its derivative has the same origin as the derivatives
+of parameters: exact slopes, or differences of simulations that the run keeps.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -74,7 +74,7 @@ class ErrorSource:
         Spot, spot and axis of a tilt or position, channel, region, or full name of the parameter; empty for
         one that all curves share.
     sd : float
-        Its standard deviation: in mm, degrees, factors of two of the contact penalty, that of the friction
+        Its standard deviation: in mm, degrees, factors of two of the contact penalty, as a friction
         coefficient, or a share of a gain, parameter or thickness.
     spots : tuple of str
         Spots whose curves it changes; empty for all.
@@ -103,7 +103,7 @@ class ErrorSource:
 def error_sources_of(
     study: Study, measured: Mapping[str, Response], searched: Sequence[str]
 ) -> list[ErrorSource]:
-    """Causes of a study's budget whose derivatives are those of simulated curves.
+    """Causes of a study's budget whose derivatives come from simulated curves.
 
     Parameters
     ----------
@@ -318,7 +318,7 @@ def columns_of(
     columns : Columns
         Of the causes whose derivatives could be simulated.
     failures : mapping of ErrorSource to str
-        Why those of the others could not.
+        Reason for each source that has no derivative.
 
     Raises
     ------
@@ -359,7 +359,7 @@ def _per_sd(
 
 
 MESH, ZERO, CORRECTION = "mesh", "zero", "correction"
-"""Causes besides those of :mod:`~palpate_certainty.error_sources`."""
+"""Causes besides the sources of :mod:`~palpate_certainty.error_sources`."""
 
 
 def error_budget(

@@ -37,7 +37,7 @@ from palpate_certainty.noise_model import (
 )
 
 NOISE, DISCREPANCY, PRIORS = "noise", "model", "priors"
-"""Error sources besides those of :mod:`~palpate_certainty.error_sources`."""
+"""Error sources besides the sources of :mod:`~palpate_certainty.error_sources`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -243,7 +243,7 @@ def errors_of(linear: LinearProblem, first: ResidualErrors | None = None) -> Res
     Parameters
     ----------
     first : ResidualErrors, optional
-        Those of another fit, which are those of this one too if they have all of its channels.
+        Errors of another fit, which serve here too if they have all channels of this fit.
 
     Raises
     ------
@@ -270,7 +270,7 @@ def errors_of(linear: LinearProblem, first: ResidualErrors | None = None) -> Res
 def errors_without(linear: LinearProblem, kept: BoolArray, known: ResidualErrors) -> ResidualErrors:
     """Sizes of the errors by the residuals that are kept of a problem whose errors are ``known``.
 
-    Those of all residuals where a channel is left out altogether, or too few are kept to tell.
+    They come from all residuals where a channel is left out altogether, or too few are kept to tell.
     """
     rest, errors = linear.only(kept), known
     if set(rest.rows.channels) == set(linear.rows.channels) and rest.residuals.size > rest.point.size:

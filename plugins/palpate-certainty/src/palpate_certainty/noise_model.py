@@ -60,7 +60,7 @@ class ResidualLayout:
 
     @property
     def curve(self) -> IntArray:
-        """Number (n,) of the curve that each residual is of; those of priors are one."""
+        """Number (n,) of the curve that each residual is of; priors have one."""
         curves: IntArray = np.unique(np.stack([self.spot, self.channel]), axis=1, return_inverse=True)[1]
         return curves
 
@@ -103,7 +103,7 @@ def matern(apart: FloatArray) -> FloatArray:
 def layout_of(
     terms: Sequence[SpotTerm], n: int, first: Sequence[str] = ()
 ) -> tuple[ResidualLayout, tuple[str, ...]]:
-    """Places of ``n`` residuals, those of priors last; and the names of the channels by their numbers.
+    """Places of ``n`` residuals, priors last; and the names of the channels by their numbers.
 
     Channels that are known already come ``first``.
     """
@@ -388,7 +388,7 @@ class _Likelihood:
     """Restricted likelihood of the sizes, with a half-t prior of each discrepancy up to the ``most``.
 
     The first half of ``parts`` (2 n_channels, n, n) is noise, the other discrepancy; ``expected``
-    (n_channels,) is that of usual models.
+    (n_channels,) is the discrepancy of usual models.
     """
 
     residuals: FloatArray

@@ -78,7 +78,7 @@ class Posterior:
 
     @property
     def volume(self) -> float:
-        """Root of the determinant of the covariance in the box, over that of all of the box."""
+        """Root of the determinant of the covariance in the box, over its value for all of the box."""
         covariance = np.cov(self.draws.points, rowvar=False).reshape([self.draws.points.shape[1]] * 2)
         return float(np.sqrt(max(np.linalg.det(12.0 * covariance), 0.0)))
 

@@ -39,7 +39,7 @@ class Profile:
     ends : (2, n_parameters) array
         The best points at the two ends of the interval.
     is_open : (2,) tuple of bool
-        Whether an end is at the bound, where the rise is less than that of an end.
+        Whether an end is at the bound, where the rise is too small for an end.
     """
 
     points: FloatArray
@@ -172,7 +172,7 @@ class EmulatedObjective:
         return MeshCorrections(self.problem, self.fitted)
 
     def residuals(self, points: FloatArray) -> FloatArray:
-        """Residuals (n, m) at points (n, n_parameters) of the box, without those of priors."""
+        """Residuals (n, m) at points (n, n_parameters) of the box, without residuals of priors."""
         values, meshes, parts = self.problem.box.values(points), self._meshes, []
         ordinates = self.curves(values)
         for term, name, _, _ in pieces(self.problem.terms):

@@ -122,7 +122,7 @@ class ProfilePlanes(Stage):
     tables = DECLARED[name]
 
     def usual_simulations(self, inputs: Run) -> dict[str, int]:
-        """No new ones; those of the fit are read again."""
+        """No new simulations; the stage reads the simulations of the fit again."""
         return dict.fromkeys(inputs.study.spot_names, 0)
 
     def run(self, inputs: Run, progress: Progress) -> Files:

@@ -41,7 +41,7 @@ class Pattern:
     Parameters
     ----------
     groups : sequence of (e, 3n) integer arrays
-        Unknown of each element degree of freedom, −1 if it is fixed. Those of a node are three numbers
+        Unknown of each element degree of freedom, −1 if it is fixed. A node has three numbers
         in sequence that start at a multiple of three, or are all fixed.
     """
 

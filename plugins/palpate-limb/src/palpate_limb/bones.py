@@ -30,7 +30,7 @@ def read_bones(
 ) -> tuple[Surface, ...]:
     """Read the bones of a file; openings are closed and crossing faces removed.
 
-    ``names`` are those of the bones in the file's order. By default one is named after the file, several
+    ``names`` name the bones in the file's order. By default one is named after the file, several
     have numbers behind its name. With ``skin_too`` the largest part is the limb's skin, and no bone. A file
     that cannot be repaired, other names, or a bone of no plausible size are MeshErrors.
     """
@@ -100,7 +100,7 @@ def read_motion(path: Path) -> Placement:
 
 
 def by_landmarks(source_mm: FloatArray, target_mm: FloatArray) -> Placement:
-    """The motion that brings landmarks of the bones onto those of the scan, by least squares.
+    """The motion that brings landmarks of the bones onto landmarks of the scan, by least squares.
 
     Both are (n, 3): three landmarks or more, not on one line, or a MeshError.
     """

@@ -210,7 +210,7 @@ def _show(session: Session, notes: Notes, regions: tuple[str, ...]) -> None:
 
 
 def _is_to_simulate(study: Path) -> bool:
-    """Whether the curves of a study are those of its ``[truth]``, and not there yet."""
+    """Whether the curves of a study follow from its ``[truth]``, and are not there yet."""
     try:
         tables = tomllib.loads(study.read_text(encoding="utf-8"))
     except (OSError, ValueError):

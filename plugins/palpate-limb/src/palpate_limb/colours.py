@@ -46,7 +46,7 @@ def _ply(mesh: Any) -> Mapping[str, Any] | None:  # noqa: ANN401 - a Trimesh
 
 
 def _of_ply(elements: Mapping[str, Any], mesh: Any) -> FloatArray | None:  # noqa: ANN401 - a Trimesh
-    """Colours of the points, or the mean of those of the faces around each."""
+    """Colours of the points, or the mean colour of the faces around each."""
     for element in ("vertex", "face"):
         of = elements.get(element, {})
         names = _channels(list(of.get("properties", ())))

@@ -49,7 +49,7 @@ class ScannedLimb:
 class ReadScan:
     """A scan with its spots, its axis and its bones, all in the scan's frame.
 
-    ``unit`` is that of the file, and ``unit_why`` what it was guessed from; empty where it was given.
+    ``unit`` is the unit of the file, and ``unit_why`` the evidence for a guess; empty where it was given.
     """
 
     surface: Surface

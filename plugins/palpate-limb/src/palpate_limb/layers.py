@@ -167,8 +167,8 @@ def extruded(
     The depth of a node is the distance from the skin at which it belongs, NaN in the core.
 
     The core has ``points`` (n, 3), ``tets`` (m, 4) and a ``boundary`` of triangles (k, 3): outwards ``skin``,
-    to which layers are added as far as the limb's ``skin``, ``cut`` and bones. ``depths_mm`` are those of the
-    lower surface of each layer, from the outside in; all are thinner where there is less ``room_mm`` (n,)
+    to which layers are added as far as the limb's ``skin``, ``cut`` and bones. ``depths_mm`` are depths of
+    the lower surface of each layer, from the outside in; all are thinner where there is less ``room_mm`` (n,)
     below the skin. A layer has several elements through its thickness where one would be higher than
     ``highest_mm``.
     """

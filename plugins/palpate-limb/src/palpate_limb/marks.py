@@ -57,7 +57,7 @@ def find_marks(
 ) -> tuple[Mark, ...]:
     """Find every patch of ink, largest first.
 
-    Patches whose area is that of a disc smaller or larger than the radii are no marks. A MeshError where the
+    Patches with the area of a disc smaller or larger than the radii are no marks. A MeshError where the
     scan has no colours, or one.
     """
     chroma = _chroma(surface)
@@ -177,8 +177,8 @@ def _patches(surface: Surface, chroma: FloatArray, ink: BoolArray) -> list[IntAr
 class FoundSpot:
     """A spot in the frame of the scan, and how well it is known.
 
-    Standard deviations are those of the position along the surface, from the mark's edge between points,
-    and along the normal, from the scan's noise, and of the normal's direction, from both. Remarks say what
+    Standard deviations are for the position along the surface, from the mark's edge between points,
+    and along the normal, from the scan's noise, and for the normal's direction, from both. Remarks say what
     makes them uncertain themselves.
     """
 
@@ -192,7 +192,7 @@ class FoundSpot:
 def locate(name: str, mark: Mark, surface: Surface) -> FoundSpot:
     """The spot under the centre of a mark; see :func:`locate_at`.
 
-    Its standard deviation is that of a disc's centre when its n points are cut out of a grid: each of the
+    Its standard deviation follows for the centre of a disc whose n points are cut out of a grid: each of the
     about 2√(πn) points of the rim is in or out by chance, and one of area A/n at radius r shifts it by r/n.
     """
     n = len(mark.points)

@@ -45,7 +45,7 @@ class SizeField:
     The torque's error by the mesh comes from the edge of the contact, so edges are ``fine_mm`` long on the
     ring of the skin between ``inner_mm`` and ``radius_mm`` from the spot's normal. Away from it they grow by
     ``growth`` for each mm, but within the ring they are at most :data:`MIDDLE` times as long; ``coarse_mm``
-    is the longest. As far as ``deep_mm`` below the skin sizes are those of the skin, for layers.
+    is the longest. As far as ``deep_mm`` below the skin sizes stay as on the skin, for layers.
     """
 
     fine_mm: float

@@ -53,7 +53,7 @@ File = Annotated[Path, Field(strict=False), AfterValidator(_path)]
 class BoneFile:
     """A file of one bone or several; of the scan itself, its largest part is the skin.
 
-    ``names`` are those of its bones in its order, by default that of the file.
+    ``names`` name its bones in the order of the file; by default one bone has the name of the file.
     """
 
     path: Path

@@ -63,7 +63,7 @@ class Around:
 
     ``axis`` (3,) is a unit vector along the limb, ``span_mm`` the coordinates along it of 0 and 100 %, and
     ``zero`` (3,) the direction of 0 degrees, of which what is along the axis does not count.
-    ``mm_per_unit`` is that of the scan's coordinates.
+    ``mm_per_unit`` converts the scan's coordinates.
     """
 
     skin: Surface

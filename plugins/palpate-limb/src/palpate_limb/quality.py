@@ -17,7 +17,7 @@ from palpate_limb.segment import Segment
 
 LEAST_SCALED_JACOBIAN = 0.02
 LEAST_NEAR = 0.1
-"""That of elements under the indenter: a sliver there changes the curves, elsewhere it costs steps."""
+"""Quality of elements under the indenter: a sliver there changes the curves, elsewhere it costs steps."""
 _CORNERS = np.array([(0, 1, 2, 3), (1, 2, 0, 3), (2, 0, 1, 3), (3, 0, 2, 1)])
 _CORNERS.setflags(write=False)
 

@@ -39,7 +39,7 @@ class RoundedSolid:
     ``origin`` is the first node and ``square`` cubic splines of the square [mm²] of points (n, 3).
     ``in_core`` are nodes (n_x, n_y, n_z) inside of the core and not next to its surface, for the sign of a
     distance there, and ``at_nodes`` is the signed distance at each. ``edge_mm`` is the radius of the
-    rounding, and ``bounds_mm`` (2, 3) are those of the solid, whose lowest point is at z = 0.
+    rounding, and ``bounds_mm`` (2, 3) are the bounds of the solid, whose lowest point is at z = 0.
     """
 
     origin: FloatArray
@@ -150,8 +150,8 @@ def _check(surface: Surface) -> None:
 def _inset(surface: Surface, edge_mm: float) -> Surface:
     """The surface with every face moved inwards.
 
-    A point moves so that it stays on its faces, by least squares: along the normal of one face, and
-    along that of a smooth surface.
+    A point moves so that it stays on its faces, by least squares: along the normal of one face, or of
+    a smooth surface.
     """
     corners = surface.points_mm[surface.faces]
     angles = surface.trimesh.face_angles

@@ -211,8 +211,8 @@ def parts_of(n: int, pairs: IntArray) -> IntArray:
 def read_surface(path: Path, unit: str = "mm") -> Surface:
     """Read a surface; equal points are merged, colours of vertices or of a texture are kept.
 
-    Nothing but this file (and its own material and texture next to it) is read. ``unit`` is that of its
-    coordinates, or how long it is ("365 mm").
+    Nothing but this file (and its own material and texture next to it) is read. ``unit`` is the unit of
+    its coordinates, or how long it is ("365 mm").
     A file that is missing, too large, broken, without triangles or not finite is a MeshError.
     """
     if not path.is_file():

@@ -124,7 +124,7 @@ def _inline(values: Mapping[str, Any]) -> tomlkit.items.InlineTable:
 
 
 SHARES = (0.5, 0.75, 1.0)
-"""Depths that are tried, over that of the study, where the user names none."""
+"""Depths that are tried, over the study's depth, where the user names none."""
 
 MOST_PRESSES = 500
 """Most candidates: each is simulated at several points."""
@@ -203,7 +203,7 @@ def usual(study: Study) -> list[tuple[str, dict[str, Any]]]:
 
 def timed(moves: Sequence[Mapping[str, Any]]) -> Iterator[list[dict[str, Any]]]:
     """Moves of a study as they are, with longer rests, and of other rates."""
-    # Durations of rests and of what moves, over those of the study, that are tried where the tissue relaxes.
+    # Durations of rests and of what moves, over the study's, that are tried where the tissue relaxes.
     found = [
         [_lasting(move, *factors) for move in moves]
         for factors in ((1.0, 1.0), (10.0, 1.0), (1.0, 5.0), (1.0, 0.2))
@@ -279,8 +279,8 @@ def limits_of(allowed: Allowed | None, study: Study, channels: Mapping[str, Chan
 def limited_curves(study: Study, limits: Mapping[str, Limit]) -> dict[str, tuple[Channel, ...]]:
     """Channels that a job observes for each limit: the ordinate along every part of a motion.
 
-    The curve of a channel has the states where its own abscissa moves: that of the force ends where a twist
-    begins. An ordinate of several columns may have no value elsewhere, and is limited there alone.
+    The curve of a channel has the states where its own abscissa moves: the curve of the force ends where
+    a twist begins. An ordinate of several columns may have no value elsewhere, and is limited there alone.
     """
     found = {}
     for name in (each for each in limits if each != PRESSURE):

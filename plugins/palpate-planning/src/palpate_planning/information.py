@@ -1,6 +1,6 @@
 """Fisher information of each press on the parameters, in sums that presses add to.
 
-The covariance of a fit is that of :mod:`palpate_certainty.laplace`: with slopes G of the scores of all curves
+The covariance of a fit is as in :mod:`palpate_certainty.laplace`: with slopes G of the scores of all curves
 and their covariance C, by every cause, the information is GᵀC⁻¹G. A press adds the rows of its scores to a
 Cholesky factor of C. So a press that is simulated once is added to any others in milliseconds.
 """
@@ -269,7 +269,7 @@ def _left_out(
 def _along(path: FloatArray, length: float) -> FloatArray:
     """Independent parts (n, m) of a discrepancy of size 1 along a path (n,), in its ranges.
 
-    Those of a longer path begin with the same parts: what a press shares with another is shared from the
+    A longer path begins with the same parts: what a press shares with another is shared from the
     surface on.
     """
     root = _root(int(np.ceil(path.max() / (SPACING * length))) + 1)

@@ -240,7 +240,7 @@ class Plan:
     Parameters
     ----------
     known : FisherInformation
-        Of no press: that of the priors.
+        Information without a press: by the priors.
     """
 
     def __init__(
@@ -257,7 +257,7 @@ class Plan:
     def error(self) -> ExpectedError:
         """Error at the first point, in shares of the ranges.
 
-        It knows little of the ranges, as that of a fit: :class:`Expected` cuts it off at them.
+        Like the error of a fit, it knows little of the ranges: :class:`Expected` cuts it off at them.
         """
         return self._information[0].expected_error(RANGE_SD)
 
@@ -305,7 +305,7 @@ class Expected:
     shared : sequence of int
         Numbers of the parameters that all presses share.
     before : (n_shared, n_shared) array
-        Covariance of these by the presses so far, as planned: nearly that of the fit.
+        Covariance of these by the presses so far, as planned: nearly the covariance of the fit.
     """
 
     fit: Laplace

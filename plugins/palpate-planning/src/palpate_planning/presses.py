@@ -85,8 +85,8 @@ class DesignProblem:
     laplace : Laplace, optional
         Density of the fit; None before any press.
     like_so_far : bool
-        Whether causes and meshes are taken to change the curves of a candidate like those of the press so
-        far at its spot, and not simulated.
+        Whether causes and meshes are taken to change the curves of a candidate as at the press so far at
+        its spot, and are not simulated.
     limited : mapping of channel to tuple of Channel
         Further curves of candidates, for the largest ordinate of a channel along the whole motion.
     """
@@ -426,7 +426,7 @@ def _causes(design: DesignProblem, problem: Problem) -> list[ErrorSource]:
 def _columns(
     design: DesignProblem, press: CandidatePress, problem: Problem, evaluation: Evaluation
 ) -> Columns:
-    """Change of the curves of a press by each cause; refuse it where that of its own motion is unknown."""
+    """Change of the curves of a press by each cause; refuse it where the effect of its motion is unknown."""
     (term,) = problem.terms
     weighed = [name for name in term.measured if design.scenario.fits(name)]
     so_far = design.term(press.spot)

@@ -44,7 +44,7 @@ def given(
 
 
 def steps_back(series: "Series", _: "ChannelMap") -> Iterator[Found]:
-    """Count of rows whose time is before that of the row before."""
+    """Count of rows whose time is before the time of the previous row."""
     is_back = np.diff(series.time_s) < 0.0
     for row in np.flatnonzero(is_back)[:1] + 1:
         yield found(int(is_back.sum()), int(row), to=series.time_s[row], before=series.time_s[row - 1])

@@ -104,7 +104,7 @@ def thinned(recording: Recording, max_rows: int) -> tuple[Recording, int]:
 def noise_std(values: FloatArray) -> float:
     """Standard deviation of white noise on a smooth signal (n,).
 
-    From the median of second differences, whose variance is six times that of the noise;
+    From the median of second differences, whose variance is six times the noise variance;
     spikes and a few kinks leave the median where it is.
     """
     bends = np.diff(values, 2)

@@ -93,8 +93,8 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
     def draw(self, path: Path, folder: Path, channel: str | None = None) -> tuple[Path, ...]:
         """Pictures of the log as it was read, tared, in its phases, its first contact and its curves.
 
-        They show all channels; each press that counts has a folder where several do. An error is that of
-        :meth:`load`; what could be read is drawn before.
+        They show all channels; each press that counts has a folder where several do. An error is the
+        same as in :meth:`load`; everything that could be read is drawn before.
         """
         from palpate_robot_log.pictures import draw_cycles, draw_processed, draw_recording
         from palpate_robot_log.processing.cycles import process_cycles
@@ -112,7 +112,7 @@ class RobotLogLoader(ExperimentLoader[RobotLogSettings]):
     def inspect(cls, path: Path, other: Path | None = None) -> Inspection:
         """Contents of a log and a channel map for it; a CurveError where it cannot be read at all.
 
-        Of two files the first is that of the pose.
+        The first of two files has the pose.
         """
         from palpate_robot_log.reading.inspection import inspect_log
         from palpate_robot_log.reading.ros import bag_file

@@ -194,7 +194,7 @@ def plain_letters(text: str) -> str:
 def factors_of(unit: str) -> MappingProxyType[Kind, float]:
     """Factors to the recording's unit of each kind that a unit may measure: the first is its own kind.
 
-    They are empty where the unit is unknown, and those of ``other`` for one of which no log is made.
+    They are empty for an unknown unit, and of the kind ``other`` for a unit that no log has.
     """
     plain = plain_letters(unit)
     spelt = _SPELT.get(unit) or _SPELT.get(plain.lower(), unit if plain.isupper() else plain)

@@ -73,7 +73,7 @@ class Located:
 
 
 def locate(recording: Recording, choice: NormalChoice, *, slides: bool = False) -> Located:
-    """Contact, normal, motion and strokes, once they can be those of a press.
+    """Contact, normal, motion and strokes, once they can belong to a press.
 
     Of a log that ``slides`` the path gives the normal only while the force rises.
     """
@@ -148,7 +148,7 @@ def onset_of(
 ) -> tuple[Onset, Transition, Transition | None]:
     """Onset from the pressing force (n,) or at a given time stamp, and when the tool touches and leaves.
 
-    Without ``pressing_N`` the force along the normal is that of the log.
+    Without ``pressing_N`` the force along the normal is from the log.
     """
     recording, contact, motion = located.recording, located.contact, located.motion
     if choice.time is not None:

@@ -1,8 +1,8 @@
 """Places where a signal changes: least squares over everything but the place itself.
 
 For each candidate place a description is linear in its coefficients; the place kept is the one
-with the least squared residual, found on grids that close in on it. Its standard deviation is that
-of the linearised problem, with the noise that the residual shows.
+with the least squared residual, found on grids that close in on it. Its standard deviation is from
+the linearised problem, with the noise that the residual shows.
 
 Near the end t* of a stroke a position is  x(t) = c + Σ aₖ τᵏ,  τ = max(t* - t, 0), with
 k = p … p + 2: p = 1 is a stop at full speed, p = 2 a constant deceleration or a cosine,
@@ -171,7 +171,7 @@ def stroke_end(
 def turning(time_s: FloatArray, values: FloatArray, between_s: tuple[float, float]) -> Transition:
     """Time when a motion changes direction, without a rest in between.
 
-    Parameters are those of :func:`stroke_end`.
+    Parameters as in :func:`stroke_end`.
     """
     return _found(time_s, values, between_s, _turned).transition
 
@@ -179,7 +179,7 @@ def turning(time_s: FloatArray, values: FloatArray, between_s: tuple[float, floa
 def is_turning(time_s: FloatArray, values: FloatArray, between_s: tuple[float, float]) -> bool:
     """Whether a turn without a rest describes a motion to within its noise.
 
-    Parameters are those of :func:`stroke_end`.
+    Parameters as in :func:`stroke_end`.
     """
     time, value = _averaged(time_s, values)
     noise = max(noise_std(value), _least(value))
@@ -189,7 +189,7 @@ def is_turning(time_s: FloatArray, values: FloatArray, between_s: tuple[float, f
 def speed_change(time_s: FloatArray, values: FloatArray, between_s: tuple[float, float]) -> Transition | None:
     """Time when a motion changes its speed at once, None where it is smooth.
 
-    Parameters are those of :func:`stroke_end`.
+    Parameters as in :func:`stroke_end`.
     """
     if time_s.size < _FEWEST:
         return None

@@ -195,8 +195,8 @@ def find_onset(
 ) -> Onset:
     """Onset of contact from the rows ``press``, from free air to the end of the press.
 
-    Travel (n,) is along the inward normal, and force (n,) that of the tissue on the tool along the
-    outward one; ``exponent`` is p of the contact law, and the recording is for messages.
+    Travel (n,) is along the inward normal, and force (n,) acts from the tissue on the tool along the
+    outward normal; ``exponent`` is p of the contact law, and the recording is for messages.
     """
     travel, force = travel_mm[press], normal_force_N[press]
     size = abs(float(np.median(force[-_FEWEST:]) - np.median(force[:_FEWEST])))

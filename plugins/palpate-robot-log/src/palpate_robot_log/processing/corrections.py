@@ -2,7 +2,7 @@
 
 Lag: where the tool starts, reverses or stops its twist at once, the moment about the normal bends at
 once too, in an elastic and in a relaxing tissue. The lag is the mean time from the bends of the
-rotation to those of the moment.
+rotation to the bends of the moment.
 
 Weight: in free air the sensor shows  f = b_f + Rᵀ g W  and  m = b_m + c × (Rᵀ g W)  with biases b,
 weight W, centre c in the sensor's frame and direction g of gravity in the base frame: linear in

@@ -179,7 +179,7 @@ _POSES = {"force": ("position",), "moment": ("position", "orientation")}
 
 
 def _checked_values(series: Mapping[str, Series], channels: ChannelMap) -> float:
-    """Distance of the orientations from turns, once all numbers may be those of a press."""
+    """Distance of the orientations from turns, once all numbers may belong to a press."""
     for name in ("force", "moment"):
         pose = [series[what] for what in _POSES[name] if what in series]
         for stage in ("sensor", "repeats", "range"):

@@ -278,7 +278,7 @@ def _is_numeric(dtype: "pl.DataType") -> bool:
 def read_tdms(path: Path) -> RawLog:
     """Channels of numbers and of time stamps, scaled as LabVIEW shows them.
 
-    Units are those of the property ``unit_string``. Waveforms have a column ``time`` [s]. It and time stamps
+    Units are from the property ``unit_string``. Waveforms have a column ``time`` [s]. It and time stamps
     are seconds since the earliest stamp of the file, so that streams have one clock. Streams have the
     group's name; it is empty if there is one stream.
     """
@@ -307,7 +307,7 @@ def read_tdms(path: Path) -> RawLog:
 
 
 def _stamps(channel: Any) -> Iterator[np.datetime64]:  # noqa: ANN401 - npTDMS is untyped
-    """Stamps that a channel starts at; a waveform whose start nobody set has that of LabVIEW's epoch."""
+    """Stamps that a channel starts at; a waveform whose start nobody set starts at LabVIEW's epoch."""
     values, start = channel[:1], channel.properties.get("wf_start_time")
     if values.size and values.dtype.kind == "M":
         yield values[0]

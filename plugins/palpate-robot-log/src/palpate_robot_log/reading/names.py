@@ -200,7 +200,7 @@ def rank_of(
 ) -> Rank | None:
     """Rank by the score of the words and by the unit of a column; None where it is no such quantity.
 
-    A unit of the quantity's kind counts more than a word, and that of another kind excludes the column.
+    A unit of the quantity's kind counts more than a word, and a unit of another kind excludes the column.
     """
     shown, fits = column.shown_unit, factor_of(column, ROLES[role].kind) is not None
     score += 3.0 * (fits and has_unit)

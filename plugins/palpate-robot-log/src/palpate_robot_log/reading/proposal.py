@@ -33,7 +33,7 @@ _DOWN: Mapping[str, Any] = {"form": "fixed", "value": [1.0, 0.0, 0.0, 0.0]}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Proposal:
-    """Guesses by quantity, those of time by stream; what was not found is absent."""
+    """Guesses by quantity, for time by stream; a quantity that was not found is absent."""
 
     guesses: Mapping[str, Guess]
     time: Mapping[str, Guess]
@@ -255,7 +255,7 @@ def _entry(guess: Guess, time: Guess | None, proposal: Proposal) -> dict[str, ob
 
 
 def is_machine(proposal: Proposal) -> bool:
-    """Whether a proposal is that of a testing machine, whose tool moves along an axis and turns about it."""
+    """Whether a proposal is for a testing machine, whose tool moves along an axis and turns about it."""
     position = proposal.guesses.get("position")
     return position is not None and len(position.names) < 3
 

@@ -51,7 +51,7 @@ FIELDS: MappingProxyType[str, Fields] = MappingProxyType(
 
 
 class _Gathered(NamedTuple):
-    """Values that have been read of one stream: a row has its number, two times [ns], and those of fields."""
+    """Values read from one stream: a row has its number, two times [ns], and the values of fields."""
 
     msgtype: str
     frame: str
@@ -260,7 +260,7 @@ def _composed(parts: Sequence[Stream], name: str) -> Stream | None:
 
 
 def _at(part: Stream, clock: str, time_s: FloatArray) -> tuple[FloatArray, Rotation]:
-    """Translation (n, 3) and rotation of a transform at some times, between those of its messages."""
+    """Translation (n, 3) and rotation of a transform at some times, between the times of its messages."""
     place, turn = (part.frame.select(names).to_numpy() for names in (PLACE, TURN))
     if part.rows.size == 1:
         return np.tile(place, (time_s.size, 1)), Rotation.from_quat(np.tile(turn, (time_s.size, 1)))
