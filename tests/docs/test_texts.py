@@ -19,6 +19,7 @@ from palpate.cli.app import build_app
 from palpate.cli.stages import add_stage
 from palpate.plugins.registry import add_commands
 from palpate_report.answer.next_step import CAUSES
+from palpate_report.answer.warnings import kinds
 
 ROOT = Path(__file__).parents[2]
 GUIDES = sorted((ROOT / "docs").glob("*.md"))
@@ -219,6 +220,18 @@ def test_help_names_the_thing_again() -> None:
     found = list(help_texts(get_command(app)))
     assert len(found) > 100
     assert [text for text in found if "?" not in text and re.search(UNNAMED, text, re.IGNORECASE)] == []
+
+
+def test_commands_of_the_warnings_exist() -> None:
+    app = build_app()
+    add_commands(app, add_stage=partial(add_stage, app, "Stages"))
+    commands = getattr(get_command(app), "commands", {})
+    for code, entry in kinds().items():
+        for text in re.findall(r"`palpate ([^`]+)`", " ".join(entry.values())):
+            name, *words = text.split()
+            found = [commands[name], *getattr(commands[name], "commands", {}).values()]
+            options = {option for command in found for each in command.params for option in each.opts}
+            assert {word for word in words if word.startswith("--")} <= options, code
 
 
 def test_no_word_is_both_a_term_and_retired() -> None:

@@ -247,7 +247,7 @@ def _about_meshes(data: ReportData) -> Iterator[ReportWarning]:
         yield warn(
             "mesh-unknown",
             "The mesh error of the parameters is unknown",
-            "No finer mesh corrected the fit. Make finer ones: `palpate limb --fine`.",
+            "No finer mesh corrected the fit. Make finer ones: `palpate limb SCAN --fine`.",
         )
 
 
