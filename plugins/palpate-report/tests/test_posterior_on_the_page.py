@@ -78,5 +78,5 @@ def test_a_posterior_that_has_not_converged_is_warned_of(fitted):
 
     (said,) = warned(rows)
     assert said.startswith("A posterior has not converged. scenario I: split-R̂ up to 1.234, auto")
-    assert "time up to 91 steps. Do not" in said
+    assert "time up to 91 steps. Its means" in said
     assert warned(rows.filter(scenario="III")) == warned(pl.DataFrame()) == []
