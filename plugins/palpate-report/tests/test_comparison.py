@@ -105,15 +105,15 @@ def test_few_independent_points_decide_nothing(fitted, monkeypatch):
     tables = comparison_tables(runs)
     assert set(tables["criteria"]["meaning"]) == {TOO_FEW}
     assert tables["criteria"]["weight"].null_count() == 2
-    assert any("decide nothing here" in note for note in _notes(tables, runs))
+    assert any("decide nothing here" in note for note in _notes(tables, runs, laws=False))
 
 
 def test_criteria_that_disagree_are_reported(fitted):
     runs = {"sweep": without_fit(fitted), "fit": fitted}
     tables = comparison_tables(runs)
-    assert not any("AICc and BIC disagree" in note for note in _notes(tables, runs))
+    assert not any("AICc and BIC disagree" in note for note in _notes(tables, runs, laws=False))
     other = tables["criteria"].with_columns(bic=-pl.col("bic"), difference_bic=pl.lit(0.0))
-    notes = list(_notes(tables | {"criteria": other}, runs))
+    notes = list(_notes(tables | {"criteria": other}, runs, laws=False))
     assert "AICc and BIC disagree: fit by AICc, sweep by BIC. Read neither as a choice." in notes
 
 
@@ -157,7 +157,7 @@ def test_moduli_of_other_rates_are_not_compared(swept):
     assert words["slow", "stiffness"]
     assert words["fast", "stiffness"]
     assert not words["unknown", "stiffness"]
-    (sentence,) = (n for n in _notes(comparison_tables(runs), runs) if "not comparable:" in n)
+    (sentence,) = (n for n in _notes(comparison_tables(runs), runs, laws=False) if "not comparable:" in n)
     assert "slow pressed in 8 s; fast pressed in 1 s. A model without time finds apparent" in sentence
     assert other_rates({"slow": slow, "less": timed(swept, 4.0), "unknown": unknown}) == (frozenset(), "")
 
