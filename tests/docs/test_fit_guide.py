@@ -57,8 +57,6 @@ def test_two_optimisers_find_the_same_parameters(tmp_path: Path, monkeypatch: py
     pytest.importorskip("cma", reason="in the dependency group dev")
     monkeypatch.chdir(tmp_path)
     assert main(["init", "--study", "treloar", "rubber"]) == 0
-    path = tmp_path / "rubber" / "study.toml"
-    path.write_text(path.read_text() + '\n[executor]\nname = "in_process"\n')
     names: dict[str, object] = {}
     for code in blocks("python"):
         exec(code, names)

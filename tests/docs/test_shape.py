@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_077,
-    "lines of the core": 33_353,
+    "lines": 77_088,
+    "lines of the core": 33_362,
     "classes": 655,
-    "constants": 865,
+    "constants": 866,
     "long files": 0,
     "long functions": 7,
     "docstrings without a noun first": 0,

@@ -82,7 +82,7 @@ def test_a_lag_between_wrench_and_pose_is_found_and_taken_out(lag_s):
     assert processed.located.lag.seconds == pytest.approx(lag_s, abs=0.02)
     assert processed.located.lag.n_bends == 4
     same_curves(logs.processed("p1"), processed, 0.01)
-    assert not process(late, logs.settings(alignment={"enabled": False})).lag.significant
+    assert not process(late, logs.settings(alignment={"enabled": False})).located.lag.significant
 
 
 @pytest.mark.parametrize(("n_bends", "is_lag"), [(1, False), (2, True)])

@@ -169,10 +169,29 @@ def test_a_robot_gives_the_truth_of_its_press(
             RobotLogLoader(RobotLogSettings.model_validate(settings)).load(tmp_path / "log.csv", "torque")
 
 
-def test_a_pose_that_is_commanded_alone_is_named(tmp_path: Path) -> None:
+def test_a_pose_of_a_probe_is_read(tmp_path: Path) -> None:
     made = press()
     table = {"time_s": made.time_s} | robot(made)
-    commanded = {f"cmd_{name}" if name[1:] == "_mm" else name: column for name, column in table.items()}
+    renamed = {f"probe_{name}" if name[1:] == "_mm" else name: column for name, column in table.items()}
+    write.write_text(tmp_path / "log.csv", renamed)
+    found = inspect_log(tmp_path / "log.csv")
+    assert found.record["problem"] == ""
+    assert "probe_x_mm" in found.study_text
+
+
+def test_specimens_with_letters_are_no_hexadecimal_counts(tmp_path: Path) -> None:
+    rows = (f"AB{10 + k},{0.2 * k:.1f},{0.1 * k**1.5:.4f}" for k in range(40))
+    (tmp_path / "curve.csv").write_text("\n".join(["specimen,Depth (mm),Force (N)", *rows]))
+    assert not any("hexadecimal" in text for text in inspect_log(tmp_path / "curve.csv").findings)
+
+
+@pytest.mark.parametrize("unit", ["_mm", ""])
+def test_a_pose_that_is_commanded_alone_is_named(unit: str, tmp_path: Path) -> None:
+    made = press()
+    table = {"time_s": made.time_s} | robot(made)
+    commanded = {
+        f"cmd_{name[0]}{unit}" if name[1:] == "_mm" else name: column for name, column in table.items()
+    }
     write.write_text(tmp_path / "log.csv", commanded)
     found = inspect_log(tmp_path / "log.csv")
     assert any("position: these columns are commanded, not measured" in text for text in found.findings)

@@ -161,7 +161,8 @@ class Limb:
 FRICTION, COMPLIANCE, DEEPER = "friction", "contact_compliance", "depth_mm"
 """Names of a contact's friction coefficient and compliance, and of the depth, among slopes of a curve.
 
-The slope in the depth is of each state of a press that ends deeper: an abscissa that is a depth grows too.
+The slope in the depth is the change of each state when the press ends deeper. Depths on an abscissa grow
+in proportion.
 """
 
 

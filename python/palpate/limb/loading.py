@@ -220,19 +220,26 @@ def _layers(study: Study, limb: Limb) -> Iterator[str]:
         return
     edge_mm, measured = contact_edge_mm(limb, *_refined_mm(study, name)), study.measured_layers_mm(name)
     for region in sorted(limb.mesh.used_regions | measured.keys()):
-        thick_mm = thickness_mm(limb, region, _near_mm(study, name)) or 0.0
+        if (thick_mm := thickness_mm(limb, region, _near_mm(study, name))) is None:
+            if region in measured:
+                yield (
+                    f"spot '{name}': region '{region}' is no layer of the mesh, so its measured "
+                    "thickness has no effect. Remove it from [spot.layers]"
+                )
+            continue
         expected_mm, sd_mm = measured.get(region, (thick_mm, 0.0))
         if abs(thick_mm - expected_mm) > sd_mm + 0.01 * expected_mm:
             yield (
-                f"spot '{name}': layer '{region}' is {thick_mm:.2g} mm thick in the mesh, and was measured "
-                f"with {expected_mm:g} mm. The answer is for the mesh. Mesh the limb again with "
-                f'layer_at.{name}.{region} = "{expected_mm:g} mm" (`palpate limb --options`)'
+                f"spot '{name}': layer '{region}' is {thick_mm:.3g} mm thick in the mesh, but its measured "
+                f"thickness is {expected_mm:g} mm. The fit uses the thickness in the mesh. Mesh the limb "
+                f'again with layer_at.{name}.{region} = "{expected_mm:g} mm" '
+                "(`palpate limb SCAN --options FILE`)"
             )
         elif 0.0 < thick_mm < edge_mm / FLATTEST:
             yield (
                 f"spot '{name}': layer '{region}' is {thick_mm:.2g} mm thick, less than half of an edge "
                 f"there ({edge_mm:.2g} mm). Its bending is then wrong. Mesh the limb again with edges of at "
-                f"most {2.0 * thick_mm:.2g} mm (`palpate limb --size`)"
+                f"most {2.0 * thick_mm:.2g} mm (`palpate limb SCAN --size`)"
             )
 
 

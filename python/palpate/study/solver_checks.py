@@ -85,8 +85,8 @@ def _check_body(context: Context, solver: Solver, tables: StudyFile) -> None:
     for index, spot in enumerate(tables.spot):
         if provides.mesh and spot.mesh is None:
             add(("spot", index), f'{name} needs a mesh; add mesh = "…" to the spot')
-        for key in ("mesh", "fine_mesh"):
-            if not provides.mesh and getattr(spot, key) is not None:
+        for key in ("mesh", "fine_mesh", "layers"):
+            if not provides.mesh and getattr(spot, key):
                 add(("spot", index, key), f"{name} takes no mesh; remove the key")
 
 

@@ -106,6 +106,15 @@ def test_a_solver_without_a_mesh_needs_a_protocol_where_it_makes_no_homogeneous_
     assert "solver.name: solver 'closed_form' needs a [protocol] table; add one" in message
 
 
+def test_a_solver_without_a_mesh_takes_no_layers(
+    tmp_path: Path, plugins: Plugins, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    provide(plugins, monkeypatch, "closed_form", body="layers")
+    text = TEXT.replace("[truth]", '[spot.layers]\nrubber = "2 mm ± 0.2 mm"\n[truth]', 1)
+    found = messages(tmp_path, plugins, text)
+    assert any("layers: solver 'closed_form' takes no mesh; remove the key" in text for text in found), found
+
+
 def test_a_solver_refuses_regions_and_materials_that_it_does_not_simulate(
     tmp_path: Path, plugins: Plugins, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -71,8 +71,8 @@ class ErrorSource:
         ``onset``, ``tilt``, ``gain``, ``friction``, ``indenter``, ``contact``, ``fixed``, ``position``,
         ``bone`` or ``layers``.
     of : str
-        Spot, spot and axis of a tilt or position, channel, region, or full name of the parameter; empty for
-        one that all curves share.
+        Spot, spot and axis of a tilt or position, spot and region of a layer measured there, channel,
+        region, or full name of the parameter; empty for one that all curves share.
     sd : float
         Its standard deviation: in mm, degrees, factors of two of the contact penalty, as a friction
         coefficient, or a share of a gain, parameter or thickness.

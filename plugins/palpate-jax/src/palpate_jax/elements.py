@@ -104,9 +104,9 @@ def _linear(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     return linear_simplex(barycentric(points))
 
 
-# One point, exact to degree 1.
 ELEMENTS: Mapping[str, Element] = MappingProxyType(
     {
+        # One point, exact to degree 1.
         "tet4": _element(
             _linear, (np.full((1, 3), 0.25), np.full(1, 1.0 / 6.0)), _linear, _triangle_points()
         ),

@@ -12,7 +12,7 @@ from palpate.api.files import write_atomically
 from palpate.api.fit import OTHER_RATE, channel_of, explained, mark_of
 from palpate.api.runs import keep_only
 from palpate_report.answer.curves import for_all_spots, residuals, same_curves
-from palpate_report.answer.model_verdict import NO_PARAMETERS, model_verdict
+from palpate_report.answer.model_verdict import UNREADABLE, model_verdict
 from palpate_report.answer.paper_tables import materials_of, paper_tables
 from palpate_report.data.best import weighted_channels
 from palpate_report.data.display_units import in_display_units
@@ -185,7 +185,7 @@ def _notes(tables: Mapping[str, pl.DataFrame], runs: Mapping[str, ReportData], l
         f"{n}: {m.sentence}" for n, m in models.items() if m.sentence and not (m.failure and is_short)
     )
     if refused and is_short:
-        yield f"No parameters can be read from laws that do not describe the curves: {', '.join(refused)}."
+        yield f"{UNREADABLE} from laws that do not describe the curves: {', '.join(refused)}."
     if sentence := other_rates(runs)[1]:
         yield sentence
     if sentence := explained(map(mark_of, tables["parameters"]["verdict"])):
@@ -257,7 +257,7 @@ def write_comparison(
 
     tables = dict(first or {}) | comparison_tables(runs)
     notes = [*filter(None, [conclusion]), *_notes(tables, runs, bool(conclusion))]
-    failures = [note for note in notes if NO_PARAMETERS in note]
+    failures = [note for note in notes if UNREADABLE in note]
     figures = write_comparison_figures(runs, folder / "figures")
     files = (*write_tables(tables, folder / "tables", paper_tables(runs), failures), *figures)
     pictures = {file.stem.capitalize(): file for file in figures if file.suffix == ".svg"}

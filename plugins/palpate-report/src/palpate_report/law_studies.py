@@ -191,14 +191,14 @@ def _tables(
         }
         budget["parameters"] = of_others
     n_sets = SETS_ON_MESH if base.solver.provides.mesh else min(base.n_sets, MOST_SETS)
-    executor = raw.get("executor", {} if base.solver.provides.mesh else {"name": "in_process"})
+    executor = {} if base.solver.provides.mesh else {"executor": {"name": "in_process"}}
     return {
+        **executor,
         **{name: each for name, each in raw.items() if name not in ("truth", "stages", "region", "budget")},
         "study": raw["study"]
         | {"name": f"{base.name}-{law.name}", "description": f"law {law.name} for the curves of {base.name}"},
         "region": raw["region"] | {region.region: table | {"parameters": parameters | relaxing}},
         "budget": budget,
-        "executor": executor,
         "sampling": raw.get("sampling", {}) | {"n_sets": n_sets},
         "selection": {"scenarios": [base.generalise_by]},
         "stages": {VALIDATE: {}},

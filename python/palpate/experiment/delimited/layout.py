@@ -472,7 +472,8 @@ def _kinds(n_columns: int, rows: Sequence[Sequence[str]], decimal: str) -> tuple
         cells = [row[index] for row in rows if index < len(row)]
         # 4E20 is no number where other cells of its length are 4E3F.
         is_bare = len({*map(len, cells)}) == 1 and all(re.fullmatch("[0-9A-F]{4,8}", cell) for cell in cells)
-        if (kinds and {*kinds} == {"hex"}) or (is_bare and any(re.search("[A-DF]", cell) for cell in cells)):
+        has_letters = any(re.search(r"\d[A-DF]", cell) for cell in cells)
+        if (kinds and {*kinds} == {"hex"}) or (is_bare and has_letters):
             whole = "hex"
         n_marked = sum(bool(re.fullmatch(THOUSANDS[decimal], row[index])) for row in rows if index < len(row))
         n_numbers = max(kinds.count("number"), n_marked) + kinds.count("none")

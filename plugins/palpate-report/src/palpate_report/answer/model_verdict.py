@@ -12,6 +12,7 @@ from palpate_report.data.marks import rounded
 from palpate_report.data.report_data import ReportData
 
 NO_PARAMETERS = "No parameters can be read from this run"
+UNREADABLE = NO_PARAMETERS.removesuffix(" from this run")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

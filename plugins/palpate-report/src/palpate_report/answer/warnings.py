@@ -304,8 +304,8 @@ def _about_identifiability(data: ReportData) -> Iterator[ReportWarning]:
         yield warn(
             "not-identified",
             f"Not identified: {', '.join(data.brief_name(name) for name in names)}",
-            "Almost any value in the search range fits equally well. Do not report the value as a property "
-            "of the material.",
+            "The intervals are nearly as wide as the values or as the search ranges. Do not report these "
+            "values as properties of the material.",
         )
     missing = [f"{cause}: {why}" for cause, why in left_out(data).items()]
     yield from _listed(

@@ -13,6 +13,7 @@ from palpate.api.files import Column, kind_of
 from palpate_robot_log.measures import LARGEST_DEVIATION, off_turn, off_unit
 from palpate_robot_log.reading.channel_map import NO_COLUMN
 from palpate_robot_log.reading.names import (
+    COMMANDED,
     COUNTERS,
     MEASURED,
     ROLES,
@@ -174,7 +175,7 @@ SHAPES = (
 def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterator[tuple[str, Guess]]:
     """Possible meanings of a group with their ranks; ``is_turned`` where angles are named as its x, y, z."""
     n_columns, words = len(group.columns), {*group.words}
-    if words & _OF_MOTION or words & SPECIMENS:
+    if words & _OF_MOTION or (group.is_indexed and words & SPECIMENS):
         return
     if n_columns == 16:
         yield from _of_transform(group)
@@ -200,7 +201,7 @@ def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterator[tu
                 stream=group.stream,
                 rank=rank,
                 is_in_base=bool(words & _IN_BASE),
-                is_commanded=rank.is_commanded,
+                is_commanded=bool(words & COMMANDED),
                 to_check=check,
             )
             for entry in _entries(group, columns, form)
