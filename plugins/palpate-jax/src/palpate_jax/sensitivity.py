@@ -175,6 +175,11 @@ def _shear_modulus_slopes(material: Material, theta: Array) -> tuple[Array, Arra
     return jax.value_and_grad(lambda t: moduli_at_rest(material, t)[0])(theta)
 
 
+def _motions(at: FloatArray, ways: FloatArray) -> list[Velocity | None]:
+    """The indenter's velocity at a position (6,) by each of its rates (k, 6); None where it stays."""
+    return [motion(at, way) if way.any() else None for way in ways]
+
+
 class Sensitivity:
     """Sensitivities along load stepping: an observer of its equilibrium states.
 
@@ -251,7 +256,7 @@ class Sensitivity:
         rates = Rates(model, displacements, load, thetas)
         body = self._body_rates(displacements, thetas)
         held = np.zeros_like(self._moved)
-        external = [rates.force(change) for change in self._changes(rates, held)]
+        external = [rates.force(change) for change in self._changes(rates, held, [None] * len(held))]
         rhs = np.stack([model.free(e - b) for e, b in zip(external, body, strict=True)])
         if reached is None:
             self._moved = self._solved(here, load, rhs)
@@ -270,13 +275,10 @@ class Sensitivity:
         body.add_rates_of_history(displacements, thetas, self._histories, found)
         return found
 
-    def _changes(
-        self, rates: Rates, moved: FloatArray, motions: Sequence[Velocity | None] | None = None
-    ) -> list[Change]:
+    def _changes(self, rates: Rates, moved: FloatArray, motions: Sequence[Velocity | None]) -> list[Change]:
         """Rates at all points for each parameter, if nodes and indenter move by rows of these."""
-        rows = zip(moved, self._anchors, self._penalty, self._friction, strict=True)
-        each = motions or [None] * len(moved)
-        return [rates.change(u, a, float(e), float(f), m) for (u, a, e, f), m in zip(rows, each, strict=True)]
+        rows = zip(moved, self._anchors, self._penalty, self._friction, motions, strict=True)
+        return [rates.change(u, a, float(e), float(f), m) for u, a, e, f, m in rows]
 
     def _solved(self, here: Linearised, load: ContactState, rhs: FloatArray) -> FloatArray:
         """Solutions (m, n_nodes, 3) of right-hand sides (m, n)."""
@@ -307,16 +309,14 @@ class Sensitivity:
         if DEEPER in self._names:
             position[self._names.index(DEEPER)] += reached.deeper
         position[:, free] = 0.0
-        motions = [motion(at, way) for way in position]
+        motions = _motions(at, position)
         units = [motion(at, way) for way in np.eye(6)[free]]
-        dragged = [
-            here.rate(load, each) if way.any() else 0.0 for each, way in zip(motions, position, strict=True)
-        ]
+        dragged = [0.0 if each is None else here.rate(load, each) for each in motions]
         pulled = [-here.rate(load, each) for each in units]
         rhs = np.stack([*(r - d for r, d in zip(rhs, dragged, strict=True)), *pulled])
         solved = self._solved(here, load, rhs)
         n = len(self._names)
-        moved = np.stack([rates.carried(u, m) for u, m in zip(solved[:n], motions, strict=True)])
+        moved = np.stack([rates.carried(u, m) if m else u for u, m in zip(solved[:n], motions, strict=True)])
         with_free = [rates.carried(u, m) for u, m in zip(solved[n:], units, strict=True)]
         if free.size:
             none = np.zeros_like(self._anchors[0])
@@ -353,10 +353,9 @@ class Sensitivity:
         where = rates.touched.where
         slip = rates.touched.points.friction / load.law.penalty
         force, moment = np.zeros((2, len(self._names), 3))
-        motions = None if reached is None else [motion(reached.position, way) for way in self._position]
+        motions = [None] * len(force) if reached is None else _motions(reached.position, self._position)
         for k, change in enumerate(self._changes(rates, self._moved, motions)):
-            way = motions[k] if motions else None
-            force[k], moment[k], friction = rates.answer(change, self._moved[k], way, body[k])
+            force[k], moment[k], friction = rates.answer(change, self._moved[k], motions[k], body[k])
             anchors = change.positions.copy()
             anchors[where] -= (friction - change.penalty * slip) / load.law.penalty
             self._anchors[k] = anchors
