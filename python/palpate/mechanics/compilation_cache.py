@@ -38,7 +38,7 @@ def keep_compilations() -> None:
 
 def delete_damaged(folder: Path) -> None:
     """Delete files that are no whole stream of zlib, of those that changed since the last call."""
-    # File in the folder whose time is that of the last look at it.
+    # File whose time says when the folder was last looked at.
     mark = folder / "checked"
     with suppress(OSError):
         last = mark.stat().st_mtime_ns if mark.exists() else 0

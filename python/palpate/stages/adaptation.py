@@ -22,7 +22,7 @@ def finer_inputs(run: Run, worst: str) -> StudyInputs | None:
     for spot in study.spots:
         name = spot.spot.name
         if spot.fine_edge_mm is None and f"{name}/fine" in limbs:
-            # Longest edge of the next finer mesh over that of the last one.
+            # Edges of the next finer mesh are 0.7 of the last one's.
             edge_mm = 0.7 * (edges_mm.get(name) or fine_edge_mm(study, spot, limbs[name]))
             limb = finer_limb(study, replace(spot, fine_edge_mm=edge_mm), limbs)
             assert limb is not None  # its edges are stated

@@ -134,7 +134,7 @@ class Assessment:
     ) -> Assessed:
         """Assess a case, with curves that are linear around the end of its fit, or around likelier values.
 
-        Without a mesh, simulations cost little, and curves are simulated at the most likely values;
+        Without a mesh, simulations cost little, and the most likely values are found on simulated curves;
         where Fopt weighs the curves, the fit has ended there. With a mesh, curves of a tissue that relaxes,
         which go with products of moduli and shares, are linear once more around the most likely values.
         """

@@ -128,7 +128,7 @@ def _like_sized(corners: FloatArray) -> FloatArray | None:
     from trimesh.remesh import subdivide_to_size
 
     lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-    # Longest edge over the mean one up to which the closest triangle is among those of the closest middles.
+    # Up to twice the mean edge the closest triangle is among the triangles with the closest middles.
     most = 2.0 * float(lengths.mean())
     longest = lengths.max(axis=1)
     large = longest > most

@@ -213,7 +213,7 @@ def timed(moves: Sequence[Mapping[str, Any]]) -> Iterator[list[dict[str, Any]]]:
 
 def turned(moves: Sequence[Mapping[str, Any]]) -> Iterator[list[dict[str, Any]]]:
     """Moves of a study as they are, and with their slides in other directions."""
-    # Directions of slides, from those of the study, that are tried where a tissue has fibres.
+    # Where a tissue has fibres, slides are tried at these angles from the study's.
     found = [[_turned(move, np.deg2rad(angle)) for move in moves] for angle in (0.0, 45.0, 90.0)]
     yield from (each for i, each in enumerate(found) if each not in found[:i])
 

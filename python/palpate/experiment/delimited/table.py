@@ -182,7 +182,7 @@ class TextTable:
         self._shown_blocks = f"the file holds {len(self.blocks)} tables: lines {spans}"
         if self.block > len(self.blocks):
             raise CurveError(f"{path}: block = {self.block} where {self._shown_blocks}; lower block")
-        if self.block > 1:  # its names are above it, or it has those of the first
+        if self.block > 1:  # its names are above it, or it has the names of the first
             before, (first, last) = self.blocks[self.block - 2][1], self.blocks[self.block - 1]
             wanted = self.text_format.model_copy(update={"skip_lines": None})
             self.layout = replace(self.layout, first_line=first)

@@ -176,7 +176,7 @@ def relaxation(
     """Fall of a signal (n,) over a dwell; None where it has too few rows.
 
     The dwell is described by v(t) = v∞ + A e^(-t/τ); where its fall is not significant or the dwell is
-    too short for τ, by a line. The standard deviation contains the drift.
+    too short for τ, by a line. The standard deviation includes the drift's.
     """
     if values.size < 12:
         return None

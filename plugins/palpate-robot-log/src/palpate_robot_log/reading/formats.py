@@ -20,7 +20,7 @@ Megabytes = Annotated[float, Quantity("MB")]
 
 
 class ReadingLimits(Settings):
-    """ProcessLimits on reading one file. A log of an hour at 1 kHz needs a tenth of them."""
+    """Limits on reading one file. A log of an hour at 1 kHz needs a tenth of them."""
 
     file_size: Megabytes = Field(default=2000.0, gt=0.0, description="Largest file, or bag folder.")
     memory: Megabytes = Field(

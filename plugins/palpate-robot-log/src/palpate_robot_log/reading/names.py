@@ -192,7 +192,7 @@ class Rank(NamedTuple):
     unit: bool  # is one that is not known, or that no log has: it is asked about
     is_commanded: bool
     unlikeness: float  # less where words, unit or shape show the quantity
-    words: tuple[int, ...]  # counts of those of a second form and of all, and place of one in the table
+    words: tuple[int, ...]  # counts in a second form and in all, and place of one in the table
 
 
 def rank_of(
