@@ -7,9 +7,11 @@ Every text is written here after manuals and public files of the makers, with nu
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from io import BytesIO
 from typing import NamedTuple
 
 import numpy as np
+import pytest
 
 from palpate.domain import FloatArray
 
@@ -41,6 +43,15 @@ def made(
     lines: Sequence[str], holds: str, ending: str = "csv", encoding: str = "utf-8", end: str = "\r\n"
 ) -> Layout:
     return Layout((end.join(lines) + end).encode(encoding), ending, holds)
+
+
+def hdf5(arrays: Mapping[str, tuple[FloatArray, str]], holds: str) -> Layout:
+    """HDF5 with units in bytes, as programs in C write them."""
+    h5py, content = pytest.importorskip("h5py"), BytesIO()
+    with h5py.File(content, "w") as file:
+        for name, (values, unit) in arrays.items():
+            file.create_dataset(name, data=values).attrs["units"] = np.bytes_(unit)
+    return Layout(content.getvalue(), "h5", holds)
 
 
 def _curves() -> Mapping[str, Callable[[], Layout]]:
@@ -213,6 +224,20 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
             ["time_ms,enc_z,enc_f", *(f"{k},0x{int(2e4 + 1e3 * d):04X},0x{int(8e3 + 5e2 * f):04X}" for k, d, f in zip(range(DEPTH.size), DEPTH, FORCE, strict=True))], "question"),
         "counts of four hexadecimal digits": lambda: made(
             ["tick,enc,adc", *(f"{k:04X},{int(2e4 + 1e3 * d):04X},{int(8e3 + 5e2 * f):04X}" for k, d, f in zip(range(DEPTH.size), DEPTH, FORCE, strict=True))], "refused"),
+        "names on two lines": lambda: made(
+            ['"Time\n(s)","Depth\n(mm)","Force\n(mN)"', *rows(SECONDS, DEPTH, 1e3 * FORCE)], "curve"),
+        "preamble of 450 lines": lambda: made(
+            [*(f"Parameter {i}: value {i}" for i in range(450)), "Time (s)\tDepth (mm)\tForce (N)", *rows(SECONDS, DEPTH, FORCE, between="\t")], "curve", "txt"),
+        "full-width brackets": lambda: made(["时间（s）,位移（mm）,力（mN）", *rows(SECONDS, DEPTH, 1e3 * FORCE)], "curve"),
+        "names and units in capitals": lambda: made(["DEPTH_UM,LOAD_KG", *rows(1e3 * DEPTH, FORCE / 9.80665, form="{:.9g}")], "curve"),
+        "a unit in capitals that leaves it open": lambda: made(["DEPTH_UM,FORCE_MN", *rows(1e3 * DEPTH, 1e3 * FORCE)], "question"),
+        "FemtoTools": lambda: made(
+            ["Displacement [um]\tTime [s]\tPos X [um]\tPos Y [um]\tPos Z [um]\tForce A [uN]\tForce B [uN]",
+             *rows(1e3 * DEPTH, SECONDS, 0.0 * DEPTH, 0.0 * DEPTH, 1e3 * DEPTH, 1e6 * FORCE, 0.0 * FORCE, between="\t")], "question", "txt"),
+        "points between thousands of a machine": lambda: made(
+            ["Zeit [s];Weg [µm];Kraft [mN]", *[f"{t:,.1f};{d:,.1f};{f:,.1f}".translate(str.maketrans(",.", ".,"))
+                                              for t, d, f in np.column_stack([SECONDS, 1e3 * DEPTH, 1e3 * FORCE]).tolist()]], "question"),
+        "HDF5 with units of bytes": lambda: hdf5({"displacement": (1e3 * DEPTH, "um"), "force": (1e3 * FORCE, "mN")}, "curve"),
         "force in volts by its name": lambda: made(["depth_mm,force_V", *rows(DEPTH, 0.1 * FORCE)], "question"),
     }  # fmt: skip
 
@@ -297,6 +322,10 @@ def _presses() -> Mapping[str, Callable[[], Layout]]:
         "JSON of short names": lambda: made(
             [json.dumps({"stamp": a, "tcp": {"p": b, "q": c}, "ft": {"f": d, "m": e}})
              for a, b, c, d, e in zip(*(each.tolist() for each in (t, m, q, f, moment)), strict=True)], "press", "jsonl"),
+        "force and moment by one word": lambda: named(
+            ",".join(["Time", *(f"{of}_{axis}" for of in ("ToolVectorActual", "TCPForce") for axis in ["x", "y", "z", "rx", "ry", "rz"])]), t, m, rotvec, base_f, base_m),
+        "robot without a time": lambda: named(
+            "x_mm,y_mm,z_mm,qx,qy,qz,qw,fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm", tip, q, f, moment)._replace(holds="question"),
         "machine in revolutions": lambda: named(
             "Elapsed Time (sec),Extension (in),Load (lbf),Rotation (rev),Torque (lbf-in)", t, (203.0 - tip[:, 2:]) / 25.4, -f[:, 2:] / 4.4482216152605,
             np.unwrap(zyx[:, :1], axis=0, period=360.0) / 360.0, moment[:, 2:] / 0.1129848290276),

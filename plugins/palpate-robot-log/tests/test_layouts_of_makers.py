@@ -54,6 +54,10 @@ QUESTIONS = {
     "shear of a plate": "give both scales, by the length and the area of the specimen",
     "percent that R has no letter for": "the file gives '...', which is no unit of strain",
     "force in volts by its name": "the file gives 'V', which is no unit of force",
+    "a unit in capitals that leaves it open": "the file gives 'Mn?', which is no unit of force",
+    "FemtoTools": "force: Force A [uN] or Force B [uN]? name one",
+    "points between thousands of a machine": "'1.000,0' has marks between its thousands",
+    "robot without a time": "not found: time; name their columns; or add a column of seconds",
     "sensor in volts": "the file gives the unit 'V', which is no unit of force",
     "sensor in counts": "the file gives the unit 'counts', which is not known",
 }
@@ -95,6 +99,16 @@ FAST = (
     "force in newtons",
     "counts in hexadecimal",
     "counts of four hexadecimal digits",
+    "names on two lines",
+    "preamble of 450 lines",
+    "full-width brackets",
+    "names and units in capitals",
+    "a unit in capitals that leaves it open",
+    "FemtoTools",
+    "points between thousands of a machine",
+    "HDF5 with units of bytes",
+    "force and moment by one word",
+    "robot without a time",
 )
 
 

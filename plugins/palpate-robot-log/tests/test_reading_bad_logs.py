@@ -257,7 +257,7 @@ def test_unused_columns_may_hold_anything(tmp_path: Path) -> None:
     (stream,) = read_here(path, columns=("time_s", "x_m")).streams
     assert list(stream.columns) == ["time_s", "x_m"]
     (everything,) = read_here(path).streams
-    assert everything.columns["state"].note == "1 cells are no numbers, the first in line 9"
+    assert everything.columns["state"].note.startswith("1 cells are no numbers, the first in line 9: ")
 
 
 def test_the_columns_of_a_map_are_each_read_once() -> None:

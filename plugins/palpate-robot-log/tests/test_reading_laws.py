@@ -131,6 +131,14 @@ def test_a_unit_is_found_however_it_is_written_behind_a_name(unit: str, label: s
         assert unit_in(f"{label}_{unit}")[1].endswith(unit)
 
 
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("Force_test_N", "N"), ("load sample N", "N"), ("sampleN", ""), ("gel_test_N", ""), ("ft.m", "")],
+)
+def test_a_letter_behind_a_specimen_is_its_number_but_behind_a_force_a_unit(name: str, unit: str) -> None:
+    assert unit_in(name)[1] == unit
+
+
 G = 9.80665
 
 

@@ -82,9 +82,10 @@ UNITS = frozenset({*_FOREIGN, *_RATIOS, *_USUAL.split()} - {"strain", "ε"}) | f
 )
 """Units that are believed behind a name without brackets, or alone in a cell, without accents."""
 
+_FORCES = frozenset(("force", "load", "weight", "kraft", "last", "fx", "fy", "fz"))
 _OF_LABELS = {
     **dict.fromkeys(("min", "h", "hr"), frozenset(("time", "t", "zeit", "elapsed"))),
-    **dict.fromkeys(("g", "oz"), frozenset(("force", "load", "weight", "kraft", "last", "fx", "fy", "fz"))),
+    **dict.fromkeys(("g", "oz"), _FORCES),
 }
 """Units that are believed without brackets behind these words alone: x_min is the least x."""
 
@@ -120,8 +121,10 @@ _ANNOTATIONS = frozenset(
 )
 """Words in brackets that are no units."""
 
+_WIDE = str.maketrans("（）［］【】：／", "()[][]:/")
 _PLAIN = str.maketrans({"ł": "l", "Ł": "L", "ø": "o", "Ø": "O", "ı": "i", "ß": "ss", "µ": "u", "μ": "u"})
 _BRACKETED = re.compile(r"\s*(?P<label>.*?)[\s_]*[\[({<]\s*(?P<unit>[^\[\](){}<>]*?)\s*[\])}>]\s*")
+_IN_ONE_WORD = re.compile(r"(.*?[a-z\d])((?:Milli|Micro|Kilo)?[A-Z][A-Za-z]?|Deg|Rad|Sec|[KM]Pa)")
 _INDEX = re.compile(r"[\d:,\s]*")
 _NEWTON = re.compile(r"([kmuµμn]?N)(mm|cm|m)")
 _PRODUCT = re.compile(r"(?<=[^\W\d_])[ ._-](?=[^\W\d_])")
@@ -136,6 +139,7 @@ def unit_in(name: str) -> tuple[str, str]:
     >>> unit_in("fx_N"), unit_in("Fz (lb)"), unit_in("torque_x_N_m"), unit_in("state")
     (('fx', 'N'), ('Fz', 'lb'), ('torque_x', 'N_m'), ('state', ''))
     """
+    name = name.translate(_WIDE)
     # R replaces blanks, brackets and signs such as % by dots: Depth..mm. was Depth (mm).
     if of_r := re.fullmatch(r"(.*?[^.])\.\.+(|[^.].*?)\.", name.strip()):
         return of_r[1], of_r[2] or "..."
@@ -146,12 +150,8 @@ def unit_in(name: str) -> tuple[str, str]:
         return name.strip(), unit_in(bracketed["label"])[1]
     for unit in re.findall(r"(?=(?:^|[-_\s,/.])([^-\s_,/.].*)$)", name.strip()):
         label = re.sub(r"[\s_]in$", "", name.strip()[: -len(unit)].rstrip("-_ /\t,."))  # Force in N
-        words = {word.lower() for word in re.split(r"[\W_]+", label)}
-        if (
-            label
-            and not _is_letter(label, unit)
-            and (is_believed(unit) or words & _OF_LABELS.get(unit, frozenset()))
-        ):
+        is_unit = is_believed(unit) or _words(label) & _OF_LABELS.get(unit, frozenset())
+        if label and is_unit and not _is_letter(label, unit):
             return label, unit
     label, _, unit = name.strip().rpartition(" in ")
     if label and kind_of(unit):  # Spannung in N/cm²
@@ -159,8 +159,10 @@ def unit_in(name: str) -> tuple[str, str]:
     before, _, label = name.strip().partition(" ")
     if label and (before == "%" or len(before) > 1) and before != "in" and is_believed(before):  # mN Force
         return label, before
-    if written := re.fullmatch(r"(.*?[a-z\d])((?:Milli|Micro|Kilo)?[A-Z][A-Za-z]?|Deg|Rad|Sec|[KM]Pa)", name):
+    in_capitals = re.fullmatch(r"([A-Z\d_ ]+)[_ ]([A-Z]{2,3})", name)  # DEPTH_UM
+    if written := in_capitals or _IN_ONE_WORD.fullmatch(name):
         label, word = written.groups()
+        word = word.title() if in_capitals else word
         unit = _OF_CAPITALS.get(word, _OTHER_CASE.get(word.lower(), ""))
         unit = "" if _is_letter(label, unit) else unit
         return (label, unit) if unit else (name, "")
@@ -168,8 +170,13 @@ def unit_in(name: str) -> tuple[str, str]:
     return ("strain", name.strip()) if is_both and "strain" in name.lower() else (name.strip(), "")
 
 
+def _words(label: str) -> set[str]:
+    return {word.lower() for word in re.split(r"[\W_]+", label)}
+
+
 def _is_letter(label: str, unit: str) -> bool:
-    return unit in _NO_UNITS and _NO_UNITS[unit].fullmatch(label) is not None
+    is_force = unit == "N" and _words(label) & _FORCES  # Force_test_N
+    return not is_force and unit in _NO_UNITS and _NO_UNITS[unit].fullmatch(label) is not None
 
 
 def is_believed(unit: str) -> bool:

@@ -49,7 +49,9 @@ _REMARKS = frozenset(("comment", "comments", "kommentar"))
 _UNIT_LABELS = frozenset(("y_unit_label", "unit", "units", "einheit", "einheiten"))
 """First cells, in small letters, of a line above the names that holds the units of the columns below it."""
 _COMMENT_LABEL = re.compile(r"(columns?|fields?|names?|spalten)\s*[:=]\s*", re.IGNORECASE)
+_OF_NUMBER = re.compile(r'\s*"?[-+.,]?\d')
 _SNIFFED_LINES, _SAMPLED_LINES, _SAMPLED_ROWS, _LONGEST_LINE, _LONGEST_UNIT = 400, 60, 20, 100_000, 20
+_LONGEST_PREAMBLE = 4000
 
 Encoding = Literal["utf-8", "utf-16", "latin-1", "cp1252", "cp1251", "shift_jis", "gb18030"]
 Mark = Literal[".", ","]
@@ -108,7 +110,12 @@ def lines_of(text: str) -> "pl.DataFrame":
     """Lines of a text, counted from 1."""
     import polars as pl
 
-    lines = pl.DataFrame({"text": text.split("\n")}).with_row_index("line", offset=1)
+    texts = text.split("\n")
+    odd = [i for i, line in enumerate(texts[:_SNIFFED_LINES]) if line.count('"') % 2]
+    for begin, end in zip(odd[::2], odd[1::2], strict=False):
+        if not any(map(_OF_NUMBER.match, texts[begin : end + 1])):  # names that go on in the next line
+            texts[begin : end + 1] = [" ".join(texts[begin : end + 1]), *[""] * (end - begin)]
+    lines = pl.DataFrame({"text": texts}).with_row_index("line", offset=1)
     return lines.with_columns(pl.col("text").str.strip_chars(" \r"))
 
 
@@ -194,12 +201,14 @@ def kind_of_cell(cell: str, decimal: str) -> str:
 # ------------------------------------------------------------------------------------- a layout
 
 
-def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layout:
-    """Layout of a table, called ``source`` in messages, from its first lines and what the study gives.
+def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat, after: int = 0) -> Layout:
+    """Layout of the first table after a line, from its first lines and what the study gives.
+
+    The file is called ``source`` in messages.
 
     A CurveError where there is no line of names, or are no rows of numbers.
     """
-    skipped = wanted.skip_lines or 0
+    skipped, all_lines = wanted.skip_lines or after, lines
     every = lines.head(skipped + _SNIFFED_LINES)
     _refuse_messages(source, every["text"].head(_SNIFFED_LINES))
     if wanted.skip_lines is None and every["text"].head(1).str.starts_with(_LABVIEW).any():
@@ -225,6 +234,8 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat) -> Layou
         # What another file holds does not belong into a message.
         raise CurveError(f"{source}: no cell holds a number, so this is no table of numbers; check the path")
     start = _first_row(kinds)
+    if start == len(rows) and lines["line"][-1] < all_lines.height and after < _LONGEST_PREAMBLE:
+        return find_layout(source, all_lines, wanted, numbers[-_SAMPLED_LINES:][0])
     width = max(map(_filled, rows[start : start + _SAMPLED_ROWS]), default=0)
     header, below = _header(rows, kinds, start, wanted)
     sampled = rows[below : below + _SAMPLED_ROWS]

@@ -235,8 +235,9 @@ class TextTable:
             note = ""
             if n_bad := int(bad.sum()):
                 row = int(bad.arg_max() or 0)
-                note = f"{n_bad} cells are no numbers, the first in line {lines[row]}"
-                first_bad.append((row, name, text[row].strip()))
+                problem = self._problem_of(text[row].strip(), index, place)
+                note = f"{n_bad} cells are no numbers, the first in line {lines[row]}: {problem}"
+                first_bad.append((row, name, problem))
             unit = "s" if kind == "date" else self.layout.units[index]
             if index == 0 and self.layout.steps is not None:
                 (begin, step), unit = self.layout.steps, "s"
@@ -244,8 +245,7 @@ class TextTable:
                     values = begin + step * np.arange(values.size, dtype=np.float64)
             columns[name] = Column(name=name, values=values, unit=unit, note=note)
         if wanted is not None and first_bad:
-            row, name, cell = min(first_bad, key=lambda one: one[0])
-            problem = self._problem_of(cell, *chosen[name])
+            row, name, problem = min(first_bad, key=lambda one: one[0])
             raise CurveError(f"{self.path}: line {lines[row]}, column '{name}': {problem}")
         return lines, columns
 

@@ -233,6 +233,9 @@ def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> 
         return series.part(~bad_rows)
     first = int(np.argmax(bad_rows))
     name = series.names[int(np.argmax(lacking[first]))] if lacking[first].any() else its_time.column
+    name = name.removeprefix("-")
+    if note := stream.column(name).note:
+        raise CurveError(f"{log.source}: column '{name}': {note}")
     raise CurveError(
         f"{log.source}: {series.at(first)}, column '{name}': no value (NaN or empty), as in "
         f'{int(bad_rows.sum())} rows in all; repair or remove them, or set missing = "skip" in the channel '

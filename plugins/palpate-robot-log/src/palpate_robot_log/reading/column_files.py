@@ -86,7 +86,8 @@ def read_hdf5(path: Path) -> RawLog:
         elif item.dtype.kind in "fiubV" and item.shape and 0 not in item.shape and kind not in _MATLAB_TEXT:
             # MATLAB's files hold the dimensions in reverse.
             arrays[name] = item[()].T if is_matlab else item[()]
-            units[name] = item.attrs.get("units", item.attrs.get("unit", ""))
+            unit = item.attrs.get("units", item.attrs.get("unit", ""))
+            units[name] = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else unit
         elif item.dtype.kind not in "SUO":
             notes.append(f"'{name}' holds no numbers")
 

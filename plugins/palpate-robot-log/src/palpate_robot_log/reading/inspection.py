@@ -100,8 +100,9 @@ def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
 
 def _found(log: RawLog, path: Path, proposal: Proposal) -> tuple[Proposal, Proposed | None, list[str], str]:
     """Proposal of a log, or else of curves; findings, and the problem of reading it so."""
-    # A pose is a robot's, whatever else the log has of depth.
-    if "position" not in proposal.guesses and not {"orientation", "force"} <= {*proposal.guesses}:
+    found = {*proposal.guesses}
+    # A pose is a robot's, whatever else the log has of depth; a place alone may be a stage's.
+    if found <= {"position"} or not ("position" in found or {"orientation", "force"} <= found):
         curves, machine = curves_of(log), machine_of(log)
         if machine is not None and not (curves and curves.mode):
             # A log that ends under load shows no drift.
@@ -223,8 +224,9 @@ def _read(log: RawLog, proposal: Proposal) -> Recording | str:
     if missing:
         if counts := [note for note in log.notes if note.endswith(HEXADECIMAL)]:
             return f"not found: {', '.join(missing)}; {counts[0]}"
+        time = "add a column of seconds, or of counts" * ("time" in missing and not rate)
         turn = 'give orientation = { form = "fixed", value = [1, 0, 0, 0] } if the tool never turns'
-        others = [rate] * bool(rate) + [turn] * (missing == ["orientation"])
+        others = [rate] * bool(rate) + [time] * bool(time) + [turn] * (missing == ["orientation"])
         return f"not found: {', '.join(missing)}; {'; or '.join(['name their columns', *others])}"
     if counters:
         return f"not found: the time of {counters[0].stream}; {rate} next to its columns"

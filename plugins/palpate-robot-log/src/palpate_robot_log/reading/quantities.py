@@ -183,6 +183,8 @@ def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterator[tu
     if n_columns == 3:
         if "t" in words and not t_is_moment:  # a tracker's translation, next to a moment M
             words = words - {"t"} | {"translation"}
+        if words & ROLES["force"].vector and words & ROLES["orientation"].vector:  # TCPForce_rx
+            words = words - ROLES["force"].vector - ROLES["orientation"].vector | {"moment"}
         parts = _of_three(group.columns[0], words, is_turned=is_turned)
     for shape in SHAPES:
         if n_columns != shape.n_columns or not (words & shape.words or not shape.words) or parts:
