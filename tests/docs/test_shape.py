@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_087,
-    "lines of the core": 33_362,
+    "lines": 77_086,
+    "lines of the core": 33_359,
     "classes": 655,
-    "constants": 866,
+    "constants": 865,
     "long files": 0,
     "long functions": 7,
     "docstrings without a noun first": 0,

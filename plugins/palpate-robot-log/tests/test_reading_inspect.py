@@ -10,13 +10,14 @@ import pytest
 from palpate.api.files import Column, TextFormat
 from palpate.plugins.optional import Inspection
 from palpate_indentation import CsvLoader, CsvSettings
-from palpate_robot_log.reading.assembly import read_recording
+from palpate_robot_log.reading import inspection
+from palpate_robot_log.reading.assembly import Reading, read_recording
 from palpate_robot_log.reading.channel_map import ChannelMap
 from palpate_robot_log.reading.inspection import inspect_log
 from palpate_robot_log.reading.names import words_of
-from palpate_robot_log.reading.proposal import channel_map, propose, study_text
 from palpate_robot_log.reading.quantities import QUANTITIES
 from palpate_robot_log.reading.raw import RawLog, Stream
+from palpate_robot_log.reading.robots import proposal_of, propose
 
 from . import log_writers as write
 
@@ -25,10 +26,11 @@ def proposed(table: dict[str, Any], **units: str) -> dict[str, Any]:
     columns = {key: Column(name=key, values=v, unit=units.get(key, "")) for key, v in table.items()}
     stream = Stream.of(columns.values())
     log = RawLog(source="log", format="text", row_word="line", streams=(stream,))
-    proposal = propose(log)
-    text = study_text(log, proposal)
-    assert tomllib.loads(text)["experiment"]["loader"] == "robot_log"
-    return channel_map(proposal)
+    proposal = proposal_of(log, propose(log))
+    written = tomllib.loads(proposal.text("log"))["experiment"]
+    assert written["loader"] == "robot_log"
+    assert written["settings"] == proposal.settings
+    return dict(proposal.settings["channels"])
 
 
 def read_as_proposed(path: Path, found: Inspection) -> int:
@@ -57,6 +59,19 @@ def test_a_table_with_units_is_understood_whole(tmp_path: Path) -> None:
     assert any("this map reads the file: 240 rows at 200 Hz" in finding for finding in found.findings)
 
 
+def test_a_log_of_one_reading_is_assembled_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    maps, assembled = [], inspection.assemble
+
+    def counted(log: RawLog, channels: ChannelMap) -> Reading:
+        maps.append(channels)
+        return assembled(log, channels)
+
+    monkeypatch.setattr(inspection, "assemble", counted)
+    write.write_text(tmp_path / "log.csv", write.press())
+    assert inspect_log(tmp_path / "log.csv").record["problem"] == ""
+    assert len(maps) == 1
+
+
 @pytest.mark.slow
 def test_a_bag_is_understood_whole(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
@@ -81,7 +96,7 @@ def test_gaps_and_repeats_are_listed_with_rows_and_time_stamps(tmp_path: Path) -
     text = "\n".join(found.findings)
     assert "no rows for 0.155 s after line 51 (t = 0.2450 s)" in text
     assert "1 rows repeat the time" in text
-    assert "with this map: " in text
+    assert "with these tables: " in text
     assert "the time of the row before once more" in found.record["problem"]
 
 
@@ -177,7 +192,7 @@ def test_a_matrix_of_turns_is_known_by_its_numbers() -> None:
 
 
 def test_nothing_is_proposed_out_of_nothing() -> None:
-    assert proposed({"a": np.zeros(9), "b": np.ones(9)}) == {}
+    assert proposed({"a": np.zeros(9), "b": np.ones(9)}).keys() == {"acts_on", "wrench_frame"}
 
 
 @pytest.mark.slow

@@ -24,8 +24,8 @@ from palpate.errors import CurveError
 from palpate.experiment.delimited.header_units import bare_unit
 from palpate_robot_log.reading.assembly import quaternions
 from palpate_robot_log.reading.formats import read_here
-from palpate_robot_log.reading.proposal import propose
 from palpate_robot_log.reading.raw import RawLog
+from palpate_robot_log.reading.robots import propose
 
 from . import log_writers as write
 

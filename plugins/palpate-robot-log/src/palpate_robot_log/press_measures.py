@@ -34,7 +34,7 @@ STRIDES = 50  # parts of the path that give the normal
 LARGEST_ACROSS = float(np.sin(np.radians(5.0)) * np.sqrt(STRIDES))  # where the normal's error is 5 degrees
 _WINDOW = 5
 _REST_PARTS = 30
-_OTHER = {"tool": "tissue", "tissue": "tool", "sensor": "base", "base": "sensor"}
+OTHER_SIDE = {"tool": "tissue", "tissue": "tool", "sensor": "base", "base": "sensor"}
 _LESS_LIKELY_DEG = 3.0  # by which another frame has to explain the push better than the other body
 
 # -------------------------------------------------------------------------------- contact and path
@@ -109,8 +109,8 @@ def other_side_deg(recording: Recording, contact: "ContactRows", normal: "Normal
     is_in_sensor = recording.wrench_frame == "sensor"
     in_other_frame = recording.force_N if is_in_sensor else rotated(recording.quaternion, force)
     otherwise = angle_between_deg(_push(in_other_frame, contact), normal.vector)
-    side = f'acts_on = "{_OTHER[recording.acts_on]}"'
-    frame = f'wrench_frame = "{_OTHER[recording.wrench_frame]}"'
+    side = f'acts_on = "{OTHER_SIDE[recording.acts_on]}"'
+    frame = f'wrench_frame = "{OTHER_SIDE[recording.wrench_frame]}"'
     off, cause, setting = min(
         (180.0 - angle, "it is the force on the other body", side),
         (otherwise + _LESS_LIKELY_DEG, "it is written in the other frame", frame),

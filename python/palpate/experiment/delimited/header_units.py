@@ -35,7 +35,7 @@ _MEASURES: tuple[tuple[Kind, str, float], ...] = (
 )
 """Kinds, a unit that measures each, and its factor to the kind's base: a load in kg is its weight."""
 
-_FOREIGN = {
+_SPELT = {
     word: unit
     for unit, words in {
         "s": "秒 초 с сек sekunde sekunden segundos secondi secondes",
@@ -47,17 +47,23 @@ _FOREIGN = {
         "N": "牛 牛顿 ニュートン Н",
         "mN": "毫牛 мН",
         "kN": "千牛 кН kilonewtons",
-        "kgf": "千克力 公斤力 кгс kilogramos-fuerza",
+        "kgf": "kp 千克力 公斤力 кгс kilogramos-fuerza",
+        "gf": "grf gram-force grams-force",
+        "lbf": "lb-f",
         "g": "克 г gramm gramos grammi",
-        "kg": "公斤 千克 кг kilogramm kilogramos",
+        "kg": "kgs 公斤 千克 кг kilogramm kilogramos",
         "deg": "度 град grados gradi degres Grad",
         "MPa": "兆帕 МПа",
         "kPa": "千帕 кПа",
         "Pa": "帕 Па",
+        "turn": "rev revs",
+        "percent": "pct",
+        "thou": "mil",
+        "?": "gr a.u. au px MN grad",  # the last is a gon, or a degree in German
     }.items()
     for word in words.split()
 }
-"""Units in other languages, in their own letters or without accents."""
+"""Units in other spellings and languages, in their own letters or without accents."""
 
 _RATIOS = {
     unit: factor
@@ -77,32 +83,20 @@ _USUAL = (
     "mrad deg degree degrees ° % percent pct MPa kPa Pa psi mm/mm in/in m/m mm/m um/m mm/s mm/min °C "
     "V mV volt volts mV/V counts cts"
 )
-UNITS = frozenset({*_FOREIGN, *_RATIOS, *_USUAL.split()} - {"strain", "ε"}) | frozenset(
-    map("".join, product(("N", "mN"), ("", *" ·*.-_"), ("m", "mm", "cm")))
-)
+UNITS = frozenset(
+    {*_RATIOS, *_USUAL.split(), *(word for word, unit in _SPELT.items() if unit not in ("?", "turn", "thou"))}
+    - {"strain", "ε"}
+) | frozenset(map("".join, product(("N", "mN"), ("", *" ·*.-_"), ("m", "mm", "cm"))))
 """Units that are believed behind a name without brackets, or alone in a cell, without accents."""
 
-_FORCES = frozenset(("force", "load", "weight", "kraft", "last", "fx", "fy", "fz"))
 _OF_LABELS = {
     **dict.fromkeys(("min", "h", "hr"), frozenset(("time", "t", "zeit", "elapsed"))),
-    **dict.fromkeys(("g", "oz"), _FORCES),
+    **dict.fromkeys(
+        ("g", "oz", "N"), frozenset(("force", "load", "weight", "kraft", "last", "fx", "fy", "fz"))
+    ),
 }
 """Units that are believed without brackets behind these words alone: x_min is the least x."""
 
-_SPELT = {
-    "kp": "kgf",
-    "rev": "turn",
-    "revs": "turn",
-    "pct": "percent",
-    "mil": "thou",
-    "grad": "?",  # a gon, or a degree in German
-    "MN": "?",
-    "lb-f": "lbf",
-    "kgs": "kg",
-    "grf": "gf",
-    **dict.fromkeys(("gr", "a.u.", "au", "px"), "?"),
-    **_FOREIGN,
-}
 _OTHER_CASE = {
     unit.lower(): unit
     for unit in ("kN", "kg", "kgf", "gf", "lbf", "lb", "psi", "kPa", "MPa", "mm", "cm", "deg", "rad", "sec")
@@ -124,8 +118,6 @@ _ANNOTATIONS = frozenset(
 _WIDE = str.maketrans("（）［］【】：／", "()[][]:/")
 _PLAIN = str.maketrans({"ł": "l", "Ł": "L", "ø": "o", "Ø": "O", "ı": "i", "ß": "ss", "µ": "u", "μ": "u"})
 _BRACKETED = re.compile(r"\s*(?P<label>.*?)[\s_]*[\[({<]\s*(?P<unit>[^\[\](){}<>]*?)\s*[\])}>]\s*")
-_IN_ONE_WORD = re.compile(r"(.*?[a-z\d])((?:Milli|Micro|Kilo)?[A-Z][A-Za-z]?|Deg|Rad|Sec|[KM]Pa)")
-_INDEX = re.compile(r"[\d:,\s]*")
 _NEWTON = re.compile(r"([kmuµμn]?N)(mm|cm|m)")
 _PRODUCT = re.compile(r"(?<=[^\W\d_])[ ._-](?=[^\W\d_])")
 _POWER = re.compile(r"(?<=[^\W\d_])\^?(\d)$")
@@ -144,14 +136,13 @@ def unit_in(name: str) -> tuple[str, str]:
     if of_r := re.fullmatch(r"(.*?[^.])\.\.+(|[^.].*?)\.", name.strip()):
         return of_r[1], of_r[2] or "..."
     bracketed = _BRACKETED.fullmatch(name)
-    if bracketed and not _INDEX.fullmatch(bracketed["unit"]):
+    if bracketed and not re.fullmatch(r"[\d:,\s]*", bracketed["unit"]):
         if bracketed["unit"].lower() not in _ANNOTATIONS:
             return bracketed["label"], bare_unit(bracketed["unit"])
         return name.strip(), unit_in(bracketed["label"])[1]
     for unit in re.findall(r"(?=(?:^|[-_\s,/.])([^-\s_,/.].*)$)", name.strip()):
         label = re.sub(r"[\s_]in$", "", name.strip()[: -len(unit)].rstrip("-_ /\t,."))  # Force in N
-        is_unit = is_believed(unit) or _words(label) & _OF_LABELS.get(unit, frozenset())
-        if label and is_unit and not _is_letter(label, unit):
+        if label and _fits(label, unit):
             return label, unit
     label, _, unit = name.strip().rpartition(" in ")
     if label and kind_of(unit):  # Spannung in N/cm²
@@ -160,23 +151,22 @@ def unit_in(name: str) -> tuple[str, str]:
     if label and (before == "%" or len(before) > 1) and before != "in" and is_believed(before):  # mN Force
         return label, before
     in_capitals = re.fullmatch(r"([A-Z\d_ ]+)[_ ]([A-Z]{2,3})", name)  # DEPTH_UM
-    if written := in_capitals or _IN_ONE_WORD.fullmatch(name):
+    pattern = r"(.*?[a-z\d])((?:Milli|Micro|Kilo)?[A-Z][A-Za-z]?|Deg|Rad|Sec|[KM]Pa)"
+    if written := in_capitals or re.fullmatch(pattern, name):
         label, word = written.groups()
         word = word.title() if in_capitals else word
         unit = _OF_CAPITALS.get(word, _OTHER_CASE.get(word.lower(), ""))
-        unit = "" if _is_letter(label, unit) else unit
+        unit = unit if unit.endswith("?") or _fits(label, unit) else ""
         return (label, unit) if unit else (name, "")
     is_both = _RATIOS.get(name.strip().lower(), 1.0) < 1.0  # Microstrain
     return ("strain", name.strip()) if is_both and "strain" in name.lower() else (name.strip(), "")
 
 
-def _words(label: str) -> set[str]:
-    return {word.lower() for word in re.split(r"[\W_]+", label)}
-
-
-def _is_letter(label: str, unit: str) -> bool:
-    is_force = unit == "N" and _words(label) & _FORCES  # Force_test_N
-    return not is_force and unit in _NO_UNITS and _NO_UNITS[unit].fullmatch(label) is not None
+def _fits(label: str, unit: str) -> bool:
+    """Whether a word behind a label is a unit: N is the number in sampleN, but not in Force_test_N."""
+    is_named = {word.lower() for word in re.split(r"[\W_]+", label)} & _OF_LABELS.get(unit, frozenset())
+    is_letter = unit in _NO_UNITS and _NO_UNITS[unit].fullmatch(label) is not None
+    return bool(is_named) or (is_believed(unit) and not is_letter)
 
 
 def is_believed(unit: str) -> bool:

@@ -49,13 +49,12 @@ _REMARKS = frozenset(("comment", "comments", "kommentar"))
 _UNIT_LABELS = frozenset(("y_unit_label", "unit", "units", "einheit", "einheiten"))
 """First cells, in small letters, of a line above the names that holds the units of the columns below it."""
 _COMMENT_LABEL = re.compile(r"(columns?|fields?|names?|spalten)\s*[:=]\s*", re.IGNORECASE)
-_OF_NUMBER = re.compile(r'\s*"?[-+.,]?\d')
-_SNIFFED_LINES, _SAMPLED_LINES, _SAMPLED_ROWS, _LONGEST_LINE, _LONGEST_UNIT = 400, 60, 20, 100_000, 20
-_LONGEST_PREAMBLE = 4000
+_SNIFFED_LINES, _SAMPLED_LINES, _SAMPLED_ROWS = 400, 60, 20
+_LONGEST_LINE, _LONGEST_UNIT, _LONGEST_PREAMBLE = 100_000, 20, 4000
+
 
 Encoding = Literal["utf-8", "utf-16", "latin-1", "cp1252", "cp1251", "shift_jis", "gb18030"]
 Mark = Literal[".", ","]
-_Kinds = Sequence[str]
 
 
 class TextFormat(Settings):
@@ -113,7 +112,7 @@ def lines_of(text: str) -> "pl.DataFrame":
     texts = text.split("\n")
     odd = [i for i, line in enumerate(texts[:_SNIFFED_LINES]) if line.count('"') % 2]
     for begin, end in zip(odd[::2], odd[1::2], strict=False):
-        if not any(map(_OF_NUMBER.match, texts[begin : end + 1])):  # names that go on in the next line
+        if not any(re.match(r'\s*"?[-+.,]?\d', one) for one in texts[begin : end + 1]):  # names on two lines
             texts[begin : end + 1] = [" ".join(texts[begin : end + 1]), *[""] * (end - begin)]
     lines = pl.DataFrame({"text": texts}).with_row_index("line", offset=1)
     return lines.with_columns(pl.col("text").str.strip_chars(" \r"))
@@ -202,9 +201,7 @@ def kind_of_cell(cell: str, decimal: str) -> str:
 
 
 def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat, after: int = 0) -> Layout:
-    """Layout of the first table after a line, from its first lines and what the study gives.
-
-    The file is called ``source`` in messages.
+    """Layout of a table, called ``source`` in messages, by its lines after one and what the study gives.
 
     A CurveError where there is no line of names, or are no rows of numbers.
     """
@@ -367,16 +364,16 @@ def _likelihood(rows: Sequence[Sequence[str]], delimiter: str, decimal: str) -> 
     return share, n_numbers / len(rows)
 
 
-def _n_values(kinds: _Kinds) -> int:
+def _n_values(kinds: Sequence[str]) -> int:
     return sum(kind in ("number", "date", "list", "hex") for kind in kinds)
 
 
-def _is_values(kinds: _Kinds) -> bool:
+def _is_values(kinds: Sequence[str]) -> bool:
     """Whether at least half of the cells that hold something are values."""
     return 2 * _n_values(kinds) >= len(kinds) - kinds.count("none") > 0
 
 
-def _first_row(kinds: Sequence[_Kinds]) -> int:
+def _first_row(kinds: Sequence[Sequence[str]]) -> int:
     """Index of the first of two lines that look like the rows of values; their count where none does."""
     dense = [row for row in kinds if _is_values(row)]
     lengths = [len(row) for row in dense]
@@ -384,7 +381,7 @@ def _first_row(kinds: Sequence[_Kinds]) -> int:
     columns = list(zip(*(row for row in dense if len(row) == usual), strict=True))
     numeric = [i for i, column in enumerate(columns) if _n_values(column) > column.count("text")]
 
-    def is_row(row: _Kinds) -> bool:
+    def is_row(row: Sequence[str]) -> bool:
         cells = [row[i] for i in numeric if i < len(row) and row[i] != "none"]
         return len(row) >= usual and cells[:1] not in ([], ["text"]) and _is_values(cells)
 
@@ -393,16 +390,15 @@ def _first_row(kinds: Sequence[_Kinds]) -> int:
 
 
 def _header(
-    rows: Sequence[Sequence[str]], kinds: Sequence[_Kinds], start: int, wanted: TextFormat
+    rows: Sequence[Sequence[str]], kinds: Sequence[Sequence[str]], start: int, wanted: TextFormat
 ) -> tuple[int | None, int]:
     """Index of the line of names, None where there is none, and the index of the first line of data."""
     if wanted.names is not None or start == 0:
         return None, start
     fewest = min(2, _filled(rows[start])) if start < len(rows) else 1
     header = 0 if wanted.skip_lines is not None else start - 1
-    while (
-        header > 0
-    ):  # a row that is damaged is no line of names, nor is one with a number under as many words
+    # A damaged row is no line of names, nor is one with a number under as many words.
+    while header > 0:
         row = kinds[header]
         words = next((each for each in reversed(kinds[:header]) if not _n_values(each)), [])
         if not (_is_damaged(row) or (_n_values(row) and words == ["text"] * len(row))):
@@ -421,7 +417,7 @@ def _header(
     return header, next((i for i in range(header + 1, start) if _n_values(kinds[i])), max(start, header + 1))
 
 
-def _is_damaged(kinds: _Kinds) -> bool:
+def _is_damaged(kinds: Sequence[str]) -> bool:
     """Whether a line before the rows is one of them with a word in it, or with quotation marks left open."""
     n_words = kinds.count("text")
     return not kinds or (_is_values(kinds) and (kinds[0] != "text" or _n_values(kinds) > max(1, n_words)))
@@ -477,15 +473,12 @@ def _kinds(n_columns: int, rows: Sequence[Sequence[str]], decimal: str) -> tuple
     found = []
     for index in range(n_columns):
         kinds = [kind_of_cell(row[index], decimal) for row in rows if index < len(row) and row[index]]
-        whole = next(
-            (kind for kind in ("date", "list", "quantity") if kinds and kinds.count(kind) == len(kinds)), ""
-        )
+        whole = kinds[0] if len({*kinds}) == 1 and kinds[0] not in ("number", "text") else ""
         cells = [row[index] for row in rows if index < len(row)]
         # 4E20 is no number where other cells of its length are 4E3F.
         is_bare = len({*map(len, cells)}) == 1 and all(re.fullmatch("[0-9A-F]{4,8}", cell) for cell in cells)
         has_letters = any(re.search(r"\d[A-DF]", cell) for cell in cells)
-        if (kinds and {*kinds} == {"hex"}) or (is_bare and has_letters):
-            whole = "hex"
+        whole = "hex" if is_bare and has_letters else whole
         n_marked = sum(bool(re.fullmatch(THOUSANDS[decimal], row[index])) for row in rows if index < len(row))
         n_numbers = max(kinds.count("number"), n_marked) + kinds.count("none")
         found.append(whole or ("number" if 2 * n_numbers >= len(kinds) else "text"))

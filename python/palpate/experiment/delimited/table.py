@@ -19,7 +19,6 @@ from palpate.experiment.delimited.header_units import unit_in
 from palpate.experiment.delimited.layout import (
     BETWEEN_NUMBERS,
     BLANKS,
-    DELIMITERS,
     HEXADECIMAL,
     NO_NUMBERS,
     NO_VALUE,
@@ -194,11 +193,12 @@ class TextTable:
         # Cell of each column, and place in its list, by name; a name that occurs twice is left out.
         self._columns: dict[str, tuple[int, int | None]] = {}
         names = self.layout.names[: period_of(self.layout.names)]
+        self._twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
         first_cells = cells_of(self._rows.head(1), self.layout.delimiter, range(len(names))).row(0)
         for index, name in enumerate(names):
             n_numbers = numbers_in(first_cells[index]) if self.layout.kinds[index] == "list" else 0
             parts: dict[str, tuple[int, int | None]] = {f"{name}[{k}]": (index, k) for k in range(n_numbers)}
-            self._columns |= (parts or {name: (index, None)}) if names.count(name) == 1 else {}
+            self._columns |= {} if name in self._twice else parts or {name: (index, None)}
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -259,7 +259,7 @@ class TextTable:
             why = f"{listed(counts)}: {HEXADECIMAL}" if counts else f"{why}the loader's settings"
             raise CurveError(f"{self.path}: {why}")
         for name in wanted:
-            if layout.names[: period_of(layout.names)].count(name) > 1:
+            if name in self._twice:
                 raise CurveError(
                     f"{self.path}: line {layout.header_line} names column '{name}' more than once; "
                     "give each its own name, or give names in the loader's settings"
@@ -288,12 +288,8 @@ class TextTable:
         with suppress(CurveError):
             guessed = self.text_format.model_copy(update=dict.fromkeys(given))
             found = TextTable(self.path, guessed).marks if given else {}
-        marks = [
-            f'{key} = "{found[key]}"'
-            for key, mark in sorted(given.items())
-            if found and DELIMITERS.get(mark, mark) != DELIMITERS.get(found[key], found[key])
-        ]
-        if marks:
+        wrong = [k for k in sorted(found) if given.get(k, found[k]).replace("\t", "tab") != found[k]]
+        if marks := [f'{key} = "{found[key]}"' for key in wrong]:
             raise CurveError(
                 f"{self.path}: its cells are separated by '{found['delimiter']}', its numbers written with "
                 f"'{found['decimal']}'; set {' and '.join(marks)} in the loader's settings"
@@ -332,8 +328,8 @@ class TextTable:
         if (period := period_of(names)) < len(names):
             n_tables = len(names) // period
             notes.append(f"{n_tables} tables are side by side, with the same names; the first is read")
-        elif twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
-            notes.append(f"columns passed over because their name occurs twice: {listed(twice)}")
+        elif self._twice:
+            notes.append(f"columns passed over because their name occurs twice: {listed(self._twice)}")
         if len(self.blocks) > 1:
             notes.append(f"{self._shown_blocks}; block chooses the one that is read")
         elif len(self._after):

@@ -5,7 +5,6 @@ or rate within it.
 """
 
 import json
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -241,25 +240,23 @@ def _of_frame(path: Path, file_format: str, frame: "pl.DataFrame", others: Seque
     values, units = dict[str, FloatArray](), dict[str, str]()
     for series in frame:
         dtype = series.dtype
-        if isinstance(dtype, pl.List | pl.Array):
-            lists = series.cast(pl.List(pl.Float64))
-            lengths = lists.list.len().unique().to_list()
+        if dtype.is_nested():
+            lengths = series.cast(pl.List(pl.Float64)).list.len().unique().to_list()
             if len(lengths) != 1 or lengths[0] is None or not 0 < int(lengths[0]) <= 16:
                 raise CurveError(
                     f"{path}: the lists of column '{series.name}' have {len(lengths)} lengths; "
                     "give each number its own column"
                 )
-            parts = [lists.list.get(k) for k in range(int(lengths[0]))]
+            series = series.cast(pl.Array(pl.Float64, int(lengths[0])))
         elif isinstance(dtype, pl.Datetime | pl.Duration):
             # A stamp's own count is since 1970.
             counts = series.to_physical()
             start = counts.drop_nulls().first() if isinstance(dtype, pl.Datetime) else 0
-            parts = [(counts - (start or 0)).cast(pl.Float64) / _PER_SECOND[dtype.time_unit or "us"]]
+            series = (counts - (start or 0)).cast(pl.Float64) / _PER_SECOND[dtype.time_unit or "us"]
             units[series.name] = "s"
         else:
-            parts = [series.cast(pl.Float64)]
-        columns = [part.fill_null(math.nan).to_numpy() for part in parts]
-        values[series.name] = np.column_stack(columns) if dtype.is_nested() else columns[0]
+            series = series.cast(pl.Float64)
+        values[series.name] = series.to_numpy()
     notes = [f"columns passed over: {listed(others)}"] if others else []
     return _log(path, file_format, values, _POLARS_NAME, notes, units)
 

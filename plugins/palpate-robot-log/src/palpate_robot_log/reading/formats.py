@@ -56,7 +56,11 @@ def read_log(
     try:
         return run_function(process, read_here, path, columns, streams, text, own)
     except (ChildProcessError, MemoryError) as error:
-        raise _reading_failed(path, error) from None
+        how = "too little memory" if isinstance(error, MemoryError) else str(error)
+        raise CurveError(
+            f"{path}: reading failed ({how}); the file is damaged or too large: save it again, export fewer "
+            "columns, or raise memory and time_limit under limits in the loader's settings"
+        ) from None
 
 
 def read_here(
@@ -66,17 +70,50 @@ def read_here(
     text: TextFormat | None = None,
     limits: ReadingLimits | None = None,
 ) -> RawLog:
-    """Content of a file, read in this very process as by :func:`read_log`."""
+    """Content of a file, read in this very process, by the format that its first bytes show.
+
+    Each library is imported where its format is found.
+    """
     _check_size(path, limits or ReadingLimits())
     head = b""
     if not path.is_dir():
         refuse_binary(path)
         with path.open("rb") as stream:
             head = stream.read(1024)
-    try:
-        return _read(path, head, columns, streams, text)
-    except MemoryError as error:
-        raise _reading_failed(path, error) from None
+    if path.is_dir() or head.startswith((b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0")):
+        from palpate_robot_log.reading.ros import read_bag
+
+        return read_bag(path, streams)
+    if head.startswith(b"PAR1"):
+        return column_files.read_parquet(path, columns)
+    if head.startswith((b"\x93NUMPY", b"PK\x03\x04")):
+        return column_files.read_numpy(path)
+    if _HDF5_MAGIC in (head[:8], head[512:520]):
+        return column_files.read_hdf5(path)
+    if head[126:128] in (b"IM", b"MI") and head.startswith(b"MATLAB"):
+        return column_files.read_matlab5(path)
+    if head.startswith(b"TDSm"):
+        return column_files.read_tdms(path)
+    if head.lstrip().startswith((b"{", b"[{")):
+        return column_files.read_json(path)
+    if head and path.suffix.lower() in _BINARY:
+        raise CurveError(
+            f"{path}: the {path.suffix} file is damaged or cut off at its beginning; save it again"
+        )
+    return _read_text(path, columns, text)
+
+
+def _read_text(path: Path, columns: Sequence[str] | None, text: TextFormat | None) -> RawLog:
+    table = TextTable(path, text)
+    rows, found = table.read(columns)
+    return RawLog(
+        source=str(path),
+        format="delimited text",
+        row_word="line",
+        streams=(Stream.of(found.values(), rows=rows),),
+        notes=table.notes(),
+        layout=table.settings(),
+    )
 
 
 def _check_size(path: Path, limits: ReadingLimits) -> None:
@@ -101,51 +138,3 @@ def _check_size(path: Path, limits: ReadingLimits) -> None:
             f"{path}: {n_bytes / 1e6:.0f} MB where at most {limits.file_size:g} MB are read; cut the log, "
             "or raise file_size under limits in the loader's settings"
         )
-
-
-def _reading_failed(path: Path, error: Exception) -> CurveError:
-    how = "too little memory" if isinstance(error, MemoryError) else str(error)
-    return CurveError(
-        f"{path}: reading failed ({how}); the file is damaged or too large: save it again, export fewer "
-        "columns, or raise memory and time_limit under limits in the loader's settings"
-    )
-
-
-def _read(
-    path: Path,
-    head: bytes,
-    wanted: Sequence[str] | None,
-    streams: Sequence[str] | None,
-    text: TextFormat | None,
-) -> RawLog:
-    """Log by the format that the first bytes show; each library is imported where its format is found."""
-    if path.is_dir() or head.startswith((b"#ROSBAG V", b"\x89MCAP0\r\n", b"SQLite format 3\0")):
-        from palpate_robot_log.reading.ros import read_bag
-
-        return read_bag(path, streams)
-    if head.startswith(b"PAR1"):
-        return column_files.read_parquet(path, wanted)
-    if head.startswith((b"\x93NUMPY", b"PK\x03\x04")):
-        return column_files.read_numpy(path)
-    if _HDF5_MAGIC in (head[:8], head[512:520]):
-        return column_files.read_hdf5(path)
-    if head[126:128] in (b"IM", b"MI") and head.startswith(b"MATLAB"):
-        return column_files.read_matlab5(path)
-    if head.startswith(b"TDSm"):
-        return column_files.read_tdms(path)
-    if head.lstrip().startswith((b"{", b"[{")):
-        return column_files.read_json(path)
-    if head and path.suffix.lower() in _BINARY:
-        raise CurveError(
-            f"{path}: the {path.suffix} file is damaged or cut off at its beginning; save it again"
-        )
-    table = TextTable(path, text)
-    rows, columns = table.read(wanted)
-    return RawLog(
-        source=str(path),
-        format="delimited text",
-        row_word="line",
-        streams=(Stream.of(columns.values(), rows=rows),),
-        notes=table.notes(),
-        layout=table.settings(),
-    )

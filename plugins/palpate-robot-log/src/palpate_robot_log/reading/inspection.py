@@ -5,18 +5,20 @@ line of the press, and tissue pushes the tool back along it. A quaternion read i
 other axes or a wrench in another frame do not.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import polars as pl
-from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from palpate.api import CurveError
-from palpate.api.files import HEXADECIMAL, InspectedTable, Inspection, kind_of
+from palpate.api.files import InspectedTable, Inspection, kind_of
 from palpate_robot_log.checks import LARGEST_TURN_AXIS_ANGLE_DEG
 from palpate_robot_log.measures import longest_step_s
 from palpate_robot_log.processing.chain import Processed
@@ -26,16 +28,8 @@ from palpate_robot_log.processing.settings import ProcessingSettings, Switch
 from palpate_robot_log.reading.assembly import assemble, read_both, seconds_of, share_clock
 from palpate_robot_log.reading.channel_map import ChannelMap, LogFiles, Time
 from palpate_robot_log.reading.formats import read_log
-from palpate_robot_log.reading.processed_curves import Proposed, curves_of, spans_of
-from palpate_robot_log.reading.proposal import (
-    Proposal,
-    channel_map,
-    is_machine,
-    machine_of,
-    propose,
-    study_text,
-    with_unit,
-)
+from palpate_robot_log.reading.processed_curves import curves_by, curves_of, spans_of
+from palpate_robot_log.reading.proposal import Proposal, validated
 from palpate_robot_log.reading.quantities import (
     ORDER,
     QUANTITIES,
@@ -46,7 +40,9 @@ from palpate_robot_log.reading.quantities import (
     rest_of,
 )
 from palpate_robot_log.reading.raw import RawLog, Stream
+from palpate_robot_log.reading.robots import LogGuess, machine_of, proposal_of, propose, with_unit
 from palpate_robot_log.recording import Recording, rotated
+from palpate_robot_log.robot_log import RobotLogLoader
 
 _LEAST_TURN_DEG = 3.0
 _ALONG = 0.8
@@ -56,117 +52,114 @@ _RISEN = 0.05
 def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
     """Contents of a log of unknown columns, and a study that may read it.
 
-    Parameters
-    ----------
-    path : Path
-        Of any format that is read.
-    wrench : Path, optional
-        The file of the wrench where ``path`` has the pose alone.
-
-    Raises
-    ------
-    CurveError
-        The file cannot be read at all. What is merely wrong in it is among the findings.
+    Where ``path`` has the pose alone, ``wrench`` is the other file. A CurveError where they cannot be read at
+    all; what is merely wrong in them is among the findings.
     """
-    if wrench is None:
-        log = read_log(path)
-        proposal = propose(log)
-    else:
-        log = read_both(path, wrench)
-        proposal = replace(propose(log), files=LogFiles.of(path, wrench).model_dump())
-        timed = {name: time for name, time in proposal.time.items() if not time.is_counter}
-        clocks = [_clock(log, log.stream(name), time) for name, time in timed.items()]
-        if len(timed) > 1 and share_clock([(clock["begin_s"], clock["end_s"]) for clock in clocks]):
-            proposal = replace(proposal, clocks="common")
-    proposal, curves, new, problem = _found(log, path, _in_order(log, judged(log, proposal)))
-    streams = [_described(log, stream, proposal) for stream in log.streams]
-    tables = _tables(log, streams)[1 if curves else 0 :]
-    findings = [*log.notes, *(() if curves else _gap_findings(log, streams)), *new]
-    text = curves.text() if curves else study_text(log, proposal)
+    log = read_log(path) if wrench is None else read_both(path, wrench)
+    guess = propose(log) if wrench is None else _of_two(log, path, wrench)
+    guess, proposal = _chosen(log, _in_order(log, judged(log, guess)))
+    is_log, problem = proposal.loader == RobotLogLoader.name, "; ".join(proposal.questions)
+    tried = [f"answer first: {question}" for question in proposal.questions]
+    try:
+        if not problem and is_log:
+            tried = [*_of_log(log, guess)]
+        elif not problem:
+            tried = [f"these tables read the file: {spans_of(curves_by(proposal, path))}"]
+    except CurveError as error:
+        problem = str(error)
+        tried = [f"with these tables: {problem}"]
+    streams = [_described(log, stream, guess) for stream in log.streams]
+    gaps = _gap_findings(log, streams) if is_log else ()
+    findings = (*log.notes, *gaps, *proposal.remarks, *tried)
+    for kept in (_assembled, _pressed):
+        kept.cache_clear()
+    text = proposal.text(path.name)
     record = {
         "file": str(path),
         "wrench_file": wrench and str(wrench),
         "format": log.format,
         "layout": dict(log.layout),
         "streams": streams,
-        "channels": channel_map(proposal),
+        "channels": proposal.settings.get("channels", {}),
         "findings": findings,
         "problem": problem,
         "study_toml": text,
     }
-    test = curves.mode if curves else ""
-    return Inspection(tables=tables, findings=(*findings,), study_text=text, test=test, record=record)
+    tables = _tables(log, streams)[0 if is_log else 1 :]
+    return Inspection(tables=tables, findings=findings, study_text=text, test=proposal.test, record=record)
 
 
-def _found(log: RawLog, path: Path, proposal: Proposal) -> tuple[Proposal, Proposed | None, list[str], str]:
-    """Proposal of a log, or else of curves; findings, and the problem of reading it so."""
-    found = {*proposal.guesses}
+def _of_two(log: RawLog, pose: Path, wrench: Path) -> LogGuess:
+    """Guess for the log of two files, with their names and clocks."""
+    guess = propose(log)
+    timed = [(name, time) for name, time in guess.time.items() if not time.is_counter]
+    clocks = [_clock(log, log.stream(name), time) for name, time in timed]
+    shared = len(timed) > 1 and share_clock([(clock["begin_s"], clock["end_s"]) for clock in clocks])
+    files = LogFiles.of(pose, wrench).model_dump()
+    return replace(guess, files=files, clocks="common" if shared else guess.clocks)
+
+
+@lru_cache(maxsize=1)
+def _assembled(log: RawLog, channels: str) -> Recording:
+    """Recording by a channel map in JSON; the last one is kept."""
+    return assemble(log, validated(ChannelMap, json.loads(channels))).recording
+
+
+def _read(log: RawLog, guess: LogGuess) -> Recording:
+    """Recording by a guess; a CurveError where the log cannot be read so."""
+    proposal = proposal_of(log, guess)
+    if proposal.questions:
+        raise CurveError("; ".join(proposal.questions))
+    return _assembled(log, json.dumps(proposal.settings["channels"]))
+
+
+@lru_cache(maxsize=1)
+def _pressed(recording: Recording, *, ends_in_contact: bool) -> Processed:
+    """Last press of a recording, which is kept; drift is known where the recording ends in free air."""
+    settings = ProcessingSettings(drift=Switch(enabled=not ends_in_contact))
+    return [*process_cycles(recording, settings).processed.values()][-1]
+
+
+def _first_press(log: RawLog, *guesses: LogGuess) -> LogGuess | None:
+    """First of some guesses by which a log has a press; None where none is."""
+    for guess in guesses:
+        with suppress(CurveError):
+            _pressed(_read(log, guess), ends_in_contact=guess.ends_in_contact)
+            return guess
+    return None
+
+
+def _chosen(log: RawLog, guess: LogGuess) -> tuple[LogGuess, Proposal]:
+    """Proposal for a log, of a robot or a testing machine, or else for curves; and the guess of the log."""
+    found = {*guess.guesses}
     # A pose is a robot's, whatever else the log has of depth; a place alone may be a stage's.
     if found <= {"position"} or not ("position" in found or {"orientation", "force"} <= found):
         curves, machine = curves_of(log), machine_of(log)
-        if machine is not None and not (curves and curves.mode):
+        if machine is not None and not (curves and curves.test):
             # A log that ends under load shows no drift.
             tried = _first_press(log, machine, replace(machine, ends_in_contact=True))
             if tried or curves is None or not _is_loading(log, machine):
-                curves, proposal = None, tried or machine
+                curves, guess = None, tried or machine
         if curves is not None:
-            return Proposal(guesses={}, time={}), curves, *_of_curves(path, curves)
-    found, problem = _read(log, proposal), ""
-    if isinstance(found, str):
-        problem, result = found, [f"with this map: {found}"]
-    else:
-        seconds = found.time_s[-1] - found.time_s[0]
-        reads = f"{found.n_rows} rows at {found.rate_hz:.4g} Hz over {seconds:.4g} s"
-        result = [f"this map reads the file: {reads}", *_yielding(log, proposal, found)]
-        pressed = _press_by(log, proposal)
-        result += _cycles(found)
-        if isinstance(pressed, str):
-            result.append(f"no curves yet: {pressed}")
-        else:
-            result.append(f"its curves: {spans_of(pressed.curves)}")
-    guesses = [*proposal.guesses.values(), *proposal.time.values()]
-    checks = dict.fromkeys(f"check {check}" for guess in guesses for check in guess.to_check)
-    others = []
-    for quantity, also in proposal.others.items():
-        streams = (f" of stream '{guess.stream}'" if guess.stream else "" for guess in also)
-        places = (", ".join(one.entry["columns"]) + stream for one, stream in zip(also, streams, strict=True))
-        others.append(f"{quantity} might also be: {'; '.join(places)}")
-    kind = ["a testing machine of one axis: depth and first contact are found from the force"]
-    return proposal, None, [*(kind if is_machine(proposal) else []), *checks, *others, *result], problem
+            return LogGuess(guesses={}, time={}), curves
+    return guess, proposal_of(log, guess)
 
 
-def _of_curves(path: Path, curves: Proposed) -> tuple[list[str], str]:
-    """Findings on processed curves once the loader has read them, and its problem."""
-    what = "a homogeneous test" if curves.mode else "processed curves"
-    what = f"{what} and no log: the loader {curves.loader} reads them; check names and units"
-    new = [what, *curves.remarks]
-    if curves.questions:
-        asked = [f"answer first: {question}" for question in curves.questions]
-        return [*new, *asked], "; ".join(curves.questions)
+def _of_log(log: RawLog, guess: LogGuess) -> Iterator[str]:
+    """Findings on the recording of a log and on its curves."""
+    found = _read(log, guess)
+    seconds = found.time_s[-1] - found.time_s[0]
+    yield f"this map reads the file: {found.n_rows} rows at {found.rate_hz:.4g} Hz over {seconds:.4g} s"
+    yield from _yielding(log, guess, found)
+    yield from _cycles(found)
     try:
-        return [*new, f"these tables read the file: {curves.tried(path)}"], ""
+        press = _pressed(found, ends_in_contact=guess.ends_in_contact)
+        yield f"its curves: {spans_of(press.curves)}"
     except CurveError as error:
-        return [*new, f"with these tables: {error}"], str(error)
+        yield f"no curves yet: {error}"
 
 
-def _press_by(log: RawLog, proposal: Proposal) -> Processed | str:
-    """Last press of a log by a proposal, or why there is none; drift is known where it ends in free air."""
-    found = _read(log, proposal)
-    if isinstance(found, str):
-        return found
-    settings = ProcessingSettings(drift=Switch(enabled=not proposal.ends_in_contact))
-    try:
-        return [*process_cycles(found, settings).processed.values()][-1]
-    except CurveError as error:
-        return str(error)
-
-
-def _first_press(log: RawLog, *proposals: Proposal) -> Proposal | None:
-    """First of some proposals by which a log has a press; None where none is."""
-    return next((one for one in proposals if not isinstance(_press_by(log, one), str)), None)
-
-
-def _is_loading(log: RawLog, machine: Proposal) -> bool:
+def _is_loading(log: RawLog, machine: LogGuess) -> bool:
     """Whether the force rises from the first rows on, as in curves that begin at contact, or to the last."""
     (travel,), (force,) = (
         [column.values for column in log.columns(guess.stream, guess.names)]
@@ -179,63 +172,38 @@ def _is_loading(log: RawLog, machine: Proposal) -> bool:
     return before < 0.35 or ends > (1.0 - _RISEN) * share.size
 
 
-def _in_order(log: RawLog, proposal: Proposal) -> Proposal:
-    """Proposal with the moment before the force, where both are only numbered and only so are a press."""
+def _in_order(log: RawLog, proposal: LogGuess) -> LogGuess:
+    """Guess with the moment before the force, where both are only numbered and only so are a press."""
     force, moment = (proposal.guesses.get(name) for name in ("moment", "force"))
     if not force or not moment or ORDER.format("force") not in moment.to_check:
         return proposal
     check = "the moment is taken before the force: only so the force follows the press"
     size = extent(complete_rows(log.columns(force.stream, force.names)))
-    guesses = {
-        name: with_unit(
-            log, name, replace(one, entry={"columns": one.entry["columns"]}, to_check=(check,)), size
-        )
+    swapped = {
+        name: replace(one, entry={"columns": one.entry["columns"]}, to_check=(check,))
         for name, one in (("force", force), ("moment", moment))
     }
+    guesses = {name: with_unit(log, name, one, size) for name, one in swapped.items()}
     exchanged = judged(log, replace(proposal, guesses={**proposal.guesses, **guesses}))
     return _first_press(log, proposal, exchanged) or proposal
 
 
-def _yielding(log: RawLog, proposal: Proposal, measured: Recording) -> Iterable[str]:
+def _yielding(log: RawLog, proposal: LogGuess, measured: Recording) -> Iterable[str]:
     """Finding on a commanded position next to the measured one: their difference is the arm's compliance."""
-    commanded = [one for one in proposal.others.get("position", ()) if one.is_commanded]
-    for one in commanded[:1]:
-        position = with_unit(log, "position", one, 0.0)
-        other = _read(log, replace(proposal, guesses={**proposal.guesses, "position": position}))
-        if isinstance(other, str) or other.n_rows != measured.n_rows:
-            continue
-        off = other.position_mm - measured.position_mm
-        force = np.linalg.norm(measured.force_N - rest_of(measured.force_N), axis=1)
-        loaded = off[force >= 0.9 * force.max()]
-        off_mm = float(np.linalg.norm(np.median(loaded, axis=0) - rest_of(off)))
-        yield (
-            f"commanded and measured position differ by {off_mm:.2g} mm under load, as of an arm that "
-            "yields: the measured one is taken"
+    for one in [one for one in proposal.others.get("position", ()) if one.is_commanded][:1]:
+        guess = replace(
+            proposal, guesses={**proposal.guesses, "position": with_unit(log, "position", one, 0.0)}
         )
-
-
-def _read(log: RawLog, proposal: Proposal) -> Recording | str:
-    """Recording by the proposal, or the problem of reading the log so."""
-    chosen = channel_map(proposal)
-    missing = [name for name in ("time", *QUANTITIES) if name not in chosen]
-    used = proposal.used_streams()
-    counters = [each for name, each in proposal.time.items() if each.is_counter and name in used]
-    rate = f'give time = {{ column = "{counters[0].names[0]}", rate = "… Hz" }}' if counters else ""
-    if missing:
-        if counts := [note for note in log.notes if note.endswith(HEXADECIMAL)]:
-            return f"not found: {', '.join(missing)}; {counts[0]}"
-        time = "add a column of seconds, or of counts" * ("time" in missing and not rate)
-        turn = 'give orientation = { form = "fixed", value = [1, 0, 0, 0] } if the tool never turns'
-        others = [rate] * bool(rate) + [time] * bool(time) + [turn] * (missing == ["orientation"])
-        return f"not found: {', '.join(missing)}; {'; or '.join(['name their columns', *others])}"
-    if counters:
-        return f"not found: the time of {counters[0].stream}; {rate} next to its columns"
-    try:
-        return assemble(log, ChannelMap.model_validate(chosen)).recording
-    except CurveError as error:
-        return str(error)
-    except ValidationError as error:
-        return "; ".join(str(one["msg"]) for one in error.errors())
+        with suppress(CurveError):
+            if (other := _read(log, guess)).n_rows == measured.n_rows:
+                off = other.position_mm - measured.position_mm
+                force = np.linalg.norm(measured.force_N - rest_of(measured.force_N), axis=1)
+                loaded = off[force >= 0.9 * force.max()]
+                off_mm = float(np.linalg.norm(np.median(loaded, axis=0) - rest_of(off)))
+                yield (
+                    f"commanded and measured position differ by {off_mm:.2g} mm under load, as of an arm "
+                    "that yields: the measured one is taken"
+                )
 
 
 def _cycles(recording: Recording) -> list[str]:
@@ -252,7 +220,7 @@ def _cycles(recording: Recording) -> list[str]:
     return [f"{len(peaks)} presses, of {peaks[0]:.3g} N, {each}: {which}"] if each else []
 
 
-def _described(log: RawLog, stream: Stream, proposal: Proposal) -> dict[str, Any]:
+def _described(log: RawLog, stream: Stream, proposal: LogGuess) -> dict[str, Any]:
     """Clock and columns of a stream in plain values."""
     guesses = [(what, guess) for what, guess in proposal.guesses.items() if guess.stream == stream.name]
     if time := proposal.time.get(stream.name):
@@ -263,7 +231,7 @@ def _described(log: RawLog, stream: Stream, proposal: Proposal) -> dict[str, Any
     return {
         "name": stream.name,
         "n_rows": int(stream.rows.size),
-        "time": None if time is None or time.is_counter else _clock(log, stream, time),
+        "time": _clock(log, stream, time) if time and not time.is_counter else None,
         "columns": [
             {
                 "name": column.name,
@@ -282,8 +250,7 @@ def _described(log: RawLog, stream: Stream, proposal: Proposal) -> dict[str, Any
 def _clock(log: RawLog, stream: Stream, guess: Guess) -> dict[str, Any]:
     time_s, _ = seconds_of(log, stream, Time.model_validate(guess.entry))
     is_there = np.isfinite(time_s)
-    time = time_s[is_there]
-    rows = stream.rows[is_there]
+    time, rows = time_s[is_there], stream.rows[is_there]
     steps = np.diff(time)
     usual = float(np.median(steps))
     wide = np.flatnonzero(steps > longest_step_s(usual))
@@ -356,34 +323,34 @@ class _Motion(NamedTuple):
     push_turned: float
 
 
-def judged(log: RawLog, proposal: Proposal) -> Proposal:
-    """Proposal with the orientation, the frame and the side of the wrench that the motion agrees with.
+def judged(log: RawLog, proposal: LogGuess) -> LogGuess:
+    """Guess with the orientation, the frame and the side of the wrench that the motion agrees with.
 
     What it does not tell, such as without a twist, stays as the names have it.
     """
     if not {*QUANTITIES} <= {*proposal.guesses}:
         return proposal
     first = proposal.guesses["orientation"]
-    readings = [replace(first, also=()), *first.also]
-    motions = [_motion(log, _with_orientation(proposal, one)) for one in readings]
+    turns = [replace(first, also=()), *first.also]
+    motions = [_motion(log, _with_orientation(proposal, one)) for one in turns]
     known = {k: motion for k, motion in enumerate(motions) if motion is not None}
     fitting = [k for k, motion in known.items() if motion.tilt_deg <= LARGEST_TURN_AXIS_ANGLE_DEG]
     # Of two that fit alike the likelier one is taken.
     best = min(fitting, key=lambda k: (round(known[k].tilt_deg / 5.0), known[k].is_against, k), default=0)
-    others = tuple(one for k, one in enumerate(readings) if k != best)
+    others = tuple(one for k, one in enumerate(turns) if k != best)
     reason = "the order and the axes of the orientation: those are taken about which the tool twists"
     if first.also and not fitting:
         reason = "the order and the axes of the orientation: no twist tells"
     to_check = (*first.to_check, reason) if first.also else first.to_check
-    chosen = _with_orientation(proposal, replace(readings[best], also=others, to_check=to_check))
+    chosen = _with_orientation(proposal, replace(turns[best], also=others, to_check=to_check))
     return chosen if (motion := motions[best]) is None else _with_side(chosen, motion)
 
 
-def _with_orientation(proposal: Proposal, orientation: Guess) -> Proposal:
+def _with_orientation(proposal: LogGuess, orientation: Guess) -> LogGuess:
     return replace(proposal, guesses={**proposal.guesses, "orientation": orientation})
 
 
-def _with_side(proposal: Proposal, motion: _Motion) -> Proposal:
+def _with_side(proposal: LogGuess, motion: _Motion) -> LogGuess:
     pushes: Mapping[str, float] = {"sensor": motion.push_turned, "base": motion.push_as_written}
     frames = sorted(pushes, key=lambda frame: frame != proposal.wrench_frame)
     frame = next((name for name in frames if abs(pushes[name]) >= _ALONG), None)
@@ -399,10 +366,11 @@ def _with_side(proposal: Proposal, motion: _Motion) -> Proposal:
     )
 
 
-def _motion(log: RawLog, proposal: Proposal) -> _Motion | None:
+def _motion(log: RawLog, proposal: LogGuess) -> _Motion | None:
     """Motion by this reading; None where it cannot be read, or has no press."""
-    recording = _read(log, replace(proposal, acts_on="tool", wrench_frame="sensor"))
-    if isinstance(recording, str):
+    try:
+        recording = _read(log, replace(proposal, acts_on="tool", wrench_frame="sensor"))
+    except CurveError:
         return None
     air = rest_of(recording.force_N)
     free, loaded = pressed_rows(np.linalg.norm(recording.force_N - air, axis=1))

@@ -319,11 +319,9 @@ def test_of(strain: Column, stress: Column) -> Test:
     )
     if not kind and "kirchhoff" in of:
         kind = [] if "piola" in of else ["true"]  # Kirchhoff's stress is J σ, and J is 1
-    if not (kind or of & {*ROLES["stress"].words}):
-        questions.append(f"{stress.name}: true, second Piola-Kirchhoff or nominal? write it as stress")
     if {"piola"} & of and not kind:
         questions.append(f'{stress.name}: first or second Piola-Kirchhoff? write stress = "nominal" or "pk2"')
-    if measure and measure[0] and not kind and not questions:
+    elif not kind and (not of & {*ROLES["stress"].words} or (any(measure) and not questions)):
         questions.append(f"{stress.name}: true, second Piola-Kirchhoff or nominal? write it as stress")
     for column, found in ((strain, measure), (stress, kind)):
         if len(found) > 1:

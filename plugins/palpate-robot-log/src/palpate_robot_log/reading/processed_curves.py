@@ -1,15 +1,13 @@
 """Curves and homogeneous tests that are no log, recognised by their columns and proposed for their loader."""
 
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
-from palpate.api import FORCE, Curve, CurveError, ExperimentLoader, FloatArray
+from palpate.api import FORCE, Curve, ExperimentLoader, FloatArray
 from palpate.api.files import Column, kind_of
 from palpate_indentation.api import CsvLoader, problem_of, units_of
 from palpate_robot_log.processing.contact import place_of_contact
@@ -25,7 +23,7 @@ from palpate_robot_log.reading.names import (
     unit_of,
     words_of,
 )
-from palpate_robot_log.reading.proposal import pairs, tables_text
+from palpate_robot_log.reading.proposal import Entry, Proposal, validated
 from palpate_robot_log.reading.raw import RawLog
 from palpate_robot_log.robot_log import ColumnsLoader
 
@@ -47,52 +45,6 @@ _LEAST_APPROACH, _FREE, _SURE, _FLAT = 0.05, 0.8, 3.0, 1e-3
 share of the force, up to which it does not rise."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Proposed:
-    """Columns of each channel as settings of a loader; questions where the names leave some open.
-
-    Parameters
-    ----------
-    mode : str
-        Channel of a homogeneous test; empty for a press.
-    questions : tuple of str
-        Each is open until a person answers it in the settings.
-    """
-
-    channels: Mapping[str, Mapping[str, Any]]
-    mode: str = ""
-    remarks: tuple[str, ...] = ()
-    questions: tuple[str, ...] = ()
-    layout: Mapping[str, object] = field(default_factory=dict)
-    file: str = ""
-    is_text: bool = True
-
-    @property
-    def loader(self) -> str:
-        """Name of the loader that reads the file."""
-        return "csv" if self.is_text else "columns"
-
-    def text(self) -> str:
-        """Tables of study.toml, in comments where a question is open."""
-        measured = f"[[spot]] measured = {{ {self.mode} = {json.dumps(self.file)} }}"
-        settings = [f"settings.{line}" for line in pairs(self.layout)]
-        channels = {f"experiment.settings.channels.{name}": pairs(of) for name, of in self.channels.items()}
-        text = tables_text({"experiment": [f'loader = "{self.loader}"', *settings], **channels})
-        text = f"# {measured}: the key is the mode of the test\n{text}" if self.mode else text
-        commented = "".join(f"# {line}".rstrip() + "\n" for line in [*self.questions, *text.splitlines()])
-        return commented if self.questions else text
-
-    def tried(self, path: Path) -> str:
-        """Sentence on the curves that these settings read; a CurveError where they read none."""
-        loader: type[ExperimentLoader[Any]] = CsvLoader if self.is_text else ColumnsLoader
-        settings = {**self.layout, "channels": dict(self.channels)}
-        try:
-            curves = loader(loader.Settings.model_validate(settings)).load(path, self.mode or None).curves
-        except ValidationError as error:
-            raise CurveError("; ".join(str(one["msg"]) for one in error.errors())) from None
-        return spans_of(curves)
-
-
 def spans_of(curves: Mapping[str, Curve]) -> str:
     """Ranges of curves, in words."""
     spans = []
@@ -105,18 +57,41 @@ def spans_of(curves: Mapping[str, Curve]) -> str:
     return "; ".join(spans)
 
 
-def curves_of(log: RawLog) -> Proposed | None:
-    """Curves of a press, or a homogeneous test, in a table; None where its columns are neither."""
+def curves_of(log: RawLog) -> Proposal | None:
+    """Settings for the curves of a press, or a homogeneous test, in a table; None where it has neither."""
     columns = [column for stream in log.streams for column in stream.columns.values()]
     found = _homogeneous(columns) or _curves(columns) or _unnamed(columns)
     if found is None:
         return None
     # The loader finds the separator by itself.
     layout = {key: value for key, value in log.layout.items() if key != "delimiter" and value != "."}
-    return replace(found, layout=layout, file=Path(log.source).name, is_text=log.row_word == "line")
+    what = "a homogeneous test" if found.test else "processed curves"
+    loader = CsvLoader if log.row_word == "line" else ColumnsLoader
+    kind = f"{what} and no log: the loader {loader.name} reads them; check names and units"
+    return replace(
+        found,
+        loader=loader.name,
+        entries=(*(Entry("", key, value) for key, value in layout.items()), *found.entries),
+        remarks=(kind, *found.remarks),
+    )
 
 
-def _unnamed(columns: Sequence[Column]) -> Proposed | None:
+def _entries(channels: Mapping[str, Mapping[str, Any]]) -> tuple[Entry, ...]:
+    """Entries of the fields of each channel."""
+    return tuple(
+        Entry(f"channels.{name}", key, value)
+        for name, fields in channels.items()
+        for key, value in fields.items()
+    )
+
+
+def curves_by(proposal: Proposal, path: Path) -> Mapping[str, Curve]:
+    """Curves of a file by its proposal; a CurveError where there are none."""
+    kind: type[ExperimentLoader[Any]] = CsvLoader if proposal.loader == CsvLoader.name else ColumnsLoader
+    return kind(validated(kind.Settings, proposal.settings)).load(path, proposal.test or None).curves
+
+
+def _unnamed(columns: Sequence[Column]) -> Proposal | None:
     """Question for what a few columns lack to be a curve; a robot's log has more columns."""
     if not 2 <= len(columns) < _FEWEST_OF_ROBOT:
         return None
@@ -130,13 +105,13 @@ def _unnamed(columns: Sequence[Column]) -> Proposed | None:
         "abscissa": {"name": names[-2], "scale": "factor to mm"},
         "ordinate": {"name": names[-1], "scale": "factor to N"},
     }
-    return Proposed(channels={"force": channels}, questions=(ask,))
+    return Proposal(entries=_entries({"force": channels}), questions=(ask,))
 
 
 # ------------------------------------------------------------------------ a press
 
 
-def _curves(columns: Sequence[Column]) -> Proposed | None:
+def _curves(columns: Sequence[Column]) -> Proposal | None:
     channels, remarks, questions = dict[str, dict[str, Any]](), list[str](), list[str]()
     for channel, roles in _ROLES.items():
         along, of = (pick(columns, role) for role in roles)
@@ -171,11 +146,11 @@ def _curves(columns: Sequence[Column]) -> Proposed | None:
         if (spread := spread_of(columns, roles[1])) is not None:
             channels[channel]["std"] = _column(spread)
     if not channels:
-        return Proposed(channels={}, questions=tuple(questions)) if questions else None
+        return Proposal(questions=tuple(questions)) if questions else None
     names = {word for column in columns for word in words_of(column.name)}
     if names & (TENSILE | SHEAR) and FORCE.name in channels:
         return _specimen(columns, "simple_shear" if names & SHEAR else "uniaxial")
-    return Proposed(channels=channels, remarks=tuple(remarks), questions=tuple(questions))
+    return Proposal(entries=_entries(channels), remarks=tuple(remarks), questions=tuple(questions))
 
 
 _SIZES: Mapping[str, tuple[str, str, str]] = {
@@ -185,7 +160,7 @@ _SIZES: Mapping[str, tuple[str, str, str]] = {
 """Roles of a specimen's test: what a size of the specimen makes of what."""
 
 
-def _specimen(columns: Sequence[Column], mode: str = "uniaxial") -> Proposed | None:
+def _specimen(columns: Sequence[Column], mode: str = "uniaxial") -> Proposal | None:
     """Test of a specimen by strain and stress, or by travel and force, whose scales are asked for."""
     channels, sizes = dict[str, Any](), list[str]()
     for key, (role, instead, size) in _SIZES.items():
@@ -201,7 +176,7 @@ def _specimen(columns: Sequence[Column], mode: str = "uniaxial") -> Proposed | N
         return None
     scales = "both scales" if len(sizes) > 1 else "scale"
     ask = f"a test of a specimen: give {scales}, by the {' and the '.join(sizes)} of the specimen"
-    return Proposed(channels={mode: channels}, mode=mode, questions=(ask,) if sizes else ())
+    return Proposal(entries=_entries({mode: channels}), test=mode, questions=(ask,) if sizes else ())
 
 
 def _column(one: Picked, times: float = 1.0, offset: float = 0.0) -> str | dict[str, Any]:
@@ -275,7 +250,7 @@ def _approach(travel: FloatArray, force: FloatArray) -> float:
 # ------------------------------------------------------------------ a homogeneous test
 
 
-def _homogeneous(columns: Sequence[Column]) -> Proposed | None:
+def _homogeneous(columns: Sequence[Column]) -> Proposal | None:
     """Stress of a homogeneous test over its stretch, strain or shear; None without both."""
     stress, along = pick(columns, "stress"), pick(columns, "stretch") or pick(columns, "strain")
     if stress is None or along is None:
@@ -283,7 +258,7 @@ def _homogeneous(columns: Sequence[Column]) -> Proposed | None:
         alike = [*of, *ways]
         if alike and (stress or along or (of and ways)):
             ask = f"{' or '.join(alike)}? name one pair of strain and stress"
-            return Proposed(channels={"uniaxial": {}}, mode="uniaxial", questions=(ask,))
+            return Proposal(test="uniaxial", questions=(ask,))
         return None
     test = test_of(along.column, stress.column)
     is_stretch = bool({"stretch", "lambda", "streckung"} & {*words_of(along.column.name)})
@@ -314,9 +289,9 @@ def _homogeneous(columns: Sequence[Column]) -> Proposed | None:
         for one, measure, to in ((along, test.strain, "stretch"), (stress, test.stress, "nominal"))
         if measure
     ]
-    return Proposed(
-        channels={test.mode: columns_of},
-        mode=test.mode,
+    return Proposal(
+        entries=_entries({test.mode: columns_of}),
+        test=test.mode,
         remarks=(*along.remarks, *stress.remarks, *remarks, *converted),
         questions=tuple(questions),
     )

@@ -70,6 +70,10 @@ class Guess:
         names = entry.get("columns", [entry.get(key, NO_COLUMN) for key in ("column", "nanoseconds")])
         return tuple(name.removeprefix("-") for name in names if name != NO_COLUMN)
 
+    def __str__(self) -> str:
+        stream = f" of stream '{self.stream}'" if self.stream else ""
+        return ", ".join(self.entry["columns"]) + stream
+
     def with_check(self, check: str, **entry: object) -> "Guess":
         """Guess with one more thing to check, and changes of its entry and of all that it may be instead."""
         also = tuple(replace(one, entry={**one.entry, **entry}) for one in self.also)
@@ -139,15 +143,6 @@ _Part = tuple[str, slice, float, str]
 """Quantity, its columns in a group, a score by words and shape, and the form of an orientation."""
 
 
-class Shape(NamedTuple):
-    """Number of columns of a group, words of which it has one, the test of its last part, and its parts."""
-
-    n_columns: int
-    words: frozenset[str]
-    holds: Callable[[FloatArray], bool]
-    parts: tuple[_Part, ...]
-
-
 def _are_units(rows: FloatArray) -> bool:
     return len(rows) > 0 and bool(np.median(off_unit(rows)) < LARGEST_DEVIATION)
 
@@ -156,20 +151,19 @@ def _are_turns(rows: FloatArray) -> bool:
     return len(rows) > 0 and bool(np.median(off_turn(rows)) < LARGEST_DEVIATION)
 
 
-def _are_any(_: FloatArray) -> bool:
-    return True
-
-
 _ALL, _HEAD, _TAIL = slice(None), slice(0, 3), slice(3, None)
 _ANY = frozenset[str]()
-SHAPES = (
-    Shape(4, _ANY, _are_units, (("orientation", _ALL, 4.0, "quaternion"),)),
-    Shape(6, WRENCH_WORDS, _are_any, (("force", _HEAD, 2.0, ""), ("moment", _TAIL, 2.0, ""))),
-    Shape(6, _POSE_WORDS, _are_any, (("position", _HEAD, 1.5, ""), ("orientation", _TAIL, 1.5, "angles"))),
-    Shape(7, _ANY, _are_units, (("position", _HEAD, 2.0, ""), ("orientation", _TAIL, 4.0, "quaternion"))),
-    Shape(9, _ANY, _are_turns, (("orientation", _ALL, 3.0, "rotation_matrix"),)),
+SHAPES: tuple[tuple[int, frozenset[str], Callable[[FloatArray], bool] | None, tuple[_Part, ...]], ...] = (
+    (4, _ANY, _are_units, (("orientation", _ALL, 4.0, "quaternion"),)),
+    (6, WRENCH_WORDS, None, (("force", _HEAD, 2.0, ""), ("moment", _TAIL, 2.0, ""))),
+    (6, _POSE_WORDS, None, (("position", _HEAD, 1.5, ""), ("orientation", _TAIL, 1.5, "angles"))),
+    (7, _ANY, _are_units, (("position", _HEAD, 2.0, ""), ("orientation", _TAIL, 4.0, "quaternion"))),
+    (9, _ANY, _are_turns, (("orientation", _ALL, 3.0, "rotation_matrix"),)),
 )
-"""Patterns of vectors that are not three columns; the first that fits counts."""
+"""Patterns of vectors that are not three columns; the first that fits counts.
+
+Each has the number of columns, words of which a group has one, the test of its last part, and its parts.
+"""
 
 
 def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterator[tuple[str, Guess]]:
@@ -186,11 +180,11 @@ def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterator[tu
         if words & ROLES["force"].vector and words & ROLES["orientation"].vector:  # TCPForce_rx
             words = words - ROLES["force"].vector - ROLES["orientation"].vector | {"moment"}
         parts = _of_three(group.columns[0], words, is_turned=is_turned)
-    for shape in SHAPES:
-        if n_columns != shape.n_columns or not (words & shape.words or not shape.words) or parts:
+    for n_parts, its_words, holds, its_parts in SHAPES:
+        if n_columns != n_parts or not (words & its_words or not its_words) or parts:
             continue
-        if shape.holds(complete_rows(group.columns[shape.parts[-1][1]])):
-            parts = shape.parts
+        if holds is None or holds(complete_rows(group.columns[its_parts[-1][1]])):
+            parts = its_parts
     for quantity, chosen, score, form in parts:
         columns = group.columns[chosen]
         rank = rank_of(group.words, columns[0], quantity, score, has_unit=n_columns == 3)

@@ -84,9 +84,7 @@ class RawLog:
     row_word: str  # what its rows are called in messages: line, row or message
     streams: tuple[Stream, ...]
     notes: tuple[str, ...] = ()  # what was passed over, and why
-    layout: Mapping[str, object] = field(
-        default_factory=dict
-    )  # of the text, as the loader's settings have it
+    layout: Mapping[str, object] = field(default_factory=dict)  # of the text, as in the loader's settings
 
     @property
     def path(self) -> Path:
