@@ -116,6 +116,13 @@ def test_missing_channels_are_reported_and_left_to_be_named(tmp_path: Path) -> N
     }
 
 
+def test_the_file_of_a_place_alone_asks_for_what_a_log_has_besides(tmp_path: Path) -> None:
+    table = write.press()
+    write.write_text(tmp_path / "log.csv", {name: table[name] for name in write.COLUMNS[:4]})
+    problem = inspect_log(tmp_path / "log.csv").record["problem"]
+    assert problem == "not found: orientation, force, moment; name their columns"
+
+
 # ------------------------------------------------------------------ names and guesses
 
 

@@ -1,7 +1,8 @@
 """Reader that a file needs, by its first bytes, and the process with limits that it works in."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +15,6 @@ from palpate_robot_log.reading.raw import RawLog, Stream
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _BINARY = (".mat", ".npz", ".npy", ".parquet", ".bag", ".mcap", ".db3", ".h5", ".hdf5", ".tdms")
-
 
 Megabytes = Annotated[float, Quantity("MB")]
 
@@ -53,8 +53,15 @@ def read_log(
     own = limits or ReadingLimits()
     _check_size(path, own)
     process = ProcessLimits(time_s=own.time_limit, memory_mb=own.memory, output_bytes=10_000_000_000)
-    try:
+    with _or_failed(path):
         return run_function(process, read_here, path, columns, streams, text, own)
+
+
+@contextmanager
+def _or_failed(path: Path) -> Iterator[None]:
+    """Turn too little memory, or the end of the process that reads, into an error that names the file."""
+    try:
+        yield
     except (ChildProcessError, MemoryError) as error:
         how = "too little memory" if isinstance(error, MemoryError) else str(error)
         raise CurveError(
@@ -70,11 +77,16 @@ def read_here(
     text: TextFormat | None = None,
     limits: ReadingLimits | None = None,
 ) -> RawLog:
-    """Content of a file, read in this very process, by the format that its first bytes show.
-
-    Each library is imported where its format is found.
-    """
+    """Content of a file, read in this very process as by :func:`read_log`."""
     _check_size(path, limits or ReadingLimits())
+    with _or_failed(path):
+        return _read(path, columns, streams, text)
+
+
+def _read(
+    path: Path, columns: Sequence[str] | None, streams: Sequence[str] | None, text: TextFormat | None
+) -> RawLog:
+    """Log by the format that the first bytes show; each library is imported where its format is found."""
     head = b""
     if not path.is_dir():
         refuse_binary(path)
@@ -100,10 +112,6 @@ def read_here(
         raise CurveError(
             f"{path}: the {path.suffix} file is damaged or cut off at its beginning; save it again"
         )
-    return _read_text(path, columns, text)
-
-
-def _read_text(path: Path, columns: Sequence[str] | None, text: TextFormat | None) -> RawLog:
     table = TextTable(path, text)
     rows, found = table.read(columns)
     return RawLog(

@@ -92,9 +92,9 @@ def inspect_log(path: Path, wrench: Path | None = None) -> Inspection:
 def _of_two(log: RawLog, pose: Path, wrench: Path) -> LogGuess:
     """Guess for the log of two files, with their names and clocks."""
     guess = propose(log)
-    timed = [(name, time) for name, time in guess.time.items() if not time.is_counter]
+    timed = ((name, time) for name, time in guess.time.items() if not time.is_counter)
     clocks = [_clock(log, log.stream(name), time) for name, time in timed]
-    shared = len(timed) > 1 and share_clock([(clock["begin_s"], clock["end_s"]) for clock in clocks])
+    shared = len(clocks) > 1 and share_clock([(clock["begin_s"], clock["end_s"]) for clock in clocks])
     files = LogFiles.of(pose, wrench).model_dump()
     return replace(guess, files=files, clocks="common" if shared else guess.clocks)
 
@@ -134,7 +134,7 @@ def _chosen(log: RawLog, guess: LogGuess) -> tuple[LogGuess, Proposal]:
     found = {*guess.guesses}
     # A pose is a robot's, whatever else the log has of depth; a place alone may be a stage's.
     if found <= {"position"} or not ("position" in found or {"orientation", "force"} <= found):
-        curves, machine = curves_of(log), machine_of(log)
+        curves, machine = curves_of(log, has_place="position" in found), machine_of(log)
         if machine is not None and not (curves and curves.test):
             # A log that ends under load shows no drift.
             tried = _first_press(log, machine, replace(machine, ends_in_contact=True))
@@ -151,8 +151,8 @@ def _of_log(log: RawLog, guess: LogGuess) -> Iterator[str]:
     seconds = found.time_s[-1] - found.time_s[0]
     yield f"this map reads the file: {found.n_rows} rows at {found.rate_hz:.4g} Hz over {seconds:.4g} s"
     yield from _yielding(log, guess, found)
-    yield from _cycles(found)
     try:
+        yield from _cycles(found)
         press = _pressed(found, ends_in_contact=guess.ends_in_contact)
         yield f"its curves: {spans_of(press.curves)}"
     except CurveError as error:
@@ -206,18 +206,16 @@ def _yielding(log: RawLog, proposal: LogGuess, measured: Recording) -> Iterable[
                 )
 
 
-def _cycles(recording: Recording) -> list[str]:
+def _cycles(recording: Recording) -> Iterator[str]:
     """Finding on the presses of a log that holds several, with the largest force of each."""
-    try:
-        contacts = contacts_of(recording)
-    except CurveError:
-        return []
+    contacts = contacts_of(recording)
     force = rotated(recording.quaternion, recording.force_N)
     size = np.linalg.norm(force - np.median(force[: contacts[0].first], axis=0), axis=1)
     peaks = [float(size[each.rows].max()) for each in contacts]
     each = ", ".join(f"{peak:.3g} N ({100.0 * (peak / peaks[0] - 1.0):+.1f} %)" for peak in peaks[1:])
     which = 'the last counts, unless cycle = 1 (or another number, or "all") is under [experiment.settings]'
-    return [f"{len(peaks)} presses, of {peaks[0]:.3g} N, {each}: {which}"] if each else []
+    if each:
+        yield f"{len(peaks)} presses, of {peaks[0]:.3g} N, {each}: {which}"
 
 
 def _described(log: RawLog, stream: Stream, proposal: LogGuess) -> dict[str, Any]:

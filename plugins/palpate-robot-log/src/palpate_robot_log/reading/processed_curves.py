@@ -57,10 +57,10 @@ def spans_of(curves: Mapping[str, Curve]) -> str:
     return "; ".join(spans)
 
 
-def curves_of(log: RawLog) -> Proposal | None:
+def curves_of(log: RawLog, *, has_place: bool = False) -> Proposal | None:
     """Settings for the curves of a press, or a homogeneous test, in a table; None where it has neither."""
     columns = [column for stream in log.streams for column in stream.columns.values()]
-    found = _homogeneous(columns) or _curves(columns) or _unnamed(columns)
+    found = _homogeneous(columns) or _curves(columns) or (None if has_place else _unnamed(columns))
     if found is None:
         return None
     # The loader finds the separator by itself.
@@ -168,9 +168,8 @@ def _specimen(columns: Sequence[Column], mode: str = "uniaxial") -> Proposal | N
         if (found := pick(columns, role)) is not None:
             channels[key] = _column(found, offset=offset)
         elif (found := pick(columns, instead)) is not None and found.factor is not None:
-            channels[key] = {"name": found.column.name, "scale": f"1 / {size}"} | (
-                {"offset": offset} if offset else {}
-            )
+            channels[key] = {"name": found.column.name, "scale": f"1 / {size}"}
+            channels[key] |= {"offset": offset} if offset else {}
             sizes.append(size.partition(" ")[0])
     if len(channels) < len(_SIZES):
         return None

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from pydantic import ValidationError
 
@@ -65,10 +65,7 @@ class Proposal:
         return "".join(f"# {line}".rstrip() + "\n" for line in [*self.questions, *text.splitlines()])
 
 
-Kind = TypeVar("Kind", bound=Settings)
-
-
-def validated(kind: type[Kind], settings: Mapping[str, Any]) -> Kind:
+def validated(kind: type[Settings], settings: Mapping[str, Any]) -> Any:  # noqa: ANN401 - of the kind
     """Settings of a kind; a CurveError with all that is wrong with them."""
     try:
         return kind.model_validate(settings)

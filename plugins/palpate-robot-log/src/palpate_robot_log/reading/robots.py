@@ -85,14 +85,13 @@ def propose(log: RawLog) -> LogGuess:
     force = ranked["force"][0] if "force" in ranked else None
     force_extent = extent(complete_rows(log.columns(force.stream, force.names))) if force else 0.0
     guesses = {name: with_unit(log, name, guesses[0], force_extent) for name, guesses in ranked.items()}
+    streams = {each.stream for each in guesses.values()}
     return LogGuess(
         guesses=guesses,
         time={stream.name: time for stream in log.streams if (time := time_of(stream)) is not None},
         others={name: tuple(guesses[1:4]) for name, guesses in ranked.items() if len(guesses) > 1},
         skips_missing=any(_lacks(log, guess) for guess in guesses.values()),
-        repeats_time=any(
-            repeats_time(log.stream(name)) for name in {each.stream for each in guesses.values()}
-        ),
+        repeats_time=any(repeats_time(log.stream(name)) for name in streams),
         wrench_frame="base" if "force" in guesses and guesses["force"].is_in_base else "sensor",
     )
 
@@ -195,11 +194,9 @@ def with_unit(log: RawLog, quantity: str, guess: Guess, force_extent: float) -> 
     if not has_unit or "unit" in guess.entry or not columns:
         return guess
     if shown := columns[0].shown_unit:
-        known = factor_of(columns[0], ROLES[quantity].kind) is not None
-        check = (
-            f"the unit of {quantity}: the file gives '{shown}', no unit of {ROLES[quantity].kind}; write unit"
-        )
-        return guess if known else guess.with_check(check)
+        kind = ROLES[quantity].kind
+        check = f"the unit of {quantity}: the file gives '{shown}', no unit of {kind}; write unit"
+        return guess if factor_of(columns[0], kind) is not None else guess.with_check(check)
     unit = _likely_unit(quantity, complete_rows(columns), force_extent)
     check = f"the unit of {quantity}: {unit} is judged from the size of the numbers alone"
     return guess.with_check(check, unit=unit)
