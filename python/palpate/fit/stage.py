@@ -4,7 +4,8 @@ The joint fit of the scenario that generalises comes first, from the answer of a
 one, and from the basins of the sweep. Where spots have a finer mesh, its answers correct the curves of the
 coarse one until what these may be wrong by moves no parameter by much of its standard deviation. The other
 scenarios start where the first has ended, with its corrections, and each spot where the joint fit of its
-scenario has. Where the first ends at the end of a range that is none of physics, this is widened, once.
+scenario has. Where the first ends at the end of a range that is none of physics, this is widened, and again
+for as long as that gains.
 """
 
 from collections import Counter
@@ -124,7 +125,6 @@ class FitStage:
         """Fit jointly, then at each spot."""
         study = self.study
         main = study.generalising
-        others = [s for s in study.scenarios if s is not main]
         spots = study.spot_names
         label = ALL_SPOTS if len(spots) > 1 else spots[0]
         self.progress.begin("fit", 0)
@@ -134,10 +134,10 @@ class FitStage:
         self.on_first(first)
         self._correct([first])  # an error of the mesh may lead to an end of a range
         if remark := self._widen(first):
-            self._search([first], {id(first): [first.values()]})
             self._correct([first])
             first.fits[-1].message += f"; {remark}"
-        cases = [first, *(Case(label, self._weighed_spots(scenario), scenario) for scenario in others)]
+        others = (each for each in study.scenarios if each is not main)
+        cases = [first, *(Case(label, self._weighed_spots(each), each) for each in others)]
         self._search(cases[1:], {id(case): [first.values()] for case in cases[1:]})
         self._correct(cases[1:])
         states = study.space.states
@@ -176,40 +176,33 @@ class FitStage:
 
     def problem(self, case: Case, corrections: Mapping[str, Mapping[str, Correction]]) -> Problem:
         """State a case with corrections by spot and channel."""
+        study, scenario = self.study, case.scenario
         terms = [
-            term_of(
-                self.study,
-                spot,
-                case.scenario,
-                self.measured[spot],
-                self.abscissae,
-                corrections.get(spot, {}),
-            )
+            term_of(study, spot, scenario, self.measured[spot], self.abscissae, corrections.get(spot, {}))
             for spot in case.spots
         ]
-        return Problem(
-            self.study,
-            terms,
-            self.simulations.of,
-            self.study.parametrisation,
-            noise=self.study.noise,
-            wider=self._wider,
-        )
+        made, noise = study.parametrisation, study.noise
+        return Problem(study, terms, self.simulations.of, made, noise=noise, wider=self._wider)
 
     def _widen(self, case: Case) -> str:
-        """Widen the ranges of the materials at whose ends a case has ended; return a remark on them."""
-        if case.end is None or not self.study.search.local:
-            return ""
-        of_materials, remarks = {p.name for p in self.study.space.parameters}, []
-        for parameter, below in case.end.at_bounds():
-            if ParameterName.parse(parameter.name).shared in of_materials:
-                wider = self._wider[parameter.name] = parameter.wider(below=below)
-                ends = (parameter.lower, wider.lower) if below else (parameter.upper, wider.upper)
-                old, new = (f"{end:.4g} {parameter.unit}".strip() for end in ends)
-                remarks.append(f"{WIDENED} {parameter.name} widened from {old} to {new}, where it had ended")
-        if remarks:
-            self.progress.note(f"{'; '.join(remarks)}: the fit goes on")
-        return "; ".join(remarks)
+        """Widen ranges of materials where a case ends and search on, again if it gains; return a remark."""
+        of_materials, most = {p.name for p in self.study.space.parameters}, np.inf
+        for _ in range(4 if self.study.search.local else 0):
+            end = case.end
+            ends = end.at_bounds() if end and end.objective < most else ()
+            at = {p: low for p, low in ends if ParameterName.parse(p.name).shared in of_materials}
+            if end is None or not at:
+                break
+            most = 0.99 * end.objective
+            self._wider |= {p.name: p.wider(below=below) for p, below in at.items()}
+            self.progress.note(f"ranges of {', '.join(p.name for p in at)} are widened: the fit goes on")
+            self._search([case], {id(case): [case.values()]})
+        return "; ".join(
+            f"{WIDENED} {old.name} widened from {old.lower:.4g}…{old.upper:.4g} to {new.lower:.4g}…"
+            f"{new.upper:.4g} {old.unit}".rstrip()
+            for old in case.fits[0].problem.parameters
+            if (new := self._wider.get(old.name))
+        )
 
     def _search(self, cases: Sequence[Case], starts: Mapping[int, Sequence[Mapping[str, float]]]) -> None:
         """Search from each start, without the finer meshes' answers unless they are known already."""
@@ -306,7 +299,7 @@ class FitStage:
         nearest = {each.spot: each.corrections for each in self._ends(case)}
         if end is None or end.best is None:
             return False
-        if all(_same(nearest[term.spot], term.corrections) for term in end.problem.terms):
+        if all(_same(nearest[t.spot], t.corrections) for t in end.problem.terms):
             return False
         case.fits.append(Fit(self.problem(case, nearest), end.best.point))
         return True

@@ -37,6 +37,21 @@ def test_the_right_basin_from_the_middle_of_the_ranges(pressed, stage_of, materi
         assert stage.simulations.n_coarse <= (30 if widened else 15), widened  # then there is one more search
 
 
+@pytest.mark.parametrize(
+    ("material", "searched", "values"),
+    [
+        (Ogden(), ("c1", "m1"), [0.0012, 12.0]),
+        (Ogden(), ("c1", "m1"), [2.0, 25.0]),
+        (Yeoh(), ("c1", "c2", "c3"), [0.165, 3.7e-4, 0.0148]),
+    ],
+)
+def test_values_far_outside_of_the_ranges_are_found(pressed, stage_of, material, searched, values):
+    study = pressed.study_of(material, searched, [pressed.Rising()])
+    case = stage_of(study, pressed.measured_at(study, np.array(values))).run()[0]
+    assert list(case.values().values()) == pytest.approx(values, rel=1e-2)
+    assert not case.end.at_bounds()
+
+
 def test_a_start_that_filters_refuse_is_moved_to_the_middle_of_what_they_accept(pressed, stage_of):
     study = pressed.study_of(Yeoh(), ("c1", "c2", "c3"), [pressed.Rising()])
     stage = stage_of(study, pressed.measured_at(study, next(pressed.truths(study, 1, seed=3))))
