@@ -295,7 +295,7 @@ def test_the_card_lists_what_no_interval_includes(fitted, monkeypatch):
     assert "Left out" not in dict(card(data).facts)
     monkeypatch.setattr(type(study.solver), "provides", replace(study.solver.provides, body="mesh"))
     assert dict(card(data).facts)["Left out"] == "errors of bone, position"
-    assert said(data)["Parameters"].endswith(". NOT included in intervals: bone, position")
+    assert said(data)["Left out"] == "errors of bone, position"
     (region,) = study.space.regions
     layered = replace(study.space, regions=(region, replace(region, region="skin")))
     assert make_conclusion(replace(data, study=replace(study, space=layered)), {}).not_included[1] == "layers"

@@ -389,7 +389,7 @@ def test_an_interval_that_misses_the_truth_is_a_warning_with_its_unit(content, o
         shown = f"{name}: true {rounded(at, value.lower, value.upper)} MPa, interval {value.interval} MPa"
         assert shown in missed[0].what
         assert shown in found.lines(made.study)["Warnings"]
-    assert ("Known" in found.lines(made.study)) == (not outside)
+    assert ("True values" in found.lines(made.study)) == (not outside)
     assert found.warnings[:1] == tuple(missed[:1]) or not outside
 
 

@@ -12,7 +12,7 @@ from palpate_report.answer.model_verdict import r2_by_spot
 from palpate_report.answer.next_step import cause_name
 from palpate_report.answer.result import Conclusion
 from palpate_report.answer.warnings import GOOD_R2
-from palpate_report.data.marks import Headline, with_unit
+from palpate_report.data.marks import Headline, in_words, with_unit
 from palpate_report.data.report_data import ReportData
 
 IN_THE_OPEN = 3
@@ -53,16 +53,15 @@ class SummaryCard:
 
 def answer(data: ReportData, conclusion: Conclusion) -> SummaryCard:
     """Sum up what leads: the joint fit, the set for all spots, or the best set of the only spot."""
-    fitted = f"fitted to {' + '.join(data.generalising.weighed)} (scenario {data.generalising.name})"
+    channels = " + ".join(map(in_words, data.generalising.weighed))
+    fitted = f"fitted to {channels} (scenario {data.generalising.name})"
     start = "the sweep" if data.design.n_sets else "the middle of the ranges"
     by = f"Searched from {start}" if data.is_fitted else "Best set of the sweep"
     facts = {
-        **conclusion.of_stages,
         "Fit": quality(data),
         "Spots": _spots(data, conclusion),
         "Certainty": "" if conclusion.failure else causes(data),
-        "Left out": f"errors of {', '.join(conclusion.not_included)}" if conclusion.not_included else "",
-        "True values": conclusion.known,
+        **conclusion.facts,
         "Based on": conclusion.spent
         or f"{sum(data.completeness.simulated.values())} simulations of the sweep.",
     }

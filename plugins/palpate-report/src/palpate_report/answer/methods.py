@@ -6,7 +6,7 @@ from pathlib import Path
 from palpate.api import Indentation, convert
 from palpate_report.answer.model_verdict import NO_PARAMETERS
 from palpate_report.answer.next_step import CAUSES
-from palpate_report.data.marks import Headline, with_minus, with_unit
+from palpate_report.data.marks import Headline, in_words, with_minus, with_unit
 from palpate_report.data.report_data import ReportData
 
 _BIBTEX = Path(__file__).parent / "palpate.bib"
@@ -45,7 +45,7 @@ def _experiment(data: ReportData) -> Iterator[str]:
         f"Parameters were identified with palpate {versions.get('palpate', '')} "
         f"(solver {study.solver.name}, {versions.get(f'solver {study.solver.name}', 'version unknown')})."
     )
-    names = [name.replace("_", " ") for name in data.measured_channels]
+    names = list(map(in_words, data.measured_channels))
     measured = " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
     were = "were measured" if study.data == "measured" else "were simulated, not measured"
     protocol, n = study.protocol, len(data.spots)
@@ -107,7 +107,7 @@ def _shown(data: ReportData, value: float, unit: str) -> str:
 def _search(data: ReportData) -> Iterator[str]:
     study, scenario = data.study, data.generalising
     rules = study.scoring.score
-    weights = " + ".join(f"{weight:g} × {channel}" for channel, weight in scenario.weights.items() if weight)
+    weights = " + ".join(f"{weight:g} × {in_words(name)}" for name, weight in scenario.weighed.items())
     if data.design.n_sets:
         yield (
             f"{data.design.n_sets} parameter sets (sampler {study.sampler.name}, seed {study.seed}) were "

@@ -8,7 +8,7 @@ from palpate.api import Material
 from palpate.api.fit import NO_FIT_R2, Adequacy, channel_of
 from palpate_report.answer.failed_checks import failed_checks
 from palpate_report.answer.warnings import CHECK
-from palpate_report.data.marks import rounded
+from palpate_report.data.marks import in_words, rounded
 from palpate_report.data.report_data import ReportData
 
 NO_PARAMETERS = "No parameters can be read from this run"
@@ -70,7 +70,7 @@ def _power(data: ReportData) -> str:
     if "visible" not in checks.columns:  # tables of earlier runs have none
         return ""
     rows = checks.drop_nulls(["visible", "channel"]).iter_rows(named=True)
-    sizes = [f"{100.0 * row['visible']:.2g} % of the {row['channel'].replace('_', ' ')}" for row in rows]
+    sizes = [f"{100.0 * row['visible']:.2g} % of the {in_words(row['channel'])}" for row in rows]
     if not sizes:
         return ""
     return (
@@ -128,4 +128,4 @@ def r2_by_spot(data: ReportData) -> Iterator[tuple[str, str, float]]:
     for spot, row in rows:
         for name in data.generalising.weighed:
             if (r2 := row.get(f"r2_{name}")) is not None:
-                yield name, spot, r2
+                yield in_words(name), spot, r2

@@ -6,7 +6,7 @@ from types import MappingProxyType
 from palpate.api import Indentation
 from palpate.api.fit import Adequacy
 from palpate_report.answer.failed_checks import failed_checks
-from palpate_report.data.marks import Headline
+from palpate_report.data.marks import Headline, in_words
 from palpate_report.data.report_data import ReportData
 
 WRITE_UP = "every parameter is identified; write the paper with report/methods.md (docs/write-it-up.md)"
@@ -155,7 +155,7 @@ def _basis(data: ReportData, cause: str) -> str:
     budget = data.study.budget
     if cause == "model":
         stated = ", ".join(
-            f"{name} {100.0 * budget.discrepancy_of(name):g} %" for name in data.measured_channels
+            f"{in_words(name)} {100.0 * budget.discrepancy_of(name):g} %" for name in data.measured_channels
         )
         return f"{', more than' if _shows_misfit(data) else ' that'} `[budget] discrepancy` states ({stated})"
     return f" that `[budget] {key}` {'states' if key in budget.model_fields_set else 'has by default'}"

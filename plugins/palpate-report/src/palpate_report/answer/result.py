@@ -18,7 +18,7 @@ from palpate_report.answer.model_verdict import ModelVerdict, model_verdict
 from palpate_report.answer.next_step import next_step
 from palpate_report.answer.warnings import report_warnings, warn
 from palpate_report.data.best import Best
-from palpate_report.data.marks import Headline, with_unit
+from palpate_report.data.marks import Headline, in_words, with_unit
 from palpate_report.data.report_data import ReportData, label_of
 from palpate_report.data.showable import is_own
 from palpate_report.data.tables import make_tables
@@ -141,19 +141,24 @@ class Conclusion:
             first = "first answer, " if any(each.level for each in self.estimates) else ""
             data += f"; {first}the run has not ended"
         found = "; ".join(map(str, (*self.estimates, *self.moduli)))
-        missing = f". NOT included in intervals: {', '.join(self.not_included)}" if self.not_included else ""
         worst = ", the worst first" if len(self.warnings) > 1 else ""
         warned = f"{len(self.warnings)}{worst}: {'; '.join(map(_coded, self.warnings))}"
         return {
             "Conclusion": f"{study.name} ({data}): {self.headline or NOTHING}",
             **({"Mesh": self.mesh} if self.mesh else {}),
             **({"Spots": self.between_spots} if self.between_spots else {}),
-            "Parameters": f"{found}{missing}" if found else "none, for the reason above",
-            **({"Known": self.known} if self.known else {}),
-            **self.of_stages,
+            "Parameters": found or "none, for the reason above",
+            **self.facts,
             "Warnings": warned if self.warnings else "none",
             **({"Next": self.next_step} if self.next_step else {}),
         }
+
+    @property
+    def facts(self) -> dict[str, str]:
+        """Facts by the words that the terminal and the page have for them."""
+        left_out = f"errors of {', '.join(self.not_included)}" if self.not_included else ""
+        found = {"Left out": left_out, "True values": self.known}
+        return {**self.of_stages, **{word: text for word, text in found.items() if text}}
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -222,7 +227,7 @@ def _mesh(data: ReportData) -> str:
     rows = errors.sort("relative_error", descending=True)
     worst = rows.unique("channel", keep="first", maintain_order=True)
     channels = ", ".join(
-        f"{100.0 * row['relative_error']:.1f} % of {row['channel']}" for row in worst.to_dicts()
+        f"{100.0 * row['relative_error']:.1f} % of {in_words(row['channel'])}" for row in worst.to_dicts()
     )
     shown_by = ", ".join(worst["shown_by"].unique(maintain_order=True))
     shares = budget.filter(cause="mesh").drop_nulls("share").sort("share", descending=True)
@@ -242,7 +247,7 @@ def _lead(data: ReportData) -> tuple[str, list[str], str]:
         fopt = f"{'mean ' if where == ALL_SPOTS else ''}Fopt {best.fopt:.4g}{_least(best)}"
         least = "at least " if where == ALL_SPOTS else ""
         r2 = [
-            f"R² {name} {least}{at:.4g}"
+            f"R² {in_words(name)} {least}{at:.4g}"
             for name in data.generalising.weighed
             if (at := best.r2.get(name)) is not None
         ]

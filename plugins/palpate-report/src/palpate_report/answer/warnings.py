@@ -22,6 +22,7 @@ from palpate.api.runs import (
 )
 from palpate_report.answer.failed_checks import apparent, failed_checks, left_out
 from palpate_report.data.best import Best
+from palpate_report.data.marks import in_words
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import cost_of_one_set, finding
 
@@ -100,7 +101,7 @@ def _r2(data: ReportData, least: float, below: float) -> Iterator[tuple[str, str
     for best in data.bests:
         for channel in data.scenario(best.scenario).weighed:
             if (at := best.r2.get(channel)) is not None and least <= at < below:
-                yield best.scenario, f"{best.where}: {channel}", at
+                yield best.scenario, f"{best.where}: {in_words(channel)}", at
 
 
 def _about_no_fit(data: ReportData) -> Iterator[ReportWarning]:
@@ -198,7 +199,7 @@ def _about_missing(data: ReportData) -> Iterator[ReportWarning]:
         "channel-not-compared",
         "A measured channel could not be compared with any simulation",
         (
-            f"{channel} at {spot}"
+            f"{in_words(channel)} at {spot}"
             for (spot, channel), rows in data.scores.group_by("spot", "channel", maintain_order=True)
             if rows["nmse"].is_null().all() and spot in data.selection["spot"]
         ),

@@ -8,7 +8,7 @@ import polars as pl
 
 from palpate.api import Parameter, ParameterName, Scenario
 from palpate.api.fit import FIT, MODULUS, PARAMETER, UNCLEAR, Adequacy
-from palpate_report.data.marks import Headline
+from palpate_report.data.marks import Headline, in_words
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,6 +137,5 @@ def _at(
 
 def weighted_channels(scenario: Scenario) -> str:
     """Channels and phases that a scenario weights, joined with plus signs; with weights that are not 1."""
-    return " + ".join(
-        channel if weight == 1.0 else f"{weight:g} {channel}" for channel, weight in scenario.weighed.items()
-    ).replace("_", " ")
+    weighed = ((in_words(name), weight) for name, weight in scenario.weighed.items())
+    return " + ".join(name if weight == 1.0 else f"{weight:g} {name}" for name, weight in weighed)

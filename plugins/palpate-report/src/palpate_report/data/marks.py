@@ -12,6 +12,11 @@ def with_minus(text: str) -> str:
     return re.sub(r"(?<![\w.-])-(?=\d)", "−", text)
 
 
+def in_words(name: str) -> str:
+    """Name of a channel or part for readers, as ``pure shear``."""
+    return name.replace("_", " ")
+
+
 def with_unit(text: str, unit: str) -> str:
     """A number and its unit, if it has one."""
     return text if unit in ("", "1") else f"{text} {unit}"

@@ -9,6 +9,7 @@ from palpate.api.fit import ALL_SPOTS, Adequacy, mark_of
 from palpate.api.runs import Completeness, by_reason, failures, unranked
 from palpate_report.data.best import weighted_channels
 from palpate_report.data.display_units import shared_names
+from palpate_report.data.marks import in_words
 from palpate_report.data.report_data import ReportData
 
 TITLES: Mapping[str, str] = MappingProxyType(
@@ -232,7 +233,7 @@ def finding(tables: Mapping[str, pl.DataFrame], scenarios: Collection[str] | Non
     worst = last.sort("times", descending=True, maintain_order=True).row(0, named=True)
     if worst["times"] <= 1.0 or worst["nmse"] < EXACT:
         return ""
-    channel = worst["unfitted"].replace("_", " ")
+    channel = in_words(worst["unfitted"])
     against = f"{worst['nmse_fitted']:.3g} of a fit to {channel}"
     if worst["nmse_fitted"] < EXACT:
         against = f"none of a fit to {channel}"

@@ -23,7 +23,7 @@ from palpate_report.answer.material import material_curves, rows_of
 from palpate_report.answer.result import Report
 from palpate_report.answer.warnings import kinds
 from palpate_report.data.best import Best
-from palpate_report.data.marks import Headline, with_unit
+from palpate_report.data.marks import Headline, in_words, with_unit
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.tables import TITLES, printed
 from palpate_report.sections.tables import picture
@@ -208,7 +208,7 @@ def _by_spot(data: ReportData, bests: Sequence[Best]) -> Table:
     rows.append([f"Fopt{mean}", *(best.fopt for best in bests), *known])
     rows.append([f"least Fopt of the search{mean}", *(best.fopt_least for best in bests), *known])
     for channel in data.measured_channels:
-        rows.append([f"R² {channel}{least}", *(best.r2[channel] for best in bests), *known])
+        rows.append([f"R² {in_words(channel)}{least}", *(best.r2[channel] for best in bests), *known])
     rows.append(["found by", *(best.found for best in bests), *([""] if truth else [])])
     return Table(
         f"The fit to {bests[0].fitted_to} (scenario {bests[0].scenario}); below each value {_below(bests)}",
