@@ -42,6 +42,9 @@ def test_a_quick_run_stops_at_the_first_answer_and_goes_on_later(call, unswept):
     lines = json.loads((RUN / "report" / "result.json").read_text())
     assert "first answer, the run has not ended" in lines["Conclusion"]
     assert "First answer" in written_page(lines)
+    again = call("report", RUN)
+    assert "first answer, the run has not ended" in again.out
+    assert json.loads((RUN / "report" / "result.json").read_text())["Parameters"] == lines["Parameters"]
     n_quick = call("status", RUN, "--json").json["n_finished"]
     assert not (RUN / "intervals.parquet").exists()
     whole = call("run", RUN, "--json")
@@ -50,6 +53,11 @@ def test_a_quick_run_stops_at_the_first_answer_and_goes_on_later(call, unswept):
     assert not any("not ended" in each for each in whole.json["warnings"])
     stages = [row["stage"] for row in call("status", RUN, "--json").json["cost"]]
     assert "first answer" in stages
+    # The page of the whole run stays.
+    assert call("run", RUN, "--quick").code == 0
+    whole_lines = json.loads((RUN / "report" / "result.json").read_text())
+    assert "not ended" not in written_page(whole_lines)
+    assert (RUN / "intervals.parquet").exists()
 
 
 @pytest.mark.parametrize(

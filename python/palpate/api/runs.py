@@ -57,6 +57,7 @@ if TYPE_CHECKING:
         file_name as file_name,
     )
     from palpate.run.fit_state import (
+        FIRST_INTERVALS as FIRST_INTERVALS,
         read_fit_state as read_fit_state,
     )
     from palpate.run.keys import (

@@ -9,7 +9,7 @@
     design.parquet  design.json
     ledger.sqlite           simulations: states, attempts, timings, reasons, curves, states of the skin
     TABLE.parquet           tables that the stages declare
-    fit.json                how far the fit is, while it goes on
+    fit.json                how far the fit is, while it goes on; first_answer.parquet its first intervals
     processor_time.json     processor time of all commands, by stage and work
     next.json               which presses to make next
     stages.json             checksums of these files, and what each stage was made from

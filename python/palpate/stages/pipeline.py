@@ -156,7 +156,7 @@ def run_study(
     run_folder, plugins = Path(run_folder), plugins or Plugins.load()
     directory, before = RunDirectory(run_folder), RunDirectory(forked_from or run_folder)
     directory.refuse_other(study, adopt=adopt)
-    if directory.records.has("answer") and directory.result():
+    if is_complete := directory.records.has("answer") and bool(directory.result()):
         progress.note(f"{run_folder} is complete: simulations are reused, fit and report made again")
     progress.begin("check", 1)
     run = read_run(study, directory, plugins, progress, is_copy=False)
@@ -168,7 +168,10 @@ def run_study(
     for text in inputs.warnings:
         progress.note(f"warning: {text}")
     study = before.with_trusted_code(study, trust)
-    confirm(_changed(study, inputs, before, plugins))
+    changes = _changed(study, inputs, before, plugins)
+    confirm(changes)
+    # The page of a complete run has more than a first answer.
+    is_quick = is_quick and not (is_complete and not changes.changes)
     with directory.locked(study, plugins.channels, adopt=adopt) as check_lock:
         if forked_from is not None:
             with Ledger(forked_from) as ledger:

@@ -3,6 +3,7 @@
 import contextlib
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from palpate.api.files import write_atomically
 from palpate.api.fit import FitResult
 from palpate.api.runs import (
     FIRST_ANSWER,
+    FIRST_INTERVALS,
     RESULT,
     Ledger,
     Plugins,
@@ -24,6 +26,7 @@ from palpate.api.runs import (
     fit_so_far,
     keep_only,
     living_runner_of,
+    parquet,
     processor_time,
     read_fit_state,
     read_run,
@@ -128,7 +131,8 @@ def _fit_so_far(run: Run) -> FitResult:
         n = int(_simulated(run.directory.folder).get("n_simulations", 0))
         ended = f"{n} simulations have ended, too few for a fit" if n else "no simulation has ended yet"
         raise StudyError(f"{run.directory.folder}: {ended}; watch it with `palpate status`")
-    return fit
+    file = run.directory.folder / FIRST_INTERVALS
+    return replace(fit, intervals=pl.read_parquet(file)) if file.is_file() else fit
 
 
 def report(
@@ -158,7 +162,9 @@ def written(run: Run, progress: Progress, *, unfinished: str = "") -> Report:
 def show_so_far(run: Run) -> Report:
     """Report of a run that goes on or was stopped, without files of figures; it is a first answer or less."""
     unfinished = _unfinished(run, runs_now=True)
-    if FIRST_ANSWER in run.shared:
+    if (first := run.shared.get(FIRST_ANSWER)) is not None:
+        # For `palpate report`, which simulates nothing.
+        write_atomically(run.directory.folder / FIRST_INTERVALS, parquet(first.intervals))
         unfinished = f"{unfinished}. First answer: intervals by linearisation, on the spots' own meshes"
     return write_report(report_data(run, unfinished=unfinished), run.directory.report, draws=False)
 
@@ -194,10 +200,7 @@ def _simulated(folder: Path) -> dict[str, Any]:
         return {}
     count = "1 simulation" if ended.height == 1 else f"{ended.height} simulations"
     spent = f"{about(float(ended['seconds'].sum()))} of computing"
-    return {
-        "simulated": f"{max(ended['finished_at'])[:10]}: {count}, {spent}",
-        "n_simulations": ended.height,
-    }
+    return {"simulated": f"{max(ended['finished_at'])[:10]}: {count}, {spent}", "n_simulations": ended.height}
 
 
 def _pictures(run: Run, spot: StudySpot) -> tuple[Path, ...]:
