@@ -1,12 +1,15 @@
 """Makes the pictures of the guides, ``docs/pictures``, from runs and meshes of ready studies.
 
 ``python docs/site/pictures.py`` runs the studies and commands that have no result in ``target/gallery`` yet,
-copies figures that palpate has written there, and draws the others (:mod:`drawings`).
+copies figures that palpate has written there, and draws the others (:mod:`drawings`). A headless Chromium
+takes the picture of a report, ``docs/report.png``.
 """
 
 import os
+import runpy
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -20,7 +23,11 @@ from PIL import Image
 from palpate_forearm import write_phantom
 from palpate_report.figures.style import STYLE
 
-PICTURES = Path(__file__).parents[1] / "pictures"
+DOCS = Path(__file__).parents[1]
+PICTURES = DOCS / "pictures"
+SCREEN = (1180, 945)
+"""Size of the window of the report in pixels."""
+
 SCALE = 0.5
 """Pixels of a picture over pixels of the figure, which has 300 dpi."""
 
@@ -81,19 +88,39 @@ def make() -> None:
     palpate("phantom/meshes", "limb", "phantom/scan.ply", *bones, "--into", "phantom/meshes")
 
 
+def first_screen(report: Path, picture: Path) -> None:
+    """Take a picture of the first screen of a report."""
+    chromium = runpy.run_path(str(DOCS.parent / "plugins" / "palpate-report" / "tests" / "chromium.py"))
+    if chromium["COMMAND"] is None:
+        raise SystemExit(f"Chromium is missing: {picture} is as it was")
+    with (
+        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder,
+        chromium["Chromium"](Path(folder)) as browser,
+    ):
+        browser.open(report, SCREEN[0], height=SCREEN[1])
+        browser.picture(picture, whole=False)
+    save(picture, picture, scale=1.0, most=SCREEN[0])
+
+
+def save(source: Path, picture: Path, scale: float = SCALE, most: int = WIDTH) -> None:
+    """Save a picture in few colours and at most ``most`` pixels wide."""
+    with Image.open(source) as image:
+        flat = image.convert("RGB")
+    width = min(most, round(scale * flat.width))
+    flat = flat.resize((width, round(width * flat.height / flat.width)), Image.Resampling.LANCZOS)
+    flat.quantize(128).save(picture, optimize=True)
+
+
 def write() -> None:
     """Write every picture."""
     PICTURES.mkdir(exist_ok=True)
     for name, source in COPIED.items():
-        with Image.open(RUNS / source) as image:
-            flat = image.convert("RGB")
-            width = min(WIDTH, round(SCALE * flat.width))
-            flat = flat.resize((width, round(width * flat.height / flat.width)), Image.Resampling.LANCZOS)
-            flat.quantize(128).save(PICTURES / f"{name}.png", optimize=True)
+        save(RUNS / source, PICTURES / f"{name}.png")
     style: dict[Any, Any] = {**STYLE, "axes.grid": False, "figure.dpi": 150}
     with rc_context(style):
         for name, draw in drawings.DRAWINGS.items():
             draw(RUNS).savefig(PICTURES / f"{name}.png")
+    first_screen(RUNS / "first-press" / "report" / "index.html", DOCS / "report.png")
 
 
 if __name__ == "__main__":
