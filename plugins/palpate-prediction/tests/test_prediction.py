@@ -1,5 +1,6 @@
 """Predictions: what is measured of the skin, how sure it is, and where it extrapolates."""
 
+import re
 from dataclasses import replace
 from types import MappingProxyType, SimpleNamespace
 
@@ -127,11 +128,16 @@ def test_a_tool_is_predicted_with_its_band_and_what_extrapolates(fitted, plugins
     assert {path.suffix for path in files} >= {".parquet", ".csv", ".vtu", ".html", ".svg"}
     assert all(path.exists() for path in files)
     assert pl.read_parquet(tmp_path / "out" / "summary.parquet").equals(found.summary)
+    page = (tmp_path / "out" / "index.html").read_text()
+    assert "largest I₁" in page
+    assert "90 % band of simulated draws" in page
+    # Names of code are for CSV and JSON.
+    assert not re.search("i1_max|stretch_min|linear_lower|linear lower|radius=", page)
     again = run_prediction(study, run, tool, plugins, SILENT, n_solved=5)
     assert again.summary.equals(found.summary)
     assert found.fitted.source == "fit"
-    texts = notes(found, "SIMULATED curves.")
-    assert texts[0] == "SIMULATED curves."
+    texts = notes(found, "simulated data")
+    assert texts[0] == "Simulated data."
     assert any("p2 has the values of the fit of p2 alone" in text for text in texts)
     assert any("describes the curves of the experiment within its error budget" in text for text in texts)
     assert "Solved bands at p2 hold 5 draws, each simulated." in texts

@@ -209,7 +209,10 @@ def test_the_page_holds_the_tables_and_the_figure_and_asks_no_network(swept, tmp
     assert "&lt;b&gt;one" in page
     assert "<b>one" not in page
     assert html.unescape(policy).startswith("default-src 'none'")
-    assert "No information criteria" in page
-    assert page.index("<h2>Parameters</h2>") < page.index("<h2>Curves</h2>")
+    assert "AICc and BIC are left out: the runs were fitted to different curves or channels." in page
+    assert "<p>Simulated data, not a measurement.</p>" in page
+    # One column for each run.
+    heads = re.findall('<th scope="col"[^>]*>([^<]*)</th>', page[: page.index("Errors of each run")])
+    assert heads == ["parameter", "&lt;b&gt;one", "two"]
     assert all(path.is_file() for path in made["files"])
     assert (tmp_path / "tables" / "paper_table1.tex").read_text().count("multicolumn{6}") == 2

@@ -10,6 +10,7 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.mesh.specimens import block
 from palpate.plugins.sections import Figure, Paragraph, Picture, Section, Table
 from palpate_report.answer.result import make_conclusion
+from palpate_report.comparison import write_comparison
 from palpate_report.data.tables import make_tables
 from palpate_report.page.html import render
 
@@ -97,12 +98,33 @@ def test_it_is_drawn_at_every_width_in_light_and_dark_without_an_error_or_a_requ
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_axe_finds_no_violation(browser, page, dark):
+def test_a_comparison_fits_on_phones_and_paper(browser, content, folder, dark):
+    path = folder / "comparison" / "index.html"
+    if not path.exists():
+        run = content(search=LeastSquares(), n_sets=12)
+        write_comparison({"one": run, "a_second_run": run, "third": run}, path.parent)
+    for width in (1100, 400, 320):
+        browser.open(path, width, dark=dark)
+        assert browser.value("document.documentElement.scrollWidth") <= width
+        assert browser.complaints() == []
+        assert violations(browser) == []
+    browser.print_media(path, dark=dark)
+    assert browser.n_printed_pages() <= 3
+    assert browser.value("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+
+
+def violations(browser):
+    """Rules of axe that the open page breaks, with the first place."""
     axe = pytest.importorskip("axe_core_python", reason="no axe-core is installed")
+    browser.value(Path(axe.__file__).with_name("axe.min.js").read_text(encoding="utf-8") + "; 1")
+    return browser.value("axe.run().then(r => r.violations.map(v => [v.id, v.nodes[0].html]))")
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_axe_finds_no_violation(browser, page, dark):
     for width in (1100, 400):
         unfolded(browser, page(pressed), width, dark=dark)
-        browser.value(Path(axe.__file__).with_name("axe.min.js").read_text(encoding="utf-8") + "; 1")
-        assert browser.value("axe.run().then(r => r.violations.map(v => [v.id, v.nodes[0].html]))") == []
+        assert violations(browser) == []
 
 
 @pytest.mark.parametrize("dark", [False, True])

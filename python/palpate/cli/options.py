@@ -92,9 +92,7 @@ class GroupedCommands(TyperGroup):
 StudyPath: TypeAlias = Annotated[
     Path,
     typer.Argument(
-        metavar="STUDY",
-        help="A study.toml, or the folder that holds one.",
-        autocompletion=completion.studies,
+        metavar="STUDY", help="A study.toml, or the folder that holds one.", autocompletion=completion.studies
     ),
 ]
 StudyOrRun: TypeAlias = Annotated[
@@ -154,8 +152,7 @@ Trust: TypeAlias = Annotated[
     ),
 ]
 TrustPlugins: TypeAlias = Annotated[
-    bool,
-    typer.Option("--trust-plugins", help="Execute the plugin files that the run names, without asking."),
+    bool, typer.Option("--trust-plugins", help="Execute the plugin files that the run names, without asking.")
 ]
 AsJson: TypeAlias = Annotated[bool, typer.Option("--json", help="Print JSON for a script.")]
 Tables: TypeAlias = Annotated[

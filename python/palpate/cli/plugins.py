@@ -31,9 +31,7 @@ def plugins(
     name: Annotated[
         str | None,
         typer.Argument(
-            metavar="NAME",
-            help="One entry of that kind, in full.",
-            autocompletion=completion.components,
+            metavar="NAME", help="One entry of that kind, in full.", autocompletion=completion.components
         ),
     ] = None,
     traceback: Annotated[

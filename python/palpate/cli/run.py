@@ -34,8 +34,7 @@ def run(
     study: StudyOrRun,
     out: OutFolder = None,
     moved: Annotated[
-        Path | None,
-        typer.Option("--study", help="Study file of a run, if it has moved.", show_default=False),
+        Path | None, typer.Option("--study", help="Study file of a run, if it has moved.", show_default=False)
     ] = None,
     n_sets: NumberOfSets = None,
     go_on: GoOn = False,

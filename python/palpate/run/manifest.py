@@ -252,15 +252,7 @@ def recorded(study: Study, manifest: Mapping[str, Any]) -> dict[str, dict[str, l
     return record
 
 
-_ABOUT_NOTHING = (
-    "measured",
-    "study_file",
-    "kept_study",
-    "plugin_files",
-    "trusted",
-    "fit_start",
-    "n_total",
-)
+_ABOUT_NOTHING = ("measured", "study_file", "kept_study", "plugin_files", "trusted", "fit_start", "n_total")
 """Parts of a manifest that are no part of a study: they follow from others or from an option, or are
 the folder's own."""
 

@@ -213,9 +213,7 @@ ASSESSED = MappingProxyType(
             },
         ),
         "reported": StageTable(
-            "Errors of each fit at its reported values.",
-            common("fit", "scenario", "spot", "fopt"),
-            ERRORS,
+            "Errors of each fit at its reported values.", common("fit", "scenario", "spot", "fopt"), ERRORS
         ),
         "reported_curves": StageTable(
             "Curves of each fit at its reported values.",

@@ -1,6 +1,7 @@
 """Bands of predicted curves, from draws of the fitted values."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -61,11 +62,7 @@ def values_at(spot: str, found: Fitted, table: Callable[[str], pl.DataFrame]) ->
 
 
 def linear(
-    curve: Curve,
-    best: Thetas,
-    drawn: Sequence[Thetas],
-    space: ParameterSpace,
-    friction_sd: float = 0.0,
+    curve: Curve, best: Thetas, drawn: Sequence[Thetas], space: ParameterSpace, friction_sd: float = 0.0
 ) -> FloatArray:
     """Ordinates (n_draws, n) by the slopes of a curve; empty where it has none.
 
@@ -122,8 +119,16 @@ def frame_rows(table: Sequence[Mapping[str, object]]) -> pl.DataFrame:
     return pl.from_dicts(table, infer_schema_length=None) if table else pl.DataFrame()
 
 
-ENDS = ("stretch_min", "stretch_max", "i1_max", "J_min", "J_max")
-"""Ends of the strains that solvers report; the fitted material was seen between them."""
+ENDS: Mapping[str, str] = MappingProxyType(
+    {
+        "stretch_min": "smallest stretch",
+        "stretch_max": "largest stretch",
+        "i1_max": "largest I₁",
+        "J_min": "smallest volume ratio",
+        "J_max": "largest volume ratio",
+    }
+)
+"""Ends of the strains that solvers report, in words; the fitted material was seen between them."""
 
 TOLERANCE = 1e-3
 """Excess that counts as none."""

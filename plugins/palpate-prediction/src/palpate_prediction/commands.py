@@ -36,15 +36,14 @@ def predict(
     with StageProgress(session) as progress:
         found = run_prediction(study, RunDirectory(folder), given, session.plugins, progress, n_solved=draws)
     into = folder / "predictions" / given.name
-    notice = "SIMULATED curves, not a real experiment." if study.data == "simulated" else ""
-    files = write_prediction(found, session.plugins.channels, notice, into)
+    files = write_prediction(found, session.plugins.channels, study.notice, into)
     if as_json:
         output: PredictOutput = {
             "source": found.fitted.source,
             "verdict": found.verdict.value,
             "scenario": found.fitted.scenario,
             "n_draws": found.n_draws,
-            "notes": notes(found, notice),
+            "notes": notes(found, study.notice),
             "summary": found.summary.to_dicts(),
             "strains": found.strains.to_dicts(),
             "files": [str(path) for path in files],
@@ -52,7 +51,7 @@ def predict(
         session.json(output)
         return
     session.frame("Prediction", found.summary)
-    for text in notes(found, notice):
+    for text in notes(found, study.notice):
         session.say(text)
     session.labelled("Page", files[-1].resolve().as_uri())
 

@@ -1,6 +1,6 @@
 """A prediction as files: tables, VTU of the skin, a figure, and a page."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -11,9 +11,12 @@ from palpate.api import Channel, SurfaceStates
 from palpate.api.cli import Closed
 from palpate.api.files import write_atomically
 from palpate.api.fit import Adequacy
+from palpate.api.report import Paragraph, Picture, Table
 from palpate.api.runs import file_name, parquet
+from palpate_prediction.bands import ENDS
 from palpate_prediction.predict import Prediction, SpotPrediction
 from palpate_prediction.summary import QUANTITIES
+from palpate_report.api import Headline, comparison_page
 
 
 class PredictOutput(Closed):
@@ -48,10 +51,8 @@ VERDICTS: Mapping[Adequacy, str] = MappingProxyType(
 )
 """Sentence on the verdict on the model of a run."""
 
-TITLES = {
-    "summary": "Under the tool, at its largest force",
-    "strains": "Strains of the experiment and of the prediction",
-}
+BANDS = {"linear": "90 % band", "solved": "90 % band of simulated draws"}
+"""Heads of the bands in the table of the page, by the beginning of their columns."""
 
 
 def write_prediction(
@@ -59,7 +60,6 @@ def write_prediction(
 ) -> tuple[Path, ...]:
     """Write everything into a folder; the page comes last, as ``index.html``."""
     from palpate_prediction.figure import draw
-    from palpate_report.api import comparison_page
 
     files = []
     names = ("summary", "strains", "states", "curves")
@@ -73,15 +73,56 @@ def write_prediction(
         write_surface(files[-1], each.states, each.at)
     figures = draw(prediction, channels, folder)
     (svg,) = (path for path in figures if path.suffix == ".svg")
+    picture = Picture(label="Curves, contact pressure and contact shear", content=svg.read_bytes())
+    texts = map(Paragraph, notes(prediction, notice))
     page = comparison_page(
-        [prediction.tool.name],
-        {TITLES[name]: tables[name] for name in ("summary", "strains") if name in tables},
-        notes(prediction, notice),
-        {"Curves, pressure and shear": svg},
+        f"Prediction for {prediction.tool.name}",
+        (*texts, _summary(prediction.summary), picture, *_strains(prediction.strains)),
         [path.relative_to(folder) for path in (*files, *figures)],
     )
     write_atomically(folder / "index.html", page.encode())
     return (*files, *figures, folder / "index.html")
+
+
+def _summary(frame: pl.DataFrame) -> Table:
+    """Quantities under the tool with their bands."""
+    known = {name for name in frame.columns if frame[name].count()}
+    bands = {name: head for name, head in BANDS.items() if f"{name}_lower" in known}
+    rows = []
+    for row in frame.iter_rows(named=True):
+        values = [
+            Headline(
+                parameter=row["quantity"],
+                unit=row["unit"],
+                value=row["value"],
+                lower=row[f"{name}_lower"],
+                upper=row[f"{name}_upper"],
+            )
+            for name in bands
+        ]
+        value = next((each.text for each in values if each.interval), row["value"])
+        name = f"{row['quantity']} ({row['unit']})"
+        rows.append([row["spot"], name, value, *(each.interval or None for each in values)])
+    caption = "Under the tool, at its largest force"
+    return Table(caption, ["spot", "quantity", "value", *bands.values()], rows)
+
+
+def _strains(frame: pl.DataFrame) -> Iterator[Table]:
+    """Strains of the experiment and of the prediction in words; none where the solver reports none."""
+    rows = [
+        [
+            row["spot"],
+            row["region"].replace("_", " "),
+            ENDS[row["strain"]],
+            row["experiment"],
+            row["prediction"],
+            f"from depth {row['from_depth_mm']:.3g} mm" if row["beyond"] else "no",
+        ]
+        for row in frame.iter_rows(named=True)
+    ]
+    if rows:
+        columns = ("spot", "region", "strain", "experiment", "prediction", "beyond the experiment")
+        yield Table("Strains of the experiment and of the prediction", columns, rows)
 
 
 def write_surface(path: Path, states: SurfaceStates, state: int) -> None:
@@ -105,10 +146,11 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
     """Notes that a reader of the numbers must know."""
     found, tool = prediction.fitted, prediction.tool
     indenter = tool.protocol.indenter
-    lines = [notice] if notice else []
+    size = " × ".join(f"{side:.3g}" for side in indenter.bounds_mm[1] - indenter.bounds_mm[0])
+    lines = [f"{notice.capitalize()}."] if notice else []
     lines.append(
-        f"Prediction of {indenter.name} ({indenter.settings}) with friction {tool.protocol.friction:g}, by "
-        f"the {found.source} of scenario {found.scenario} at {', '.join(found.spots)}."
+        f"Prediction for a {indenter.name} of {size} mm with friction {tool.protocol.friction:g}, by the "
+        f"{found.source} of scenario {found.scenario} at {', '.join(found.spots)}."
     )
     if found.source == "fit":
         lines.append(VERDICTS[prediction.verdict])
@@ -178,8 +220,8 @@ def beyond(strains: pl.DataFrame) -> str:
     if not rows:
         return "The tissue is nowhere deformed beyond the strains of the experiment."
     texts = (
-        f"{row['region']} at {row['spot']}: {row['strain']} {row['prediction']:.3g} against "
-        f"{row['experiment']:.3g}, from depth {row['from_depth_mm']:.3g} mm"
+        f"{row['region'].replace('_', ' ')} at {row['spot']}: {ENDS[row['strain']]} "
+        f"{row['prediction']:.3g} against {row['experiment']:.3g}, from depth {row['from_depth_mm']:.3g} mm"
         + (f", most at ({row['where_mm']}) mm" if row["where_mm"] else "")
         for row in rows
     )

@@ -271,12 +271,7 @@ class _Plan:
         return replace(made, slopes=slopes and self.pressed.solver.provides.slopes, channels=self.channels)
 
 
-def _at_spot(
-    plan: _Plan,
-    simulations: Simulations,
-    known: SpotValues,
-    n_solved: int,
-) -> SpotPrediction:
+def _at_spot(plan: _Plan, simulations: Simulations, known: SpotValues, n_solved: int) -> SpotPrediction:
     best = plan.thetas(known.values)
     drawn = [plan.thetas(values) for values in known.draws]
     simulation, as_is, solved = _simulated(plan, simulations, best, drawn, n_solved)
@@ -327,11 +322,7 @@ class _MeshErrors(NamedTuple):
 
 
 def _simulated(
-    plan: _Plan,
-    simulations: Simulations,
-    best: Thetas,
-    drawn: Sequence[Thetas],
-    n_solved: int,
+    plan: _Plan, simulations: Simulations, best: Thetas, drawn: Sequence[Thetas], n_solved: int
 ) -> tuple[Simulation, Simulation | None, list[Simulation]]:
     """Press with the fitted values, on the mesh as it is too where it was refined, and with some draws.
 
@@ -410,22 +401,13 @@ def _curve_rows(spot: str, each: SpotPrediction) -> Iterator[dict[str, Any]]:
 
 def _state_rows(spot: str, each: SpotPrediction) -> Iterator[dict[str, Any]]:
     for i in range(len(each.pressed.force_N)):
-        row: dict[str, Any] = {
-            "spot": spot,
-            "state": i,
-            "rotation_deg": float(each.states.rotation_deg[i]),
-        }
+        row: dict[str, Any] = {"spot": spot, "state": i, "rotation_deg": float(each.states.rotation_deg[i])}
         values = ((q.attribute, each.pressed.along(q.attribute)) for q in QUANTITIES)
         yield row | {name: float(of_states[i]) for name, of_states in values if of_states is not None}
 
 
 def run_prediction(
-    study: Study,
-    directory: RunDirectory,
-    tool: Tool,
-    plugins: Plugins,
-    progress: Progress,
-    n_solved: int = 0,
+    study: Study, directory: RunDirectory, tool: Tool, plugins: Plugins, progress: Progress, n_solved: int = 0
 ) -> Prediction:
     """Prediction of a run that is read by its own copy of the study, under its lock."""
     with directory.locked(study, plugins.channels, adopt=True) as check_lock:

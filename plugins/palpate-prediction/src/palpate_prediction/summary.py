@@ -292,12 +292,7 @@ def summary_rows(
         value = pressed.value(quantity.attribute)
         if value is None or (quantity.attribute == "depth_mm" and not by_force):
             continue
-        row: dict[str, Any] = {
-            "spot": spot,
-            "quantity": quantity.name,
-            "unit": unit,
-            "value": factor * value,
-        }
+        row: dict[str, Any] = {"spot": spot, "quantity": quantity.name, "unit": unit, "value": factor * value}
         drawn = spread(pressed, quantity, stiffer, by_force=by_force, mesh=mesh)
         band = (None, None) if drawn is None else ends(drawn)
         row |= {

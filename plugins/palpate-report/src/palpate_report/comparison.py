@@ -10,15 +10,17 @@ import polars as pl
 from palpate.api import FORCE, FloatArray, Indentation, ParameterName
 from palpate.api.files import write_atomically
 from palpate.api.fit import OTHER_RATE, channel_of, explained, mark_of
+from palpate.api.report import Block, Lines, Paragraph, Picture, Table, Word
 from palpate.api.runs import keep_only
 from palpate_report.answer.curves import for_all_spots, residuals, same_curves
 from palpate_report.answer.model_verdict import UNREADABLE, model_verdict
 from palpate_report.answer.paper_tables import materials_of, paper_tables
 from palpate_report.data.best import weighted_channels
 from palpate_report.data.display_units import in_display_units
+from palpate_report.data.marks import Headline, with_unit
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.table_files import write_tables
-from palpate_report.data.tables import EXACT
+from palpate_report.data.tables import EXACT, TITLES
 
 MEANINGS = ((2.0, "as good as the best"), (7.0, "less support"), (np.inf, "hardly any support"))
 """What a difference of AICc up to each limit means (Burnham & Anderson, Model Selection, 2002, ch. 2.6)."""
@@ -38,12 +40,6 @@ CRITERIA = (
     "A model with the least criterion need not be a good one: look at R² and the curves."
 )
 """What the criteria are, for readers."""
-
-NOT_COMPARABLE = (
-    "No information criteria: they need a result of each run, the same measured curves in the same channels, "
-    "and more independent points than parameters."
-)
-
 
 RATES = 3.0
 """Ratio of the durations of presses from which on apparent moduli are not compared."""
@@ -180,6 +176,7 @@ def _notes(tables: Mapping[str, pl.DataFrame], runs: Mapping[str, ReportData], l
     """Notes that a reader of the tables must know: refused runs first, or laws without a reason for each."""
     models = {name: model_verdict(data) for name, data in runs.items()}
     refused = [name for name, model in models.items() if model.failure]
+    yield from dict.fromkeys(f"{data.notice.capitalize()}." for data in runs.values() if data.notice)
     is_short = laws and len(refused) < len(models)
     yield from (
         f"{n}: {m.sentence}" for n, m in models.items() if m.sentence and not (m.failure and is_short)
@@ -190,7 +187,7 @@ def _notes(tables: Mapping[str, pl.DataFrame], runs: Mapping[str, ReportData], l
         yield sentence
     if sentence := explained(map(mark_of, tables["parameters"]["verdict"])):
         yield sentence
-    yield CRITERIA if "criteria" in tables else NOT_COMPARABLE
+    yield CRITERIA if "criteria" in tables else f"AICc and BIC are left out: {_no_criteria(runs)}."
     if "criteria" in tables:
         few = tables["criteria"].filter(meaning=TOO_FEW)["run"].to_list()
         table = tables["criteria"].filter(pl.col("meaning") != TOO_FEW)
@@ -206,7 +203,16 @@ def _notes(tables: Mapping[str, pl.DataFrame], runs: Mapping[str, ReportData], l
         if by_aicc != by_bic or not far.is_empty():
             of = f" on {', '.join(far)}" if by_aicc == by_bic else f": {by_aicc} by AICc, {by_bic} by BIC"
             yield f"AICc and BIC disagree{of}. Read neither as a choice."
-    yield from dict.fromkeys(data.notice for data in runs.values() if data.notice)
+
+
+def _no_criteria(runs: Mapping[str, ReportData]) -> str:
+    """Reason why there are no information criteria."""
+    if not same_curves(runs):
+        return "the runs were fitted to different curves or channels"
+    missing = [run for run, data in runs.items() if not _residuals(data)]
+    if missing:
+        return f"there are no simulated curves of {', '.join(missing)}"
+    return "the curves have too few independent points for so many parameters"
 
 
 def _residuals(data: ReportData) -> dict[str, list[FloatArray]]:
@@ -242,6 +248,21 @@ def _independent(parts: list[FloatArray]) -> float:
 # ------------------------------------------------------------------------- files
 
 
+def _by_parameter(table: pl.DataFrame) -> Table:
+    """Values, intervals and verdicts of the runs side by side; runs of few common parameters row by row."""
+    cells: dict[tuple[str, str], Lines] = {}
+    for row in table.iter_rows(named=True):
+        run, verdict = row.pop("run"), row.pop("verdict")
+        value = Headline(**row)
+        texts = filter(None, (with_unit(value.text, value.unit), value.interval))
+        cells[value.parameter, run] = Lines([*texts, *([Word(verdict)] if verdict else ())])
+    names, runs = table["parameter"].unique(maintain_order=True), table["run"].unique(maintain_order=True)
+    if 2 * len(cells) < len(names) * len(runs):
+        return Table.of(TITLES["parameters"], table)
+    rows = [[name, *(cells.get((name, run)) for run in runs)] for name in names]
+    return Table(TITLES["parameters"], ["parameter", *runs], rows)
+
+
 def write_comparison(
     runs: Mapping[str, ReportData],
     folder: Path,
@@ -260,9 +281,16 @@ def write_comparison(
     failures = [note for note in notes if UNREADABLE in note]
     figures = write_comparison_figures(runs, folder / "figures")
     files = (*write_tables(tables, folder / "tables", paper_tables(runs), failures), *figures)
-    pictures = {file.stem.capitalize(): file for file in figures if file.suffix == ".svg"}
-    page = folder / "index.html"
-    links = [file.relative_to(folder) for file in files]
-    write_atomically(page, comparison_page(list(runs), tables, notes, pictures, links).encode())
+    named, drawn = ", ".join(runs), [file for file in figures if file.suffix == ".svg"]
+    page, links = folder / "index.html", [file.relative_to(folder) for file in files]
+    blocks: tuple[Block, ...] = (
+        *map(Paragraph, notes),
+        *(
+            _by_parameter(table) if name == "parameters" else Table.of(TITLES[name], table)
+            for name, table in tables.items()
+        ),
+        *(Picture(label=f"{f.stem.capitalize()} of {named}", content=f.read_bytes()) for f in drawn),
+    )
+    write_atomically(page, comparison_page(f"Comparison of {named}", blocks, links).encode())
     keep_only(folder, (*files, page))
     return {"tables": tables, "notes": notes, "files": (*files, page)}

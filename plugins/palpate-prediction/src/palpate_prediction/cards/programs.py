@@ -38,13 +38,7 @@ from palpate_prediction.cards.card import (
     head,
     ranges_of,
 )
-from palpate_report.api import (
-    Headline,
-    formula_of,
-    model_verdict,
-    paragraphs_of,
-    report_data,
-)
+from palpate_report.api import Headline, formula_of, model_verdict, paragraphs_of, report_data
 
 STRESS = (
     "stress: Cauchy, sigma_a = lambda_a/J dW/dlambda_a; J = lambda1 lambda2 lambda3, "

@@ -46,9 +46,7 @@ COSTLY = 3.0
 
 
 def report_warnings(
-    data: ReportData,
-    tables: Mapping[str, pl.DataFrame],
-    missed: Sequence[str] = (),
+    data: ReportData, tables: Mapping[str, pl.DataFrame], missed: Sequence[str] = ()
 ) -> Iterator[ReportWarning]:
     """Every warning and note of a run, the most severe first.
 
@@ -161,10 +159,7 @@ def _by_scenario(
             yield replace(warning, is_note=is_note)
 
 
-_VERBS = {
-    True: {"is": "is", "has": "has", "do": "does"},
-    False: {"is": "are", "has": "have", "do": "do"},
-}
+_VERBS = {True: {"is": "is", "has": "has", "do": "does"}, False: {"is": "are", "has": "have", "do": "do"}}
 """Verbs of one thing, and of several."""
 
 

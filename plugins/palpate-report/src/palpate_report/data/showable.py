@@ -9,18 +9,7 @@ from typing import Any
 import numpy as np
 
 from palpate.api import Component, PluginError
-from palpate.api.report import (
-    Block,
-    Choice,
-    Drawing,
-    Figure,
-    Fold,
-    Lines,
-    Listing,
-    Picture,
-    Table,
-    Word,
-)
+from palpate.api.report import Block, Choice, Drawing, Figure, Fold, Lines, Listing, Picture, Table, Word
 
 _TYPES = {b"\x89PNG": "image/png", b"\xff\xd8": "image/jpeg"}
 

@@ -97,13 +97,7 @@ def power_of_ten(largest: float) -> int:
 
 
 def tabular(
-    columns: str,
-    lines: Sequence[str],
-    *,
-    caption: str,
-    label: str,
-    wide: bool,
-    warnings: Sequence[str] = (),
+    columns: str, lines: Sequence[str], *, caption: str, label: str, wide: bool, warnings: Sequence[str] = ()
 ) -> str:
     r"""Lay a table out, shrunk where it would be wider than its column or too long for a page.
 

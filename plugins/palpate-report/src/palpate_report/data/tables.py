@@ -193,10 +193,7 @@ def unfitted_channels(data: ReportData) -> pl.DataFrame:
             "r2": row[f"r2_{channel}"],
             "nmse_fitted": _least(data, table, row["spot"], channel),
         }
-        for search, table in (
-            ("sweep", data.selection),
-            ("fit", data.fit.of_each_spot),
-        )
+        for search, table in (("sweep", data.selection), ("fit", data.fit.of_each_spot))
         for row in table.iter_rows(named=True)
         for channel in (name.removeprefix("nmse_") for name in table.columns if name.startswith("nmse_"))
         if not data.scenario(row["scenario"]).fits(channel) and row[f"nmse_{channel}"] is not None

@@ -23,16 +23,7 @@ from markupsafe import Markup, escape
 
 from palpate.api import PluginError, Summary
 from palpate.api.files import write_atomically
-from palpate.api.report import (
-    Block,
-    Choice,
-    Figure,
-    Fold,
-    Paragraph,
-    Picture,
-    Table,
-    heading,
-)
+from palpate.api.report import Block, Choice, Figure, Fold, Paragraph, Picture, Table, heading
 from palpate.api.runs import answering_for, file_name
 from palpate_report.answer.card import answer
 from palpate_report.answer.law import typeset
@@ -41,7 +32,6 @@ from palpate_report.data.marks import with_minus
 from palpate_report.data.report_data import ReportData
 from palpate_report.data.showable import address, checked, figure_data, is_own
 from palpate_report.data.table_files import shown
-from palpate_report.data.tables import TITLES
 from palpate_report.page.page_data import page_data
 
 
@@ -194,21 +184,12 @@ def render(
     )
 
 
-def comparison_page(
-    runs: Sequence[str],
-    tables: Mapping[str, pl.DataFrame],
-    notes: Sequence[str],
-    pictures: Mapping[str, Path],
-    files: Sequence[Path],
-) -> str:
-    """Text of the page of a comparison without script, with figures by their headings, from SVG files."""
+def comparison_page(title: str, blocks: Sequence[Block], files: Sequence[Path]) -> str:
+    """Text of the page of a comparison or a prediction, which has no script."""
     return template("comparison.html.jinja").render(
-        runs=runs,
-        tables=tables,
-        titles=TITLES,
-        notes=notes,
-        pictures={name: Picture(label=name, content=file.read_bytes()) for name, file in pictures.items()},
-        files=files,
+        title=title,
+        blocks=blocks,
+        files=_by_stem(files),
         style=Markup((_FOLDER / "page.css").read_text(encoding="utf-8")),
         policy=_policy(),
     )

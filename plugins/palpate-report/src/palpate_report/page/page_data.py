@@ -68,10 +68,7 @@ def _searches(data: ReportData, spot: str, scenario: Scenario) -> list[dict[str,
     return [
         {
             "fit": fit,
-            "reported": {
-                "fopt": at.get("fopt"),
-                "values": [at.get(p.name) for p in data.design.parameters],
-            }
+            "reported": {"fopt": at.get("fopt"), "values": [at.get(p.name) for p in data.design.parameters]}
             if (at := reported(data, fit, scenario.name))
             else None,
             "ways": [

@@ -56,9 +56,7 @@ class Distribution(Section):
         """Show the sets by spot, and the least of each."""
         if data.design.n_sets:
             yield from picture(
-                report,
-                "nmse_distribution",
-                "Fopt of every set by spot; the least is in the table",
+                report, "nmse_distribution", "Fopt of every set by spot; the least is in the table"
             )
             yield from tables(report, "table2_nmse")
 
