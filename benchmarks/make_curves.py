@@ -1,10 +1,11 @@
-"""Meshes and curves of ready studies: ``make_curves.py forearm-layered``, or ``forearm-fibres``.
+"""Meshes and curves of ready studies: ``make_curves.py forearm-layered``, ``-fibres`` or ``-real``.
 
 The truth of the study is simulated on a mesh that is finer than the study's and made independently of it, by
 half the usual steps. Each point of the curves has noise. The files replace those of the study.
 """
 
 import argparse
+import functools
 import shutil
 import sys
 import tempfile
@@ -16,12 +17,17 @@ import numpy as np
 from independent_meshes import layered_limb, true_limb
 
 from palpate import Limb, Plugins
+from palpate.api.runs import read_options
 from palpate.domain import FloatArray
 from palpate.limb.loading import load_limbs
 from palpate.simulation.synthesis import NOTE, synthesise
 from palpate.study.reading import read_study
 from palpate_forearm import Phantom
+from palpate_limb.from_scan import ReadScan, read_scan, sound_mesh
 from palpate_limb.limb_files import write_limb
+from palpate_limb.options import ScanOptions
+from palpate_limb.segment import cut
+from palpate_limb.volume import moved_to_contact
 
 NOISE, SEED = 0.005, 1
 """Standard deviation of each point, of the curve's largest value."""
@@ -65,6 +71,24 @@ def of_demo(spot: str) -> Limb:
     return load_limbs(read_study(Path(plugins.studies["forearm-demo"].directory), plugins))[spot]
 
 
+@functools.cache
+def real_scan() -> tuple[ReadScan, ScanOptions]:
+    """The scan of ``forearm-real``, and its options."""
+    folder = Path(Plugins.load().studies["forearm-real"].directory)
+    options = read_options(folder / "limb.toml", ScanOptions, {})
+    return read_scan(folder / "skin.ply", options), options
+
+
+def real_limb(spot: str, size_mm: float, tolerance_mm: float) -> Limb:
+    """Mesh of a spot of ``forearm-real`` with edges as long as asked for at the edge of the contact."""
+    scan, options = real_scan()
+    segment = cut(scan.surface, scan.bones, scan.spots[spot].spot, scan.axis, options.length_mm)
+    wanted = options.model_copy(update={"size": size_mm}).mesh_at(spot)
+    return moved_to_contact(sound_mesh(segment, replace(wanted, tolerance_mm=tolerance_mm)), options.radius)[
+        0
+    ]
+
+
 STUDIES = {
     "forearm-fibres": Meshes(
         truth=lambda spot: with_axis(true_limb(spot), spot),
@@ -75,6 +99,12 @@ STUDIES = {
         truth=lambda spot: true_limb(spot, layers_mm=SKIN),
         fit=lambda spot: layered_limb(spot, SKIN),
         spots=("p2",),
+        penalty=12_000.0,
+    ),
+    "forearm-real": Meshes(
+        truth=lambda spot: real_limb(spot, 1.0, 0.5),
+        fit=lambda spot: real_limb(spot, 3.0, 0.6),
+        spots=("p1", "p2", "p3", "p4"),
         penalty=12_000.0,
     ),
 }

@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping
 
+from palpate.cli.app import main as palpate
+
 TRUTH = {"skin.E": 0.15, "soft_tissue.c1": 0.009}
 """Moduli [MPa]."""
 
@@ -82,3 +84,9 @@ def study(
     for key, value in zip(keys, (*press, *ranges, spots), strict=True):
         text = text.replace(key, value)
     return text + tables
+
+
+def call(*arguments: str) -> None:
+    """Call palpate, or end."""
+    if palpate(list(arguments)):
+        raise SystemExit(f"palpate {' '.join(arguments)} failed")

@@ -10,8 +10,7 @@ import sys
 from pathlib import Path
 
 import polars as pl
-from skin_over_tissue import TRUTH, study
-from study_answer import call
+from skin_over_tissue import TRUTH, call, study
 
 from palpate_forearm import CrossSection, InkMark, Phantom, PhantomBone, Scanner, write_phantom
 

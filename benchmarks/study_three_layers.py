@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import polars as pl
-from study_answer import call
+from skin_over_tissue import call
 
 from palpate.mesh.specimens import block
 from palpate_indentation import CsvLoader

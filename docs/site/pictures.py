@@ -53,7 +53,7 @@ COPIED: Mapping[str, str] = MappingProxyType(
         "log_onset": "log/measured/plots/p1/simulated_p1/4_onset.png",
         "log_curves": "log/measured/plots/p1/simulated_p1/5_curves.png",
         "phantom_spot": "phantom/meshes/p2.png",
-        "real_limb": "studies/forearm-real/meshes/p1.png",
+        "real_limb": "studies/forearm-real/made/p1.png",
         "next": "forearm-demo/next.png",
         "plate": "forearm-demo/predictions/plate/prediction.png",
         "compared": "compared/figures/curves.png",
@@ -80,8 +80,8 @@ def make() -> None:
     palpate("forearm-demo/next.png", "next", "forearm-demo", "--quick")
     palpate("compared", "compare", "first-press", "forearm-demo", "--into", "compared")
     real = "studies/forearm-real"
-    surface = ("limb", f"{real}/skin.ply", "--options", f"{real}/limb.toml", "--into", f"{real}/meshes")
-    palpate(f"{real}/meshes", *surface)
+    surface = ("limb", f"{real}/skin.ply", "--options", f"{real}/limb.toml", "--into", f"{real}/made")
+    palpate(f"{real}/made", *surface)
     if not (RUNS / "phantom").exists():
         write_phantom(RUNS / "phantom")
     bones = ("--bones", "phantom/radius.stl", "--bones", "phantom/ulna.stl")

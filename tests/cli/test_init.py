@@ -53,11 +53,12 @@ def test_every_ready_study_takes_the_name_of_its_folder(call: Call, name: str) -
 
 
 def test_a_study_without_its_files_names_what_makes_them(call: Call) -> None:
-    copied = call("init", "--study", "forearm-real", "real", plugin=None)
+    copied = call("init", "--study", "residual-limb", "real", plugin=None)
     assert "next: palpate limb real/skin.ply --options real/limb.toml" in copied.err
     refused = call("check", "real", plugin=None)
     assert refused.code == 2
-    assert "meshes/p1.vtu); paths are relative to study.toml, and `palpate limb SCAN` makes" in refused.err
+    assert "meshes/fibula_head.vtu); paths are relative to study.toml" in refused.err
+    assert "`palpate limb SCAN` makes" in refused.err
     assert "`palpate synthesise real` simulates [truth] into it" in refused.err
 
 
