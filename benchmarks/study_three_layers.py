@@ -7,8 +7,12 @@ ends near its start: what counts is palpate's 95 % interval around it, for force
 and force (III), by the default budget but for Poisson's ratios, which are known within 1 % and not 10 %.
 Three cases: all three moduli searched, the skin's known within 10 %, and fat's tied to muscle's. What is in
 FOLDER is not made again.
+
+``--presses`` plans before anything is measured: ``palpate next`` chooses among presses of two spheres, two
+depths, with a twist and without, where each thickness is known to a tenth.
 """
 
+import argparse
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -37,6 +41,16 @@ KNOWN: dict[str, dict[str, str]] = {
     "skin known": {"skin": '"150 kPa"'},
     "fat tied": {"fat": '"0.4 * muscle.E"'},
 }
+KNOWN_TO = 0.1
+"""Standard deviation of a thickness over the thickness, for ``--presses``."""
+ALLOWED = """
+places = 1
+
+[protocol]
+indenter = [{ shape = "sphere", radius = "7.5 mm" }, { shape = "sphere", radius = "15 mm" }]
+depth = ["3 mm", "6 mm"]
+twist = [[], ["-22.5 deg", "22.5 deg", "0 deg"]]
+"""
 HEAD = """
 [study]
 name = "three-layers"
@@ -108,12 +122,27 @@ def add_noise(file: Path) -> None:
     loader.save(file, replace(clean, curves=noisy))
 
 
-def main(folder: Path) -> None:
-    """Print the intervals of each case."""
+def write_mesh(folder: Path) -> None:
+    """Write the block as the mesh of the spot."""
     folder.mkdir(parents=True, exist_ok=True)
     limb = block("hex8", width_mm=48.0, height_mm=24.0, n_across=14, n_down=8, grading=1.5, layers_mm=LAYERS)
     mesh = replace(limb.mesh, regions=(*LAYERS, "muscle"))
     write_limb(folder / "p1.vtu", replace(limb, mesh=mesh))
+
+
+def plan(folder: Path) -> None:
+    """Print the presses that tell most, and the intervals expected after them."""
+    write_mesh(folder)
+    known = [f'{name} = "{mm} mm ± {KNOWN_TO * mm:g} mm"' for name, mm in LAYERS.items()]
+    layers = "\n".join(["", "[spot.layers]", *known, "", "[experiment]"])
+    (folder / "study.toml").write_text(study({}).replace("\n[experiment]", layers, 1))
+    (folder / "allowed.toml").write_text(ALLOWED)
+    call("next", str(folder), "--allowed", str(folder / "allowed.toml"), "--presses", "4")
+
+
+def main(folder: Path) -> None:
+    """Print the intervals of each case."""
+    write_mesh(folder)
     for case, known in KNOWN.items():
         run = folder / f"run {case}"
         (folder / "study.toml").write_text(study(known))
@@ -129,4 +158,8 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    asked = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    asked.add_argument("folder", type=Path)
+    asked.add_argument("--presses", action="store_true", help="plan presses before anything is measured")
+    given = asked.parse_args()
+    (plan if given.presses else main)(given.folder)
