@@ -238,6 +238,12 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
             ["Zeit [s];Weg [µm];Kraft [mN]", *[f"{t:,.1f};{d:,.1f};{f:,.1f}".translate(str.maketrans(",.", ".,"))
                                               for t, d, f in np.column_stack([SECONDS, 1e3 * DEPTH, 1e3 * FORCE]).tolist()]], "question"),
         "HDF5 with units of bytes": lambda: hdf5({"displacement": (1e3 * DEPTH, "um"), "force": (1e3 * FORCE, "mN")}, "curve"),
+        "rheometer that closes its gap": lambda: made(
+            ["[step]", "Step time\tGap\tAxial force\tStress\tStrain", "s\tmm\tN\tPa\t%",
+             *rows(SECONDS, 20.0 - 20.0 * STRAIN, FORCE, 1e3 * STRESS_KPA, 100.0 * STRAIN, between="\t")], "compression", "txt"),
+        "plates named by their load": lambda: made(
+            ["Compressive load (N),Strain,Stress (kPa)", *rows(FORCE, STRAIN, STRESS_KPA)], "compression"),
+        "unit in capitals in brackets": lambda: made(["DEPTH (UM),LOAD (N)", *rows(1e3 * DEPTH, FORCE)], "curve"),
         "force in volts by its name": lambda: made(["depth_mm,force_V", *rows(DEPTH, 0.1 * FORCE)], "question"),
     }  # fmt: skip
 
@@ -324,6 +330,10 @@ def _presses() -> Mapping[str, Callable[[], Layout]]:
              for a, b, c, d, e in zip(*(each.tolist() for each in (t, m, q, f, moment)), strict=True)], "press", "jsonl"),
         "force and moment by one word": lambda: named(
             ",".join(["Time", *(f"{of}_{axis}" for of in ("ToolVectorActual", "TCPForce") for axis in ["x", "y", "z", "rx", "ry", "rz"])]), t, m, rotvec, base_f, base_m),
+        "HDF5 of a trial": lambda: hdf5(
+            {f"trial_1/{name}": of for name, of in {
+                "time": (1e3 * t, "ms"), "tcp/position": (tip, "mm"), "tcp/quaternion": (q, "-"), "wrench/force": (1e3 * f, "mN"), "wrench/torque": (1e3 * moment, "mN*m")
+            }.items()}, "press"),
         "robot without a time": lambda: named(
             "x_mm,y_mm,z_mm,qx,qy,qz,qw,fx_N,fy_N,fz_N,tx_Nm,ty_Nm,tz_Nm", tip, q, f, moment)._replace(holds="question"),
         "machine in revolutions": lambda: named(

@@ -108,6 +108,10 @@ FAST = (
     "points between thousands of a machine",
     "HDF5 with units of bytes",
     "force and moment by one word",
+    "HDF5 of a trial",
+    "rheometer that closes its gap",
+    "plates named by their load",
+    "unit in capitals in brackets",
     "robot without a time",
 )
 

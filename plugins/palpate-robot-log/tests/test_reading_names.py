@@ -152,7 +152,7 @@ def test_a_name_that_is_not_certain_is_asked_about(names: str, question: str, tm
 )
 def test_the_mode_of_a_test_is_in_its_names(names: str, mode: str) -> None:
     strain, stress = (Column(name=name, values=np.arange(3.0)) for name in names.split("|"))
-    assert measures_of(strain, stress).mode == mode
+    assert measures_of(strain, stress, ()).mode == mode
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,7 @@ _SPELT = {
         "min": "мин minuten minutos minuti",
         "mm": "毫米 ミリ мм millimetri milimetros milimetry",
         "cm": "см",
-        "um": "微米 мкм mikrometer",
+        "um": "UM 微米 мкм mikrometer",
         "N": "牛 牛顿 ニュートン Н",
         "mN": "毫牛 мН",
         "kN": "千牛 кН kilonewtons",

@@ -340,14 +340,13 @@ def read_both(
         for name, log in zip(("pose", "wrench"), logs, strict=True)
         for stream in log.streams
     ]
-    same = logs[0].layout == logs[1].layout
     return replace(
         logs[0],
         source=f"{pose} and {wrench.name}",
         format=" and ".join(dict.fromkeys(log.format for log in logs)),
         streams=tuple(streams),
         notes=tuple(note for log in logs for note in log.notes),
-        layout=logs[0].layout if same else {},
+        layout=logs[0].layout if logs[0].layout == logs[1].layout else {},
     )
 
 

@@ -85,8 +85,7 @@ def read_hdf5(path: Path) -> RawLog:
         elif item.dtype.kind in "fiubV" and item.shape and 0 not in item.shape and kind not in _MATLAB_TEXT:
             # MATLAB's files hold the dimensions in reverse.
             arrays[name] = item[()].T if is_matlab else item[()]
-            unit = item.attrs.get("units", item.attrs.get("unit", ""))
-            units[name] = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else unit
+            units[name] = item.attrs.get("units", item.attrs.get("unit", ""))
         elif item.dtype.kind not in "SUO":
             notes.append(f"'{name}' holds no numbers")
 
@@ -137,7 +136,8 @@ def _log(
             if matrix.shape[1] > 1 or (array.ndim > 1 and pattern is _POLARS_NAME):
                 first = 1 if pattern is _MATLAB_NAME else 0
                 names = [pattern.format(name, k) for k in range(first, first + matrix.shape[1])]
-            unit = given if isinstance(given, str) else ""
+            unit = given.decode("utf-8", "replace") if isinstance(given, bytes) else given
+            unit = unit if isinstance(unit, str) else ""
             unit = unit or (unit_in(name)[1] if len(names) > 1 else "")
             by_length.setdefault(len(matrix), []).extend(
                 Column(name=one, values=column, unit=unit)

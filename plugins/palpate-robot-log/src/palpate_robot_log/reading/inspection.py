@@ -95,8 +95,7 @@ def _of_two(log: RawLog, pose: Path, wrench: Path) -> LogGuess:
     timed = ((name, time) for name, time in guess.time.items() if not time.is_counter)
     clocks = [_clock(log, log.stream(name), time) for name, time in timed]
     shared = len(clocks) > 1 and share_clock([(clock["begin_s"], clock["end_s"]) for clock in clocks])
-    files = LogFiles.of(pose, wrench).model_dump()
-    return replace(guess, files=files, clocks="common" if shared else guess.clocks)
+    return replace(guess, files=LogFiles.of(pose, wrench).model_dump(), clocks="common" if shared else "own")
 
 
 @lru_cache(maxsize=1)

@@ -302,8 +302,8 @@ class Test(NamedTuple):
     questions: tuple[str, ...]
 
 
-def test_of(strain: Column, stress: Column) -> Test:
-    """Mode and measures of a homogeneous test by its names."""
+def test_of(strain: Column, stress: Column, columns: Sequence[Column]) -> Test:
+    """Mode and measures of a homogeneous test by its names; other columns may show a compression."""
     along, of = (
         {*words, *map("".join, pairwise(words))} for words in (words_of(strain.name), words_of(stress.name))
     )  # pk2 is a word, and pk and 2 are
@@ -335,5 +335,8 @@ def test_of(strain: Column, stress: Column) -> Test:
         mode = "equibiaxial"
     elif "confined" in both and "unconfined" not in both:
         mode = "confined_compression"
-    is_compressive = bool(both & _COMPRESSIVE) or mode == "confined_compression"
+    named = both.union(*(words_of(one.name) for one in columns)) if mode == "uniaxial" else both
+    gaps = [one.values for one in columns if {"gap", "height"} & {*words_of(one.name)} & named]
+    is_compressive = mode == "confined_compression" or any(gap[-1] < gap[0] for gap in gaps)
+    is_compressive |= bool(named & _COMPRESSIVE)
     return Test(mode, next(iter(measure), ""), next(iter(kind), ""), is_compressive, tuple(questions))

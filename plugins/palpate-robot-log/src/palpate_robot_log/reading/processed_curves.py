@@ -259,7 +259,7 @@ def _homogeneous(columns: Sequence[Column]) -> Proposal | None:
             ask = f"{' or '.join(alike)}? name one pair of strain and stress"
             return Proposal(test="uniaxial", questions=(ask,))
         return None
-    test = test_of(along.column, stress.column)
+    test = test_of(along.column, stress.column, columns)
     is_stretch = bool({"stretch", "lambda", "streckung"} & {*words_of(along.column.name)})
     signs, remarks = _signs(along.column.values, stress.column.values, test, is_stretch=is_stretch)
     is_nominal = not test.strain and not is_stretch and test.mode != "simple_shear"
@@ -269,16 +269,15 @@ def _homogeneous(columns: Sequence[Column]) -> Proposal | None:
     }
     columns_of |= {key: of for key, of in (("strain", test.strain), ("stress", test.stress)) if of}
     questions = [*test.questions, *filter(None, (stress.question("stress"), along.question("strain")))]
-    if not np.ptp(np.nanpercentile(stress.column.values, _MOST)) > _AT_REST * np.nanmax(
-        abs(stress.column.values)
-    ):
+    spread = np.ptp(np.nanpercentile(stress.column.values, _MOST))
+    if not spread > _AT_REST * np.nanmax(abs(stress.column.values)):
         questions.append(f"{stress.column.name} hardly changes, as in creep: give a test of loading")
     if stress.factor is None and not stress.column.shown_unit:
         questions.append(f"{stress.column.name} shows no unit of stress: give scale, the factor to MPa")
     largest = float(np.nanmax(np.abs(along.column.values), initial=0.0))
     if along.factor is None and not along.column.shown_unit and not is_stretch and largest > 10.0:
         questions.append(f"{along.column.name} goes to {largest:.4g}: in percent? give scale, 0.01 or 1")
-    if test.stress and not test.strain and not is_stretch and is_nominal:
+    if test.stress and is_nominal:
         remarks = [*remarks, f"check {along.column.name}: a nominal strain is assumed"]
     measures: Any = (test.strain or "stretch", test.stress or "nominal")
     if problem := problem_of(test.mode, *measures):

@@ -169,7 +169,7 @@ Each has the number of columns, words of which a group has one, the test of its 
 def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterator[tuple[str, Guess]]:
     """Possible meanings of a group with their ranks; ``is_turned`` where angles are named as its x, y, z."""
     n_columns, words = len(group.columns), {*group.words}
-    if words & _OF_MOTION or (group.is_indexed and words & SPECIMENS):
+    if words & _OF_MOTION or (group.is_indexed and SPECIMENS & {*group.words[-1:]}):
         return
     if n_columns == 16:
         yield from _of_transform(group)
