@@ -97,6 +97,19 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     return LINK.sub(read_me, markdown)
 
 
+def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
+    """Let the keyboard scroll code, and give what is below a page its landmarks."""
+    changes = {
+        "<pre>": '<pre tabindex="0">',
+        'role="contentinfo"': "",
+        "<footer>": '<footer role="contentinfo">',
+        'role="note" aria-label="Versions"': 'role="navigation" aria-label="Versions"',
+    }
+    for old, new in changes.items():
+        output = output.replace(old, new)
+    return output
+
+
 def api(module: Any) -> str:  # noqa: ANN401 - a module with names in __all__
     """Describe the public names of a module, from their docstrings."""
     lines = [f"# {module.__name__}", "", f"::: {module.__name__}", "    options:", "      members: false"]

@@ -1,6 +1,7 @@
 """The site is built without a warning and without the network."""
 
 import re
+import runpy
 import subprocess
 import sys
 import tomllib
@@ -57,6 +58,23 @@ def test_every_table_of_a_stage_has_its_columns_on_a_page(site: Path) -> None:
         for name, table in kind.tables.items():
             assert f": {name}<a" in page
             assert [column for column in table.columns if f"<code>{column}</code>" not in page] == []
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("name", ["index", "docs/choose", "docs/tutorial", "gallery", "reference/warnings"])
+def test_a_page_fits_on_phones_and_axe_finds_no_violation(site: Path, tmp_path: Path, name: str) -> None:
+    chromium = runpy.run_path(str(ROOT / "plugins" / "palpate-report" / "tests" / "chromium.py"))
+    axe = pytest.importorskip("axe_core_python", reason="no axe-core is installed")
+    if chromium["COMMAND"] is None:
+        pytest.skip("no Chromium is installed")
+    with chromium["Chromium"](tmp_path) as browser:
+        for width in (1100, 390):
+            browser.visit(site / f"{name}.html", width)
+            browser.wait("document.readyState === 'complete'")
+            assert browser.value("document.documentElement.scrollWidth") <= width
+            browser.value(Path(axe.__file__).with_name("axe.min.js").read_text(encoding="utf-8") + "; 1")
+            found = "axe.run().then(r => r.violations.map(v => [v.id, v.nodes[0].html]))"
+            assert browser.value(found) == []
 
 
 def test_every_warning_has_a_place_on_a_page(site: Path) -> None:

@@ -81,12 +81,16 @@ class Chromium:
 
     def open(self, page: Path, width: int = 1100, *, dark: bool = False, height: int = 900) -> None:
         """Load a file and wait until it is ready."""
-        self.events = []
-        self.resize(width, dark=dark, height=height)
-        self._call("Page.navigate", url=page.as_uri())
+        self.visit(page, width, dark=dark, height=height)
         self.wait(
             "document.documentElement?.dataset.ready || document.getElementById('trouble')?.hidden === false"
         )
+
+    def visit(self, page: Path, width: int = 1100, *, dark: bool = False, height: int = 900) -> None:
+        """Load a file."""
+        self.events = []
+        self.resize(width, dark=dark, height=height)
+        self._call("Page.navigate", url=page.as_uri())
 
     def print_media(self, page: Path, *, dark: bool = False) -> None:
         """Load a file as it is laid out for an A4 page."""
