@@ -110,7 +110,7 @@ def fine_run(
         The finer mesh could not be simulated.
     """
     bare = replace(term, corrections={})
-    bare.residuals(fine, inputs)  # what is not to be ranked corrects nothing
+    bare.residuals(fine, inputs)  # raises for a simulation without a rank
     return FineRun(
         coarse={name: bare.values(coarse, inputs, name) for name in term.measured},
         fine={name: bare.values(fine, inputs, name) for name in term.measured},

@@ -52,7 +52,7 @@ def reported_fits(
 
 
 def _ordinates(term: SpotTerm, inputs: SpotInputs, simulation: Simulation) -> dict[str, FloatArray]:
-    term.residuals(simulation, inputs)  # what is not to be ranked has no errors
+    term.residuals(simulation, inputs)  # raises for a simulation without a rank
     return {name: term.values(simulation, inputs, name) for name in term.measured}
 
 

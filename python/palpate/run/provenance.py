@@ -68,7 +68,7 @@ class StageRecords:
 
     def refuse_missing(self, stage: str, table: str, command: str) -> None:
         """Raise a StudyError: a stage has no record of its table, which ``palpate COMMAND`` makes."""
-        folder = self.folder / table  # that of measured curves
+        folder = self.folder / table  # the folder of measured curves
         file = self.folder / f"{table}.parquet"
         if file.exists() or folder.exists():
             raise StudyError(

@@ -158,7 +158,7 @@ def _ftetwild(
         6,  # log level
         True,  # quiet
         True,  # VTK's order: positive volumes
-        False,  # keep what is inside alone
+        False,  # keep the elements inside alone
         np.ascontiguousarray(grid, dtype=np.float64),
         np.ascontiguousarray(cells, dtype=np.int32),
         np.ascontiguousarray(sizes, dtype=np.float64),

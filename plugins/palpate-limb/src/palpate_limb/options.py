@@ -119,7 +119,7 @@ class ScanOptions(Settings, strict=True):
     mark_radii: Annotated[list[Length], AfterValidator(_ascending)] = Field(default=[1.2, 10.0])
     into: File = Path("meshes")
     unit: Unit | None = None  # the one in which the scan is a limb
-    bone_unit: Unit | None = None  # that of the scan
+    bone_unit: Unit | None = None  # None: the unit of the scan
     axis: Annotated[list[float] | str, PlainValidator(_axis)] | None = None  # or a bone; the long one
     motion: File | None = None  # of the bones to the scan: 4 × 4 numbers
     landmarks: File | None = None  # the same by points: x,y,z of the bones and of the scan

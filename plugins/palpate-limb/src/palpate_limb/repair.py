@@ -237,7 +237,7 @@ def _without_crossings(surface: Surface) -> Surface | None:
             return None if defects(now) else now
         if crossing.size > MOST_CROSSING:
             return None
-        # With every face that shares a point: what is left then folds nowhere.
+        # With every face that shares a point: the remaining surface then folds nowhere.
         out = np.isin(now.faces, now.faces[crossing]).any(axis=1)
         now = closed(largest(parts(replace(now, faces=now.faces[~out], caps=None))))
     return None

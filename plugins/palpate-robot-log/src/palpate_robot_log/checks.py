@@ -308,7 +308,7 @@ CHECKS: tuple[Check, ...] = (
          "cycle {cycle} presses {value:.3g} mm from cycle {counted} (more than {most:g} mm is refused), so "
          "the log has several spots",
          "give window.start and window.stop of one of them"),
-    # what is not refused
+    # Warnings: nothing is refused.
     Check("warnings", lambda _, press: press.lacks_torque, _NONE,
          "the log has no moment, so the twist gives no torque",
          "weigh the force alone"),

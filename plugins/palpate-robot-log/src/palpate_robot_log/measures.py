@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from palpate_robot_log.reading.raw import Series
 
 TWO_PI = 2.0 * np.pi
-LARGEST_DEVIATION = 0.01  # of an orientation's numbers from those of a turn
+LARGEST_DEVIATION = 0.01  # of an orientation's numbers from the numbers of a rotation
 _PLATEAU_ROWS = 8
 
 

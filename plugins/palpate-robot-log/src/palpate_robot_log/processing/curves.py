@@ -57,7 +57,7 @@ def curve_of(
     parts, smoothings = [], []
     for rows in signal.branches:
         time = time_s[rows]
-        # what smoothing may do to depth and rotation, over what it may do to force and torque
+        # Relative to its span, depth or rotation may change by a tenth of the share of force and torque.
         level = smoothed(time, signal.abscissa[rows], 0.1 * span, settings.smoothing).values
         ordinate = smoothed(time, signal.ordinate[rows], peak, settings.smoothing)
         # Noise in a slow start would make the path turn where the tool did not.

@@ -354,12 +354,12 @@ def _with_side(proposal: LogGuess, motion: _Motion) -> LogGuess:
     if frame is None:
         return proposal
     is_alone = min(map(abs, pushes.values())) < _ALONG
-    how = "the push is along the press in this frame alone" if is_alone else "the names, or no name, say so"
+    how = "the force is along the press only in this frame" if is_alone else "the names decide the frame"
     return replace(
         proposal,
         wrench_frame=frame,
         acts_on="tool" if pushes[frame] < 0.0 else "tissue",
-        wrench_reason=f"whose wrench it is (by its direction against the press) and its frame ({how})",
+        wrench_reason=f"acts_on and wrench_frame (guessed: the sign from the direction of the press; {how})",
     )
 
 

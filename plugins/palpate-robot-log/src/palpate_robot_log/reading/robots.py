@@ -240,7 +240,7 @@ def _entries(log: RawLog, guess: LogGuess) -> Iterator[Entry]:
         yield Entry("files", key, name, above=share if key == "pose" else ())
     yield from (_channel(quantity, guess, time) for quantity in ("time", *QUANTITIES))
     if not of_machine:
-        reason = guess.wrench_reason or "whose wrench it is, and in which frame: nothing tells"
+        reason = guess.wrench_reason or "acts_on and wrench_frame: the log does not decide them"
         side, frame = OTHER_SIDE[guess.acts_on], OTHER_SIDE[guess.wrench_frame]
         remark = f'or "{side}": tool is the wrench of the tissue on the tool'
         yield channel("acts_on", guess.acts_on, remark, above=(f"check {reason}",))
