@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_061,
+    "lines": 77_060,
     "lines of the core": 33_339,
     "classes": 655,
     "constants": 865,

@@ -52,5 +52,5 @@ def initial_moduli(
 
 def names_of_moduli(space: ParameterSpace, region: str) -> tuple[str, str]:
     """Names of the initial shear modulus and Young's modulus of a region; without it where there is one."""
-    of = f" of {region}" if len(space.regions) > 1 else ""
+    of = f" of {region.replace('_', ' ')}" if len(space.regions) > 1 else ""
     return f"{MODULI[0]}{of}", f"{MODULI[1]}{of}"

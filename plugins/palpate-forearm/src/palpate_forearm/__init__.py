@@ -31,15 +31,13 @@ def palpate_studies() -> "list[StudyTemplate]":
     """Provide the studies, all on simulated curves; the residual limb is meshed first."""
     from palpate.api import StudyTemplate
 
-    ready = {
+    summaries = {
         "first-press": "one press and twist, one parameter, found within its interval (simulated)",
         "forearm-demo": "four spots on coarse meshes; six minutes of processor time (simulated)",
         "forearm": "four spots in the paper's manner, 250 sets; hours (simulated)",
         "forearm-fibres": "muscle with fibres, from slides along and across them at one spot (simulated)",
         "forearm-layered": "skin over soft tissue, identified together at one spot (simulated)",
         "forearm-real": "skin and soft tissue of an adult's forearm at four spots (simulated; CC BY-SA)",
-    }
-    to_mesh = {
         "residual-limb": "a mean residual limb at four clinical spots; mesh it first (simulated; CC BY-SA)",
     }
     folder, mesh = files("palpate_forearm") / "studies", "limb {folder}/skin.ply --options {folder}/limb.toml"
@@ -48,7 +46,7 @@ def palpate_studies() -> "list[StudyTemplate]":
             name=name,
             summary=summary,
             directory=str(folder / name),
-            first_command=mesh if name in to_mesh else "check {folder}",
+            first_command=mesh if name == "residual-limb" else "check {folder}",
         )
-        for name, summary in (ready | to_mesh).items()
+        for name, summary in summaries.items()
     ]

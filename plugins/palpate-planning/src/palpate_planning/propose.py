@@ -10,7 +10,7 @@ import scipy
 
 from palpate.api import SILENT, FloatArray, Limb, Parameter, Progress, Response, Run, Scenario, StudyError
 from palpate.api.experiment import abscissae_of
-from palpate.api.fit import Adequacy, Evaluation, Problem, Simulate, term_of
+from palpate.api.fit import Adequacy, Problem, Simulate, term_of
 from palpate.api.runs import (
     Part,
     Plugins,
@@ -262,18 +262,12 @@ class PlanningStage:
             progress=self.progress,
         )
 
-    @property
-    def _best(self) -> Evaluation:
-        """Point where the fit has ended: what is assessed has an end."""
-        best = self.assessed.end.best
-        assert best is not None
-        return best
-
     def _points(self, n: int) -> FloatArray:
         """Point where the fit has ended, and draws (n, n_parameters) of its density, as points of the box."""
-        problem, box = self.assessed.end.problem, self.assessed.end.problem.box
+        best, problem, box = self.assessed.end.best, self.assessed.end.problem, self.assessed.end.problem.box
+        assert best is not None, "what is assessed has an end"
         drawn = box.point(box.lower + (box.upper - box.lower) * self.assessed.density.draws(n - 1))
-        points = np.concatenate([self._best.point[None], drawn])
+        points = np.concatenate([best.point[None], drawn])
         accepted: FloatArray = points[problem.accepts(points)]
         return accepted
 

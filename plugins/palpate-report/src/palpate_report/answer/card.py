@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from palpate.api import ParameterName
+from palpate.api import ParameterName, ParameterSpace
 from palpate.api.fit import EFFECTIVE, MODULI, NO_FIT_R2
 from palpate.api.report import ReportWarning
 from palpate_report.answer.headline import between_spots
@@ -78,11 +78,8 @@ def answer(data: ReportData, conclusion: Conclusion) -> SummaryCard:
 
 
 def sentence(data: ReportData, conclusion: Conclusion) -> str:
-    """The answer in one sentence: material, moduli and the parameters that are not identified."""
+    """The answer in one sentence: materials, moduli and the parameters that are not identified."""
     space, n_spots = data.study.space, len(data.spots)
-    laws = dict.fromkeys(r.material.name for r in space.regions if space.columns_of(r.region))
-    material = " and ".join(name.replace("_", "-").title() for name in laws)
-    of = f"One {material} material for all {n_spots} spots" if n_spots > 1 else f"{material} material"
     where = "" if n_spots > 1 else f" at spot {data.spots[0]}"
     shear = [each for each in conclusion.moduli if each.parameter.startswith(MODULI[0])]
     values = shear or [each for each in conclusion.estimates if each.identifiability in ("well", "roughly")]
@@ -94,7 +91,17 @@ def sentence(data: ReportData, conclusion: Conclusion) -> str:
     what = "tests" if data.study.protocol is None else "presses"
     verb = "is" if len(unknown) == 1 else "are"
     lost = f"{' and '.join(unknown)} {verb} not identified by these {what}" if unknown else ""
-    return f"{of}{where}: {'; '.join(filter(None, (found, lost)))}".rstrip(": ")
+    return f"{materials_of(space, n_spots)}{where}: {'; '.join(filter(None, (found, lost)))}".rstrip(": ")
+
+
+def materials_of(space: ParameterSpace, n_spots: int) -> str:
+    """Law of each searched region, named where there are several, and the number of spots."""
+    searched = [region for region in space.regions if space.columns_of(region.region)]
+    laws = [region.material.name.replace("_", "-").title() for region in searched]
+    if len(searched) == 1:
+        return f"One {laws[0]} material for all {n_spots} spots" if n_spots > 1 else f"{laws[0]} material"
+    each = (f"{law} {r.region.replace('_', ' ')}" for law, r in zip(laws, searched, strict=True))
+    return " and ".join(each) + (f", one set for all {n_spots} spots" if n_spots > 1 else "")
 
 
 def _with_error(value: Headline) -> str:
