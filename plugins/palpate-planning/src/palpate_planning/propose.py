@@ -265,7 +265,7 @@ class PlanningStage:
     def _points(self, n: int) -> FloatArray:
         """Point where the fit has ended, and draws (n, n_parameters) of its density, as points of the box."""
         best, problem, box = self.assessed.end.best, self.assessed.end.problem, self.assessed.end.problem.box
-        assert best is not None, "what is assessed has an end"
+        assert best is not None
         drawn = box.point(box.lower + (box.upper - box.lower) * self.assessed.density.draws(n - 1))
         points = np.concatenate([best.point[None], drawn])
         accepted: FloatArray = points[problem.accepts(points)]
