@@ -273,6 +273,7 @@ def _at_bound(results: Results, source: _Source, name: str, row: Mapping[str, An
 
 def _at_limit(parameter: Parameter, value: float) -> bool:
     """True if a value is at an end of its range, or of the one that a fit has widened it to."""
+    value = min(max(value, parameter.physical_lower), parameter.physical_upper)  # beyond them by rounding
     while not parameter.lower <= value <= parameter.upper:
         parameter = parameter.wider(below=value < parameter.lower)
     share = share_of_range(parameter, value)

@@ -4,8 +4,7 @@ The joint fit of the scenario that generalises comes first, from the answer of a
 one, and from the basins of the sweep. Where spots have a finer mesh, its answers correct the curves of the
 coarse one until what these may be wrong by moves no parameter by much of its standard deviation. The other
 scenarios start where the first has ended, with its corrections, and each spot where the joint fit of its
-scenario has. Where the first ends at the end of a range that is none of physics, this is widened, and again
-for as long as that gains.
+scenario has. A range at whose end the first ends is widened up to physical limits, for as long as that gains.
 """
 
 from collections import Counter

@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.answer.table import _at_limit
+from palpate.domain import Parameter
 from palpate.fit.problem import Problem
 from palpate.fit.starts import accepted_start
 from palpate_materials.neo_hookean import NeoHookean
@@ -50,6 +52,21 @@ def test_values_far_outside_of_the_ranges_are_found(pressed, stage_of, material,
     case = stage_of(study, pressed.measured_at(study, np.array(values))).run()[0]
     assert list(case.values().values()) == pytest.approx(values, rel=1e-2)
     assert not case.end.at_bounds()
+
+
+@pytest.mark.parametrize(("value", "at_end"), [(1.0, False), (1.0 + 1e-15, False), (0.0, True), (-3.0, True)])
+def test_an_end_of_a_widened_range_counts_and_a_physical_limit_does_not(value, at_end):
+    searched = Parameter(
+        name="a",
+        unit="",
+        kind="shape",
+        description="",
+        lower=0.0,
+        upper=1.0,
+        physical_lower=-9.0,
+        physical_upper=1.0,
+    )
+    assert _at_limit(searched, value) is at_end
 
 
 def test_a_start_that_filters_refuse_is_moved_to_the_middle_of_what_they_accept(pressed, stage_of):
