@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import polars as pl
 import pytest
 
 from palpate.cli.session import Session
@@ -45,6 +46,13 @@ def test_a_quick_run_stops_at_the_first_answer_and_goes_on_later(call, unswept):
     again = call("report", RUN)
     assert "first answer, the run has not ended" in again.out
     assert json.loads((RUN / "report" / "result.json").read_text())["Parameters"] == lines["Parameters"]
+    assert "First answer: intervals by linearisation" in (RUN / "report" / "index.html").read_text()
+    first = RUN / "first_answer.parquet"
+    kept = pl.read_parquet(first)
+    kept.with_columns(pl.col("value") + 1.0).write_parquet(first)  # as if the fit had gone on since
+    assert call("report", RUN).code == 0
+    assert "First answer" not in (RUN / "report" / "index.html").read_text()
+    kept.write_parquet(first)
     n_quick = call("status", RUN, "--json").json["n_finished"]
     assert not (RUN / "intervals.parquet").exists()
     whole = call("run", RUN, "--json")
@@ -54,7 +62,9 @@ def test_a_quick_run_stops_at_the_first_answer_and_goes_on_later(call, unswept):
     stages = [row["stage"] for row in call("status", RUN, "--json").json["cost"]]
     assert "first answer" in stages
     # The page of the whole run stays.
-    assert call("run", RUN, "--quick").code == 0
+    quick = call("run", RUN, "--quick")
+    assert quick.code == 0
+    assert "--quick is ignored: the run is complete" in quick.err
     whole_lines = json.loads((RUN / "report" / "result.json").read_text())
     assert "not ended" not in written_page(whole_lines)
     assert (RUN / "intervals.parquet").exists()

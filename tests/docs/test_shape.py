@@ -18,8 +18,8 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_060,
-    "lines of the core": 33_339,
+    "lines": 77_086,
+    "lines of the core": 33_348,
     "classes": 655,
     "constants": 865,
     "long files": 0,

@@ -11,7 +11,7 @@ from palpate.fit.least_squares import LeastSquares
 from palpate.plugins.catalogue import Plugins
 from palpate.plugins.sections import Fold, Table, Word
 from palpate.study.reading import read_study
-from palpate_report.answer.card import answer, apart_from_joint, materials_of
+from palpate_report.answer.card import answer, apart_from_joint, title_of
 from palpate_report.answer.failed_checks import apparent
 from palpate_report.answer.law import typeset
 from palpate_report.answer.next_step import CAUSES
@@ -136,8 +136,8 @@ def test_the_card_answers_in_one_sentence(fitted):
 def test_each_searched_region_is_named_with_its_law():
     plugins = Plugins.load()
     space = read_study(Path(plugins.studies["forearm-layered"].directory), plugins).space
-    assert materials_of(space, 1) == "Neo-Hookean skin and Yeoh soft tissue"
-    assert materials_of(space, 4) == "Neo-Hookean skin and Yeoh soft tissue, one set for all 4 spots"
+    assert title_of(space, 1) == "Neo-Hookean skin and Yeoh soft tissue"
+    assert title_of(space, 4) == "Neo-Hookean skin and Yeoh soft tissue, one set for all 4 spots"
 
 
 @pytest.mark.parametrize("end", ["lower", "upper"])

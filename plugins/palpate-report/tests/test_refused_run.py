@@ -84,7 +84,8 @@ def test_no_output_of_a_refused_run_has_a_bare_value(refused, drawn, tmp_path):
     assert model_verdict(refused).failure.startswith(NO_PARAMETERS)
     values = list(values_of(refused))
     report = write_report(refused, tmp_path / "report")
-    made = write_comparison({"one": refused, "two": refused}, tmp_path / "comparison")
+    laws = {"laws": pl.DataFrame({"law": ["spongy"], "fit": ["refused"]})}  # of a comparison of laws
+    made = write_comparison({"one": refused, "two": refused}, tmp_path / "comparison", first=laws)
     found = list(bare(tmp_path, values))
     assert found == [], sorted({name for name, _ in found})
     # The search for bare values finds them where they are.

@@ -73,6 +73,18 @@ def _curves() -> Mapping[str, Callable[[], Layout]]:
              *rows(SECONDS, DEPTH, FORCE, between=";")], "curve"),
         "Zwick, strain": lambda: made(
             ["Dehnung;Spannung", "%;MPa", *rows(100.0 * STRAIN, STRESS_KPA / 1e3, between=";", decimal=",")], "uniaxial", encoding="cp1252"),
+        "tension with the pressure of a clamp": lambda: made(
+            ["Dehnung [%];Spannung [MPa];Druck [bar]", *rows(100.0 * STRAIN, STRESS_KPA / 1e3, 6.0 + 0.0 * STRAIN, between=";")], "uniaxial"),
+        "tension by a machine that compresses too": lambda: made(
+            ["Time (s),Compressive extension (mm),Tensile strain (mm/mm),Tensile stress (MPa)", *rows(SECONDS, -DEPTH, STRAIN, STRESS_KPA / 1e3)], "uniaxial"),
+        "tension that makes a specimen thinner": lambda: made(
+            ["strain,stress (MPa),height (mm)", *rows(STRAIN, STRESS_KPA / 1e3, 2.0 - 0.5 * STRAIN)], "uniaxial"),
+        "a load cell for compression": lambda: made(
+            ["Strain,Stress (kPa),Compression load cell (N)", *rows(STRAIN, STRESS_KPA, STRESS_KPA)], "uniaxial"),
+        "words in most columns": lambda: made(
+            ["time_s,depth_mm,force_N,state,mode,operator,phase,tool",
+             *(f"{row},running,auto,lab,loading,sphere" for row in rows(np.linspace(0.0, 16.0, 641), np.linspace(0.0, 8.0, 641), 0.4 * np.linspace(0.0, 8.0, 641) ** 1.5))], "curve"),
+        "nanometres in capitals": lambda: made(["DEPTH_NM,FORCE_NN", *rows(DEPTH, FORCE)], "question"),
         "Shimadzu Trapezium X": lambda: made(
             ['"試験名","圧縮"', '"1 _ 1","",""', '"時間","試験力","ストローク"', '"秒","N","mm"',
              *rows(SECONDS, FORCE, DEPTH)], "curve", encoding="shift_jis"),
@@ -328,6 +340,8 @@ def _presses() -> Mapping[str, Callable[[], Layout]]:
         "JSON of short names": lambda: made(
             [json.dumps({"stamp": a, "tcp": {"p": b, "q": c}, "ft": {"f": d, "m": e}})
              for a, b, c, d, e in zip(*(each.tolist() for each in (t, m, q, f, moment)), strict=True)], "press", "jsonl"),
+        "forces of the right hand": lambda: named(
+            "t_s,x_mm,y_mm,z_mm,qx,qy,qz,qw,Fx_R,Fy_R,Fz_R,Mx_R,My_R,Mz_R", t, tip, q, f, moment),
         "force and moment by one word": lambda: named(
             ",".join(["Time", *(f"{of}_{axis}" for of in ("ToolVectorActual", "TCPForce") for axis in ["x", "y", "z", "rx", "ry", "rz"])]), t, m, rotvec, base_f, base_m),
         "HDF5 of a trial": lambda: hdf5(

@@ -8,6 +8,7 @@ import pytest
 
 from palpate.domain import Response
 from palpate.errors import CurveError
+from palpate.experiment.delimited.layout import lines_of
 from palpate_indentation import CsvLoader, CsvSettings
 from palpate_robot_log import ColumnsLoader, ColumnsSettings, RobotLogLoader, RobotLogSettings
 from palpate_robot_log.reading.inspection import inspect_log
@@ -41,6 +42,7 @@ QUESTIONS = {
     "a unit that its capital leaves open": "the file gives 'UN?', which is no unit of force",
     "commas between thousands": "'1,000' next to '200' has marks between its thousands",
     "apostrophes between thousands": "has marks between its thousands",
+    "nanometres in capitals": "the file gives 'Nm?'",
     "creep": "Stress (Pa) hardly changes, as in creep",
     "creep from zero": "Stress (kPa) hardly changes, as in creep",
     "samples by number": "which is the depth, and which the force",
@@ -67,6 +69,13 @@ FAST = (
     "Chinese machine, words for units",
     "Compression plates",
     "LabVIEW lvm without times",
+    "tension with the pressure of a clamp",
+    "tension by a machine that compresses too",
+    "tension that makes a specimen thinner",
+    "a load cell for compression",
+    "words in most columns",
+    "nanometres in capitals",
+    "forces of the right hand",
     "Zwick, specimens side by side",
     "Mach-1, two functions",
     "mean and deviation",
@@ -201,3 +210,8 @@ def test_a_makers_file_is_read_right_or_asked_about(name: str, tmp_path: Path) -
     assert [*curves] == [channel]
     for values, ends in ((curves[channel].abscissa, along), (curves[channel].ordinate, of)):
         assert (values.min(), values.max()) == pytest.approx(ends, rel=2e-5, abs=1e-9)
+
+
+def test_marks_of_inches_join_no_lines() -> None:
+    texts = ['Tool: 1/2" sphere', "Operator A", 'Depth ("),Force (lbf)', "0.1,2.0"]
+    assert lines_of("\n".join(texts))["text"].to_list() == texts

@@ -170,8 +170,9 @@ def run_study(
     study = before.with_trusted_code(study, trust)
     changes = _changed(study, inputs, before, plugins)
     confirm(changes)
-    # The page of a complete run has more than a first answer.
-    is_quick = is_quick and not (is_complete and not changes.changes)
+    if is_quick and is_complete and not changes.changes:
+        is_quick = False
+        progress.note("--quick is ignored: the run is complete, and its page has more than a first answer")
     with directory.locked(study, plugins.channels, adopt=adopt) as check_lock:
         if forked_from is not None:
             with Ledger(forked_from) as ledger:

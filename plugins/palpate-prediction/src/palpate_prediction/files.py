@@ -7,7 +7,7 @@ from typing import Any
 
 import polars as pl
 
-from palpate.api import Channel, SurfaceStates
+from palpate.api import Channel, Indenter, Quantity, SurfaceStates
 from palpate.api.cli import Closed
 from palpate.api.files import write_atomically
 from palpate.api.fit import Adequacy
@@ -142,15 +142,22 @@ def write_surface(path: Path, states: SurfaceStates, state: int) -> None:
     )
 
 
+def _in_words(indenter: Indenter[Any]) -> str:
+    """Kind of an indenter and its sizes, as ``box (width 10 mm, turn 30 deg)``."""
+    fields = type(indenter.settings).model_fields.items()
+    units = [(name, each) for name, field in fields for each in field.metadata if isinstance(each, Quantity)]
+    given = ((name, getattr(indenter.settings, name), each.unit) for name, each in units)
+    sizes = (f"{name} {value:g} {unit}" for name, value, unit in given if value)
+    return f"{indenter.name} ({', '.join(sizes)})"
+
+
 def notes(prediction: Prediction, notice: str) -> list[str]:
     """Notes that a reader of the numbers must know."""
     found, tool = prediction.fitted, prediction.tool
-    indenter = tool.protocol.indenter
-    size = " × ".join(f"{side:.3g}" for side in indenter.bounds_mm[1] - indenter.bounds_mm[0])
     lines = [f"{notice.capitalize()}."] if notice else []
     lines.append(
-        f"Prediction for a {indenter.name} of {size} mm with friction {tool.protocol.friction:g}, by the "
-        f"{found.source} of scenario {found.scenario} at {', '.join(found.spots)}."
+        f"Prediction for a {_in_words(tool.protocol.indenter)} with friction {tool.protocol.friction:g}, by "
+        f"the {found.source} of scenario {found.scenario} at {', '.join(found.spots)}."
     )
     if found.source == "fit":
         lines.append(VERDICTS[prediction.verdict])

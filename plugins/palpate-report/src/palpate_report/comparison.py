@@ -286,7 +286,7 @@ def write_comparison(
     blocks: tuple[Block, ...] = (
         *map(Paragraph, notes),
         *(
-            _by_parameter(table) if name == "parameters" else Table.of(TITLES[name], table)
+            _by_parameter(table) if name == "parameters" else Table.of(TITLES.get(name, name), table)
             for name, table in tables.items()
         ),
         *(Picture(label=f"{f.stem.capitalize()} of {named}", content=f.read_bytes()) for f in drawn),

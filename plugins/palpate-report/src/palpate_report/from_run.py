@@ -132,7 +132,13 @@ def _fit_so_far(run: Run) -> FitResult:
         ended = f"{n} simulations have ended, too few for a fit" if n else "no simulation has ended yet"
         raise StudyError(f"{run.directory.folder}: {ended}; watch it with `palpate status`")
     file = run.directory.folder / FIRST_INTERVALS
-    return replace(fit, intervals=pl.read_parquet(file)) if file.is_file() else fit
+    if not file.is_file():
+        return fit
+    intervals, now = pl.read_parquet(file), fit.table.row(0, named=True)
+    is_same = all(
+        now.get(name) == value for name, value in intervals.select("parameter", "value").iter_rows()
+    )
+    return replace(fit, intervals=intervals) if is_same else fit
 
 
 def report(
@@ -165,7 +171,6 @@ def show_so_far(run: Run) -> Report:
     if (first := run.shared.get(FIRST_ANSWER)) is not None:
         # For `palpate report`, which simulates nothing.
         write_atomically(run.directory.folder / FIRST_INTERVALS, parquet(first.intervals))
-        unfinished = f"{unfinished}. First answer: intervals by linearisation, on the spots' own meshes"
     return write_report(report_data(run, unfinished=unfinished), run.directory.report, draws=False)
 
 

@@ -155,7 +155,8 @@ def unit_in(name: str) -> tuple[str, str]:
     if written := in_capitals or re.fullmatch(pattern, name):
         label, word = written.groups()
         word = word.title() if in_capitals else word
-        unit = _OF_CAPITALS.get(word, _OTHER_CASE.get(word.lower(), ""))
+        is_open = in_capitals and word == "Nm" and not re.search("TORQUE|MOMENT|(^|_)[MT][XYZ]?$", label)
+        unit = "Nm?" if is_open else _OF_CAPITALS.get(word, _OTHER_CASE.get(word.lower(), ""))
         unit = unit if unit.endswith("?") or _fits(label, unit) else ""
         return (label, unit) if unit else (name, "")
     is_both = _RATIOS.get(name.strip().lower(), 1.0) < 1.0  # Microstrain

@@ -3,6 +3,7 @@
 import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import accumulate, zip_longest
 from typing import TYPE_CHECKING, Literal
@@ -112,8 +113,10 @@ def lines_of(text: str) -> "pl.DataFrame":
     texts = text.split("\n")
     odd = [i for i, line in enumerate(texts[:_SNIFFED_LINES]) if line.count('"') % 2]
     for begin, end in zip(odd[::2], odd[1::2], strict=False):
-        if not any(re.match(r'\s*"?[-+.,]?\d', one) for one in texts[begin : end + 1]):  # names on two lines
-            texts[begin : end + 1] = [" ".join(texts[begin : end + 1]), *[""] * (end - begin)]
+        cells = [one.strip() for one in texts[begin : end + 1]]
+        is_cell = re.search(r'(^|[,;\t|])\s*"[^"]*$', cells[0])
+        if is_cell and not any(re.match(r'"?[-+.,]?\d', one) for one in cells):  # names on two lines
+            texts[begin : end + 1] = [" ".join(cells), *[""] * (end - begin)]
     lines = pl.DataFrame({"text": texts}).with_row_index("line", offset=1)
     return lines.with_columns(pl.col("text").str.strip_chars(" \r"))
 
@@ -231,8 +234,12 @@ def find_layout(source: str, lines: "pl.DataFrame", wanted: TextFormat, after: i
         # What another file holds does not belong into a message.
         raise CurveError(f"{source}: no cell holds a number, so this is no table of numbers; check the path")
     start = _first_row(kinds)
-    if start == len(rows) and lines["line"][-1] < all_lines.height and after < _LONGEST_PREAMBLE:
-        return find_layout(source, all_lines, wanted, numbers[-_SAMPLED_LINES:][0])
+    if start == len(rows) and wanted.skip_lines is None:
+        if lines["line"][-1] < all_lines.height and after < _LONGEST_PREAMBLE:
+            with suppress(CurveError):
+                return find_layout(source, all_lines, wanted, numbers[-_SAMPLED_LINES:][0])
+        if after:  # nor are there rows of numbers further on: the first lines decide
+            raise CurveError(f"{source}: no rows of numbers after line {after}; export the file again")
     width = max(map(_filled, rows[start : start + _SAMPLED_ROWS]), default=0)
     header, below = _header(rows, kinds, start, wanted)
     sampled = rows[below : below + _SAMPLED_ROWS]

@@ -91,10 +91,10 @@ def sentence(data: ReportData, conclusion: Conclusion) -> str:
     what = "tests" if data.study.protocol is None else "presses"
     verb = "is" if len(unknown) == 1 else "are"
     lost = f"{' and '.join(unknown)} {verb} not identified by these {what}" if unknown else ""
-    return f"{materials_of(space, n_spots)}{where}: {'; '.join(filter(None, (found, lost)))}".rstrip(": ")
+    return f"{title_of(space, n_spots)}{where}: {'; '.join(filter(None, (found, lost)))}".rstrip(": ")
 
 
-def materials_of(space: ParameterSpace, n_spots: int) -> str:
+def title_of(space: ParameterSpace, n_spots: int) -> str:
     """Law of each searched region, named where there are several, and the number of spots."""
     searched = [region for region in space.regions if space.columns_of(region.region)]
     laws = [region.material.name.replace("_", "-").title() for region in searched]

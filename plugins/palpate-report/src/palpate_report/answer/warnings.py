@@ -57,7 +57,8 @@ def report_warnings(
     """
     bests = data.bests
     if data.unfinished:
-        first = "" if data.fit.intervals.is_empty() else "First answer. "
+        linear = "First answer: intervals by linearisation, on the spots' own meshes. "
+        first = "" if data.fit.intervals.is_empty() else linear
         why = f"{first}So far: {data.unfinished}. The page shows the best of the simulations so far."
         yield warn("unfinished", "The run has not ended", why)
     yield from _about_no_fit(data)

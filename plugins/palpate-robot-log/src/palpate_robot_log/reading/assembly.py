@@ -234,10 +234,9 @@ def _picked(log: RawLog, channels: ChannelMap, what: str, kind: Kind | None) -> 
     first = int(np.argmax(bad_rows))
     name = series.names[int(np.argmax(lacking[first]))] if lacking[first].any() else its_time.column
     name = name.removeprefix("-")
-    if note := stream.column(name).note:
-        raise CurveError(f"{log.source}: column '{name}': {note}")
+    why = stream.column(name).note or "no value (NaN or empty)"
     raise CurveError(
-        f"{log.source}: {series.at(first)}, column '{name}': no value (NaN or empty), as in "
+        f"{log.source}: {series.at(first)}, column '{name}': {why}, as in "
         f'{int(bad_rows.sum())} rows in all; repair or remove them, or set missing = "skip" in the channel '
         "map to interpolate between the rows that have one"
     )

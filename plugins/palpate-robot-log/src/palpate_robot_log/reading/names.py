@@ -335,8 +335,12 @@ def test_of(strain: Column, stress: Column, columns: Sequence[Column]) -> Test:
         mode = "equibiaxial"
     elif "confined" in both and "unconfined" not in both:
         mode = "confined_compression"
-    named = both.union(*(words_of(one.name) for one in columns)) if mode == "uniaxial" else both
-    gaps = [one.values for one in columns if {"gap", "height"} & {*words_of(one.name)} & named]
+    is_open = mode == "uniaxial" and not both & TENSILE
+    others = [(one.values, {*words_of(one.name)}) for one in columns if is_open]
+    named = both.union(
+        *(words for _, words in others if words & {"load", "force", "kraft", "last"} and "cell" not in words)
+    )
+    gaps = [values for values, words in others if "gap" in words]
     is_compressive = mode == "confined_compression" or any(gap[-1] < gap[0] for gap in gaps)
     is_compressive |= bool(named & _COMPRESSIVE)
     return Test(mode, next(iter(measure), ""), next(iter(kind), ""), is_compressive, tuple(questions))

@@ -177,7 +177,7 @@ def possible(group: Group, *, is_turned: bool, t_is_moment: bool) -> Iterator[tu
     if n_columns == 3:
         if "t" in words and not t_is_moment:  # a tracker's translation, next to a moment M
             words = words - {"t"} | {"translation"}
-        if words & ROLES["force"].vector and words & ROLES["orientation"].vector:  # TCPForce_rx
+        if words & ROLES["force"].vector and is_turned and group.words[-1:] == ("r",):  # TCPForce_rx
             words = words - ROLES["force"].vector - ROLES["orientation"].vector | {"moment"}
         parts = _of_three(group.columns[0], words, is_turned=is_turned)
     for n_parts, its_words, holds, its_parts in SHAPES:

@@ -70,7 +70,8 @@ def propose(log: RawLog) -> LogGuess:
         for group in groups
     )
     for group in groups:
-        is_turned = (group.stream, group.words) in turned
+        has_axes = group.words[-1:] == ("r",) and any(each.words == group.words[:-1] for each in groups)
+        is_turned = (group.stream, group.words) in turned or has_axes
         for quantity, guess in possible(group, is_turned=is_turned, t_is_moment=not has_moment):
             found[quantity].append(guess)
     ranked = {quantity: _ranked(quantity, guesses) for quantity, guesses in found.items() if guesses}
