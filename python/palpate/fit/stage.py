@@ -135,8 +135,7 @@ class FitStage:
         if remark := self._widen(first):
             self._correct([first])
             first.fits[-1].message += f"; {remark}"
-        others = (each for each in study.scenarios if each is not main)
-        cases = [first, *(Case(label, self._weighed_spots(each), each) for each in others)]
+        cases = [first, *(Case(label, self._weighed_spots(s), s) for s in study.scenarios if s is not main)]
         self._search(cases[1:], {id(case): [first.values()] for case in cases[1:]})
         self._correct(cases[1:])
         states = study.space.states
@@ -180,8 +179,9 @@ class FitStage:
             term_of(study, spot, scenario, self.measured[spot], self.abscissae, corrections.get(spot, {}))
             for spot in case.spots
         ]
-        made, noise = study.parametrisation, study.noise
-        return Problem(study, terms, self.simulations.of, made, noise=noise, wider=self._wider)
+        return Problem(
+            study, terms, self.simulations.of, study.parametrisation, noise=study.noise, wider=self._wider
+        )
 
     def _widen(self, case: Case) -> str:
         """Widen ranges of materials where a case ends and search on, again if it gains; return a remark."""
@@ -298,7 +298,7 @@ class FitStage:
         nearest = {each.spot: each.corrections for each in self._ends(case)}
         if end is None or end.best is None:
             return False
-        if all(_same(nearest[t.spot], t.corrections) for t in end.problem.terms):
+        if all(_same(nearest[term.spot], term.corrections) for term in end.problem.terms):
             return False
         case.fits.append(Fit(self.problem(case, nearest), end.best.point))
         return True

@@ -16,7 +16,7 @@ from palpate.api.runs import file_name, parquet
 from palpate_prediction.bands import ENDS
 from palpate_prediction.predict import Prediction, SpotPrediction
 from palpate_prediction.summary import QUANTITIES
-from palpate_report.api import Headline, comparison_page
+from palpate_report.api import Headline, comparison_page, in_words
 
 
 class PredictOutput(Closed):
@@ -112,7 +112,7 @@ def _strains(frame: pl.DataFrame) -> Iterator[Table]:
     rows = [
         [
             row["spot"],
-            row["region"].replace("_", " "),
+            in_words(row["region"]),
             ENDS[row["strain"]],
             row["experiment"],
             row["prediction"],
@@ -142,7 +142,7 @@ def write_surface(path: Path, states: SurfaceStates, state: int) -> None:
     )
 
 
-def _in_words(indenter: Indenter[Any]) -> str:
+def _sized(indenter: Indenter[Any]) -> str:
     """Kind of an indenter and its sizes, as ``box (width 10 mm, turn 30 deg)``."""
     fields = type(indenter.settings).model_fields.items()
     units = [(name, each) for name, field in fields for each in field.metadata if isinstance(each, Quantity)]
@@ -156,7 +156,7 @@ def notes(prediction: Prediction, notice: str) -> list[str]:
     found, tool = prediction.fitted, prediction.tool
     lines = [f"{notice.capitalize()}."] if notice else []
     lines.append(
-        f"Prediction for a {_in_words(tool.protocol.indenter)} with friction {tool.protocol.friction:g}, by "
+        f"Prediction for a {_sized(tool.protocol.indenter)} with friction {tool.protocol.friction:g}, by "
         f"the {found.source} of scenario {found.scenario} at {', '.join(found.spots)}."
     )
     if found.source == "fit":
@@ -227,7 +227,7 @@ def beyond(strains: pl.DataFrame) -> str:
     if not rows:
         return "The tissue is nowhere deformed beyond the strains of the experiment."
     texts = (
-        f"{row['region'].replace('_', ' ')} at {row['spot']}: {ENDS[row['strain']]} "
+        f"{in_words(row['region'])} at {row['spot']}: {ENDS[row['strain']]} "
         f"{row['prediction']:.3g} against {row['experiment']:.3g}, from depth {row['from_depth_mm']:.3g} mm"
         + (f", most at ({row['where_mm']}) mm" if row["where_mm"] else "")
         for row in rows

@@ -100,7 +100,7 @@ def title_of(space: ParameterSpace, n_spots: int) -> str:
     laws = [region.material.name.replace("_", "-").title() for region in searched]
     if len(searched) == 1:
         return f"One {laws[0]} material for all {n_spots} spots" if n_spots > 1 else f"{laws[0]} material"
-    each = (f"{law} {r.region.replace('_', ' ')}" for law, r in zip(laws, searched, strict=True))
+    each = (f"{law} {in_words(r.region)}" for law, r in zip(laws, searched, strict=True))
     return " and ".join(each) + (f", one set for all {n_spots} spots" if n_spots > 1 else "")
 
 
