@@ -84,13 +84,12 @@ def _cost(
     from palpate.simulation import cost, jobs as simulation
     from palpate.stages.pipeline import parts_of
 
-    jobs = simulation.jobs(study, checked.design, checked.measured)
-    keys = simulation.keys(study, jobs, checked.limbs)
-    by_key, run = dict(zip(keys, jobs, strict=True)), newest_run(path)
+    keys = simulation.keys(study, checked.jobs, checked.limbs)
+    by_key, run = dict(zip(keys, checked.jobs, strict=True)), newest_run(path)
     left = cost.cost(study, by_key, run, checked.limbs, parts_of(study, checked, session.plugins))
     if timing and left.seconds_each is None and (left.n_left or left.n_fit):
         progress.begin("time a simulation", 1)
-        to_time = jobs or simulation.middle_jobs(study, checked.measured)
+        to_time = checked.jobs or simulation.middle_jobs(study, checked.measured)
         left = replace(left, seconds_each=cost.timed(study, to_time, checked.limbs))
         progress.step()
     return left

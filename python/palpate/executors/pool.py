@@ -5,6 +5,7 @@ of few limbs, so that what a solver compiles or factorises serves all of them.
 """
 
 import contextlib
+import math
 import os
 import queue
 import signal
@@ -22,7 +23,8 @@ from palpate.domain import Job, Limb, Simulation, Status
 from palpate.errors import ExecutorError, PluginError
 from palpate.executors.attempts import Result
 from palpate.executors.machine import n_cores, thread_limits
-from palpate.executors.worker import packed, receive, send
+from palpate.executors.sandbox import guarded, how_it_ended, kill_group
+from palpate.executors.worker import OUT_OF_TIME, packed, receive, send
 from palpate.plugins.execution import Batch
 from palpate.plugins.registry import plugin_source
 
@@ -36,7 +38,11 @@ MOST_STARTS = 3
 """Workers that may end in a row before they are ready, for each of the processes wanted."""
 
 TICK_S = 1.0
-"""Longest time between two looks at the clock."""
+"""Longest wait for a message, and the most that it counts: the machine may have slept meanwhile."""
+
+PATIENCE = 10.0
+"""Time by the clock that a worker may be silent, over the processor time of its jobs: one that waits for a
+processor is slow, one that uses none hangs."""
 
 START_LIMIT_S = 300.0
 """Longest time that a worker may take to import the solver."""
@@ -173,9 +179,8 @@ class Pool:
         limb = self._batch.limbs.get(worker.limb_name)
         if limb is not None:
             worker.keep(worker.limb_name, limb)
-        worker.assigned = indices
-        worker.tell("jobs", limb is not None, packed([(i, jobs[i]) for i in indices]))
-        worker.heard()
+        worker.assigned, worker.silent_s = indices, 0.0
+        worker.tell("jobs", limb is not None, packed([(i, jobs[i]) for i in indices]), self._limit_s)
 
     def _take(self, worker: "_Worker") -> list[int]:
         """Take the next jobs for a worker, all of one limb: best of one that it has already.
@@ -203,22 +208,20 @@ class Pool:
     # ------------------------------------------------------------------ listening
 
     def _next_results(self) -> list[Result]:
-        """Wait for one message, or for the next time limit to pass, and act on it."""
-        late = min(self._workers, key=self._deadline)
-        asked = monotonic()
-        wait_s = min(TICK_S, max(0.0, self._deadline(late) - asked))
-        try:
-            worker, message = self._events.get(timeout=wait_s)
-        except queue.Empty:
-            waited_s = monotonic() - asked
-            if waited_s > wait_s + TICK_S:  # this process was stopped, and its workers with it
-                for worker in self._workers:
-                    worker.last_heard += waited_s - wait_s
-                return []
-            return self._timed_out(late) if monotonic() >= self._deadline(late) else []
-        if worker not in self._workers:
+        """Act on one message, or on a worker that is silent for too long."""
+        for worker in self._workers:
+            if worker.silent_s > self._patience_s(worker):
+                return self._silent(worker)
+        asked_s, event = monotonic(), None
+        with contextlib.suppress(queue.Empty):
+            event = self._events.get(timeout=TICK_S)
+        waited_s = min(monotonic() - asked_s, TICK_S)
+        for worker in self._workers:
+            worker.silent_s += waited_s
+        if event is None or event[0] not in self._workers:
             return []
-        worker.heard()
+        worker, message = event
+        worker.silent_s = 0.0
         return self._handle(worker, *message)
 
     def _handle(self, worker: "_Worker", kind: str, *content: Any) -> list[Result]:  # noqa: ANN401 - each kind has its own
@@ -243,34 +246,45 @@ class Pool:
             return self._gone(worker)
         return []
 
-    def _deadline(self, worker: "_Worker") -> float:
+    @property
+    def _limit_s(self) -> float:
+        """Processor time that a job may take with all threads of its worker."""
+        return self._batch.limits.time_s * self._n_threads
+
+    def _patience_s(self, worker: "_Worker") -> float:
         if not worker.ready:
-            return worker.last_heard + START_LIMIT_S
-        if not worker.assigned:
-            return float(threading.TIMEOUT_MAX) / 2
-        return worker.last_heard + self._batch.limits.time_s * max(1, len(worker.started))
+            return START_LIMIT_S
+        n_jobs = max(1, len(worker.started)) if worker.assigned else math.inf
+        return PATIENCE * self._batch.limits.time_s * n_jobs
 
     # -------------------------------------------------------------------- failing
 
-    def _timed_out(self, worker: "_Worker") -> list[Result]:
+    def _silent(self, worker: "_Worker") -> list[Result]:
         suspects = self._dismiss(worker)
         if not worker.ready:
             raise PluginError(
                 f"a worker process did not load the solver within {START_LIMIT_S:g} s; last output: "
                 f"{worker.last_output or 'none'}"
             )
+        limit = f"limit {PATIENCE:g} times {self._batch.limits.time_s:g} s"
+        return self._timed_out(suspects, worker, f"{worker.silent_s:.1f} s without an answer ({limit})")
+
+    def _timed_out(self, suspects: list[int], worker: "_Worker", after: str) -> list[Result]:
+        """Time-out of the job of a stopped worker; several jobs are tried again, each alone."""
         if len(suspects) > 1:
             self._alone.extend(suspects)
             return []
-        seconds = monotonic() - worker.last_heard
-        message = f"stopped after {seconds:.1f} s (limit {self._batch.limits.time_s:g} s)"
-        jobs, status = self._batch.jobs, Status.TIMED_OUT
-        return [
-            (i, Simulation(job=jobs[i], status=status, message=message, seconds=seconds)) for i in suspects
-        ]
+        seconds = max(worker.silent_s, self._batch.limits.time_s)
+        return [self._lost(index, Status.TIMED_OUT, seconds, f"stopped after {after}") for index in suspects]
+
+    def _lost(self, index: int, status: Status, seconds: float, message: str, n_crashes: int = 0) -> Result:
+        job = self._batch.jobs[index]
+        return index, Simulation(
+            job=job, status=status, seconds=seconds, message=message, n_crashes=n_crashes
+        )
 
     def _gone(self, worker: "_Worker") -> list[Result]:
-        """Try the jobs of a worker that died again, alone, before they are quarantined."""
+        """Try the jobs of a worker that died again, alone, before they are quarantined or out of time."""
         worker.await_end()
         had_begun = bool(worker.started)
         suspects = self._dismiss(worker)
@@ -283,6 +297,9 @@ class Pool:
                 f"{worker.how_it_ended()}); check that the plugins import in a fresh Python, and that there "
                 "is memory for executor.n_workers of them; finished simulations are kept"
             )
+        if worker.killed_by == OUT_OF_TIME:
+            limit = f"limit {self._batch.limits.time_s:g} s for each thread"
+            return self._timed_out(suspects, worker, f"{self._limit_s:g} s of processor time ({limit})")
         self._ends |= dict.fromkeys(suspects, worker.how_it_ended())
         if not had_begun:
             # Somebody else may have ended it between two jobs; what dies on being handed over dies again.
@@ -296,19 +313,9 @@ class Pool:
         times = {1: "once", 2: "twice"}.get(n_attempts, f"{n_attempts} times")
         message = f"the worker process ended {times} on this job: {worker.how_it_ended()}"
         # Signals that come from outside a job: from the system when memory runs out, or from a person.
-        return [
-            (
-                index,
-                Simulation(
-                    job=self._batch.jobs[index],
-                    status=Status.CRASHED,
-                    message=message,
-                    seconds=monotonic() - worker.started_s,
-                    n_crashes=0 if worker.killed_by in (signal.SIGKILL, signal.SIGTERM) else n_attempts,
-                ),
-            )
-            for index in final
-        ]
+        n_crashes = 0 if worker.killed_by in (signal.SIGKILL, signal.SIGTERM) else n_attempts
+        how = Status.CRASHED, worker.silent_s, message, n_crashes
+        return [self._lost(index, *how) for index in final]
 
     def _dismiss(self, worker: "_Worker") -> list[int]:
         """Stop a worker, take back the jobs that it had not started, and return those it had."""
@@ -359,7 +366,7 @@ class _Worker:
         self.limbs: dict[str, Limb] = {}
         self.assigned: list[int] = []
         self.started: set[int] = set()
-        self.started_s = self.last_heard = monotonic()
+        self.silent_s = 0.0
         self.last_output = ""
         self._output = b""
         search_path = os.pathsep.join(path or os.getcwd() for path in sys.path)
@@ -371,6 +378,8 @@ class _Worker:
             env={**os.environ, **thread_limits(n_threads), "PYTHONPATH": search_path},
             start_new_session=True,  # Ctrl-C is for this process, which then stops the workers
         )
+        self._guard = contextlib.ExitStack()
+        self._guard.enter_context(guarded(self._process.pid))
         self._readers = (
             threading.Thread(target=self._listen, args=(events,), daemon=True),
             threading.Thread(target=self._keep_output, daemon=True),
@@ -391,9 +400,6 @@ class _Worker:
         with self._process.stderr as stream:
             while chunk := os.read(stream.fileno(), 1 << 16):
                 self._output = (self._output + chunk)[-LONGEST_LINE:]
-
-    def heard(self) -> None:
-        self.last_heard = monotonic()
 
     def tell(self, *message: object) -> None:
         assert self._process.stdin is not None
@@ -420,16 +426,13 @@ class _Worker:
 
     def kill(self) -> None:
         """End the process with everything that it started."""
-        with contextlib.suppress(ProcessLookupError, PermissionError):
-            if hasattr(os, "killpg"):
-                os.killpg(self._process.pid, signal.SIGKILL)
-            else:
-                self._process.kill()
+        kill_group(self._process)
 
     def stop(self) -> None:
         """End the process, let go of all that it held here, and keep its last words."""
         self.kill()
         self._process.wait()
+        self._guard.close()
         for reader in self._readers:
             reader.join(LAST_OUTPUT_S)  # it closes what it reads
         with contextlib.suppress(BrokenPipeError):
@@ -445,15 +448,5 @@ class _Worker:
 
     def how_it_ended(self) -> str:
         """Exit code or signal, and the last line of output."""
-        how = f"exit code {self._process.returncode}"
-        if number := self.killed_by:
-            outside = " (killed from outside, or for its memory)" if number == signal.SIGKILL else ""
-            how = f"signal {_named(number)}{outside}"
+        how = how_it_ended(self._process.returncode)
         return f"{how}; last output: {self.last_output}" if self.last_output else how
-
-
-def _named(number: int) -> str:
-    try:
-        return signal.Signals(number).name
-    except ValueError:  # a real-time signal
-        return str(number)

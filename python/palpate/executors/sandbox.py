@@ -76,9 +76,19 @@ class Ended:
     def __str__(self) -> str:
         """Limit, signal, or last line and exit code."""
         if self.stopped or self.exit_code < 0:
-            return self.stopped or f"ended by signal {-self.exit_code}"
+            return self.stopped or f"ended by {how_it_ended(self.exit_code)}"
         last = (self.tail.strip().splitlines() or ["nothing printed"])[-1][:300]
-        return f"exit code {self.exit_code}: {last}"
+        return f"{how_it_ended(self.exit_code)}: {last}"
+
+
+def how_it_ended(exit_code: int | None) -> str:
+    """Exit code of a process, or the name of the signal that ended it."""
+    if not exit_code or exit_code > 0:
+        return f"exit code {exit_code}"
+    with contextlib.suppress(ValueError):  # a real-time signal
+        name = signal.Signals(-exit_code).name
+        return f"signal {name}{' (killed from outside, or for its memory)' if name == 'SIGKILL' else ''}"
+    return f"signal {-exit_code}"
 
 
 def run_program(
@@ -112,7 +122,7 @@ def run_program(
     with tempfile.TemporaryFile() as printed:
         with (
             _started(command, working_directory or folder, environment, limits, printed) as process,
-            _guarded(process.pid, folder if is_scratch else None),
+            guarded(process.pid, folder if is_scratch else None),
         ):
             if process.stdin is not None:  # its guard knows its group now
                 with contextlib.suppress(BrokenPipeError), process.stdin as gate:  # it may have been killed
@@ -228,7 +238,7 @@ def _located(program: str, folder: Path, variables: Mapping[str, str]) -> str:
 
 
 @contextmanager
-def _guarded(group: int, scratch: Path | None) -> Iterator[None]:
+def guarded(group: int, scratch: Path | None = None) -> Iterator[None]:
     """Have a shell, in a group of its own, kill a process group if this process is killed."""
     if not _IS_POSIX:
         yield
@@ -251,20 +261,21 @@ def _guarded(group: int, scratch: Path | None) -> Iterator[None]:
 
 def end_group(process: "subprocess.Popen[bytes]", grace_s: float) -> None:
     """Ask a process group to end, and kill it where it does not."""
-    if not _IS_POSIX:
-        process.kill()
-        process.wait()
-        return
-    for sign in (signal.SIGTERM, signal.SIGKILL):
-        try:
-            os.killpg(process.pid, sign)
-        except (ProcessLookupError, PermissionError):
-            break
-        try:
+    if _IS_POSIX:
+        with contextlib.suppress(ProcessLookupError, PermissionError, subprocess.TimeoutExpired):
+            os.killpg(process.pid, signal.SIGTERM)
             process.wait(grace_s)
-        except subprocess.TimeoutExpired:
-            continue
+    kill_group(process)
     process.wait()
+
+
+def kill_group(process: "subprocess.Popen[bytes]") -> None:
+    """Kill a process with everything that it started."""
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        if _IS_POSIX:
+            os.killpg(process.pid, signal.SIGKILL)
+        else:
+            process.kill()
 
 
 def _watched(

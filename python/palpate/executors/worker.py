@@ -11,21 +11,22 @@ import pickle
 import signal
 import struct
 import sys
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import IO, Any
 
 from palpate.domain import Limb
 from palpate.domain.component import Component
-from palpate.executors.attempts import WORKER, Result, attempt, spent_on_jobs_here
+from palpate.executors.attempts import WORKER, Result, Task, attempt, spent_on_jobs_here
 from palpate.plugins.registry import load_file
 
 _LENGTH = struct.Struct("<Q")
+
+OUT_OF_TIME = getattr(signal, "SIGPROF", None)
+"""Signal by which the system ends a worker whose jobs have taken all of their processor time."""
 
 
 class _Pickler(pickle.Pickler):
@@ -71,7 +72,6 @@ def receive(stream: IO[bytes]) -> Any:  # noqa: ANN401 - whatever the other side
 
 def main() -> None:
     """Serve until the parent closes its end or is gone."""
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     inbox = os.fdopen(os.dup(0), "rb")
     outbox = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
@@ -87,15 +87,6 @@ def main() -> None:
         with contextlib.suppress(BrokenPipeError):  # the parent reads the output too
             sys.stderr.flush()
         os._exit(0)
-
-
-def _end_with(parent: int) -> None:
-    """End this process once its parent has: a job may still be running then, for nobody."""
-    while os.getppid() == parent:
-        time.sleep(1.0)
-    if os.name == "posix" and os.getpgid(0) == os.getpid():
-        os.killpg(0, signal.SIGKILL)  # with everything that the solver has started
-    os._exit(1)
 
 
 def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
@@ -123,6 +114,19 @@ def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
         spent = {**simulation.diagnostics, WORKER: told_s - before_s}
         return index, replace(simulation, diagnostics=spent)
 
+    def run(tasks: list[Task], limb: Limb | None, limit_s: float) -> None:
+        in_flight: set[int] = set()
+
+        def started(index: int) -> None:
+            in_flight.add(index)
+            _limit_time(limit_s * len(in_flight))
+            tell("started", index)
+
+        for result in attempt(solver, limb, tasks, started):
+            in_flight.discard(result[0])
+            _limit_time(limit_s * len(in_flight))
+            tell("done", charged(result))
+
     while True:
         kind, *content = receive(inbox)
         if kind == "limb":
@@ -131,10 +135,14 @@ def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
         else:
             has_limb, tasks = content[0], pickle.loads(content[1])
             limb = limbs[tasks[0][1].limb_name] if has_limb else None
-            started = partial(tell, "started")
-            for result in attempt(solver, limb, tasks, started):
-                tell("done", charged(result))
+            run(tasks, limb, content[2])
             tell("idle")
+
+
+def _limit_time(seconds: float) -> None:
+    """Have the system end this process after so much more processor time of its threads; 0: no limit."""
+    if OUT_OF_TIME is not None:
+        signal.setitimer(signal.ITIMER_PROF, min(seconds, 1e9))
 
 
 def _limit_memory(memory_MB: float) -> None:

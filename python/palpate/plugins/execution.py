@@ -18,7 +18,8 @@ class Limits:
     Parameters
     ----------
     time_s : float
-        A job that takes longer is stopped.
+        Processor time after which a job is stopped, for each thread of its worker; ten times as long by the
+        clock, for one that hangs without using any.
     memory_MB : float
         Most memory that a job may allocate on top of its worker; 0: no limit.
     n_attempts : int

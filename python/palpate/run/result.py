@@ -1,13 +1,13 @@
 """Values that the stages of a run hand on: what it read, chose and wrote."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 from typing import Any
 
 import polars as pl
 
-from palpate.domain import Design, Limb, ParameterName, Response
+from palpate.domain import Design, Job, Limb, ParameterName, Response
 from palpate.run.result_files import responses_of
 from palpate.run.tables import ASSESSED, DECLARED, OF_A_FIT
 
@@ -28,6 +28,8 @@ class StudyInputs:
         ``limbs`` is empty where the solver needs none.
     warnings : tuple of str
         What is odd about the study or its curves, and stops nothing.
+    jobs : sequence of Job
+        Jobs of the sweep where they have been checked.
     edges_mm : mapping of spot name to float
         Longest edges under the indenter of finer meshes that the run has chosen by itself.
     """
@@ -36,6 +38,7 @@ class StudyInputs:
     limbs: Mapping[str, Limb]
     design: Design
     warnings: tuple[str, ...] = ()
+    jobs: Sequence[Job] = ()
     edges_mm: Mapping[str, float] = field(default_factory=dict)
 
 

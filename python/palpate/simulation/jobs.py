@@ -171,18 +171,11 @@ def simulate(
     StoppedError
         ``progress`` requested a stop; finished results are kept.
     """
+    to_do = jobs(study, design, measured)
+    check_jobs(study, to_do, limbs)
     with Simulations(study, folder, limbs, progress) as simulations:
-        return run_sweep(simulations, design, measured)
-
-
-def run_sweep(
-    simulations: Simulations, design: Design, measured: Mapping[str, Response]
-) -> tuple[Simulation, ...]:
-    """Simulate every job as :func:`simulate` does, with what other stages of the command use too."""
-    to_do = jobs(simulations.study, design, measured)
-    check_jobs(simulations.study, to_do, simulations.limbs)
-    simulations.plan(to_do)
-    return tuple(simulations.of(to_do))
+        simulations.plan(to_do)
+        return tuple(simulations.of(to_do))
 
 
 def stored(

@@ -128,10 +128,12 @@ class Simulate(OfEveryRun):
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Simulate; the ledger has the results."""
-        study, design, measured = inputs.study, inputs.design, inputs.measured
+        study, jobs = inputs.study, inputs.inputs.jobs
         if inputs.fresh is None:
-            simulation.check_jobs(study, simulation.jobs(study, design, measured), inputs.limbs)
-        inputs.shared[self.name] = simulation.run_sweep(inputs.simulations, design, measured)
+            jobs = simulation.jobs(study, inputs.design, inputs.measured)
+            simulation.check_jobs(study, jobs, inputs.limbs)
+        inputs.simulations.plan(jobs)
+        inputs.shared[self.name] = tuple(inputs.simulations.of(jobs))
         return {}
 
 

@@ -83,13 +83,13 @@ def check_study(study: Study, plugins: Plugins, earlier: RunDirectory | None = N
     scoring.check_scorable(measured, study.scoring, study.scenarios)
     limbs = load_limbs(study)
     design = draw_study(study, earlier)
-    to_do = simulation.jobs(study, design, measured) or simulation.middle_jobs(study, measured)
-    simulation.check_jobs(study, to_do, limbs)
+    jobs = simulation.jobs(study, design, measured)
+    simulation.check_jobs(study, jobs or simulation.middle_jobs(study, measured), limbs)
     if not isinstance(study.search, BestSet):
         check_fit(study, measured, abscissae_of(plugins.channels))
     of_curves = _measured_warnings(study, measured)
     warnings = (*setting_warnings(study), *of_curves, *limb_warnings(study, limbs))
-    return StudyInputs(measured=measured, limbs=limbs, design=design, warnings=warnings)
+    return StudyInputs(measured=measured, limbs=limbs, design=design, warnings=warnings, jobs=jobs)
 
 
 def parts_of(study: Study, inputs: StudyInputs, plugins: Plugins) -> list[Part]:
@@ -255,8 +255,7 @@ def _changed(study: Study, inputs: StudyInputs, run: RunDirectory, plugins: Plug
     """Differences of the study from the one that a folder was written for."""
     if not run.exists:
         return Changed(changes=(), n_finished=0, n_valid=0)
-    to_do = simulation.jobs(study, inputs.design, inputs.measured)
-    keys = simulation.keys(study, to_do, inputs.limbs)
+    keys = simulation.keys(study, inputs.jobs, inputs.limbs)
     with Ledger(run.folder) as ledger:
         return changed(ledger, run.manifest(), manifest(study, plugins.channels), keys)
 

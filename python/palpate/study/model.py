@@ -312,7 +312,9 @@ class SolverTable(Table):
         ge=0,
         description="Local worker processes; 0: one per core, and no more than a memory limit has room for.",
     )
-    time_limit: Seconds = Field(default=600.0, gt=0.0, description="Longest time for one simulation.")
+    time_limit: Seconds = Field(
+        default=600.0, gt=0.0, description="Most processor time for one simulation, on each thread."
+    )
     settings: dict[str, Any] = Field(default={}, description="Settings of the solver.")
 
 

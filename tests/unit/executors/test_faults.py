@@ -207,7 +207,8 @@ class Hard(Solver[HardSettings]):
             signal.signal(signal.SIGTERM, signal.SIG_IGN)
             child = subprocess.Popen(["sleep", "600"])
             Path(self.settings.pids).write_text(f"{os.getpid()} {child.pid}")
-            time.sleep(600)
+            while True:
+                pass
         if job.set_id == 2:
             for _ in range(60):
                 os.write(2, b"x" * 100_000 + b"\\n")
@@ -224,6 +225,8 @@ class Hard(Solver[HardSettings]):
             with Path(self.settings.pids).open("a") as pids:
                 pids.write(f"{child.pid} ")
             os._exit(1)
+        if job.set_id in (8, 9):
+            time.sleep(0.5 if job.set_id == 8 else 600)
         if job.set_id >= 10:
             began = Path(f"{self.settings.pids} of {job.set_id}")
             if job.set_id % 18 == 0 and not began.exists():
@@ -247,7 +250,7 @@ def hard(make_study, tmp_path):
 
 @pytest.mark.slow
 def test_every_job_has_one_result_whatever_its_worker_does(hard, tmp_path, until, has_ended):
-    found = dict(Processes().results(batch_for(hard, 6, time_s=5.0)))
+    found = dict(Processes().results(batch_for(hard, 6, time_s=1.0)))
     assert sorted(found) == list(range(6))
     assert [found[i].status.value for i in range(6)] == ["ok", "timed_out", "ok", "crashed", "crashed", "ok"]
     how = "signal SIGKILL (killed from outside, or for its memory); last output: "
@@ -256,6 +259,22 @@ def test_every_job_has_one_result_whatever_its_worker_does(hard, tmp_path, until
     assert found[4].message == "SystemExit: 3"
     for pid in (tmp_path / "pids").read_text().split():
         until(lambda pid=pid: has_ended(pid))  # what a job has started does not outlive it
+
+
+def test_a_job_that_waits_for_a_processor_is_not_stopped(hard, monkeypatch):
+    monkeypatch.setattr(pool, "PATIENCE", 1e9)
+    batch = batch_for(hard, 9, time_s=0.2)
+    ((_, found),) = Processes().results(replace(batch, jobs=batch.jobs[8:]))
+    assert found.status is Status.OK, found.message  # asleep for 0.5 s, as if others had the processor
+
+
+def test_a_job_that_hangs_without_a_processor_is_stopped(hard, monkeypatch):
+    monkeypatch.setattr(pool, "PATIENCE", 1e-3)
+    batch = batch_for(hard, 10)
+    ((_, found),) = Processes().results(replace(batch, jobs=batch.jobs[9:]))
+    assert found.status is Status.TIMED_OUT
+    assert "s without an answer (limit 0.001 times 60 s)" in found.message
+    assert found.seconds >= 60.0  # an earlier limit than the present one is tried again
 
 
 def test_a_process_that_leaves_the_group_blocks_nothing(hard, tmp_path, monkeypatch, has_ended):

@@ -115,7 +115,7 @@ def test_nothing_starts_whose_guard_does_not(tmp_path, monkeypatch):
     def fails(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(sandbox, "_guarded", fails)
+    monkeypatch.setattr(sandbox, "guarded", fails)
     with pytest.raises(KeyboardInterrupt):
         python(tmp_path, "open('ran', 'w')")
     assert not (tmp_path / "ran").exists()
@@ -184,7 +184,7 @@ def test_a_function_returns_its_value_and_raises_its_errors():
     ("function", "argument", "message"),
     [
         (time.sleep, 600, "stopped after 1.5 s, its time limit"),
-        (signal.raise_signal, signal.SIGSEGV, "ended by signal 11"),
+        (signal.raise_signal, signal.SIGSEGV, "ended by signal SIGSEGV"),
         (sys.exit, "broken", "exit code 1: broken"),
         (int, "x", "exit code 1: ValueError: invalid literal"),
     ],

@@ -16,7 +16,7 @@ from palpate_report.answer.result import Conclusion, Report
 
 @pytest.fixture
 def study(make_study):
-    return make_study("Faulty", n_sets=8, n_workers=2, time_limit_s=1.5)
+    return make_study("Faulty", n_sets=8, n_workers=2, time_limit_s=0.5)
 
 
 @pytest.mark.slow
