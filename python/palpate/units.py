@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     import pint
 
 DIMENSIONLESS = frozenset({"", "1", "-", "dimensionless"})
-_RATIOS = frozenset({"percent"})
 _QUANTITY = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
 _COMMA = re.compile(r"\s*[+-]?\d*,\d.*")
 _USUAL = ("mm", "cm", "m", "N", "mN", "kN", "Pa", "kPa", "MPa", "GPa", "N*mm", "N*m", "deg", "rad", "s", "ms",
@@ -182,7 +181,7 @@ def _dimension(unit: "pint.Unit") -> str:
         return "angle"
     if root == _registry().Unit("bit"):
         return "amount of memory"
-    if unit.dimensionless and not names <= _RATIOS:
+    if unit.dimensionless and not names <= {"percent"}:
         return f"ratio of {sorted(names)}"
     # The order of the factors is another in each unit.
     return str(sorted(unit.dimensionality.items()))

@@ -18,10 +18,10 @@ ROOT = Path(__file__).parents[2]
 LONGEST_FILE = 500
 LONGEST_FUNCTION = 45
 MOST = {
-    "lines": 77_086,
-    "lines of the core": 33_348,
+    "lines": 76_938,
+    "lines of the core": 33_333,
     "classes": 655,
-    "constants": 865,
+    "constants": 780,
     "long files": 0,
     "long functions": 7,
     "docstrings without a noun first": 0,

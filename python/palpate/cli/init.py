@@ -28,9 +28,6 @@ FIRST = "first-press"
 FOR_OWN = "forearm-demo"
 """The ready study that gives one of own presses its protocol and material where none is named."""
 
-OF_TESTS = ("scoring", "selection", "scenario")
-"""Tables of a ready study that hold for its own homogeneous tests alone, besides :data:`OF_PRESSES`."""
-
 OF_PRESSES = ("study", "spot", "experiment", "budget", "truth")
 """Tables of a ready study that hold for its own presses alone."""
 
@@ -138,7 +135,10 @@ def own_test_text(session: Session, ready: Path, folder: Path, measured: Sequenc
         f'[study]\nname = {json.dumps(_name_of(folder.resolve().name))}\ndata = "measured"\n',
         f'[[spot]]\nname = "specimen"\nmeasured = {{ {found.test} = {file} }}\n',
     ]
-    tables = _tables_of(parse_toml(ready / "study.toml")[0], (*OF_PRESSES, *OF_TESTS))
+    # Tables of a ready study that hold for its own homogeneous tests alone, besides `OF_PRESSES`.
+    tables = _tables_of(
+        parse_toml(ready / "study.toml")[0], (*OF_PRESSES, "scoring", "selection", "scenario")
+    )
     weights = f'[[scenario]]\nname = "test"\nweights = {{ {found.test} = 1.0 }}\n'
     return "\n".join([*own, found.study_text, *tables, '[selection]\nscenarios = ["test"]\n', weights])
 

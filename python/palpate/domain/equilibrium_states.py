@@ -22,21 +22,15 @@ WRENCH = ("force_N", "lateral_x_N", "lateral_y_N", "moment_x_Nmm", "moment_y_Nmm
 """Columns of a wrench: of the indenter on the tissue, its moment about the indenter's point; the force
 is against the normal."""
 
-ALONG = ("slide_mm", "tilt_deg", "lateral_force_N", "tilt_moment_Nmm")
-"""Columns along the direction in which the path first shifts, or tilts: they depend on no axes.
-
-Smaller shifts and tilts than a thousandth of the largest have no direction."""
-
 TIME = "time_s"
 """Column of the time, where the path has one."""
 
-STATE_COLUMNS = (*POSE, *WRENCH, *ALONG, TIME)
+# Four columns along the direction in which the path first shifts, or tilts: they depend on no axes. Smaller
+# shifts and tilts than a thousandth of the largest have no direction.
+STATE_COLUMNS = (*POSE, *WRENCH, "slide_mm", "tilt_deg", "lateral_force_N", "tilt_moment_Nmm", TIME)
 """Columns that equilibrium states have by themselves."""
 
 _SHIFT, _TILT = slice(1, 3), slice(3, 5)
-
-MOVED = 1e-3
-"""Share of the largest shift, or tilt, up to which one is a remainder of Newton's method under loads."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -170,7 +164,8 @@ def pose_columns(
 def _first_direction(parts: FloatArray) -> FloatArray:
     """Unit vector (2,) of the first row (k, 2) that moves; zeros where none does."""
     sizes = np.hypot(*parts.T)
-    moved = np.flatnonzero(sizes > MOVED * sizes.max(initial=0.0))
+    # Share of the largest shift, or tilt, up to which one is a remainder of Newton's method under loads.
+    moved = np.flatnonzero(sizes > 1e-3 * sizes.max(initial=0.0))
     direction: FloatArray = parts[moved[0]] / sizes[moved[0]] if moved.size else np.zeros(2)
     return direction
 

@@ -34,9 +34,6 @@ _Setup = tuple[tuple[tuple[Path, bytes], ...], bytes, float]
 MOST_LIMBS = 8
 """Most limbs that a worker keeps."""
 
-MOST_STARTS = 3
-"""Workers that may end in a row before they are ready, for each of the processes wanted."""
-
 TICK_S = 1.0
 """Longest wait for a message, and the most that it counts: the machine may have slept meanwhile."""
 
@@ -290,7 +287,8 @@ class Pool:
         suspects = self._dismiss(worker)
         if not worker.ready:
             self._n_failed_starts += 1
-            if self._n_failed_starts < MOST_STARTS * self._n_processes:
+            # Workers that may end in a row before they are ready, for each of the processes wanted.
+            if self._n_failed_starts < 3 * self._n_processes:
                 return []  # another is started in its place
             raise PluginError(
                 f"{self._n_failed_starts} worker processes in a row ended before they were ready (the last: "

@@ -29,12 +29,6 @@ TAIL_CHARACTERS = 32_000
 
 _IS_POSIX = os.name == "posix"
 
-GATE = ("/bin/sh", "-c", 'read -r _ && exec "$@" </dev/null', "sh")
-"""Becomes a program once a line comes in; ends where none can come any more."""
-
-GUARD = ("/bin/sh", "-c", 'read -r _; kill -9 -"$0"; [ -z "$1" ] || /bin/rm -rf -- "$1"')
-"""Waits for the end of its input, which this process holds open, then kills a group and removes a folder."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProcessLimits:
@@ -198,8 +192,13 @@ def _started(
 ) -> Iterator[subprocess.Popen[bytes]]:
     variables = {**os.environ, **(environment or {})}
     try:
+        # Becomes a program once a line comes in; ends where none can come any more.
         process = subprocess.Popen(
-            [*(GATE if _IS_POSIX else ()), _located(command[0], folder, variables), *command[1:]],
+            [
+                *(("/bin/sh", "-c", 'read -r _ && exec "$@" </dev/null', "sh") if _IS_POSIX else ()),
+                _located(command[0], folder, variables),
+                *command[1:],
+            ],
             cwd=folder,
             env=variables,
             stdin=subprocess.PIPE if _IS_POSIX else subprocess.DEVNULL,
@@ -243,8 +242,14 @@ def guarded(group: int, scratch: Path | None = None) -> Iterator[None]:
     if not _IS_POSIX:
         yield
         return
+    # Waits for the end of its input, which this process holds open, then kills a group and removes a
+    # folder.
     guard = subprocess.Popen(
-        [*GUARD, str(group), "" if scratch is None else str(scratch)],
+        [
+            *("/bin/sh", "-c", 'read -r _; kill -9 -"$0"; [ -z "$1" ] || /bin/rm -rf -- "$1"'),
+            str(group),
+            "" if scratch is None else str(scratch),
+        ],
         stdin=subprocess.PIPE,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

@@ -12,7 +12,7 @@ import signal
 import struct
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -21,6 +21,7 @@ from typing import IO, Any
 from palpate.domain import Limb
 from palpate.domain.component import Component
 from palpate.executors.attempts import WORKER, Result, Task, attempt, spent_on_jobs_here
+from palpate.plugins.interfaces import Solver
 from palpate.plugins.registry import load_file
 
 _LENGTH = struct.Struct("<Q")
@@ -114,19 +115,6 @@ def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
         spent = {**simulation.diagnostics, WORKER: told_s - before_s}
         return index, replace(simulation, diagnostics=spent)
 
-    def run(tasks: list[Task], limb: Limb | None, limit_s: float) -> None:
-        in_flight: set[int] = set()
-
-        def started(index: int) -> None:
-            in_flight.add(index)
-            _limit_time(limit_s * len(in_flight))
-            tell("started", index)
-
-        for result in attempt(solver, limb, tasks, started):
-            in_flight.discard(result[0])
-            _limit_time(limit_s * len(in_flight))
-            tell("done", charged(result))
-
     while True:
         kind, *content = receive(inbox)
         if kind == "limb":
@@ -135,8 +123,26 @@ def _serve(inbox: IO[bytes], tell: Callable[..., None]) -> None:
         else:
             has_limb, tasks = content[0], pickle.loads(content[1])
             limb = limbs[tasks[0][1].limb_name] if has_limb else None
-            run(tasks, limb, content[2])
+            for result in _limited(solver, limb, tasks, content[2], tell):
+                tell("done", charged(result))
             tell("idle")
+
+
+def _limited(
+    solver: Solver, limb: Limb | None, tasks: list[Task], limit_s: float, tell: Callable[..., None]
+) -> Iterator[Result]:
+    """Results of jobs that may each take so much processor time."""
+    in_flight: set[int] = set()
+
+    def started(index: int) -> None:
+        in_flight.add(index)
+        _limit_time(limit_s * len(in_flight))
+        tell("started", index)
+
+    for result in attempt(solver, limb, tasks, started):
+        in_flight.discard(result[0])
+        _limit_time(limit_s * len(in_flight))
+        yield result
 
 
 def _limit_time(seconds: float) -> None:

@@ -24,9 +24,6 @@ from palpate.domain.material import IsotropicMaterial
 from palpate.errors import CurveError
 from palpate.plugins.guard import answering_for
 
-LARGEST = 1e150
-"""Ordinate beyond which a square, and with it every score, is no number."""
-
 BIAS = 0.025
 """Share of its peak above which an ordinate that must be zero gives a warning."""
 
@@ -55,7 +52,6 @@ ODD_LEVERS = (1 / 10, 5.0)
 """… and outside these there is a warning."""
 
 _STRAINS = np.array([-0.3, -0.05, 0.05, 0.3])
-_MOST_CORNERS = 2**12
 
 
 def check_curve(curve: Curve, channel: Channel) -> list[str]:
@@ -64,7 +60,8 @@ def check_curve(curve: Curve, channel: Channel) -> list[str]:
     peak = float(np.abs(curve.ordinate).max())
     if not peak > 0.0:
         return []  # scoring refuses a curve of zeros
-    if peak > LARGEST:
+    # Ordinate beyond which a square, and with it every score, is no number.
+    if peak > 1e150:
         row = int(np.abs(curve.ordinate).argmax())
         raise CurveError(
             f"{named}: {curve.ordinate[row]:.3g} in row {row} is too large to be squared; repair it"
@@ -345,7 +342,7 @@ def thetas_of_ranges(space: ParameterSpace, region: RegionMaterial, n_levels: in
     None of them where the material has directions, or too many parameters.
     """
     columns = space.columns_of(region.region)
-    if not isinstance(region.material, IsotropicMaterial) or n_levels ** len(columns) > _MOST_CORNERS:
+    if not isinstance(region.material, IsotropicMaterial) or n_levels ** len(columns) > 2**12:
         return []
     values = [
         np.linspace(p.lower, p.upper, n_levels if i in columns else 1) for i, p in enumerate(space.parameters)

@@ -31,9 +31,6 @@ LARGEST_STRESS = (1 / 30, 10.0)
 EARLY = 0.3
 """Logarithm of the stretch up to which stresses are compared with the least that the ranges give."""
 
-OTHER_RATIO = 0.1
-"""Relative difference of two tests' ratio from what the ranges give, above which they may be exchanged."""
-
 PERCENT_STRETCH = 3.0
 """Stretch up to which the stress of a soft material has bent, and that of a strain in percent has not."""
 
@@ -263,7 +260,8 @@ def _exchanged(a: Curve, b: Curve, space: ParameterSpace) -> float:
         return 0.0
     ends = ratios.min(axis=0), ratios.max(axis=0)
     off, off_exchanged = (float(np.median(np.abs(each - np.clip(each, *ends)))) for each in (ratio, -ratio))
-    return off if off > OTHER_RATIO and off_exchanged < 0.5 * off else 0.0
+    # Relative difference of two tests' ratio from what the ranges give, above which they may be exchanged.
+    return off if off > 0.1 and off_exchanged < 0.5 * off else 0.0
 
 
 def _rise(stresses: FloatArray) -> FloatArray:

@@ -32,15 +32,6 @@ Measured between four Yeoh materials, whose corrections differ by up to 4 % of t
 and 0.58 of the torque at the two spots of ``forearm-demo`` that chose it, 0.46 and 0.57 at the others, with
 one sign at all spots."""
 
-INDEPENDENT = 10.0
-"""Independent points of a curve: its errors are alike at neighbouring points, of which there may be many."""
-
-SMALL = 1e-4
-"""Step along a slope, over the largest ordinate, that shows the slope of the values at measured points."""
-
-RANGE_VARIANCE = 1.0 / 12.0
-"""Variance of a value that may be anywhere in a range of 1."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FineRun:
@@ -137,7 +128,9 @@ def _slopes_of(
     here = term.values(simulation, inputs, channel)
     for name, slope in curve.slopes.items():
         largest = float(np.abs(slope).max())
-        step = (SMALL * float(np.abs(curve.ordinate).max()) / largest if largest else 0.0) or 1.0
+        # Step along a slope, over the largest ordinate, that shows the slope of the values at measured
+        # points.
+        step = (1e-4 * float(np.abs(curve.ordinate).max()) / largest if largest else 0.0) or 1.0
         moved = Response(curves={channel: replace(curve, ordinate=curve.ordinate + step * slope)})
         found[name] = (term.values(replace(simulation, response=moved), inputs, channel) - here) / step
     return found
@@ -198,8 +191,11 @@ class EndSlopes:
         n, n_parameters = jacobian.shape
         variance = float(residuals @ residuals) / max(n - n_parameters, 1)
         variance = max(variance, float(np.mean(expected**2)))
-        variance *= max(1.0, n / (INDEPENDENT * len(curves)))
-        inverse = np.linalg.inv(jacobian.T @ jacobian + variance / RANGE_VARIANCE * np.eye(n_parameters))
+        # Independent points of a curve: its errors are alike at neighbouring points, of which there may be
+        # many.
+        variance *= max(1.0, n / (10.0 * len(curves)))
+        # Variance of a value that may be anywhere in a range of 1.
+        inverse = np.linalg.inv(jacobian.T @ jacobian + 12.0 * variance * np.eye(n_parameters))
         gain = inverse @ jacobian.T
         of_gains = np.sum((gain @ calibration) ** 2, axis=1)
         return cls(gain=gain, sd=np.sqrt(variance * np.diag(inverse) + of_gains))

@@ -36,9 +36,6 @@ from palpate.scoring.scores import compare, scored_points
 from palpate.simulation.jobs import homogeneous_tests
 from palpate.study.reading import Study
 
-MOST_GROWTH = 1.0
-"""Change of a correction in proportion to itself up to which it grows as an exponential, then evenly."""
-
 DIFFERENCES = Nmse(NmseSettings(normaliser=Normaliser.UNIT))
 """What the ordinates themselves are found by where a study's score is not linear."""
 
@@ -92,7 +89,9 @@ class Correction:
         """
         ratio, size = self.ratio(ordinates)[..., None], float(self.added @ self.added)
         step = change / np.where(ratio > 0.0, ratio, 1.0)
-        share = np.minimum(step @ self.added / size if size else np.zeros(step.shape[:-1]), MOST_GROWTH)
+        # Change of a correction in proportion to itself up to which it grows as an exponential, then
+        # evenly.
+        share = np.minimum(step @ self.added / size if size else np.zeros(step.shape[:-1]), 1.0)
         growth = np.divide(np.expm1(share), share, out=np.ones_like(share), where=share != 0.0)
         found: FloatArray = ratio * growth[..., None] * step
         return found

@@ -41,9 +41,6 @@ from palpate.simulation.forecast import FINE
 from palpate.simulation.sweep import Simulations
 from palpate.study.reading import Study
 
-MOST_STARTS = 3
-"""Most starts of the searches of a case."""
-
 
 @dataclass(slots=True, eq=False)
 class Case:
@@ -229,7 +226,8 @@ class FitStage:
         )
 
     def _starts(self, case: Case) -> list[Mapping[str, float]]:
-        most = MOST_STARTS if self.study.search.local else 1
+        # Most starts of the searches of a case.
+        most = 3 if self.study.search.local else 1
         first = [self.first_start] if self.first_start else []
         return [*first, *self._basins(case, most)][:most]
 

@@ -23,9 +23,6 @@ from palpate.plugins.guard import answering_for
 from palpate.study.reading import Study, StudySpot
 from palpate.study.spots import mesh_note
 
-FLATTEST = 2.2
-"""Mean edge at the edge of the contact over the thickness of a layer, at most; `palpate limb` asks for 2."""
-
 
 def load_limbs(study: Study, *, to_show: bool = False) -> dict[str, Limb]:
     """Limb of each spot and of its finer mesh, by :attr:`Job.limb_name`, checked.
@@ -235,7 +232,8 @@ def _layers(study: Study, limb: Limb) -> Iterator[str]:
                 f'again with layer_at.{name}.{region} = "{expected_mm:g} mm" '
                 "(`palpate limb SCAN --options FILE`)"
             )
-        elif 0.0 < thick_mm < edge_mm / FLATTEST:
+        # Where the contact ends `palpate limb` makes edges of 2 thicknesses on average.
+        elif 0.0 < thick_mm < edge_mm / 2.2:
             yield (
                 f"spot '{name}': layer '{region}' is {thick_mm:.2g} mm thick, less than half of an edge "
                 f"there ({edge_mm:.2g} mm). Its bending is then wrong. Mesh the limb again with edges of at "

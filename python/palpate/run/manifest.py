@@ -27,9 +27,6 @@ from palpate.run.ledger import Ledger
 from palpate.study.reading import Study, StudySpot, relative
 from palpate.study.spots import mesh_note
 
-UNITS = "mm, N, MPa, N·mm, degrees"
-"""Units of every number in a run directory."""
-
 
 def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
     """Describe what the numbers of a run depended on."""
@@ -38,7 +35,7 @@ def manifest(study: Study, channels: Mapping[str, Channel]) -> dict[str, Any]:
         "study": study.name,
         "description": study.description,
         "data": study.data,
-        "units": UNITS,
+        "units": "mm, N, MPa, N·mm, degrees",
         "versions": versions(study),
         "inputs": _hashes(study),
         "fingerprints": fingerprints(study),

@@ -21,9 +21,6 @@ WORTH_SAYING_S = 10.0
 OTHER_SCENARIO, OF_SPOT = 0.3, 1.5
 """Simulations at a spot by the joint fit of another scenario, over those of the first; by its own fit."""
 
-SLOPES = 1.4
-"""Time of a simulation with exact slopes, as a fit asks for them, over one without."""
-
 SWEEP = "simulate"
 """Stage that simulates the sweep, whose results are in the ledger."""
 
@@ -161,7 +158,8 @@ def timed(study: Study, jobs: Sequence[Job], limbs: Mapping[str, Limb]) -> float
         # Time of a first simulation up to which a second is timed: the first one also compiles.
         if not seconds or seconds[0] < 30.0:
             seconds.append(simulate_alone(study.solver, job, limbs.get(job.limb_name)).seconds)
-    return min(seconds) * (SLOPES if study.solver.provides.slopes and not study.n_sets else 1.0)
+    # Time of a simulation with exact slopes, as a fit asks for them, over one without.
+    return min(seconds) * (1.4 if study.solver.provides.slopes and not study.n_sets else 1.0)
 
 
 def n_workers(study: Study) -> int:

@@ -8,9 +8,6 @@ import numpy as np
 
 from palpate.domain import Limb
 
-GROWTH = 1.4
-"""Power of the number of nodes with which the time of a simulation grows."""
-
 FINE = "/fine"
 """End of the name of a finer mesh."""
 
@@ -42,7 +39,8 @@ def work_of(limb_name: str, limbs: Mapping[str, Limb]) -> float:
     coarse = [limb.mesh.n_nodes for name, limb in limbs.items() if "/" not in name]
     if limb_name not in limbs or not coarse:
         return 1.0
-    return float((limbs[limb_name].mesh.n_nodes / np.mean(coarse)) ** GROWTH)
+    # Power of the number of nodes with which the time of a simulation grows.
+    return float((limbs[limb_name].mesh.n_nodes / np.mean(coarse)) ** 1.4)
 
 
 @dataclass(slots=True, kw_only=True, eq=False)

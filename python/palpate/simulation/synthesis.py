@@ -48,9 +48,6 @@ from palpate.study.reading import Study, StudySpot
 NOTE = "origin.json"
 """File next to the curves with the record of their computation."""
 
-LEG = 8
-"""Points of a curve between two waypoints, where its file is tried before anything is simulated."""
-
 _DECIDES = ("study", "units", "versions", "loader", "limb_source", "solver", "protocol")
 
 
@@ -198,7 +195,8 @@ def _stand_in(job: Job, columns: Sequence[str]) -> Response:
     """Curves of a job's channels along its motion, with numbers that no solver gives."""
     assert isinstance(job.protocol, Indentation)
     motion = job.protocol.waypoints
-    steps = np.linspace(0.0, len(motion.pose) - 1.0, LEG * (len(motion.pose) - 1) + 1)
+    # Points of a curve between two waypoints, where its file is tried before anything is simulated.
+    steps = np.linspace(0.0, len(motion.pose) - 1.0, 8 * (len(motion.pose) - 1) + 1)
 
     def along(values: FloatArray) -> FloatArray:
         return np.array([np.interp(steps, np.arange(len(values)), each) for each in values.T]).T

@@ -25,8 +25,6 @@ from palpate.study.source_positions import Key
 
 C = TypeVar("C", bound=Component)
 
-FILTERS: Key = ("sampling", "filters")
-
 
 @dataclass(frozen=True, slots=True)
 class Context:
@@ -70,7 +68,9 @@ def build_components(context: Context, tables: StudyFile) -> dict[str, Any]:
         "loader": named(plugins.loaders, "experiment", "loader"),
         "limb_source": named(plugins.limb_sources, "limb", "source"),
         "sampler": named(plugins.samplers, "sampling", "sampler"),
-        "filters": several(plugins.set_filters, tables.sampling.filters if tables.sampling else {}, FILTERS),
+        "filters": several(
+            plugins.set_filters, tables.sampling.filters if tables.sampling else {}, ("sampling", "filters")
+        ),
         "stages": several(plugins.stages, tables.stages, ("stages",)),
         "solver": named(plugins.solvers, "solver", "name"),
         "executor": named(plugins.executors, "executor", "name"),

@@ -21,9 +21,6 @@ from palpate.units import Quantity, unit_of
 
 Pressure = Annotated[float, Quantity("MPa")]
 
-REFINED = 1.1
-"""Distance from the spot up to which a mesh is refined, over the reach of the tool."""
-
 
 class ToolSpotTable(Table):
     """Place of the tool besides the spots of the run."""
@@ -84,7 +81,8 @@ class Tool:
     @property
     def refined_mm(self) -> float:
         """Distance from the spot up to which meshes are refined, as of the deepest it may go."""
-        return self.fine_reach_mm or REFINED * self.protocol.reach_mm
+        # Distance from the spot up to which a mesh is refined, over the reach of the tool.
+        return self.fine_reach_mm or 1.1 * self.protocol.reach_mm
 
     def contact_mm(self, depth_mm: float) -> float:
         """Distance from the spot up to which it touches at a depth, where meshes are refined."""

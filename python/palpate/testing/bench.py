@@ -34,9 +34,6 @@ from palpate.plugins.interfaces import ExperimentLoader, LimbSource, Solver
 from palpate.plugins.provides import Provides
 from palpate.testing.executors import LinearMaterial
 
-N_POINTS = 10
-"""Points along each way of the path."""
-
 
 class Points(ExperimentLoader):
     """Rows of channel, abscissa and ordinate."""
@@ -100,7 +97,8 @@ class HalfSpaceOnMesh(HalfSpace):
 
 
 def _states(mu: float, kappa: float, press: Indentation, thickness_mm: float) -> EquilibriumStates:
-    steps = np.linspace(0.0, 1.0, N_POINTS + 1)[1:, None]
+    # Points along each way of the path.
+    steps = np.linspace(0.0, 1.0, 11)[1:, None]
     path = np.column_stack([press.path, np.zeros(len(press.path)) if press.time_s is None else press.time_s])
     walk: FloatArray = np.concatenate([path[:1], *(a + steps * (b - a) for a, b in pairwise(path))])
     depth, rotation, time = walk.T

@@ -47,9 +47,6 @@ from palpate.testing.components import (
 DEPTH, ROTATION = 0, 1
 """Columns of an indentation's path."""
 
-CHANGE = 1e-9
-"""Least change of a curve, relative to its largest ordinate, that is more than rounding."""
-
 
 class SolverContract(ComponentContract):
     """Laws of a solver; override ``solver``, ``job`` and, where it needs one, ``limb``.
@@ -379,7 +376,8 @@ class SolverContract(ComponentContract):
         if one.response is None or other.response is None or set(one.response) != set(other.response):
             return True
         pairs = [(one.response[name].ordinate, other.response[name].ordinate) for name in one.response]
-        return any(a.shape != b.shape or np.abs(a - b).max() > CHANGE * np.abs(a).max() for a, b in pairs)
+        # Least change of a curve, relative to its largest ordinate, that is more than rounding.
+        return any(a.shape != b.shape or np.abs(a - b).max() > 1e-9 * np.abs(a).max() for a, b in pairs)
 
     def scaled(self, job: Job, factor: float, set_id: int) -> Job:
         """Build the job with every modulus times ``factor``."""

@@ -261,20 +261,14 @@ def test_every_job_has_one_result_whatever_its_worker_does(hard, tmp_path, until
         until(lambda pid=pid: has_ended(pid))  # what a job has started does not outlive it
 
 
-def test_a_job_that_waits_for_a_processor_is_not_stopped(hard, monkeypatch):
+def test_a_job_may_wait_for_a_processor_but_not_for_ever(hard, monkeypatch):
+    batch = batch_for(hard, 10, time_s=0.2)
     monkeypatch.setattr(pool, "PATIENCE", 1e9)
-    batch = batch_for(hard, 9, time_s=0.2)
-    ((_, found),) = Processes().results(replace(batch, jobs=batch.jobs[8:]))
+    ((_, found),) = Processes().results(replace(batch, jobs=batch.jobs[8:9]))
     assert found.status is Status.OK, found.message  # asleep for 0.5 s, as if others had the processor
-
-
-def test_a_job_that_hangs_without_a_processor_is_stopped(hard, monkeypatch):
-    monkeypatch.setattr(pool, "PATIENCE", 1e-3)
-    batch = batch_for(hard, 10)
+    monkeypatch.setattr(pool, "PATIENCE", 1.0)
     ((_, found),) = Processes().results(replace(batch, jobs=batch.jobs[9:]))
-    assert found.status is Status.TIMED_OUT
-    assert "s without an answer (limit 0.001 times 60 s)" in found.message
-    assert found.seconds >= 60.0  # an earlier limit than the present one is tried again
+    assert found.message.endswith(" s without an answer (limit 1 times 0.2 s)")
 
 
 def test_a_process_that_leaves_the_group_blocks_nothing(hard, tmp_path, monkeypatch, has_ended):

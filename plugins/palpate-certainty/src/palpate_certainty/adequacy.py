@@ -13,9 +13,6 @@ from palpate_certainty.assumptions import ASSUMED
 from palpate_certainty.between_spots import SPOTS
 from palpate_certainty.linear_problem import LinearProblem, ResidualErrors
 
-RARE = 1e-3
-"""Probability under which residuals do not happen to a good model."""
-
 ALLOWED = 4.0
 """Difference of a model that does not describe the data, over the standard deviation of a good one's."""
 
@@ -252,5 +249,5 @@ def checks(
     )
     if alike is not None:
         yield Check(name="spots", channel=-1, probability=alike, verdict=Adequacy.DESCRIBES)
-    verdict = unusual if in_ranges < RARE else Adequacy.DESCRIBES
+    verdict = unusual if in_ranges < 1e-3 else Adequacy.DESCRIBES  # does not happen to a good model
     yield Check(name="ranges", channel=-1, probability=in_ranges, verdict=verdict)

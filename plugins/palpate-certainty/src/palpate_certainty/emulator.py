@@ -13,15 +13,6 @@ import scipy
 
 from palpate.api import BoolArray, FloatArray, IntArray, Parameter
 
-LENGTHS = (0.1, 20.0)
-"""Range of the correlation lengths, in half ranges of the coordinates."""
-
-EXACT = 1e-9
-"""What the polynomial leaves, over what was observed, up to which it is exact."""
-
-UNKNOWN = 1e30
-"""Variance of outputs of which nothing but the polynomial is known."""
-
 NO_SLOPES: IntArray = np.zeros(0, dtype=np.int64)
 
 
@@ -73,7 +64,8 @@ class GaussianProcess:
         self.left_out = self._left_out(projected, weighted, n, d)
         n_free = len(observed) - len(self.powers)
         sizes = (observed * weighted).sum(axis=0) / max(n_free, 1)
-        self._sizes = sizes if n_free > 0 else np.full(observed.shape[1], UNKNOWN)
+        # Variance of outputs of which nothing but the polynomial is known.
+        self._sizes = sizes if n_free > 0 else np.full(observed.shape[1], 1e30)
         self._parts = (inverse, through, normal)
 
     def __call__(self, points: FloatArray) -> FloatArray:
@@ -114,9 +106,11 @@ class GaussianProcess:
             return float(len(rest) * np.log(variances).sum() + rest.shape[1] * determinant)
 
         logs = np.append(np.zeros(d), np.log(1e-8))
-        if np.linalg.norm(rest) > EXACT * np.linalg.norm(observed):
-            # Range of the variance of the error of reproduction, over the variance of the process.
-            bounds = [tuple(np.log(LENGTHS))] * d + [tuple(np.log((1e-12, 1e-6)))]
+        # What the polynomial leaves, over what was observed, up to which it is exact.
+        if np.linalg.norm(rest) > 1e-9 * np.linalg.norm(observed):
+            # Ranges of the correlation lengths, in half ranges of the coordinates, and of the variance of
+            # the error of reproduction, over the variance of the process.
+            bounds = [tuple(np.log((0.1, 20.0)))] * d + [tuple(np.log((1e-12, 1e-6)))]
             logs = scipy.optimize.minimize(
                 loss, logs, method="L-BFGS-B", bounds=bounds, options={"maxiter": 30}
             ).x

@@ -54,9 +54,6 @@ that correction is uncertain.
 STEPS = 10.0
 """Range of a cause, in standard deviations to either side: differences step a twentieth of it."""
 
-MOST_HALVINGS = 4
-"""How often a step that a limb cannot take is halved before its cause is left out."""
-
 Columns = Mapping[tuple[str, str], Mapping[str, FloatArray]]
 """What one standard deviation of each cause adds to the ordinates (n,), by spot and channel."""
 
@@ -327,7 +324,8 @@ def columns_of(
     """
     terms = [term.of_channels(channels) for term in fit.problem.terms]
     per_sd, failed = _per_sd(fit, terms, causes, limbs)
-    for n in range(1, MOST_HALVINGS + 1):
+    # How often a step that a limb cannot take is halved before its cause is left out.
+    for n in range(1, 5):
         again = [k for k, cause in enumerate(causes) if cause.name in failed and cause.kind in OF_LIMB]
         if not again:
             break

@@ -21,9 +21,6 @@ from palpate_certainty.tables import Assessed
 BAND = 0.9
 """Probability that a curve is inside of its band."""
 
-RARE = 0.05
-"""Probability, over all held-out curves, under which one as far off does not belong to the others."""
-
 
 def held_out(assessed: Assessed) -> pl.DataFrame:
     """One row per held-out curve, as the table ``held_out`` has it: its difference, its band, and their odds.
@@ -124,4 +121,5 @@ def sentence(table: pl.DataFrame) -> str:
 def is_apart(table: pl.DataFrame) -> bool:
     """True if a held-out curve is so far off as hardly any would be by chance."""
     least = table["probability"].min()
-    return isinstance(least, float) and least * table.height < RARE
+    # Probability, over all held-out curves, under which one as far off does not belong to the others.
+    return isinstance(least, float) and least * table.height < 0.05

@@ -8,12 +8,6 @@ from palpate.api import FloatArray
 from palpate.api.fit import Evaluation, Trial, least_near
 from palpate_certainty.tables import Assessed
 
-MOST_TRIALS = 60
-"""Most simulations of each spot."""
-
-GAIN = 1e-4
-"""Relative gain, or step, at which a search has ended."""
-
 
 def likeliest(assessed: Assessed) -> Assessed:
     """Fit at the values of the least misfit, by the errors of its residuals, as they were where it ended."""
@@ -51,8 +45,8 @@ def likeliest(assessed: Assessed) -> Assessed:
         best,
         np.ones(best.size, dtype=bool),
         slopes,
-        tolerance=GAIN,
-        most_steps=MOST_TRIALS,
+        tolerance=1e-4,  # relative gain, or step, at which a search has ended
+        most_steps=60,  # each simulates every spot
     )
     values = box.values(np.clip(found, 0.0, 1.0))
     return replace(assessed, point=(values - box.lower) / (box.upper - box.lower))

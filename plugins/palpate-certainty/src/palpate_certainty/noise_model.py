@@ -163,9 +163,6 @@ PAIRS = tuple(product(POINTS, ASSUMED.discrepancy_lengths))
 LEAST = 0.02
 """Probability below which a pair of lengths is left out."""
 
-SIZES = np.geomspace(0.02, 30.0, 25)
-"""Sizes of the discrepancy, over the one expected, among which it is averaged."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NoiseModel:
@@ -409,7 +406,8 @@ class _Likelihood:
 
     def sizes(self, squares: FloatArray, i: int) -> tuple[float, float]:
         """Mean square of the discrepancy of one channel, and the largest that is not excluded."""
-        sizes = self.expected[i] * SIZES
+        # Sizes of the discrepancy, over the one expected, among which it is averaged.
+        sizes = self.expected[i] * np.geomspace(0.02, 30.0, 25)
         sizes = sizes[sizes <= self.most[i]]
         logs = np.log(sizes)
         values = []

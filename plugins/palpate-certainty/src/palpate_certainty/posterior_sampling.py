@@ -32,9 +32,6 @@ PRECISE = 0.002
 MOST_ROUNDS = 4
 """How often the emulator is made at most."""
 
-RUNS_EACH = 4
-"""Runs with slopes for each parameter that the first emulator has."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Posterior:
@@ -172,7 +169,8 @@ class PosteriorSampling:
 
     def _first_runs(self, simulated: SimulatedCurves, cases: Sequence[Case]) -> Runs:
         problem, runs = simulated.problem, runs_of_fits(simulated, cases)
-        n = RUNS_EACH * len(problem.parameters)
+        # Runs with slopes for each parameter that the first emulator has.
+        n = 4 * len(problem.parameters)
         spread = scipy.stats.qmc.Halton(len(problem.parameters), rng=self.study.seed).random(64 * n)
         accepted = spread[problem.accepts(spread)][: max(n - len(runs.values), n // 2)]
         runs = runs.and_others(simulated.runs(accepted, slopes=self.study.solver.provides.slopes).ended)

@@ -140,12 +140,6 @@ NEAR_SDS = np.array([0.25, 0.5, 1.0, 2.0, 4.0])
 KNOWN = 0.25
 """Largest part of Fopt that what the emulator does not know may be of it."""
 
-N_STEPS = 20
-"""Most steps of the fits of the others."""
-
-GAIN = 1e-3
-"""Gain of a step, over Fopt, from which there is another one."""
-
 CHUNK = 128
 """Points that are fitted at once."""
 
@@ -227,7 +221,8 @@ def fitted(residuals: Residuals, points: FloatArray, free: BoolArray) -> tuple[F
     """
     moving, here = np.flatnonzero(free), residuals(points)
     least, damping = (here**2).sum(axis=1), np.full(len(points), 1e-3)
-    for _ in range(N_STEPS if moving.size else 0):
+    # Most steps of the fits of the others.
+    for _ in range(20 if moving.size else 0):
         slopes = slopes_at(residuals, points, here, free)
         gradient = np.einsum("nm,nmi->ni", here, slopes)
         normal = np.einsum("nmi,nmj->nij", slopes, slopes)
@@ -243,7 +238,8 @@ def fitted(residuals: Residuals, points: FloatArray, free: BoolArray) -> tuple[F
         moved[:, moving] = np.clip(at - step, 0.0, 1.0)
         there = residuals(moved)
         fopt = (there**2).sum(axis=1)
-        better, goes_on = fopt < least, (fopt < (1.0 - GAIN) * least) | (fopt > least)
+        # Gain of a step, over Fopt, from which there is another one.
+        better, goes_on = fopt < least, (fopt < (1.0 - 1e-3) * least) | (fopt > least)
         points, here = np.where(better[:, None], moved, points), np.where(better[:, None], there, here)
         least, damping = np.where(better, fopt, least), damping * np.where(better, 0.1, 10.0)
         if not goes_on.any():

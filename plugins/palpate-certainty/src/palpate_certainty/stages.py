@@ -35,12 +35,6 @@ from palpate_certainty.posterior_sampling import PosteriorSampling
 from palpate_certainty.posterior_tables import posterior_tables
 from palpate_certainty.tables import Assessed, certainty_tables
 
-ENOUGH_SPOTS = 3
-"""Spots from which on every run holds each of them out in turn."""
-
-MOST_OF_MESH = 0.2
-"""Share of the mesh in the variance of a parameter above which meshes are refined."""
-
 ASSESSED = "assessed"
 """Key of the assessed fits among what stages of one run share."""
 
@@ -104,7 +98,8 @@ class Intervals(Stage):
             return None
         lead = inputs.fitted()
         of_lead = {"fit": lead.fit, "scenario": lead.scenario}
-        shares = budget.filter(pl.col("share") > MOST_OF_MESH, **of_lead, cause=MESH).sort("share")
+        # Share of the mesh in the variance of a parameter above which meshes are refined.
+        shares = budget.filter(pl.col("share") > 0.2, **of_lead, cause=MESH).sort("share")
         # A finer mesh lessens the error that two meshes show; the scatter between meshes of one size stays.
         if shares.is_empty() or mesh_errors.filter(**of_lead, shown_by="two meshes").is_empty():
             return None
@@ -144,7 +139,8 @@ class Validation(Stage):
 
     def is_in_run(self, study: Study) -> bool:
         """True where there are enough spots that leaving one out tells something, and a fit."""
-        return len(study.spots) >= ENOUGH_SPOTS and not isinstance(study.search, BestSet)
+        # Spots from which on every run holds each of them out in turn.
+        return len(study.spots) >= 3 and not isinstance(study.search, BestSet)
 
     def run(self, inputs: Run, progress: Progress) -> Files:
         """Predictions by the slopes of the joint fit; simulates nothing new."""

@@ -12,8 +12,6 @@ from pathlib import Path
 from palpate.api import PluginError
 from palpate.api.files import ProcessLimits, run_program
 
-NAMES = ("febio4", "febio4.exe", "FEBio4")
-
 HOW_TO_GET_IT = (
     "install FEBio 4 (free, from https://febio.org/downloads, or built from "
     "https://github.com/febiosoftware/FEBio) and put febio4 on PATH, or name it in the solver's setting "
@@ -25,8 +23,6 @@ MEASURED = ((4, 4), (4, 11))
 KNOWN_TO_DIFFER = (
     "FEBio 3 and older read no 4.0 deck (rigid_bc, MeshDomains and load_controller are spelled otherwise)"
 )
-
-_INFO = re.compile(r"FEBio version\s*=\s*(\S+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +68,7 @@ def find_binary(executable: str = "") -> Path:
             )
         return Path(found).resolve()
     for place in (None, *map(str, _usual_places())):  # PATH comes first
-        for name in NAMES:
+        for name in ("febio4", "febio4.exe", "FEBio4"):
             if found := shutil.which(name, path=place):
                 return Path(found).resolve()
     raise PluginError(f"no febio4 on PATH nor where FEBio is usually installed: {HOW_TO_GET_IT}")
@@ -108,7 +104,7 @@ def examine(path: Path) -> Binary:
             ProcessLimits(time_s=60.0, stall_s=60.0),
             is_scratch=True,
         )
-    found = _INFO.search(ended.tail)
+    found = re.search(r"FEBio version\s*=\s*(\S+)", ended.tail)
     if found is None:
         said = " ".join(ended.tail.split())[:200] or "nothing"
         raise PluginError(f"{path}: does not say that it is FEBio (it said: {said}); {HOW_TO_GET_IT}")

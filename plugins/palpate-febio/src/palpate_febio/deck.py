@@ -24,14 +24,8 @@ RECORD_NAME = "rigid.csv"
 RECORD_DATA = ("z", "thz", "Fx", "Fy", "Fz", "Mx", "My", "Mz")
 INDENTER = "indenter"
 
-UNHURRIED = 1000
-"""Iterations after which FEBio shortens the next step: augmentation takes many, and each step forgets."""
-
 DIGITS = 12
 """Of a number: as many as FEBio prints."""
-
-SMALLEST_STEP = 1e-3
-"""Of the shortest step: shorter ones are not tried."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -209,12 +203,13 @@ def _control(control: ET.Element, problem: Problem) -> None:
     if problem.settings.linear_solver:
         ET.SubElement(solver, "linear_solver", type=problem.settings.linear_solver)
     stepper = ET.SubElement(control, "time_stepper", type="default")
+    # FEBio would shorten steps after a few iterations: augmentation takes many, and each step forgets.
     leaves(
         stepper,
         {
             "max_retries": 12,
-            "opt_iter": UNHURRIED,
-            "dtmin": _number(SMALLEST_STEP * np.diff(problem.steps.time).min()),
+            "opt_iter": 1000,
+            "dtmin": _number(1e-3 * np.diff(problem.steps.time).min()),
             "aggressiveness": 1,
             "cutback": 0.5,
         },

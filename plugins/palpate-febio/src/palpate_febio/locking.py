@@ -39,9 +39,6 @@ friction 1 into blocks of 405 to 2,601 nodes (tet10: also 1.3 R into a forearm o
 100, h/R of 0.27 to 1.2. The fit is within 6 % of the excess of hex8 and tet4, and within a factor of 1.7 of
 the excess of tet10."""
 
-RATIOS = (1.0, 1000.0)
-"""κ/μ below which nothing locks, and above which the excess is taken as there."""
-
 
 def locking_parts(
     limb: Limb, materials: Mapping[str, Material], thetas: Mapping[str, FloatArray], radius_mm: float
@@ -58,7 +55,8 @@ def locking_parts(
         material, theta = materials[region], thetas[region]
         uncoupled = written(material, theta, "textbook").uncoupled
         shear, bulk = map(float, moduli_at_rest(material, np.asarray(theta)))
-        ratio = float(np.clip(bulk / shear, *RATIOS))
+        # Below the first ratio nothing locks; above the second the excess is taken as there.
+        ratio = float(np.clip(bulk / shear, 1.0, 1000.0))
         for kind in mesh.cells:
             if (kind == "tet4" or not uncoupled) and (mesh.cell_regions[kind] == number).any():
                 found[region, kind] = EXCESS[kind].at(ratio, edge)

@@ -28,16 +28,11 @@ from palpate.api.mechanics import Array
 STEP_LENGTHS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.1, 0.02, 0.0)
 """Tried shares of a Newton step; the one with the least energy is used."""
 
-LONGEST_STEP = 0.3
-"""Largest change of a free entry, or of the logarithm of a free stretch, in one Newton step."""
-
 NEAR = 1e-5
 """Smaller steps are used in full: differences of energy are rounding there."""
 
 STEP_TOLERANCE = 1e-11
 """The free entries have converged when none moves by more."""
-
-MAXIMUM_STEPS = 60
 
 
 class _Search(NamedTuple):
@@ -110,12 +105,13 @@ def _least(test: _Test, t: Array, theta: Array) -> tuple[Array, Array]:
     """Free entries of least energy, and 1 where they were found."""
 
     def unfinished(state: _Search) -> Array:
-        return (jnp.abs(state.step).max() > STEP_TOLERANCE) & (state.n_steps < MAXIMUM_STEPS)
+        return (jnp.abs(state.step).max() > STEP_TOLERANCE) & (state.n_steps < 60)
 
     def advance(state: _Search) -> _Search:
         step, least_bend = _newton(test, t, state.free, theta)
         longest = jnp.abs(step).max()
-        moves = jnp.array(STEP_LENGTHS)[:, None] * step * jnp.minimum(1.0, LONGEST_STEP / longest)
+        # Largest change of a free entry, or of the logarithm of a free stretch, in one Newton step.
+        moves = jnp.array(STEP_LENGTHS)[:, None] * step * jnp.minimum(1.0, 0.3 / longest)
         tried = jnp.concatenate([jnp.broadcast_to(t, (len(STEP_LENGTHS), 1)), state.free + moves], axis=1)
         energies = jax.vmap(lambda x: test.energy(x, theta))(tried)
         best = moves[jnp.argmin(jnp.where(jnp.isfinite(energies), energies, jnp.inf))]

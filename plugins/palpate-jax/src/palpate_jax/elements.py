@@ -125,9 +125,6 @@ PLAIN_ELEMENTS: Mapping[str, Element] = MappingProxyType({**ELEMENTS, "tet10": _
 """The same without mean dilatation, where tet10 needs more points."""
 
 
-FEW = 5
-"""Patches of fewer tetrahedra are joined to a neighbour: a small patch locks."""
-
 MOST = 12
 """Tetrahedra of a patch after the small ones are joined to it."""
 
@@ -174,7 +171,8 @@ def tetrahedron_patches(points_mm: FloatArray, tets: IntArray) -> IntArray:
         dual, labels = dual.joined(merged), merged[labels]
     while True:
         sizes = np.bincount(labels)[dual.pairs]
-        merged = _paired(dual, (sizes.min(axis=1) < FEW) & (sizes.sum(axis=1) <= MOST))
+        # Patches of fewer tetrahedra are joined to a neighbour: a small patch locks.
+        merged = _paired(dual, (sizes.min(axis=1) < 5) & (sizes.sum(axis=1) <= MOST))
         if merged.max(initial=-1) + 1 == len(dual.surface):
             return labels
         dual, labels = dual.joined(merged), merged[labels]

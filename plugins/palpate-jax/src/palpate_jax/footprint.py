@@ -10,9 +10,6 @@ from palpate.api.mesh import NEAR, contact_edge_mm, in_spot_frame
 from palpate_jax.contact_surface import contact_surfaces
 from palpate_jax.schedule import pose
 
-N_TURNS = 9
-"""Rotations between the ends of a twist at which a tool that is not round is looked at."""
-
 
 def check_touch(limb: Limb, protocol: Indentation) -> None:
     """Refuse a surface that overlaps the indenter at depth 0, is not at the spot, or is never touched.
@@ -126,7 +123,8 @@ def _reach(protocol: Indentation, depth_mm: float, directions: FloatArray) -> Fl
     """Reach (n,) [mm] along unit vectors (n, 2), over all rotations of the path."""
     turns = protocol.path[:, 1]
     reach = np.zeros(len(directions))
-    for angle in np.deg2rad(np.linspace(turns.min(), turns.max(), N_TURNS if np.ptp(turns) else 1)):
+    # Rotations between the ends of a twist at which a tool that is not round is looked at.
+    for angle in np.deg2rad(np.linspace(turns.min(), turns.max(), 9 if np.ptp(turns) else 1)):
         turned = directions @ np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
         reach = np.maximum(reach, protocol.indenter.reaches_mm(depth_mm, turned))
     return reach

@@ -80,10 +80,6 @@ class WarmStartStates:
                 excess -= size
 
 
-MOST_SETS = 24
-"""Warm starts that a guess is interpolated from: the nearest."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class InitialGuess:
     """Displacements interpolated between warm starts, at rest and at the load steps of a path.
@@ -163,7 +159,8 @@ class WarmStarts:
         varied = spread > 1e-12 * np.abs(self._features).max(axis=0)
         target = self._of(thetas, modulus_MPa)[varied] / spread[varied]
         known = self._features[:, varied] / spread[varied]
-        nearest = np.argsort(np.linalg.norm(known - target, axis=1), kind="stable")[:MOST_SETS]
+        # Warm starts that a guess is interpolated from: the nearest.
+        nearest = np.argsort(np.linalg.norm(known - target, axis=1), kind="stable")[:24]
         coefficients = _interpolation(known[nearest], target)
         return InitialGuess(coefficients, [self._stacks[i] for i in nearest])
 

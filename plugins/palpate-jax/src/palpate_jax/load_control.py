@@ -22,12 +22,6 @@ from palpate_jax.sensitivity import Rates
 
 MOST_TRIALS = 20
 
-FINER = 1e-2
-"""Accuracy of the loads, and of the balance at each trial, in tolerances."""
-
-ACCURACY = 1e-4
-"""Residual of the linear systems of the slopes."""
-
 
 class NotReachedError(Exception):
     """A load is not reached where its component has moved as far as it may; shorter steps change nothing."""
@@ -67,7 +61,8 @@ class LoadControl:
         steps: FloatArray,
     ) -> None:
         self._model, self.thetas, self._law = model, thetas, law
-        self._tolerance, self._steps = FINER * tolerance, steps
+        # Accuracy of the loads, and of the balance at each trial, in tolerances.
+        self._tolerance, self._steps = 1e-2 * tolerance, steps
         self._largest = np.zeros(6)
 
     def loads(self, displacements: FloatArray, position: FloatArray, load: ContactState) -> FloatArray:
@@ -178,9 +173,8 @@ class LoadControl:
         load, move = ContactState(pose(at.position), memory, self._law), motion(at.position, way)
         here = self._model.linearised(displacements, self.thetas)
         rate, rates = here.rate(load, move), Rates(self._model, displacements, load, self.thetas)
-        step = self._model.linear.solve(
-            here.matrix(load), partial(here.preconditioner, load), -rate, ACCURACY
-        )
+        # Residual of the linear systems of the slopes.
+        step = self._model.linear.solve(here.matrix(load), partial(here.preconditioner, load), -rate, 1e-4)
         moved = rates.carried(self._model.straight(np.zeros_like(displacements), step), move)
         change = rates.change(moved, np.zeros_like(memory.anchors), motion=move)
         force, moment, _ = rates.answer(change, moved, move)

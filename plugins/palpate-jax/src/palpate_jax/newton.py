@@ -11,7 +11,6 @@ from palpate_jax.contact import ContactState
 from palpate_jax.model import Model, Residual
 
 MOST_ITERATIONS = 16
-MOST_TRIALS = 8
 
 MOST_GROWTH = 2.0
 """Growth of the imbalance above which a step is shortened, against cycles of stick and slip."""
@@ -155,7 +154,7 @@ def _line_search(
     slope, reference = float(before.free @ step), float(np.linalg.norm(before.free))
     length, low, low_slope, high = 1.0, 0.0, slope, 1.0
     best, smallest = None, np.inf
-    for _ in range(MOST_TRIALS):
+    for _ in range(8):
         moved, residual, pull = at(length)
         if not np.isfinite(pull) or residual.least_jacobian <= 0.0:
             high, length = length, 0.5 * (low + length)

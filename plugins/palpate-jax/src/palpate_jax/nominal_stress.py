@@ -36,13 +36,9 @@ from palpate_jax import directional
 LONGEST_STEP = 0.3
 """Largest change of ln y in one Newton step."""
 
-SLOW = 0.5
-"""Newton's method is slow where a step is longer than this share of the one before."""
-
 NEAR = 1e-4
 """Steps of ln y below this are never extended: the gradient may be rounding."""
 
-MAXIMUM_STEPS = 100
 STEP_TOLERANCE = 1e-11
 """A transverse stretch has converged when its logarithm moves by less."""
 
@@ -90,11 +86,12 @@ def _minimum(gradient: Callable[[Array], Array], guess: Array) -> tuple[Array, A
         return -g / jnp.abs(curvature), curvature
 
     def unfinished(state: _Search) -> Array:
-        return jnp.any(jnp.abs(state.step) > STEP_TOLERANCE) & (state.n_steps < MAXIMUM_STEPS)
+        return jnp.any(jnp.abs(state.step) > STEP_TOLERANCE) & (state.n_steps < 100)
 
     def advance(state: _Search) -> _Search:
         step, _ = newton(state.u)
-        slow = (step / state.step > SLOW) & (jnp.abs(step) > NEAR)
+        # Newton's method is slow where a step is longer than this share of the one before.
+        slow = (step / state.step > 0.5) & (jnp.abs(step) > NEAR)
         boost = jnp.where(slow, 2.0 * state.boost, 1.0)
         move = jnp.clip(boost * step, -LONGEST_STEP, LONGEST_STEP)
         return _Search(state.u + move, boost, step, state.n_steps + 1)

@@ -133,16 +133,6 @@ class Rates:
         return -pulls.sum(axis=0), moment
 
 
-ACCURACY = 0.2
-"""Residual of the linear systems, relative to the right-hand side, in tolerances of the states.
-
-With it the slopes err by less than those at an equilibrium state do because it is not exact.
-"""
-
-FINEST = 1e-8
-"""Smallest residual that is asked for."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Slopes:
     """Derivatives of an equilibrium state's force and moment.
@@ -208,7 +198,8 @@ class Sensitivity:
         tolerance: float,
         penalty_per_mm: float | None = None,
     ) -> None:
-        self._accuracy = max(ACCURACY * tolerance, FINEST)
+        # With this residual of the linear systems the slopes err by less than by a state that is not exact.
+        self._accuracy = max(0.2 * tolerance, 1e-8)
         own = [(region, k, p.name) for region in thetas for k, p in enumerate(materials[region].parameters)]
         self._names = (*(str(ParameterName(region, name)) for region, _, name in own), FRICTION, COMPLIANCE)
         self._names += () if penalty_per_mm is None else (DEEPER,)

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 SKIN, SPHERE = (0.87, 0.71, 0.60), (0.35, 0.45, 0.60)
 ARROW = {"arrowstyle": "-|>", "color": "black", "lw": 1.6}
-BONE = (0.93, 0.91, 0.84)
 REGIONS = ("#c98276", "#e8c39e", "#d9a5a0", "#b7c4a1", "#9fb6c8")
 
 # The phantom's spots p1 and p2 on graded meshes of several sizes against converged curves, and spots of real
@@ -156,7 +155,7 @@ def _whole(ax: "Axes", made: ScannedLimb, radius: float) -> None:
     up = np.array([0.0, 0.0, radius])
     sphere = Surface(name="sphere", points_mm=np.asarray(ball.vertices) + up, faces=np.asarray(ball.faces))
     shown = [(skin, SKIN if skin.colours is None else skin.colours), (sphere, SPHERE)]
-    shown += [(bone, BONE) for bone in made.segment.bones]
+    shown += [(bone, (0.93, 0.91, 0.84)) for bone in made.segment.bones]
     points, faces = joined([surface for surface, _ in shown])
     colours = np.vstack([np.broadcast_to(colour, surface.points_mm.shape) for surface, colour in shown])
     points = points @ turn.T

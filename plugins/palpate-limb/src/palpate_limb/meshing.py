@@ -25,7 +25,6 @@ P = ParamSpec("P")
 T = TypeVar("T")
 Arrays = Mapping[str, NDArray[Any]]
 
-N_ROUNDS = 60
 GROWTH = 0.7
 """By how much longer an edge may be for each mm from the contact's edge."""
 MIDDLE = 1.5
@@ -154,7 +153,7 @@ def _ftetwild(
         10.0,
         False,  # coarsen
         1,  # threads
-        N_ROUNDS,
+        60,
         6,  # log level
         True,  # quiet
         True,  # VTK's order: positive volumes

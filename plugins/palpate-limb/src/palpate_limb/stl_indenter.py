@@ -28,8 +28,6 @@ MARGIN_MM = 1.5
 RIM_CELLS = 6
 """Cells at the end of the grid that are not used: the splines end there with another slope."""
 MOST_NODES = 4_000_000
-FLAT = 0.02
-"""Spread of the normals around a point (eigenvalue of their mean square) below which they are one face's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,7 +161,9 @@ def _inset(surface: Surface, edge_mm: float) -> Surface:
         np.add.at(mean, at, weight[:, None] * normals)
         np.add.at(square, at, weight[:, None, None] * normals[:, :, None] * normals[:, None, :])
     values, vectors = np.linalg.eigh(square)
-    kept = values > FLAT * values[:, -1:]
+    # Spread of the normals around a point (eigenvalue of their mean square) below which they are one
+    # face's.
+    kept = values > 0.02 * values[:, -1:]
     inverse = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
     along = (vectors.transpose(0, 2, 1) @ mean[:, :, None])[:, :, 0] * inverse
     ways = -edge_mm * (vectors @ along[:, :, None])[:, :, 0]

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 SUFFIXES = frozenset({".ply", ".obj", ".glb", ".stl", ".off"})
 MOST_BYTES = 2_000_000_000
 MOST_FACES = 5_000_000
-UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}
 LIMB_MM = (60.0, 1500.0)
 """The longest side of the box around a limb, between a child's wrist and an adult's leg."""
 THICK_MM = (15.0, 260.0)
@@ -118,7 +117,6 @@ def smoothed(surface: Surface, n_rounds: int) -> Surface:
     return replace(surface, points_mm=np.asarray(body.vertices, dtype=np.float64))
 
 
-MOST_PIECES = 400_000
 AT_ONCE = 2_000
 """Points whose closest triangles are in memory together: 8 kB for each."""
 
@@ -135,7 +133,7 @@ def _like_sized(corners: FloatArray) -> FloatArray | None:
     if not large.any():
         return corners
     halvings = np.ceil(np.log2(longest[large] / most))
-    if (4.0**halvings).sum() > MOST_PIECES:
+    if (4.0**halvings).sum() > 400_000:
         return None
     points, faces = subdivide_to_size(  # type: ignore[no-untyped-call]
         corners[large].reshape(-1, 3), np.arange(3 * large.sum()).reshape(-1, 3), max_edge=most, max_iter=30
@@ -340,7 +338,7 @@ def guessed_unit(surface: Surface) -> tuple[str, str]:
     thick = float(np.sqrt(4.0 * abs(surface.volume_mm3) / (np.pi * max(long, 1e-300))))
     fits = [
         unit
-        for unit, factor in UNITS.items()
+        for unit, factor in {"mm": 1.0, "cm": 10.0, "m": 1000.0, "inch": 25.4}.items()
         if LIMB_MM[0] <= long * factor <= LIMB_MM[1] and THICK_MM[0] <= thick * factor <= THICK_MM[1]
     ]
     size = f"it is {long:.4g} long and about {thick:.3g} thick"

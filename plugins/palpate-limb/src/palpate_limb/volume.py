@@ -18,8 +18,6 @@ from palpate_limb.surfaces import Surface, parts_of, solid, surface_of
 TISSUE = "soft_tissue"
 KIND = "tet10"
 """Kind of the elements; those of four nodes lock."""
-AXIS = "axis"
-"""Cell data with the limb's axis, for materials with a direction."""
 NO_LAYERS: Mapping[str, float] = MappingProxyType({})
 FINER = 0.6
 """Edges of a finer mesh over those of the first: about three times as many nodes."""
@@ -35,7 +33,6 @@ FLATTEST_FILM = 4.0
 """Edges over the thickness of the tissue between the skin, or layers, and a bone, at most."""
 COVER_MM = 1.5
 """Tissue of the core around a bone that the layers reach, and share of the bone's depth that it may be."""
-MOST_COVER = 0.4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +88,7 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
             "cut": on["cut"],
             **{bone.name: on[bone.name] for bone in segment.bones},
         },
-        cell_fields={AXIS: {KIND: np.tile(segment.axis, (len(tets), 1))}},
+        cell_fields={"axis": {KIND: np.tile(segment.axis, (len(tets), 1))}},
     )
     return Limb(spot=Spot(name=segment.name), mesh=mesh)
 
@@ -99,7 +96,7 @@ def mesh_segment(segment: Segment, plan: MeshPlan) -> Limb:
 def _layered(segment: Segment, plan: MeshPlan, depths_mm: Sequence[float]) -> Extruded:
     """The core meshed alone, and layers extruded from it to the skin, thinner over bones near the skin."""
     gap = gap_of_bones(segment)
-    cover = min(COVER_MM, MOST_COVER * gap) if gap < depths_mm[-1] + COVER_MM else 0.0
+    cover = min(COVER_MM, 0.4 * gap) if gap < depths_mm[-1] + COVER_MM else 0.0
     below = below_skin(segment, depths_mm[-1], cover)
     fine = plan.size.fine_mm / _stretch(below, segment.skin, plan.size.radius_mm)
     alone = replace(plan, size=replace(plan.size, fine_mm=fine, deep_mm=depths_mm[-1]))

@@ -20,10 +20,6 @@ class LimitedMaterial(Protocol):
         """Mask (...,) of the stretches (..., 3) that a finite energy reaches; no other is checked."""
 
 
-SETS_AT_ONCE = 256
-"""Sets whose Hessians are in memory together."""
-
-
 @partial(jax.jit, static_argnums=0)
 def least_stiffness(material: Material, stretches: Array, thetas: Array) -> Array:
     """Least eigenvalue of ∂²Ψ/∂ε∂ε over all states, for each set.
@@ -52,7 +48,8 @@ def least_stiffness(material: Material, stretches: Array, thetas: Array) -> Arra
             stiffness = jnp.where(in_reach[:, None], stiffness, jnp.inf)
         return jnp.min(stiffness)
 
-    return jax.lax.map(least, thetas, batch_size=SETS_AT_ONCE)
+    # Sets whose Hessians are in memory together.
+    return jax.lax.map(least, thetas, batch_size=256)
 
 
 def _principal_hessians(material: IsotropicMaterial, stretches: Array, theta: Array) -> Array:

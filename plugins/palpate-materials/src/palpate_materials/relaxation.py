@@ -50,12 +50,6 @@ FORCE_OVER_TIME, TORQUE_OVER_TIME = (
     for channel in (FORCE, TORQUE)
 )
 
-RELAXED = "relaxed"
-"""Region in the names of the shares; the name of one is its time."""
-
-FINEST = 0.1
-"""First of these points, over the shortest time constant."""
-
 
 def reduced_relaxation(time_s: FloatArray, times_s: FloatArray, shares: FloatArray) -> FloatArray:
     """Modulus (n, ...) after times (n,), over that at once; shares (m, ...) relax with constants (m,)."""
@@ -121,7 +115,8 @@ class Relaxed:
             )
         time, abscissa, ordinate = curve.time_s, curve.abscissa, curve.ordinate
         if np.array_equal(time, abscissa):
-            abscissa = _refined(time, FINEST * float(self.times_s.min()))
+            # First of these points, over the shortest time constant.
+            abscissa = _refined(time, 0.1 * float(self.times_s.min()))
             time, ordinate = abscissa, np.interp(abscissa, time, ordinate)
         return Curve(
             channel=curve.channel,
@@ -172,7 +167,7 @@ class Relaxing(StandardParametrisation):
     @property
     def times_s(self) -> dict[str, float]:
         """Time constants, by the names of their shares."""
-        return {f"{RELAXED}.{time_name(time)}": time for time in self.settings.relaxation_times}
+        return {f"relaxed.{time_name(time)}": time for time in self.settings.relaxation_times}
 
     def parameters(self, space: ParameterSpace, spots: Sequence[str]) -> tuple[Parameter, ...]:
         """Parameters of the standard parametrisation, then a share for each time, the same at all spots."""

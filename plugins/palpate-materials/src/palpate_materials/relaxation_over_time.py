@@ -32,9 +32,6 @@ from palpate.api.report import Figure
 from palpate.api.runs import Files, Study, common
 from palpate_materials.relaxation import loss_tangent, reduced_relaxation
 
-BAND = (0.025, 0.975)
-"""Quantiles of the draws at the ends of a band."""
-
 ALL_REGIONS = "all"
 """Name of the region where all moduli relax alike."""
 
@@ -181,7 +178,8 @@ def _drawn(inputs: Run, fit: str, every: list[Mapping[str, Any]]) -> dict[str, _
 
 def _ends(values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Fitted values (n,) and the ends of their band, of values (n, n_draws)."""
-    lower, upper = np.quantile(values[:, 1:] if values.shape[1] > 1 else values, BAND, axis=1)
+    # Quantiles of the draws at the ends of a band.
+    lower, upper = np.quantile(values[:, 1:] if values.shape[1] > 1 else values, (0.025, 0.975), axis=1)
     return values[:, 0], lower, upper
 
 

@@ -123,9 +123,6 @@ def _inline(values: Mapping[str, Any]) -> tomlkit.items.InlineTable:
     return table
 
 
-SHARES = (0.5, 0.75, 1.0)
-"""Depths that are tried, over the study's depth, where the user names none."""
-
 MOST_PRESSES = 500
 """Most candidates: each is simulated at several points."""
 
@@ -191,7 +188,8 @@ def usual(study: Study) -> list[tuple[str, dict[str, Any]]]:
         keys: dict[str, list[Any]] = {}
         if "depth" in own:
             depth = convert(own["depth"], "mm")
-            keys["depth"] = [f"{share * depth:g} mm" for share in SHARES]
+            # Depths that are tried, over the study's depth, where the user names none.
+            keys["depth"] = [f"{share * depth:g} mm" for share in (0.5, 0.75, 1.0)]
         if twist := [convert(angle, "deg") for angle in own.get("twist", [])]:
             keys["twist"] = [[], *([f"{share * angle:g} deg" for angle in twist] for share in (0.5, 1.0))]
         if "moves" in own and (study.relaxes or has_fibres):

@@ -31,9 +31,6 @@ if TYPE_CHECKING:
     from palpate_planning.plan import Proposal
     from palpate_planning.tables import ProposalOutput
 
-SHOWN = 8
-"""Candidates that are printed for each step."""
-
 FIRST_PRESSES, FURTHER_PRESSES = 3, 1
 """Presses to choose where no number is given: for a study without a fit, and for a run."""
 
@@ -207,7 +204,8 @@ def _show_ranking(session: Session, title: str, ranking: "pl.DataFrame", again: 
     from palpate_planning.tables import shown_ranking
 
     units = {name: channel.units[1] for name, channel in session.plugins.channels.items()}
-    shown = shown_ranking(ranking, {**units, PRESSURE: "MPa"}).head(SHOWN)
+    # Candidates that are printed for each step.
+    shown = shown_ranking(ranking, {**units, PRESSURE: "MPa"}).head(8)
     mark = pl.when(pl.col("press").is_in(again)).then(pl.lit(" (repeat)")).otherwise(pl.lit(""))
     session.frame(title, shown.with_columns(pl.col("protocol") + mark))
     if (first := ranking.row(0, named=True))["press"] in again:

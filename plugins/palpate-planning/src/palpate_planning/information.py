@@ -19,9 +19,6 @@ from palpate_certainty.api import ASSUMED, FLAT_SD, MESH, LinearProblem, Residua
 SPACING = 0.1
 """Distance, in correlation lengths, of the places on a path between which a discrepancy is interpolated."""
 
-SEEN = 1e-12
-"""Share of the largest information below which a direction counts as not seen."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ErrorSizes:
@@ -233,7 +230,8 @@ def press_information(
 def _without(free: FloatArray, columns: FloatArray) -> FloatArray:
     """Project columns (n, k) onto the complement of the free ones (n, m)."""
     axes, sizes, _ = np.linalg.svd(free, full_matrices=False)
-    taken = axes[:, sizes > SEEN * max(sizes.max(initial=0.0), 1e-300)]
+    # Share of the largest information below which a direction counts as not seen.
+    taken = axes[:, sizes > 1e-12 * max(sizes.max(initial=0.0), 1e-300)]
     left: FloatArray = columns - taken @ (taken.T @ columns)
     return left
 

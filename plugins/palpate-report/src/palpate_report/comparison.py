@@ -41,9 +41,6 @@ CRITERIA = (
 )
 """What the criteria are, for readers."""
 
-RATES = 3.0
-"""Ratio of the durations of presses from which on apparent moduli are not compared."""
-
 
 def named(runs: Mapping[Path, ReportData]) -> dict[str, ReportData]:
     """Runs under the names of their materials, or of their folders where these are the same."""
@@ -89,7 +86,8 @@ def other_rates(runs: Mapping[str, ReportData]) -> tuple[frozenset[str], str]:
     at_once = [name for name, data in runs.items() if data.study.relaxes]
     apparent = {n: s for n, data in runs.items() if n not in at_once and (s := press_durations_s(data))}
     ends = [(min(seconds), max(seconds)) for seconds in apparent.values()]
-    differ = any(max(of) > RATES * min(of) for of in zip(*ends, strict=True))  # fastest, and slowest
+    # Ratio of the durations of presses from which on apparent moduli are not compared.
+    differ = any(max(of) > 3.0 * min(of) for of in zip(*ends, strict=True))  # fastest, and slowest
     if not apparent or not (differ or at_once):
         return frozenset(), ""
     texts = [

@@ -28,12 +28,6 @@ ALL = "all"
 TERMS, MOST_TERMS = "terms", 4
 """Setting of a law that is a series, and the most terms of it that are compared."""
 
-LOG_RATIO = 20.0
-"""Ratio of the ends of a range from which on its logarithm is searched."""
-
-OF_VOLUME = 10.0
-"""Change of the bulk modulus over the change of the shear modulus by a parameter of the volume."""
-
 MOST_SETS, SETS_ON_MESH = 64, 12
 """Sets of the sweep of a law, in whose basins its searches start: without a mesh at most, and with one."""
 
@@ -135,7 +129,8 @@ def ranges(material: IsotropicMaterial[Any], known: Stiffness) -> Iterator[tuple
                 continue
         elif p.name not in proposed and p.kind == "modulus":
             lower, upper = (known.shear_MPa / shear * end for end in (lower, upper))
-        is_log = lower > 0.0 and upper > LOG_RATIO * lower
+        # Ratio of the ends of a range from which on its logarithm is searched.
+        is_log = lower > 0.0 and upper > 20.0 * lower
         yield replace(p, lower=lower, upper=upper, scale="log" if is_log else "linear"), None
 
 
@@ -150,7 +145,8 @@ def _is_of_volume(material: IsotropicMaterial[Any], middle: np.ndarray, i: int) 
     p = material.parameters[i]
     at = np.array([np.where(np.arange(middle.size) == i, end, middle) for end in (p.lower, p.upper)])
     changes = np.abs(np.diff(np.log([mechanics.initial_moduli(material, theta) for theta in at]), axis=0))[0]
-    return bool(changes[1] > OF_VOLUME * changes[0])
+    # Change of the bulk modulus over the change of the shear modulus by a parameter of the volume.
+    return bool(changes[1] > 10.0 * changes[0])
 
 
 def n_searched(law: Law, known: Stiffness) -> int:

@@ -44,8 +44,6 @@ __all__ = ["SectionContract", "SmallRun", "small_run", "small_runs"]
 MOST_BYTES = 500_000
 """Most bytes of the figures and pictures of a section of a small run."""
 
-MARKUP = re.compile(r"</?[a-z]+[ >/]")
-
 RUNS: Mapping[str, Mapping[str, Any]] = {
     "a sweep": {"fit": {"search": "sweep"}},
     "a sweep and a fit": {"fit": {"search": "least_squares"}},
@@ -143,7 +141,7 @@ class SectionContract(ComponentContract):
     def test_its_texts_are_texts(self, section: Section, runs: Mapping[str, SmallRun]) -> None:
         for run in runs.values():
             for text in _texts(section.blocks(*run)):
-                found = MARKUP.search(text)
+                found = re.search(r"</?[a-z]+[ >/]", text)
                 assert found is None, (
                     f"{text!r}: the page shows {found} as it is; use blocks for what it means"
                 )

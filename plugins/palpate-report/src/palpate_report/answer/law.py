@@ -8,9 +8,6 @@ from markupsafe import Markup, escape
 from palpate.api import Material
 from palpate_report.data.report_data import ReportData
 
-ENERGIES = ("Ψ =", "W =")
-"""Beginnings of the paragraph that has the energy."""
-
 
 def paragraphs_of(material: Material) -> list[str]:
     """Paragraphs of the docstring of a material, each in one line."""
@@ -20,7 +17,8 @@ def paragraphs_of(material: Material) -> list[str]:
 
 def formula_of(material: Material) -> str:
     """Energy of a material as its docstring has it; empty where it has none."""
-    return next((part for part in paragraphs_of(material) if part.startswith(ENERGIES)), "")
+    # Beginnings of the paragraph that has the energy.
+    return next((part for part in paragraphs_of(material) if part.startswith(("Ψ =", "W ="))), "")
 
 
 def laws_of(data: ReportData) -> dict[str, str]:

@@ -13,9 +13,6 @@ from palpate.api.mechanics import nominal_stress
 from palpate_report.answer.headline import draws_of
 from palpate_report.data.report_data import ReportData
 
-BAND = (0.025, 0.975)
-"""Quantiles of the band: 95 % of the draws."""
-
 
 @dataclass(frozen=True, slots=True)
 class Path:
@@ -26,8 +23,6 @@ class Path:
     mode: str
     amounts: FloatArray
 
-
-MOST_DRAWS = 200
 
 PATHS = (
     Path("uniaxial stress", "stretch", "uniaxial", np.linspace(0.7, 1.3, 31)),
@@ -63,14 +58,19 @@ def material_curves(data: ReportData, scenario: str) -> Iterator[MaterialCurves]
     found = {fit: rows[fit] for fit in (data.together, *data.spots) if fit in rows}
     if data.study.truth:
         found["true value"] = dict(data.study.truth)
-    draws = draws_of(data, scenario, MOST_DRAWS).to_dicts()
+    draws = draws_of(data, scenario, 200).to_dicts()
     unit = convert(f"1 {data.modulus_unit}", "MPa")
     searched = (each for each in data.study.space.regions if data.study.space.columns_of(each.region))
     for region, path in product(searched, _paths(data)):
         every = {fit: _stress(data, region, path, row) / unit for fit, row in found.items()}
         stress = {fit: values for fit, values in every.items() if np.isfinite(values).all()}
         band = np.array([_stress(data, region, path, row) / unit for row in draws])
-        ends = np.quantile(band, BAND, axis=0) if band.size and np.isfinite(band).all() else (None, None)
+        # Quantiles of the band: 95 % of the draws.
+        ends = (
+            np.quantile(band, (0.025, 0.975), axis=0)
+            if band.size and np.isfinite(band).all()
+            else (None, None)
+        )
         if stress:
             yield MaterialCurves(region=region.region, path=path, stress=stress, lower=ends[0], upper=ends[1])
 

@@ -9,8 +9,6 @@ from palpate_report.answer.next_step import CAUSES
 from palpate_report.data.marks import Headline, in_words, with_minus, with_unit
 from palpate_report.data.report_data import ReportData
 
-_BIBTEX = Path(__file__).parent / "palpate.bib"
-
 
 def methods(data: ReportData, estimates: Sequence[Headline], not_included: Sequence[str]) -> str:
     """Paragraph on what was done, with references in BibTeX, as Markdown.
@@ -36,7 +34,7 @@ def methods(data: ReportData, estimates: Sequence[Headline], not_included: Seque
 def references(data: ReportData) -> str:
     """BibTeX of this palpate and of the paper whose method it implements."""
     version = str(data.manifest.get("versions", {}).get("palpate", ""))
-    return _BIBTEX.read_text(encoding="utf-8").replace("VERSION", version)
+    return (Path(__file__).parent / "palpate.bib").read_text(encoding="utf-8").replace("VERSION", version)
 
 
 def _experiment(data: ReportData) -> Iterator[str]:

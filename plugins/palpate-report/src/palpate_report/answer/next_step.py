@@ -71,15 +71,6 @@ AFTER_REFUSAL: Mapping[str, str] = MappingProxyType(
 )
 """What to do about a run without parameters, by the check that its model failed; R² is low without one."""
 
-UNUSUAL = 0.05
-"""Probability of the largest misfit under which the data show more model error than the study states."""
-
-FINER = 0.7
-"""Edge of the next finer mesh over the edge of the last one."""
-
-EDGE_IN_RADII = 0.24
-"""Edge of the first finer mesh over the indenter's radius, as a run refines by itself."""
-
 
 def cause_name(data: ReportData, cause: str) -> str:
     """Name of a cause for readers: in words, or the parameter that is fixed."""
@@ -145,7 +136,8 @@ def _shows_misfit(data: ReportData) -> bool:
     """Whether the fit that leads misses more than the study states, though its checks have passed."""
     checks = data.leading_rows(data.fit.adequacy)
     least = checks.filter(check="discrepancy")["probability"].min()
-    return isinstance(least, float) and least < UNUSUAL
+    # Probability of the largest misfit under which the data show more model error than the study states.
+    return isinstance(least, float) and least < 0.05
 
 
 def _basis(data: ReportData, cause: str) -> str:
@@ -182,8 +174,9 @@ def _finer(data: ReportData) -> str:
     if any(spot.fine_mesh for spot in study.spots) or not isinstance(study.protocol, Indentation):
         return "give finer meshes as `fine_mesh`"
     edges = [spot.fine_edge_mm for spot in study.spots]
-    usual_mm = EDGE_IN_RADII * study.protocol.indenter.radius_mm
-    # None: refined as usual; 0: not refined.
-    edge = FINER * min(each or usual_mm for each in edges) if any(each != 0.0 for each in edges) else usual_mm
+    # As a run refines by itself.
+    usual_mm = 0.24 * study.protocol.indenter.radius_mm
+    # None: refined as usual; 0: not refined. Each mesh has 0.7 times the edge of the last one.
+    edge = 0.7 * min(each or usual_mm for each in edges) if any(each != 0.0 for each in edges) else usual_mm
     runs = "" if study.fine_runs else "`fine_runs = 1` and "
     return f'set {runs}`fine_edge = "{edge:.2g} mm"` in `[fit]`'

@@ -58,9 +58,6 @@ def _coded(warning: ReportWarning) -> str:
     return f"{warning.what} [{warning.code}]" if warning.code else warning.what
 
 
-_ORDER = [*(word for _, word in WORDS), UNCLEAR]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conclusion:
     """The first thing that a reader of the report sees.
@@ -308,7 +305,7 @@ def _by_sweep(data: ReportData, parameter: str) -> str:
     name, words = data.brief[parameter].name, rows["identifiability"].to_list()
     if not words:
         return f"{name}: nothing is known of how well it is identified."
-    counts = {word: words.count(word) for word in _ORDER if word in words}
+    counts = {word: words.count(word) for word in [*(word for _, word in WORDS), UNCLEAR] if word in words}
     spots = ", ".join(f"{_phrase(word)} at {n} of {len(words)} spots" for word, n in counts.items())
     if len(counts) == 1:
         spots = _phrase(words[0])

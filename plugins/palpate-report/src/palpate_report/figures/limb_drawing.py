@@ -28,9 +28,6 @@ GLASS = 0.4
 AMBIENT = 0.65
 """Share of the light that comes from everywhere."""
 
-LIGHT = np.array([-0.35, 0.65, 0.67])
-"""Direction of the rest of the light, as right, up and towards the viewer."""
-
 PIXELS, DPI = 700, 100
 """Pixels of the longer side of a picture, and their number for an inch of its lines."""
 
@@ -101,7 +98,8 @@ def _layer(parts: Sequence[ViewPart], limb: Limb, axes: FloatArray, *, is_front:
     colours = np.repeat([to_rgb(LOOKS[p.role][0]) for p in parts], [len(p.triangles) for p in parts], axis=0)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    lit = np.clip((1.0 if is_front else -1.0) * normals @ LIGHT, 0.0, 1.0)
+    # Direction of the rest of the light, as right, up and towards the viewer.
+    lit = np.clip((1.0 if is_front else -1.0) * normals @ np.array([-0.35, 0.65, 0.67]), 0.0, 1.0)
     colours = np.minimum((AMBIENT + (1.0 - AMBIENT) * lit)[:, None] * colours, 1.0)
     seen = np.flatnonzero((normals[:, 2] > 0.0) == is_front)
     order = seen[np.argsort(corners[seen, :, 2].mean(axis=1))]

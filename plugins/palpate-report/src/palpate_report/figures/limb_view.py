@@ -52,10 +52,6 @@ class ViewPart:
     triangles: IntArray
 
 
-MOST_PIECES = 4
-"""Most pieces of an edge of a curved face."""
-
-
 def limb_view(limb: Limb, indenter: Indenter | None = None, most: int = 0) -> tuple[ViewPart, ...]:
     """Surfaces of a limb, and the indenter at rest on its spot, where one is given.
 
@@ -84,7 +80,8 @@ def traces(limb: Limb, parts: Sequence[ViewPart], arrow_mm: float) -> list[dict[
 def _surfaces(mesh: Mesh, most: int) -> Iterator[ViewPart]:
     faces, regions, inner = _shown_faces(mesh)
     triangles = faces[:, :3]
-    n_pieces = int(np.clip(np.sqrt(most / max(len(faces), 1)), 1, MOST_PIECES))
+    # Most pieces of an edge of a curved face.
+    n_pieces = int(np.clip(np.sqrt(most / max(len(faces), 1)), 1, 4))
     outside = inner < 0
     labels = _labels(mesh, triangles)
     for label in dict.fromkeys(labels[outside]):

@@ -37,12 +37,6 @@ SMALLEST = 1e-6
 MOST_PAIRS = 15
 """Most pairs of parameters that one figure shows."""
 
-MOST_DRAWS = 2000
-"""Most draws that outline a region."""
-
-_PANEL_MM = {1: 65.0, 2: 60.0, 4: 42.0}
-"""Height of a panel by the number of columns."""
-
 
 def colours() -> Colormap:
     """Viridis without its dark end, next to which black marks would not be seen."""
@@ -60,7 +54,8 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
     logarithmic where the sweep is; space has none such.
     """
     values, fopt = _sets_at(data, spot)
-    draws = draws_of(data, data.generalising.name, MOST_DRAWS)
+    # Most draws that outline a region.
+    draws = draws_of(data, data.generalising.name, 2000)
     parameters = tuple(data.brief.values())
     n = len(parameters)
     if n == 1:
@@ -72,7 +67,8 @@ def parameter_space(data: ReportData, spot: str) -> Figure:
         in_space = n == 3 and data.design.n_sets > 0 and not any(p.scale == "log" for p in parameters)
         n_panels = len(pairs) + in_space
         n_columns = min(n_panels, 2 if n_panels <= 4 else 4)
-        figure, flat = panels(n_panels, n_columns, _PANEL_MM[n_columns], 18.0)
+        # Height of a panel by the number of columns.
+        figure, flat = panels(n_panels, n_columns, {1: 65.0, 2: 60.0, 4: 42.0}[n_columns], 18.0)
         if in_space:
             _draw_space(figure, flat, values, fopt, parameters)
             _draw_paths(data, spot, flat[0], [p.name for p in data.design.parameters])

@@ -95,9 +95,6 @@ LINES: tuple[tuple[str, Dash], ...] = (
 )
 """Okabe and Ito's colours, distinct for all kinds of colour vision, each with its dash."""
 
-SUFFIXES = (".svg", ".pdf", ".png")
-"""Kinds of file that a figure is saved as."""
-
 
 def sized(width_mm: float, height_mm: float) -> Figure:
     """Make an empty figure."""
@@ -116,7 +113,7 @@ def panels(n: int, n_columns: int, height_mm: float, margin_mm: float) -> tuple[
 
 def save(figure: Figure, stem: Path) -> list[Path]:
     """Write a figure as ``<stem>.svg``, ``<stem>.pdf`` and ``<stem>.png``, alike each time."""
-    svg, pdf, png = (stem.with_name(f"{stem.name}{suffix}") for suffix in SUFFIXES)
+    svg, pdf, png = (stem.with_name(f"{stem.name}{suffix}") for suffix in (".svg", ".pdf", ".png"))
     # Not print_figure, which draws twice; these two leave their own dpi behind.
     dpi = figure.dpi
     canvas: Any = FigureCanvasSVG(figure)
